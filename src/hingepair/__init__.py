@@ -1,0 +1,1 @@
+"""Two rigid bodies joined by a hinge."""

@@ -1,0 +1,150 @@
+"""The border: what comes in is checked once here, and what is large is walked through in boxes."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices
+
+FloatArray: TypeAlias = NDArray[np.floating[Any]]
+Component: TypeAlias = Any  # a float, a NumPy scalar, or an array that broadcasts against the samples
+Box: TypeAlias = tuple[slice, ...]
+
+_ACCEPTED = "real numbers (float64, float32 or integers)"
+
+
+def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
+    """The value as an array of float64, float32 or integers, not copied where it is one already.
+
+    Raises:
+        DtypeError: complex, object, float16, longdouble, bool or text; a masked array.
+        ShapeError: nested sequences of unequal length.
+    """
+    if isinstance(value, np.ma.MaskedArray):
+        raise DtypeError(name, "an array without a mask (use .filled(numpy.nan))", "a masked array")
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ShapeError(name, "an array", f"{type(value).__name__} ({error})") from None
+    dtype = array.dtype
+    if dtype.kind in "iu" or (dtype.kind == "f" and dtype.itemsize in {4, 8}):
+        return array
+    raise DtypeError(name, _ACCEPTED, _describe(array))
+
+
+def vectors(name: str, value: ArrayLike, *tail: int) -> NDArray[Any]:
+    """The value as an array of shape (..., *tail)."""
+    array = real_array(name, value)
+    if array.ndim < len(tail) or array.shape[array.ndim - len(tail) :] != tail:
+        raise ShapeError(name, f"shape (..., {', '.join(map(str, tail))})", f"shape {array.shape}")
+    return array
+
+
+def constant(name: str, value: ArrayLike, *tail: int) -> NDArray[np.float64]:
+    """A copy of the value as a finite, read-only float64 array of shape (..., *tail)."""
+    array = np.array(vectors(name, value, *tail), dtype=np.float64, order="C")
+    if not np.isfinite(array).all():
+        raise ArgumentError(name, "finite numbers", np.asarray(value).tolist())
+    return read_only(array)
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """A view of the array that cannot be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
+    """The common leading shape of named arguments.
+
+    Raises:
+        ShapeError: they do not broadcast; names the first that does not fit those before it.
+    """
+    shape: tuple[int, ...] = ()
+    for name, other in shapes.items():
+        try:
+            shape = np.broadcast_shapes(shape, other)
+        except ValueError:
+            raise ShapeError(name, f"leading shape that broadcasts with {shape}", f"shape {other}") from None
+    return shape
+
+
+def result_dtype(components: Iterable[Component]) -> np.dtype[Any]:
+    """The dtype to compute in: float32 where every array is float32, else float64.
+
+    Python numbers are weak, as they are in NumPy: they follow the arrays beside them.
+    """
+    dtypes = {c.dtype for c in components if isinstance(c, np.ndarray | np.generic)}
+    if dtypes and all(d.kind == "f" and d.itemsize == 4 for d in dtypes):
+        return np.dtype(np.float32)
+    return np.dtype(np.float64)
+
+
+def boxes(shape: tuple[int, ...], size: int) -> Iterator[Box]:
+    """Slices that cover an array of this shape in pieces of about `size` elements, last axes whole.
+
+    >>> [tuple((s.start, s.stop) for s in box) for box in boxes((2, 3), 4)]
+    [((0, 1), (0, 3)), ((1, 2), (0, 3))]
+    """
+    axis = len(shape)
+    inner = 1
+    while axis > 0 and inner * shape[axis - 1] <= size:
+        axis -= 1
+        inner *= shape[axis]
+    if 0 in shape:
+        return
+    whole = tuple(slice(0, n) for n in shape[axis:])
+    if axis == 0:
+        yield whole
+        return
+    step = max(1, size // inner)
+    steps = [slice(i, min(i + step, shape[axis - 1])) for i in range(0, shape[axis - 1], step)]
+    for index in itertools.product(*(range(n) for n in shape[: axis - 1])):
+        outer = tuple(slice(i, i + 1) for i in index)
+        for piece in steps:
+            yield (*outer, piece, *whole)
+
+
+def load(component: Component, box: Box, dtype: np.dtype[Any]) -> Component:
+    """The part of a component that belongs to a box: contiguous, of the dtype computed in; scalars as they are."""
+    if not isinstance(component, np.ndarray):
+        return component
+    fitting = zip(box[len(box) - component.ndim :], component.shape, strict=True)
+    part = component[tuple(piece if n != 1 else slice(None) for piece, n in fitting)]
+    return np.ascontiguousarray(part, dtype=dtype)
+
+
+def scalar_component(component: Component, dtype: np.dtype[Any]) -> Component:
+    """A component of one element as a number: a Python float in float64, else a NumPy scalar of the dtype."""
+    value = component.reshape(()).item() if isinstance(component, np.ndarray) else component
+    return float(value) if dtype == np.float64 else dtype.type(value)
+
+
+def check_choice(name: str, value: str, known: Iterable[str]) -> None:
+    """Refuse a name that is not known, and say which are."""
+    if value not in known:
+        raise ArgumentError(name, choices(tuple(known)), repr(value))
+
+
+def finite_number(name: str, value: object) -> float:
+    """The value as a finite float; bool and text are refused."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise ArgumentError(name, "a finite number", value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ArgumentError(name, "a finite number", value)
+    return number
+
+
+def _describe(array: NDArray[Any]) -> str:
+    return f"{array.dtype.name} of shape {array.shape}"

@@ -1,0 +1,179 @@
+"""The constraint equations E1-E10, written once, as plain arithmetic on tuples of scalars.
+
+A vector is a tuple of three scalars, a matrix a tuple of nine, row by row. A scalar is anything that adds and
+multiplies: a float, a NumPy array (one component of many samples), a SymPy expression, an mpmath number. Sines and
+cosines come in as values, so that each kind of number brings its own. Nothing here branches, allocates arrays or
+knows a Python object other than the tuple: the same functions compile to machine code unchanged.
+
+The letters are those of the equations (README, "Letters"): bare vectors in world axes; u1, n in body 1's axes,
+u2 in body 2's.
+
+E1  R1 + S1 u1 - (R2 + S2 u2) = 0          E6  Sh = I + sin(psi) [n]x + (1 - cos psi) [n]x^2
+E2  omega2 = omega1 + S1 n psi'            E7  R2 = R1 + S1 u1 - S2 u2
+E3  S' = [omega]x S                        E8  v2 = v1 + S1' u1 - S2' u2
+E4  omega = J(phi) phi'                    E9  a2 = v2', alpha2 = omega2'
+E5  S2 = S1 Sh C                           E10 S1 = Sx(phi_x) Sy(phi_y) Sz(phi_z)
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+Scalar: TypeAlias = Any
+Vector: TypeAlias = tuple[Scalar, Scalar, Scalar]
+Matrix: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]
+
+
+def add(a: Vector, b: Vector) -> Vector:
+    """The sum a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def subtract(a: Vector, b: Vector) -> Vector:
+    """The difference a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def scale(a: Vector, factor: Scalar) -> Vector:
+    """The vector a times a scalar."""
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+def dot(a: Vector, b: Vector) -> Scalar:
+    """The inner product a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """The vector product a x b = [a]x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def rotate(S: Matrix, u: Vector) -> Vector:
+    """The product S u: a body vector in world axes."""
+    return dot(S[0:3], u), dot(S[3:6], u), dot(S[6:9], u)
+
+
+def transpose(A: Matrix) -> Matrix:
+    """The transpose of A."""
+    return A[0], A[3], A[6], A[1], A[4], A[7], A[2], A[5], A[8]
+
+
+def compose(A: Matrix, B: Matrix) -> Matrix:
+    """The product A B."""
+    b1, b2, b3 = (B[0], B[3], B[6]), (B[1], B[4], B[7]), (B[2], B[5], B[8])
+    r1, r2, r3 = A[0:3], A[3:6], A[6:9]
+    return (
+        dot(r1, b1), dot(r1, b2), dot(r1, b3),
+        dot(r2, b1), dot(r2, b2), dot(r2, b3),
+        dot(r3, b1), dot(r3, b2), dot(r3, b3),
+    )  # fmt: skip
+
+
+def hinge_rotation(n: Vector, hinge: tuple[Scalar, Scalar]) -> Matrix:
+    """Rodrigues' rotation Sh about the unit axis n (E6); hinge = (sin psi, 1 - cos psi)."""
+    s, k = hinge
+    x, y, z = n
+    sx, sy, sz = s * x, s * y, s * z
+    kx, ky, kz = k * x, k * y, k * z
+    xy, yz, zx = kx * y, ky * z, kz * x
+    return (
+        1 - (ky * y + kz * z), xy - sz, zx + sy,
+        xy + sz, 1 - (kz * z + kx * x), yz - sx,
+        zx - sy, yz + sx, 1 - (kx * x + ky * y),
+    )  # fmt: skip
+
+
+def attitude2(S1: Matrix, Sh: Matrix, home: Matrix) -> Matrix:
+    """S2 = S1 Sh C (E5)."""
+    return compose(compose(S1, Sh), home)
+
+
+def position2(R1: Vector, d: Vector) -> Vector:
+    """R2 = R1 + d with d = S1 u1 - S2 u2 (E7, which is E1 solved for R2)."""
+    return add(R1, d)
+
+
+def angular_velocity2(omega1: Vector, axis: Vector, psid: Scalar) -> Vector:
+    """omega2 = omega1 + S1 n psi' (E2); axis = S1 n."""
+    return add(omega1, scale(axis, psid))
+
+
+def velocity2(v1: Vector, omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
+    """v2 = v1 + omega1 x r1 - omega2 x r2 (E8 with E3); r_i = S_i u_i."""
+    return add(v1, subtract(cross(omega1, r1), cross(omega2, r2)))
+
+
+def angular_acceleration2(alpha1: Vector, omega1: Vector, axis: Vector, psid: Scalar, psidd: Scalar) -> Vector:
+    """alpha2 = alpha1 + S1 n psi'' + (omega1 x S1 n) psi' (E9: E2 differentiated)."""
+    return add(alpha1, add(scale(axis, psidd), scale(cross(omega1, axis), psid)))
+
+
+def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
+    """Acceleration of a body's point against its reference point: alpha x r + omega x (omega x r)."""
+    return add(cross(alpha, r), cross(omega, cross(omega, r)))
+
+
+def acceleration2(
+    a1: Vector, omega1: Vector, alpha1: Vector, r1: Vector, omega2: Vector, alpha2: Vector, r2: Vector
+) -> Vector:
+    """a2 = a1 + (S1 u1)'' - (S2 u2)'' (E9: E8 differentiated); r_i = S_i u_i."""
+    return add(a1, subtract(point_acceleration(omega1, alpha1, r1), point_acceleration(omega2, alpha2, r2)))
+
+
+def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:
+    """The residual of E1: R1 + S1 u1 - (R2 + S2 u2), zero when both bodies share the hinge point."""
+    return subtract(add(R1, r1), add(R2, r2))
+
+
+def tait_bryan_attitude(trig: tuple[Scalar, ...]) -> Matrix:
+    """Sx Sy Sz (E10); trig = (sin, cos) of the first, second, third angle."""
+    sx, cx, sy, cy, sz, cz = trig
+    ss, cs = sx * sy, cx * sy
+    return (
+        cy * cz, -(cy * sz), sy,
+        cx * sz + ss * cz, cx * cz - ss * sz, -(sx * cy),
+        sx * sz - cs * cz, sx * cz + cs * sz, cx * cy,
+    )  # fmt: skip
+
+
+def proper_euler_attitude(trig: tuple[Scalar, ...]) -> Matrix:
+    """Sx(first) Sy(second) Sx(third): E10 for sequences that come back to their first axis."""
+    sx, cx, sy, cy, sz, cz = trig
+    sc, cc = sx * cy, cx * cy
+    return (
+        cy, sy * sz, sy * cz,
+        sx * sy, cx * cz - sc * sz, -(cx * sz) - sc * cz,
+        -(cx * sy), sx * cz + cc * sz, cc * cz - sx * sz,
+    )  # fmt: skip
+
+
+def tait_bryan_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+    """Columns of J for Sx Sy Sz (E4): J = (e_x, b, c), b = (0, b_y, b_z), returned as (b_y, b_z, c_x, c_y, c_z)."""
+    sx, cx, sy, cy = trig[0:4]
+    return cx, sx, sy, -(sx * cy), cx * cy
+
+
+def proper_euler_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+    """Columns of J for Sx Sy Sx (E4), as in `tait_bryan_axes`."""
+    sx, cx, sy, cy = trig[0:4]
+    return cx, sx, cy, sx * sy, -(cx * sy)
+
+
+def angular_velocity1(axes: tuple[Scalar, ...], phid: Vector) -> Vector:
+    """omega1 = J phi' (E4)."""
+    by, bz, cx, cy, cz = axes
+    return phid[0] + cx * phid[2], by * phid[1] + cy * phid[2], bz * phid[1] + cz * phid[2]
+
+
+def angular_acceleration1(axes: tuple[Scalar, ...], phid: Vector, phidd: Vector) -> Vector:
+    """alpha1 = J phi'' + J' phi' (E4 differentiated).
+
+    The axis b turns with phi_x' e_x, the axis c with phi_x' e_x + phi_y' b, so
+    J' phi' = (phi_x' e_x) x b phi_y' + (phi_x' e_x + phi_y' b) x c phi_z'.
+    """
+    by, bz, cx, cy, cz = axes
+    y, z = by * phid[1], bz * phid[1]
+    turn = cross((phid[0], y, z), (cx * phid[2], cy * phid[2], cz * phid[2]))
+    rates = angular_velocity1(axes, phidd)
+    return rates[0] + turn[0], rates[1] + (turn[1] - phid[0] * z), rates[2] + (turn[2] + phid[0] * y)

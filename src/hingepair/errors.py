@@ -1,0 +1,85 @@
+"""The errors of this package: one base, each also the built-in exception that fits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+_LONGEST = 120
+
+
+class HingePairError(Exception):
+    """Base of every error that hingepair raises."""
+
+
+class ArgumentError(HingePairError, ValueError):
+    """An argument, a key of a file or an option has a value that cannot be used.
+
+    Attributes:
+        name: the argument's name, as the caller wrote it.
+        expected: what would have been accepted.
+        got: what came.
+    """
+
+    def __init__(self, name: str, expected: str, got: object) -> None:
+        self.name = name
+        self.expected = expected
+        self.got = got
+        super().__init__(f"{name}: expected {expected}, got {shorten(got)}")
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, object]]:
+        return type(self), (self.name, self.expected, self.got)
+
+
+class AxisError(ArgumentError):
+    """The hinge axis is zero or not finite."""
+
+
+class RotationError(ArgumentError):
+    """A matrix or quaternion does not describe a rotation."""
+
+
+class ShapeError(ArgumentError):
+    """An array has a shape that does not fit."""
+
+
+class DtypeError(ArgumentError, TypeError):
+    """An array has a type of number that is not computed with."""
+
+
+class GimbalLockError(ArgumentError):
+    """Euler-angle rates do not exist at this attitude (E4)."""
+
+
+class SceneError(ArgumentError):
+    """A scene file cannot be read as a scene; `name` is `file: table.key`."""
+
+
+class URDFError(ArgumentError):
+    """A URDF text holds no such hinge, or is no URDF."""
+
+
+class MissingDependencyError(HingePairError, ImportError):
+    """An optional package is not installed.
+
+    Attributes:
+        name: what was asked for.
+        expected: the package that it needs.
+        got: what was found instead.
+    """
+
+    def __init__(self, name: str, expected: str, got: str) -> None:
+        self.name = name
+        self.expected = expected
+        self.got = got
+        super().__init__(f"{name}: expected {expected}, got {got}")
+
+
+def shorten(got: object) -> str:
+    """What came, in one line that a person can read."""
+    text = " ".join(got.split()) if isinstance(got, str) else " ".join(repr(got).split())
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+
+
+def choices(names: Sequence[str]) -> str:
+    """`one of a, b, c`, for messages."""
+    return "one of " + ", ".join(names)
