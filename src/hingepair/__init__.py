@@ -1,1 +1,66 @@
-"""Two rigid bodies joined by a hinge."""
+"""Two rigid bodies joined by a hinge: everything about body 2 from the motion of body 1 and the hinge angle.
+
+Vectors are in world axes unless their letter says otherwise, in SI units and radians, right-handed. `import
+hingepair` loads NumPy and nothing else; Pinocchio, SymPy and the rest are imported by the functions that use them.
+
+>>> import numpy as np
+>>> import hingepair as hp
+>>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0))
+>>> pair.forward_kinematics((0, 0, 0, 0, 0, 0, np.pi / 2)).R2.round(12) + 0.0
+array([0.75, 0.  , 0.  ])
+"""
+
+from hingepair.errors import (
+    ArgumentError,
+    AxisError,
+    DtypeError,
+    GimbalLockError,
+    HingePairError,
+    MissingDependencyError,
+    RotationError,
+    SceneError,
+    ShapeError,
+    URDFError,
+)
+from hingepair.euler import euler_rate_matrix, euler_rates, euler_to_matrix, matrix_to_euler
+from hingepair.motion import BodyMotion
+from hingepair.pair import HingePair
+from hingepair.rotations import (
+    angular_velocity,
+    project_to_rotation,
+    rodrigues,
+    rotation_exp,
+    rotation_log,
+    skew,
+    unskew,
+)
+from hingepair.state import PairState
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "ArgumentError",
+    "AxisError",
+    "BodyMotion",
+    "DtypeError",
+    "GimbalLockError",
+    "HingePair",
+    "HingePairError",
+    "MissingDependencyError",
+    "PairState",
+    "RotationError",
+    "SceneError",
+    "ShapeError",
+    "URDFError",
+    "angular_velocity",
+    "euler_rate_matrix",
+    "euler_rates",
+    "euler_to_matrix",
+    "matrix_to_euler",
+    "project_to_rotation",
+    "rodrigues",
+    "rotation_exp",
+    "rotation_log",
+    "skew",
+    "unskew",
+]

@@ -126,6 +126,34 @@ def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:
     return subtract(add(R1, r1), add(R2, r2))
 
 
+def skew(w: Vector) -> Matrix:
+    """The matrix [w]x with [w]x u = w x u."""
+    zero = 0 * w[0]
+    return zero, -w[2], w[1], w[2], zero, -w[0], -w[1], w[0], zero
+
+
+def unskew(W: Matrix) -> Vector:
+    """The vector w of the antisymmetric part of W = [w]x."""
+    return (W[7] - W[5]) * 0.5, (W[2] - W[6]) * 0.5, (W[3] - W[1]) * 0.5
+
+
+def angular_velocity_of(S: Matrix, S_dot: Matrix) -> Matrix:
+    """[omega]x = S' S^T (E3)."""
+    return compose(S_dot, transpose(S))
+
+
+def quaternion_attitude(quat: tuple[Scalar, Scalar, Scalar, Scalar]) -> Matrix:
+    """The rotation of the quaternion (w, x, y, z) of any length that squares without overflow."""
+    w, x, y, z = quat
+    s = 2 / (w * w + (x * x + (y * y + z * z)))
+    sx, sy, sz = s * x, s * y, s * z
+    return (
+        1 - (sy * y + sz * z), sx * y - sz * w, sx * z + sy * w,
+        sx * y + sz * w, 1 - (sx * x + sz * z), sy * z - sx * w,
+        sx * z - sy * w, sy * z + sx * w, 1 - (sx * x + sy * y),
+    )  # fmt: skip
+
+
 def tait_bryan_attitude(trig: tuple[Scalar, ...]) -> Matrix:
     """Sx Sy Sz (E10); trig = (sin, cos) of the first, second, third angle."""
     sx, cx, sy, cy, sz, cz = trig

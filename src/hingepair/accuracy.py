@@ -1,0 +1,182 @@
+"""The accuracy contract: how far a result may be from the exact one, in units of unit roundoff times scale.
+
+The scale of an output is the size of the terms it is summed from, before they cancel; it is computed sample by
+sample from plain numbers. `abs(u)` is the Euclidean norm of a vector, `max abs(R1)` its largest component.
+
+A1, W1 are the sizes of body 1's angular acceleration and velocity as they came in: for Euler angles
+`W1 = sum abs(phi_i')`, `A1 = sum abs(phi_i'') + W1^2`; for a given attitude `abs(omega1)`, `abs(alpha1)`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+Float64Array = NDArray[np.float64]
+
+BOUNDS: Mapping[str, int] = MappingProxyType(
+    {"S1": 6, "S2": 12, "d": 8, "R2": 8, "omega1": 3, "omega2": 3, "v2": 6, "alpha1": 4, "alpha2": 4, "a2": 6}
+)
+"""Output -> largest promised error against the exact result, in units of u * scale."""
+
+PINOCCHIO_BOUND = 16
+"""Largest difference to Pinocchio that passes, in units of u * scale: both sides round."""
+
+SCALES: Mapping[str, str] = MappingProxyType(
+    {
+        "S1": "1",
+        "S2": "1",
+        "d": "abs(u1) + abs(u2)",
+        "R2": "max abs(R1) + abs(u1) + abs(u2)",
+        "omega1": "W1",
+        "omega2": "W2 = W1 + abs(psi')",
+        "v2": "max abs(v1) + W1 abs(u1) + W2 abs(u2)",
+        "alpha1": "A1",
+        "alpha2": "A2 = A1 + abs(psi'') + W1 abs(psi')",
+        "a2": "max abs(a1) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)",
+    }
+)
+"""Output -> the formula of its scale, to be printed beside a ratio."""
+
+SPATIAL_TERM = "(W1 + W2) max abs(v1)"
+"""What a2's scale gains where the other side computes it through the spatial acceleration, as Pinocchio does."""
+
+
+def unit_roundoff(dtype: DTypeLike) -> float:
+    """Half the distance from 1 to the next number: 2^-53 in float64, 2^-24 in float32.
+
+    >>> unit_roundoff(np.float32) == 2.0**-24
+    True
+    """
+    return float(np.finfo(np.dtype(dtype)).eps) / 2
+
+
+def euler_rate_sizes(
+    phid: ArrayLike | None, phidd: ArrayLike | None = None
+) -> tuple[Float64Array | None, Float64Array | None]:
+    """W1 and A1 of motion that is given by Euler angles; shape (..., 3) each, None where not given.
+
+    >>> W1, A1 = euler_rate_sizes((1, -2, 0), (0, 0, 3))
+    >>> float(W1), float(A1)
+    (3.0, 12.0)
+    """
+    if phid is None:
+        return None, None
+    W1 = np.abs(np.asarray(phid, dtype=np.float64)).sum(axis=-1)
+    if phidd is None:
+        return W1, None
+    with np.errstate(over="ignore", invalid="ignore"):
+        return W1, np.abs(np.asarray(phidd, dtype=np.float64)).sum(axis=-1) + W1 * W1
+
+
+def given_rate_sizes(
+    omega1: ArrayLike | None, alpha1: ArrayLike | None = None
+) -> tuple[Float64Array | None, Float64Array | None]:
+    """W1 and A1 of motion whose attitude is given: the norms of omega1 and alpha1, shape (..., 3) each."""
+    return (None if omega1 is None else norm(omega1)), (None if alpha1 is None else norm(alpha1))
+
+
+def output_scales(
+    *,
+    u1: ArrayLike,
+    u2: ArrayLike,
+    R1: ArrayLike | None = None,
+    v1: ArrayLike | None = None,
+    a1: ArrayLike | None = None,
+    W1: ArrayLike | None = None,
+    A1: ArrayLike | None = None,
+    psid: ArrayLike | None = None,
+    psidd: ArrayLike | None = None,
+    spatial: bool = False,
+) -> dict[str, Float64Array]:
+    """The scale of every output that the arguments allow, sample by sample (the formulas of `SCALES`).
+
+    Args:
+        u1: hinge point in body 1's axes [m]; shape (..., 3).
+        u2: hinge point in body 2's axes [m]; shape (..., 3).
+        R1: position of body 1, world axes [m]; shape (..., 3).
+        v1: velocity of body 1, world axes [m/s]; shape (..., 3).
+        a1: acceleration of body 1, world axes [m/s^2]; shape (..., 3).
+        W1: size of body 1's angular velocity [rad/s]; shape (...,).
+        A1: size of body 1's angular acceleration [rad/s^2]; shape (...,).
+        psid: hinge rate [rad/s]; shape (...,).
+        psidd: hinge acceleration [rad/s^2]; shape (...,).
+        spatial: add `SPATIAL_TERM` to a2's scale (needs v1).
+
+    Returns:
+        Output name -> scale, of a shape that broadcasts against the samples; an output whose arguments are
+        missing is absent.
+
+    >>> found = output_scales(u1=(3, 4, 0), u2=(0, 0, 1), R1=(-10, 1, 2))
+    >>> {name: float(value) for name, value in found.items()}
+    {'S1': 1.0, 'S2': 1.0, 'd': 6.0, 'R2': 16.0}
+    """
+    one = np.ones(())
+    U1, U2 = norm(u1), norm(u2)
+    found: dict[str, Float64Array | None] = {"S1": one, "S2": one, "d": U1 + U2}
+    found["R2"] = None if R1 is None else largest(R1) + (U1 + U2)
+    with np.errstate(over="ignore", invalid="ignore"):
+        W1, A1, V1 = _size(W1), _size(A1), None if v1 is None else largest(v1)
+        W2 = None if W1 is None or psid is None else W1 + _size(psid)
+        A2 = None if A1 is None or psidd is None or W2 is None else A1 + _size(psidd) + W1 * _size(psid)
+        found |= {"omega1": W1, "omega2": W2, "alpha1": A1, "alpha2": A2}
+        found["v2"] = None if V1 is None or W2 is None else V1 + W1 * U1 + W2 * U2
+        if a1 is not None and A2 is not None and not (spatial and V1 is None):
+            a2 = largest(a1) + (A1 + W1 * W1) * U1 + (A2 + W2 * W2) * U2
+            found["a2"] = a2 + (W1 + W2) * V1 if spatial else a2
+    return {name: value for name in SCALES if (value := found.get(name)) is not None}
+
+
+def error_ratios(
+    output: str, got: ArrayLike, expected: ArrayLike, scale: ArrayLike, dtype: DTypeLike = np.float64
+) -> tuple[Float64Array, Float64Array]:
+    """Per sample: the error of an output (its largest component), and the error in units of u * scale.
+
+    Numbers that are expected and not finite, or whose scale is not finite, cannot be compared: their error and
+    ratio are NaN. A result that is not finite where a finite one is expected has the error inf. A scale of 0 (a
+    body at rest) allows no error but what the smallest normal number covers: the ratio is then that of the error
+    to this number, 0 where there is none.
+
+    Args:
+        output: name of the output, which says how many axes one sample has.
+        got: what was computed; shape (..., 3) or (..., 3, 3).
+        expected: what it should be; the same shape.
+        scale: as `output_scales` gives it; shape (...,).
+        dtype: the type the result was computed in, which gives u.
+
+    >>> error, ratio = error_ratios("d", (1.0 + 2.0**-52, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0)
+    >>> float(ratio)
+    2.0
+    """
+    axes = (-2, -1) if output in {"S1", "S2"} else (-1,)
+    expected = np.asarray(expected, dtype=np.float64)
+    comparable = np.isfinite(expected).all(axis=axes) & np.isfinite(scale)
+    with np.errstate(all="ignore"):
+        error = np.abs(np.asarray(got, dtype=np.float64) - expected).max(axis=axes)
+        error = np.where(comparable, np.where(np.isfinite(error), error, np.inf), np.nan)
+        smallest = float(np.finfo(np.dtype(dtype)).tiny)
+        ratio = error / np.maximum(np.asarray(scale, dtype=np.float64) * unit_roundoff(dtype), smallest)
+    return error, ratio
+
+
+def norm(vector: ArrayLike) -> Float64Array:
+    """Euclidean norm over the last axis, without overflow or underflow on the way; shape (...,).
+
+    >>> float(norm((3e200, 4e200, 0.0)))
+    5e+200
+    """
+    vector = np.asarray(vector, dtype=np.float64)
+    return np.asarray(np.hypot.reduce(vector, axis=-1))
+
+
+def largest(vector: ArrayLike) -> Float64Array:
+    """Largest absolute component over the last axis; shape (...,)."""
+    return np.asarray(np.abs(np.asarray(vector, dtype=np.float64)).max(axis=-1))
+
+
+def _size(value: Any) -> Any:
+    return None if value is None else np.abs(np.asarray(value, dtype=np.float64))

@@ -1,0 +1,196 @@
+"""Forward kinematics: arrays in, a plan of steps over them, a PairState out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.arrays import broadcast_shape, real_array, result_dtype, vectors
+from hingepair.blocks import Components, Values, components_of, compute
+from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices
+from hingepair.motion import BodyMotion
+from hingepair.plan import OUTPUTS, Plan, check_outputs, default_outputs, make_plan
+from hingepair.state import PairState, layout_of
+
+COORDINATES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
+
+Outputs: TypeAlias = Iterable[str] | None
+Out: TypeAlias = Mapping[str, NDArray[Any]] | None
+
+_PARTS = {"q": ("R1", "phi", "psi"), "qd": ("v1", "phid", "psid"), "qdd": ("a1", "phidd", "psidd")}
+_OF_COORDINATES = {part: name for name, parts in _PARTS.items() for part in parts}
+_OF_BODY1 = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
+
+
+def from_coordinates(
+    constants: Values, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str
+) -> PairState:
+    """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10).
+
+    `constants` holds u1, u2 and n, and home where it is not the identity, by component.
+    """
+    if qdd is not None and qd is None:
+        raise ArgumentError("qd", "the first derivatives beside the second", None)
+    given = {name: value for name, value in zip(_PARTS, (q, qd, qdd), strict=True) if value is not None}
+    if "q" not in given:
+        raise ArgumentError("q", "coordinates", None)
+    names = _wanted(outputs, out, len(given) - 1)
+    single = out is None and _seven_floats(given)
+    parts = single or {name: coordinates(name, value) for name, value in given.items()}
+    values: Values = {}
+    for name, seven in parts.items():
+        point, angles, hinge = _PARTS[name]
+        values[point], values[angles], values[hinge] = seven[0:3], seven[3:6], seven[6]
+    plan = _plan(names, sequence, {**constants, **values}, _OF_COORDINATES)
+    if single and _is_single(constants):
+        return _evaluate_one(plan, {**constants, **values})
+    shapes = {name: _leading(name, seven) for name, seven in parts.items()}
+    return _evaluate(plan, constants, values, shapes, out)
+
+
+def from_body1(
+    constants: Values, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out
+) -> PairState:
+    """The pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
+    if not isinstance(body1, BodyMotion):
+        raise ArgumentError("body1", "a BodyMotion", body1)
+    if psidd is not None and psid is None:
+        raise ArgumentError("psid", "the first derivative beside the second", None)
+    values: Values = {}
+    for name, letter in _OF_BODY1.items():
+        array = getattr(body1, letter)
+        if array is not None:
+            values[name] = components_of(array, 2 if name == "S1" else 1)
+    shapes = {"body1": body1.shape}
+    hinge = {name: v for name, v in (("psi", psi), ("psid", psid), ("psidd", psidd)) if v is not None}
+    if "psi" not in hinge:
+        raise ArgumentError("psi", "hinge angles", None)
+    for name, value in hinge.items():
+        values[name] = component(name, value)
+        shapes[name] = np.shape(values[name])
+    names = _wanted(outputs, out, len(hinge) - 1)
+    sources = {name: f"body1.{letter}" for name, letter in _OF_BODY1.items()} | {"psid": "psid", "psidd": "psidd"}
+    plan = _plan(names, None, {**constants, **values}, sources)
+    return _evaluate(plan, constants, values, shapes, out)
+
+
+def coordinates(name: str, value: Any) -> Components:
+    """Seven components: of a tuple of seven broadcastable coordinates, or of one array of shape (..., 7)."""
+    if isinstance(value, tuple) and len(value) == len(COORDINATES):
+        return tuple(component(f"{name}[{i}]", part) for i, part in enumerate(value))
+    return components_of(vectors(name, value, len(COORDINATES)))
+
+
+def component(name: str, value: ArrayLike) -> Any:
+    """One coordinate: a Python number stays one, so that it follows the dtype of the arrays beside it."""
+    if type(value) is float or type(value) is int:
+        return float(value)
+    return real_array(name, value)
+
+
+def _seven_floats(given: Mapping[str, Any]) -> dict[str, Components] | None:
+    """The coordinates as Python floats, where each of q, qd, qdd is one state in float64."""
+    parts = {}
+    for name, value in given.items():
+        if type(value) is np.ndarray and value.shape == (7,) and value.dtype.char == "d":
+            parts[name] = tuple(value.tolist())
+        elif type(value) is tuple and len(value) == len(COORDINATES) and all(type(c) is float for c in value):
+            parts[name] = value
+        else:
+            return None
+    return parts
+
+
+def _is_single(constants: Values) -> bool:
+    return all(type(group[0]) is float for group in constants.values())
+
+
+def _leading(name: str, components: Components) -> tuple[int, ...]:
+    return broadcast_shape({f"{name}[{i}]": np.shape(c) for i, c in enumerate(components)})
+
+
+def _wanted(outputs: Outputs, out: Out, level: int) -> tuple[str, ...]:
+    """What to compute: the names asked for, or the level's defaults and whatever `out` has room for."""
+    if out is not None and not isinstance(out, Mapping):
+        raise ArgumentError("out", "a dict of arrays by output name", out)
+    room = tuple(out or ())
+    for name in room:
+        if name not in OUTPUTS:
+            raise ArgumentError("out", choices(tuple(OUTPUTS)), name)
+    if outputs is None:
+        return tuple(dict.fromkeys((*default_outputs(level), *room))) if room else default_outputs(level)
+    names = check_outputs(outputs)
+    for name in room:
+        if name not in names:
+            raise ArgumentError("out", f"room for what outputs names ({', '.join(names)})", name)
+    return names
+
+
+def _plan(names: tuple[str, ...], sequence: str | None, given: Values, sources: Mapping[str, str]) -> Plan:
+    home = "home" in given
+    plan = make_plan(names, sequence, home)
+    if plan.inputs <= given.keys():
+        return plan
+    for name in names:
+        for missing in sorted(make_plan((name,), sequence, home).inputs - given.keys()):
+            raise ArgumentError(sources[missing], f"a value, since output {name} needs it", None)
+    return plan
+
+
+def _evaluate_one(plan: Plan, values: Values) -> PairState:
+    """One state in Python floats: no array but the one that holds the results."""
+    plan.run(values)
+    numbers: list[float] = []
+    for name in plan.outputs:
+        numbers.extend(values[name])
+    return PairState._of_one(numbers, layout_of(plan.outputs))
+
+
+def _evaluate(
+    plan: Plan, constants: Values, values: Values, shapes: Mapping[str, tuple[int, ...]], out: Out
+) -> PairState:
+    groups = {name: group for name, group in values.items() if name in plan.inputs}
+    dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
+    pair_shapes = {name: np.broadcast_shapes(*(np.shape(c) for c in group)) for name, group in constants.items()}
+    shape = broadcast_shape({**shapes, **pair_shapes})
+    arrays = {}
+    for name in plan.outputs:
+        if out is not None and name in out:
+            arrays[name] = _room(f"out[{name!r}]", out[name], (*shape, *OUTPUTS[name].tail), dtype)
+        else:
+            arrays[name] = np.empty((*shape, *OUTPUTS[name].tail), dtype)
+    if out is not None:
+        _check_apart(out, groups)
+    groups.update((name, group) for name, group in constants.items() if name in plan.inputs)
+    compute(plan.run, groups, arrays, shape, dtype)
+    return PairState(arrays, shape)
+
+
+def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    if not isinstance(array, np.ndarray):
+        raise ArgumentError(name, "an array to write into", array)
+    if array.shape != shape:
+        raise ShapeError(name, f"shape {shape}", f"shape {array.shape}")
+    if array.dtype != dtype:
+        raise DtypeError(name, dtype.name, array.dtype.str)
+    if not array.flags.writeable:
+        raise ArgumentError(name, "a writable array", "a read-only one")
+    return array
+
+
+def _check_apart(out: Mapping[str, NDArray[Any]], groups: Values) -> None:
+    """Refuse an output that lies over an input or over another output: blocks would read what they wrote."""
+    taken = [
+        (name, c)
+        for name, group in groups.items()
+        for c in (group if isinstance(group, tuple) else (group,))
+        if isinstance(c, np.ndarray)
+    ]
+    for name, array in out.items():
+        for other, c in taken:
+            if np.may_share_memory(array, c) and np.shares_memory(array, c):
+                raise ArgumentError(f"out[{name!r}]", "memory of its own", f"an array that overlaps {other}")
+        taken.append((f"out[{name!r}]", array))

@@ -1,0 +1,160 @@
+"""What goes in: the motion of a body whose attitude is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.arrays import broadcast_shape, read_only, vectors
+from hingepair.rotations import check_rotation, quaternion_to_matrix, rotation_exp
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class BodyMotion:
+    """Position, attitude and their derivatives of one body, at one sample or many; world axes, classical.
+
+    Arrays are not copied: they are seen through read-only views. Their leading shapes broadcast.
+
+    Args:
+        R: reference point [m]; shape (..., 3).
+        S: rotation, body to world; shape (..., 3, 3).
+        v: velocity of the reference point [m/s]; shape (..., 3).
+        omega: angular velocity [rad/s]; shape (..., 3).
+        a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
+        alpha: angular acceleration [rad/s^2]; shape (..., 3).
+
+    Attributes:
+        shape: the common leading shape.
+
+    Raises:
+        RotationError: a finite S is further from a rotation than 1e-9 (float32: 1e-5).
+        ShapeError, DtypeError: an array cannot be used.
+
+    >>> BodyMotion(R=((0, 0, 0), (1, 0, 0)), S=((1, 0, 0), (0, 1, 0), (0, 0, 1))).shape
+    (2,)
+    """
+
+    R: NDArray[Any]
+    S: NDArray[Any]
+    v: NDArray[Any] | None
+    omega: NDArray[Any] | None
+    a: NDArray[Any] | None
+    alpha: NDArray[Any] | None
+    shape: tuple[int, ...]
+
+    def __init__(
+        self,
+        *,
+        R: ArrayLike,
+        S: ArrayLike,
+        v: ArrayLike | None = None,
+        omega: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        alpha: ArrayLike | None = None,
+    ) -> None:
+        attitude = read_only(vectors("S", S, 3, 3))
+        check_rotation("S", attitude)
+        arrays = {"R": read_only(vectors("R", R, 3)), "S": attitude}
+        for name, value in (("v", v), ("omega", omega), ("a", a), ("alpha", alpha)):
+            if value is None:
+                object.__setattr__(self, name, None)
+            else:
+                arrays[name] = read_only(vectors(name, value, 3))
+        shapes = {name: array.shape[: -2 if name == "S" else -1] for name, array in arrays.items()}
+        arrays["shape"] = broadcast_shape(shapes)  # type: ignore[assignment]
+        for name, value in arrays.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_quaternion_xyzw(
+        cls,
+        *,
+        R: ArrayLike,
+        quat_xyzw: ArrayLike,
+        v: ArrayLike | None = None,
+        omega: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        alpha: ArrayLike | None = None,
+    ) -> BodyMotion:
+        """The motion with the attitude of quaternions, scalar last (Pinocchio, SciPy, ROS), of any length but zero.
+
+        Args:
+            R: reference point [m]; shape (..., 3).
+            quat_xyzw: body to world; shape (..., 4).
+            v: velocity of the reference point [m/s]; shape (..., 3).
+            omega: angular velocity [rad/s]; shape (..., 3).
+            a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
+            alpha: angular acceleration [rad/s^2]; shape (..., 3).
+
+        Raises:
+            RotationError: a quaternion is zero.
+
+        >>> BodyMotion.from_quaternion_xyzw(R=(0, 0, 0), quat_xyzw=(0, 0, 0, 2)).S
+        array([[1., 0., 0.],
+               [0., 1., 0.],
+               [0., 0., 1.]])
+        """
+        S = quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False)
+        return cls(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+
+    @classmethod
+    def from_quaternion_wxyz(
+        cls,
+        *,
+        R: ArrayLike,
+        quat_wxyz: ArrayLike,
+        v: ArrayLike | None = None,
+        omega: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        alpha: ArrayLike | None = None,
+    ) -> BodyMotion:
+        """The motion with the attitude of quaternions, scalar first (MuJoCo, Eigen), of any length but zero.
+
+        Args:
+            R: reference point [m]; shape (..., 3).
+            quat_wxyz: body to world; shape (..., 4).
+            v: velocity of the reference point [m/s]; shape (..., 3).
+            omega: angular velocity [rad/s]; shape (..., 3).
+            a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
+            alpha: angular acceleration [rad/s^2]; shape (..., 3).
+
+        Raises:
+            RotationError: a quaternion is zero.
+
+        >>> BodyMotion.from_quaternion_wxyz(R=(0, 0, 0), quat_wxyz=(2, 0, 0, 0)).S
+        array([[1., 0., 0.],
+               [0., 1., 0.],
+               [0., 0., 1.]])
+        """
+        S = quaternion_to_matrix("quat_wxyz", quat_wxyz, scalar_first=True)
+        return cls(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+
+    @classmethod
+    def from_rotvec(
+        cls,
+        *,
+        R: ArrayLike,
+        rotvec: ArrayLike,
+        v: ArrayLike | None = None,
+        omega: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        alpha: ArrayLike | None = None,
+    ) -> BodyMotion:
+        """The motion with the attitude of rotation vectors, axis times angle.
+
+        Args:
+            R: reference point [m]; shape (..., 3).
+            rotvec: body to world [rad]; shape (..., 3).
+            v: velocity of the reference point [m/s]; shape (..., 3).
+            omega: angular velocity [rad/s]; shape (..., 3).
+            a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
+            alpha: angular acceleration [rad/s^2]; shape (..., 3).
+
+        >>> BodyMotion.from_rotvec(R=(0, 0, 0), rotvec=(0, 0, 3.141592653589793)).S.round(12) + 0.0
+        array([[-1.,  0.,  0.],
+               [ 0., -1.,  0.],
+               [ 0.,  0.,  1.]])
+        """
+        return cls(R=R, S=rotation_exp(rotvec), v=v, omega=omega, a=a, alpha=alpha)

@@ -1,0 +1,146 @@
+"""The pair: two bodies, where the hinge sits in each, and its axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair import kinematics
+from hingepair.arrays import broadcast_shape, constant, read_only
+from hingepair.blocks import Values, components_of
+from hingepair.errors import ArgumentError
+from hingepair.kinematics import Out, Outputs
+from hingepair.lengths import unit_axis
+from hingepair.motion import BodyMotion
+from hingepair.rotations import check_rotation
+from hingepair.state import PairState
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class HingePair:
+    """Two rigid bodies joined by a hinge: R1 + S1 u1 = R2 + S2 u2 (E1), turning apart about n only (E2).
+
+    Values are copied in and read-only. u1, u2, n and home may carry leading axes that broadcast against the
+    samples: then each sample has a pair of its own.
+
+    Args:
+        u1: hinge point from body 1's reference point, body-1 axes [m]; shape (3,) or (..., 3).
+        u2: hinge point from body 2's reference point, body-2 axes [m]; shape (3,) or (..., 3).
+        n: hinge axis, body-1 axes; any non-zero length; kept at unit length.
+        home: rotation of body 2 relative to body 1 at psi = 0 (C in E5); identity unless given; shape (3, 3).
+        name: what the pair is called in exports and messages.
+
+    Raises:
+        ArgumentError: a value is not finite or has the wrong shape; names the argument.
+        AxisError: n is zero.
+        RotationError: home is further from a rotation than 1e-9.
+
+    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 2))
+    >>> pair.n
+    array([0., 0., 1.])
+    >>> pair.forward_kinematics((0, 0, 0, 0, 0, 0, np.pi)).R2.round(12) + 0.0
+    array([0., 0., 0.])
+    """
+
+    u1: NDArray[np.float64]
+    u2: NDArray[np.float64]
+    n: NDArray[np.float64]
+    home: NDArray[np.float64]
+    name: str
+    _constants: Values
+
+    def __init__(
+        self, u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None = None, name: str = "hinge_pair"
+    ) -> None:
+        if not isinstance(name, str) or not name.strip():
+            raise ArgumentError("name", "a text that is not empty", name)
+        rotation = constant("home", np.eye(3) if home is None else home, 3, 3)
+        check_rotation("home", rotation)
+        vectors = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3), "n": read_only(unit_axis("n", n))}
+        broadcast_shape({**{key: v.shape[:-1] for key, v in vectors.items()}, "home": rotation.shape[:-2]})
+        constants = {key: _numbers(components_of(vector)) for key, vector in vectors.items()}
+        if not np.array_equal(rotation, np.broadcast_to(np.eye(3), rotation.shape)):
+            constants["home"] = _numbers(components_of(rotation, 2))
+        for key, value in {**vectors, "home": rotation, "name": name, "_constants": constants}.items():
+            object.__setattr__(self, key, value)
+
+    def __repr__(self) -> str:
+        parts = (f"{key}={getattr(self, key).tolist()}" for key in ("u1", "u2", "n", "home"))
+        return f"HingePair({', '.join(parts)}, name={self.name!r})"
+
+    def forward_kinematics(
+        self,
+        q: ArrayLike | tuple[Any, ...],
+        qd: ArrayLike | tuple[Any, ...] | None = None,
+        qdd: ArrayLike | tuple[Any, ...] | None = None,
+        *,
+        outputs: Outputs = None,
+        out: Out = None,
+        sequence: str = "XYZ",
+    ) -> PairState:
+        """Body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi) (E1-E10).
+
+        The level follows the inputs: q alone gives the pose, qd adds velocities, qdd accelerations.
+
+        Args:
+            q: coordinates [m, rad]; one array of shape (..., 7), or a tuple of seven that broadcast, in which
+                scalars are known constants.
+            qd: their time derivatives, in the same form.
+            qdd: their second time derivatives, in the same form.
+            outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1: exactly these
+                are computed. Unless given, all of body 2 that the inputs allow.
+            out: arrays by output name, written in place; of the samples' shape and the dtype computed in.
+            sequence: the Euler sequence of body 1, one of 24 as SciPy writes them; phi_x, phi_y and phi_z are the
+                angles of its first, second and third letter.
+
+        Returns:
+            The state. float32 where all arrays given are float32, else float64.
+
+        Raises:
+            ArgumentError: an argument cannot be used; names it.
+
+        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> state = pair.forward_kinematics(np.zeros((5, 7)), np.ones((5, 7)))
+        >>> state.v2[0]
+        array([ 1.,  4., -1.])
+        """
+        return kinematics.from_coordinates(self._constants, q, qd, qdd, outputs, out, sequence)
+
+    def forward_kinematics_from_body1(
+        self,
+        body1: BodyMotion,
+        psi: ArrayLike,
+        psid: ArrayLike | None = None,
+        psidd: ArrayLike | None = None,
+        *,
+        outputs: Outputs = None,
+        out: Out = None,
+    ) -> PairState:
+        """Body 2 from the motion of body 1 and the hinge angle (E1, E2, E5-E9): no Euler angles.
+
+        Args:
+            body1: the motion of body 1, with as many derivatives as the outputs need.
+            psi: hinge angle, right hand about n [rad]; shape (...,), broadcasts against body1.
+            psid: its time derivative [rad/s].
+            psidd: its second time derivative [rad/s^2].
+            outputs: as for forward_kinematics.
+            out: as for forward_kinematics.
+
+        Returns:
+            The state; its level follows psi, psid, psidd.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or body1 lacks what an output needs; names it.
+
+        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> pair.forward_kinematics_from_body1(BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
+        array([2., 0., 0.])
+        """
+        return kinematics.from_body1(self._constants, body1, psi, psid, psidd, outputs, out)
+
+
+def _numbers(components: tuple[NDArray[np.float64], ...]) -> tuple[Any, ...]:
+    return tuple(float(c) if c.ndim == 0 else c for c in components)
