@@ -15,8 +15,8 @@ from hingepair.arrays import Box, Component, boxes, broadcast_shape, load, scala
 Components: TypeAlias = tuple[Component, ...]
 Values: TypeAlias = dict[str, Any]  # by name: a component, or the tuple of components of a vector or matrix
 
-BLOCK = 2048
-"""Samples a block: 16 kB a component, so that what a block computes on the way stays in the cache."""
+BLOCK = 4096
+"""Samples a block: 32 kB a component, so that what a block computes on the way stays in the cache."""
 
 
 def components_of(array: NDArray[Any], rank: int = 1) -> Components:

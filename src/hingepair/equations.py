@@ -51,7 +51,9 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 def rotate(S: Matrix, u: Vector) -> Vector:
     """The product S u: a body vector in world axes."""
-    return dot(S[0:3], u), dot(S[3:6], u), dot(S[6:9], u)
+    a, b, c, d, e, f, g, h, i = S
+    x, y, z = u
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
 def transpose(A: Matrix) -> Matrix:
@@ -61,12 +63,12 @@ def transpose(A: Matrix) -> Matrix:
 
 def compose(A: Matrix, B: Matrix) -> Matrix:
     """The product A B."""
-    b1, b2, b3 = (B[0], B[3], B[6]), (B[1], B[4], B[7]), (B[2], B[5], B[8])
-    r1, r2, r3 = A[0:3], A[3:6], A[6:9]
+    a, b, c, d, e, f, g, h, i = A
+    j, k, l, m, n, o, p, q, r = B  # noqa: E741
     return (
-        dot(r1, b1), dot(r1, b2), dot(r1, b3),
-        dot(r2, b1), dot(r2, b2), dot(r2, b3),
-        dot(r3, b1), dot(r3, b2), dot(r3, b3),
+        a * j + b * m + c * p, a * k + b * n + c * q, a * l + b * o + c * r,
+        d * j + e * m + f * p, d * k + e * n + f * q, d * l + e * o + f * r,
+        g * j + h * m + i * p, g * k + h * n + i * q, g * l + h * o + i * r,
     )  # fmt: skip
 
 

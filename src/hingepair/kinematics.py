@@ -22,7 +22,8 @@ Out: TypeAlias = Mapping[str, NDArray[Any]] | None
 
 _PARTS = {"q": ("R1", "phi", "psi"), "qd": ("v1", "phid", "psid"), "qdd": ("a1", "phidd", "psidd")}
 _OF_COORDINATES = {part: name for name, parts in _PARTS.items() for part in parts}
-_OF_BODY1 = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
+_LETTERS = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
+_OF_BODY1 = {name: f"body1.{letter}" for name, letter in _LETTERS.items()} | {"psid": "psid", "psidd": "psidd"}
 
 
 def from_coordinates(
@@ -59,22 +60,18 @@ def from_body1(
         raise ArgumentError("body1", "a BodyMotion", body1)
     if psidd is not None and psid is None:
         raise ArgumentError("psid", "the first derivative beside the second", None)
-    values: Values = {}
-    for name, letter in _OF_BODY1.items():
-        array = getattr(body1, letter)
-        if array is not None:
-            values[name] = components_of(array, 2 if name == "S1" else 1)
-    shapes = {"body1": body1.shape}
-    hinge = {name: v for name, v in (("psi", psi), ("psid", psid), ("psidd", psidd)) if v is not None}
-    if "psi" not in hinge:
+    if psi is None:
         raise ArgumentError("psi", "hinge angles", None)
-    for name, value in hinge.items():
-        values[name] = component(name, value)
-        shapes[name] = np.shape(values[name])
-    names = _wanted(outputs, out, len(hinge) - 1)
-    sources = {name: f"body1.{letter}" for name, letter in _OF_BODY1.items()} | {"psid": "psid", "psidd": "psidd"}
-    plan = _plan(names, None, {**constants, **values}, sources)
-    return _evaluate(plan, constants, values, shapes, out)
+    given = {"psi": psi, "psid": psid, "psidd": psidd}
+    hinge = {name: component(name, value) for name, value in given.items() if value is not None}
+    arrays = {name: array for name, letter in _LETTERS.items() if (array := getattr(body1, letter)) is not None}
+    plan = _plan(_wanted(outputs, out, len(hinge) - 1), None, {**constants, **arrays, **hinge}, _OF_BODY1)
+    if out is None and body1.shape == () and _is_single(constants) and _in_doubles(arrays, hinge):
+        one = {name: tuple(array.ravel().tolist()) for name, array in arrays.items()}
+        return _evaluate_one(plan, {**constants, **one, **hinge})
+    groups = {name: components_of(array, 2 if name == "S1" else 1) for name, array in arrays.items()}
+    shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
+    return _evaluate(plan, constants, {**groups, **hinge}, shapes, out)
 
 
 def coordinates(name: str, value: Any) -> Components:
@@ -102,6 +99,10 @@ def _seven_floats(given: Mapping[str, Any]) -> dict[str, Components] | None:
         else:
             return None
     return parts
+
+
+def _in_doubles(arrays: Mapping[str, NDArray[Any]], hinge: Mapping[str, Any]) -> bool:
+    return all(type(v) is float for v in hinge.values()) and all(v.dtype.char == "d" for v in arrays.values())
 
 
 def _is_single(constants: Values) -> bool:
