@@ -8,17 +8,29 @@ last step. What would take too long or too much memory is refused before it is c
 from __future__ import annotations
 
 import ast
-import functools
 import keyword
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
+from types import MappingProxyType
+from typing import Final, NamedTuple, NoReturn
 
+from hingepair.coordinates import Expr, constant_value, exact, time_symbol
 from hingepair.errors import SceneError
-
-Expr: TypeAlias = Any  # a sympy.Expr; SymPy carries no types
+from hingepair.expression_size import (
+    MAX_BITS,
+    MAX_DEPTH,
+    MAX_EXPONENT,
+    MAX_LENGTH,
+    MAX_NODES,
+    MAX_TERMS,
+    Cost,
+    bits,
+    function_cost,
+    product_cost,
+    sum_cost,
+)
 
 FUNCTIONS: Final = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
@@ -26,10 +38,13 @@ FUNCTIONS: Final = (
 )
 """What can be called: the same names in SymPy and in math."""
 
-CONSTANTS: Final = {"pi": math.pi, "tau": math.tau, "e": math.e}
+CONSTANTS: Final = MappingProxyType({"pi": math.pi, "tau": math.tau, "e": math.e})
+"""What has a value by name."""
 
-_SIGNS = "+-*/().,_ \t\r\n\f\v"
+_PUNCTUATION = "+-*/().,_ \t\r\n\f\v"
 _A_NUMBER = "a finite real number"
+_SHOWN = 20  # constants named in a message
+_FRAGMENT = 40  # characters of the text shown in a message
 
 
 class ExpressionError(SceneError):
@@ -52,7 +67,7 @@ def parse(name: str, text: str, constants: Mapping[str, float] | None = None) ->
     Args:
         name: what the text is, for messages: `motion.psi`.
         text: the expression.
-        constants: values of further names, finite; see `check_constant_name`.
+        constants: values of further names, finite; see `constant_name_fault`.
 
     Raises:
         ExpressionError: no such expression; a constant part that is not a finite real number; too long, too deep,
@@ -67,19 +82,19 @@ def parse(name: str, text: str, constants: Mapping[str, float] | None = None) ->
         part = builder.build(builder.syntax(), 0)
     except RecursionError:
         raise ExpressionError(name, "a simpler expression", text) from None
-    if sum(part.cost) > MAX_TERMS:
-        got = f"one whose derivatives have up to {sum(part.cost):.3g} terms"
-        raise ExpressionError(name, f"an expression whose derivatives have at most {MAX_TERMS} terms", got)
+    terms = sum(part.cost)
+    if terms > MAX_TERMS:
+        expected = f"an expression whose derivatives have at most {MAX_TERMS} terms"
+        raise ExpressionError(name, expected, f"up to {terms} in {text}")
     return part.expr
 
 
-def check_constant_name(name: str) -> str | None:
-    """Why a constant cannot have this name; None where it can."""
+def constant_name_fault(name: str) -> str | None:
+    """What is expected of a constant's name that this one is not; None for a good one."""
     if not (name.isascii() and name.isidentifier()) or keyword.iskeyword(name):
         return "a name of letters, digits and _"
-    if name == "t" or name in CONSTANTS or name in FUNCTIONS:
-        return f"a name other than {', '.join(('t', *CONSTANTS, *FUNCTIONS))}"
-    return None
+    taken = ("t", *CONSTANTS, *FUNCTIONS)
+    return f"a name other than {', '.join(taken)}" if name in taken else None
 
 
 class _Part(NamedTuple):
@@ -97,33 +112,33 @@ class _Builder:
         self.name = name
         self.text = text
         self.constants = constants
+        self.column = 1
         self.nodes = 0
 
     def syntax(self) -> ast.expr:
         """The syntax tree of the text; line breaks count as blanks."""
-        text = self.text
-        if len(text) > MAX_LENGTH:
-            raise ExpressionError(self.name, f"at most {MAX_LENGTH} characters", f"{len(text)}")
-        for column, sign in enumerate(text, 1):
-            if sign not in _SIGNS and not (sign.isascii() and sign.isalnum()):
-                hint = " (a power is written **)" if sign == "^" else ""
-                raise self._error(f"an expression in t{hint}", f"character {sign!r} at column {column}")
-        blank = "".join(" " if sign.isspace() else sign for sign in text)
+        if len(self.text) > MAX_LENGTH:
+            self._fail(f"at most {MAX_LENGTH} characters", f"{len(self.text)}")
+        for column, sign in enumerate(self.text, 1):
+            if sign not in _PUNCTUATION and not (sign.isascii() and sign.isalnum()):
+                hint = "; a power is written **" if sign == "^" else ""
+                self._fail(f"an expression in t{hint}", f"character {sign!r} at column {column}")
+        blank = "".join(" " if sign.isspace() else sign for sign in self.text)
         self.text = blank.strip()
-        self.indent = len(blank) - len(blank.lstrip())
+        self.column = 1 + len(blank) - len(blank.lstrip())
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 return ast.parse(self.text, mode="eval").body
         except SyntaxError as error:
-            got = f"{error.msg} at column {self.indent + (error.offset or 1)}" if self.text else "''"
-            raise self._error("an expression in t", got) from None
+            fault = f"{error.msg} at column {self.column + (error.offset or 1) - 1}"
+            self._fail("an expression in t", fault if self.text else "''")
         except (ValueError, MemoryError, RecursionError):
-            raise self._error("an expression of fewer parts", self.text) from None
+            self._fail("an expression of fewer parts", self.text)
 
     def build(self, node: ast.expr, depth: int) -> _Part:
         """The part that a node of the syntax tree stands for."""
-        self._count(1)
+        self._count(node)
         if depth > MAX_DEPTH:
             self._refuse(node, f"at most {MAX_DEPTH} levels of brackets")
         match node:
@@ -144,28 +159,26 @@ class _Builder:
     def _number(self, node: ast.Constant) -> _Part:
         import sympy
 
+        if type(node.value) is int:
+            return self._finish(node, sympy.Integer(node.value), None, Cost(1))
         source = self._source(node)
-        if type(node.value) not in {int, float} or not math.isfinite(_to_float(node.value)):
+        if type(node.value) is not float or not math.isfinite(node.value):
             self._refuse(node, _A_NUMBER)
-        if isinstance(node.value, int):
-            expr = sympy.Integer(node.value)
-        elif abs(int(source.lower().partition("e")[2] or 0)) > MAX_EXPONENT:
+        if abs(int(source.lower().partition("e")[2] or 0)) > MAX_EXPONENT:
             self._refuse(node, f"a power of ten of at most {MAX_EXPONENT}")
-        else:
-            fraction = Fraction(source)
-            expr = sympy.Rational(fraction.numerator, fraction.denominator)
-        return self._finish(node, expr, 0.0, Cost(1))
+        fraction = Fraction(source)
+        return self._finish(node, sympy.Rational(fraction.numerator, fraction.denominator), None, Cost(1))
 
     def _named(self, node: ast.Name) -> _Part:
         import sympy
 
         if node.id == "t":
-            return _Part(time_symbol(), None, Cost(1, 1, 0))
+            return _Part(time_symbol(), None, Cost(1, 1))
         if node.id in CONSTANTS:
             expr = {"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E}[node.id]
             return _Part(expr, CONSTANTS[node.id], Cost(1))
         if node.id in self.constants:
-            return self._finish(node, exact(self.constants[node.id]), 0.0, Cost(1))
+            return self._finish(node, exact(self.constants[node.id]), None, Cost(1))
         if node.id in FUNCTIONS:
             self._refuse(node, f"{node.id}(...)")
         self._unknown(node)
@@ -173,28 +186,26 @@ class _Builder:
     def _sum(self, node: ast.expr, depth: int) -> _Part:
         import sympy
 
-        parts = []
+        terms, costs, values = [], [], []
         for negative, term in self._chain(node, (ast.Add, ast.Sub)):
             part = self.build(term, depth)
-            parts.append(part._replace(expr=-part.expr, value=_negative(part.value)) if negative else part)
-        value = _known(math.fsum, [part.value for part in parts])
-        costs = [part.cost for part in parts]
-        cost = Cost(1 + _total(costs, 0), _total(costs, 1), _total(costs, 2))
-        return self._finish(node, sympy.Add(*[part.expr for part in parts]), value, cost)
+            terms.append(-part.expr if negative else part.expr)
+            values.append(-part.value if negative and part.value is not None else part.value)
+            costs.append(part.cost)
+        value = self._evaluate(node, lambda *numbers: math.fsum(numbers), values)
+        return self._finish(node, sympy.Add(*terms), value, sum_cost(costs))
 
     def _product(self, node: ast.expr, depth: int) -> _Part:
         import sympy
 
-        factors, values, costs = [], [], []
+        factors, costs, values = [], [], []
         for divides, factor in self._chain(node, (ast.Mult, ast.Div)):
             part = self.build(factor, depth)
-            if divides and part.expr.is_zero:
-                self._refuse(node, "a divisor that is not zero")
             factors.append(1 / part.expr if divides else part.expr)
-            values.append(_known(lambda v: 1 / v[0] if v[0] else 0.0, [part.value]) if divides else part.value)
+            values.append(self._evaluate(node, lambda x: 1 / x, [part.value]) if divides else part.value)
             costs.append(part.cost)
-        cost = _product_cost(costs, sum(value is None for value in values))
-        return self._finish(node, sympy.Mul(*factors), _known(math.prod, values), cost)
+        value = self._evaluate(node, lambda *numbers: math.prod(numbers), values)
+        return self._finish(node, sympy.Mul(*factors), value, product_cost(costs, values.count(None)))
 
     def _power(self, node: ast.BinOp, depth: int) -> _Part:
         import sympy
@@ -204,49 +215,54 @@ class _Builder:
             self._refuse(node, f"an exponent of at most {MAX_EXPONENT}")
         if base.expr.is_Rational and bits(base.expr) * abs(exponent.value or 0) > MAX_BITS:
             self._refuse(node, f"exact numbers of at most {MAX_BITS} bits")
-        value = self._evaluate(node, math.pow, (base, exponent))
+        value = self._evaluate(node, math.pow, [base.value, exponent.value])
         power = sympy.Pow(base.expr, exponent.expr)
         if power.is_Pow and power.exp.is_Rational and abs(power.exp) > MAX_EXPONENT:
             self._refuse(node, f"an exponent of at most {MAX_EXPONENT}")
-        return self._finish(node, power, value, _function_cost((base, exponent)))
+        cost = function_cost([base.cost, exponent.cost])
+        return self._finish(node, power, value, cost)
 
     def _call(self, node: ast.Call, depth: int) -> _Part:
         import sympy
 
-        function = node.func
-        if not isinstance(function, ast.Name):
-            self._refuse(node, f"one of {', '.join(FUNCTIONS)} before the bracket")
-        if function.id not in FUNCTIONS:
-            if function.id == "t" or function.id in CONSTANTS or function.id in self.constants:
-                self._refuse(node, f"{function.id}*(...), as {function.id} is no function")
-            self._unknown(function)
-        count = 2 if function.id == "atan2" else 1
+        if not isinstance(node.func, ast.Name):
+            self._refuse(node, "the name of a function before the bracket")
+        function = node.func.id
+        if function not in FUNCTIONS:
+            if function == "t" or function in CONSTANTS or function in self.constants:
+                self._refuse(node, f"{function}*(...)")
+            self._unknown(node.func)
+        count = 2 if function == "atan2" else 1
         if node.keywords or len(node.args) != count:
-            self._refuse(node, f"{function.id} with {count} argument{'s'[: count - 1]}")
-        parts = tuple(self.build(argument, depth) for argument in node.args)
-        value = self._evaluate(node, getattr(math, function.id), parts)
-        expr = getattr(sympy, function.id)(*[part.expr for part in parts])
-        return self._finish(node, expr, value, _function_cost(parts))
+            self._refuse(node, f"{function}(y, x)" if count == 2 else f"{function}(x)")
+        parts = [self.build(argument, depth) for argument in node.args]
+        value = self._evaluate(node, getattr(math, function), [part.value for part in parts])
+        expr = getattr(sympy, function)(*[part.expr for part in parts])
+        return self._finish(node, expr, value, function_cost([part.cost for part in parts]))
 
     def _chain(self, node: ast.expr, kinds: tuple[type, type]) -> list[tuple[bool, ast.expr]]:
-        """The terms of `a - b + c`, or factors of `a / b * c`, with whether each counts negatively."""
+        """The terms of `a - b + c`, or factors of `a / b * c`, with whether each counts inversely."""
         found = []
-        negative = False
+        inverse = False
         while True:
             if isinstance(node, ast.BinOp) and isinstance(node.op, kinds):
-                found.append((negative ^ isinstance(node.op, kinds[1]), node.right))
+                found.append((inverse ^ isinstance(node.op, kinds[1]), node.right))
                 node = node.left
-            elif kinds[0] is ast.Add and isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.UAdd | ast.USub):
-                negative ^= isinstance(node.op, ast.USub)
+            elif isinstance(node, ast.UnaryOp) and ast.Sub in kinds and isinstance(node.op, ast.UAdd | ast.USub):
+                inverse ^= isinstance(node.op, ast.USub)
                 node = node.operand
             else:
-                found.append((negative, node))
-                return found[::-1]
-            self._count(1)
+                return [*found, (inverse, node)][::-1]
+            self._count(node)
 
-    def _evaluate(self, node: ast.expr, function: Callable[..., float], parts: Iterable[_Part]) -> float | None:
+    def _evaluate(
+        self, node: ast.expr, function: Callable[..., float], values: Sequence[float | None]
+    ) -> float | None:
+        """The value of a part without t, in floats: it shows what is not finite before SymPy tries it exactly."""
+        if None in values:
+            return None
         try:
-            return _known(lambda values: function(*values), [part.value for part in parts])
+            return function(*values)
         except (ArithmeticError, ValueError):
             self._refuse(node, _A_NUMBER)
 
@@ -254,16 +270,35 @@ class _Builder:
         """The part, once it is known to be finite and of a size that can be worked with."""
         import sympy
 
-        if {expr, *expr.args} & {sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}:
+        if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
             self._refuse(node, _A_NUMBER)
-        if expr.is_Rational:
-            if bits(expr) > MAX_BITS:
-                self._refuse(node, f"exact numbers of at most {MAX_BITS} bits")
-            value = rational_value(expr)
-        elif value is None and not expr.free_symbols:  # t went away: t/t*pi
+        if expr.is_Rational and bits(expr) > MAX_BITS:
+            self._refuse(node, f"exact numbers of at most {MAX_BITS} bits")
+        if expr.is_Rational or (value is None and not expr.free_symbols):
             value = constant_value(expr)
         if value is None:
             return _Part(expr, None, cost)
         if not math.isfinite(value):
             self._refuse(node, _A_NUMBER)
-        return _Part(expr, value, Cost(cost.size, 0, 0))
+        return _Part(expr, value, Cost(cost.size))
+
+    def _count(self, node: ast.expr) -> None:
+        self.nodes += 1
+        if self.nodes > MAX_NODES:
+            self._refuse(node, f"at most {MAX_NODES} numbers, names and operations")
+
+    def _source(self, node: ast.expr) -> str:
+        return self.text[node.col_offset : node.end_col_offset]
+
+    def _refuse(self, node: ast.expr, expected: str) -> NoReturn:
+        source = self._source(node)
+        shown = source if len(source) <= _FRAGMENT else source[: _FRAGMENT - 3] + "..."
+        self._fail(expected, f"{shown} at column {self.column + node.col_offset}")
+
+    def _unknown(self, node: ast.Name) -> NoReturn:
+        known = ", ".join((*FUNCTIONS, "t", *CONSTANTS, *list(self.constants)[:_SHOWN]))
+        got = f"unknown name '{node.id[:_FRAGMENT]}' at column {self.column + node.col_offset}"
+        raise UnknownNameError(self.name, known, got)
+
+    def _fail(self, expected: str, got: str) -> NoReturn:
+        raise ExpressionError(self.name, expected, got) from None

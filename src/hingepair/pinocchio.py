@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.accuracy import error_ratios, euler_rate_sizes, output_scales, unit_roundoff
-from hingepair.arrays import broadcast_shape, real_array, vectors
+from hingepair.arrays import result_dtype
 from hingepair.cross_validation import Comparison, CrossValidation
+from hingepair.kinematics import coordinates as components
 from hingepair.motion import BodyMotion
 from hingepair.pinocchio_twin import PinocchioTwin, import_pinocchio, to_pinocchio
 
@@ -60,9 +61,10 @@ def cross_validate(
     twin = to_pinocchio(pair)
     state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
     results = {name: np.asarray(getattr(state, name)) for level in LEVELS for name in level}
-    given = [_packed(name, c) for name, c in (("q", q), ("qd", qd), ("qdd", qdd)) if c is not None]
+    given = [components(name, c) for name, c in (("q", q), ("qd", qd), ("qdd", qdd)) if c is not None]
+    dtype = result_dtype(component for seven in given for component in seven)
     shape = results["R2"].shape[:-1]
-    coordinates = [np.broadcast_to(c, (*shape, 7)).reshape(-1, 7).astype(np.float64) for c in given]
+    coordinates = [_packed(seven, shape) for seven in given]
     finite = np.logical_and.reduce([np.isfinite(c).all(axis=-1) for c in coordinates])
     coordinates = [c[finite] for c in coordinates]
     expected = _by_pinocchio(twin, coordinates, sequence)
@@ -70,10 +72,10 @@ def cross_validate(
     rows = []
     for name, truth in expected.items():
         got = results[name].reshape(-1, *truth.shape[1:])[finite]
-        error, ratio = error_ratios(name, got, truth, scales[name], got.dtype)
+        error, ratio = error_ratios(name, got, truth, scales[name], dtype)
         rows.append(Comparison.worst_of(name, error, ratio, np.flatnonzero(finite), shape))
     skipped = int(np.count_nonzero(~finite))
-    return CrossValidation(pair.name, sequence, shape, skipped, unit_roundoff(results["R2"].dtype), tuple(rows))
+    return CrossValidation(pair.name, sequence, shape, skipped, unit_roundoff(dtype), tuple(rows))
 
 
 def _by_pinocchio(twin: PinocchioTwin, coordinates: list[Float64Array], sequence: str) -> dict[str, Float64Array]:
@@ -136,10 +138,6 @@ def _scales(pair: HingePair, coordinates: list[Float64Array]) -> dict[str, Float
     return output_scales(u1=pair.u1, u2=pair.u2, W1=W1, A1=A1, spatial=True, **linear, **hinge)
 
 
-def _packed(name: str, given: Any) -> NDArray[Any]:
-    """The coordinates as one array of shape (..., 7)."""
-    if not (isinstance(given, tuple) and len(given) == 7):
-        return vectors(name, given, 7)
-    parts = {f"{name}[{i}]": real_array(f"{name}[{i}]", part) for i, part in enumerate(given)}
-    broadcast_shape({key: part.shape for key, part in parts.items()})
-    return np.stack(np.broadcast_arrays(*parts.values()), axis=-1)
+def _packed(seven: tuple[Any, ...], shape: tuple[int, ...]) -> Float64Array:
+    """Seven coordinates as float64, side by side; shape (N, 7)."""
+    return np.stack([np.broadcast_to(c, shape).reshape(-1) for c in seven], axis=-1, dtype=np.float64)

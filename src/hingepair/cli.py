@@ -1,0 +1,164 @@
+"""The command line: `hingepair run|check|urdf SCENE`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from hingepair import summary
+from hingepair.errors import HingePairError
+from hingepair.export import save, write_whole
+from hingepair.scene import load_scene
+
+if TYPE_CHECKING:
+    from hingepair.scene import Scene
+
+MOST_CHECKED = 10_001
+"""Instants that `check` takes through Pinocchio at most, evenly spread: about a second."""
+
+app = typer.Typer(
+    name="hingepair",
+    help="Two rigid bodies joined by a hinge: everything about body 2 from the motion of body 1 and the hinge angle.",
+    epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+
+
+def main() -> None:
+    """Run the command line; an error of ours is one line on standard error and exit code 2."""
+    try:
+        app()
+    except HingePairError as error:
+        print(f"hingepair: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    show_version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    if show_version:
+        print(f"hingepair {version('hingepair')}")
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    scene_file: SceneFile,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write all instants to FILE (.npz or .csv).")
+    ] = None,
+    outputs: Annotated[
+        str | None,
+        typer.Option(metavar="NAMES", help="What to compute, such as R2,S2,omega1."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Compute the motion of body 2 and show what came out."""
+    scene = load_scene(scene_file)
+    names = None if outputs is None else [name.strip() for name in outputs.split(",") if name.strip()]
+    result = scene.evaluate(names)
+    residuals = summary.residuals(scene)
+    written = None if out is None else save(out, result.t, result.state.arrays())
+    if as_json:
+        found = {
+            **_facts(scene),
+            "outputs": summary.as_json(result),
+            "residuals": {
+                r.label: {"largest": summary.finite_or_none(r.largest), "in_u_scale": summary.finite_or_none(r.ratio)}
+                for r in residuals
+            },
+            "file": None if written is None else str(written),
+        }
+        print(json.dumps(found, indent=2, allow_nan=False))
+        return
+    console = _console()
+    _head(console, scene)
+    console.print(summary.table(result))
+    for r in residuals:
+        console.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
+    console.print(
+        f"written: {written}" if written else "nothing written (--out FILE.npz or FILE.csv writes all instants)"
+    )
+
+
+@app.command()
+def check(scene_file: SceneFile, as_json: Json = False) -> None:
+    """Compute the scene by the equations and by Pinocchio, and compare."""
+    import numpy as np
+
+    from hingepair.pinocchio import cross_validate
+
+    scene = load_scene(scene_file)
+    t = scene.times()
+    if t.size > MOST_CHECKED:
+        t = t[np.linspace(0, t.size - 1, MOST_CHECKED).astype(np.intp)]
+    report = cross_validate(scene.pair, *scene.coordinates(t), sequence=scene.sequence)
+    if as_json:
+        print(report.to_json())
+    else:
+        console = _console()
+        _head(console, scene)
+        if t.size < scene.samples:
+            console.print(f"{t.size} of the {scene.samples} instants are compared, evenly spread")
+        print(report)
+    raise typer.Exit(0 if report.ok else 1)
+
+
+@app.command()
+def urdf(
+    scene_file: SceneFile,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write to FILE instead of standard output.")
+    ] = None,
+) -> None:
+    """Write the pair as a URDF robot: two links, one continuous joint, body 2's reference point as a fixed link."""
+    from hingepair.urdf import to_urdf
+
+    text = to_urdf(load_scene(scene_file).pair)
+    if out is None:
+        print(text, end="" if text.endswith("\n") else "\n")
+        return
+    write_whole(out, lambda file: file.write(text.encode()) and None)
+    _console().print(f"written: {out}")
+
+
+def _facts(scene: Scene) -> dict[str, object]:
+    pair = scene.pair
+    return {
+        "scene": str(scene.path),
+        "title": scene.title,
+        "samples": scene.samples,
+        "start": scene.start,
+        "stop": scene.stop,
+        "sequence": scene.sequence,
+        "pair": {key: getattr(pair, key).tolist() for key in ("u1", "u2", "n", "home")},
+    }
+
+
+def _head(console: Console, scene: Scene) -> None:
+    if scene.title:
+        console.print(scene.title, style="bold")
+    pair = scene.pair
+    vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in ("u1", "u2", "n"))
+    console.print(f"{pair.name}: {vectors}")
+    letters = ", ".join(scene.sequence)
+    console.print(
+        f"{scene.samples} instants, t = {scene.start:g} to {scene.stop:g} s; phi_x, phi_y, phi_z turn about {letters}"
+    )
+
+
+def _console() -> Console:
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    return console if console.is_terminal else Console(highlight=False, markup=False, soft_wrap=True, width=100)

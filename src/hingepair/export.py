@@ -1,0 +1,82 @@
+"""Results to files: .npz, or .csv with one column a component. A file is there whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.arrays import boxes
+from hingepair.errors import ArgumentError
+
+_AXES = "xyz"
+_ROWS = 65536
+
+
+def save(path: str | Path, t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> Path:
+    """Write t and the arrays to a file whose ending says how.
+
+    Args:
+        path: ends in .npz (arrays by name) or .csv (a header line, then 17 digits a number).
+        t: instants [s]; shape (N,).
+        arrays: by output name; shape (N, 3) or (N, 3, 3).
+
+    Raises:
+        ArgumentError: another ending, or the file cannot be written; what was there before stays.
+    """
+    target = Path(path)
+    writers = {".npz": _write_npz, ".csv": _write_csv}
+    if target.suffix not in writers:
+        raise ArgumentError("out", "a file name that ends in .npz or .csv", str(path))
+    write_whole(target, lambda file: writers[target.suffix](file, t, arrays))
+    return target
+
+
+def write_whole(target: Path, write: Callable[[IO[bytes]], None]) -> None:
+    """Write a file beside the target and move it there when it is complete.
+
+    Raises:
+        ArgumentError: the file cannot be written.
+    """
+    try:
+        handle, beside = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+    except OSError as error:
+        raise ArgumentError("out", "a file that can be written", f"{target} ({error.strerror})") from None
+    try:
+        with os.fdopen(handle, "wb") as file:
+            write(file)
+        mask = os.umask(0)
+        os.umask(mask)
+        Path(beside).chmod(0o666 & ~mask)
+        Path(beside).replace(target)
+    except BaseException as error:
+        Path(beside).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise ArgumentError("out", "a file that can be written", f"{target} ({error.strerror})") from None
+        raise
+
+
+def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
+    """One name for each component: R2_x, S2_xy and so on.
+
+    >>> column_names({"d": np.zeros((1, 3))})
+    ['d_x', 'd_y', 'd_z']
+    """
+    vectors, matrices = list(_AXES), [i + j for i in _AXES for j in _AXES]
+    return [f"{name}_{c}" for name, array in arrays.items() for c in (vectors if array.ndim == 2 else matrices)]
+
+
+def _write_npz(file: IO[bytes], t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+    np.savez(file, allow_pickle=False, t=t, **arrays)
+
+
+def _write_csv(file: IO[bytes], t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+    file.write((",".join(["t", *column_names(arrays)]) + "\n").encode())
+    for (rows,) in boxes(t.shape, _ROWS):
+        parts = [t[rows, None], *(array[rows].reshape(rows.stop - rows.start, -1) for array in arrays.values())]
+        np.savetxt(file, np.concatenate(parts, axis=1), fmt="%.17g", delimiter=",")

@@ -1,0 +1,121 @@
+"""What a scene's run came to: a few instants, ranges, the largest residuals of the constraints."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.accuracy import error_ratios, euler_rate_sizes, output_scales
+from hingepair.arrays import boxes
+from hingepair.constraints import hinge_gap, hinge_slip
+from hingepair.export import column_names
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from hingepair.pair import HingePair
+    from hingepair.scene import Scene, SceneResult
+
+_SLAB = 65536
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """The largest residual of one constraint over all instants.
+
+    Attributes:
+        label: of the equation.
+        meaning: the residual, spelled out.
+        unit: of `largest`.
+        largest: largest component.
+        ratio: the same in units of u * scale.
+        scale: the formula of the scale.
+    """
+
+    label: str
+    meaning: str
+    unit: str
+    largest: float
+    ratio: float
+    scale: str
+
+
+def residuals(scene: Scene) -> tuple[Residual, Residual]:
+    """How far the computed motion is from E1 and E2, over all instants of the scene."""
+    t = scene.times()
+    worst = np.zeros((2, 2))
+    for (rows,) in boxes(t.shape, _SLAB):
+        worst = np.fmax(worst, _worst(scene.pair, *scene.coordinates(t[rows])[:2], scene.sequence))
+    (gap, gap_ratio), (slip, slip_ratio) = worst.tolist()
+    return (
+        Residual("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m", gap, gap_ratio, "max abs(R1) + abs(u1) + abs(u2)"),
+        Residual("E2", "omega2 - omega1 - S1 n psi'", "rad/s", slip, slip_ratio, "W2 = sum abs(phi_i') + abs(psi')"),
+    )
+
+
+def table(result: SceneResult) -> Table:
+    """First, middle and last instant of every component, and its range."""
+    from rich import box
+    from rich.table import Table
+
+    names, values = _columns(result)
+    instants = sorted({0, (len(result.t) - 1) // 2, len(result.t) - 1})
+    found = Table(box=box.SIMPLE_HEAD)
+    found.add_column("", no_wrap=True)
+    for heading in (*(f"t = {result.t[i]:.6g}" for i in instants), "smallest", "largest"):
+        found.add_column(heading, justify="right", no_wrap=True)
+    for name, column in zip(names, values, strict=True):
+        cells = [*(column[i] for i in instants), *_range(column)]
+        found.add_row(name, *(f"{cell:.6g}" for cell in cells), end_section=name.endswith(("_z", "_zz")))
+    return found
+
+
+def as_json(result: SceneResult) -> dict[str, Any]:
+    """The same as numbers; what is not finite is None."""
+    names, values = _columns(result)
+    columns = {}
+    for name, column in zip(names, values, strict=True):
+        smallest, largest = _range(column)
+        numbers = {"first": column[0], "last": column[-1], "smallest": smallest, "largest": largest}
+        columns[name] = {key: finite_or_none(float(number)) for key, number in numbers.items()}
+    return columns
+
+
+def finite_or_none(number: float) -> float | None:
+    """The number, or None where JSON has no word for it."""
+    return number if math.isfinite(number) else None
+
+
+def _worst(pair: HingePair, q: tuple[Any, ...], qd: tuple[Any, ...], sequence: str) -> NDArray[np.float64]:
+    """Largest residual of E1 and E2, absolute and in units of u * scale; NaN where no instant is finite."""
+    s = pair.forward_kinematics(q, qd, outputs=("R1", "S1", "R2", "S2", "omega1", "omega2"), sequence=sequence)
+    a = s.arrays()
+    psid = np.broadcast_to(np.asarray(qd[6], dtype=np.float64), s.shape)
+    W1, _ = euler_rate_sizes(np.stack(np.broadcast_arrays(*qd[3:6]), axis=-1))
+    scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
+    gap = hinge_gap(pair._constants, a["R1"], a["S1"], a["R2"], a["S2"])
+    slip = hinge_slip(pair._constants, a["S1"], a["omega1"], a["omega2"], psid)
+    found = []
+    for name, residual in (("R2", gap), ("omega2", slip)):
+        error, ratio = error_ratios(name, residual, np.zeros_like(residual), scales[name])
+        found.append([_largest(error), _largest(ratio)])
+    return np.array(found)
+
+
+def _largest(values: NDArray[Any]) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.max()) if finite.size else math.nan
+
+
+def _columns(result: SceneResult) -> tuple[list[str], list[NDArray[Any]]]:
+    arrays = result.state.arrays()
+    return column_names(arrays), [c for a in arrays.values() for c in a.reshape(len(result.t), -1).T]
+
+
+def _range(column: NDArray[Any]) -> tuple[float, float]:
+    finite = column[np.isfinite(column)]
+    return (float(finite.min()), float(finite.max())) if finite.size else (math.nan, math.nan)
