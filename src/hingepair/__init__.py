@@ -25,6 +25,8 @@ from hingepair.errors import (
 from hingepair.euler import euler_rate_matrix, euler_rates, euler_to_matrix, matrix_to_euler
 from hingepair.motion import BodyMotion
 from hingepair.pair import HingePair
+from hingepair.pinocchio import cross_validate, to_pinocchio
+from hingepair.robots import load_robot_hinge
 from hingepair.rotations import (
     angular_velocity,
     project_to_rotation,
@@ -34,7 +36,9 @@ from hingepair.rotations import (
     skew,
     unskew,
 )
+from hingepair.scene import load_scene
 from hingepair.state import PairState
+from hingepair.urdf import from_urdf, to_urdf
 
 __version__ = "0.1.0"
 
@@ -53,14 +57,20 @@ __all__ = [
     "ShapeError",
     "URDFError",
     "angular_velocity",
+    "cross_validate",
     "euler_rate_matrix",
     "euler_rates",
     "euler_to_matrix",
+    "from_urdf",
+    "load_robot_hinge",
+    "load_scene",
     "matrix_to_euler",
     "project_to_rotation",
     "rodrigues",
     "rotation_exp",
     "rotation_log",
     "skew",
+    "to_pinocchio",
+    "to_urdf",
     "unskew",
 ]

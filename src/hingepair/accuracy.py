@@ -42,8 +42,12 @@ SCALES: Mapping[str, str] = MappingProxyType(
 )
 """Output -> the formula of its scale, to be printed beside a ratio."""
 
-SPATIAL_TERM = "(W1 + W2) max abs(v1)"
-"""What a2's scale gains where the other side computes it through the spatial acceleration, as Pinocchio does."""
+PINOCCHIO_TERMS: Mapping[str, str] = MappingProxyType(
+    {"alpha2": "psi'^2", "a2": "(W1 + W2) max abs(v1) + W1 W2 abs(u1)"}
+)
+"""Output -> what its scale gains against Pinocchio, whose terms are larger before they cancel: it crosses omega2 with
+n psi', of which the part psi'^2 n x n rounds before it vanishes; and it adds up spatial accelerations, which differ
+from classical ones by omega2 x v2."""
 
 
 def unit_roundoff(dtype: DTypeLike) -> float:
@@ -91,7 +95,7 @@ def output_scales(
     A1: ArrayLike | None = None,
     psid: ArrayLike | None = None,
     psidd: ArrayLike | None = None,
-    spatial: bool = False,
+    pinocchio: bool = False,
 ) -> dict[str, Float64Array]:
     """The scale of every output that the arguments allow, sample by sample (the formulas of `SCALES`).
 
@@ -105,7 +109,7 @@ def output_scales(
         A1: size of body 1's angular acceleration [rad/s^2]; shape (...,).
         psid: hinge rate [rad/s]; shape (...,).
         psidd: hinge acceleration [rad/s^2]; shape (...,).
-        spatial: add `SPATIAL_TERM` to a2's scale (needs v1).
+        pinocchio: add `PINOCCHIO_TERMS` (a2 then needs v1).
 
     Returns:
         Output name -> scale, of a shape that broadcasts against the samples; an output whose arguments are
@@ -115,20 +119,38 @@ def output_scales(
     >>> {name: float(value) for name, value in found.items()}
     {'S1': 1.0, 'S2': 1.0, 'd': 6.0, 'R2': 16.0}
     """
-    one = np.ones(())
-    U1, U2 = norm(u1), norm(u2)
-    found: dict[str, Float64Array | None] = {"S1": one, "S2": one, "d": U1 + U2}
-    found["R2"] = None if R1 is None else largest(R1) + (U1 + U2)
+    linear: dict[str, Any] = {"U1": norm(u1), "U2": norm(u2), "R1": R1, "V1": v1, "a1": a1}
+    for name in ("R1", "V1", "a1"):
+        linear[name] = None if linear[name] is None else largest(linear[name])
+    turning = {"W1": W1, "A1": A1, "W": psid, "A": psidd}
+    sizes = linear | {name: None if value is None else _size(value) for name, value in turning.items()}
     with np.errstate(over="ignore", invalid="ignore"):
-        W1, A1, V1 = _size(W1), _size(A1), None if v1 is None else largest(v1)
-        W2 = None if W1 is None or psid is None else W1 + _size(psid)
-        A2 = None if A1 is None or psidd is None or W2 is None else A1 + _size(psidd) + W1 * _size(psid)
-        found |= {"omega1": W1, "omega2": W2, "alpha1": A1, "alpha2": A2}
-        found["v2"] = None if V1 is None or W2 is None else V1 + W1 * U1 + W2 * U2
-        if a1 is not None and A2 is not None and not (spatial and V1 is None):
-            a2 = largest(a1) + (A1 + W1 * W1) * U1 + (A2 + W2 * W2) * U2
-            found["a2"] = a2 + (W1 + W2) * V1 if spatial else a2
-    return {name: value for name in SCALES if (value := found.get(name)) is not None}
+        found = _formulas(**sizes, pinocchio=pinocchio)
+    return {name: np.asarray(found[name]) for name in SCALES if found[name] is not None}
+
+
+def _formulas(U1: Any, U2: Any, R1: Any, V1: Any, a1: Any, W1: Any, A1: Any, W: Any, A: Any, pinocchio: bool) -> Any:
+    """The formulas of `SCALES` on sizes, of which any but U1 and U2 may be None; W, A are those of the hinge."""
+    W2 = None if W1 is None or W is None else W1 + W
+    A2 = None if A1 is None or A is None or W1 is None or W is None else A1 + A + W1 * W
+    alpha2, a2 = A2, None
+    if a1 is not None and A2 is not None and W2 is not None:
+        a2 = a1 + (A1 + W1 * W1) * U1 + (A2 + W2 * W2) * U2
+    if pinocchio and A2 is not None and W2 is not None:
+        alpha2 = A2 + W * W
+        a2 = None if a2 is None or V1 is None else a2 + (W1 + W2) * V1 + W1 * W2 * U1
+    return {
+        "S1": 1.0,
+        "S2": 1.0,
+        "d": U1 + U2,
+        "R2": None if R1 is None else R1 + (U1 + U2),
+        "omega1": W1,
+        "omega2": W2,
+        "v2": None if V1 is None or W2 is None else V1 + W1 * U1 + W2 * U2,
+        "alpha1": A1,
+        "alpha2": alpha2,
+        "a2": a2,
+    }
 
 
 def error_ratios(
@@ -166,8 +188,8 @@ def error_ratios(
 def norm(vector: ArrayLike) -> Float64Array:
     """Euclidean norm over the last axis, without overflow or underflow on the way; shape (...,).
 
-    >>> float(norm((3e200, 4e200, 0.0)))
-    5e+200
+    >>> f"{norm((3e200, 4e200, 0.0)):.6g}"
+    '5e+200'
     """
     vector = np.asarray(vector, dtype=np.float64)
     return np.asarray(np.hypot.reduce(vector, axis=-1))
@@ -178,5 +200,5 @@ def largest(vector: ArrayLike) -> Float64Array:
     return np.asarray(np.abs(np.asarray(vector, dtype=np.float64)).max(axis=-1))
 
 
-def _size(value: Any) -> Any:
-    return None if value is None else np.abs(np.asarray(value, dtype=np.float64))
+def _size(value: ArrayLike) -> Float64Array:
+    return np.asarray(np.abs(np.asarray(value, dtype=np.float64)))

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from hingepair import summary
 from hingepair.errors import HingePairError
-from hingepair.export import save, write_whole
+from hingepair.export import check_ending, save, write_whole
 from hingepair.scene import load_scene
 
 if TYPE_CHECKING:
@@ -66,6 +66,8 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Compute the motion of body 2 and show what came out."""
+    if out is not None:
+        check_ending(out)
     scene = load_scene(scene_file)
     names = None if outputs is None else [name.strip() for name in outputs.split(",") if name.strip()]
     result = scene.evaluate(names)
@@ -130,7 +132,7 @@ def urdf(
     if out is None:
         print(text, end="" if text.endswith("\n") else "\n")
         return
-    write_whole(out, lambda file: file.write(text.encode()) and None)
+    write_whole(out, lambda file: file.write(text.encode()))
     _console().print(f"written: {out}")
 
 

@@ -32,13 +32,18 @@ def hinge_gap(
 
 
 def hinge_slip(
-    constants: Values, S1: NDArray[Any], omega1: NDArray[Any], omega2: NDArray[Any], psid: NDArray[Any]
+    constants: Values, S2: NDArray[Any], omega1: NDArray[Any], omega2: NDArray[Any], psid: NDArray[Any]
 ) -> NDArray[Any]:
-    """The residual of E2, omega2 - omega1 - S1 n psi', world axes [rad/s]; shape (..., 3)."""
+    """The residual of E2, omega2 - omega1 - S2 C^T n psi', world axes [rad/s]; shape (..., 3).
+
+    The hinge axis is one line of both bodies, S1 n = S2 C^T n (E5); body 2's side of it tests more than E2's own.
+    """
+    n = constants["n"]
+    n2 = eq.rotate(eq.transpose(constants["home"]), n) if "home" in constants else n
 
     def slip(values: Values) -> eq.Vector:
-        axis = eq.rotate(values["S1"], constants["n"])
+        axis = eq.rotate(values["S2"], n2)
         return eq.subtract(values["omega2"], eq.angular_velocity2(values["omega1"], axis, values["psid"]))
 
-    inputs = {"S1": components_of(S1, 2), "omega1": components_of(omega1), "omega2": components_of(omega2)}
+    inputs = {"S2": components_of(S2, 2), "omega1": components_of(omega1), "omega2": components_of(omega2)}
     return evaluate(slip, {**inputs, "psid": psid}, (3,), _DOUBLE)

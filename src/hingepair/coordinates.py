@@ -5,10 +5,10 @@ What does not depend on t comes out as a Python float, which the equations take 
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from fractions import Fraction
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -22,6 +22,7 @@ Value: TypeAlias = float | NDArray[np.float64]
 Coordinates: TypeAlias = tuple[tuple[Value, ...], ...]
 
 _BLOCK = 8192  # samples at a time: the intermediate results stay in the cache
+_EXACT = 2**53  # integers below are floats without rounding
 _COMPILED = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
     *("asinh", "acosh", "atanh", "exp", "log", "Abs", "sign", "Heaviside", "DiracDelta"),
@@ -37,6 +38,8 @@ def time_symbol() -> Expr:
 
 def exact(value: float) -> Expr:
     """The rational number that the shortest decimal form of a finite number writes: 0.1 is 1/10."""
+    from fractions import Fraction
+
     import sympy
 
     fraction = Fraction(repr(value if isinstance(value, int) else float(value)))
@@ -69,14 +72,10 @@ def derivatives(name: str, expr: Expr, order: int = 2) -> tuple[Expr, ...]:
     >>> derivatives("x", t**3 / 2)
     (t**3/2, 3*t**2/2, 3*t)
     """
-    found = [expr]
-    for _ in range(order):
-        found.append(found[-1].diff(time_symbol()))
-    for derivative, label in zip(found, ("", " in its first derivative", " in its second derivative"), strict=False):
-        fault = _fault(derivative)
-        if fault:
-            raise ArgumentError(name, "an expression with finite real values and derivatives", f"{fault}{label}")
-    return tuple(found)
+    found, fault = _differentiate(expr, order)
+    if fault:
+        raise ArgumentError(name, "finite real values and derivatives", fault)
+    return found
 
 
 def compile_coordinates(expressions: Sequence[Expr], order: int = 2) -> Callable[[ArrayLike], Coordinates]:
@@ -112,6 +111,19 @@ def compile_coordinates(expressions: Sequence[Expr], order: int = 2) -> Callable
     return evaluate
 
 
+@functools.lru_cache(maxsize=32)
+def _differentiate(expr: Expr, order: int) -> tuple[tuple[Expr, ...], str | None]:
+    """An expression with its derivatives, and what is wrong with them."""
+    found = [expr]
+    for _ in range(order):
+        found.append(found[-1].diff(time_symbol()))
+    for derivative, label in zip(found, ("", " in the first derivative", " in the second derivative"), strict=False):
+        fault = _fault(derivative)
+        if fault:
+            return tuple(found), fault + label
+    return tuple(found), None
+
+
 def _fault(expr: Expr) -> str | None:
     """Why NumPy cannot evaluate an expression in real numbers; None where it can."""
     import sympy
@@ -138,11 +150,23 @@ def _lambdify(expressions: list[Expr]) -> Callable[[NDArray[np.float64]], Sequen
     def shared(parts: list[Expr]) -> Any:
         return sympy.cse(parts, order="none", list=False)
 
-    numeric = [{"sign": _sign, "Heaviside": _heaviside, "DiracDelta": _dirac}, "numpy"]
+    numeric = {"sign": _sign, "Heaviside": _heaviside, "DiracDelta": _dirac}
     function: Callable[[NDArray[np.float64]], Sequence[Any]] = sympy.lambdify(
-        time_symbol(), expressions, modules=numeric, cse=shared, docstring_limit=0
+        time_symbol(), expressions, [numeric, "numpy"], _printer(numeric), cse=shared, docstring_limit=0
     )
     return function
+
+
+def _printer(numeric: dict[str, Any]) -> Any:
+    """SymPy's printer of NumPy code, with large integers as floats: NumPy takes no sine of a Python int >= 2^63."""
+    from sympy.printing.numpy import NumPyPrinter
+
+    names = {name: name for name in numeric}
+    printer = NumPyPrinter({
+        "fully_qualified_modules": False, "inline": True, "allow_unknown_functions": True, "user_functions": names,
+    })  # fmt: skip
+    printer._print_Integer = lambda n: str(n.p) if abs(n.p) < _EXACT else f"({constant_value(n)!r})"
+    return printer
 
 
 def _sample(function: Callable[..., Sequence[Any]], count: int, times: NDArray[np.float64]) -> Iterator[Value]:
@@ -158,7 +182,7 @@ def _sample(function: Callable[..., Sequence[Any]], count: int, times: NDArray[n
 
 
 def _sign(x: Value) -> Value:
-    """x / |x|, the derivative of |x|: NaN at the kink, where there is none."""
+    """The derivative of |x|, x / |x|: NaN at the kink, where there is none."""
     return x / np.abs(x)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.accuracy import PINOCCHIO_BOUND, SCALES, SPATIAL_TERM
+from hingepair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, SCALES
 
 _HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "", "scale")
 
@@ -43,7 +42,8 @@ class Comparison:
     @property
     def scale(self) -> str:
         """The formula of the scale, for a reader."""
-        return f"{SCALES[self.output]} + {SPATIAL_TERM}" if self.output == "a2" else SCALES[self.output]
+        more = PINOCCHIO_TERMS.get(self.output)
+        return f"{SCALES[self.output]} + {more}" if more else SCALES[self.output]
 
     @classmethod
     def worst_of(
@@ -132,6 +132,8 @@ class CrossValidation:
 
     def to_json(self) -> str:
         """The report as JSON; a number that is not finite is null."""
+        import json
+
         rows = [
             {
                 "output": row.output,

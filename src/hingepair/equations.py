@@ -144,15 +144,14 @@ def angular_velocity_of(S: Matrix, S_dot: Matrix) -> Matrix:
     return compose(S_dot, transpose(S))
 
 
-def quaternion_attitude(quat: tuple[Scalar, Scalar, Scalar, Scalar]) -> Matrix:
-    """The rotation of the quaternion (w, x, y, z) of any length that squares without overflow."""
+def quaternion_attitude(quat: tuple[Scalar, ...]) -> Matrix:
+    """The rotation of the unit quaternion (w, x, y, z)."""
     w, x, y, z = quat
-    s = 2 / (w * w + (x * x + (y * y + z * z)))
-    sx, sy, sz = s * x, s * y, s * z
+    w2, x2, y2, z2 = 2 * w, 2 * x, 2 * y, 2 * z
     return (
-        1 - (sy * y + sz * z), sx * y - sz * w, sx * z + sy * w,
-        sx * y + sz * w, 1 - (sx * x + sz * z), sy * z - sx * w,
-        sx * z - sy * w, sy * z + sx * w, 1 - (sx * x + sy * y),
+        1 - (y2 * y + z2 * z), x2 * y - w2 * z, x2 * z + w2 * y,
+        x2 * y + w2 * z, 1 - (x2 * x + z2 * z), y2 * z - w2 * x,
+        x2 * z - w2 * y, y2 * z + w2 * x, 1 - (x2 * x + y2 * y),
     )  # fmt: skip
 
 

@@ -159,7 +159,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ") -> FloatArray:
 
     def angles(values: Values) -> tuple[Any, ...]:
         given = values["S"]
-        canonical = _canonical_angles(_nine(given[3 * i + j] for i in back for j in back), proper=order.proper)
+        canonical = _canonical_angles(order, _nine(given[3 * i + j] for i in back for j in back))
         return order.angles(canonical)
 
     return evaluate(angles, {"S": components_of(matrix, 2)}, (3,), result_dtype((matrix,)))
@@ -247,13 +247,17 @@ def _canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -
     return x - cx * third, second, third
 
 
-def _canonical_angles(S: eq.Matrix, *, proper: bool) -> eq.Vector:
-    """Angles of Sx Sy Sz or Sx Sy Sx: the outer first angle, then the others with it turned back out of S."""
-    opposite, adjacent = (S[3], -S[6]) if proper else (-S[5], S[8])
+def _canonical_angles(order: Sequence, S: eq.Matrix) -> eq.Vector:
+    """Angles of Sx Sy Sz or Sx Sy Sx: the outer first angle, then the others with it turned back out of S.
+
+    Of the two first angles of Sx Sy Sx, half a turn apart, the sign of the sequence picks the one that makes the
+    middle angle positive in the order of the letters.
+    """
+    opposite, adjacent = (order.sign * S[3], -order.sign * S[6]) if order.proper else (-S[5], S[8])
     first = np.arctan2(opposite, adjacent)
     s, c = np.sin(first), np.cos(first)
     level = c * S[3] + s * S[6], c * S[4] + s * S[7], c * S[5] + s * S[8]
-    if proper:
+    if order.proper:
         return first, np.arctan2(s * S[3] - c * S[6], S[0]), np.arctan2(-level[2], level[1])
     return first, np.arctan2(S[2], c * S[8] - s * S[5]), np.arctan2(level[0], level[1])
 

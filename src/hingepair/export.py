@@ -30,14 +30,22 @@ def save(path: str | Path, t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) 
         ArgumentError: another ending, or the file cannot be written; what was there before stays.
     """
     target = Path(path)
-    writers = {".npz": _write_npz, ".csv": _write_csv}
-    if target.suffix not in writers:
-        raise ArgumentError("out", "a file name that ends in .npz or .csv", str(path))
-    write_whole(target, lambda file: writers[target.suffix](file, t, arrays))
+    check_ending(target)
+    write_whole(target, lambda file: _WRITERS[target.suffix](file, t, arrays))
     return target
 
 
-def write_whole(target: Path, write: Callable[[IO[bytes]], None]) -> None:
+def check_ending(path: Path) -> None:
+    """Refuse a file name whose ending names no format.
+
+    Raises:
+        ArgumentError: it ends neither in .npz nor in .csv.
+    """
+    if path.suffix not in _WRITERS:
+        raise ArgumentError("out", "a file name that ends in .npz or .csv", str(path))
+
+
+def write_whole(target: Path, write: Callable[[IO[bytes]], object]) -> None:
     """Write a file beside the target and move it there when it is complete.
 
     Raises:
@@ -80,3 +88,6 @@ def _write_csv(file: IO[bytes], t: NDArray[Any], arrays: Mapping[str, NDArray[An
     for (rows,) in boxes(t.shape, _ROWS):
         parts = [t[rows, None], *(array[rows].reshape(rows.stop - rows.start, -1) for array in arrays.values())]
         np.savetxt(file, np.concatenate(parts, axis=1), fmt="%.17g", delimiter=",")
+
+
+_WRITERS = {".npz": _write_npz, ".csv": _write_csv}

@@ -30,22 +30,38 @@ class Cost(NamedTuple):
     second: int = 0
 
 
+_HEAVY: Final = {"tan": 2, "tanh": 2, "asin": 2, "acos": 2, "atan": 2, "asinh": 2, "atanh": 2, "atan2": 3, "acosh": 8}
+"""Functions whose derivatives are larger than themselves."""
+
+
 def sum_cost(costs: Sequence[Cost]) -> Cost:
     """The cost of a sum: derivatives add."""
-    return Cost(*(sum(column) + 1 for column in zip(*costs, strict=True)))
+    total = _total(costs)
+    return Cost(total.size, min(total.first, 1)) if total.second == 0 else total
 
 
 def product_cost(costs: Sequence[Cost], varying: int) -> Cost:
     """The cost of a product: every varying factor gives a term, every pair of them gives one again."""
-    size, first, second = (sum(column) + 1 for column in zip(*costs, strict=True))
+    total = _total(costs)
+    if varying <= 1:
+        return Cost(total.size, min(total.first, 1)) if total.second == 0 else total
+    size, first, second = total
     pairs = varying * (varying - 1) // 2
-    return Cost(size, first + varying * size, second + varying * (first + size) + pairs * size)
+    return Cost(size, first + varying * size, second + varying * first + pairs * size)
 
 
-def function_cost(costs: Sequence[Cost]) -> Cost:
+def function_cost(costs: Sequence[Cost], function: str = "") -> Cost:
     """The cost of f(u) or f(u, v): f' u', then f'' u'^2 + f' u''."""
-    size, first, second = (sum(column) + 1 for column in zip(*costs, strict=True))
-    return Cost(size, 2 * size + first, 4 * size + 3 * first + second)
+    size, first, second = _total(costs)
+    weight = _HEAVY.get(function, 1)
+    if second == 0:
+        return Cost(size, weight * (size + 2), weight * (size + 3))
+    return Cost(size, weight * size + first + 2, weight * (2 * size + 2) + 2 * first + second)
+
+
+def _total(costs: Sequence[Cost]) -> Cost:
+    size, first, second = (sum(column) for column in zip(*costs, strict=True))
+    return Cost(size + 1, first + 1 if first else 0, second + 1 if second else 0)
 
 
 def bits(number: Any) -> int:

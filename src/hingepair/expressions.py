@@ -11,26 +11,14 @@ import ast
 import keyword
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 from types import MappingProxyType
 from typing import Final, NamedTuple, NoReturn
 
+from hingepair import expression_size as size
 from hingepair.coordinates import Expr, constant_value, exact, time_symbol
 from hingepair.errors import SceneError
-from hingepair.expression_size import (
-    MAX_BITS,
-    MAX_DEPTH,
-    MAX_EXPONENT,
-    MAX_LENGTH,
-    MAX_NODES,
-    MAX_TERMS,
-    Cost,
-    bits,
-    function_cost,
-    product_cost,
-    sum_cost,
-)
 
 FUNCTIONS: Final = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
@@ -83,8 +71,8 @@ def parse(name: str, text: str, constants: Mapping[str, float] | None = None) ->
     except RecursionError:
         raise ExpressionError(name, "a simpler expression", text) from None
     terms = sum(part.cost)
-    if terms > MAX_TERMS:
-        expected = f"an expression whose derivatives have at most {MAX_TERMS} terms"
+    if terms > size.MAX_TERMS:
+        expected = f"an expression whose derivatives have at most {size.MAX_TERMS} terms"
         raise ExpressionError(name, expected, f"up to {terms} in {text}")
     return part.expr
 
@@ -102,7 +90,7 @@ class _Part(NamedTuple):
 
     expr: Expr
     value: float | None
-    cost: Cost
+    cost: size.Cost
 
 
 class _Builder:
@@ -117,8 +105,8 @@ class _Builder:
 
     def syntax(self) -> ast.expr:
         """The syntax tree of the text; line breaks count as blanks."""
-        if len(self.text) > MAX_LENGTH:
-            self._fail(f"at most {MAX_LENGTH} characters", f"{len(self.text)}")
+        if len(self.text) > size.MAX_LENGTH:
+            self._fail(f"at most {size.MAX_LENGTH} characters", f"{len(self.text)}")
         for column, sign in enumerate(self.text, 1):
             if sign not in _PUNCTUATION and not (sign.isascii() and sign.isalnum()):
                 hint = "; a power is written **" if sign == "^" else ""
@@ -139,8 +127,8 @@ class _Builder:
     def build(self, node: ast.expr, depth: int) -> _Part:
         """The part that a node of the syntax tree stands for."""
         self._count(node)
-        if depth > MAX_DEPTH:
-            self._refuse(node, f"at most {MAX_DEPTH} levels of brackets")
+        if depth > size.MAX_DEPTH:
+            self._refuse(node, f"at most {size.MAX_DEPTH} levels of brackets")
         match node:
             case ast.Constant():
                 return self._number(node)
@@ -160,25 +148,25 @@ class _Builder:
         import sympy
 
         if type(node.value) is int:
-            return self._finish(node, sympy.Integer(node.value), None, Cost(1))
+            return self._finish(node, sympy.Integer(node.value), None, size.Cost(1))
         source = self._source(node)
         if type(node.value) is not float or not math.isfinite(node.value):
             self._refuse(node, _A_NUMBER)
-        if abs(int(source.lower().partition("e")[2] or 0)) > MAX_EXPONENT:
-            self._refuse(node, f"a power of ten of at most {MAX_EXPONENT}")
+        if abs(int(source.lower().partition("e")[2] or 0)) > size.MAX_EXPONENT:
+            self._refuse(node, f"a power of ten of at most {size.MAX_EXPONENT}")
         fraction = Fraction(source)
-        return self._finish(node, sympy.Rational(fraction.numerator, fraction.denominator), None, Cost(1))
+        return self._finish(node, sympy.Rational(fraction.numerator, fraction.denominator), None, size.Cost(1))
 
     def _named(self, node: ast.Name) -> _Part:
         import sympy
 
         if node.id == "t":
-            return _Part(time_symbol(), None, Cost(1, 1))
+            return _Part(time_symbol(), None, size.Cost(1, 1))
         if node.id in CONSTANTS:
             expr = {"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E}[node.id]
-            return _Part(expr, CONSTANTS[node.id], Cost(1))
+            return _Part(expr, CONSTANTS[node.id], size.Cost(1))
         if node.id in self.constants:
-            return self._finish(node, exact(self.constants[node.id]), None, Cost(1))
+            return self._finish(node, exact(self.constants[node.id]), None, size.Cost(1))
         if node.id in FUNCTIONS:
             self._refuse(node, f"{node.id}(...)")
         self._unknown(node)
@@ -193,7 +181,7 @@ class _Builder:
             values.append(-part.value if negative and part.value is not None else part.value)
             costs.append(part.cost)
         value = self._evaluate(node, lambda *numbers: math.fsum(numbers), values)
-        return self._finish(node, sympy.Add(*terms), value, sum_cost(costs))
+        return self._finish(node, sympy.Add(*terms), value, size.sum_cost(costs))
 
     def _product(self, node: ast.expr, depth: int) -> _Part:
         import sympy
@@ -203,24 +191,23 @@ class _Builder:
             part = self.build(factor, depth)
             factors.append(1 / part.expr if divides else part.expr)
             values.append(self._evaluate(node, lambda x: 1 / x, [part.value]) if divides else part.value)
-            costs.append(part.cost)
+            costs.append(size.function_cost([part.cost]) if divides and part.value is None else part.cost)
         value = self._evaluate(node, lambda *numbers: math.prod(numbers), values)
-        return self._finish(node, sympy.Mul(*factors), value, product_cost(costs, values.count(None)))
+        return self._finish(node, sympy.Mul(*factors), value, size.product_cost(costs, values.count(None)))
 
     def _power(self, node: ast.BinOp, depth: int) -> _Part:
         import sympy
 
         base, exponent = self.build(node.left, depth), self.build(node.right, depth)
-        if exponent.value is not None and abs(exponent.value) > MAX_EXPONENT:
-            self._refuse(node, f"an exponent of at most {MAX_EXPONENT}")
-        if base.expr.is_Rational and bits(base.expr) * abs(exponent.value or 0) > MAX_BITS:
-            self._refuse(node, f"exact numbers of at most {MAX_BITS} bits")
+        if exponent.value is not None and abs(exponent.value) > size.MAX_EXPONENT:
+            self._refuse(node, f"an exponent of at most {size.MAX_EXPONENT}")
+        if base.expr.is_Rational and size.bits(base.expr) * abs(exponent.value or 0) > size.MAX_BITS:
+            self._refuse(node, f"exact numbers of at most {size.MAX_BITS} bits")
         value = self._evaluate(node, math.pow, [base.value, exponent.value])
         power = sympy.Pow(base.expr, exponent.expr)
-        if power.is_Pow and power.exp.is_Rational and abs(power.exp) > MAX_EXPONENT:
-            self._refuse(node, f"an exponent of at most {MAX_EXPONENT}")
-        cost = function_cost([base.cost, exponent.cost])
-        return self._finish(node, power, value, cost)
+        if power.is_Pow and power.exp.is_Rational and abs(power.exp) > size.MAX_EXPONENT:
+            self._refuse(node, f"an exponent of at most {size.MAX_EXPONENT}")
+        return self._finish(node, power, value, size.function_cost([base.cost, exponent.cost]))
 
     def _call(self, node: ast.Call, depth: int) -> _Part:
         import sympy
@@ -238,7 +225,7 @@ class _Builder:
         parts = [self.build(argument, depth) for argument in node.args]
         value = self._evaluate(node, getattr(math, function), [part.value for part in parts])
         expr = getattr(sympy, function)(*[part.expr for part in parts])
-        return self._finish(node, expr, value, function_cost([part.cost for part in parts]))
+        return self._finish(node, expr, value, size.function_cost([part.cost for part in parts], function))
 
     def _chain(self, node: ast.expr, kinds: tuple[type, type]) -> list[tuple[bool, ast.expr]]:
         """The terms of `a - b + c`, or factors of `a / b * c`, with whether each counts inversely."""
@@ -255,9 +242,7 @@ class _Builder:
                 return [*found, (inverse, node)][::-1]
             self._count(node)
 
-    def _evaluate(
-        self, node: ast.expr, function: Callable[..., float], values: Sequence[float | None]
-    ) -> float | None:
+    def _evaluate(self, node: ast.expr, function: Callable[..., float], values: list[float | None]) -> float | None:
         """The value of a part without t, in floats: it shows what is not finite before SymPy tries it exactly."""
         if None in values:
             return None
@@ -266,26 +251,26 @@ class _Builder:
         except (ArithmeticError, ValueError):
             self._refuse(node, _A_NUMBER)
 
-    def _finish(self, node: ast.expr, expr: Expr, value: float | None, cost: Cost) -> _Part:
+    def _finish(self, node: ast.expr, expr: Expr, value: float | None, cost: size.Cost) -> _Part:
         """The part, once it is known to be finite and of a size that can be worked with."""
         import sympy
 
         if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
             self._refuse(node, _A_NUMBER)
-        if expr.is_Rational and bits(expr) > MAX_BITS:
-            self._refuse(node, f"exact numbers of at most {MAX_BITS} bits")
+        if expr.is_Rational and size.bits(expr) > size.MAX_BITS:
+            self._refuse(node, f"exact numbers of at most {size.MAX_BITS} bits")
         if expr.is_Rational or (value is None and not expr.free_symbols):
             value = constant_value(expr)
         if value is None:
             return _Part(expr, None, cost)
         if not math.isfinite(value):
             self._refuse(node, _A_NUMBER)
-        return _Part(expr, value, Cost(cost.size))
+        return _Part(expr, value, size.Cost(cost.size))
 
     def _count(self, node: ast.expr) -> None:
         self.nodes += 1
-        if self.nodes > MAX_NODES:
-            self._refuse(node, f"at most {MAX_NODES} numbers, names and operations")
+        if self.nodes > size.MAX_NODES:
+            self._refuse(node, f"at most {size.MAX_NODES} numbers, names and operations")
 
     def _source(self, node: ast.expr) -> str:
         return self.text[node.col_offset : node.end_col_offset]

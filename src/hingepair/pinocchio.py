@@ -130,12 +130,12 @@ def _body1_by_pinocchio(pin: Any, coordinates: list[Float64Array], sequence: str
 
 
 def _scales(pair: HingePair, coordinates: list[Float64Array]) -> dict[str, Float64Array]:
-    """The scales of these samples; a2's with the spatial term that Pinocchio's route has."""
+    """The scales of these samples, with the terms that Pinocchio's route has."""
     q, qd, qdd = (*coordinates, None, None)[:3]
     W1, A1 = euler_rate_sizes(None if qd is None else qd[:, 3:6], None if qdd is None else qdd[:, 3:6])
     linear = {name: c[:, :3] for name, c in (("R1", q), ("v1", qd), ("a1", qdd)) if c is not None}
     hinge = {name: c[:, 6] for name, c in (("psid", qd), ("psidd", qdd)) if c is not None}
-    return output_scales(u1=pair.u1, u2=pair.u2, W1=W1, A1=A1, spatial=True, **linear, **hinge)
+    return output_scales(u1=pair.u1, u2=pair.u2, W1=W1, A1=A1, pinocchio=True, **linear, **hinge)
 
 
 def _packed(seven: tuple[Any, ...], shape: tuple[int, ...]) -> Float64Array:

@@ -126,7 +126,7 @@ def to_pinocchio(pair: HingePair) -> PinocchioTwin:
 
     Raises:
         MissingDependencyError: Pinocchio is not installed.
-        ShapeError: u1, u2 or n differ from sample to sample.
+        ShapeError: u1, u2, n or home differ from sample to sample.
 
     >>> from hingepair.pair import HingePair
     >>> twin = to_pinocchio(HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0)))
@@ -135,9 +135,9 @@ def to_pinocchio(pair: HingePair) -> PinocchioTwin:
     [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 0.5]
     """
     pin = import_pinocchio("to_pinocchio")
-    for name in ("u1", "u2", "n"):
-        if getattr(pair, name).ndim != 1:
-            raise ShapeError(name, "one vector, shape (3,)", f"shape {getattr(pair, name).shape}")
+    for name, shape in (("u1", (3,)), ("u2", (3,)), ("n", (3,)), ("home", (3, 3))):
+        if getattr(pair, name).shape != shape:
+            raise ShapeError(name, f"one pair: shape {shape}", f"shape {getattr(pair, name).shape}")
     model = pin.Model()
     model.name = pair.name
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")

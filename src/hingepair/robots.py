@@ -7,9 +7,7 @@ every robot.
 
 from __future__ import annotations
 
-import difflib
 import functools
-import importlib.metadata
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
@@ -17,7 +15,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from hingepair.errors import ArgumentError, MissingDependencyError
-from hingepair.urdf import hinge_pair, parse_urdf, read_urdf
+from hingepair.urdf import hinge_pair
+from hingepair.urdf_tree import parse_urdf, read_urdf
 
 if TYPE_CHECKING:
     from hingepair.pair import HingePair
@@ -81,6 +80,8 @@ def robot_urdf(robot: str) -> Path:
 
 
 def _advice(robot: str) -> str:
+    import difflib
+
     names = robot_names()
     lower = {name.lower(): name for name in names}
     near = [name for key, name in lower.items() if robot and (robot.lower() in key or key in robot.lower())]
@@ -99,6 +100,8 @@ def _files() -> Mapping[str, Path]:
 
     The package holds data only, and where its installer put them is for its own list of files to say.
     """
+    import importlib.metadata
+
     try:
         distribution = importlib.metadata.distribution(PACKAGE)
     except importlib.metadata.PackageNotFoundError:

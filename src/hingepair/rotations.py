@@ -11,7 +11,7 @@ from hingepair import equations as eq
 from hingepair.arrays import FloatArray, broadcast_shape, real_array, result_dtype, vectors
 from hingepair.blocks import Values, components_of, compute, cosine, evaluate, hinge_terms
 from hingepair.errors import ArgumentError, RotationError
-from hingepair.lengths import by_power_of_two, polar, unit_axis
+from hingepair.lengths import direction, polar, unit_axis
 
 TOLERANCE = {4: 1e-5, 8: 1e-9}
 """How far a given matrix may be from a rotation, by the bytes of its numbers."""
@@ -105,16 +105,14 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
            [ 0.,  0.,  1.]])
     """
     vector = vectors("rotvec", rotvec, 3)
-    axis, angle, rest = polar(vector.astype(np.float64, copy=False))
 
     def rotation(values: Values) -> eq.Matrix:
-        s, k = hinge_terms(values["angle"])
-        c = cosine(values["angle"])
-        hinge = s + c * values["rest"], k + s * values["rest"]
-        return eq.hinge_rotation(values["n"], hinge)
+        axis, angle, rest = polar(values["rotvec"])
+        (s, k), c = hinge_terms(angle), cosine(angle)
+        x, y, z = axis
+        return eq.hinge_rotation((x, y, z), (s + c * rest, k + s * rest))
 
-    inputs = {"n": components_of(axis), "angle": angle, "rest": rest}
-    S = evaluate(rotation, inputs, (3, 3), np.dtype(np.float64))
+    S = evaluate(rotation, {"rotvec": components_of(vector)}, (3, 3), np.dtype(np.float64))
     return S.astype(result_dtype((vector,)), copy=False)
 
 
@@ -172,15 +170,12 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
         RotationError: a quaternion is zero.
     """
     given = vectors(name, quat, 4)
-    dtype = result_dtype((given,))
-    with np.errstate(all="ignore"):
-        scaled, _ = by_power_of_two(given.astype(np.float64, copy=False))
     if np.any((given == 0).all(axis=-1)):
         raise RotationError(name, "non-zero quaternions", "a zero quaternion")
-    parts = components_of(scaled)
+    parts = components_of(given)
     order = parts if scalar_first else (parts[3], *parts[:3])
-    S = evaluate(lambda v: eq.quaternion_attitude(v["q"]), {"q": order}, (3, 3), np.dtype(np.float64))
-    return S.astype(dtype, copy=False)
+    S = evaluate(lambda v: eq.quaternion_attitude(direction(v["q"])), {"q": order}, (3, 3), np.dtype(np.float64))
+    return S.astype(result_dtype((given,)), copy=False)
 
 
 def project_to_rotation(M: ArrayLike) -> FloatArray:

@@ -49,11 +49,14 @@ def residuals(scene: Scene) -> tuple[Residual, Residual]:
     t = scene.times()
     worst = np.zeros((2, 2))
     for (rows,) in boxes(t.shape, _SLAB):
-        worst = np.fmax(worst, _worst(scene.pair, *scene.coordinates(t[rows])[:2], scene.sequence))
+        q, qd, _ = scene.coordinates(t[rows])
+        worst = np.fmax(worst, _worst(scene.pair, q, qd, scene.sequence))
     (gap, gap_ratio), (slip, slip_ratio) = worst.tolist()
     return (
         Residual("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m", gap, gap_ratio, "max abs(R1) + abs(u1) + abs(u2)"),
-        Residual("E2", "omega2 - omega1 - S1 n psi'", "rad/s", slip, slip_ratio, "W2 = sum abs(phi_i') + abs(psi')"),
+        Residual(
+            "E2", "omega2 - omega1 - S2 C^T n psi'", "rad/s", slip, slip_ratio, "W2 = sum abs(phi_i') + abs(psi')"
+        ),
     )
 
 
@@ -98,7 +101,7 @@ def _worst(pair: HingePair, q: tuple[Any, ...], qd: tuple[Any, ...], sequence: s
     W1, _ = euler_rate_sizes(np.stack(np.broadcast_arrays(*qd[3:6]), axis=-1))
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
     gap = hinge_gap(pair._constants, a["R1"], a["S1"], a["R2"], a["S2"])
-    slip = hinge_slip(pair._constants, a["S1"], a["omega1"], a["omega2"], psid)
+    slip = hinge_slip(pair._constants, a["S2"], a["omega1"], a["omega2"], psid)
     found = []
     for name, residual in (("R2", gap), ("omega2", slip)):
         error, ratio = error_ratios(name, residual, np.zeros_like(residual), scales[name])

@@ -25,6 +25,8 @@ from hingepair.urdf_tree import Robot, parse_urdf, read_urdf
 if TYPE_CHECKING:
     from hingepair.pair import HingePair
 
+__all__ = ["Robot", "from_urdf", "hinge_pair", "parse_urdf", "to_urdf"]
+
 BODY1, BODY2, BODY2_AT_HINGE, HINGE = "body1", "body2", "body2_at_hinge", "hinge"
 """Names of the links and of the joint in the URDF of a pair."""
 
@@ -42,19 +44,19 @@ def to_urdf(pair: HingePair) -> str:
 
     Raises:
         ArgumentError: the pair's name holds a character that XML cannot.
-        ShapeError: u1, u2 or n differ from sample to sample.
+        ShapeError: u1, u2, n or home differ from sample to sample.
 
     >>> from hingepair.pair import HingePair
     >>> pair = HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
     >>> parse_urdf(to_urdf(pair)).hinge("hinge").xyz
     (0.5, 0.0, 0.1)
     """
-    for name in ("u1", "u2", "n"):
-        if getattr(pair, name).ndim != 1:
-            raise ShapeError(name, "one vector, shape (3,)", f"shape {getattr(pair, name).shape}")
+    for name, shape in (("u1", (3,)), ("u2", (3,)), ("n", (3,)), ("home", (3, 3))):
+        if getattr(pair, name).shape != shape:
+            raise ShapeError(name, f"one pair: shape {shape}", f"shape {getattr(pair, name).shape}")
     if _NOT_XML.search(pair.name):
         raise ArgumentError("name", "characters that XML can hold", pair.name)
-    robot = ET.Element("robot", {"name": pair.name.strip() or "hingepair"})
+    robot = ET.Element("robot", {"name": pair.name})
     _add_link(robot, BODY1, centre=np.zeros(3))
     _add_link(robot, BODY2_AT_HINGE, centre=-pair.u2)
     _add_link(robot, BODY2)

@@ -1,0 +1,103 @@
+"""The package from outside: what it loads, what it exports, in which direction its modules import."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import hingepair as hp
+
+SOURCES = sorted(Path(hp.__file__).parent.glob("*.py"))
+
+
+def test_import_loads_numpy_and_no_other_package() -> None:
+    code = (
+        "import sys, hingepair; "
+        "print(*sorted({m.partition('.')[0] for m, module in sys.modules.items() "
+        "if 'site-packages' in (getattr(module, '__file__', None) or '')}))"
+    )
+    isolated = [sys.executable, "-c", code]
+    loaded = set(subprocess.run(isolated, capture_output=True, text=True, check=True).stdout.split())
+    assert "numpy" in loaded
+    assert (
+        loaded & {"numba", "sympy", "mpmath", "pinocchio", "scipy", "matplotlib", "rich", "typer", "click"} == set()
+    )
+    # What a bare interpreter loads by itself (start-up hooks of installed packages) is not ours.
+    bare = [sys.executable, "-c", code.replace(", hingepair", "")]
+    own = set(subprocess.run(bare, capture_output=True, text=True, check=True).stdout.split())
+    assert loaded - own - {"hingepair"} == {"numpy"}
+
+
+def test_everything_exported_exists_once() -> None:
+    assert len(hp.__all__) == len(set(hp.__all__))
+    for name in hp.__all__:
+        assert getattr(hp, name).__doc__
+
+
+ORDER = (
+    ("errors", "arrays"),
+    ("equations", "blocks", "lengths", "rotations", "euler"),
+    ("motion", "plan", "state"),
+    ("kinematics", "constraints"),
+    ("pair",),
+    (
+        "accuracy",
+        "expressions",
+        "expression_size",
+        "coordinates",
+        "scene",
+        "scene_file",
+        "pinocchio",
+        "pinocchio_twin",
+    )
+    + ("cross_validation", "urdf", "urdf_tree", "robots", "export"),
+    ("summary", "cli", "__init__"),
+)
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=[source.stem for source in SOURCES])
+def test_modules_import_downwards_only(source: Path) -> None:
+    level = {name: i for i, names in enumerate(ORDER) for name in names}
+    tree = ast.parse(source.read_text())
+    hints = {
+        n
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+        for n in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node not in hints and (node.module or "").startswith("hingepair"):
+            parts = [node.module.removeprefix("hingepair.")] if "." in node.module else [a.name for a in node.names]
+            for part in parts:
+                assert level[part] <= level[source.stem], f"{source.stem} imports {part}"
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=[source.stem for source in SOURCES])
+def test_no_assert_and_small_enough(source: Path) -> None:
+    text = source.read_text()
+    tree = ast.parse(text)
+    assert not [node.lineno for node in ast.walk(tree) if isinstance(node, ast.Assert)]
+    assert len(text.splitlines()) <= 300
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            docstring = ast.get_docstring(node, clean=False) or ""
+            body = (node.end_lineno or 0) - node.body[0].lineno + 1 - len(docstring.splitlines())
+            assert body <= 40, f"{source.stem}.{node.name}"
+
+
+def test_typed_marker_is_there() -> None:
+    assert (Path(hp.__file__).parent / "py.typed").is_file()
+
+
+def test_errors_are_ours_and_the_built_in_that_fits() -> None:
+    with pytest.raises(hp.HingePairError) as caught:
+        hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 0, 0))
+    error = caught.value
+    assert isinstance(error, ValueError)
+    assert isinstance(error, hp.AxisError)
+    assert (error.name, error.expected) == ("n", "a non-zero axis")
+    assert str(error) == "n: expected a non-zero axis, got (0, 0, 0)"

@@ -1,0 +1,44 @@
+"""The README's code runs and prints what the README says."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import hingepair as hp
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text()
+BLOCKS = re.findall(r"```python\n(.*?)```\n(?:\n```text\n(.*?)```)?", README, re.DOTALL)
+
+
+def test_there_is_code() -> None:
+    assert BLOCKS
+    assert BLOCKS[0][1]
+
+
+@pytest.mark.parametrize(("code", "printed"), BLOCKS, ids=[f"block{i}" for i in range(len(BLOCKS))])
+def test_code_prints_what_the_readme_says(code: str, printed: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == printed
+
+
+def test_linked_files_exist() -> None:
+    links = re.findall(r"\]\((?!http|#)([^)#]+)\)", README)
+    assert "models/hinge_pair.svg" in links
+    for link in links:
+        assert (ROOT / link).exists(), link
+
+
+@pytest.mark.parametrize("name", sorted(hp.__all__))
+def test_every_public_name_is_mentioned(name: str) -> None:
+    if name.endswith("Error"):
+        name = "HingePairError"
+    assert name in README
