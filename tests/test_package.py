@@ -44,17 +44,8 @@ ORDER = (
     ("motion", "plan", "state"),
     ("kinematics", "constraints"),
     ("pair",),
-    (
-        "accuracy",
-        "expressions",
-        "expression_size",
-        "coordinates",
-        "scene",
-        "scene_file",
-        "pinocchio",
-        "pinocchio_twin",
-    )
-    + ("cross_validation", "urdf", "urdf_tree", "robots", "export"),
+    ("accuracy", "expressions", "expression_size", "coordinates", "scene_file", "cross_validation", "urdf_tree"),
+    ("pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),
     ("summary", "cli", "__init__"),
 )
 

@@ -50,7 +50,7 @@ def constant(name: str, value: ArrayLike, *tail: int) -> NDArray[np.float64]:
     """A copy of the value as a finite, read-only float64 array of shape (..., *tail)."""
     array = np.array(vectors(name, value, *tail), dtype=np.float64, order="C")
     if not np.isfinite(array).all():
-        raise ArgumentError(name, "finite numbers", np.asarray(value).tolist())
+        raise ArgumentError(name, "finite numbers", value)
     return read_only(array)
 
 

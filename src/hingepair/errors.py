@@ -76,7 +76,8 @@ class MissingDependencyError(HingePairError, ImportError):
 
 def shorten(got: object) -> str:
     """What came, in one line that a person can read."""
-    text = " ".join(got.split()) if isinstance(got, str) else " ".join(repr(got).split())
+    value = got.tolist() if hasattr(got, "tolist") else got
+    text = " ".join((value if isinstance(value, str) else repr(value)).split())
     return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
 

@@ -24,9 +24,9 @@ def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
     """
     axis = vectors(name, n, 3)
     if not np.isfinite(axis).all():
-        raise AxisError(name, "a finite axis", np.asarray(n).tolist())
+        raise AxisError(name, "a finite axis", n)
     if np.any((axis == 0).all(axis=-1)):
-        raise AxisError(name, "a non-zero axis", np.asarray(n).tolist())
+        raise AxisError(name, "a non-zero axis", n)
     return evaluate(lambda values: direction(values["n"]), {"n": components_of(axis)}, (3,), np.dtype(np.float64))
 
 
