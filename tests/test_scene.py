@@ -1,0 +1,203 @@
+"""Scenes: files to motions, closed forms, and every malformed file refused in one line."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+
+U = 2.0**-53
+MODELS = Path(__file__).parent.parent / "models"
+
+GOOD = """
+[pair]
+u1 = [0.5, 0.2, 0.1]
+u2 = [-0.25, 0.1, 0.3]
+n = [1, 0, 0]
+[motion]
+x = "3*t"
+y = 0.5
+z = "w*t**2"
+phi_x = "0.1*t"
+phi_y = "0.2*sin(t)"
+phi_z = 0
+psi = "pi*t"
+[motion.constants]
+w = 2
+[time]
+start = 0
+stop = 2
+samples = 21
+"""
+
+
+def scene_of(tmp_path: Path, text: str | bytes) -> hp.scene.Scene:
+    path = tmp_path / "my.toml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return hp.load_scene(path)
+
+
+def test_reference_example_equals_the_library_by_hand() -> None:
+    scene = hp.load_scene(MODELS / "reference_3d.toml")
+    result = scene.evaluate()
+    t = np.linspace(0, 10, 10_001)
+    q = np.stack([3 * t, 3 * t, 3 * t, 3 * t, t, 5 * t, 10 * t], axis=-1)
+    qd = np.array([3.0, 3, 3, 3, 1, 5, 10])
+    state = hp.HingePair((0.5, 0.2, 0.1), (-0.25, 0.1, 0.3), (1, 0, 0)).forward_kinematics(q, qd, np.zeros(7))
+    np.testing.assert_array_equal(result.t, t)
+    for name, expected in state.arrays().items():
+        np.testing.assert_allclose(getattr(result, name), expected, rtol=0, atol=8 * U * np.abs(expected).max())
+
+
+def test_reference_example_meets_its_closed_form() -> None:
+    result = hp.load_scene(MODELS / "reference_3d.toml").evaluate(("omega1",))
+    t = result.t
+    assert t.shape == (10_001,)
+    expected = np.stack(
+        [
+            3 + 5 * np.sin(t),
+            np.cos(3 * t) - 2.5 * np.sin(2 * t) - 2.5 * np.sin(4 * t),
+            np.sin(3 * t) + 2.5 * np.cos(4 * t) + 2.5 * np.cos(2 * t),
+        ],
+        axis=-1,
+    )
+    W1 = 3 + 1 + 5
+    assert np.abs(result.omega1 - expected).max() <= 16 * U * W1
+    assert result.R2 is None
+
+
+def test_planar_example_meets_its_closed_form() -> None:
+    scene = hp.load_scene(MODELS / "reference_2d.toml")
+    result = scene.evaluate()
+    (x, y, _, _, _, phi1, psi), (_, _, _, _, _, phi1d, psid), _ = scene.coordinates(result.t)
+    (ux1, uy1, uz1), (ux2, uy2, uz2) = scene.pair.u1, scene.pair.u2
+    c1, s1, c2, s2 = np.cos(phi1), np.sin(phi1), np.cos(phi1 + psi), np.sin(phi1 + psi)
+    expected = np.stack(
+        [x + c1 * ux1 - s1 * uy1 - c2 * ux2 + s2 * uy2, y + s1 * ux1 + c1 * uy1 - s2 * ux2 - c2 * uy2, 0 * x], axis=-1
+    )
+    scale = np.maximum(abs(x), abs(y)) + np.hypot(ux1, uy1) + np.hypot(ux2, uy2)
+    angles = np.abs(phi1) + np.abs(psi)  # phi_1 + psi is rounded in the closed form, up to its own last bit
+    assert (uz1, uz2) == (0, 0)
+    assert (np.abs(result.R2 - expected).max(axis=-1) <= (8 + angles) * U * scale).all()
+    np.testing.assert_allclose(result.omega2[:, 2], phi1d + psid, rtol=0, atol=3 * U * 10)
+
+
+def test_derivatives_reach_the_state(tmp_path: Path) -> None:
+    result = scene_of(tmp_path, GOOD).evaluate(("v1", "a1", "R1"))
+    t = result.t
+    np.testing.assert_allclose(result.R1, np.stack([3 * t, 0 * t + 0.5, 2 * t**2], -1), rtol=4 * U)
+    np.testing.assert_allclose(result.v1, np.stack([0 * t + 3, 0 * t, 4 * t], -1), rtol=4 * U)
+    np.testing.assert_allclose(result.a1, np.broadcast_to((0.0, 0.0, 4.0), (21, 3)), rtol=4 * U)
+
+
+def test_default_outputs_are_all_of_body_2(tmp_path: Path) -> None:
+    assert scene_of(tmp_path, GOOD).evaluate().state.outputs == ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2")
+
+
+def test_outputs_of_the_file_are_those_computed(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, GOOD + '[outputs]\nnames = ["R2", "omega1"]\n')
+    assert scene.evaluate().state.outputs == ("R2", "omega1")
+    assert scene.evaluate(("d",)).state.outputs == ("d",)
+
+
+def test_sequence_names_the_angles_in_order(tmp_path: Path) -> None:
+    from scipy.spatial.transform import Rotation
+
+    scene = scene_of(tmp_path, GOOD.replace("[motion]\n", '[motion]\nsequence = "ZYX"\n'))
+    result = scene.evaluate(("S1",))
+    angles = np.stack([0.1 * result.t, 0.2 * np.sin(result.t), 0 * result.t], axis=-1)
+    np.testing.assert_allclose(result.S1, Rotation.from_euler("ZYX", angles).as_matrix(), rtol=0, atol=16 * U)
+
+
+def test_a_scene_at_rest_and_of_one_sample(tmp_path: Path) -> None:
+    text = re.sub(r'= "[^"]*"', "= 0.25", GOOD).replace("samples = 21", "samples = 1").replace("stop = 2", "stop = 0")
+    result = scene_of(tmp_path, text).evaluate()
+    assert result.R2.shape == (1, 3)
+    assert (result.v2 == 0).all()
+
+
+def test_home_and_robot(tmp_path: Path) -> None:
+    home = "home = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]\n"
+    assert scene_of(tmp_path, GOOD.replace("[motion]\n", home + "[motion]\n")).pair.home[0, 2] == 1
+    robot = 'robot = "talos_reduced"\njoint = "arm_left_4_joint"\n'
+    pair = scene_of(tmp_path, re.sub(r"u1.*\nu2.*\nn .*\n", robot, GOOD)).pair
+    assert not pair.u2.any()
+
+
+def change(old: str, new: str) -> str:
+    assert GOOD.count(old) == 1, old
+    return GOOD.replace(old, new)
+
+
+MALFORMED = {
+    "not TOML": ("[pair", "TOML"),
+    "empty": ("", "time"),
+    "unknown table": (GOOD + "[tme]\na = 1\n", "tme"),
+    "unknown key": (change("psi =", "psy ="), "motion.psy"),
+    "unknown pair key": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nu3 = [0, 0, 0]"), "pair.u3"),
+    "missing psi": (change('psi = "pi*t"\n', ""), "motion.psi"),
+    "missing u1": (change("u1 = [0.5, 0.2, 0.1]\n", ""), "pair.u1"),
+    "missing stop": (change("stop = 2\n", ""), "time.stop"),
+    "missing table": (change("[time]", "[times]"), "times"),
+    "text for vector": (change("u1 = [0.5, 0.2, 0.1]", 'u1 = "0.5"'), "pair.u1"),
+    "two components": (change("u1 = [0.5, 0.2, 0.1]", "u1 = [0.5, 0.2]"), "pair.u1"),
+    "bool component": (change("u1 = [0.5, 0.2, 0.1]", "u1 = [true, 0, 0]"), "pair.u1"),
+    "nan component": (change("u1 = [0.5, 0.2, 0.1]", "u1 = [nan, 0, 0]"), "pair.u1"),
+    "zero axis": (change("n = [1, 0, 0]", "n = [0, 0, 0]"), "pair.n"),
+    "no rotation": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = [[2,0,0],[0,1,0],[0,0,1]]"), "pair.home"),
+    "bool coordinate": (change("y = 0.5", "y = true"), "motion.y"),
+    "inf coordinate": (change("y = 0.5", "y = inf"), "motion.y"),
+    "huge coordinate": (change("y = 0.5", "y = 1e999"), "motion.y"),
+    "list coordinate": (change("y = 0.5", "y = [1]"), "motion.y"),
+    "unknown name": (change('psi = "pi*t"', 'psi = "sine(t)"'), "unknown name 'sine'"),
+    "sequence": (change("[motion]\n", '[motion]\nsequence = "XXY"\n'), "motion.sequence"),
+    "sequence type": (change("[motion]\n", "[motion]\nsequence = 3\n"), "motion.sequence"),
+    "constant shadows": (change("w = 2", "w = 2\nsin = 3"), "motion.constants.sin"),
+    "constant text": (change("w = 2", 'w = "2"'), "motion.constants.w"),
+    "constant inf": (change("w = 2", "w = inf"), "motion.constants.w"),
+    "no samples": (change("samples = 21", "samples = 0"), "time.samples"),
+    "float samples": (change("samples = 21", "samples = 1e12"), "time.samples"),
+    "too many samples": (change("samples = 21", "samples = 1000000000000"), "time.samples"),
+    "backwards": (change("stop = 2", "stop = -1"), "time.stop"),
+    "nan time": (change("stop = 2", "stop = nan"), "time.stop"),
+    "unknown output": (GOOD + '[outputs]\nnames = ["R3"]\n', "outputs.names"),
+    "output text": (GOOD + '[outputs]\nnames = "R2"\n', "outputs.names"),
+    "robot and u1": (change("n = [1, 0, 0]", 'n = [1, 0, 0]\nrobot = "a1"\njoint = "b"'), "pair.u1"),
+    "not UTF-8": (b"\xff\xfe", "UTF-8"),
+    "large file": (b"# " + b"x" * 1_100_000, "bytes"),
+    "deep": ("a = " + "[" * 50_000, "TOML"),
+    "long key": ("a" + ".a" * 100_000 + " = 1", "my.toml"),
+}
+
+
+@pytest.mark.parametrize(("text", "word"), MALFORMED.values(), ids=MALFORMED)
+def test_malformed_is_refused_in_one_line(tmp_path: Path, text: str | bytes, word: str) -> None:
+    with pytest.raises(hp.SceneError) as caught:
+        scene_of(tmp_path, text)
+    message = str(caught.value)
+    assert "my.toml" in message
+    assert word in message
+    assert "\n" not in message
+    assert ("expected" in message and "got" in message) or "known: " in message
+
+
+def test_the_good_scene_is_good(tmp_path: Path) -> None:
+    assert np.isfinite(scene_of(tmp_path, GOOD).evaluate().a2).all()
+
+
+@pytest.mark.parametrize(
+    "robot", ["robot = 'no_such_robot'\njoint = 'a'\n", "robot = 'talos_reduced'\njoint = 'a'\n"]
+)
+def test_unknown_robot_names_the_key(tmp_path: Path, robot: str) -> None:
+    with pytest.raises(hp.SceneError, match=r"my\.toml: pair\.(robot|joint)"):
+        scene_of(tmp_path, re.sub(r"u1.*\nu2.*\nn .*\n", robot, GOOD))
+
+
+@pytest.mark.parametrize("path", ["", "no/such.toml", "."])
+def test_unreadable_path(path: str) -> None:
+    with pytest.raises(hp.SceneError):
+        hp.load_scene(path)
