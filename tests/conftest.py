@@ -25,8 +25,10 @@ def pytest_report_header():
 def ledger(request):
     """record(way, output, errors): keeps the worst error of an output, in units of u * scale, for the last table."""
     measured = request.config.stash[LEDGER]
+    compiled = "numba" in getattr(request.node, "callspec", request.node).__dict__.get("params", {}).values()
 
     def record(way, output, errors):
+        way = f"{way} (c)" if compiled else way
         worst = max(map(float, errors), default=0.0)
         measured[way][output] = max(worst, measured[way].get(output, 0.0))
         return worst
@@ -34,11 +36,23 @@ def ledger(request):
     return record
 
 
+@pytest.fixture(params=["numpy", "numba"])
+def each_backend(request, monkeypatch):
+    """Every call that does not name a backend goes to this one."""
+    choose = hingepair.pair.choose
+
+    def forced(backend, workers):
+        return choose(request.param if backend == "auto" else backend, workers)
+
+    monkeypatch.setattr(hingepair.pair, "choose", forced)
+    return request.param
+
+
 def pytest_terminal_summary(terminalreporter, config):
     measured = config.stash[LEDGER]
     if not measured:
         return
-    terminalreporter.section("largest error in units of u * scale, beside the promise")
+    terminalreporter.section("largest error in units of u * scale, beside the promise; (c) compiled")
     width = max(map(len, measured)) + 2
     terminalreporter.write_line("output   promise" + "".join(way.rjust(width) for way in measured))
     for name, bound in BOUNDS.items():

@@ -11,6 +11,8 @@ import reference
 import states
 from reference import BOUNDS, OUTPUTS
 
+pytestmark = pytest.mark.usefixtures("each_backend")
+
 HARD = states.hard_states()
 
 

@@ -209,16 +209,17 @@ def test_the_table_shows_errors_scales_and_the_verdict():
     rng = states.generator(62)
     report = cross_validate(pair_of(states.pair(rng)), *states.coordinates(rng, 10))
     text = str(report)
-    title, header, *rows, verdict = text.splitlines()
+    title, header, *lines, verdict = text.splitlines()
+    rows, scales = lines[:7], lines[8:]
+    assert "u*scale" in header
     assert "tested" in title
     assert "XYZ" in title
     assert [row.split()[0] for row in rows] == ["R2", "S2", "d", "v2", "omega2", "a2", "alpha2"]
-    column = header.index("scale", header.index("u*scale") + len("u*scale"))
-    for row in rows:
+    for row, scale in zip(rows, scales, strict=True):
         name = row.split()[0]
-        assert row[column:].startswith(SCALES[name])
-        assert " ok " in row
-    assert "(W1 + W2) max abs(v1) + W1 W2 abs(u1)" in next(row for row in rows if row.startswith("a2"))
+        assert scale.startswith(f"scale of {name}: {SCALES[name]}")
+        assert row.endswith(" ok")
+    assert "(W1 + W2) max abs(v1) + W1 W2 abs(u1)" in next(line for line in scales if " a2:" in line)
     assert verdict == "PASSED: 7 outputs of 10 samples within 16 u*scale of Pinocchio"
 
 

@@ -42,6 +42,7 @@ ORDER = (
     ("errors", "arrays"),
     ("equations", "blocks", "lengths", "rotations", "euler"),
     ("motion", "plan", "state"),
+    ("kernel_rows", "kernel_math", "kernels", "kernel_cache", "compiled", "backend"),
     ("kinematics", "constraints"),
     ("pair",),
     ("accuracy", "expressions", "expression_size", "coordinates", "scene_file", "cross_validation", "urdf_tree"),

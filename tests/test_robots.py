@@ -138,7 +138,7 @@ def test_the_folder_may_always_be_named():
         ("talos_reducd", "talos_reduced"),
         ("TALOS", "talos_full_v2"),
         ("ur5", "ur5_robot"),
-        ("qqq", "hingepair robots"),
+        ("qqq", "example-robot-data"),
     ],
 )
 def test_an_unknown_robot_is_refused_with_those_like_it(robot, near):

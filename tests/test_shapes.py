@@ -9,13 +9,15 @@ import hingepair as hp
 from reference import OUTPUTS, UNIT, euler_scales
 from states import coordinates, generator, pair
 
+pytestmark = pytest.mark.usefixtures("each_backend")
+
 U = 2.0**-53
 TAIL = {name: (3, 3) if name.startswith("S") else (3,) for name in OUTPUTS}
 LEVELS = [("R2", "S2", "d"), ("v2", "omega2"), ("a2", "alpha2")]
 
 
-@pytest.fixture(scope="module")
-def given():
+@pytest.fixture
+def given(each_backend):  # noqa: ARG001 (what is expected comes from the same backend)
     """A pair, 24 states of it, their outputs and scales."""
     rng = generator(40)
     u1, u2, n, home = pair(rng)

@@ -69,6 +69,8 @@ def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
     """
     shape: tuple[int, ...] = ()
     for name, other in shapes.items():
+        if other in {shape, ()}:
+            continue
         try:
             shape = np.broadcast_shapes(shape, other)
         except ValueError:
@@ -147,4 +149,6 @@ def finite_number(name: str, value: object) -> float:
 
 
 def _describe(array: NDArray[Any]) -> str:
+    if array.ndim == 0 and array.dtype.kind in "OUSb":
+        return repr(array.item())
     return f"{array.dtype.name} of shape {array.shape}"

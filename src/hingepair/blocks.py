@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -33,6 +34,7 @@ def compute(
     out: Mapping[str, NDArray[Any]],
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
+    workers: int = 1,
 ) -> None:
     """Write function(inputs) into the arrays of `out`, which have the shape of the samples and then their own.
 
@@ -42,15 +44,23 @@ def compute(
     values = {name: _each(group, lambda c: _number_or_array(c, dtype)) for name, group in inputs.items()}
     moving = {name: group for name, group in values.items() if _holds_array(group)}
     targets = {name: _flat(array, len(shape)) for name, array in out.items()}
-    with np.errstate(all="ignore"):
-        if not moving:
+
+    def work(some: Iterable[Box]) -> None:
+        with np.errstate(all="ignore"):
+            for box in some:
+                part = functools.partial(load, box=box, dtype=dtype)
+                own = {name: _each(group, part) for name, group in moving.items()}
+                _store(function({**values, **own}), targets, box)
+
+    if not moving:
+        with np.errstate(all="ignore"):
             _store(function(values), targets, ())
-            return
-        for box in boxes(shape, BLOCK):
-            part = {
-                name: _each(group, functools.partial(load, box=box, dtype=dtype)) for name, group in moving.items()
-            }
-            _store(function({**values, **part}), targets, box)
+    elif workers == 1:
+        work(boxes(shape, BLOCK))
+    else:
+        pieces = list(boxes(shape, BLOCK))
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(work, (pieces[i::workers] for i in range(workers))))
 
 
 def evaluate(

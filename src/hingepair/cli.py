@@ -14,6 +14,7 @@ from rich.console import Console
 from hingepair import summary
 from hingepair.errors import HingePairError
 from hingepair.export import check_ending, save, write_whole
+from hingepair.plan import OUTPUTS
 from hingepair.scene import load_scene
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def run(
     ] = None,
     outputs: Annotated[
         str | None,
-        typer.Option(metavar="NAMES", help="What to compute, such as R2,S2,omega1."),
+        typer.Option(metavar="NAMES", help=f"What to compute, of {', '.join(OUTPUTS)}."),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -88,6 +89,10 @@ def run(
     console = _console()
     _head(console, scene)
     console.print(summary.table(result))
+    if lost := summary.not_finite(result):
+        console.print(
+            f"{lost} of {len(result.t)} instants are not finite; ranges and residuals are those of the others"
+        )
     for r in residuals:
         console.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
     console.print(
@@ -154,11 +159,10 @@ def _head(console: Console, scene: Scene) -> None:
         console.print(scene.title, style="bold")
     pair = scene.pair
     vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in ("u1", "u2", "n"))
-    console.print(f"{pair.name}: {vectors}")
+    console.print(f"{' '.join(pair.name.split())}: {vectors}")
     letters = ", ".join(scene.sequence)
-    console.print(
-        f"{scene.samples} instants, t = {scene.start:g} to {scene.stop:g} s; phi_x, phi_y, phi_z turn about {letters}"
-    )
+    instants = f"{scene.samples} instant{'s' * (scene.samples != 1)}, t = {scene.start:g} to {scene.stop:g} s"
+    console.print(f"{instants}; phi_x, phi_y, phi_z turn about {letters}")
 
 
 def _console() -> Console:

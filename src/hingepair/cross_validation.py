@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hingepair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, SCALES
 
-_HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "", "scale")
+_HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,8 @@ class CrossValidation:
             for line in lines
         ]
         title = f"{self.name}: the equations against Pinocchio, Euler sequence {self.sequence}, u = {self.u:.3g}"
-        return "\n".join(line.rstrip() for line in (title, *table, self.verdict))
+        scales = [f"scale of {row.output}: {row.scale}" for row in self.rows]
+        return "\n".join(line.rstrip() for line in (title, *table, "", *scales, self.verdict))
 
     def to_json(self) -> str:
         """The report as JSON; a number that is not finite is null."""
@@ -163,11 +164,11 @@ class CrossValidation:
 
 def _cells(row: Comparison) -> tuple[str, ...]:
     if row.worst_sample is None:
-        return row.output, "-", "-", f"{row.bound:g}", "-", "0", "nothing compared", row.scale
+        return row.output, "-", "-", f"{row.bound:g}", "-", "0", "nothing compared"
     where = ",".join(map(str, row.worst_sample)) or "-"
     verdict = "ok" if row.ok else "FAILED"
     error, ratio = f"{row.max_error:.2e}", f"{row.max_ratio:.2f}" if row.max_ratio < 1e6 else f"{row.max_ratio:.1e}"
-    return row.output, error, ratio, f"{row.bound:g}", where, str(row.samples), verdict, row.scale
+    return row.output, error, ratio, f"{row.bound:g}", where, str(row.samples), verdict
 
 
 def _finite(value: float) -> float | None:

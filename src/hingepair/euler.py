@@ -198,8 +198,8 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
         omega: angular velocity, world axes [rad/s]; shape (..., 3).
         sequence: one of 24; upper case intrinsic, lower case extrinsic.
-        at_lock: at gimbal lock (`LOCK`), "raise", or give the "least_squares" rates: the smallest phi' whose
-            J phi' is nearest to omega.
+        at_lock: at gimbal lock (cos phi_y, or sin phi_y where the first axis comes back, below 1e-12), "raise", or
+            give the "least_squares" rates: the smallest phi' whose J phi' is nearest to omega.
 
     Returns:
         phi'; shape (..., 3).
@@ -228,7 +228,9 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
         if at_lock == "raise":
             first = np.unravel_index(int(np.argmax(locked)), shape)
             where = f" at sample {tuple(map(int, first))}" if shape else ""
-            raise GimbalLockError("phi", "angles away from gimbal lock", f"lock of {sequence}{where}")
+            raise GimbalLockError(
+                "phi", "angles away from gimbal lock, or at_lock='least_squares'", f"lock of {sequence}{where}"
+            )
         J = euler_rate_matrix(np.broadcast_to(angles, (*shape, 3))[locked], sequence).astype(np.float64)
         given = np.broadcast_to(velocity, (*shape, 3))[locked]
         out["phid"][locked] = (np.linalg.pinv(J, rcond=1e-9) @ given[..., None])[..., 0]

@@ -31,7 +31,7 @@ def save(path: str | Path, t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) 
     """
     target = Path(path)
     check_ending(target)
-    write_whole(target, lambda file: _WRITERS[target.suffix](file, t, arrays))
+    write_whole(target, lambda file: _WRITERS[target.suffix.lower()](file, t, arrays))
     return target
 
 
@@ -41,7 +41,7 @@ def check_ending(path: Path) -> None:
     Raises:
         ArgumentError: it ends neither in .npz nor in .csv.
     """
-    if path.suffix not in _WRITERS:
+    if path.suffix.lower() not in _WRITERS:
         raise ArgumentError("out", "a file name that ends in .npz or .csv", str(path))
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any, TypeAlias
+import math
+from collections.abc import Iterable, Mapping, Set
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.arrays import broadcast_shape, real_array, result_dtype, vectors
+from hingepair.backend import How
 from hingepair.blocks import Components, Values, components_of, compute
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices
 from hingepair.motion import BodyMotion
@@ -20,6 +22,24 @@ COORDINATES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
 Outputs: TypeAlias = Iterable[str] | None
 Out: TypeAlias = Mapping[str, NDArray[Any]] | None
 
+
+class Constants(NamedTuple):
+    """What a pair brings: u1, u2 and n, and home where it is not the identity, by component.
+
+    Attributes:
+        values: components by name; floats where the pair is one.
+        shape: leading shape of the pair; () for one pair.
+    """
+
+    values: Values
+    shape: tuple[int, ...]
+
+    @property
+    def single(self) -> bool:
+        """Whether it is one pair."""
+        return self.shape == ()
+
+
 _PARTS = {"q": ("R1", "phi", "psi"), "qd": ("v1", "phid", "psid"), "qdd": ("a1", "phidd", "psidd")}
 _OF_COORDINATES = {part: name for name, parts in _PARTS.items() for part in parts}
 _LETTERS = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
@@ -27,12 +47,9 @@ _OF_BODY1 = {name: f"body1.{letter}" for name, letter in _LETTERS.items()} | {"p
 
 
 def from_coordinates(
-    constants: Values, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str
+    pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str, how: How
 ) -> PairState:
-    """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10).
-
-    `constants` holds u1, u2 and n, and home where it is not the identity, by component.
-    """
+    """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10)."""
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives beside the second", None)
     given = {name: value for name, value in zip(_PARTS, (q, qd, qdd), strict=True) if value is not None}
@@ -40,20 +57,24 @@ def from_coordinates(
         raise ArgumentError("q", "coordinates", None)
     names = _wanted(outputs, out, len(given) - 1)
     single = out is None and _seven_floats(given)
+    parts: Mapping[str, Components | NDArray[Any]]
     parts = single or {name: coordinates(name, value) for name, value in given.items()}
     values: Values = {}
     for name, seven in parts.items():
         point, angles, hinge = _PARTS[name]
-        values[point], values[angles], values[hinge] = seven[0:3], seven[3:6], seven[6]
-    plan = _plan(names, sequence, {**constants, **values}, _OF_COORDINATES)
-    if single and _is_single(constants):
-        return _evaluate_one(plan, {**constants, **values})
+        if isinstance(seven, np.ndarray):
+            values[point], values[angles], values[hinge] = seven[..., 0:3], seven[..., 3:6], seven[..., 6]
+        else:
+            values[point], values[angles], values[hinge] = seven[0:3], seven[3:6], seven[6]
+    plan = _plan(names, sequence, values.keys() | pair.values.keys(), _OF_COORDINATES)
+    if single and pair.single:
+        return _evaluate_one(plan, {**pair.values, **values}, how)
     shapes = {name: _leading(name, seven) for name, seven in parts.items()}
-    return _evaluate(plan, constants, values, shapes, out)
+    return _evaluate(plan, pair, values, shapes, out, how)
 
 
 def from_body1(
-    constants: Values, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out
+    pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out, how: How
 ) -> PairState:
     """The pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
     if not isinstance(body1, BodyMotion):
@@ -65,20 +86,23 @@ def from_body1(
     given = {"psi": psi, "psid": psid, "psidd": psidd}
     hinge = {name: component(name, value) for name, value in given.items() if value is not None}
     arrays = {name: array for name, letter in _LETTERS.items() if (array := getattr(body1, letter)) is not None}
-    plan = _plan(_wanted(outputs, out, len(hinge) - 1), None, {**constants, **arrays, **hinge}, _OF_BODY1)
-    if out is None and body1.shape == () and _is_single(constants) and _in_doubles(arrays, hinge):
+    given_names = hinge.keys() | arrays.keys() | pair.values.keys()
+    plan = _plan(_wanted(outputs, out, len(hinge) - 1), None, given_names, _OF_BODY1)
+    if out is None and body1.shape == () and pair.single and _in_doubles(arrays, hinge):
         one = {name: tuple(array.ravel().tolist()) for name, array in arrays.items()}
-        return _evaluate_one(plan, {**constants, **one, **hinge})
-    groups = {name: components_of(array, 2 if name == "S1" else 1) for name, array in arrays.items()}
+        return _evaluate_one(plan, {**pair.values, **one, **hinge}, how)
     shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
-    return _evaluate(plan, constants, {**groups, **hinge}, shapes, out)
+    return _evaluate(plan, pair, {**arrays, **hinge}, shapes, out, how)
 
 
-def coordinates(name: str, value: Any) -> Components:
-    """Seven components: of a tuple of seven broadcastable coordinates, or of one array of shape (..., 7)."""
+def coordinates(name: str, value: Any) -> Components | NDArray[Any]:
+    """A tuple of seven broadcastable coordinates, or one array of shape (..., 7)."""
     if isinstance(value, tuple) and len(value) == len(COORDINATES):
         return tuple(component(f"{name}[{i}]", part) for i, part in enumerate(value))
-    return components_of(vectors(name, value, len(COORDINATES)))
+    try:
+        return vectors(name, value, len(COORDINATES))
+    except ShapeError as error:
+        raise ShapeError(name, f"{error.expected}, or a tuple of seven coordinates", error.got) from None
 
 
 def component(name: str, value: ArrayLike) -> Any:
@@ -105,12 +129,10 @@ def _in_doubles(arrays: Mapping[str, NDArray[Any]], hinge: Mapping[str, Any]) ->
     return all(type(v) is float for v in hinge.values()) and all(v.dtype.char == "d" for v in arrays.values())
 
 
-def _is_single(constants: Values) -> bool:
-    return all(type(group[0]) is float for group in constants.values())
-
-
-def _leading(name: str, components: Components) -> tuple[int, ...]:
-    return broadcast_shape({f"{name}[{i}]": np.shape(c) for i, c in enumerate(components)})
+def _leading(name: str, seven: Components | NDArray[Any]) -> tuple[int, ...]:
+    if isinstance(seven, np.ndarray):
+        return seven.shape[:-1]
+    return broadcast_shape({f"{name}[{i}]": np.shape(c) for i, c in enumerate(seven)})
 
 
 def _wanted(outputs: Outputs, out: Out, level: int) -> tuple[str, ...]:
@@ -126,48 +148,63 @@ def _wanted(outputs: Outputs, out: Out, level: int) -> tuple[str, ...]:
     names = check_outputs(outputs)
     for name in room:
         if name not in names:
-            raise ArgumentError("out", f"room for what outputs names ({', '.join(names)})", name)
+            raise ArgumentError("out", f"arrays for nothing but the outputs named ({', '.join(names)})", name)
     return names
 
 
-def _plan(names: tuple[str, ...], sequence: str | None, given: Values, sources: Mapping[str, str]) -> Plan:
+def _plan(names: tuple[str, ...], sequence: str | None, given: Set[str], sources: Mapping[str, str]) -> Plan:
     home = "home" in given
     plan = make_plan(names, sequence, home)
-    if plan.inputs <= given.keys():
+    if plan.inputs <= given:
         return plan
     for name in names:
-        for missing in sorted(make_plan((name,), sequence, home).inputs - given.keys()):
+        for missing in sorted(make_plan((name,), sequence, home).inputs - given):
             raise ArgumentError(sources[missing], f"a value, since output {name} needs it", None)
     return plan
 
 
-def _evaluate_one(plan: Plan, values: Values) -> PairState:
+def _evaluate_one(plan: Plan, values: Values, how: How) -> PairState:
     """One state in Python floats: no array but the one that holds the results."""
+    if how.compiles_one():
+        from hingepair.compiled import one_state
+
+        return PairState._of_one(one_state(plan, values), layout_of(plan.outputs))
     plan.run(values)
     numbers: list[float] = []
     for name in plan.outputs:
         numbers.extend(values[name])
-    return PairState._of_one(numbers, layout_of(plan.outputs))
+    return PairState._of_one(np.array(numbers), layout_of(plan.outputs))
 
 
 def _evaluate(
-    plan: Plan, constants: Values, values: Values, shapes: Mapping[str, tuple[int, ...]], out: Out
+    plan: Plan, pair: Constants, values: Values, shapes: Mapping[str, tuple[int, ...]], out: Out, how: How
 ) -> PairState:
-    groups = {name: group for name, group in values.items() if name in plan.inputs}
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
-    pair_shapes = {name: np.broadcast_shapes(*(np.shape(c) for c in group)) for name, group in constants.items()}
-    shape = broadcast_shape({**shapes, **pair_shapes})
+    shape = broadcast_shape({**shapes, "pair": pair.shape})
     arrays = {}
     for name in plan.outputs:
         if out is not None and name in out:
             arrays[name] = _room(f"out[{name!r}]", out[name], (*shape, *OUTPUTS[name].tail), dtype)
         else:
             arrays[name] = np.empty((*shape, *OUTPUTS[name].tail), dtype)
+    groups = {name: group for name, group in {**pair.values, **values}.items() if name in plan.inputs}
     if out is not None:
         _check_apart(out, groups)
-    groups.update((name, group) for name, group in constants.items() if name in plan.inputs)
-    compute(plan.run, groups, arrays, shape, dtype)
+    if how.compiles(math.prod(shape)):
+        from hingepair.compiled import compute as compute_compiled
+
+        compute_compiled(plan, groups, arrays, shape, dtype, how.workers)
+    else:
+        parts = {name: _components(name, group) for name, group in groups.items()}
+        compute(plan.run, parts, arrays, shape, dtype, how.workers)
     return PairState(arrays, shape)
+
+
+def _components(name: str, group: Any) -> Any:
+    """A group as the equations take it: a component, or a tuple of components."""
+    if not isinstance(group, np.ndarray) or name.startswith("psi"):
+        return group
+    return components_of(group, 2 if name == "S1" else 1)
 
 
 def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:

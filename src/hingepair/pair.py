@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair import kinematics
 from hingepair.arrays import broadcast_shape, constant, read_only
-from hingepair.blocks import Values, components_of
+from hingepair.backend import choose
+from hingepair.blocks import components_of
 from hingepair.errors import ArgumentError
-from hingepair.kinematics import Out, Outputs
+from hingepair.kinematics import Constants, Out, Outputs
 from hingepair.lengths import unit_axis
 from hingepair.motion import BodyMotion
 from hingepair.rotations import check_rotation
@@ -50,20 +51,21 @@ class HingePair:
     n: NDArray[np.float64]
     home: NDArray[np.float64]
     name: str
-    _constants: Values
+    _constants: Constants
 
     def __init__(
         self, u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None = None, name: str = "hinge_pair"
     ) -> None:
         if not isinstance(name, str) or not name.strip():
-            raise ArgumentError("name", "a text that is not empty", name)
+            raise ArgumentError("name", "a text that is not empty", repr(name))
         rotation = constant("home", np.eye(3) if home is None else home, 3, 3)
         check_rotation("home", rotation)
         vectors = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3), "n": read_only(unit_axis("n", n))}
-        broadcast_shape({**{key: v.shape[:-1] for key, v in vectors.items()}, "home": rotation.shape[:-2]})
-        constants = {key: _numbers(components_of(vector)) for key, vector in vectors.items()}
+        shapes = {**{key: v.shape[:-1] for key, v in vectors.items()}, "home": rotation.shape[:-2]}
+        values = {key: _numbers(components_of(vector)) for key, vector in vectors.items()}
         if not np.array_equal(rotation, np.broadcast_to(np.eye(3), rotation.shape)):
-            constants["home"] = _numbers(components_of(rotation, 2))
+            values["home"] = _numbers(components_of(rotation, 2))
+        constants = Constants(values, broadcast_shape(shapes))
         for key, value in {**vectors, "home": rotation, "name": name, "_constants": constants}.items():
             object.__setattr__(self, key, value)
 
@@ -80,6 +82,8 @@ class HingePair:
         outputs: Outputs = None,
         out: Out = None,
         sequence: str = "XYZ",
+        workers: int = 1,
+        backend: str = "auto",
     ) -> PairState:
         """Body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi) (E1-E10).
 
@@ -95,6 +99,8 @@ class HingePair:
             out: arrays by output name, written in place; of the samples' shape and the dtype computed in.
             sequence: the Euler sequence of body 1, one of 24 as SciPy writes them; phi_x, phi_y and phi_z are the
                 angles of its first, second and third letter.
+            workers: threads; -1 for one on every core.
+            backend: "numpy", "numba" (compiled), or "auto": compiled where it pays (README, "Speed").
 
         Returns:
             The state. float32 where all arrays given are float32, else float64.
@@ -107,7 +113,8 @@ class HingePair:
         >>> state.v2[0]
         array([ 1.,  4., -1.])
         """
-        return kinematics.from_coordinates(self._constants, q, qd, qdd, outputs, out, sequence)
+        how = choose(backend, workers)
+        return kinematics.from_coordinates(self._constants, q, qd, qdd, outputs, out, sequence, how)
 
     def forward_kinematics_from_body1(
         self,
@@ -118,6 +125,8 @@ class HingePair:
         *,
         outputs: Outputs = None,
         out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
     ) -> PairState:
         """Body 2 from the motion of body 1 and the hinge angle (E1, E2, E5-E9): no Euler angles.
 
@@ -128,6 +137,8 @@ class HingePair:
             psidd: its second time derivative [rad/s^2].
             outputs: as for forward_kinematics.
             out: as for forward_kinematics.
+            workers: as for forward_kinematics.
+            backend: as for forward_kinematics.
 
         Returns:
             The state; its level follows psi, psid, psidd.
@@ -139,7 +150,8 @@ class HingePair:
         >>> pair.forward_kinematics_from_body1(BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
         array([2., 0., 0.])
         """
-        return kinematics.from_body1(self._constants, body1, psi, psid, psidd, outputs, out)
+        how = choose(backend, workers)
+        return kinematics.from_body1(self._constants, body1, psi, psid, psidd, outputs, out, how)
 
 
 def _numbers(components: tuple[NDArray[np.float64], ...]) -> tuple[Any, ...]:

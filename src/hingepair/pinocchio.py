@@ -62,7 +62,7 @@ def cross_validate(
     state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
     results = {name: np.asarray(getattr(state, name)) for level in LEVELS for name in level}
     given = [components(name, c) for name, c in (("q", q), ("qd", qd), ("qdd", qdd)) if c is not None]
-    dtype = result_dtype(component for seven in given for component in seven)
+    dtype = result_dtype(c for seven in given for c in ((seven,) if isinstance(seven, np.ndarray) else seven))
     shape = results["R2"].shape[:-1]
     coordinates = [_packed(seven, shape) for seven in given]
     finite = np.logical_and.reduce([np.isfinite(c).all(axis=-1) for c in coordinates])
@@ -138,6 +138,8 @@ def _scales(pair: HingePair, coordinates: list[Float64Array]) -> dict[str, Float
     return output_scales(u1=pair.u1, u2=pair.u2, W1=W1, A1=A1, pinocchio=True, **linear, **hinge)
 
 
-def _packed(seven: tuple[Any, ...], shape: tuple[int, ...]) -> Float64Array:
+def _packed(seven: tuple[Any, ...] | NDArray[Any], shape: tuple[int, ...]) -> Float64Array:
     """Seven coordinates as float64, side by side; shape (N, 7)."""
+    if isinstance(seven, np.ndarray):
+        return np.broadcast_to(seven, (*shape, 7)).reshape(-1, 7).astype(np.float64)
     return np.stack([np.broadcast_to(c, shape).reshape(-1) for c in seven], axis=-1, dtype=np.float64)

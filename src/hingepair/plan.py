@@ -61,12 +61,16 @@ class Plan:
         steps: what is computed.
         inputs: which of the given things are needed.
         skipped: the results of the steps that nothing needs.
+        sequence: of the Euler angles; None where S1, omega1 and alpha1 are given.
+        home: whether C differs from the identity.
     """
 
     outputs: tuple[str, ...]
     steps: tuple[Step, ...]
     inputs: frozenset[str]
     skipped: tuple[str, ...]
+    sequence: str | None
+    home: bool
 
     def run(self, values: dict[str, Any]) -> dict[str, Any]:
         """Run the steps on values by name; the results join the values."""
@@ -118,7 +122,7 @@ def make_plan(
             needed.update(step.arguments)
     made = {step.result for step in taken}
     skipped = tuple(step.result for step in steps if step.result not in made)
-    return Plan(outputs, tuple(reversed(taken)), frozenset(needed - made), skipped)
+    return Plan(outputs, tuple(reversed(taken)), frozenset(needed - made), skipped, sequence, home)
 
 
 def default_outputs(level: int) -> tuple[str, ...]:
@@ -140,6 +144,8 @@ def check_outputs(outputs: Any) -> tuple[str, ...]:
         names = tuple(dict.fromkeys(outputs))
     except TypeError:
         raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", outputs) from None
+    if not names:
+        raise ArgumentError("outputs", "at least one name", "none")
     for name in names:
         if name not in OUTPUTS:
             raise ArgumentError("outputs", choices(tuple(OUTPUTS)), name)

@@ -86,7 +86,7 @@ def _advice(robot: str) -> str:
     lower = {name.lower(): name for name in names}
     near = [name for key, name in lower.items() if robot and (robot.lower() in key or key in robot.lower())]
     near += [lower[key] for key in difflib.get_close_matches(robot.lower(), lower, n=5) if lower[key] not in near]
-    hint = f", such as {', '.join(near[:5])}" if near else ", see hingepair robots"
+    hint = f", such as {', '.join(near[:5])}" if near else ""
     return f"one of the {len(names)} robots of {PACKAGE}{hint}"
 
 

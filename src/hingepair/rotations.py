@@ -204,7 +204,7 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
     S = left @ right
     bad = (singular[..., 2] <= 1e-14 * singular[..., 0]) | (np.linalg.det(S) < 0)
     if np.any(bad):
-        raise RotationError("M", "matrices with a positive determinant", f"{int(np.sum(bad))} without")
+        raise RotationError("M", "matrices with a positive determinant", f"{int(np.sum(bad))} of {bad.size} without")
     S = 0.5 * (S @ (3 * np.eye(3) - np.swapaxes(S, -1, -2) @ S))
     S[~finite] = np.nan
     nearest: FloatArray = S.astype(result_dtype((matrix,)), copy=False)

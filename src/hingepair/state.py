@@ -66,11 +66,10 @@ class PairState:
         self.shape = shape
 
     @classmethod
-    def _of_one(cls, numbers: list[float], layout: Mapping[str, slice]) -> PairState:
+    def _of_one(cls, buffer: NDArray[np.float64], layout: Mapping[str, slice]) -> PairState:
         """One state: its numbers one after the other; the arrays are made when they are looked at."""
         state = cls.__new__(cls)
         state._arrays = {}
-        buffer = np.array(numbers)
         buffer.flags.writeable = False
         state._buffer = buffer
         state._layout = layout

@@ -93,6 +93,12 @@ def finite_or_none(number: float) -> float | None:
     return number if math.isfinite(number) else None
 
 
+def not_finite(result: SceneResult) -> int:
+    """How many instants hold a number that is not finite."""
+    _, values = _columns(result)
+    return int(np.count_nonzero(~np.logical_and.reduce([np.isfinite(column) for column in values])))
+
+
 def _worst(pair: HingePair, q: tuple[Any, ...], qd: tuple[Any, ...], sequence: str) -> NDArray[np.float64]:
     """Largest residual of E1 and E2, absolute and in units of u * scale; NaN where no instant is finite."""
     s = pair.forward_kinematics(q, qd, outputs=("R1", "S1", "R2", "S2", "omega1", "omega2"), sequence=sequence)
@@ -100,8 +106,8 @@ def _worst(pair: HingePair, q: tuple[Any, ...], qd: tuple[Any, ...], sequence: s
     psid = np.broadcast_to(np.asarray(qd[6], dtype=np.float64), s.shape)
     W1, _ = euler_rate_sizes(np.stack(np.broadcast_arrays(*qd[3:6]), axis=-1))
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
-    gap = hinge_gap(pair._constants, a["R1"], a["S1"], a["R2"], a["S2"])
-    slip = hinge_slip(pair._constants, a["S2"], a["omega1"], a["omega2"], psid)
+    gap = hinge_gap(pair._constants.values, a["R1"], a["S1"], a["R2"], a["S2"])
+    slip = hinge_slip(pair._constants.values, a["S2"], a["omega1"], a["omega2"], psid)
     found = []
     for name, residual in (("R2", gap), ("omega2", slip)):
         error, ratio = error_ratios(name, residual, np.zeros_like(residual), scales[name])

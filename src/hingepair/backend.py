@@ -1,0 +1,78 @@
+"""Which backend, how many threads: NumPy for few samples, compiled kernels once they pay."""
+
+from __future__ import annotations
+
+import functools
+import os
+import warnings
+from dataclasses import dataclass
+
+from hingepair import kernel_cache
+from hingepair.arrays import check_choice
+from hingepair.errors import ArgumentError, MissingDependencyError
+
+BACKENDS = ("auto", "numpy", "numba")
+
+FEWEST_COMPILED = 64
+"""From so many samples a call on, kernels that are in memory are faster than NumPy."""
+
+WORTH_LOADING = 100_000
+"""Samples in this process, all calls together, after which Numba is imported: a second, or five the first time."""
+
+_seen = 0
+
+
+@dataclass(frozen=True, slots=True)
+class How:
+    """A choice of backend and threads.
+
+    Attributes:
+        backend: one of BACKENDS.
+        workers: threads, at least 1.
+    """
+
+    backend: str
+    workers: int
+
+    def compiles(self, samples: int) -> bool:
+        """Whether a batch of so many samples goes to the compiled kernels."""
+        if self.backend != "auto":
+            return self.backend == "numba"
+        if kernel_cache.loaded():
+            return samples >= FEWEST_COMPILED
+        global _seen  # noqa: PLW0603 (what a process has computed so far decides whether compiling pays)
+        _seen += samples
+        return _seen >= WORTH_LOADING and _can_load()
+
+    def compiles_one(self) -> bool:
+        """Whether one state goes to the compiled kernels: where they are in memory, they are faster."""
+        return self.backend == "numba" or (self.backend == "auto" and kernel_cache.loaded())
+
+
+@functools.lru_cache(maxsize=64, typed=True)
+def choose(backend: str, workers: int) -> How:
+    """The choice that two arguments make.
+
+    Raises:
+        ArgumentError: an unknown backend, or a number of workers that is neither -1 nor positive.
+
+    >>> choose("numpy", 2)
+    How(backend='numpy', workers=2)
+    """
+    check_choice("backend", backend, BACKENDS)
+    if type(workers) is not int or (workers < 1 and workers != -1):
+        raise ArgumentError("workers", "a positive integer, or -1 for all cores", workers)
+    return How(backend, workers if workers > 0 else len(os.sched_getaffinity(0)))
+
+
+@functools.cache
+def _can_load() -> bool:
+    """Whether the kernels can be had; said once where Numba is installed but does not work."""
+    if not kernel_cache.available():
+        return False
+    try:
+        kernel_cache.kernels()
+    except MissingDependencyError as error:
+        warnings.warn(f"{error}; computing with NumPy", RuntimeWarning, stacklevel=2)
+        return False
+    return True

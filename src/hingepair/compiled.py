@@ -1,0 +1,238 @@
+"""The compiled backend: inputs and outputs as tables of addresses, handed to the kernels in chunks."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.arrays import Box, boxes
+from hingepair.blocks import Values
+from hingepair.euler import find_sequence
+from hingepair.kernel_cache import kernels
+from hingepair.kernel_rows import LANES, ROWS, operations, place
+from hingepair.plan import Plan
+
+Integers: TypeAlias = NDArray[np.int64]
+
+FEWEST_A_WORKER = 1024
+"""Samples that are worth a thread."""
+
+_SLAB = 65536  # samples converted at a time, where inputs are of another dtype than the one computed in
+_ANGLES = {ROWS["phi"] + i * LANES: f"phi_{axis}" for i, axis in enumerate("xyz")}
+
+
+def compute(
+    plan: Plan,
+    inputs: Values,
+    out: Mapping[str, NDArray[Any]],
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    workers: int,
+) -> None:
+    """Write the plan's outputs into the arrays of `out`, as `blocks.compute` does, by the compiled kernels.
+
+    `inputs` are by name an array with the components last, a component, or a tuple of components, each an array that
+    broadcasts to the samples or a number.
+    """
+    if 0 in shape:
+        return
+    groups = list(_input_groups(plan, inputs, dtype))
+    targets = [group for name, array in out.items() for group in _groups_of(ROWS[name], array, len(shape))]
+    if all(group.array.dtype == dtype for group in groups):
+        _compute(plan, groups, targets, shape, dtype, workers)
+        return
+    for box in boxes(shape, _SLAB):
+        part = [group._replace(array=_converted(group.array, box, dtype)) for group in groups]
+        room = [group._replace(array=group.array[box]) for group in targets]
+        _compute(plan, part, room, tuple(piece.stop - piece.start for piece in box), dtype, workers)
+
+
+def one_state(plan: Plan, values: Values) -> NDArray[np.float64]:
+    """The outputs of one state whose values are Python floats: one after the other, in one array."""
+    recipe = _recipe(plan)
+    given: list[float] = []
+    for name in recipe.names:
+        value = values[name]
+        if isinstance(value, tuple):
+            given.extend(value)
+        else:
+            given.append(value)
+    out = np.empty(recipe.outputs.size)
+    scratch = np.empty(ROWS["end"])
+    kernels().one_state(
+        scratch, np.array(given) * recipe.signs, recipe.rows, recipe.outputs, recipe.steps, recipe.place, out
+    )
+    return out
+
+
+class _Recipe(NamedTuple):
+    """How one state goes through the kernel: names of its values, the rows they go to and come from."""
+
+    names: tuple[str, ...]
+    rows: Integers
+    signs: NDArray[np.float64]
+    outputs: Integers
+    steps: Integers
+    place: Integers
+
+
+@functools.lru_cache(maxsize=256)
+def _recipe(plan: Plan) -> _Recipe:
+    names = tuple(sorted(plan.inputs))
+    rows = [row for name in names for row in _rows_of(plan, name)]
+    signs = [_sign(plan, name) for name in names for _ in _rows_of(plan, name)]
+    outputs = [ROWS[name] + i * LANES for name in plan.outputs for i in range(9 if name in {"S1", "S2"} else 3)]
+    once, each = operations(plan, frozenset())
+    return _Recipe(
+        names, np.array(rows), np.array(signs, float), np.array(outputs), np.array([*once, *each]), place(plan)
+    )
+
+
+def _rows_of(plan: Plan, name: str) -> tuple[int, ...]:
+    """The rows of a value's components; Euler angles and their rates in canonical order."""
+    count = 1 if name.startswith("psi") else 9 if name in {"S1", "home"} else 3
+    rows = tuple(ROWS[name] + i * LANES for i in range(count))
+    backward = name.startswith("phi") and plan.sequence is not None and find_sequence(plan.sequence).backward
+    return rows[::-1] if backward else rows
+
+
+def _sign(plan: Plan, name: str) -> int:
+    return find_sequence(plan.sequence).sign if name.startswith("phi") and plan.sequence is not None else 1
+
+
+class _Group(NamedTuple):
+    """Components that go to rows one after the other: along the last axis of the array."""
+
+    row: int
+    array: NDArray[Any]
+    sign: int
+
+
+def _input_groups(plan: Plan, inputs: Values, dtype: np.dtype[Any]) -> Iterator[_Group]:
+    for name in sorted(plan.inputs):
+        value, rows, sign = inputs[name], _rows_of(plan, name), _sign(plan, name)
+        if isinstance(value, np.ndarray):
+            array = value if len(rows) > 1 else value[..., None]
+            array = array if rows[0] <= rows[-1] else array[..., ::-1]
+            yield from _groups_of(min(rows), array, array.ndim - (2 if len(rows) == 9 else 1), sign)
+            continue
+        components = value if isinstance(value, tuple) else (value,)
+        if not any(isinstance(c, np.ndarray) and c.size > 1 for c in components):
+            numbers = np.array(components, dtype)
+            yield from _groups_of(min(rows), numbers if rows[0] <= rows[-1] else numbers[::-1], 0, sign)
+            continue
+        for row, c in zip(rows, components, strict=True):
+            yield _Group(row, c[..., None] if isinstance(c, np.ndarray) else np.array([c], dtype), sign)
+
+
+def _groups_of(row: int, array: NDArray[Any], axes: int, sign: int = 1) -> Iterator[_Group]:
+    """Groups of at most three components of an array whose first axes are those of the samples."""
+    if array.ndim - axes == 2:
+        for i in range(3):
+            yield _Group(row + 3 * i * LANES, array[..., i, :], sign)
+    elif array.shape[-1] == 9:
+        for i in range(3):
+            yield _Group(row + 3 * i * LANES, array[..., 3 * i : 3 * i + 3], sign)
+    else:
+        yield _Group(row, array, sign)
+
+
+def _converted(array: NDArray[Any], box: Box, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The part of a group that belongs to a box, in the dtype computed in."""
+    if array.dtype == dtype and array.ndim == 1:
+        return array
+    own = zip(box[len(box) - array.ndim + 1 :], array.shape[:-1], strict=True)
+    return array[tuple(piece if n != 1 else slice(None) for piece, n in own)].astype(dtype, copy=False)
+
+
+def _compute(
+    plan: Plan,
+    groups: list[_Group],
+    targets: list[_Group],
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    workers: int,
+) -> None:
+    """Fill the targets from groups of the dtype computed in, which broadcast to the shape."""
+    both = (*groups, *targets)
+    strides = np.array([_strides(group.array, shape) for group in both])
+    lengths, strides = _merged(shape, strides)
+    inner, outer, *others = sorted(range(len(lengths)), key=lambda axis: -lengths[axis])
+    table = np.array(
+        [
+            (row, array.shape[-1], array.strides[-1], sign, array.__array_interface__["data"][0], 0, 0)
+            for row, array, sign in both
+        ]
+    )
+    table[:, 5], table[:, 6] = strides[:, outer], strides[:, inner]
+    quiet = [group for group, stride in zip(groups, table[:, 6].tolist(), strict=False) if stride == 0]
+    still = frozenset(row + i * LANES for row, array, _ in quiet for i in range(array.shape[-1]))
+    steps = _steps(plan, still)
+    start = table[:, 4].copy()
+    for index in itertools.product(*(range(lengths[axis]) for axis in others)):
+        table[:, 4] = start + strides[:, others] @ np.array(index, np.int64)
+        _run(table, len(groups), (lengths[outer], lengths[inner]), steps, dtype, workers)
+
+
+def _strides(array: NDArray[Any], shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Strides in bytes along the axes of the samples; 0 where the group does not vary."""
+    own: tuple[int, ...] = array.strides[:-1]
+    if array.shape[:-1] != shape:
+        own = tuple(stride if n != 1 else 0 for stride, n in zip(own, array.shape, strict=False))
+    return (0,) * (len(shape) - len(own)) + own
+
+
+def _merged(shape: tuple[int, ...], strides: Integers) -> tuple[list[int], Integers]:
+    """Axes that all components walk through as one, joined to one; at least two, of length 1 if need be."""
+    lengths, columns = [1, 1], [np.zeros(len(strides), np.int64)] * 2
+    for length, column in zip(shape, strides.T, strict=True):
+        if length == 1:
+            continue
+        if (columns[-1] == column * length).all():
+            lengths[-1], columns[-1] = lengths[-1] * length, column
+        else:
+            lengths.append(length)
+            columns.append(column)
+    return lengths, np.stack(columns, axis=1)
+
+
+@functools.lru_cache(maxsize=1024)
+def _steps(plan: Plan, still: frozenset[int]) -> tuple[Integers, Integers, Integers]:
+    """The operations, where the rows in `still` are the same for every sample of the inner axis."""
+    fixed = {name for name in plan.inputs if still.issuperset(_rows_of(plan, name))}
+    fixed |= {name for row, name in _ANGLES.items() if row in still}
+    once, each = operations(plan, frozenset(fixed))
+    return np.array(once, np.int64), np.array(each, np.int64), place(plan)
+
+
+def _run(
+    table: Integers,
+    inputs: int,
+    shape: tuple[int, int],
+    steps: tuple[Integers, Integers, Integers],
+    dtype: np.dtype[Any],
+    workers: int,
+) -> None:
+    """Run the kernel over two axes of samples, the inner one cut into a chunk for each worker."""
+    kernel = kernels().kernel
+    outer, inner = shape
+    workers = max(1, min(workers, outer * inner // FEWEST_A_WORKER, inner // LANES))
+    chunk = -(-inner // (workers * LANES)) * LANES
+
+    def part(start: int) -> None:
+        own = table.copy()
+        own[:, 4] += start * own[:, 6]
+        size = outer, min(chunk, inner - start)
+        kernel(np.empty(ROWS["end"], dtype), size, own[:inputs], own[inputs:], *steps)
+
+    if workers == 1:
+        part(0)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(part, range(0, inner, chunk)))
