@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from hingepair import summary
+from hingepair.bench_cli import app as bench_app
 from hingepair.errors import HingePairError
 from hingepair.export import check_ending, save, write_whole
 from hingepair.plan import OUTPUTS
@@ -31,6 +32,8 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+app.add_typer(bench_app, name="bench")
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]

@@ -94,6 +94,7 @@ def _recipe(plan: Plan) -> _Recipe:
     )
 
 
+@functools.lru_cache(maxsize=4096)
 def _rows_of(plan: Plan, name: str) -> tuple[int, ...]:
     """The rows of a value's components; Euler angles and their rates in canonical order."""
     count = 1 if name.startswith("psi") else 9 if name in {"S1", "home"} else 3
@@ -102,6 +103,7 @@ def _rows_of(plan: Plan, name: str) -> tuple[int, ...]:
     return rows[::-1] if backward else rows
 
 
+@functools.lru_cache(maxsize=4096)
 def _sign(plan: Plan, name: str) -> int:
     return find_sequence(plan.sequence).sign if name.startswith("phi") and plan.sequence is not None else 1
 

@@ -55,7 +55,6 @@ def from_coordinates(
     given = {name: value for name, value in zip(_PARTS, (q, qd, qdd), strict=True) if value is not None}
     if "q" not in given:
         raise ArgumentError("q", "coordinates", None)
-    names = _wanted(outputs, out, len(given) - 1)
     single = out is None and _seven_floats(given)
     parts: Mapping[str, Components | NDArray[Any]]
     parts = single or {name: coordinates(name, value) for name, value in given.items()}
@@ -66,7 +65,11 @@ def from_coordinates(
             values[point], values[angles], values[hinge] = seven[..., 0:3], seven[..., 3:6], seven[..., 6]
         else:
             values[point], values[angles], values[hinge] = seven[0:3], seven[3:6], seven[6]
-    plan = _plan(names, sequence, values.keys() | pair.values.keys(), _OF_COORDINATES)
+    if outputs is None and not out:
+        plan = make_plan(default_outputs(len(given) - 1), sequence, "home" in pair.values)
+    else:
+        names = _wanted(outputs, out, len(given) - 1)
+        plan = _plan(names, sequence, values.keys() | pair.values.keys(), _OF_COORDINATES)
     if single and pair.single:
         return _evaluate_one(plan, {**pair.values, **values}, how)
     shapes = {name: _leading(name, seven) for name, seven in parts.items()}

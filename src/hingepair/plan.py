@@ -52,7 +52,7 @@ class Step(NamedTuple):
     arguments: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """The steps that lead from what is given to the outputs, in order.
 
@@ -125,6 +125,7 @@ def make_plan(
     return Plan(outputs, tuple(reversed(taken)), frozenset(needed - made), skipped, sequence, home)
 
 
+@functools.cache
 def default_outputs(level: int) -> tuple[str, ...]:
     """The outputs that a level brings without being named."""
     return tuple(

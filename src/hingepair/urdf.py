@@ -31,7 +31,7 @@ BODY1, BODY2, BODY2_AT_HINGE, HINGE = "body1", "body2", "body2_at_hinge", "hinge
 """Names of the links and of the joint in the URDF of a pair."""
 
 _MASS, _INERTIA = 1.0, 0.01  # kg, kg m^2: small and valid, for loaders that refuse a body without inertia
-_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_NOT_XML = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"  # compiled when used: that takes milliseconds
 
 Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -54,7 +54,7 @@ def to_urdf(pair: HingePair) -> str:
     for name, shape in (("u1", (3,)), ("u2", (3,)), ("n", (3,)), ("home", (3, 3))):
         if getattr(pair, name).shape != shape:
             raise ShapeError(name, f"one pair: shape {shape}", f"shape {getattr(pair, name).shape}")
-    if _NOT_XML.search(pair.name):
+    if re.search(_NOT_XML, pair.name):
         raise ArgumentError("name", "characters that XML can hold", pair.name)
     robot = ET.Element("robot", {"name": pair.name})
     _add_link(robot, BODY1, centre=np.zeros(3))
