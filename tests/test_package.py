@@ -45,9 +45,9 @@ ORDER = (
     ("kernel_rows", "kernel_math", "kernels", "kernel_cache", "compiled", "backend"),
     ("kinematics", "constraints"),
     ("pair",),
-    ("accuracy", "expressions", "expression_size", "coordinates", "scene_file", "cross_validation", "urdf_tree"),
+    ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation", "urdf_tree"),
     ("pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),
-    ("summary", "cli", "__init__"),
+    ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
 )
 
 
