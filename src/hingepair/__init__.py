@@ -10,6 +10,9 @@ hingepair` loads NumPy and nothing else; Pinocchio, SymPy and the rest are impor
 array([0.75, 0.  , 0.  ])
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from hingepair.errors import (
     ArgumentError,
     AxisError,
@@ -25,8 +28,6 @@ from hingepair.errors import (
 from hingepair.euler import euler_rate_matrix, euler_rates, euler_to_matrix, matrix_to_euler
 from hingepair.motion import BodyMotion
 from hingepair.pair import HingePair
-from hingepair.pinocchio import cross_validate, to_pinocchio
-from hingepair.robots import load_robot_hinge
 from hingepair.rotations import (
     angular_velocity,
     project_to_rotation,
@@ -36,9 +37,13 @@ from hingepair.rotations import (
     skew,
     unskew,
 )
-from hingepair.scene import load_scene
 from hingepair.state import PairState
-from hingepair.urdf import from_urdf, to_urdf
+
+if TYPE_CHECKING:
+    from hingepair.pinocchio import cross_validate, to_pinocchio
+    from hingepair.robots import load_robot_hinge
+    from hingepair.scene import load_scene
+    from hingepair.urdf import from_urdf, to_urdf
 
 __version__ = "0.1.0"
 
@@ -74,3 +79,24 @@ __all__ = [
     "to_urdf",
     "unskew",
 ]
+
+_LATER = {
+    "cross_validate": "pinocchio",
+    "from_urdf": "urdf",
+    "load_robot_hinge": "robots",
+    "load_scene": "scene",
+    "to_pinocchio": "pinocchio",
+    "to_urdf": "urdf",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """What most users of the kinematics never need is imported when it is first asked for."""
+    if name not in _LATER:
+        raise AttributeError(f"module 'hingepair' has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f"hingepair.{_LATER[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LATER})

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -58,6 +57,8 @@ def compute(
     elif workers == 1:
         work(boxes(shape, BLOCK))
     else:
+        from concurrent.futures import ThreadPoolExecutor
+
         pieces = list(boxes(shape, BLOCK))
         with ThreadPoolExecutor(workers) as pool:
             list(pool.map(work, (pieces[i::workers] for i in range(workers))))
