@@ -176,7 +176,7 @@ def test_sine_and_cosine_to_one_and_a_half_ulp():
 @pytest.mark.parametrize("backend", ["numpy", "numba"])
 def test_workers_change_nothing(backend):
     rng = generator(69)
-    one, motion = pair_of(rng), coordinates(rng, 20_011)
+    one, motion = pair_of(rng), coordinates(rng, 40_011)
     alone = one.forward_kinematics(*motion, backend=backend)
     for workers in (2, 3, -1):
         found = one.forward_kinematics(*motion, backend=backend, workers=workers)
@@ -186,13 +186,13 @@ def test_workers_change_nothing(backend):
 
 def test_threads_that_call_at_once_do_not_mix():
     rng = generator(70)
-    jobs = [(pair_of(rng), coordinates(rng, 5_000)) for _ in range(6)]
+    jobs = [(pair_of(rng), coordinates(rng, 20_000)) for _ in range(6)]
     expected = [one.forward_kinematics(*motion, backend="numba").a2 for one, motion in jobs]
     wrong: list[int] = []
 
     def work(i):
         one, motion = jobs[i]
-        for k in range(30):
+        for k in range(15):
             found = one.forward_kinematics(*motion, backend="numba", workers=1 + k % 2).a2
             if not np.array_equal(found, expected[i]):
                 wrong.append(i)

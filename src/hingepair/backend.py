@@ -13,9 +13,6 @@ from hingepair.errors import ArgumentError, MissingDependencyError
 
 BACKENDS = ("auto", "numpy", "numba")
 
-FEWEST_COMPILED = 64
-"""From so many samples a call on, kernels that are in memory are faster than NumPy."""
-
 WORTH_LOADING = 100_000
 """Samples in this process, all calls together, after which Numba is imported: a second, or five the first time."""
 
@@ -39,7 +36,7 @@ class How:
         if self.backend != "auto":
             return self.backend == "numba"
         if kernel_cache.loaded():
-            return samples >= FEWEST_COMPILED
+            return True
         global _seen  # noqa: PLW0603 (what a process has computed so far decides whether compiling pays)
         _seen += samples
         return _seen >= WORTH_LOADING and _can_load()

@@ -20,8 +20,8 @@ from hingepair.plan import Plan
 
 Integers: TypeAlias = NDArray[np.int64]
 
-FEWEST_A_WORKER = 1024
-"""Samples that are worth a thread."""
+FEWEST_A_WORKER = 8192
+"""Samples that are worth a thread: a third of a millisecond of work, which is what starting threads takes."""
 
 _SLAB = 65536  # samples converted at a time, where inputs are of another dtype than the one computed in
 _ANGLES = {ROWS["phi"] + i * LANES: f"phi_{axis}" for i, axis in enumerate("xyz")}
@@ -122,7 +122,8 @@ def _input_groups(plan: Plan, inputs: Values, dtype: np.dtype[Any]) -> Iterator[
         if isinstance(value, np.ndarray):
             array = value if len(rows) > 1 else value[..., None]
             array = array if rows[0] <= rows[-1] else array[..., ::-1]
-            yield from _groups_of(min(rows), array, array.ndim - (2 if len(rows) == 9 else 1), sign)
+            matrices = len(rows) == 9 and array.shape[-2:] == (3, 3)
+            yield from _groups_of(min(rows), array, array.ndim - (2 if matrices else 1), sign)
             continue
         components = value if isinstance(value, tuple) else (value,)
         if not any(isinstance(c, np.ndarray) and c.size > 1 for c in components):
@@ -163,31 +164,46 @@ def _compute(
 ) -> None:
     """Fill the targets from groups of the dtype computed in, which broadcast to the shape."""
     both = (*groups, *targets)
-    strides = np.array([_strides(group.array, shape) for group in both])
-    lengths, strides = _merged(shape, strides)
+    forms = tuple((row, sign, array.shape, array.strides) for row, array, sign in both)
+    layout = _layout(plan, forms, len(groups), shape)
+    start = np.array([array.__array_interface__["data"][0] for _, array, _ in both])
+    for offset in layout.offsets:
+        table = layout.table.copy()
+        table[:, 4] = start + offset
+        _run(table, len(groups), layout.shape, layout.steps, dtype, workers)
+
+
+class _Layout(NamedTuple):
+    """How the kernel walks through groups: all of its table but the addresses, and where each of its calls starts."""
+
+    table: Integers
+    shape: tuple[int, int]
+    steps: tuple[Integers, Integers, Integers]
+    offsets: Integers
+
+
+_Form: TypeAlias = tuple[int, int, tuple[int, ...], tuple[int, ...]]  # row, sign, shape, strides
+
+
+@functools.lru_cache(maxsize=256)
+def _layout(plan: Plan, forms: tuple[_Form, ...], inputs: int, shape: tuple[int, ...]) -> _Layout:
+    """The layout of groups by their forms, of which the first are inputs; the longest axis is walked innermost."""
+    lengths, strides = _merged(shape, np.array([_strides(form, shape) for form in forms]))
     inner, outer, *others = sorted(range(len(lengths)), key=lambda axis: -lengths[axis])
-    table = np.array(
-        [
-            (row, array.shape[-1], array.strides[-1], sign, array.__array_interface__["data"][0], 0, 0)
-            for row, array, sign in both
-        ]
-    )
+    table = np.array([(row, own[-1], steps[-1], sign, 0, 0, 0) for row, sign, own, steps in forms])
     table[:, 5], table[:, 6] = strides[:, outer], strides[:, inner]
-    quiet = [group for group, stride in zip(groups, table[:, 6].tolist(), strict=False) if stride == 0]
-    still = frozenset(row + i * LANES for row, array, _ in quiet for i in range(array.shape[-1]))
-    steps = _steps(plan, still)
-    start = table[:, 4].copy()
-    for index in itertools.product(*(range(lengths[axis]) for axis in others)):
-        table[:, 4] = start + strides[:, others] @ np.array(index, np.int64)
-        _run(table, len(groups), (lengths[outer], lengths[inner]), steps, dtype, workers)
+    quiet = [form for form, stride in zip(forms[:inputs], table[:inputs, 6], strict=True) if stride == 0]
+    still = frozenset(row + i * LANES for row, _, own, _ in quiet for i in range(own[-1]))
+    walks = np.array([*itertools.product(*(range(lengths[axis]) for axis in others))], np.int64)
+    offsets = walks.reshape(len(walks), len(others)) @ strides[:, others].T
+    return _Layout(table, (lengths[outer], lengths[inner]), _steps(plan, still), offsets)
 
 
-def _strides(array: NDArray[Any], shape: tuple[int, ...]) -> tuple[int, ...]:
+def _strides(form: _Form, shape: tuple[int, ...]) -> tuple[int, ...]:
     """Strides in bytes along the axes of the samples; 0 where the group does not vary."""
-    own: tuple[int, ...] = array.strides[:-1]
-    if array.shape[:-1] != shape:
-        own = tuple(stride if n != 1 else 0 for stride, n in zip(own, array.shape, strict=False))
-    return (0,) * (len(shape) - len(own)) + own
+    _, _, own, strides = form
+    moving = tuple(stride if n != 1 else 0 for stride, n in zip(strides[:-1], own[:-1], strict=True))
+    return (0,) * (len(shape) - len(moving)) + moving
 
 
 def _merged(shape: tuple[int, ...], strides: Integers) -> tuple[list[int], Integers]:
@@ -227,14 +243,15 @@ def _run(
     workers = max(1, min(workers, outer * inner // FEWEST_A_WORKER, inner // LANES))
     chunk = -(-inner // (workers * LANES)) * LANES
 
+    if workers == 1:
+        kernel(np.empty(ROWS["end"], dtype), shape, table[:inputs], table[inputs:], *steps)
+        return
+
     def part(start: int) -> None:
         own = table.copy()
         own[:, 4] += start * own[:, 6]
         size = outer, min(chunk, inner - start)
         kernel(np.empty(ROWS["end"], dtype), size, own[:inputs], own[inputs:], *steps)
 
-    if workers == 1:
-        part(0)
-        return
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(part, range(0, inner, chunk)))

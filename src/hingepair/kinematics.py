@@ -28,10 +28,12 @@ class Constants(NamedTuple):
 
     Attributes:
         values: components by name; floats where the pair is one.
+        arrays: the same as arrays, with the components last.
         shape: leading shape of the pair; () for one pair.
     """
 
     values: Values
+    arrays: Values
     shape: tuple[int, ...]
 
     @property
@@ -190,14 +192,14 @@ def _evaluate(
             arrays[name] = _room(f"out[{name!r}]", out[name], (*shape, *OUTPUTS[name].tail), dtype)
         else:
             arrays[name] = np.empty((*shape, *OUTPUTS[name].tail), dtype)
-    groups = {name: group for name, group in {**pair.values, **values}.items() if name in plan.inputs}
     if out is not None:
-        _check_apart(out, groups)
+        _check_apart(out, values)
     if how.compiles(math.prod(shape)):
         from hingepair.compiled import compute as compute_compiled
 
-        compute_compiled(plan, groups, arrays, shape, dtype, how.workers)
+        compute_compiled(plan, {**pair.arrays, **values}, arrays, shape, dtype, how.workers)
     else:
+        groups = {name: group for name, group in {**pair.values, **values}.items() if name in plan.inputs}
         parts = {name: _components(name, group) for name, group in groups.items()}
         compute(plan.run, parts, arrays, shape, dtype, how.workers)
     return PairState(arrays, shape)

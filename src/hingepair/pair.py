@@ -65,7 +65,8 @@ class HingePair:
         values = {key: _numbers(components_of(vector)) for key, vector in vectors.items()}
         if not np.array_equal(rotation, np.broadcast_to(np.eye(3), rotation.shape)):
             values["home"] = _numbers(components_of(rotation, 2))
-        constants = Constants(values, broadcast_shape(shapes))
+        arrays = {**vectors, "home": rotation.reshape(*rotation.shape[:-2], 9)}
+        constants = Constants(values, arrays, broadcast_shape(shapes))
         for key, value in {**vectors, "home": rotation, "name": name, "_constants": constants}.items():
             object.__setattr__(self, key, value)
 
