@@ -1,4 +1,4 @@
-"""The accuracy contract (DESIGN.md section 6) against the 60-digit reference; errors in units of u * scale."""
+"""The accuracy contract (README, "Accuracy") against the 60-digit reference; errors in units of u * scale."""
 
 from __future__ import annotations
 

@@ -91,6 +91,7 @@ def test_tuples_of_anything_that_broadcasts():
     both(one, (t[:, None], t[:7], 0.5, 0.1, t[:7], t[:, None], 1), outputs=NAMES[:3])
     both(one, (t[:5, None, None], 1, t[:4, None], 0, t[:6], 0, 0.5))
     both(one, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, t))
+    both(one, (t[:1], 0.2, 0.3, t[:1, None], 0.5, 0.6, 0.7), (0.0, t[:1], 1, 2, 3, 4, 5))
     both(one, (0.1, 0.2, 0.3, t, 0.5, 0.6, 0.7), (1, 2, 3, 4, 5, 6, 7), (1, 2, 3, 4, 5, 6, t), outputs=NAMES)
 
 

@@ -1,4 +1,4 @@
-"""Laws of the hinge pair on seeded random states; tolerances in units of u * scale (DESIGN.md section 6)."""
+"""Laws of the hinge pair on seeded random states; tolerances in units of u * scale (README, "Accuracy")."""
 
 from __future__ import annotations
 
@@ -242,6 +242,6 @@ def test_hinge_alone_moves_body_2():
 
 @pytest.mark.law
 def test_pinocchio_says_the_same(case):
-    """Another engine, driven through its own conventions (DESIGN.md section 8)."""
+    """Another engine, driven through its own conventions (README)."""
     report = cross_validate(case.pair, *case.motion)
     assert report.ok, str(report)

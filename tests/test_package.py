@@ -45,8 +45,8 @@ ORDER = (
     ("kernel_rows", "kernel_math", "kernels", "kernel_cache", "compiled", "backend"),
     ("kinematics", "constraints"),
     ("pair",),
-    ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation", "urdf_tree"),
-    ("pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),
+    ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
+    ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),
     ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
 )
 

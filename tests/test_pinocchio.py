@@ -15,6 +15,7 @@ from hingepair.errors import ArgumentError, MissingDependencyError, ShapeError
 from hingepair.motion import BodyMotion
 from hingepair.pair import HingePair
 from hingepair.pinocchio import cross_validate, to_pinocchio
+from hingepair.urdf import to_urdf
 
 U = 2.0**-53
 
@@ -127,3 +128,9 @@ def test_a_missing_pinocchio_is_said(monkeypatch, module):
 def test_pinocchio_is_imported_only_when_it_is_used():
     code = "import sys, hingepair.pinocchio as m; assert m.to_pinocchio; assert 'pinocchio' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("call", [to_pinocchio, to_urdf, lambda x: cross_validate(x, np.zeros(7))])
+def test_what_is_no_pair_is_refused(call):
+    with pytest.raises(ArgumentError, match="pair: expected a HingePair"):
+        call(np.zeros(7))

@@ -198,3 +198,11 @@ def test_out_of_the_wrong_kind_is_refused(given):
             one.forward_kinematics(motion[0], out={"R2": bad})
     with pytest.raises(ValueError, match="R3"):
         one.forward_kinematics(motion[0], out={"R3": np.empty((24, 3))})
+
+
+@pytest.mark.parametrize("sequence", [None, ["X", "Y", "Z"], "XXY", "XyZ", 3])
+def test_a_sequence_that_is_none_is_refused(given, sequence):
+    one, motion, _, _ = given
+    for arguments in (motion, [c[0] for c in motion]):
+        with pytest.raises(hp.ArgumentError, match="sequence"):
+            one.forward_kinematics(*arguments, sequence=sequence)

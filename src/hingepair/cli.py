@@ -144,6 +144,27 @@ def urdf(
     _console().print(f"written: {out}")
 
 
+@app.command()
+def robots(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Show the hinges of this robot.")] = None,
+    as_json: Json = False,
+) -> None:
+    """List the robots whose hinges a scene may name, or the hinges of one."""
+    from hingepair.robots import hinge_table
+
+    columns, rows = hinge_table(name)
+    if as_json:
+        print(json.dumps([dict(zip(columns, row, strict=True)) for row in rows], indent=2))
+        return
+    from rich import box
+    from rich.table import Table
+
+    table = Table(*columns, box=box.SIMPLE_HEAD)
+    for row in rows:
+        table.add_row(*map(str, row))
+    _console().print(table)
+
+
 def _facts(scene: Scene) -> dict[str, object]:
     pair = scene.pair
     return {

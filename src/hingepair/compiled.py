@@ -127,7 +127,7 @@ def _input_groups(plan: Plan, inputs: Values, dtype: np.dtype[Any]) -> Iterator[
             continue
         components = value if isinstance(value, tuple) else (value,)
         if not any(isinstance(c, np.ndarray) and c.size > 1 for c in components):
-            numbers = np.array(components, dtype)
+            numbers = np.array([c.item() if isinstance(c, np.ndarray) else c for c in components], dtype)
             yield from _groups_of(min(rows), numbers if rows[0] <= rows[-1] else numbers[::-1], 0, sign)
             continue
         for row, c in zip(rows, components, strict=True):

@@ -83,7 +83,6 @@ class Sequence:
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
 
-@functools.cache
 def find_sequence(name: str) -> Sequence:
     """The sequence of this name.
 
@@ -95,6 +94,11 @@ def find_sequence(name: str) -> Sequence:
     """
     if not isinstance(name, str):
         raise ArgumentError("sequence", "three letters such as 'XYZ' or 'zyx'", name)
+    return _sequence(name)
+
+
+@functools.cache
+def _sequence(name: str) -> Sequence:
     check_choice("sequence", name, SEQUENCES)
     letters = name.upper()[::-1] if name.islower() else name
     axes = ["XYZ".index(letter) for letter in letters]

@@ -22,7 +22,7 @@ def save(path: str | Path, t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) 
     """Write t and the arrays to a file whose ending says how.
 
     Args:
-        path: ends in .npz (arrays by name) or .csv (a header line, then 17 digits a number).
+        path: ends in .npz (arrays by name) or .csv (a header, then the fewest digits that give the same number).
         t: instants [s]; shape (N,).
         arrays: by output name; shape (N, 3) or (N, 3, 3).
 
@@ -87,7 +87,7 @@ def _write_csv(file: IO[bytes], t: NDArray[Any], arrays: Mapping[str, NDArray[An
     file.write((",".join(["t", *column_names(arrays)]) + "\n").encode())
     for (rows,) in boxes(t.shape, _ROWS):
         parts = [t[rows, None], *(array[rows].reshape(rows.stop - rows.start, -1) for array in arrays.values())]
-        np.savetxt(file, np.concatenate(parts, axis=1), fmt="%.17g", delimiter=",")
+        np.savetxt(file, np.concatenate(parts, axis=1), fmt="%s", delimiter=",")
 
 
 _WRITERS = {".npz": _write_npz, ".csv": _write_csv}

@@ -13,6 +13,7 @@ from hingepair.arrays import broadcast_shape, real_array, result_dtype, vectors
 from hingepair.backend import How
 from hingepair.blocks import Components, Values, components_of, compute
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices
+from hingepair.euler import find_sequence
 from hingepair.motion import BodyMotion
 from hingepair.plan import OUTPUTS, Plan, check_outputs, default_outputs, make_plan
 from hingepair.state import PairState, layout_of
@@ -54,6 +55,8 @@ def from_coordinates(
     """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10)."""
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives beside the second", None)
+    if sequence != "XYZ":
+        find_sequence(sequence)
     given = {name: value for name, value in zip(_PARTS, (q, qd, qdd), strict=True) if value is not None}
     if "q" not in given:
         raise ArgumentError("q", "coordinates", None)
@@ -218,7 +221,7 @@ def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -
     if array.shape != shape:
         raise ShapeError(name, f"shape {shape}", f"shape {array.shape}")
     if array.dtype != dtype:
-        raise DtypeError(name, dtype.name, array.dtype.str)
+        raise DtypeError(name, f"dtype {dtype.name}", f"dtype {array.dtype}")
     if not array.flags.writeable:
         raise ArgumentError(name, "a writable array", "a read-only one")
     return array

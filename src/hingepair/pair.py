@@ -155,5 +155,15 @@ class HingePair:
         return kinematics.from_body1(self._constants, body1, psi, psid, psidd, outputs, out, how)
 
 
+def check_pair(pair: object) -> None:
+    """Refuse what is no pair.
+
+    Raises:
+        ArgumentError: names the argument `pair`.
+    """
+    if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
+        raise ArgumentError("pair", "a HingePair", pair)
+
+
 def _numbers(components: tuple[NDArray[np.float64], ...]) -> tuple[Any, ...]:
     return tuple(float(c) if c.ndim == 0 else c for c in components)

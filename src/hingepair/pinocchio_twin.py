@@ -12,7 +12,7 @@ Body 2 is the frame "body2"; read its velocity and classical acceleration in LOC
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,10 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.arrays import broadcast_shape, real_array, vectors
 from hingepair.errors import ArgumentError, MissingDependencyError, ShapeError
 from hingepair.motion import BodyMotion
+from hingepair.pair import HingePair, check_pair
 from hingepair.rotations import matrix_to_quaternion
-
-if TYPE_CHECKING:
-    from hingepair.pair import HingePair
 
 Float64Array = NDArray[np.float64]
 Motion = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]
@@ -134,6 +132,7 @@ def to_pinocchio(pair: HingePair) -> PinocchioTwin:
     >>> twin.configuration(body1, psi=0.5).tolist()
     [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 0.5]
     """
+    check_pair(pair)
     pin = import_pinocchio("to_pinocchio")
     for name, shape in (("u1", (3,)), ("u2", (3,)), ("n", (3,)), ("home", (3, 3))):
         if getattr(pair, name).shape != shape:

@@ -79,6 +79,21 @@ def robot_urdf(robot: str) -> Path:
     raise ArgumentError("robot", _advice(str(robot)), robot)
 
 
+def hinge_table(robot: str | None) -> tuple[tuple[str, ...], list[tuple[str | int, ...]]]:
+    """Headings and rows: the robots and how many hinges each has; or the hinges of one robot.
+
+    Raises:
+        ArgumentError: no such robot, or more than one.
+        MissingDependencyError: example-robot-data is not installed.
+    """
+    if robot is None:
+        trees = {name: parse_urdf(read_urdf(robot_urdf(name))) for name in robot_names()}
+        return ("robot", "hinges"), [(name, len(tree.hinges())) for name, tree in trees.items()]
+    hinges = parse_urdf(read_urdf(robot_urdf(robot))).hinges()
+    rows: list[tuple[str | int, ...]] = [(h.name, h.type, h.parent, h.child, h.mimic or "") for h in hinges]
+    return ("joint", "type", "parent link (body 1)", "child link (body 2)", "follows"), rows
+
+
 def _advice(robot: str) -> str:
     import difflib
 
@@ -86,7 +101,7 @@ def _advice(robot: str) -> str:
     lower = {name.lower(): name for name in names}
     near = [name for key, name in lower.items() if robot and (robot.lower() in key or key in robot.lower())]
     near += [lower[key] for key in difflib.get_close_matches(robot.lower(), lower, n=5) if lower[key] not in near]
-    hint = f", such as {', '.join(near[:5])}" if near else ""
+    hint = f", such as {', '.join(near[:5])}" if near else " (hingepair robots lists them)"
     return f"one of the {len(names)} robots of {PACKAGE}{hint}"
 
 

@@ -13,17 +13,15 @@ from __future__ import annotations
 import os
 import re
 import xml.etree.ElementTree as ET
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, URDFError, choices
 from hingepair.euler import euler_to_matrix, matrix_to_euler
+from hingepair.pair import HingePair, check_pair
 from hingepair.urdf_tree import Robot, parse_urdf, read_urdf
-
-if TYPE_CHECKING:
-    from hingepair.pair import HingePair
 
 __all__ = ["Robot", "from_urdf", "hinge_pair", "parse_urdf", "to_urdf"]
 
@@ -51,6 +49,7 @@ def to_urdf(pair: HingePair) -> str:
     >>> parse_urdf(to_urdf(pair)).hinge("hinge").xyz
     (0.5, 0.0, 0.1)
     """
+    check_pair(pair)
     for name, shape in (("u1", (3,)), ("u2", (3,)), ("n", (3,)), ("home", (3, 3))):
         if getattr(pair, name).shape != shape:
             raise ShapeError(name, f"one pair: shape {shape}", f"shape {getattr(pair, name).shape}")
@@ -101,8 +100,6 @@ def hinge_pair(robot: Robot, joint: str, body1_frame: str | None, body2_frame: s
     Raises:
         URDFError: no such hinge or frame, or an axis of zero.
     """
-    from hingepair.pair import HingePair
-
     hinge = robot.hinge(joint)
     if not any(hinge.axis):
         raise URDFError(f"joint {joint!r}, axis xyz", "a non-zero axis", hinge.axis)
