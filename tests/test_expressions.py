@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 import time
@@ -9,10 +10,12 @@ import time
 import mpmath
 import numpy as np
 import pytest
+import sympy
 
-from hingepair import SceneError
+from hingepair import ArgumentError, SceneError
 from hingepair.coordinates import compile_coordinates
-from hingepair.expressions import FUNCTIONS, parse
+from hingepair.expressions import FUNCTIONS, constant_name_fault, parse
+from hingepair.jets import time_symbol
 
 U = 2.0**-53
 T = np.linspace(0.1, 0.9, 41)
@@ -135,6 +138,15 @@ REFUSED = {
     "nested": "sin(" * 300 + "t" + ")" * 300,
     "nested products": "t*sin(" * 49 + "t" + ")" * 49,
     "powers": "t**" * 300 + "t",
+    "tiny power of a number": "6**1e-300",
+    "tiny power of t": "tanh((3.95*t)**1e-300)",
+    "power of a sum with a huge number": "sinh(asin(exp((-1e5)**(1e300 - t))))",
+    "power that log hides": "exp(-1e300*log(2))",
+    "power of tau": "tau**(atan2(t, 2) - 94*sqrt(1e300))",
+    "power of a logarithm": "sin(tanh(sqrt(log(sqrt(1e5)))**(pi - 1e300 + t)))",
+    "asin of cos of 1e300": "asin(cos(1e300))",
+    "t cancels in a tower": "exp(exp(exp(10*t/t)))",
+    "infinity in a divisor": "1/(1/(t - t))",
     "exponential growth": "(" * 40 + "t" + ")**99" * 40,
     "unicode": "\N{MATHEMATICAL BOLD SMALL T}",
 }
@@ -157,6 +169,84 @@ def test_unknown_name_says_where_and_what_is_known() -> None:
     message = str(caught.value)
     assert message.startswith("motion.psi: unknown name 'sine' at column 5; known: sin, cos, tan")
     assert all(name in message for name in FUNCTIONS)
+
+
+# With plain SymPy derivatives, or with SymPy's atan2 of constants, each of these takes minutes or all memory.
+SLOW_IN_SYMPY = (
+    "tanh(asin((1e300 + tau + sin(t))**2))",
+    "tanh(asin((1e100 + tau + sin(t))**100/1e300))",
+    "asinh(cosh(tan(1e300) - asin(t)**(-100)))",
+    "cosh((100/e - pi)**(t + 1e5 - t/t))",
+    "atan2(tau/e, atan2(-(e*(pi/0.0951)), atan2(asinh(tan(e)), sinh(log(1e-300)))))",
+    "atanh(atan2(atan2(tau, atan2(1e-300, pi)*(1e5 + e)), acos(t)))",
+)
+
+
+@pytest.mark.parametrize("text", SLOW_IN_SYMPY)
+def test_answered_in_time(text: str) -> None:
+    start = time.perf_counter()
+    with contextlib.suppress(ArgumentError):
+        compile_coordinates([parse("x", text)])(T)
+    assert time.perf_counter() - start < 20
+
+
+@pytest.mark.parametrize("text", ["sqrt(10**31 + 7)*t", "sin(10**30) + t", "(10**22)**t", "t/(7*10**30 + 1)"])
+def test_large_numbers_are_evaluated(text: str) -> None:
+    for values in compile_coordinates([parse("x", text)])(T):
+        assert np.isfinite(values[0]).all()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *(f"{name}(0.3 + t/3)" for name in FUNCTIONS if name not in {"atan2", "acosh"}),
+        "acosh(2 + sin(t))",
+        "atan2(sin(t), 2 - t)",
+        "atan2(t, t + 1)**2",
+        "atan2(2*t, 2*t)*t",
+        "t**t",
+        "(1 + t)**(0.5 - t)",
+        "2**sin(t)",
+        "t**2.5/(1 + t)**3",
+        "pi*sin(sqrt(2)*t)*exp(-t/pi)*cos(t)",
+        "log(1 + t**2)*tanh(t - 0.3)",
+    ],
+)
+def test_chain_rule_agrees_with_the_derivative_of_the_whole(text: str) -> None:
+    expr = parse("x", text)
+    symbol = time_symbol()
+    for k, (found,) in enumerate(compile_coordinates([expr])(T[::8])):
+        whole = expr.diff(symbol, k) if k else expr
+        with mpmath.workdps(40):
+            expected = [float(sympy.lambdify(symbol, whole, "mpmath")(mpmath.mpf(float(t)))) for t in T[::8]]
+        np.testing.assert_allclose(found, expected, rtol=64 * U, atol=64 * U * max(1.0, np.abs(expected).max()))
+
+
+def test_kinks_are_nan_in_their_own_sample() -> None:
+    value, first, second = compile_coordinates([parse("x", "sqrt(t**2)")])(np.array([-2.0, 0.0, 3.0]))
+    assert value[0].tolist() == [2.0, 0.0, 3.0]
+    np.testing.assert_array_equal(first[0], [-1.0, np.nan, 1.0])
+    np.testing.assert_array_equal(second[0], [0.0, np.nan, 0.0])
+
+
+@pytest.mark.parametrize("text", ["(-2)**t", "0**t", "sqrt(-exp(t))", "1e300*t*1e300", "exp(400)*t*exp(400)"])
+def test_what_is_never_real_or_finite_is_refused(text: str) -> None:
+    with pytest.raises(ArgumentError, match=r"expressions\[0\]: expected"):
+        compile_coordinates([parse("x", text)])
+
+
+def test_shape_of_the_instants_is_kept() -> None:
+    compiled = compile_coordinates([parse("x", "t**2")])
+    assert compiled(np.zeros((2, 3)))[0][0].shape == (2, 3)
+    assert compiled(np.zeros((0,)))[0][0].shape == (0,)
+    assert type(compiled(3)[0][0]) is float
+    long = np.linspace(0, 1, 5_001)  # more than two blocks
+    np.testing.assert_array_equal(compiled(long)[0][0], long**2)
+
+
+@pytest.mark.parametrize("name", ["t", "pi", "sin", "lambda", "a b", "1a", "", "\N{GREEK SMALL LETTER OMEGA}"])
+def test_names_that_constants_cannot_have(name: str) -> None:
+    assert constant_name_fault(name)
 
 
 @pytest.mark.parametrize(

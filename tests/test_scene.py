@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from pathlib import Path
 
@@ -167,6 +168,16 @@ MALFORMED = {
     "unknown output": (GOOD + '[outputs]\nnames = ["R3"]\n', "outputs.names"),
     "output text": (GOOD + '[outputs]\nnames = "R2"\n', "outputs.names"),
     "robot and u1": (change("n = [1, 0, 0]", 'n = [1, 0, 0]\nrobot = "a1"\njoint = "b"'), "pair.u1"),
+    "key of two lines": (GOOD + '[outputs]\n"a\\nb" = 1\n', "outputs"),
+    "imaginary motion": (change('psi = "pi*t"', 'psi = "(-2)**t"'), "motion.psi"),
+    "span past floats": (change("start = 0\nstop = 2", "start = -1e308\nstop = 1e308"), "time.stop"),
+    "matrix of lists": (change("n = [1, 0, 0]", "n = [[1, 0, 0]]"), "pair.n"),
+    "home of two rows": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = [[1,0,0],[0,1,0]]"), "pair.home"),
+    "joint alone": (change("n = [1, 0, 0]", 'n = [1, 0, 0]\njoint = "a"'), "pair.u1"),
+    "pair is a number": ("pair = 3\n" + GOOD.replace("[pair]", "[time2]"), "time2"),
+    "empty title": ('title = " "\n' + GOOD, "title"),
+    "no outputs": (GOOD + "[outputs]\nnames = []\n", "outputs.names"),
+    "long dotted keys": ("\n".join("a." * 2_000 + f"k{i} = 1" for i in range(200)), "16 parts"),
     "not UTF-8": (b"\xff\xfe", "UTF-8"),
     "large file": (b"# " + b"x" * 1_100_000, "bytes"),
     "deep": ("a = " + "[" * 50_000, "TOML"),
@@ -197,7 +208,53 @@ def test_unknown_robot_names_the_key(tmp_path: Path, robot: str) -> None:
         scene_of(tmp_path, re.sub(r"u1.*\nu2.*\nn .*\n", robot, GOOD))
 
 
-@pytest.mark.parametrize("path", ["", "no/such.toml", "."])
-def test_unreadable_path(path: str) -> None:
+@pytest.mark.parametrize("model", sorted(MODELS.glob("*.toml")), ids=lambda path: path.stem)
+def test_models_say_what_they_are_and_move(model: Path) -> None:
+    text = model.read_text()
+    scene = hp.load_scene(model)
+    assert text.startswith("#")
+    assert len(scene.title.split()) > 5
+    result = scene.evaluate()
+    assert all(np.isfinite(array).all() for array in result.state.arrays().values())
+    assert np.ptp(scene.coordinates(result.t)[0][6]) > 0.01
+
+
+def test_panel_swings_from_the_side_to_straight_out() -> None:
+    result = hp.load_scene(MODELS / "satellite_panel.toml").evaluate(("S1", "d"))
+    in_body_1 = np.einsum("nji,nj->ni", result.S1, result.d)
+    np.testing.assert_allclose(in_body_1[0], (0.5, 0, -0.6), atol=1e-4)
+    np.testing.assert_allclose(in_body_1[-1], (1.5, 0, 0.4), atol=1e-4)
+
+
+def test_wheels_of_truck_and_trailer_hardly_slip() -> None:
+    result = hp.load_scene(MODELS / "truck_trailer.toml").evaluate(("S1", "v1", "S2", "v2"))
+    for S, v, most in ((result.S1, result.v1, 1e-12), (result.S2, result.v2, 0.1)):
+        assert np.abs(np.einsum("ni,ni->n", v, S[:, :, 1])).max() <= most  # m/s, at 20 m/s
+
+
+def test_only_the_derivatives_that_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = hp.load_scene(MODELS / "reference_2d.toml")
+    given = []
+    original = hp.HingePair.forward_kinematics
+    monkeypatch.setattr(
+        hp.HingePair, "forward_kinematics", lambda *args, **kw: given.append(len(args)) or original(*args, **kw)
+    )
+    for outputs in (("R2", "S1"), ("omega1", "d"), ("alpha2",), None):
+        scene.evaluate(outputs)
+    assert given == [2, 3, 4, 4]
+
+
+def test_result_says_what_it_has(tmp_path: Path) -> None:
+    result = scene_of(tmp_path, GOOD).evaluate(("R2",))
+    assert result.state.R2 is result.R2
+    with pytest.raises(AttributeError, match=r"R3.*t, state, R2"):
+        _ = result.R3
+    with pytest.raises(AttributeError):
+        result.t = 0
+    assert pickle.loads(pickle.dumps(result)).R2.tolist() == result.R2.tolist()
+
+
+@pytest.mark.parametrize("path", ["", "no/such.toml", ".", "nul\0.toml", 3, None])
+def test_unreadable_path(path: object) -> None:
     with pytest.raises(hp.SceneError):
         hp.load_scene(path)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeAlias
 
@@ -15,25 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError
-from hingepair.expression_size import MAX_BITS, bits
+from hingepair.jets import SYMPY_ERRORS, Expr, Jet, JetProgram, NotRealError, constant_value, time_symbol
 
-Expr: TypeAlias = Any  # a sympy.Expr; SymPy carries no types
 Value: TypeAlias = float | NDArray[np.float64]
 Coordinates: TypeAlias = tuple[tuple[Value, ...], ...]
 
-_BLOCK = 8192  # samples at a time: the intermediate results stay in the cache
+_BLOCK = 2048  # samples at a time: the intermediate results stay in the cache
 _EXACT = 2**53  # integers below are floats without rounding
-_COMPILED = (
-    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
-    *("asinh", "acosh", "atanh", "exp", "log", "Abs", "sign", "Heaviside", "DiracDelta"),
-)
-
-
-def time_symbol() -> Expr:
-    """The SymPy symbol t of every expression: real."""
-    import sympy
-
-    return sympy.Symbol("t", real=True)
 
 
 def exact(value: float) -> Expr:
@@ -46,36 +33,15 @@ def exact(value: float) -> Expr:
     return sympy.Rational(fraction.numerator, fraction.denominator)
 
 
-def constant_value(expr: Expr) -> float:
-    """The float nearest to an expression without t; not finite where there is none."""
-    if expr.is_Rational:
-        try:
-            return int(expr.p) / int(expr.q)
-        except OverflowError:
-            return math.inf
-    number = expr.evalf(30)
-    return float(number) if number.is_Float else math.nan
-
-
-def derivatives(name: str, expr: Expr, order: int = 2) -> tuple[Expr, ...]:
-    """An expression in t and its derivatives up to an order, exact.
-
-    Args:
-        name: of the expression, for messages.
-        expr: SymPy expression in `time_symbol()`.
-        order: of the highest derivative.
+def check_real(names: Sequence[str], expressions: Sequence[Expr]) -> None:
+    """Check that expressions in t and their derivatives are real and finite, as far as they do not depend on t.
 
     Raises:
-        ArgumentError: the expression or a derivative is not real, or holds a number that is no finite float.
-
-    >>> t = time_symbol()
-    >>> derivatives("x", t**3 / 2)
-    (t**3/2, 3*t**2/2, 3*t)
+        ArgumentError: one is not; names it.
     """
-    found, fault = _differentiate(expr, order)
-    if fault:
-        raise ArgumentError(name, "finite real values and derivatives", fault)
-    return found
+    for name, fault in zip(names, _jets(tuple(expressions))[2], strict=True):
+        if fault:
+            raise ArgumentError(name, "an expression with finite real values and derivatives", fault)
 
 
 def compile_coordinates(expressions: Sequence[Expr], order: int = 2) -> Callable[[ArrayLike], Coordinates]:
@@ -87,20 +53,21 @@ def compile_coordinates(expressions: Sequence[Expr], order: int = 2) -> Callable
 
     Args:
         expressions: SymPy expressions in `time_symbol()`.
-        order: of the highest derivative.
+        order: of the highest derivative, at most 2.
 
     Raises:
-        ArgumentError: an expression or a derivative is not real and finite; see `derivatives`.
+        ArgumentError: an expression or a derivative is not real and finite.
 
     >>> t = time_symbol()
     >>> compile_coordinates([3 * t, t**2 + 1])(np.array([0.0, 2.0]))
     ((array([0., 6.]), array([1., 5.])), (3.0, array([0., 4.])), (0.0, 2.0))
     """
-    by_expression = [derivatives(f"expressions[{i}]", expr, order) for i, expr in enumerate(expressions)]
-    flat = [by_expression[i][k] for k in range(order + 1) for i in range(len(expressions))]
-    varying = [expr for expr in flat if expr.free_symbols]
-    constants = [None if expr.free_symbols else constant_value(expr) for expr in flat]
-    function = _lambdify(varying)
+    check_real([f"expressions[{i}]" for i in range(len(expressions))], expressions)
+    program, jets, _ = _jets(tuple(expressions))
+    flat = [jet[k] for k in range(order + 1) for jet in jets]
+    constants = [program.value(expr) for expr in flat]
+    varying = [expr for expr, constant in zip(flat, constants, strict=True) if constant is None]
+    function = _lambdify(program, varying)
 
     def evaluate(t: ArrayLike) -> Coordinates:
         times = np.asarray(t, dtype=np.float64)
@@ -111,61 +78,63 @@ def compile_coordinates(expressions: Sequence[Expr], order: int = 2) -> Callable
     return evaluate
 
 
-@functools.lru_cache(maxsize=32)
-def _differentiate(expr: Expr, order: int) -> tuple[tuple[Expr, ...], str | None]:
-    """An expression with its derivatives, and what is wrong with them."""
-    found = [expr]
-    for _ in range(order):
-        found.append(found[-1].diff(time_symbol()))
-    for derivative, label in zip(found, ("", " in the first derivative", " in the second derivative"), strict=False):
-        fault = _fault(derivative)
-        if fault:
-            return tuple(found), fault + label
-    return tuple(found), None
+@functools.lru_cache(maxsize=8)
+def _jets(expressions: tuple[Expr, ...]) -> tuple[JetProgram, tuple[Jet, ...], tuple[str | None, ...]]:
+    """The steps to the expressions with their derivatives, and what is wrong with each."""
+    program = JetProgram()
+    jets: list[Jet] = []
+    faults: list[str | None] = []
+    for expr in expressions:
+        fault, jet = None, (expr, expr, expr)
+        try:
+            jet = program.jet(expr)
+        except NotRealError as error:
+            fault = str(error)
+        except SYMPY_ERRORS:
+            fault = "one that SymPy cannot differentiate"
+        jets.append(jet)
+        faults.append(fault)
+    return program, tuple(jets), tuple(faults)
 
 
-def _fault(expr: Expr) -> str | None:
-    """Why NumPy cannot evaluate an expression in real numbers; None where it can."""
+def _lambdify(program: JetProgram, results: list[Expr]) -> Callable[[NDArray[np.float64]], Sequence[Any]]:
     import sympy
 
-    if expr.has(sympy.I, sympy.nan, sympy.zoo, sympy.oo, -sympy.oo):
-        return "an imaginary or infinite part"
-    for number in expr.atoms(sympy.Rational):
-        if bits(number) > MAX_BITS or not math.isfinite(constant_value(number)):
-            return "a number past the range of floats"
-    for power in expr.atoms(sympy.Pow):
-        if power.base.is_Number and power.base.is_negative and not power.exp.is_integer:
-            return f"a power of the negative number {power.base}"
-    for function in expr.atoms(sympy.Function, sympy.Derivative, sympy.Subs, sympy.Piecewise):
-        if type(function).__name__ not in _COMPILED:
-            return f"{type(function).__name__}(...)"
-    if not expr.free_symbols and not math.isfinite(constant_value(expr)):
-        return "a value that is no finite number"
-    return None
-
-
-def _lambdify(expressions: list[Expr]) -> Callable[[NDArray[np.float64]], Sequence[Any]]:
-    import sympy
-
-    def shared(parts: list[Expr]) -> Any:
-        return sympy.cse(parts, order="none", list=False)
-
-    numeric = {"sign": _sign, "Heaviside": _heaviside, "DiracDelta": _dirac}
+    numeric = {"sign": _sign, "Heaviside": _heaviside, "DiracDelta": _dirac, "float64": np.float64}
+    steps = program.needed(results)
     function: Callable[[NDArray[np.float64]], Sequence[Any]] = sympy.lambdify(
-        time_symbol(), expressions, [numeric, "numpy"], _printer(numeric), cse=shared, docstring_limit=0
+        time_symbol(),
+        results,
+        [numeric, "numpy"],
+        _printer(numeric),
+        cse=lambda parts: (steps, parts),
+        docstring_limit=0,
     )
     return function
 
 
 def _printer(numeric: dict[str, Any]) -> Any:
-    """SymPy's printer of NumPy code, with large integers as floats: NumPy takes no sine of a Python int >= 2^63."""
+    """SymPy's printer of NumPy code, with what is constant as its nearest float.
+
+    As a NumPy float it overflows to inf, where a Python number raises or, as a large integer, has no sine.
+    """
+    import sympy
     from sympy.printing.numpy import NumPyPrinter
 
     names = {name: name for name in numeric}
     printer = NumPyPrinter({
         "fully_qualified_modules": False, "inline": True, "allow_unknown_functions": True, "user_functions": names,
     })  # fmt: skip
-    printer._print_Integer = lambda n: str(n.p) if abs(n.p) < _EXACT else f"({constant_value(n)!r})"
+    usual = printer._print
+
+    def printed(expr: Any, **settings: Any) -> Any:
+        if isinstance(expr, sympy.Expr) and not expr.free_symbols:
+            small = expr.is_Rational and max(abs(expr.p), expr.q) < _EXACT
+            if not small:
+                return f"float64({constant_value(expr)!r})"
+        return usual(expr, **settings)
+
+    printer._print = printed
     return printer
 
 

@@ -16,6 +16,8 @@ MAX_NODES: Final = 3_000
 """Numbers, names and operations."""
 MAX_EXPONENT: Final = 1_000
 """Of a power, and of the ten in a decimal number."""
+MAX_ROOT: Final = 10_000
+"""Denominator of an exponent: t**0.1234."""
 MAX_BITS: Final = 4_096
 """Of the numerator and the denominator of an exact number."""
 MAX_TERMS: Final = 16_000

@@ -17,8 +17,9 @@ from types import MappingProxyType
 from typing import Final, NamedTuple, NoReturn
 
 from hingepair import expression_size as size
-from hingepair.coordinates import Expr, constant_value, exact, time_symbol
+from hingepair.coordinates import exact
 from hingepair.errors import SceneError
+from hingepair.jets import SYMPY_ERRORS, Expr, constant_value, time_symbol
 
 FUNCTIONS: Final = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
@@ -31,8 +32,7 @@ CONSTANTS: Final = MappingProxyType({"pi": math.pi, "tau": math.tau, "e": math.e
 
 _PUNCTUATION = "+-*/().,_ \t\r\n\f\v"
 _A_NUMBER = "a finite real number"
-_SHOWN = 20  # constants named in a message
-_FRAGMENT = 40  # characters of the text shown in a message
+_SHOWN, _FRAGMENT = 20, 40  # constants, and characters of the text, in a message
 
 
 class ExpressionError(SceneError):
@@ -68,12 +68,13 @@ def parse(name: str, text: str, constants: Mapping[str, float] | None = None) ->
     builder = _Builder(name, text, constants or {})
     try:
         part = builder.build(builder.syntax(), 0)
-    except RecursionError:
-        raise ExpressionError(name, "a simpler expression", text) from None
-    terms = sum(part.cost)
-    if terms > size.MAX_TERMS:
+    except SceneError:
+        raise
+    except SYMPY_ERRORS:
+        raise ExpressionError(name, "an expression that SymPy can work with", text) from None
+    if sum(part.cost) > size.MAX_TERMS:
         expected = f"an expression whose derivatives have at most {size.MAX_TERMS} terms"
-        raise ExpressionError(name, expected, f"up to {terms} in {text}")
+        raise ExpressionError(name, expected, f"up to {sum(part.cost)} in {text}")
     return part.expr
 
 
@@ -147,11 +148,9 @@ class _Builder:
     def _number(self, node: ast.Constant) -> _Part:
         import sympy
 
-        if type(node.value) is int:
-            return self._finish(node, sympy.Integer(node.value), None, size.Cost(1))
-        source = self._source(node)
-        if type(node.value) is not float or not math.isfinite(node.value):
+        if type(node.value) not in {int, float} or node.value == math.inf:
             self._refuse(node, _A_NUMBER)
+        source = self._source(node) if isinstance(node.value, float) else str(node.value)
         if abs(int(source.lower().partition("e")[2] or 0)) > size.MAX_EXPONENT:
             self._refuse(node, f"a power of ten of at most {size.MAX_EXPONENT}")
         fraction = Fraction(source)
@@ -199,15 +198,10 @@ class _Builder:
         import sympy
 
         base, exponent = self.build(node.left, depth), self.build(node.right, depth)
-        if exponent.value is not None and abs(exponent.value) > size.MAX_EXPONENT:
-            self._refuse(node, f"an exponent of at most {size.MAX_EXPONENT}")
-        if base.expr.is_Rational and size.bits(base.expr) * abs(exponent.value or 0) > size.MAX_BITS:
-            self._refuse(node, f"exact numbers of at most {size.MAX_BITS} bits")
+        self._check_power(node, base.expr, exponent.expr)
         value = self._evaluate(node, math.pow, [base.value, exponent.value])
-        power = sympy.Pow(base.expr, exponent.expr)
-        if power.is_Pow and power.exp.is_Rational and abs(power.exp) > size.MAX_EXPONENT:
-            self._refuse(node, f"an exponent of at most {size.MAX_EXPONENT}")
-        return self._finish(node, power, value, size.function_cost([base.cost, exponent.cost]))
+        cost = size.function_cost([base.cost, exponent.cost])
+        return self._finish(node, sympy.Pow(base.expr, exponent.expr), value, cost)
 
     def _call(self, node: ast.Call, depth: int) -> _Part:
         import sympy
@@ -224,8 +218,15 @@ class _Builder:
             self._refuse(node, f"{function}(y, x)" if count == 2 else f"{function}(x)")
         parts = [self.build(argument, depth) for argument in node.args]
         value = self._evaluate(node, getattr(math, function), [part.value for part in parts])
-        expr = getattr(sympy, function)(*[part.expr for part in parts])
-        return self._finish(node, expr, value, size.function_cost([part.cost for part in parts], function))
+        if function == "exp":  # SymPy turns exp(c*log(b)) into b**c
+            for term in sympy.Add.make_args(parts[0].expr):
+                factor, rest = term.as_coeff_Mul()
+                if isinstance(rest, sympy.log):
+                    self._check_power(node, rest.args[0], factor)
+        evaluate = function != "atan2" or value is None  # of constants: SymPy may try logarithms for minutes
+        expr = getattr(sympy, function)(*[part.expr for part in parts], evaluate=evaluate)
+        cost = size.function_cost([part.cost for part in parts], function)
+        return self._finish(node, expr, value, cost)
 
     def _chain(self, node: ast.expr, kinds: tuple[type, type]) -> list[tuple[bool, ast.expr]]:
         """The terms of `a - b + c`, or factors of `a / b * c`, with whether each counts inversely."""
@@ -244,10 +245,8 @@ class _Builder:
 
     def _evaluate(self, node: ast.expr, function: Callable[..., float], values: list[float | None]) -> float | None:
         """The value of a part without t, in floats: it shows what is not finite before SymPy tries it exactly."""
-        if None in values:
-            return None
         try:
-            return function(*values)
+            return None if None in values else function(*values)
         except (ArithmeticError, ValueError):
             self._refuse(node, _A_NUMBER)
 
@@ -257,15 +256,26 @@ class _Builder:
 
         if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
             self._refuse(node, _A_NUMBER)
+        for part in (expr, *expr.args):
+            if part.is_Pow:
+                self._check_power(node, part.base, part.exp)
         if expr.is_Rational and size.bits(expr) > size.MAX_BITS:
             self._refuse(node, f"exact numbers of at most {size.MAX_BITS} bits")
         if expr.is_Rational or (value is None and not expr.free_symbols):
             value = constant_value(expr)
-        if value is None:
-            return _Part(expr, None, cost)
-        if not math.isfinite(value):
+        if value is not None and not math.isfinite(value):
             self._refuse(node, _A_NUMBER)
-        return _Part(expr, value, size.Cost(cost.size))
+        return _Part(expr, value, cost if value is None else size.Cost(cost.size))
+
+    def _check_power(self, node: ast.expr, base: Expr, exponent: Expr) -> None:
+        """Refuse exponents that SymPy would be long at work with."""
+        import sympy
+
+        largest = max(abs(term.as_coeff_Mul()[0]) for term in sympy.Add.make_args(exponent))
+        if exponent.is_Rational and (abs(exponent) > size.MAX_EXPONENT or exponent.q > size.MAX_ROOT):
+            self._refuse(node, f"an exponent of at most {size.MAX_EXPONENT}, with at most 4 decimals")
+        if base is not sympy.E and size.bits(base.as_coeff_Mul()[0]) * largest > size.MAX_BITS:
+            self._refuse(node, f"exact numbers of at most {size.MAX_BITS} bits")
 
     def _count(self, node: ast.expr) -> None:
         self.nodes += 1
@@ -282,8 +292,8 @@ class _Builder:
 
     def _unknown(self, node: ast.Name) -> NoReturn:
         known = ", ".join((*FUNCTIONS, "t", *CONSTANTS, *list(self.constants)[:_SHOWN]))
-        got = f"unknown name '{node.id[:_FRAGMENT]}' at column {self.column + node.col_offset}"
-        raise UnknownNameError(self.name, known, got)
+        column = self.column + node.col_offset
+        raise UnknownNameError(self.name, known, f"unknown name '{node.id[:_FRAGMENT]}' at column {column}")
 
     def _fail(self, expected: str, got: str) -> NoReturn:
         raise ExpressionError(self.name, expected, got) from None

@@ -39,9 +39,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.coordinates import Coordinates, Expr, compile_coordinates, derivatives, exact
+from hingepair.coordinates import Coordinates, check_real, compile_coordinates, exact
 from hingepair.errors import ArgumentError, SceneError
 from hingepair.euler import find_sequence
+from hingepair.jets import Expr
 from hingepair.kinematics import COORDINATES
 from hingepair.pair import HingePair
 from hingepair.plan import ACCELERATION, POSE, VELOCITY, check_outputs
@@ -206,7 +207,12 @@ def _robot_pair(table: Table) -> HingePair:
 def _motion(table: Table) -> tuple[Expr, ...]:
     table.check_keys((*COORDINATES, "sequence", "constants"))
     constants = _constants(table.table("constants", required=False))
-    return tuple(_expression(table, key, constants) for key in COORDINATES)
+    motion = tuple(_expression(table, key, constants) for key in COORDINATES)
+    try:
+        check_real([table.label(key) for key in COORDINATES], motion)
+    except ArgumentError as error:
+        raise SceneError(error.name, error.expected, error.got) from None
+    return motion
 
 
 def _expression(table: Table, key: str, constants: dict[str, float]) -> Expr:
@@ -217,12 +223,7 @@ def _expression(table: Table, key: str, constants: dict[str, float]) -> Expr:
         return exact(table.number(key))
     from hingepair.expressions import parse
 
-    expr = parse(table.label(key), value, constants)
-    try:
-        derivatives(table.label(key), expr)
-    except ArgumentError as error:
-        raise SceneError(error.name, error.expected, error.got) from None
-    return expr
+    return parse(table.label(key), value, constants)
 
 
 def _constants(table: Table) -> dict[str, float]:
