@@ -195,3 +195,9 @@ def test_robots_are_listed_with_their_hinges() -> None:
 
 def test_version() -> None:
     assert hp.__version__ in hingepair("--version").stdout
+
+
+def test_run_explains() -> None:
+    out = hingepair("run", MODELS / "reference_2d.toml", "--explain").stdout
+    assert "phi_x is constant" in out
+    assert "skipped:" in out

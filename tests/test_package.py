@@ -43,7 +43,7 @@ ORDER = (
     ("equations", "blocks", "lengths", "rotations", "euler"),
     ("motion", "plan", "state"),
     ("kernel_rows", "kernel_math", "kernels", "kernel_cache", "compiled", "backend"),
-    ("kinematics", "constraints"),
+    ("kinematics", "constraints", "explain"),
     ("pair",),
     ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),

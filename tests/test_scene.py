@@ -258,3 +258,21 @@ def test_result_says_what_it_has(tmp_path: Path) -> None:
 def test_unreadable_path(path: object) -> None:
     with pytest.raises(hp.SceneError):
         hp.load_scene(path)
+
+
+def test_the_plan_says_what_is_skipped_and_why(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, GOOD)
+    full = str(scene.plan())
+    assert scene.plan().outputs == scene.evaluate().state.outputs
+    assert "sine and cosine of phi_z at each instant: phi_z is constant" in full
+    assert "the product with C: home is the identity" in full
+    assert "no output needs" not in full
+    only = scene.plan(("S1",))
+    assert [name for name, _ in only.computed] == ["trig", "S1"]
+    assert ("first derivatives of the coordinates", "no output needs them") in only.skipped
+    assert ("attitude of body 2 (E5)", "no output needs it") in only.skipped
+    turned = GOOD.replace('"0.1*t"', "0.3").replace('"0.2*sin(t)"', "0.2")
+    steps = dict(scene_of(tmp_path, turned).plan().computed)
+    assert (steps["S1"], steps["omega1"], steps["S2"]) == ("once", "once", "each")
+    with pytest.raises(hp.ArgumentError, match="outputs"):
+        scene.plan(("R9",))

@@ -67,6 +67,9 @@ def run(
         str | None,
         typer.Option(metavar="NAMES", help=f"What to compute, of {', '.join(OUTPUTS)}."),
     ] = None,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Say what is computed, what is skipped, and why.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Compute the motion of body 2 and show what came out."""
@@ -91,6 +94,8 @@ def run(
         return
     console = _console()
     _head(console, scene)
+    if explain:
+        console.print(str(scene.plan(names)))
     console.print(summary.table(result))
     if lost := summary.not_finite(result):
         console.print(

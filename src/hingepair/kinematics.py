@@ -43,8 +43,8 @@ class Constants(NamedTuple):
         return self.shape == ()
 
 
-_PARTS = {"q": ("R1", "phi", "psi"), "qd": ("v1", "phid", "psid"), "qdd": ("a1", "phidd", "psidd")}
-_OF_COORDINATES = {part: name for name, parts in _PARTS.items() for part in parts}
+PARTS = {"q": ("R1", "phi", "psi"), "qd": ("v1", "phid", "psid"), "qdd": ("a1", "phidd", "psidd")}
+_OF_COORDINATES = {part: name for name, parts in PARTS.items() for part in parts}
 _LETTERS = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
 _OF_BODY1 = {name: f"body1.{letter}" for name, letter in _LETTERS.items()} | {"psid": "psid", "psidd": "psidd"}
 
@@ -57,7 +57,7 @@ def from_coordinates(
         raise ArgumentError("qd", "the first derivatives beside the second", None)
     if sequence != "XYZ":
         find_sequence(sequence)
-    given = {name: value for name, value in zip(_PARTS, (q, qd, qdd), strict=True) if value is not None}
+    given = {name: value for name, value in zip(PARTS, (q, qd, qdd), strict=True) if value is not None}
     if "q" not in given:
         raise ArgumentError("q", "coordinates", None)
     single = out is None and _seven_floats(given)
@@ -65,7 +65,7 @@ def from_coordinates(
     parts = single or {name: coordinates(name, value) for name, value in given.items()}
     values: Values = {}
     for name, seven in parts.items():
-        point, angles, hinge = _PARTS[name]
+        point, angles, hinge = PARTS[name]
         if isinstance(seven, np.ndarray):
             values[point], values[angles], values[hinge] = seven[..., 0:3], seven[..., 3:6], seven[..., 6]
         else:

@@ -42,10 +42,11 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.coordinates import Coordinates, check_real, compile_coordinates, exact
 from hingepair.errors import ArgumentError, SceneError
 from hingepair.euler import find_sequence
+from hingepair.explain import ScenePlan, explain
 from hingepair.jets import Expr
-from hingepair.kinematics import COORDINATES
+from hingepair.kinematics import COORDINATES, PARTS
 from hingepair.pair import HingePair
-from hingepair.plan import ACCELERATION, POSE, VELOCITY, check_outputs
+from hingepair.plan import ACCELERATION, POSE, VELOCITY, check_outputs, default_outputs, make_plan
 from hingepair.scene_file import Table, read_tables
 from hingepair.state import PairState
 
@@ -135,13 +136,38 @@ class Scene:
         Raises:
             ArgumentError: an unknown output.
         """
-        names = self.outputs if outputs is None else check_outputs(outputs)
-        order = ACCELERATION if names is None else max((_level(name) for name in names), default=POSE)
+        names, order = self._wanted(outputs)
         t = self.times()
         q, *rates = _compiled(self.motion, order)(t)
         if not any(isinstance(value, np.ndarray) for value in q):
             q = (np.full(t.shape, q[0]), *q[1:])
         return SceneResult(t, self.pair.forward_kinematics(q, *rates, outputs=names, sequence=self.sequence))
+
+    def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
+        """What `evaluate` computes and what it leaves out, and why; print it.
+
+        Args:
+            outputs: as for `evaluate`.
+
+        Raises:
+            ArgumentError: an unknown output.
+        """
+        names, order = self._wanted(outputs)
+        derivatives = _compiled(self.motion, order)(self.times()[:1])
+        constant = set()
+        for parts, seven in zip(PARTS.values(), derivatives, strict=False):
+            still = [not isinstance(value, np.ndarray) for value in seven]
+            constant |= {
+                part for part, own in zip(parts, (still[:3], still[3:6], still[6:]), strict=True) if all(own)
+            }
+        constant |= {name for name, expr in self.expressions.items() if not expr.free_symbols}
+        plan = make_plan(names or default_outputs(order), self.sequence, "home" in self.pair._constants.values)
+        return explain(plan, order, frozenset(constant))
+
+    def _wanted(self, outputs: Iterable[str] | None) -> tuple[tuple[str, ...] | None, int]:
+        """The outputs, None for all of body 2, and the derivatives of the coordinates that they need."""
+        names = self.outputs if outputs is None else check_outputs(outputs)
+        return names, ACCELERATION if names is None else max((_level(name) for name in names), default=POSE)
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
