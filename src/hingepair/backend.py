@@ -59,7 +59,12 @@ def choose(backend: str, workers: int) -> How:
     check_choice("backend", backend, BACKENDS)
     if type(workers) is not int or (workers < 1 and workers != -1):
         raise ArgumentError("workers", "a positive integer, or -1 for all cores", workers)
-    return How(backend, workers if workers > 0 else len(os.sched_getaffinity(0)))
+    return How(backend, workers if workers > 0 else _cores())
+
+
+def _cores() -> int:
+    """The cores that this process may use; all of them where the system does not say."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @functools.cache
