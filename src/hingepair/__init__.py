@@ -28,6 +28,7 @@ from hingepair.errors import (
 from hingepair.euler import euler_rate_matrix, euler_rates, euler_to_matrix, matrix_to_euler
 from hingepair.motion import BodyMotion
 from hingepair.pair import HingePair
+from hingepair.planar import PlanarPair
 from hingepair.rotations import (
     angular_velocity,
     project_to_rotation,
@@ -37,7 +38,7 @@ from hingepair.rotations import (
     skew,
     unskew,
 )
-from hingepair.state import PairState
+from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
     from hingepair.pinocchio import cross_validate, to_pinocchio
@@ -57,6 +58,8 @@ __all__ = [
     "HingePairError",
     "MissingDependencyError",
     "PairState",
+    "PlanarPair",
+    "PlanarState",
     "RotationError",
     "SceneError",
     "ShapeError",

@@ -27,6 +27,11 @@ def components_of(array: NDArray[Any], rank: int = 1) -> Components:
     return tuple(array[..., i] for i in range(array.shape[-1]))
 
 
+def numbers(components: Components) -> Components:
+    """Components of no axes as Python floats, the others as they are."""
+    return tuple(float(c) if c.ndim == 0 else c for c in components)
+
+
 def compute(
     function: Callable[[Values], Mapping[str, Any]],
     inputs: Values,
@@ -103,6 +108,11 @@ def angle_terms(phi: Components) -> Components:
     """(sin, cos) of each of three angles, one after the other."""
     x, y, z = phi
     return sine(x), cosine(x), sine(y), cosine(y), sine(z), cosine(z)
+
+
+def turn_terms(phi1: Component) -> Components:
+    """(sin, cos) of one angle."""
+    return sine(phi1), cosine(phi1)
 
 
 def hinge_terms(psi: Component) -> Components:

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from hingepair.arrays import Box, boxes
 from hingepair.blocks import Values
-from hingepair.euler import find_sequence
 from hingepair.kernel_cache import kernels
-from hingepair.kernel_rows import LANES, ROWS, operations, place
+from hingepair.kernel_rows import LANES, ROWS, input_rows, input_sign, operations, output_rows, place
 from hingepair.plan import Plan
 
 Integers: TypeAlias = NDArray[np.int64]
@@ -24,6 +23,8 @@ FEWEST_A_WORKER = 8192
 """Samples that are worth a thread: a third of a millisecond of work, which is what starting threads takes."""
 
 _SLAB = 65536  # samples converted at a time, where inputs are of another dtype than the one computed in
+_rows_of = functools.lru_cache(maxsize=4096)(input_rows)
+_sign = functools.lru_cache(maxsize=4096)(input_sign)
 _ANGLES = {ROWS["phi"] + i * LANES: f"phi_{axis}" for i, axis in enumerate("xyz")}
 
 
@@ -43,7 +44,8 @@ def compute(
     if 0 in shape:
         return
     groups = list(_input_groups(plan, inputs, dtype))
-    targets = [group for name, array in out.items() for group in _groups_of(ROWS[name], array, len(shape))]
+    first = {name: output_rows(plan, name)[0] for name in out}
+    targets = [group for name, array in out.items() for group in _groups_of(first[name], array, len(shape))]
     if all(group.array.dtype == dtype for group in groups):
         _compute(plan, groups, targets, shape, dtype, workers)
         return
@@ -87,25 +89,15 @@ def _recipe(plan: Plan) -> _Recipe:
     names = tuple(sorted(plan.inputs))
     rows = [row for name in names for row in _rows_of(plan, name)]
     signs = [_sign(plan, name) for name in names for _ in _rows_of(plan, name)]
-    outputs = [ROWS[name] + i * LANES for name in plan.outputs for i in range(9 if name in {"S1", "S2"} else 3)]
+    outputs = [row for name in plan.outputs for row in output_rows(plan, name)]
     once, each = operations(plan, frozenset())
     return _Recipe(
         names, np.array(rows), np.array(signs, float), np.array(outputs), np.array([*once, *each]), place(plan)
     )
 
 
-@functools.lru_cache(maxsize=4096)
-def _rows_of(plan: Plan, name: str) -> tuple[int, ...]:
-    """The rows of a value's components; Euler angles and their rates in canonical order."""
-    count = 1 if name.startswith("psi") else 9 if name in {"S1", "home"} else 3
-    rows = tuple(ROWS[name] + i * LANES for i in range(count))
-    backward = name.startswith("phi") and plan.sequence is not None and find_sequence(plan.sequence).backward
-    return rows[::-1] if backward else rows
-
-
-@functools.lru_cache(maxsize=4096)
-def _sign(plan: Plan, name: str) -> int:
-    return find_sequence(plan.sequence).sign if name.startswith("phi") and plan.sequence is not None else 1
+_rows_of = functools.lru_cache(maxsize=4096)(input_rows)
+_sign = functools.lru_cache(maxsize=4096)(input_sign)
 
 
 class _Group(NamedTuple):
@@ -139,6 +131,8 @@ def _groups_of(row: int, array: NDArray[Any], axes: int, sign: int = 1) -> Itera
     if array.ndim - axes == 2:
         for i in range(3):
             yield _Group(row + 3 * i * LANES, array[..., i, :], sign)
+    elif array.ndim == axes:
+        yield _Group(row, array[..., None], sign)
     elif array.shape[-1] == 9:
         for i in range(3):
             yield _Group(row + 3 * i * LANES, array[..., 3 * i : 3 * i + 3], sign)

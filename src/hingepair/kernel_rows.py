@@ -5,23 +5,27 @@ Free of Numba, so that a plan can be turned into operations before anything is c
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
 
 from hingepair.euler import find_sequence
-from hingepair.plan import Plan
+from hingepair.plan import PLANAR, SPATIAL, Plan, outputs_of
 
 LANES: Final = 16
 """Samples a block: every row of the scratch array holds one component of so many samples."""
 
+_EULER = frozenset(("phi", "phid", "phidd"))
 _COUNTS = {
     **dict.fromkeys(("R1", "phi", "v1", "phid", "a1", "phidd", "omega1", "alpha1", "u1", "u2", "n"), 3),
-    **dict.fromkeys(("psi", "psid", "psidd"), 1),
+    **dict.fromkeys(("psi", "psid", "psidd", "phi1", "phi1d", "phi1dd", "phi2"), 1),
     **dict.fromkeys(("S1", "home", "trig", "Sh", "S2", "spare"), 9),
     **dict.fromkeys(("r1", "r2", "d", "R2", "axis", "omega2", "v2", "alpha2", "a2"), 3),
     "hinge": 3,
     "axes": 5,
+    "turn1": 3,
+    "turn2": 2,
     "end": 0,
 }
 ROWS: Final = {name: LANES * sum(list(_COUNTS.values())[:i]) for i, name in enumerate(_COUNTS)}
@@ -31,6 +35,8 @@ OPERATIONS: Final = (
     *("trig_x", "trig_y", "trig_z", "hinge", "tait_bryan", "tait_bryan_axes", "proper", "proper_axes"),
     *("omega1", "alpha1", "place_S1", "place_omega1", "place_alpha1", "Sh", "S2", "S2_home", "r1", "r2", "d", "R2"),
     *("axis", "omega2", "v2", "alpha2", "a2"),
+    *("turn1", "turn2", "turn2_home", "phi2", "flat_S1", "flat_S2", "flat_r1", "flat_r2", "flat_omega1"),
+    *("flat_omega2", "flat_v2", "flat_alpha1", "flat_alpha2", "flat_a2", "flat_frame", "planar_frame"),
 )
 """The steps that the kernels know, in the order of their numbers."""
 
@@ -45,7 +51,7 @@ def operations(plan: Plan, fixed: frozenset[str]) -> tuple[tuple[int, ...], tupl
     constant = set(fixed)
     if {"phi_x", "phi_y", "phi_z"} <= fixed:
         constant.add("phi")
-    once: list[str] = []
+    once: list[str] = [] if plan.kind == SPATIAL else [f"{plan.kind}_frame"]
     each: list[str] = []
     for step in plan.steps:
         if step.result == "angles":
@@ -61,14 +67,40 @@ def operations(plan: Plan, fixed: frozenset[str]) -> tuple[tuple[int, ...], tupl
 
 def place(plan: Plan) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """Where the sequence takes the axes: nine components of a matrix, three of a vector, and its sign."""
-    if plan.sequence is None:
+    if plan.sequence is None or plan.kind != SPATIAL:
         return np.array([*range(9), *range(3), 1])
     order = find_sequence(plan.sequence)
     return np.array([*(3 * i + j for i in order.place for j in order.place), *order.place, order.sign])
 
 
+def input_rows(plan: Plan, name: str) -> tuple[int, ...]:
+    """The rows of an input's components; Euler angles and their rates in canonical order."""
+    if name.startswith(("psi", "phi1")):
+        return (ROWS[name],)
+    count = 9 if name in {"S1", "home"} else 2 if plan.kind == PLANAR else 3
+    rows = tuple(ROWS[name] + i * LANES for i in range(count))
+    backward = name in _EULER and plan.sequence is not None and find_sequence(plan.sequence).backward
+    return rows[::-1] if backward else rows
+
+
+def input_sign(plan: Plan, name: str) -> int:
+    """The sign that an input's components get: sequences of odd order turn backwards."""
+    return find_sequence(plan.sequence).sign if name in _EULER and plan.sequence is not None else 1
+
+
+def output_rows(plan: Plan, name: str) -> tuple[int, ...]:
+    """The rows of an output's components: of a planar pair's turns, those about z."""
+    count = math.prod(outputs_of(plan.kind)[name].tail)
+    first = 2 if name in {"omega2", "alpha2"} and count == 1 else 0
+    return tuple(ROWS[name] + (first + i) * LANES for i in range(count))
+
+
 def _names(plan: Plan, result: str) -> tuple[str, ...]:
     """The operations of one step."""
+    if plan.kind != SPATIAL:
+        if result == "turn2" and plan.home:
+            return ("turn2_home",)
+        return (f"flat_{result}",) if f"flat_{result}" in OPERATIONS else (result,)
     if result == "trig":
         return ("trig_x", "trig_y", "trig_z")
     if result == "S2":

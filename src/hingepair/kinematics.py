@@ -1,50 +1,36 @@
-"""Forward kinematics: arrays in, a plan of steps over them, a PairState out."""
+"""Forward kinematics: coordinates or a body's motion in, a plan of steps over them, a state out."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Set
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from hingepair.arrays import broadcast_shape, real_array, result_dtype, vectors
 from hingepair.backend import How
-from hingepair.blocks import Components, Values, components_of, compute
-from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices
+from hingepair.blocks import Values
+from hingepair.errors import ArgumentError
 from hingepair.euler import find_sequence
+from hingepair.evaluate import (
+    Constants,
+    Coordinates,
+    Out,
+    Outputs,
+    component,
+    evaluate,
+    evaluate_one,
+    leading_shapes,
+    plan_for,
+    read_coordinates,
+    wanted,
+)
 from hingepair.motion import BodyMotion
-from hingepair.plan import OUTPUTS, Plan, check_outputs, default_outputs, make_plan
-from hingepair.state import PairState, layout_of
+from hingepair.plan import FLAT, PLANAR, Plan, default_outputs, make_plan
+from hingepair.state import PairState, PlanarState
 
 COORDINATES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
-
-Outputs: TypeAlias = Iterable[str] | None
-Out: TypeAlias = Mapping[str, NDArray[Any]] | None
-
-
-class Constants(NamedTuple):
-    """What a pair brings: u1, u2 and n, and home where it is not the identity, by component.
-
-    Attributes:
-        values: components by name; floats where the pair is one.
-        arrays: the same as arrays, with the components last.
-        shape: leading shape of the pair; () for one pair.
-    """
-
-    values: Values
-    arrays: Values
-    shape: tuple[int, ...]
-
-    @property
-    def single(self) -> bool:
-        """Whether it is one pair."""
-        return self.shape == ()
-
-
 PARTS = {"q": ("R1", "phi", "psi"), "qd": ("v1", "phid", "psid"), "qdd": ("a1", "phidd", "psidd")}
-_OF_COORDINATES = {part: name for name, parts in PARTS.items() for part in parts}
+PLANAR_PARTS = {"q": ("R1", "phi1", "psi"), "qd": ("v1", "phi1d", "psid"), "qdd": ("a1", "phi1dd", "psidd")}
+_OF_COORDINATES = {part: name for parts in (PARTS, PLANAR_PARTS) for name, own in parts.items() for part in own}
 _LETTERS = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
 _OF_BODY1 = {name: f"body1.{letter}" for name, letter in _LETTERS.items()} | {"psid": "psid", "psidd": "psidd"}
 
@@ -53,32 +39,39 @@ def from_coordinates(
     pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str, how: How
 ) -> PairState:
     """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10)."""
-    if qdd is not None and qd is None:
-        raise ArgumentError("qd", "the first derivatives beside the second", None)
     if sequence != "XYZ":
         find_sequence(sequence)
-    given = {name: value for name, value in zip(PARTS, (q, qd, qdd), strict=True) if value is not None}
-    if "q" not in given:
-        raise ArgumentError("q", "coordinates", None)
-    single = out is None and _seven_floats(given)
-    parts: Mapping[str, Components | NDArray[Any]]
-    parts = single or {name: coordinates(name, value) for name, value in given.items()}
-    values: Values = {}
-    for name, seven in parts.items():
-        point, angles, hinge = PARTS[name]
-        if isinstance(seven, np.ndarray):
-            values[point], values[angles], values[hinge] = seven[..., 0:3], seven[..., 3:6], seven[..., 6]
-        else:
-            values[point], values[angles], values[hinge] = seven[0:3], seven[3:6], seven[6]
+    given = read_coordinates(q, qd, qdd, len(COORDINATES))
+    values = values_of(given)
+    home = "home" in pair.values
     if outputs is None and not out:
-        plan = make_plan(default_outputs(len(given) - 1), sequence, "home" in pair.values)
+        plan = make_plan(default_outputs(len(given.parts) - 1), sequence, home)
     else:
-        names = _wanted(outputs, out, len(given) - 1)
-        plan = _plan(names, sequence, values.keys() | pair.values.keys(), _OF_COORDINATES)
-    if single and pair.single:
-        return _evaluate_one(plan, {**pair.values, **values}, how)
-    shapes = {name: _leading(name, seven) for name, seven in parts.items()}
-    return _evaluate(plan, pair, values, shapes, out, how)
+        names = wanted(outputs, out, len(given.parts) - 1)
+        plan = plan_for(names, (sequence, home), values.keys() | pair.values.keys(), _OF_COORDINATES)
+    if given.single and out is None and pair.single:
+        return evaluate_one(PairState, plan, {**pair.values, **values}, how)
+    plan, values = flattened(plan, pair, values)
+    return evaluate(PairState, plan, pair, values, leading_shapes(given), out, how)
+
+
+def planar_from_coordinates(
+    pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, how: How
+) -> PlanarState:
+    """The planar pair's state from (x, y, phi, psi) and as many derivatives as are given (E11)."""
+    given = read_coordinates(q, qd, qdd, 4)
+    values: Values = {}
+    for name, four in given.parts.items():
+        point, angle, hinge = PLANAR_PARTS[name]
+        if isinstance(four, np.ndarray):
+            values[point], values[angle], values[hinge] = four[..., 0:2], four[..., 2], four[..., 3]
+        else:
+            values[point], values[angle], values[hinge] = four[0:2], four[2], four[3]
+    names = wanted(outputs, out, len(given.parts) - 1, PLANAR)
+    plan = plan_for(names, (None, False), values.keys() | pair.values.keys(), _OF_COORDINATES, PLANAR)
+    if given.single and out is None and pair.single:
+        return evaluate_one(PlanarState, plan, {**pair.values, **values}, how)
+    return evaluate(PlanarState, plan, pair, values, leading_shapes(given), out, how)
 
 
 def from_body1(
@@ -94,149 +87,54 @@ def from_body1(
     given = {"psi": psi, "psid": psid, "psidd": psidd}
     hinge = {name: component(name, value) for name, value in given.items() if value is not None}
     arrays = {name: array for name, letter in _LETTERS.items() if (array := getattr(body1, letter)) is not None}
-    given_names = hinge.keys() | arrays.keys() | pair.values.keys()
-    plan = _plan(_wanted(outputs, out, len(hinge) - 1), None, given_names, _OF_BODY1)
-    if out is None and body1.shape == () and pair.single and _in_doubles(arrays, hinge):
+    known = hinge.keys() | arrays.keys() | pair.values.keys()
+    plan = plan_for(wanted(outputs, out, len(hinge) - 1), (None, "home" in pair.values), known, _OF_BODY1)
+    doubles = all(type(v) is float for v in hinge.values()) and all(v.dtype.char == "d" for v in arrays.values())
+    if out is None and body1.shape == () and pair.single and doubles:
         one = {name: tuple(array.ravel().tolist()) for name, array in arrays.items()}
-        return _evaluate_one(plan, {**pair.values, **one, **hinge}, how)
+        return evaluate_one(PairState, plan, {**pair.values, **one, **hinge}, how)
     shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
-    return _evaluate(plan, pair, {**arrays, **hinge}, shapes, out, how)
+    return evaluate(PairState, plan, pair, {**arrays, **hinge}, shapes, out, how)
 
 
-def coordinates(name: str, value: Any) -> Components | NDArray[Any]:
-    """A tuple of seven broadcastable coordinates, or one array of shape (..., 7)."""
-    if isinstance(value, tuple) and len(value) == len(COORDINATES):
-        return tuple(component(f"{name}[{i}]", part) for i, part in enumerate(value))
-    try:
-        return vectors(name, value, len(COORDINATES))
-    except ShapeError as error:
-        raise ShapeError(name, f"{error.expected}, or a tuple of seven coordinates", error.got) from None
-
-
-def component(name: str, value: ArrayLike) -> Any:
-    """One coordinate: a Python number stays one, so that it follows the dtype of the arrays beside it."""
-    if type(value) is float or type(value) is int:
-        return float(value)
-    return real_array(name, value)
-
-
-def _seven_floats(given: Mapping[str, Any]) -> dict[str, Components] | None:
-    """The coordinates as Python floats, where each of q, qd, qdd is one state in float64."""
-    parts = {}
-    for name, value in given.items():
-        if type(value) is np.ndarray and value.shape == (7,) and value.dtype.char == "d":
-            parts[name] = tuple(value.tolist())
-        elif type(value) is tuple and len(value) == len(COORDINATES) and all(type(c) is float for c in value):
-            parts[name] = value
+def values_of(given: Coordinates) -> Values:
+    """Position, Euler angles and hinge angle, and their derivatives, by the names of a plan's inputs."""
+    values: Values = {}
+    for name, seven in given.parts.items():
+        point, angles, hinge = PARTS[name]
+        if isinstance(seven, np.ndarray):
+            values[point], values[angles], values[hinge] = seven[..., 0:3], seven[..., 3:6], seven[..., 6]
         else:
-            return None
-    return parts
+            values[point], values[angles], values[hinge] = seven[0:3], seven[3:6], seven[6]
+    return values
 
 
-def _in_doubles(arrays: Mapping[str, NDArray[Any]], hinge: Mapping[str, Any]) -> bool:
-    return all(type(v) is float for v in hinge.values()) and all(v.dtype.char == "d" for v in arrays.values())
+def flattened(plan: Plan, pair: Constants, values: Values) -> tuple[Plan, Values]:
+    """The plan of motion whose turns are all about z (E11), where constants prove that these are such.
+
+    That is: the hinge axis is e_z or -e_z, home turns about z, and of the Euler angles two are the number 0, and so
+    are their rates, the third being the only one about z. Else what came.
+    """
+    letters = (plan.sequence or "").lower()
+    if letters.count("z") != 1 or not _is_upright(pair):
+        return plan, values
+    index, own = letters.index("z"), dict(values)
+    for name, flat_name in (("phi", "phi1"), ("phid", "phi1d"), ("phidd", "phi1dd")):
+        if name in plan.inputs:
+            angles = own.pop(name)
+            if not isinstance(angles, tuple) or any(not _is_zero(a) for i, a in enumerate(angles) if i != index):
+                return plan, values
+            own[flat_name] = angles[index]
+    return make_plan(plan.outputs, plan.sequence, plan.home, kind=FLAT), own
 
 
-def _leading(name: str, seven: Components | NDArray[Any]) -> tuple[int, ...]:
-    if isinstance(seven, np.ndarray):
-        return seven.shape[:-1]
-    return broadcast_shape({f"{name}[{i}]": np.shape(c) for i, c in enumerate(seven)})
+def _is_upright(pair: Constants) -> bool:
+    n, home = pair.values["n"], pair.values.get("home", (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
+    if not all(type(value) is float for value in (*n, *home)):
+        return False
+    about_z = home[2::3] == home[6:] == (0.0, 0.0, 1.0)
+    return bool(n[0] == n[1] == 0.0 and about_z and home[0] == home[4] and home[1] == -home[3])
 
 
-def _wanted(outputs: Outputs, out: Out, level: int) -> tuple[str, ...]:
-    """What to compute: the names asked for, or the level's defaults and whatever `out` has room for."""
-    if out is not None and not isinstance(out, Mapping):
-        raise ArgumentError("out", "a dict of arrays by output name", out)
-    room = tuple(out or ())
-    for name in room:
-        if name not in OUTPUTS:
-            raise ArgumentError("out", choices(tuple(OUTPUTS)), name)
-    if outputs is None:
-        return tuple(dict.fromkeys((*default_outputs(level), *room))) if room else default_outputs(level)
-    names = check_outputs(outputs)
-    for name in room:
-        if name not in names:
-            raise ArgumentError("out", f"arrays for nothing but the outputs named ({', '.join(names)})", name)
-    return names
-
-
-def _plan(names: tuple[str, ...], sequence: str | None, given: Set[str], sources: Mapping[str, str]) -> Plan:
-    home = "home" in given
-    plan = make_plan(names, sequence, home)
-    if plan.inputs <= given:
-        return plan
-    for name in names:
-        for missing in sorted(make_plan((name,), sequence, home).inputs - given):
-            raise ArgumentError(sources[missing], f"a value, since output {name} needs it", None)
-    return plan
-
-
-def _evaluate_one(plan: Plan, values: Values, how: How) -> PairState:
-    """One state in Python floats: no array but the one that holds the results."""
-    if how.compiles_one():
-        from hingepair.compiled import one_state
-
-        return PairState._of_one(one_state(plan, values), layout_of(plan.outputs))
-    plan.run(values)
-    numbers: list[float] = []
-    for name in plan.outputs:
-        numbers.extend(values[name])
-    return PairState._of_one(np.array(numbers), layout_of(plan.outputs))
-
-
-def _evaluate(
-    plan: Plan, pair: Constants, values: Values, shapes: Mapping[str, tuple[int, ...]], out: Out, how: How
-) -> PairState:
-    dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
-    shape = broadcast_shape({**shapes, "pair": pair.shape})
-    arrays = {}
-    for name in plan.outputs:
-        if out is not None and name in out:
-            arrays[name] = _room(f"out[{name!r}]", out[name], (*shape, *OUTPUTS[name].tail), dtype)
-        else:
-            arrays[name] = np.empty((*shape, *OUTPUTS[name].tail), dtype)
-    if out is not None:
-        _check_apart(out, values)
-    if how.compiles(math.prod(shape)):
-        from hingepair.compiled import compute as compute_compiled
-
-        compute_compiled(plan, {**pair.arrays, **values}, arrays, shape, dtype, how.workers)
-    else:
-        groups = {name: group for name, group in {**pair.values, **values}.items() if name in plan.inputs}
-        parts = {name: _components(name, group) for name, group in groups.items()}
-        compute(plan.run, parts, arrays, shape, dtype, how.workers)
-    return PairState(arrays, shape)
-
-
-def _components(name: str, group: Any) -> Any:
-    """A group as the equations take it: a component, or a tuple of components."""
-    if not isinstance(group, np.ndarray) or name.startswith("psi"):
-        return group
-    return components_of(group, 2 if name == "S1" else 1)
-
-
-def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-    if not isinstance(array, np.ndarray):
-        raise ArgumentError(name, "an array to write into", array)
-    if array.shape != shape:
-        raise ShapeError(name, f"shape {shape}", f"shape {array.shape}")
-    if array.dtype != dtype:
-        raise DtypeError(name, f"dtype {dtype.name}", f"dtype {array.dtype}")
-    if not array.flags.writeable:
-        raise ArgumentError(name, "a writable array", "a read-only one")
-    return array
-
-
-def _check_apart(out: Mapping[str, NDArray[Any]], groups: Values) -> None:
-    """Refuse an output that lies over an input or over another output: blocks would read what they wrote."""
-    taken = [
-        (name, c)
-        for name, group in groups.items()
-        for c in (group if isinstance(group, tuple) else (group,))
-        if isinstance(c, np.ndarray)
-    ]
-    for name, array in out.items():
-        for other, c in taken:
-            if np.may_share_memory(array, c) and np.shares_memory(array, c):
-                raise ArgumentError(f"out[{name!r}]", "memory of its own", f"an array that overlaps {other}")
-        taken.append((f"out[{name!r}]", array))
+def _is_zero(value: Any) -> bool:
+    return type(value) is float and value == 0.0

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair import kinematics
 from hingepair.arrays import broadcast_shape, constant, read_only
 from hingepair.backend import choose
-from hingepair.blocks import components_of
+from hingepair.blocks import components_of, numbers
 from hingepair.errors import ArgumentError
-from hingepair.kinematics import Constants, Out, Outputs
+from hingepair.evaluate import Constants, Out, Outputs
 from hingepair.lengths import unit_axis
 from hingepair.motion import BodyMotion
 from hingepair.rotations import check_rotation
@@ -62,9 +62,9 @@ class HingePair:
         check_rotation("home", rotation)
         vectors = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3), "n": read_only(unit_axis("n", n))}
         shapes = {**{key: v.shape[:-1] for key, v in vectors.items()}, "home": rotation.shape[:-2]}
-        values = {key: _numbers(components_of(vector)) for key, vector in vectors.items()}
+        values = {key: numbers(components_of(vector)) for key, vector in vectors.items()}
         if not np.array_equal(rotation, np.broadcast_to(np.eye(3), rotation.shape)):
-            values["home"] = _numbers(components_of(rotation, 2))
+            values["home"] = numbers(components_of(rotation, 2))
         arrays = {**vectors, "home": rotation.reshape(*rotation.shape[:-2], 9)}
         constants = Constants(values, arrays, broadcast_shape(shapes))
         for key, value in {**vectors, "home": rotation, "name": name, "_constants": constants}.items():
@@ -163,7 +163,3 @@ def check_pair(pair: object) -> None:
     """
     if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
         raise ArgumentError("pair", "a HingePair", pair)
-
-
-def _numbers(components: tuple[NDArray[np.float64], ...]) -> tuple[Any, ...]:
-    return tuple(float(c) if c.ndim == 0 else c for c in components)

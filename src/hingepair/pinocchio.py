@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.accuracy import error_ratios, euler_rate_sizes, output_scales, unit_roundoff
 from hingepair.arrays import result_dtype
 from hingepair.cross_validation import Comparison, CrossValidation
-from hingepair.kinematics import coordinates as components
+from hingepair.evaluate import coordinates as read
 from hingepair.motion import BodyMotion
 from hingepair.pinocchio_twin import PinocchioTwin, import_pinocchio, to_pinocchio
 
@@ -61,7 +61,7 @@ def cross_validate(
     twin = to_pinocchio(pair)
     state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
     results = {name: np.asarray(getattr(state, name)) for level in LEVELS for name in level}
-    given = [components(name, c) for name, c in (("q", q), ("qd", qd), ("qdd", qdd)) if c is not None]
+    given = [read(name, c, 7) for name, c in (("q", q), ("qd", qd), ("qdd", qdd)) if c is not None]
     dtype = result_dtype(c for seven in given for c in ((seven,) if isinstance(seven, np.ndarray) else seven))
     shape = results["R2"].shape[:-1]
     coordinates = [_packed(seven, shape) for seven in given]

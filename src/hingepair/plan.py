@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 from hingepair import equations as eq
-from hingepair.blocks import angle_terms, hinge_terms
+from hingepair import planar_equations as planar
+from hingepair.blocks import angle_terms, hinge_terms, turn_terms
 from hingepair.errors import ArgumentError, choices
 from hingepair.euler import find_sequence
 
@@ -43,6 +44,20 @@ OUTPUTS = {
 }
 """Everything of both bodies by name; without a default level, only computed when named."""
 
+PLANAR_OUTPUTS = {
+    "R2": Output((2,), POSE),
+    "phi2": Output((), POSE),
+    "d": Output((2,), POSE),
+    "v2": Output((2,), VELOCITY),
+    "omega2": Output((), VELOCITY),
+    "a2": Output((2,), ACCELERATION),
+    "alpha2": Output((), ACCELERATION),
+}
+"""Everything of body 2 of a planar pair."""
+
+SPATIAL, FLAT, PLANAR = "spatial", "flat", "planar"
+"""Kinds of plan: any motion; motion in space whose turns are all about z; the same in two coordinates (E11)."""
+
 
 class Step(NamedTuple):
     """One equation: result = function(*arguments), all by name."""
@@ -63,6 +78,7 @@ class Plan:
         skipped: the results of the steps that nothing needs.
         sequence: of the Euler angles; None where S1, omega1 and alpha1 are given.
         home: whether C differs from the identity.
+        kind: SPATIAL, FLAT or PLANAR.
     """
 
     outputs: tuple[str, ...]
@@ -71,6 +87,7 @@ class Plan:
     skipped: tuple[str, ...]
     sequence: str | None
     home: bool
+    kind: str
 
     def run(self, values: dict[str, Any]) -> dict[str, Any]:
         """Run the steps on values by name; the results join the values."""
@@ -96,6 +113,43 @@ HINGE_STEPS = (
 
 _WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))
 
+_TURN1 = (Step("hinge", hinge_terms, ("psi",)), Step("turn1", turn_terms, ("phi1",)))
+
+PLANAR_STEPS = (
+    *_TURN1,
+    Step("turn2", planar.planar_turn, ("turn1", "hinge")),
+    Step("phi2", planar.planar_rate, ("phi1", "psi")),
+    Step("r1", planar.planar_rotate, ("turn1", "u1")),
+    Step("r2", planar.planar_rotate, ("turn2", "u2")),
+    Step("d", planar.planar_difference, ("r1", "r2")),
+    Step("R2", planar.planar_sum, ("R1", "d")),
+    Step("omega2", planar.planar_rate, ("phi1d", "psid")),
+    Step("v2", planar.planar_velocity2, ("v1", "phi1d", "r1", "omega2", "r2")),
+    Step("alpha2", planar.planar_rate, ("phi1dd", "psidd")),
+    Step("a2", planar.planar_acceleration2, ("a1", "phi1d", "phi1dd", "r1", "omega2", "alpha2", "r2")),
+)
+"""A planar pair (E11)."""
+
+FLAT_STEPS = (
+    *_TURN1,
+    Step("turn2", planar.flat_turn_home, ("turn1", "hinge", "n", "home")),
+    Step("S1", planar.flat_attitude, ("turn1",)),
+    Step("S2", planar.flat_attitude, ("turn2",)),
+    Step("r1", planar.flat_rotate, ("turn1", "u1")),
+    Step("r2", planar.flat_rotate, ("turn2", "u2")),
+    Step("d", eq.subtract, ("r1", "r2")),
+    Step("R2", eq.position2, ("R1", "d")),
+    Step("omega1", planar.flat_spin1, ("phi1d",)),
+    Step("omega2", planar.flat_spin2, ("phi1d", "n", "psid")),
+    Step("v2", planar.flat_velocity2, ("v1", "phi1d", "r1", "omega2", "r2")),
+    Step("alpha1", planar.flat_spin1, ("phi1dd",)),
+    Step("alpha2", planar.flat_spin2, ("phi1dd", "n", "psidd")),
+    Step("a2", planar.flat_acceleration2, ("a1", "phi1d", "phi1dd", "r1", "omega2", "alpha2", "r2")),
+)
+"""A pair in space whose turns are all about z (E11 in three coordinates)."""
+
+_FLAT_WITHOUT_HOME = Step("turn2", planar.flat_turn, ("turn1", "hinge", "n"))
+
 Terms: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]
 NUMERIC: Terms = (angle_terms, hinge_terms)
 """How floats and arrays make the sines and cosines of phi and of psi."""
@@ -103,7 +157,11 @@ NUMERIC: Terms = (angle_terms, hinge_terms)
 
 @functools.lru_cache(maxsize=256)
 def make_plan(
-    outputs: tuple[str, ...], sequence: str | None = "XYZ", home: bool = True, terms: Terms = NUMERIC
+    outputs: tuple[str, ...],
+    sequence: str | None = "XYZ",
+    home: bool = True,
+    terms: Terms = NUMERIC,
+    kind: str = SPATIAL,
 ) -> Plan:
     """The plan for some outputs.
 
@@ -112,8 +170,9 @@ def make_plan(
         sequence: of the Euler angles; None where S1, omega1 and alpha1 are given.
         home: whether C differs from the identity.
         terms: what makes (sin, cos) of the three angles and (sin, 1 - cos) of psi in the numbers at hand.
+        kind: SPATIAL, FLAT or PLANAR; the latter two take phi1 for the three angles.
     """
-    steps = _all_steps(sequence, home, terms)
+    steps = _SOME_STEPS[kind, home] if kind != SPATIAL else _all_steps(sequence, home, terms)
     needed = set(outputs)
     taken = []
     for step in reversed(steps):
@@ -122,18 +181,22 @@ def make_plan(
             needed.update(step.arguments)
     made = {step.result for step in taken}
     skipped = tuple(step.result for step in steps if step.result not in made)
-    return Plan(outputs, tuple(reversed(taken)), frozenset(needed - made), skipped, sequence, home)
+    return Plan(outputs, tuple(reversed(taken)), frozenset(needed - made), skipped, sequence, home, kind)
+
+
+def outputs_of(kind: str) -> dict[str, Output]:
+    """What a kind of plan can compute."""
+    return PLANAR_OUTPUTS if kind == PLANAR else OUTPUTS
 
 
 @functools.cache
-def default_outputs(level: int) -> tuple[str, ...]:
+def default_outputs(level: int, kind: str = SPATIAL) -> tuple[str, ...]:
     """The outputs that a level brings without being named."""
-    return tuple(
-        name for name, output in OUTPUTS.items() if output.default_level is not None and output.default_level <= level
-    )
+    levels = {name: output.default_level for name, output in outputs_of(kind).items()}
+    return tuple(name for name, own in levels.items() if own is not None and own <= level)
 
 
-def check_outputs(outputs: Any) -> tuple[str, ...]:
+def check_outputs(outputs: Any, kind: str = SPATIAL) -> tuple[str, ...]:
     """The names asked for, each once.
 
     Raises:
@@ -147,9 +210,10 @@ def check_outputs(outputs: Any) -> tuple[str, ...]:
         raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", outputs) from None
     if not names:
         raise ArgumentError("outputs", "at least one name", "none")
+    known = outputs_of(kind)
     for name in names:
-        if name not in OUTPUTS:
-            raise ArgumentError("outputs", choices(tuple(OUTPUTS)), name)
+        if name not in known:
+            raise ArgumentError("outputs", choices(tuple(known)), name)
     return names
 
 
@@ -183,3 +247,10 @@ def _all_steps(sequence: str | None, home: bool, terms: Terms) -> list[Step]:
         steps += _euler_steps(sequence)
     steps += HINGE_STEPS
     return steps if home else [_WITHOUT_HOME if step.result == "S2" else step for step in steps]
+
+
+_SOME_STEPS = {
+    (PLANAR, False): PLANAR_STEPS,
+    (FLAT, True): FLAT_STEPS,
+    (FLAT, False): tuple(_FLAT_WITHOUT_HOME if step.result == "turn2" else step for step in FLAT_STEPS),
+}
