@@ -58,9 +58,11 @@ FAULTS = {
     ),
     "d computed as R2 - R1": (
         "plan.py",
-        """Step("d", eq.subtract, ("r1", "r2")),
+        """Step("r2", eq.rotate, ("S2", "u2")),
+    Step("d", eq.subtract, ("r1", "r2")),
     Step("R2", eq.position2, ("R1", "d")),""",
-        """Step("lever", eq.subtract, ("r1", "r2")),
+        """Step("r2", eq.rotate, ("S2", "u2")),
+    Step("lever", eq.subtract, ("r1", "r2")),
     Step("R2", eq.position2, ("R1", "lever")),
     Step("d", eq.subtract, ("R2", "R1")),""",
     ),

@@ -171,13 +171,12 @@ def evaluate(
     """
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
     shape: tuple[int, ...] = broadcast_shape({**shapes, "pair": pair.shape})
-    tails = outputs_of(plan.kind)
+    known = outputs_of(plan.kind)
     arrays: dict[str, NDArray[Any]] = {}
     for name in plan.outputs:
-        if out is not None and name in out:
-            arrays[name] = _room(f"out[{name!r}]", out[name], (*shape, *tails[name].tail), dtype)
-        else:
-            arrays[name] = np.empty((*shape, *tails[name].tail), dtype)
+        size = shape + known[name].tail
+        given = out is not None and name in out
+        arrays[name] = _room(f"out[{name!r}]", out[name], size, dtype) if out and given else np.empty(size, dtype)
     if out is not None:
         _check_apart(out, values)
     if how.compiles(math.prod(shape)):

@@ -69,6 +69,21 @@ def _store(typing_context: Any, like: Any, address: Any, value: Any) -> Any:
     return types.void(like, types.int64, like.dtype), generate
 
 
+def _prefetch(typing_context: Any, address: Any) -> Any:
+    """Ask for the cache line at an address soon to be read; a hint, which may point past the end of an array."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer, i32 = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [pointer, i32, i32, i32])
+        function = builder.module.declare_intrinsic("llvm.prefetch", (pointer,), kind)
+        to_read, keep, data = (ir.Constant(i32, k) for k in (0, 3, 1))
+        builder.call(function, [builder.inttoptr(arguments[0], pointer), to_read, keep, data])
+        return context.get_dummy_value()
+
+    return types.void(types.int64), generate
+
+
+prefetch: Any = intrinsic(_prefetch)
 fma: Any = intrinsic(_fma)
 float_bits: Any = intrinsic(_float_bits)
 load: Any = intrinsic(_load)

@@ -14,12 +14,15 @@ from typing import Any
 from numba import njit
 
 from hingepair.kernel_flat_steps import flat
-from hingepair.kernel_math import FLAGS, load, store
+from hingepair.kernel_math import FLAGS, load, prefetch, store
 from hingepair.kernel_rows import LANES, OPERATIONS
 from hingepair.kernel_steps import body1, pose2, rates2
 
 _HINGE_TERMS, _TAIT_BRYAN, _PLACE_ALPHA1 = (OPERATIONS.index(n) for n in ("hinge", "tait_bryan", "place_alpha1"))
 _AXIS_1, _TURN1 = OPERATIONS.index("axis"), OPERATIONS.index("turn1")
+
+
+AHEAD = 4  # blocks: the inputs of the block after the next three are asked for while this one is computed
 
 
 @njit(fastmath=FLAGS, forceinline=True)
@@ -39,6 +42,9 @@ def _run(s: Any, operations: Any, place: Any) -> None:
 def _take(s: Any, inputs: Any, c: int, address: int, stride: int, count: int) -> None:
     """Load group c of one component, two or three, the samples `stride` bytes apart, and give it its sign."""
     row, components, step = inputs[c, 0], inputs[c, 1], inputs[c, 2]
+    ahead = address + AHEAD * LANES * stride
+    for i in range(0, LANES * stride, 64):
+        prefetch(ahead + i)
     if components == 3:
         for k in range(count):
             a = address + k * stride
