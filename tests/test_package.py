@@ -42,7 +42,7 @@ ORDER = (
     ("errors", "arrays"),
     ("equations", "planar_equations", "blocks", "lengths", "rotations", "euler"),
     ("motion", "plan", "state"),
-    ("kernel_rows", "kernel_math", "kernel_steps", "kernel_flat_steps", "kernels"),
+    ("kernel_rows", "kernel_math", "kernel_memory", "kernel_steps", "kernel_flat_steps", "kernels"),
     ("kernel_cache", "compiled", "backend"),
     ("evaluate", "kinematics", "constraints", "explain"),
     ("pair", "planar"),

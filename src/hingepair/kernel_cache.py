@@ -15,8 +15,15 @@ from typing import Any, NamedTuple
 from hingepair.errors import MissingDependencyError
 
 _SOURCES = (
-    *("equations.py", "planar_equations.py", "kernel_math.py", "kernel_rows.py", "kernel_steps.py"),
-    *("kernel_flat_steps.py", "kernels.py"),
+    *("equations.py", "planar_equations.py"),
+    *(
+        "kernel_math.py",
+        "kernel_memory.py",
+        "kernel_rows.py",
+        "kernel_steps.py",
+        "kernel_flat_steps.py",
+        "kernels.py",
+    ),
 )
 _lock = threading.Lock()
 

@@ -14,7 +14,8 @@ from typing import Any
 from numba import njit
 
 from hingepair.kernel_flat_steps import flat
-from hingepair.kernel_math import FLAGS, load, prefetch, store
+from hingepair.kernel_math import FLAGS
+from hingepair.kernel_memory import load, load_block, prefetch, store, store_vectors
 from hingepair.kernel_rows import LANES, OPERATIONS
 from hingepair.kernel_steps import body1, pose2, rates2
 
@@ -22,7 +23,7 @@ _HINGE_TERMS, _TAIT_BRYAN, _PLACE_ALPHA1 = (OPERATIONS.index(n) for n in ("hinge
 _AXIS_1, _TURN1 = OPERATIONS.index("axis"), OPERATIONS.index("turn1")
 
 
-AHEAD = 4  # blocks: the inputs of the block after the next three are asked for while this one is computed
+AHEAD = 4  # blocks from the one being computed to the one whose inputs are asked for
 
 
 @njit(fastmath=FLAGS, forceinline=True)
@@ -43,9 +44,16 @@ def _take(s: Any, inputs: Any, c: int, address: int, stride: int, count: int) ->
     """Load group c of one component, two or three, the samples `stride` bytes apart, and give it its sign."""
     row, components, step = inputs[c, 0], inputs[c, 1], inputs[c, 2]
     ahead = address + AHEAD * LANES * stride
-    for i in range(0, LANES * stride, 64):
-        prefetch(ahead + i)
-    if components == 3:
+    if abs(step) >= 64:  # the components are each a run of its own
+        for i in range(1, components):
+            for k in range(0, LANES * stride, max(stride, 64)):
+                prefetch(ahead + i * step + k)
+    for k in range(0, LANES * stride, max(stride, 64)):
+        prefetch(ahead + k)
+    if stride == s.itemsize and count == LANES:
+        for i in range(components):
+            load_block(s, row + i * LANES, address + i * step)
+    elif components == 3:
         for k in range(count):
             a = address + k * stride
             s[row + k] = load(s, a)
@@ -64,12 +72,14 @@ def _take(s: Any, inputs: Any, c: int, address: int, stride: int, count: int) ->
 def _give(s: Any, outputs: Any, c: int, address: int, stride: int, count: int) -> None:
     """Store group c, of one component, two or three."""
     row, components, step = outputs[c, 0], outputs[c, 1], outputs[c, 2]
-    if components == 3:
-        for k in range(count):
+    if components == 3 and count == LANES and step == s.itemsize and stride == 3 * step:
+        store_vectors(s, row, address)
+    elif components == 3 and count == LANES and step == s.itemsize:
+        for k in range(LANES):
             a = address + k * stride
             store(s, a, s[row + k])
-            store(s, a + step, s[row + LANES + k])
-            store(s, a + 2 * step, s[row + 2 * LANES + k])
+            store(s, a + s.itemsize, s[row + LANES + k])
+            store(s, a + 2 * s.itemsize, s[row + 2 * LANES + k])
     else:
         for i in range(components):
             for k in range(count):
