@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Set
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hingepair.arrays import broadcast_shape, real_array, result_dtype, vectors
 from hingepair.backend import How
@@ -78,11 +78,14 @@ def leading_shapes(given: Coordinates) -> dict[str, tuple[int, ...]]:
     return shapes
 
 
-def component(name: str, value: ArrayLike) -> Any:
+def component(name: str, value: Any) -> Any:
     """One coordinate: a Python number stays one, so that it follows the dtype of the arrays beside it."""
-    if type(value) is float or type(value) is int:
-        return float(value)
-    return real_array(name, value)
+    return float(value) if _is_number(value) else real_array(name, value)
+
+
+def _is_number(value: Any) -> bool:
+    """A Python number that a float can hold."""
+    return type(value) is float or (type(value) is int and value.bit_length() < 1024)
 
 
 def wanted(outputs: Outputs, out: Out, level: int, kind: str = SPATIAL) -> tuple[str, ...]:
@@ -207,8 +210,8 @@ def _floats(given: Mapping[str, Any], count: int) -> dict[str, Components] | Non
     for name, value in given.items():
         if type(value) is np.ndarray and value.shape == (count,) and value.dtype.char == "d":
             parts[name] = tuple(value.tolist())
-        elif type(value) is tuple and len(value) == count and all(type(c) is float for c in value):
-            parts[name] = value
+        elif type(value) is tuple and len(value) == count and all(map(_is_number, value)):
+            parts[name] = tuple(map(float, value))
         else:
             return None
     return parts

@@ -13,7 +13,7 @@ from numba.extending import intrinsic
 
 from hingepair.kernel_rows import LANES
 
-_WIDTH = 4  # lanes shuffled at a time: of float64, a 256-bit register
+_REGISTER = 32  # bytes of a row that are shuffled at a time
 
 
 def _load(typing_context: Any, like: Any, address: Any) -> Any:
@@ -53,30 +53,39 @@ def _load_block(typing_context: Any, s: Any, row: Any, address: Any) -> Any:
     return types.void(s, types.int64, types.int64), generate
 
 
-def _store_vectors(typing_context: Any, s: Any, row: Any, address: Any) -> Any:
-    """Write three rows of s as LANES vectors side by side, by shuffles."""
+def _store_side_by_side(rows: int) -> Any:
+    """A function that writes so many rows of s as LANES vectors or matrices side by side, by shuffles."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        number, i32, i64 = context.get_data_type(s.dtype), ir.IntType(32), ir.IntType(64)
-        block, scratch = ir.VectorType(number, _WIDTH), context.make_array(s)(context, builder, arguments[0])
-        start = builder.inttoptr(arguments[2], number.as_pointer())
+    def typed(typing_context: Any, s: Any, row: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            number, i32, i64 = context.get_data_type(s.dtype), ir.IntType(32), ir.IntType(64)
+            size = s.dtype.bitwidth // 8
+            width = _REGISTER // size
+            scratch = context.make_array(s)(context, builder, arguments[0])
+            start = builder.inttoptr(arguments[2], number.as_pointer())
 
-        def shuffle(a: Any, b: Any, order: list[int]) -> Any:
-            return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(i32, len(order)), order))
-
-        for k in range(0, LANES, _WIDTH):
-            rows = []
-            for i in range(3):
+            def piece(i: int, k: int) -> Any:
                 at = builder.gep(scratch.data, [builder.add(arguments[1], ir.Constant(i64, i * LANES + k))])
-                rows.append(builder.load(builder.bitcast(at, block.as_pointer()), align=s.dtype.bitwidth // 8))
-            two = shuffle(rows[0], rows[1], list(range(2 * _WIDTH)))
-            third = shuffle(rows[2], rows[2], [*range(_WIDTH), *range(_WIDTH)])
-            mixed = shuffle(two, third, [j // 3 + _WIDTH * (j % 3) for j in range(3 * _WIDTH)])
-            place = builder.gep(start, [ir.Constant(i32, 3 * k)])
-            builder.store(mixed, builder.bitcast(place, mixed.type.as_pointer()), align=1)
-        return context.get_dummy_value()
+                return builder.load(builder.bitcast(at, ir.VectorType(number, width).as_pointer()), align=size)
 
-    return types.void(s, types.int64, types.int64), generate
+            def shuffle(a: Any, b: Any, order: list[int]) -> Any:
+                return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(i32, len(order)), order))
+
+            for k in range(0, LANES, width):
+                joined, length = [piece(i, k) for i in range(rows)], width
+                while len(joined) > 1:
+                    joined += [joined[-1]] * (len(joined) % 2)
+                    pairs = zip(joined[::2], joined[1::2], strict=True)
+                    joined, length = [shuffle(a, b, list(range(2 * length))) for a, b in pairs], 2 * length
+                order = [j // rows + width * (j % rows) for j in range(rows * width)]
+                mixed = shuffle(joined[0], joined[0], order)
+                place = builder.gep(start, [ir.Constant(i32, rows * k)])
+                builder.store(mixed, builder.bitcast(place, mixed.type.as_pointer()), align=1)
+            return context.get_dummy_value()
+
+        return types.void(s, types.int64, types.int64), generate
+
+    return typed
 
 
 def _prefetch(typing_context: Any, address: Any) -> Any:
@@ -86,7 +95,7 @@ def _prefetch(typing_context: Any, address: Any) -> Any:
         pointer, i32 = ir.IntType(8).as_pointer(), ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [pointer, i32, i32, i32])
         function = builder.module.declare_intrinsic("llvm.prefetch", (pointer,), kind)
-        to_read, keep, data = (ir.Constant(i32, k) for k in (0, 3, 1))
+        to_read, keep, data = (ir.Constant(i32, k) for k in (0, 2, 1))
         builder.call(function, [builder.inttoptr(arguments[0], pointer), to_read, keep, data])
         return context.get_dummy_value()
 
@@ -96,5 +105,6 @@ def _prefetch(typing_context: Any, address: Any) -> Any:
 load: Any = intrinsic(_load)
 store: Any = intrinsic(_store)
 load_block: Any = intrinsic(_load_block)
-store_vectors: Any = intrinsic(_store_vectors)
+store_vectors: Any = intrinsic(_store_side_by_side(3))
+store_matrices: Any = intrinsic(_store_side_by_side(9))
 prefetch: Any = intrinsic(_prefetch)
