@@ -47,7 +47,8 @@ ORDER = (
     ("evaluate", "kinematics", "constraints", "explain"),
     ("pair", "planar"),
     ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
-    ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),
+    ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots"),
+    ("samples", "expression_motion", "scene", "export"),
     ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
 )
 

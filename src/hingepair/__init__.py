@@ -41,7 +41,7 @@ from hingepair.rotations import (
 from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
-    from hingepair.pinocchio import cross_validate, to_pinocchio
+    from hingepair.pinocchio import cross_validate, cross_validate_from_body1, to_pinocchio
     from hingepair.robots import load_robot_hinge
     from hingepair.scene import load_scene
     from hingepair.urdf import from_urdf, to_urdf
@@ -66,6 +66,7 @@ __all__ = [
     "URDFError",
     "angular_velocity",
     "cross_validate",
+    "cross_validate_from_body1",
     "euler_rate_matrix",
     "euler_rates",
     "euler_to_matrix",
@@ -85,6 +86,7 @@ __all__ = [
 
 _LATER = {
     "cross_validate": "pinocchio",
+    "cross_validate_from_body1": "pinocchio",
     "from_urdf": "urdf",
     "load_robot_hinge": "robots",
     "load_scene": "scene",

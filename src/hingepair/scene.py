@@ -29,28 +29,29 @@ names = ["R2", "omega2"]
 
 from __future__ import annotations
 
-import functools
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.coordinates import Coordinates, check_real, compile_coordinates, exact
+from hingepair.coordinates import Coordinates
 from hingepair.errors import ArgumentError, SceneError
-from hingepair.euler import find_sequence
-from hingepair.explain import ScenePlan, explain
+from hingepair.explain import ScenePlan
+from hingepair.expression_motion import ExpressionMotion, read_expression_motion
 from hingepair.jets import Expr
-from hingepair.kinematics import COORDINATES, PARTS
+from hingepair.kinematics import COORDINATES
 from hingepair.pair import HingePair
-from hingepair.plan import ACCELERATION, POSE, VELOCITY, check_outputs, default_outputs, make_plan
+from hingepair.plan import ACCELERATION, POSE, VELOCITY, check_outputs
+from hingepair.samples import Rows
 from hingepair.scene_file import Table, read_tables
 from hingepair.state import PairState
 
-MAX_SAMPLES: Final = 10_000_000
+if TYPE_CHECKING:
+    from hingepair.cross_validation import CrossValidation
 
 _TABLES = ("title", "pair", "motion", "time", "outputs")
 _LEVELS = {"v": VELOCITY, "omega": VELOCITY, "a": ACCELERATION, "alpha": ACCELERATION}
@@ -80,38 +81,54 @@ class SceneResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A pair, its seven coordinates as expressions in t, and the instants to evaluate them at.
+    """A pair, its motion, and the instants to evaluate it at.
 
     Attributes:
         path: the file it came from.
         title: what it is, in a sentence.
         pair: the pair.
-        motion: SymPy expressions of x, y, z, phi_x, phi_y, phi_z, psi in t [m, rad].
-        sequence: Euler sequence of body 1.
-        start: first instant [s].
-        stop: last instant [s].
-        samples: number of instants.
-        outputs: what `evaluate` computes unless told; None for everything about body 2.
+        motion: where the motion comes from; knows the instants.
+        outputs: what `evaluate` computes unless told; None for everything about body 2 that the motion allows.
     """
 
     path: Path
     title: str
     pair: HingePair
-    motion: tuple[Expr, ...]
-    sequence: str
-    start: float
-    stop: float
-    samples: int
+    motion: ExpressionMotion
     outputs: tuple[str, ...] | None
 
     @property
+    def sequence(self) -> str | None:
+        """Euler sequence of body 1; None where its attitude does not come as Euler angles."""
+        return self.motion.sequence
+
+    @property
+    def start(self) -> float:
+        """First instant [s]."""
+        return float(self.motion.t[0])
+
+    @property
+    def stop(self) -> float:
+        """Last instant [s]."""
+        return float(self.motion.t[-1])
+
+    @property
+    def samples(self) -> int:
+        """Number of instants."""
+        return self.motion.t.size
+
+    @property
     def expressions(self) -> dict[str, Expr]:
-        """The SymPy expressions by coordinate: x, y, z, phi_x, phi_y, phi_z, psi."""
-        return dict(zip(COORDINATES, self.motion, strict=True))
+        """The SymPy expressions by coordinate: x, y, z, phi_x, phi_y, phi_z, psi.
+
+        Raises:
+            ArgumentError: the motion does not come as expressions.
+        """
+        return dict(zip(COORDINATES, self._by_expressions().expressions, strict=True))
 
     def times(self) -> NDArray[np.float64]:
-        """The instants start + k h; shape (samples,) s."""
-        return np.linspace(self.start, self.stop, self.samples)
+        """The instants; shape (samples,) s."""
+        return self.motion.t
 
     def coordinates(self, t: ArrayLike) -> Coordinates:
         """The coordinates and their exact derivatives at any instants.
@@ -122,26 +139,26 @@ class Scene:
         Returns:
             (q, qd, qdd), tuples of seven: arrays of t's shape, Python floats for what does not depend on t. Samples
             where an expression has no real value are NaN.
+
+        Raises:
+            ArgumentError: the motion does not come as expressions.
         """
-        return _compiled(self.motion, ACCELERATION)(t)
+        return self._by_expressions().coordinates(t)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
         """The pair's state at the scene's instants.
 
         Args:
             outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1; those of the
-                scene file unless given, and without these everything about body 2. Only the derivatives that the
-                outputs need are computed.
+                scene file unless given, and without these everything about body 2 that the motion allows. Only the
+                derivatives that the outputs need are computed.
 
         Raises:
-            ArgumentError: an unknown output.
+            ArgumentError: an unknown output, or one that needs derivatives which the motion does not have.
         """
         names, order = self._wanted(outputs)
-        t = self.times()
-        q, *rates = _compiled(self.motion, order)(t)
-        if not any(isinstance(value, np.ndarray) for value in q):
-            q = (np.full(t.shape, q[0]), *q[1:])
-        return SceneResult(t, self.pair.forward_kinematics(q, *rates, outputs=names, sequence=self.sequence))
+        samples = self.motion.samples(slice(None), order)
+        return SceneResult(self.motion.t, samples.forward_kinematics(self.pair, names))
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """What `evaluate` computes and what it leaves out, and why; print it.
@@ -150,24 +167,32 @@ class Scene:
             outputs: as for `evaluate`.
 
         Raises:
-            ArgumentError: an unknown output.
+            ArgumentError: as for `evaluate`.
         """
         names, order = self._wanted(outputs)
-        derivatives = _compiled(self.motion, order)(self.times()[:1])
-        constant = set()
-        for parts, seven in zip(PARTS.values(), derivatives, strict=False):
-            still = [not isinstance(value, np.ndarray) for value in seven]
-            constant |= {
-                part for part, own in zip(parts, (still[:3], still[3:6], still[6:]), strict=True) if all(own)
-            }
-        constant |= {name for name, expr in self.expressions.items() if not expr.free_symbols}
-        plan = make_plan(names or default_outputs(order), self.sequence, "home" in self.pair._constants.values)
-        return explain(plan, order, frozenset(constant))
+        return self.motion.samples(slice(1), order).plan(self.pair, names, self.motion.level)
+
+    def cross_validate(self, most: int | None = None) -> CrossValidation:
+        """The pair's motion by the equations and by Pinocchio, compared.
+
+        Args:
+            most: so many instants at most, evenly spread; all unless given.
+
+        Raises:
+            MissingDependencyError: Pinocchio is not installed.
+        """
+        rows: Rows = slice(None)
+        if most is not None and self.samples > most:
+            rows = np.linspace(0, self.samples - 1, most).astype(np.intp)
+        return self.motion.samples(rows, self.motion.level).cross_validate(self.pair)
 
     def _wanted(self, outputs: Iterable[str] | None) -> tuple[tuple[str, ...] | None, int]:
-        """The outputs, None for all of body 2, and the derivatives of the coordinates that they need."""
+        """The outputs, None for all of body 2, and the derivatives of the motion that they need."""
         names = self.outputs if outputs is None else check_outputs(outputs)
-        return names, ACCELERATION if names is None else max((_level(name) for name in names), default=POSE)
+        return names, self.motion.level if names is None else max((_level(name) for name in names), default=POSE)
+
+    def _by_expressions(self) -> ExpressionMotion:
+        return self.motion
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -180,25 +205,10 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     tables = read_tables(path)
     tables.check_keys(_TABLES)
     time = tables.table("time")
-    time.check_keys(("start", "stop", "samples"))
-    start, stop = time.number("start"), time.number("stop")
-    if not 0 <= stop - start < np.inf:
-        time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
-    samples = time.integer("samples", 1, MAX_SAMPLES)
     outputs = _outputs(tables.table("outputs", required=False))
     pair = _pair(tables.table("pair"))
-    motion = tables.table("motion")
-    return Scene(
-        path=Path(path),
-        title=tables.text("title", default=pair.name),
-        pair=pair,
-        motion=_motion(motion),
-        sequence=_sequence(motion),
-        start=start,
-        stop=stop,
-        samples=samples,
-        outputs=outputs,
-    )
+    motion = read_expression_motion(tables.table("motion"), time)
+    return Scene(Path(path), tables.text("title", default=pair.name), pair, motion, outputs)
 
 
 def _pair(table: Table) -> HingePair:
@@ -230,47 +240,6 @@ def _robot_pair(table: Table) -> HingePair:
         raise SceneError(table.label(error.name), error.expected, error.got) from None
 
 
-def _motion(table: Table) -> tuple[Expr, ...]:
-    table.check_keys((*COORDINATES, "sequence", "constants"))
-    constants = _constants(table.table("constants", required=False))
-    motion = tuple(_expression(table, key, constants) for key in COORDINATES)
-    try:
-        check_real([table.label(key) for key in COORDINATES], motion)
-    except ArgumentError as error:
-        raise SceneError(error.name, error.expected, error.got) from None
-    return motion
-
-
-def _expression(table: Table, key: str, constants: dict[str, float]) -> Expr:
-    value = table.values.get(key)
-    if not isinstance(value, str):
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            table.fail(key, "a finite number or an expression in t")
-        return exact(table.number(key))
-    from hingepair.expressions import parse
-
-    return parse(table.label(key), value, constants)
-
-
-def _constants(table: Table) -> dict[str, float]:
-    from hingepair.expressions import constant_name_fault
-
-    for key in table.values:
-        fault = constant_name_fault(key)
-        if fault:
-            raise SceneError(table.label(key), fault, key)
-    return {key: table.number(key) for key in table.values}
-
-
-def _sequence(table: Table) -> str:
-    sequence = table.text("sequence", default="XYZ")
-    try:
-        find_sequence(sequence)
-    except ArgumentError as error:
-        raise SceneError(table.label("sequence"), error.expected, error.got) from None
-    return sequence
-
-
 def _outputs(table: Table) -> tuple[str, ...] | None:
     table.check_keys(("names",))
     if "names" not in table.values:
@@ -287,8 +256,3 @@ def _outputs(table: Table) -> tuple[str, ...] | None:
 def _level(output: str) -> int:
     """The derivatives that an output needs."""
     return _LEVELS.get(output.rstrip("12"), POSE)
-
-
-@functools.lru_cache(maxsize=16)
-def _compiled(motion: tuple[Expr, ...], order: int) -> Callable[[ArrayLike], Coordinates]:
-    return compile_coordinates(motion, order)
