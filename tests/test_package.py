@@ -41,6 +41,7 @@ def test_everything_exported_exists_once() -> None:
 ORDER = (
     ("errors", "arrays"),
     ("equations", "planar_equations", "blocks", "lengths", "rotations", "euler"),
+    ("differentiate", "attitude_rates"),
     ("motion", "plan", "state"),
     ("kernel_rows", "kernel_math", "kernel_steps", "kernel_flat_steps", "kernels"),
     ("kernel_cache", "compiled", "backend"),

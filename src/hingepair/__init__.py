@@ -13,6 +13,7 @@ array([0.75, 0.  , 0.  ])
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from hingepair.attitude_rates import angular_velocity, angular_velocity_from_samples
 from hingepair.errors import (
     ArgumentError,
     AxisError,
@@ -30,7 +31,6 @@ from hingepair.motion import BodyMotion
 from hingepair.pair import HingePair
 from hingepair.planar import PlanarPair
 from hingepair.rotations import (
-    angular_velocity,
     project_to_rotation,
     rodrigues,
     rotation_exp,
@@ -65,6 +65,7 @@ __all__ = [
     "ShapeError",
     "URDFError",
     "angular_velocity",
+    "angular_velocity_from_samples",
     "cross_validate",
     "cross_validate_from_body1",
     "euler_rate_matrix",
