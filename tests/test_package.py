@@ -49,7 +49,7 @@ ORDER = (
     ("pair", "planar"),
     ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots"),
-    ("samples", "expression_motion", "scene", "export"),
+    ("samples", "sample_file", "expression_motion", "sampled_motion", "scene_tables", "scene", "export"),
     ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
 )
 

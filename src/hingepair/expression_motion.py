@@ -75,7 +75,7 @@ def read_sequence(table: Table) -> str:
 
 
 def _expressions(table: Table) -> tuple[Expr, ...]:
-    table.check_keys((*COORDINATES, "sequence", "constants"))
+    table.check_keys((*COORDINATES, "sequence", "constants", "file"))
     constants = _constants(table.table("constants", required=False))
     expressions = tuple(_expression(table, key, constants) for key in COORDINATES)
     try:

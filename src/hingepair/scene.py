@@ -18,13 +18,20 @@ sequence = "XYZ"              # optional: one of 24, as SciPy writes them
 [motion.constants]            # optional
 amplitude = 0.5
 
-[time]
+[time]                        # absent where the motion is a file's
 start = 0                     # s
 stop = 10
 samples = 1001
 
 [outputs]                     # optional: everything about body 2 unless given
 names = ["R2", "omega2"]
+
+Instead of expressions, the motion may be samples in a file, whose columns `hingepair.sample_file` describes:
+
+[motion]
+file = "log.csv"              # or .npz, .parquet; relative to the scene file; the instants are its column t
+differentiate = true          # optional: find the derivatives that the file lacks; else what needs them is not there
+sequence = "XYZ"              # optional: of Euler angles
 """
 
 from __future__ import annotations
@@ -39,15 +46,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.coordinates import Coordinates
-from hingepair.errors import ArgumentError, SceneError
+from hingepair.errors import ArgumentError, SceneError, choices
 from hingepair.explain import ScenePlan
-from hingepair.expression_motion import ExpressionMotion, read_expression_motion
+from hingepair.expression_motion import ExpressionMotion
 from hingepair.jets import Expr
 from hingepair.kinematics import COORDINATES
 from hingepair.pair import HingePair
-from hingepair.plan import ACCELERATION, POSE, VELOCITY, check_outputs
+from hingepair.plan import ACCELERATION, OUTPUTS, POSE, VELOCITY, check_outputs
 from hingepair.samples import Rows
-from hingepair.scene_file import Table, read_tables
+from hingepair.scene_file import read_tables
+from hingepair.scene_tables import Motion, read_motion, read_outputs, read_pair
 from hingepair.state import PairState
 
 if TYPE_CHECKING:
@@ -94,7 +102,7 @@ class Scene:
     path: Path
     title: str
     pair: HingePair
-    motion: ExpressionMotion
+    motion: Motion
     outputs: tuple[str, ...] | None
 
     @property
@@ -189,9 +197,17 @@ class Scene:
     def _wanted(self, outputs: Iterable[str] | None) -> tuple[tuple[str, ...] | None, int]:
         """The outputs, None for all of body 2, and the derivatives of the motion that they need."""
         names = self.outputs if outputs is None else check_outputs(outputs)
-        return names, self.motion.level if names is None else max((_level(name) for name in names), default=POSE)
+        level = self.motion.level
+        for name in names or ():
+            if _level(name) > level:
+                known = tuple(output for output in OUTPUTS if _level(output) <= level)
+                hint = "; motion.differentiate = true gives the others"
+                raise ArgumentError("outputs", choices(known) + hint, name)
+        return names, level if names is None else max(map(_level, names))
 
     def _by_expressions(self) -> ExpressionMotion:
+        if not isinstance(self.motion, ExpressionMotion):
+            raise ArgumentError("motion", "a scene whose motion is expressions in t", type(self.motion).__name__)
         return self.motion
 
 
@@ -204,53 +220,15 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     """
     tables = read_tables(path)
     tables.check_keys(_TABLES)
-    time = tables.table("time")
-    outputs = _outputs(tables.table("outputs", required=False))
-    pair = _pair(tables.table("pair"))
-    motion = read_expression_motion(tables.table("motion"), time)
-    return Scene(Path(path), tables.text("title", default=pair.name), pair, motion, outputs)
-
-
-def _pair(table: Table) -> HingePair:
-    if "robot" in table.values or "joint" in table.values:
-        table.check_keys(("robot", "joint", "u1", "u2", "n", "home", "name"))
-        for key in table.values:
-            if key not in {"robot", "joint"}:
-                table.fail(key, "nothing beside robot and joint")
-        return _robot_pair(table)
-    table.check_keys(("u1", "u2", "n", "home", "name", "robot", "joint"))
-    values: dict[str, Any] = {key: table.numbers(key, 3) for key in ("u1", "u2", "n")}
-    if "home" in table.values:
-        values["home"] = table.numbers("home", 3, 3)
-    if "name" in table.values:
-        values["name"] = table.text("name")
+    motion = read_motion(tables, Path(path).parent)
+    outputs = read_outputs(tables.table("outputs", required=False))
+    pair = read_pair(tables.table("pair"))
+    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, outputs)
     try:
-        return HingePair(**values)
+        scene._wanted(None)
     except ArgumentError as error:
-        raise SceneError(table.label(error.name), error.expected, error.got) from None
-
-
-def _robot_pair(table: Table) -> HingePair:
-    from hingepair.robots import load_robot_hinge
-
-    robot, joint = table.text("robot"), table.text("joint")
-    try:
-        return load_robot_hinge(robot, joint)
-    except ArgumentError as error:
-        raise SceneError(table.label(error.name), error.expected, error.got) from None
-
-
-def _outputs(table: Table) -> tuple[str, ...] | None:
-    table.check_keys(("names",))
-    if "names" not in table.values:
-        return None
-    names = table.values["names"]
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
-        table.fail("names", 'a list of names such as ["R2", "v2"]')
-    try:
-        return check_outputs(names)
-    except ArgumentError as error:
-        raise SceneError(table.label("names"), error.expected, error.got) from None
+        raise SceneError(tables.table("outputs").label("names"), error.expected, error.got) from None
+    return scene
 
 
 def _level(output: str) -> int:

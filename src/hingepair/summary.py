@@ -25,7 +25,7 @@ _SLAB = 65536
 
 _MEANINGS = (
     ("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m", "max abs(R1) + abs(u1) + abs(u2)"),
-    ("E2", "omega2 - omega1 - S2 C^T n psi'", "rad/s", "W2 = sum abs(phi_i') + abs(psi')"),
+    ("E2", "omega2 - omega1 - S2 C^T n psi'", "rad/s", "W2 = W1 + abs(psi')"),
 )
 
 
