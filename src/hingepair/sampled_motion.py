@@ -96,12 +96,9 @@ def read_sampled_motion(table: Table, folder: Path) -> SampledMotion:
         derivatives = tuple(_seven(*group) for group in zip(position, turning, hinge, strict=True))
         return SampledMotion(t, CoordinateSamples(t.size, derivatives, read_sequence(table)))
     turning[0] = _rotations(file, turning[0])
-    letters = zip(
-        ("R", "S", "v", "omega", "a", "alpha"),
-        (a for pair in zip(position, turning, strict=True) for a in pair),
-        strict=False,
-    )
-    return SampledMotion(t, BodySamples(BodyMotion(**dict(letters)), tuple(angle[:, 0] for angle in hinge)))
+    linear = dict(zip(("R", "v", "a"), position, strict=False))
+    angular = dict(zip(("S", "omega", "alpha"), turning, strict=False))
+    return SampledMotion(t, BodySamples(BodyMotion(**linear, **angular), tuple(angle[:, 0] for angle in hinge)))
 
 
 def _instants(file: SampleFile, columns: Columns, order: int) -> Float64Array:
