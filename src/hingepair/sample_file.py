@@ -121,7 +121,7 @@ def _read_csv(file: SampleFile) -> Columns:
                 warnings.simplefilter("ignore")  # no rows: an error of ours
                 rows = np.loadtxt(stream, delimiter=",", comments=None, ndmin=2, quotechar='"', max_rows=MAX_ROWS + 1)
     except ValueError as error:
-        if isinstance(error, ArgumentError):
+        if isinstance(error, SceneError):
             raise
         _fail_at_row(file, str(error))
     if rows.size and rows.shape[1] != len(names):
@@ -180,9 +180,9 @@ def _read_npz(file: SampleFile) -> Columns:
             try:
                 array = _read_array(file, archive, member, name)
             except (ValueError, TypeError, KeyError, SyntaxError) as error:
-                if isinstance(error, ArgumentError):
+                if isinstance(error, SceneError):
                     raise
-                file.fail(name, "an array of numbers", str(error))
+                file.fail(name, "an array of real numbers (float64, float32 or integers)", str(error))
             own = dict(zip(ARRAYS[name], array.T, strict=True)) if name in ARRAYS else {name: array}
             for column, values in own.items():
                 if column in found:
@@ -196,7 +196,10 @@ def _read_array(file: SampleFile, archive: zipfile.ZipFile, member: zipfile.ZipI
     read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     with archive.open(member) as stream:
         shape, _, dtype = read_header[np.lib.format.read_magic(stream)](stream)
-    real_array(name, np.empty(0, dtype))
+    try:
+        real_array(name, np.empty(0, dtype))
+    except ArgumentError as error:
+        file.fail(name, error.expected, dtype.name)
     tail = (len(ARRAYS[name]),) if name in ARRAYS else ()
     if shape[1:] != tail or len(shape) != 1 + len(tail):
         file.fail(name, f"shape (N, {tail[0]})" if tail else "shape (N,)", f"shape {shape}")
