@@ -189,12 +189,16 @@ start = 0
 stop = 4
 samples = 201
 """
-ERRORS = {"R2": 16 * U, "S2": 16 * U, "d": 16 * U, "v2": 1e-9, "omega2": 1e-9, "a2": 1e-6, "alpha2": 1e-6}
+POSE = dict.fromkeys(("R2", "S2", "d"), 16 * U)
+MIDDLE = POSE | {"v2": 3e-11, "omega2": 3e-11, "a2": 3e-10, "alpha2": 3e-10}
+ENDS = POSE | {"v2": 1e-8, "omega2": 1e-8, "a2": 1e-6, "alpha2": 1e-6}
+"""Truncation: (1.7 * 0.02)^6 times the constant of the stencil, 1/140 in the middle and 2.3 at the ends."""
 
 
 def close(result, truth):
-    for name, error in ERRORS.items():
-        assert abs(getattr(result, name) - getattr(truth, name)).max() <= error, name
+    for errors, rows in ((MIDDLE, slice(3, -3)), (ENDS, slice(None))):
+        for name, error in errors.items():
+            assert abs(getattr(result, name) - getattr(truth, name))[rows].max() <= error, name
 
 
 def test_the_log_of_the_model_is_what_its_comment_says():
@@ -211,7 +215,7 @@ def test_the_log_of_the_model_is_what_its_comment_says():
 @pytest.mark.parametrize("kind", ["quaternions", "Euler angles", "wrapped angles", "rates given"])
 def test_derivatives_found_are_those_of_the_motion(tmp_path, kind):
     (tmp_path / "arm.toml").write_text(ARM)
-    truth = hp.load_scene(tmp_path / "arm.toml").evaluate((*ERRORS, "omega1", "v1"))
+    truth = hp.load_scene(tmp_path / "arm.toml").evaluate((*ENDS, "omega1", "v1"))
     columns = logged(201)
     euler = some(columns, "t", *EULER)
     if kind == "quaternions":
