@@ -51,6 +51,7 @@ def test_all_models_are_there() -> None:
         "satellite_panel",
         "truck_trailer",
         "talos_elbow",
+        "logged_arm",
     }
 
 

@@ -13,6 +13,7 @@ array([0.75, 0.  , 0.  ])
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from hingepair.attitude_rates import angular_velocity, angular_velocity_from_samples
 from hingepair.errors import (
     ArgumentError,
     AxisError,
@@ -30,7 +31,6 @@ from hingepair.motion import BodyMotion
 from hingepair.pair import HingePair
 from hingepair.planar import PlanarPair
 from hingepair.rotations import (
-    angular_velocity,
     project_to_rotation,
     rodrigues,
     rotation_exp,
@@ -41,7 +41,7 @@ from hingepair.rotations import (
 from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
-    from hingepair.pinocchio import cross_validate, to_pinocchio
+    from hingepair.pinocchio import cross_validate, cross_validate_from_body1, to_pinocchio
     from hingepair.robots import load_robot_hinge
     from hingepair.scene import load_scene
     from hingepair.urdf import from_urdf, to_urdf
@@ -65,7 +65,9 @@ __all__ = [
     "ShapeError",
     "URDFError",
     "angular_velocity",
+    "angular_velocity_from_samples",
     "cross_validate",
+    "cross_validate_from_body1",
     "euler_rate_matrix",
     "euler_rates",
     "euler_to_matrix",
@@ -85,6 +87,7 @@ __all__ = [
 
 _LATER = {
     "cross_validate": "pinocchio",
+    "cross_validate_from_body1": "pinocchio",
     "from_urdf": "urdf",
     "load_robot_hinge": "robots",
     "load_scene": "scene",

@@ -111,22 +111,15 @@ def run(
 @app.command()
 def check(scene_file: SceneFile, as_json: Json = False) -> None:
     """Compute the scene by the equations and by Pinocchio, and compare."""
-    import numpy as np
-
-    from hingepair.pinocchio import cross_validate
-
     scene = load_scene(scene_file)
-    t = scene.times()
-    if t.size > MOST_CHECKED:
-        t = t[np.linspace(0, t.size - 1, MOST_CHECKED).astype(np.intp)]
-    report = cross_validate(scene.pair, *scene.coordinates(t), sequence=scene.sequence)
+    report = scene.cross_validate(MOST_CHECKED)
     if as_json:
         print(report.to_json())
     else:
         console = _console()
         _head(console, scene)
-        if t.size < scene.samples:
-            console.print(f"{t.size} of the {scene.samples} instants are compared, evenly spread")
+        if report.samples < scene.samples:
+            console.print(f"{report.samples} of the {scene.samples} instants are compared, evenly spread")
         print(report)
     raise typer.Exit(0 if report.ok else 1)
 
@@ -189,9 +182,13 @@ def _head(console: Console, scene: Scene) -> None:
     pair = scene.pair
     vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in ("u1", "u2", "n"))
     console.print(f"{' '.join(pair.name.split())}: {vectors}")
-    letters = ", ".join(scene.sequence)
     instants = f"{scene.samples} instant{'s' * (scene.samples != 1)}, t = {scene.start:g} to {scene.stop:g} s"
-    console.print(f"{instants}; phi_x, phi_y, phi_z turn about {letters}")
+    about = (
+        "attitude as quaternions"
+        if scene.sequence is None
+        else f"phi_x, phi_y, phi_z turn about {', '.join(scene.sequence)}"
+    )
+    console.print(f"{instants}; {about}")
 
 
 def _console() -> Console:

@@ -77,7 +77,7 @@ class CrossValidation:
 
     Attributes:
         name: the pair's name.
-        sequence: of the Euler angles.
+        sequence: of the Euler angles; None where the attitude of body 1 was given.
         shape: leading shape of the samples.
         skipped: samples left out because their input is not finite.
         u: unit roundoff of the type computed in.
@@ -85,7 +85,7 @@ class CrossValidation:
     """
 
     name: str
-    sequence: str
+    sequence: str | None
     shape: tuple[int, ...]
     skipped: int
     u: float
@@ -127,7 +127,8 @@ class CrossValidation:
             "  ".join(c.rjust(widths[i]) if i in right else c.ljust(widths[i]) for i, c in enumerate(line))
             for line in lines
         ]
-        title = f"{self.name}: the equations against Pinocchio, Euler sequence {self.sequence}, u = {self.u:.3g}"
+        attitude = "attitude given" if self.sequence is None else f"Euler sequence {self.sequence}"
+        title = f"{self.name}: the equations against Pinocchio, {attitude}, u = {self.u:.3g}"
         scales = [f"scale of {row.output}: {row.scale}" for row in self.rows]
         return "\n".join(line.rstrip() for line in (title, *table, "", *scales, self.verdict))
 

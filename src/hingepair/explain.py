@@ -52,12 +52,13 @@ class ScenePlan:
         return "\n".join(lines)
 
 
-def explain(plan: Plan, order: int, constant: frozenset[str]) -> ScenePlan:
+def explain(plan: Plan, order: int, level: int, constant: frozenset[str]) -> ScenePlan:
     """The plan in words.
 
     Args:
         plan: the steps of the outputs.
         order: of the highest derivative of the coordinates that is computed.
+        level: of the highest derivative that the motion has.
         constant: which coordinates, and which inputs of the plan, do not depend on t.
     """
     still, computed = set(constant) | {"u1", "u2", "n", "home"}, []
@@ -65,7 +66,8 @@ def explain(plan: Plan, order: int, constant: frozenset[str]) -> ScenePlan:
         once = still.issuperset(step.arguments)
         still |= {step.result} if once else set()
         computed.append((step.result, "once" if once else "each"))
-    skipped = [(f"{_DERIVATIVES[i]} derivatives of the coordinates", "no output needs them") for i in range(order, 2)]
+    reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
+    skipped = [(f"{_DERIVATIVES[i]} derivatives of the coordinates", reasons[i]) for i in range(order, 2)]
     skipped += [(_MEANING[name], "no output needs it") for name in plan.skipped]
     if not plan.home and any(step.result == "S2" for step in plan.steps):
         skipped.append(("the product with C", "home is the identity"))
