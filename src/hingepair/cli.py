@@ -15,6 +15,7 @@ from hingepair import summary
 from hingepair.bench_cli import app as bench_app
 from hingepair.errors import HingePairError
 from hingepair.export import check_ending, save, write_whole
+from hingepair.pair import HingePair
 from hingepair.plan import OUTPUTS
 from hingepair.scene import load_scene
 
@@ -134,7 +135,7 @@ def urdf(
     """Write the pair as a URDF robot: two links, one continuous joint, body 2's reference point as a fixed link."""
     from hingepair.urdf import to_urdf
 
-    text = to_urdf(load_scene(scene_file).pair)
+    text = to_urdf(load_scene(scene_file).space)
     if out is None:
         print(text, end="" if text.endswith("\n") else "\n")
         return
@@ -164,7 +165,6 @@ def robots(
 
 
 def _facts(scene: Scene) -> dict[str, object]:
-    pair = scene.pair
     return {
         "scene": str(scene.path),
         "title": scene.title,
@@ -172,7 +172,7 @@ def _facts(scene: Scene) -> dict[str, object]:
         "start": scene.start,
         "stop": scene.stop,
         "sequence": scene.sequence,
-        "pair": {key: getattr(pair, key).tolist() for key in ("u1", "u2", "n", "home")},
+        "pair": {key: getattr(scene.space, key).tolist() for key in ("u1", "u2", "n", "home")},
     }
 
 
@@ -180,15 +180,11 @@ def _head(console: Console, scene: Scene) -> None:
     if scene.title:
         console.print(scene.title, style="bold")
     pair = scene.pair
-    vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in ("u1", "u2", "n"))
+    own = ("u1", "u2", "n") if isinstance(pair, HingePair) else ("u1", "u2")
+    vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in own)
     console.print(f"{' '.join(pair.name.split())}: {vectors}")
     instants = f"{scene.samples} instant{'s' * (scene.samples != 1)}, t = {scene.start:g} to {scene.stop:g} s"
-    about = (
-        "attitude as quaternions"
-        if scene.sequence is None
-        else f"phi_x, phi_y, phi_z turn about {', '.join(scene.sequence)}"
-    )
-    console.print(f"{instants}; {about}")
+    console.print(f"{instants}; {scene.motion.turning}")
 
 
 def _console() -> Console:

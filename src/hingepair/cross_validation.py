@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, SCALES
+from hingepair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, SCALES
 
 _HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
 
@@ -43,7 +43,8 @@ class Comparison:
     def scale(self) -> str:
         """The formula of the scale, for a reader."""
         more = PINOCCHIO_TERMS.get(self.output)
-        return f"{SCALES[self.output]} + {more}" if more else SCALES[self.output]
+        own = {**SCALES, **PLANAR_SCALES}[self.output]
+        return f"{own} + {more}" if more else own
 
     @classmethod
     def worst_of(
@@ -127,7 +128,9 @@ class CrossValidation:
             "  ".join(c.rjust(widths[i]) if i in right else c.ljust(widths[i]) for i, c in enumerate(line))
             for line in lines
         ]
-        attitude = "attitude given" if self.sequence is None else f"Euler sequence {self.sequence}"
+        planar = any(row.output in PLANAR_SCALES for row in self.rows)
+        given = "in the plane" if planar else "attitude given"
+        attitude = given if self.sequence is None else f"Euler sequence {self.sequence}"
         title = f"{self.name}: the equations against Pinocchio, {attitude}, u = {self.u:.3g}"
         scales = [f"scale of {row.output}: {row.scale}" for row in self.rows]
         return "\n".join(line.rstrip() for line in (title, *table, "", *scales, self.verdict))

@@ -1,4 +1,4 @@
-"""Motion by expressions: the seven coordinates as functions of t, differentiated exactly."""
+"""Motion by expressions: the coordinates as functions of t, differentiated exactly."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from hingepair.coordinates import Coordinates, check_real, compile_coordinates, 
 from hingepair.errors import ArgumentError, SceneError
 from hingepair.euler import find_sequence
 from hingepair.jets import Expr
-from hingepair.kinematics import COORDINATES
+from hingepair.kinematics import COORDINATES, PLANAR_COORDINATES
 from hingepair.plan import ACCELERATION
-from hingepair.samples import CoordinateSamples, Rows
+from hingepair.samples import CoordinateSamples, PlanarSamples, Rows, Samples
 from hingepair.scene_file import Table
 
 MAX_SAMPLES: Final = 10_000_000
@@ -25,23 +25,37 @@ MAX_SAMPLES: Final = 10_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpressionMotion:
-    """The seven coordinates as expressions in t, and the instants to evaluate them at.
+    """The coordinates as expressions in t, and the instants to evaluate them at.
 
     Attributes:
         t: instants; shape (N,) s.
-        expressions: SymPy expressions of x, y, z, phi_x, phi_y, phi_z, psi in t [m, rad].
-        sequence: Euler sequence of body 1.
+        expressions: SymPy expressions of x, y, z, phi_x, phi_y, phi_z, psi in t, or x, y, phi, psi [m, rad].
+        sequence: Euler sequence of body 1; None of a planar pair.
         level: the highest derivative that there is.
     """
 
     t: NDArray[np.float64]
     expressions: tuple[Expr, ...]
-    sequence: str
+    sequence: str | None
     level: ClassVar[int] = ACCELERATION
 
-    def samples(self, rows: Rows, order: int) -> CoordinateSamples:
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The coordinates."""
+        return PLANAR_COORDINATES if self.sequence is None else COORDINATES
+
+    @property
+    def turning(self) -> str:
+        """How body 1 turns, for a reader."""
+        if self.sequence is None:
+            return "in the plane z = 0"
+        return f"phi_x, phi_y, phi_z turn about {', '.join(self.sequence)}"
+
+    def samples(self, rows: Rows, order: int) -> Samples:
         """The motion at some of the instants, with derivatives up to an order."""
         t = self.t[rows]
+        if self.sequence is None:
+            return PlanarSamples(t.size, self.coordinates(t, order))
         return CoordinateSamples(t.size, self.coordinates(t, order), self.sequence)
 
     def coordinates(self, t: ArrayLike, order: int = ACCELERATION) -> Coordinates:
@@ -49,7 +63,7 @@ class ExpressionMotion:
         return _compiled(self.expressions, order)(t)
 
 
-def read_expression_motion(motion: Table, time: Table) -> ExpressionMotion:
+def read_expression_motion(motion: Table, time: Table, planar: bool) -> ExpressionMotion:
     """The motion that the tables [motion] and [time] of a scene describe.
 
     Raises:
@@ -60,8 +74,11 @@ def read_expression_motion(motion: Table, time: Table) -> ExpressionMotion:
     if not 0 <= stop - start < np.inf:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
     samples = time.integer("samples", 1, MAX_SAMPLES)
-    expressions = _expressions(motion)
-    return ExpressionMotion(read_only(np.linspace(start, stop, samples)), expressions, read_sequence(motion))
+    t = read_only(np.linspace(start, stop, samples))
+    if planar:
+        return ExpressionMotion(t, _expressions(motion, PLANAR_COORDINATES, ("constants",)), None)
+    expressions = _expressions(motion, COORDINATES, ("sequence", "constants", "file"))
+    return ExpressionMotion(t, expressions, read_sequence(motion))
 
 
 def read_sequence(table: Table) -> str:
@@ -74,12 +91,12 @@ def read_sequence(table: Table) -> str:
     return sequence
 
 
-def _expressions(table: Table) -> tuple[Expr, ...]:
-    table.check_keys((*COORDINATES, "sequence", "constants", "file"))
+def _expressions(table: Table, names: tuple[str, ...], others: tuple[str, ...]) -> tuple[Expr, ...]:
+    table.check_keys((*names, *others))
     constants = _constants(table.table("constants", required=False))
-    expressions = tuple(_expression(table, key, constants) for key in COORDINATES)
+    expressions = tuple(_expression(table, key, constants) for key in names)
     try:
-        check_real([table.label(key) for key in COORDINATES], expressions)
+        check_real([table.label(key) for key in names], expressions)
     except ArgumentError as error:
         raise SceneError(error.name, error.expected, error.got) from None
     return expressions

@@ -14,10 +14,11 @@ from hingepair.evaluate import component
 from hingepair.evaluate import coordinates as read
 from hingepair.motion import BodyMotion
 from hingepair.pinocchio_twin import PinocchioTwin, import_pinocchio, to_pinocchio
+from hingepair.planar import PlanarPair
+from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
     from hingepair.pair import HingePair
-    from hingepair.state import PairState
 
 __all__ = [
     "Comparison",
@@ -35,7 +36,7 @@ LEVELS = (("R2", "S2", "d"), ("v2", "omega2"), ("a2", "alpha2"))
 
 
 def cross_validate(
-    pair: HingePair,
+    pair: HingePair | PlanarPair,
     q: ArrayLike | tuple[ArrayLike, ...],
     qd: ArrayLike | tuple[ArrayLike, ...] | None = None,
     qdd: ArrayLike | tuple[ArrayLike, ...] | None = None,
@@ -49,8 +50,9 @@ def cross_validate(
     with qdd also a2 and alpha2. d is that of a twin placed at R1 = 0, since Pinocchio has only R2 - R1.
 
     Args:
-        pair: the pair.
-        q: (x, y, z, phi_x, phi_y, phi_z, psi); shape (..., 7) or a tuple of seven coordinates.
+        pair: the pair; a planar one is compared in the plane, phi2 in place of S2.
+        q: (x, y, z, phi_x, phi_y, phi_z, psi); shape (..., 7) or a tuple of seven coordinates. Of a planar pair
+            (x, y, phi, psi).
         qd: its time derivative; likewise.
         qdd: its second time derivative; likewise.
         sequence: of the Euler angles.
@@ -67,6 +69,8 @@ def cross_validate(
     >>> cross_validate(pair, np.linspace(0, 3, 70).reshape(10, 7)).ok
     True
     """
+    if isinstance(pair, PlanarPair):
+        return _cross_validate_planar(pair, q, qd, qdd)
     twin = to_pinocchio(pair)
     state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
     shape = np.asarray(state.R2).shape[:-1]
@@ -147,10 +151,25 @@ class _Finite(NamedTuple):
     A1: Float64Array | None
 
 
+def _cross_validate_planar(pair: PlanarPair, q: Any, qd: Any, qdd: Any) -> CrossValidation:
+    """E11 against Pinocchio in space."""
+    state, space = pair.forward_kinematics(q, qd, qdd), pair.to_spatial()
+    given = [read(name, c, 4) for name, c in (("q", q), ("qd", qd), ("qdd", qdd)) if c is not None]
+    dtype = result_dtype(c for four in given for c in ((four,) if isinstance(four, np.ndarray) else four))
+    flat = [_packed(four, state.shape) for four in given]
+    finite = _finite(flat)
+    flat = [c[finite] for c in flat]
+    seven = [np.insert(c, (2, 2, 2), 0.0, axis=1) for c in flat]
+    body1 = _body1_by_pinocchio(import_pinocchio("cross_validate"), seven, "XYZ")
+    W1, A1 = euler_rate_sizes(*(*(c[:, 3:6] for c in seven[1:]), None, None)[:2])
+    motion = _Finite(state.shape, finite, body1, [c[:, 3] for c in flat], W1, A1)
+    return _compared(space, to_pinocchio(space), state, motion, dtype, None)
+
+
 def _compared(
     pair: HingePair,
     twin: PinocchioTwin,
-    state: PairState,
+    state: PairState | PlanarState,
     motion: _Finite,
     dtype: np.dtype[Any],
     sequence: str | None,
@@ -161,8 +180,12 @@ def _compared(
         u1=pair.u1, u2=pair.u2, R1=motion.body1.R, v1=motion.body1.v, a1=motion.body1.a,
         W1=motion.W1, A1=motion.A1, psid=psid, psidd=psidd, pinocchio=True,
     )  # fmt: skip
+    truths = _body2_by_pinocchio(twin, motion.body1, motion.hinge)
+    if isinstance(state, PlanarState):
+        phi2 = np.asarray(state.phi2).reshape(-1)[motion.mask]
+        truths, scales["phi2"] = _in_the_plane(truths, phi2), 1 + np.abs(phi2) + np.abs(motion.hinge[0])
     rows = []
-    for name, truth in _body2_by_pinocchio(twin, motion.body1, motion.hinge).items():
+    for name, truth in truths.items():
         got = np.asarray(getattr(state, name)).reshape(-1, *truth.shape[1:])[motion.mask]
         error, ratio = error_ratios(name, got, truth, scales[name], dtype)
         rows.append(Comparison.worst_of(name, error, ratio, np.flatnonzero(motion.mask), motion.shape))
@@ -194,6 +217,18 @@ def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Floa
         if level > 1:
             classical = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
             found["a2"][i], found["alpha2"][i] = classical.linear, classical.angular
+    return found
+
+
+def _in_the_plane(truths: dict[str, Float64Array], phi2: Float64Array) -> dict[str, Float64Array]:
+    """What is in the plane z = 0, and the angle about z that is nearest to phi2 in place of the rotation."""
+    found = {}
+    for name, truth in truths.items():
+        if name == "S2":
+            apart = np.arctan2(truth[:, 1, 0], truth[:, 0, 0]) - phi2
+            found["phi2"] = (phi2 + np.arctan2(np.sin(apart), np.cos(apart)))[:, None]
+        else:
+            found[name] = truth[:, 2:] if name in {"omega2", "alpha2"} else truth[:, :2]
     return found
 
 

@@ -36,7 +36,7 @@ class SampledMotion:
     """
 
     t: Float64Array
-    given: Samples
+    given: CoordinateSamples | BodySamples
 
     @property
     def level(self) -> int:
@@ -47,6 +47,12 @@ class SampledMotion:
     def sequence(self) -> str | None:
         """Euler sequence of body 1; None where its attitude is given as quaternions."""
         return self.given.sequence if isinstance(self.given, CoordinateSamples) else None
+
+    @property
+    def turning(self) -> str:
+        """How body 1 turns, for a reader."""
+        angles = f"phi_x, phi_y, phi_z turn about {', '.join(self.sequence)}" if self.sequence else None
+        return angles or "attitude as quaternions"
 
     def samples(self, rows: Rows, order: int) -> Samples:
         """The motion at some of the instants, with derivatives up to an order."""

@@ -26,6 +26,9 @@ samples = 1001
 [outputs]                     # optional: everything about body 2 unless given
 names = ["R2", "omega2"]
 
+Scenes in the plane z = 0 begin with `planar = true`: [pair] has u1 and u2 of two numbers each, and a name; [motion]
+has x, y, phi (the angle of body 1), psi; the outputs are those of a PlanarPair.
+
 Instead of expressions, the motion may be samples in a file, whose columns `hingepair.sample_file` describes:
 
 [motion]
@@ -50,18 +53,18 @@ from hingepair.errors import ArgumentError, SceneError, choices
 from hingepair.explain import ScenePlan
 from hingepair.expression_motion import ExpressionMotion
 from hingepair.jets import Expr
-from hingepair.kinematics import COORDINATES
 from hingepair.pair import HingePair
-from hingepair.plan import ACCELERATION, OUTPUTS, POSE, VELOCITY, check_outputs
+from hingepair.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, check_outputs, outputs_of
+from hingepair.planar import PlanarPair
 from hingepair.samples import Rows
 from hingepair.scene_file import read_tables
-from hingepair.scene_tables import Motion, read_motion, read_outputs, read_pair
-from hingepair.state import PairState
+from hingepair.scene_tables import Motion, read_motion, read_outputs, read_pair, read_planar
+from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
     from hingepair.cross_validation import CrossValidation
 
-_TABLES = ("title", "pair", "motion", "time", "outputs")
+_TABLES = ("title", "planar", "pair", "motion", "time", "outputs")
 _LEVELS = {"v": VELOCITY, "omega": VELOCITY, "a": ACCELERATION, "alpha": ACCELERATION}
 
 
@@ -71,20 +74,20 @@ class SceneResult:
 
     Attributes:
         t: instants; shape (samples,) s.
-        state: the PairState at these instants.
+        state: the PairState, or PlanarState, at these instants.
     """
 
     t: NDArray[np.float64]
-    state: PairState
+    state: PairState | PlanarState
 
     def __getattr__(self, name: str) -> Any:
-        if not name.startswith("_") and name not in {"t", "state"} and hasattr(PairState, name):
+        if not name.startswith("_") and name not in {"t", "state"} and hasattr(type(self.state), name):
             return getattr(self.state, name)
         known = ", ".join(("t", "state", *self.state.outputs))
         raise AttributeError(f"SceneResult has no {name!r}; it has {known}")
 
     def __dir__(self) -> list[str]:
-        return ["t", "state", *(name for name in dir(PairState) if not name.startswith("_"))]
+        return ["t", "state", *(name for name in dir(type(self.state)) if not name.startswith("_"))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,20 +97,30 @@ class Scene:
     Attributes:
         path: the file it came from.
         title: what it is, in a sentence.
-        pair: the pair.
+        pair: the pair, a HingePair or, in the plane, a PlanarPair.
         motion: where the motion comes from; knows the instants.
         outputs: what `evaluate` computes unless told; None for everything about body 2 that the motion allows.
     """
 
     path: Path
     title: str
-    pair: HingePair
+    pair: HingePair | PlanarPair
     motion: Motion
     outputs: tuple[str, ...] | None
 
     @property
+    def space(self) -> HingePair:
+        """The pair in space."""
+        return self.pair if isinstance(self.pair, HingePair) else self.pair.to_spatial()
+
+    @property
+    def kind(self) -> str:
+        """Whether the outputs are those of a plane or of space."""
+        return SPATIAL if isinstance(self.pair, HingePair) else PLANAR
+
+    @property
     def sequence(self) -> str | None:
-        """Euler sequence of body 1; None where its attitude does not come as Euler angles."""
+        """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
         return self.motion.sequence
 
     @property
@@ -127,12 +140,13 @@ class Scene:
 
     @property
     def expressions(self) -> dict[str, Expr]:
-        """The SymPy expressions by coordinate: x, y, z, phi_x, phi_y, phi_z, psi.
+        """The SymPy expressions by coordinate: x, y, z, phi_x, phi_y, phi_z, psi; in the plane x, y, phi, psi.
 
         Raises:
             ArgumentError: the motion does not come as expressions.
         """
-        return dict(zip(COORDINATES, self._by_expressions().expressions, strict=True))
+        motion = self._by_expressions()
+        return dict(zip(motion.names, motion.expressions, strict=True))
 
     def times(self) -> NDArray[np.float64]:
         """The instants; shape (samples,) s."""
@@ -145,8 +159,8 @@ class Scene:
             t: instants [s]; shape (...).
 
         Returns:
-            (q, qd, qdd), tuples of seven: arrays of t's shape, Python floats for what does not depend on t. Samples
-            where an expression has no real value are NaN.
+            (q, qd, qdd), tuples of seven (in the plane four): arrays of t's shape, Python floats for what does not
+            depend on t. Samples where an expression has no real value are NaN.
 
         Raises:
             ArgumentError: the motion does not come as expressions.
@@ -157,9 +171,10 @@ class Scene:
         """The pair's state at the scene's instants.
 
         Args:
-            outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1; those of the
-                scene file unless given, and without these everything about body 2 that the motion allows. Only the
-                derivatives that the outputs need are computed.
+            outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1, or in the plane
+                R2, phi2, d, v2, omega2, a2, alpha2; those of the scene file unless given, and without these
+                everything about body 2 that the motion allows. Only the derivatives that the outputs need are
+                computed.
 
         Raises:
             ArgumentError: an unknown output, or one that needs derivatives which the motion does not have.
@@ -196,11 +211,11 @@ class Scene:
 
     def _wanted(self, outputs: Iterable[str] | None) -> tuple[tuple[str, ...] | None, int]:
         """The outputs, None for all of body 2, and the derivatives of the motion that they need."""
-        names = self.outputs if outputs is None else check_outputs(outputs)
+        names = self.outputs if outputs is None else check_outputs(outputs, self.kind)
         level = self.motion.level
         for name in names or ():
             if _level(name) > level:
-                known = tuple(output for output in OUTPUTS if _level(output) <= level)
+                known = tuple(output for output in outputs_of(self.kind) if _level(output) <= level)
                 hint = "; motion.differentiate = true gives the others"
                 raise ArgumentError("outputs", choices(known) + hint, name)
         return names, level if names is None else max(map(_level, names))
@@ -220,9 +235,10 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     """
     tables = read_tables(path)
     tables.check_keys(_TABLES)
-    motion = read_motion(tables, Path(path).parent)
-    outputs = read_outputs(tables.table("outputs", required=False))
-    pair = read_pair(tables.table("pair"))
+    planar = read_planar(tables)
+    motion = read_motion(tables, Path(path).parent, planar)
+    outputs = read_outputs(tables.table("outputs", required=False), PLANAR if planar else SPATIAL)
+    pair = read_pair(tables.table("pair"), planar)
     scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, outputs)
     try:
         scene._wanted(None)

@@ -17,7 +17,6 @@ from hingepair.export import column_names
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from hingepair.pair import HingePair
     from hingepair.samples import Samples
     from hingepair.scene import Scene, SceneResult
 
@@ -56,7 +55,7 @@ def residuals(scene: Scene) -> tuple[Residual, ...]:
     meanings = _MEANINGS[: motion.level + 1]
     worst = np.zeros((len(meanings), 2))
     for (rows,) in boxes(motion.t.shape, _SLAB):
-        worst = np.fmax(worst, _worst(scene.pair, motion.samples(rows, len(meanings) - 1)))
+        worst = np.fmax(worst, _worst(scene, motion.samples(rows, len(meanings) - 1)))
     return tuple(
         Residual(label, meaning, unit, largest, ratio, scale)
         for (label, meaning, unit, scale), (largest, ratio) in zip(meanings, worst.tolist(), strict=True)
@@ -102,11 +101,10 @@ def not_finite(result: SceneResult) -> int:
     return int(np.count_nonzero(~np.logical_and.reduce([np.isfinite(column) for column in values])))
 
 
-def _worst(pair: HingePair, samples: Samples) -> NDArray[np.float64]:
+def _worst(scene: Scene, samples: Samples) -> NDArray[np.float64]:
     """Largest residual of E1 and E2, absolute and in units of u * scale; NaN where no instant is finite."""
-    rates = ("omega1", "omega2") if samples.level else ()
-    a = samples.forward_kinematics(pair, ("R1", "S1", "R2", "S2", *rates)).arrays()
-    W1, psid = samples.rates() if rates else (None, None)
+    pair, a = scene.space, samples.bodies(scene.pair)
+    W1, psid = samples.rates() if samples.level else (None, None)
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
     residuals = {"R2": hinge_gap(pair._constants.values, a["R1"], a["S1"], a["R2"], a["S2"])}
     if psid is not None:
