@@ -69,6 +69,8 @@ def explain(plan: Plan, order: int, level: int, constant: frozenset[str]) -> Sce
     reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
     skipped = [(f"{_DERIVATIVES[i]} derivatives of the coordinates", reasons[i]) for i in range(order, 2)]
     skipped += [(_MEANING[name], "no output needs it") for name in plan.skipped]
+    if plan.sequence is None:
+        skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
     if not plan.home and any(step.result == "S2" for step in plan.steps):
         skipped.append(("the product with C", "home is the identity"))
     for name in ("phi_x", "phi_y", "phi_z", "psi"):
