@@ -16,6 +16,7 @@
 A .csv file starts with a line of column names; commas separate, points are decimal, `nan` is what is not known.
 Rates and accelerations are there for all of position, attitude and hinge, or for none, unless they are to be found by
 differentiating. Then angles must turn by less than pi from one sample to the next; their jumps by 2 pi do no harm.
+And t should start near 0: seconds since 1970 are rounded to 2.4e-7 s in float64, which shows in rates.
 """
 
 from __future__ import annotations
