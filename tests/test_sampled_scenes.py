@@ -65,6 +65,8 @@ def test_quaternions_go_the_way_of_given_attitudes(tmp_path, order):
     assert scene.sequence is None
     assert scene.cross_validate().ok
     assert scene.plan().outputs == scene.evaluate().state.outputs
+    assert "the attitude of body 1 is given" in str(scene.plan())
+    assert ("first derivatives of the coordinates", "no output needs them") in scene.plan(("R2",)).skipped
 
 
 def test_what_the_file_lacks_is_not_there(tmp_path):

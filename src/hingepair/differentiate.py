@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.polynomial.legendre import legder, legval, legvander
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, ShapeError
@@ -128,6 +127,8 @@ def nearest_weights(x: Float64Array, degree: int) -> tuple[Float64Array, Float64
     >>> first.round(12).tolist()
     [[-0.2, -0.1, 0.0, 0.1, 0.2]]
     """
+    from numpy.polynomial.legendre import legder, legval, legvander
+
     slopes = legder(np.eye(degree + 1))
     bends = legder(slopes)
     first, second = np.empty(x.shape), np.empty(x.shape)

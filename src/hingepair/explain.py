@@ -74,6 +74,8 @@ def explain(plan: Plan, order: int, level: int, constant: frozenset[str]) -> Sce
     if plan.kind == FLAT:
         skipped.append(("rotations about x and y", "constants prove that all turns are about z"))
     skipped += [(_MEANING[name], "no output needs it") for name in plan.skipped]
+    if plan.sequence is None:
+        skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
     if not plan.home and any(step.result == "S2" for step in plan.steps):
         skipped.append(("the product with C", "home is the identity"))
     for name in ("phi_x", "phi_y", "phi_z", "psi"):

@@ -14,6 +14,9 @@
 | all seven coordinates and their derivatives | | q, qd, qdd |
 
 A .csv file starts with a line of column names; commas separate, points are decimal, `nan` is what is not known.
+Rates and accelerations are there for all of position, attitude and hinge, or for none, unless they are to be found by
+differentiating. Then angles must turn by less than pi from one sample to the next; their jumps by 2 pi do no harm.
+And t should start near 0: seconds since 1970 are rounded to 2.4e-7 s in float64, which shows in rates.
 """
 
 from __future__ import annotations
@@ -120,9 +123,9 @@ def _read_csv(file: SampleFile) -> Columns:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # no rows: an error of ours
                 rows = np.loadtxt(stream, delimiter=",", comments=None, ndmin=2, quotechar='"', max_rows=MAX_ROWS + 1)
+    except SceneError:
+        raise
     except ValueError as error:
-        if isinstance(error, SceneError):
-            raise
         _fail_at_row(file, str(error))
     if rows.size and rows.shape[1] != len(names):
         _fail_at_row(file, f"{rows.shape[1]} fields")
@@ -179,9 +182,9 @@ def _read_npz(file: SampleFile) -> Columns:
         for name, member in members.items():
             try:
                 array = _read_array(file, archive, member, name)
+            except SceneError:
+                raise
             except (ValueError, TypeError, KeyError, SyntaxError) as error:
-                if isinstance(error, SceneError):
-                    raise
                 file.fail(name, "an array of real numbers (float64, float32 or integers)", str(error))
             own = dict(zip(ARRAYS[name], array.T, strict=True)) if name in ARRAYS else {name: array}
             for column, values in own.items():
@@ -224,7 +227,9 @@ def _read_parquet(file: SampleFile) -> Columns:
                     file.fail(field.name, "a column of numbers", str(field.type))
             columns = table.read()
             return {name: _numbers(columns[name].cast(pa.float64(), safe=False)) for name in schema.names}
-    except pa.ArrowException as error:
+    except SceneError:
+        raise
+    except (pa.ArrowException, ValueError, KeyError) as error:
         file.fail("", "a .parquet file that can be read", str(error))
 
 
