@@ -7,6 +7,7 @@ u1 = [0.5, 0.2, 0.1]          # hinge point in body 1's axes, m
 u2 = [-0.25, 0.1, 0.3]        # hinge point in body 2's axes, m
 n = [1, 0, 0]                 # hinge axis in body 1's axes, of any length
 home = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # optional: body 2 against body 1 at psi = 0
+limits = [-1.5, 1.5]          # optional: of psi, rad, for the URDF and MJCF; the motion may pass them
 name = "arm"                  # optional; or, instead of all these: robot = "...", joint = "..."
 
 [motion]                      # numbers, or expressions in t
@@ -203,15 +204,17 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
 
 def _pair(table: Table) -> HingePair:
     if "robot" in table.values or "joint" in table.values:
-        table.check_keys(("robot", "joint", "u1", "u2", "n", "home", "name"))
+        table.check_keys(("robot", "joint", "u1", "u2", "n", "home", "name", "limits"))
         for key in table.values:
             if key not in {"robot", "joint"}:
                 table.fail(key, "nothing beside robot and joint")
         return _robot_pair(table)
-    table.check_keys(("u1", "u2", "n", "home", "name", "robot", "joint"))
+    table.check_keys(("u1", "u2", "n", "home", "name", "limits", "robot", "joint"))
     values: dict[str, Any] = {key: table.numbers(key, 3) for key in ("u1", "u2", "n")}
     if "home" in table.values:
         values["home"] = table.numbers("home", 3, 3)
+    if "limits" in table.values:
+        values["limits"] = table.numbers("limits", 2)
     if "name" in table.values:
         values["name"] = table.text("name")
     try:
