@@ -144,6 +144,18 @@ def test_urdf_is_written_whole_and_read_back(short_scene: Path, tmp_path: Path) 
     np.testing.assert_array_equal(back.u1, (0.5, 0.2, 0.1))
 
 
+@pytest.mark.slow
+def test_mjcf_is_written_and_exports_take_their_base_by_a_flag(short_scene: Path, tmp_path: Path) -> None:
+    pair = hp.load_scene(short_scene).pair
+    hingepair("mjcf", short_scene, "-o", tmp_path / "pair.xml")
+    assert (tmp_path / "pair.xml").read_text() == hp.to_mjcf(pair)
+    for flag, base in (("--fixed-base", "fixed"), ("--floating-base", "floating")):
+        assert hingepair("urdf", short_scene, flag).stdout == hp.to_urdf(pair, base=base)
+    assert hingepair("mjcf", short_scene, "--fixed-base").stdout == hp.to_mjcf(pair, base="fixed")
+    done = hingepair("urdf", short_scene, "--fixed-base", "--floating-base", code=EXIT_BAD_INPUT)
+    assert done.stderr.strip() == "hingepair: --fixed-base: expected this or --floating-base, got both"
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -180,9 +192,9 @@ def test_a_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.M
     assert [path.name for path in tmp_path.iterdir()] == ["result.csv"]
 
 
-@pytest.mark.parametrize("command", [(), ("run",), ("check",), ("urdf",)], ids=lambda c: c[0] if c else "all")
-def test_help_explains(command: tuple[str, ...]) -> None:
-    assert "Usage" in hingepair(*command, "--help").stdout
+@pytest.mark.parametrize("command", ["", "run", "check", "urdf", "mjcf"])
+def test_help_explains(command: str) -> None:
+    assert "Usage" in hingepair(*command.split(), "--help").stdout
 
 
 def test_robots_are_listed_with_their_hinges() -> None:

@@ -40,7 +40,7 @@ def test_everything_exported_exists_once() -> None:
 
 ORDER = (
     ("errors", "arrays"),
-    ("equations", "planar_equations", "blocks", "lengths", "rotations", "euler"),
+    ("equations", "planar_equations", "blocks", "lengths", "rotations", "euler", "body"),
     ("differentiate", "attitude_rates"),
     ("motion", "plan", "state"),
     ("kernel_rows", "kernel_math", "kernel_memory", "kernel_steps", "kernel_flat_steps", "kernels"),
@@ -48,7 +48,7 @@ ORDER = (
     ("evaluate", "kinematics", "constraints", "explain"),
     ("pair", "planar"),
     ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
-    ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots"),
+    ("urdf_tree", "pinocchio_twin", "pinocchio", "export_parts", "urdf_inertia", "urdf", "mjcf", "robots"),
     ("samples", "sample_file", "expression_motion", "sampled_motion", "scene_tables", "scene", "export"),
     ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
 )

@@ -121,6 +121,12 @@ def test_a_scene_at_rest_and_of_one_sample(tmp_path: Path) -> None:
     assert (result.v2 == 0).all()
 
 
+def test_limits(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, GOOD.replace("[motion]\n", "limits = [-1, 2.5]\n[motion]\n"))
+    assert scene.pair.limits == (-1.0, 2.5)
+    assert scene.evaluate().R2.shape == (scene.samples, 3)
+
+
 def test_home_and_robot(tmp_path: Path) -> None:
     home = "home = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]\n"
     assert scene_of(tmp_path, GOOD.replace("[motion]\n", home + "[motion]\n")).pair.home[0, 2] == 1
@@ -172,6 +178,8 @@ MALFORMED = {
     "imaginary motion": (change('psi = "pi*t"', 'psi = "(-2)**t"'), "motion.psi"),
     "span past floats": (change("start = 0\nstop = 2", "start = -1e308\nstop = 1e308"), "time.stop"),
     "matrix of lists": (change("n = [1, 0, 0]", "n = [[1, 0, 0]]"), "pair.n"),
+    "limits of three": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nlimits = [1, 2, 3]"), "pair.limits"),
+    "limits the wrong way round": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nlimits = [2, 1]"), "pair.limits"),
     "home of two rows": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = [[1,0,0],[0,1,0]]"), "pair.home"),
     "joint alone": (change("n = [1, 0, 0]", 'n = [1, 0, 0]\njoint = "a"'), "pair.u1"),
     "pair is a number": ("pair = 3\n" + GOOD.replace("[pair]", "[time2]"), "time2"),

@@ -41,6 +41,8 @@ from hingepair.rotations import (
 from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
+    from hingepair.body import Body, Box, Cylinder, Sphere
+    from hingepair.mjcf import to_mjcf
     from hingepair.pinocchio import cross_validate, cross_validate_from_body1, to_pinocchio
     from hingepair.robots import load_robot_hinge
     from hingepair.scene import load_scene
@@ -51,7 +53,10 @@ __version__ = "0.1.0"
 __all__ = [
     "ArgumentError",
     "AxisError",
+    "Body",
     "BodyMotion",
+    "Box",
+    "Cylinder",
     "DtypeError",
     "GimbalLockError",
     "HingePair",
@@ -63,6 +68,7 @@ __all__ = [
     "RotationError",
     "SceneError",
     "ShapeError",
+    "Sphere",
     "URDFError",
     "angular_velocity",
     "angular_velocity_from_samples",
@@ -80,17 +86,23 @@ __all__ = [
     "rotation_exp",
     "rotation_log",
     "skew",
+    "to_mjcf",
     "to_pinocchio",
     "to_urdf",
     "unskew",
 ]
 
 _LATER = {
+    "Body": "body",
+    "Box": "body",
+    "Cylinder": "body",
     "cross_validate": "pinocchio",
     "cross_validate_from_body1": "pinocchio",
     "from_urdf": "urdf",
     "load_robot_hinge": "robots",
     "load_scene": "scene",
+    "Sphere": "body",
+    "to_mjcf": "mjcf",
     "to_pinocchio": "pinocchio",
     "to_urdf": "urdf",
 }

@@ -1,4 +1,4 @@
-"""The command line: `hingepair run|check|urdf SCENE`."""
+"""The command line: `hingepair run|check|urdf|mjcf SCENE`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.console import Console
 
 from hingepair import summary
 from hingepair.bench_cli import app as bench_app
-from hingepair.errors import HingePairError
+from hingepair.errors import ArgumentError, HingePairError
 from hingepair.export import check_ending, save, write_whole
 from hingepair.pair import HingePair
 from hingepair.plan import OUTPUTS
@@ -37,6 +37,10 @@ app = typer.Typer(
 app.add_typer(bench_app, name="bench")
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
+TextFile = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write to FILE instead of standard output.")
+]
+FixedBase = Annotated[bool, typer.Option("--fixed-base", help="Body 1 stands still in the world.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
@@ -128,19 +132,27 @@ def check(scene_file: SceneFile, as_json: Json = False) -> None:
 @app.command()
 def urdf(
     scene_file: SceneFile,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write to FILE instead of standard output.")
-    ] = None,
+    out: TextFile = None,
+    fixed_base: FixedBase = False,
+    floating_base: Annotated[
+        bool, typer.Option("--floating-base", help="Body 1 hangs on a floating joint from a link `world`.")
+    ] = False,
 ) -> None:
-    """Write the pair as a URDF robot: two links, one continuous joint, body 2's reference point as a fixed link."""
+    """Write the pair as a URDF robot; its base is free to get a root joint from the loader."""
     from hingepair.urdf import to_urdf
 
-    text = to_urdf(load_scene(scene_file).space)
-    if out is None:
-        print(text, end="" if text.endswith("\n") else "\n")
-        return
-    write_whole(out, lambda file: file.write(text.encode()))
-    _console().print(f"written: {out}")
+    if fixed_base and floating_base:
+        raise ArgumentError("--fixed-base", "this or --floating-base", "both")
+    base = "fixed" if fixed_base else "floating" if floating_base else "free"
+    _give(to_urdf(load_scene(scene_file).space, base=base), out)
+
+
+@app.command()
+def mjcf(scene_file: SceneFile, out: TextFile = None, fixed_base: FixedBase = False) -> None:
+    """Write the pair as a MuJoCo model (MJCF): a free joint and a hinge."""
+    from hingepair.mjcf import to_mjcf
+
+    _give(to_mjcf(load_scene(scene_file).space, base="fixed" if fixed_base else "free"), out)
 
 
 @app.command()
@@ -162,6 +174,14 @@ def robots(
     for row in rows:
         table.add_row(*map(str, row))
     _console().print(table)
+
+
+def _give(text: str, out: Path | None) -> None:
+    if out is None:
+        print(text, end="")
+        return
+    write_whole(out, lambda file: file.write(text.encode()))
+    _console().print(f"written: {out}")
 
 
 def _facts(scene: Scene) -> dict[str, object]:

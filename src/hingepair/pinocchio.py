@@ -267,8 +267,8 @@ def _flat(value: ArrayLike, shape: tuple[int, ...], *tail: int) -> Float64Array:
     return np.broadcast_to(value, (*shape, *tail)).reshape(-1, *tail).astype(np.float64)
 
 
-def _packed(seven: tuple[Any, ...] | NDArray[Any], shape: tuple[int, ...]) -> Float64Array:
-    """Seven coordinates as float64, side by side; shape (N, 7)."""
-    if isinstance(seven, np.ndarray):
-        return np.broadcast_to(seven, (*shape, 7)).reshape(-1, 7).astype(np.float64)
-    return np.stack([np.broadcast_to(c, shape).reshape(-1) for c in seven], axis=-1, dtype=np.float64)
+def _packed(parts: tuple[Any, ...] | NDArray[Any], shape: tuple[int, ...]) -> Float64Array:
+    """Coordinates as float64, side by side; shape (N, 7), or (N, 4) in the plane."""
+    if isinstance(parts, np.ndarray):
+        return _flat(parts, shape, parts.shape[-1])
+    return np.stack([_flat(c, shape) for c in parts], axis=-1)

@@ -7,6 +7,7 @@ u1 = [0.5, 0.2, 0.1]          # hinge point in body 1's axes, m
 u2 = [-0.25, 0.1, 0.3]        # hinge point in body 2's axes, m
 n = [1, 0, 0]                 # hinge axis in body 1's axes, of any length
 home = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # optional: body 2 against body 1 at psi = 0
+limits = [-1.5, 1.5]          # optional: of psi, rad, for the URDF and MJCF; the motion may pass them
 name = "arm"                  # optional; or, instead of all these: robot = "...", joint = "..."
 
 [motion]                      # numbers, or expressions in t

@@ -30,15 +30,17 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
     if planar:
         return _planar_pair(table)
     if "robot" in table.values or "joint" in table.values:
-        table.check_keys(("robot", "joint", "u1", "u2", "n", "home", "name"))
+        table.check_keys(("robot", "joint", "u1", "u2", "n", "home", "name", "limits"))
         for key in table.values:
             if key not in {"robot", "joint"}:
                 table.fail(key, "nothing beside robot and joint")
         return _robot_pair(table)
-    table.check_keys(("u1", "u2", "n", "home", "name", "robot", "joint"))
+    table.check_keys(("u1", "u2", "n", "home", "name", "limits", "robot", "joint"))
     values: dict[str, Any] = {key: table.numbers(key, 3) for key in ("u1", "u2", "n")}
     if "home" in table.values:
         values["home"] = table.numbers("home", 3, 3)
+    if "limits" in table.values:
+        values["limits"] = table.numbers("limits", 2)
     if "name" in table.values:
         values["name"] = table.text("name")
     try:
