@@ -1,4 +1,4 @@
-"""The command line: `hingepair run|check|urdf SCENE`."""
+"""The command line: `hingepair run|check|derive|urdf SCENE`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rich.console import Console
 
 from hingepair import summary
 from hingepair.bench_cli import app as bench_app
+from hingepair.derive_cli import derive
 from hingepair.errors import HingePairError
 from hingepair.export import check_ending, save, write_whole
 from hingepair.plan import OUTPUTS
@@ -34,6 +35,7 @@ app = typer.Typer(
 )
 
 app.add_typer(bench_app, name="bench")
+app.command()(derive)
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]

@@ -2,37 +2,39 @@
 
 Every step of a plan is taken twice: over expressions as they come, and over trigonometric sums, in which products of
 sines and cosines are multiplied out and turned into sums of sines and cosines. Of each component the form with fewer
-letters goes on to the next step; the sum where they are equal.
+letters is kept: where they are equal, the sum is what is shown, and the other goes on to the next step, where a
+product of products reads better than a product of sums.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from fractions import Fraction
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
+import sympy
 
-from hingepair.coordinates import exact
+from hingepair.derive_inputs import (
+    any_motion,
+    check_symbolic,
+    closed_jet,
+    constant_inputs,
+    count_letters,
+    motion_inputs,
+)
 from hingepair.errors import ArgumentError
-from hingepair.jets import SYMPY_ERRORS, Expr, Jet, JetProgram, time_symbol
-from hingepair.kinematics import COORDINATES, PARTS, PLANAR_PARTS
+from hingepair.form_printers import in_order
+from hingepair.jets import Expr, time_symbol
 from hingepair.pair import HingePair
 from hingepair.plan import PLANAR, SPATIAL, Plan, check_outputs, make_plan, outputs_of
 from hingepair.planar import PlanarPair
 from hingepair.scene import Scene
 from hingepair.trig_sums import TooManyTermsError, TrigSum, cosine, cosine_sum, sine, sine_sum, trig_sum
 
-PLANAR_COORDINATES = ("x", "y", "phi", "psi")
-SYMBOLIC = ("u1", "u2", "n")
-"""What can stay a letter."""
+Terms: TypeAlias = tuple[Expr, ...]
 
 MAX_LETTERS: Final = 50_000
 """Letters in one component, each time it is written: what takes longer to print than anybody reads."""
-_MAX_RATE_LETTERS = 2_000
-_MAX_SQUARE = 1_000  # the largest denominator of a squared axis component that is taken for exact
 _ANGLES = frozenset(("phi", "psi", "phi1", "angles", "phi2"))
 
 
@@ -55,7 +57,6 @@ class Derivation:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name not in self.names:
             raise AttributeError(f"Derivation has no {name!r}; it has t, {', '.join(self.names)}")
-        import sympy
 
         parts = [sympy.Add(*terms) for terms in self.terms(name)]
         tail = outputs_of(self._forms.kind)[name].tail
@@ -64,7 +65,7 @@ class Derivation:
     def __dir__(self) -> list[str]:
         return ["names", "t", "terms", *self.names]
 
-    def terms(self, name: str) -> tuple[tuple[Expr, ...], ...]:
+    def terms(self, name: str) -> tuple[Terms, ...]:
         """The terms of each component of an output, in the order in which they arise.
 
         Args:
@@ -111,8 +112,8 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
         jets = [closed_jet(f"motion.{key}", expr) for key, expr in scene_or_pair.expressions.items()]
         sequence = scene_or_pair.sequence
     else:
-        jets, sequence = _functions(PLANAR_COORDINATES if kind == PLANAR else COORDINATES), "XYZ"
-    inputs = _constants(pair, _check_symbolic(symbolic, pair)) | _motion(jets, kind)
+        jets, sequence = any_motion(kind), "XYZ"
+    inputs = constant_inputs(pair, check_symbolic(symbolic, pair)) | motion_inputs(jets, kind)
     names = tuple(outputs_of(kind))
     return Derivation(time_symbol(), names, _Forms(kind, sequence, inputs))
 
@@ -126,21 +127,19 @@ class _Forms:
         self.home = "home" in inputs
         self.best = inputs
         self.sums: dict[str, Any] = {}
-        self.order: dict[str, tuple[tuple[Expr, ...], ...]] = {}
+        self.order: dict[str, tuple[Terms | None, ...]] = {}
         self.letters: dict[Expr, int] = {}
 
-    def terms(self, name: str) -> tuple[tuple[Expr, ...], ...]:
+    def terms(self, name: str) -> tuple[Terms, ...]:
         """The terms of each component."""
-        import sympy
-
         exprs, sums = self._plan(name, _EXPRESSIONS), self._plan(name, _SUMS)
         for (result, function, arguments), (_, summed, _) in zip(exprs.steps, sums.steps, strict=True):
             if result not in self.best:
                 built = function(*[self.best[key] for key in arguments])
                 self._keep(result, _each(sympy.sympify, built), self._summed(summed, arguments))
-        if name not in self.order:
-            self.order[name] = tuple(sympy.Add.make_args(part) for part in _flat(self.best[name]))
-        return self.order[name]
+        parts = _flat(self.best[name])
+        orders = self.order.get(name, (None,) * len(parts))
+        return tuple(order or in_order(part) for order, part in zip(orders, parts, strict=True))
 
     def _plan(self, name: str, terms: Any) -> Plan:
         return make_plan((name,), self.sequence, self.home, terms, self.kind)
@@ -160,126 +159,32 @@ class _Forms:
 
     def _keep(self, result: str, built: Any, summed: Any) -> None:
         """Keep the shorter form of each component."""
-        import sympy
-
         if result in _ANGLES:
             self.best[result] = built
             return
         self.sums[result] = summed
-        orders, parts = [], []
+        parts, orders = [], []
         for i, part in enumerate(_flat(built)):
-            total = _flat(summed)[i] if summed is not None else None
-            terms = sympy.Add.make_args(part)
-            if total is not None:
-                other = _sum(total).terms()
-                expr = sympy.Add(*other)
-                if self._count(expr) <= self._count(part):
-                    part, terms = expr, other
-            if self._count(part) > MAX_LETTERS:
+            total = None if summed is None else _sum(_flat(summed)[i]).terms()
+            kept, terms = self._shorter(part, total)
+            if self._count(kept) > MAX_LETTERS:
                 expected = f"an output whose components have at most {MAX_LETTERS} letters"
-                raise ArgumentError("outputs", expected, f"{result} with {self._count(part)}")
-            parts.append(part)
+                raise ArgumentError("outputs", expected, f"{result} with {self._count(kept)}")
+            parts.append(kept)
             orders.append(terms)
         self.best[result] = tuple(parts) if isinstance(built, tuple) else parts[0]
         self.order[result] = tuple(orders)
 
+    def _shorter(self, built: Expr, total: Terms | None) -> tuple[Expr, Terms | None]:
+        """What to go on with, and the terms to show where these have an order."""
+        if total is None:
+            return built, None
+        summed = sympy.Add(*total)
+        gain = self._count(built) - self._count(summed)
+        return summed if gain > 0 else built, total if gain >= 0 else None
+
     def _count(self, expr: Expr) -> int:
         return count_letters(expr, self.letters)
-
-
-def count_letters(expr: Expr, known: dict[Expr, int]) -> int:
-    """How often letters stand in an expression; x(t) and its derivatives are letters, numbers are none."""
-    if expr not in known:
-        if not expr.args or expr.is_Derivative or _is_function_of_t(expr):
-            known[expr] = 0 if expr.is_number else 1
-        else:
-            known[expr] = sum(count_letters(part, known) for part in expr.args)
-    return known[expr]
-
-
-def closed_jet(name: str, expr: Expr) -> Jet:
-    """An expression in t with its first and second derivative.
-
-    Raises:
-        ArgumentError: they are too long, or none that SymPy can work with.
-    """
-    expected = f"an expression whose derivatives have at most {_MAX_RATE_LETTERS} letters"
-    program, known = JetProgram(), dict[Expr, int]()
-    meaning: dict[Expr, Expr] = {}
-    try:
-        jet = program.jet(expr)
-        for symbol, step in program.needed([part for part in jet if part.is_Symbol]):
-            whole = meaning[symbol] = step.xreplace(meaning)
-            if count_letters(whole, known) > _MAX_RATE_LETTERS:
-                raise ArgumentError(name, expected, f"{count_letters(whole, known)}")
-        return expr, jet[1].xreplace(meaning), jet[2].xreplace(meaning)
-    except ArgumentError:
-        raise
-    except SYMPY_ERRORS:
-        raise ArgumentError(name, expected, "one that SymPy cannot differentiate") from None
-
-
-def _functions(names: tuple[str, ...]) -> list[Jet]:
-    import sympy
-
-    t = time_symbol()
-    functions = [sympy.Function(name, real=True)(t) for name in names]
-    return [(f, f.diff(t), f.diff(t, 2)) for f in functions]
-
-
-def _motion(jets: list[Jet], kind: str) -> dict[str, Any]:
-    """The coordinates and their derivatives by the names of a plan's inputs."""
-    size, parts = (2, PLANAR_PARTS) if kind == PLANAR else (3, PARTS)
-    found: dict[str, Any] = {}
-    for (point, angle, hinge), row in zip(parts.values(), zip(*jets, strict=True), strict=True):
-        found[point] = row[:size]
-        found[angle] = row[size] if kind == PLANAR else row[size : 2 * size]
-        found[hinge] = row[-1]
-    return found
-
-
-def _check_symbolic(symbolic: Iterable[str], pair: HingePair | PlanarPair) -> tuple[str, ...]:
-    known = [key for key in SYMBOLIC if hasattr(pair, key)]
-    expected = f"names out of {', '.join(known)}"
-    if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
-        raise ArgumentError("symbolic", f"a tuple of {expected}", symbolic)
-    names = tuple(symbolic)
-    for name in names:
-        if name not in known:
-            raise ArgumentError("symbolic", expected, name)
-    return names
-
-
-def _constants(pair: HingePair | PlanarPair, symbolic: tuple[str, ...]) -> dict[str, Any]:
-    """u1, u2, n and home as exact numbers or letters."""
-    import sympy
-
-    found: dict[str, Any] = {}
-    for key, value in pair._constants.values.items():
-        if key in symbolic:
-            found[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
-        else:
-            found[key] = exact_axis(value) if key == "n" else tuple(map(exact, value))
-    return found
-
-
-def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
-    """The axis of length 1 with rational squares that rounds to n, if there is a simple one; else n as written."""
-    import sympy
-
-    squares = [Fraction(c * c).limit_denominator(_MAX_SQUARE) for c in n]
-    roots = tuple(
-        sympy.sign(c) * sympy.sqrt(sympy.Rational(square.numerator, square.denominator))
-        for c, square in zip(map(exact, n), squares, strict=True)
-    )
-    near = all(float(root) == c for root, c in zip(roots, n, strict=True))
-    return roots if near and sum(squares) == 1 else tuple(map(exact, n))
-
-
-def _is_function_of_t(expr: Expr) -> bool:
-    from sympy.core.function import AppliedUndef
-
-    return isinstance(expr, AppliedUndef)
 
 
 def _each(change: Any, value: Any) -> Any:
@@ -291,8 +196,6 @@ def _flat(value: Any) -> tuple[Any, ...]:
 
 
 def _sum(value: TrigSum | Expr | int) -> TrigSum:
-    import sympy
-
     return value if isinstance(value, TrigSum) else trig_sum(sympy.sympify(value))
 
 

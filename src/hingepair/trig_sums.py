@@ -12,6 +12,8 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Final, NamedTuple, TypeAlias
 
+import sympy
+
 from hingepair.jets import Expr
 
 MAX_TERMS: Final = 200
@@ -84,8 +86,6 @@ class TrigSum:
 
     def terms(self) -> tuple[Expr, ...]:
         """The terms in the order in which they arose; those that share a rest are put together."""
-        import sympy
-
         groups: dict[Expr, list[Expr]] = {}
         for (rest, angle, odd), c in self._terms.items():
             wave = sine(angle) if odd else cosine(angle)
@@ -102,8 +102,6 @@ def trig_sum(expr: Expr) -> TrigSum:
     Raises:
         TooManyTermsError: it has too many terms.
     """
-    import sympy
-
     if expr.is_Add:
         return functools.reduce(TrigSum.__add__, map(trig_sum, expr.args))
     if expr.is_Mul:
@@ -118,15 +116,11 @@ def trig_sum(expr: Expr) -> TrigSum:
 
 def sine(angle: Expr) -> Expr:
     """The SymPy sine of an angle, left as a sine where SymPy would make an algebraic function of it."""
-    import sympy
-
     return _kept(sympy.sin, angle)
 
 
 def cosine(angle: Expr) -> Expr:
     """The SymPy cosine likewise: cos(atan(x)) + ... can then still become cos(atan(x) + ...)."""
-    import sympy
-
     return _kept(sympy.cos, angle)
 
 
@@ -141,16 +135,12 @@ def cosine_sum(angle: Expr) -> TrigSum:
 
 
 def _kept(function: Callable[..., Expr], angle: Expr) -> Expr:
-    import sympy
-
     value = function(angle)
     is_wave = isinstance(value.as_coeff_Mul()[1], sympy.sin | sympy.cos)
     return value if is_wave or not angle.free_symbols else function(angle, evaluate=False)
 
 
 def _terms_of(number: TrigSum | int) -> _Terms:
-    import sympy
-
     if isinstance(number, TrigSum):
         return number._terms
     return {_Wave(sympy.S.One, sympy.S.Zero, False): Fraction(number)} if number else {}
@@ -192,8 +182,6 @@ def _product(a: _Wave, b: _Wave) -> tuple[tuple[_Wave, Fraction], ...]:
 @functools.lru_cache(maxsize=65536)
 def _waves(angle: Expr, odd: bool) -> tuple[tuple[_Wave, Fraction], ...]:
     """The sine or cosine of an angle as a wave with its sign; the angle as SymPy writes it, so that equals meet."""
-    import sympy
-
     value = sine(angle) if odd else cosine(angle)
     coefficient, wave = _split(value)
     if not coefficient:
