@@ -48,7 +48,7 @@ ORDER = (
     ("pair", "planar"),
     ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),
-    ("trig_sums", "form_printers", "derive_inputs", "derive", "derive_text", "derive_cli"),
+    ("trig_sums", "form_printers", "form_inputs", "closed_forms", "form_text", "derive_cli"),
     ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
 )
 

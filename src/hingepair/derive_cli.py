@@ -33,21 +33,21 @@ def derive(
     """Show the motion in closed form: omega1(t), R2(t), S2(t), v2(t), omega2(t), a2(t), alpha2(t)."""
     if unicode + latex + python + as_json > 1:
         raise ArgumentError("format", "one of --unicode, --latex, --python, --json", "several")
-    from hingepair import derive_text
-    from hingepair.derive import derive as closed_forms
+    from hingepair import form_text
+    from hingepair.closed_forms import derive as closed_forms
     from hingepair.plan import check_outputs
 
     scene = load_scene(scene_file)
     names = check_outputs(_names(outputs)) if outputs is not None else scene.outputs or DEFAULT
     forms = closed_forms(scene, _names(symbolic))
     if latex:
-        text = derive_text.to_latex(forms, names)
+        text = form_text.to_latex(forms, names)
     elif python:
-        text = derive_text.to_python(forms, names, scene.title)
+        text = form_text.to_python(forms, names, scene.title)
     elif as_json:
-        text = json.dumps(derive_text.to_sympy(forms, names), indent=2) + "\n"
+        text = json.dumps(form_text.to_sympy(forms, names), indent=2) + "\n"
     else:
-        text = derive_text.to_text(forms, names)
+        text = form_text.to_text(forms, names)
     if out is None:
         print(text, end="")
         return

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import decimal
 from collections.abc import Callable, Iterable
 from typing import Any, Final, TypeAlias
 
@@ -66,7 +68,17 @@ def _decimal(value: Expr) -> str | None:
         return None
     power = sympy.multiplicity(2, value.q), sympy.multiplicity(5, value.q)
     terminates = value.q == 2 ** power[0] * 5 ** power[1]
-    return repr(int(value.p) / int(value.q)) if terminates or max(abs(value.p), value.q) > _LONGEST else None
+    return _rounded(value) if terminates or max(abs(value.p), value.q) > _LONGEST else None
+
+
+def _rounded(value: Expr) -> str:
+    """A rational number to 17 digits; past the range of floats too."""
+    with contextlib.suppress(OverflowError):
+        number = int(value.p) / int(value.q)
+        if number:
+            return repr(number)
+    with decimal.localcontext(prec=17):
+        return f"{decimal.Decimal(int(value.p)) / decimal.Decimal(int(value.q)):e}"
 
 
 def _is_simple(angle: Expr) -> bool:
@@ -88,7 +100,7 @@ class _NumPyPrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no typ
 
     def _print_Rational(self, expr: Expr) -> str:
         if max(abs(expr.p), expr.q) >= _EXACT:
-            return repr(int(expr.p) / int(expr.q))
+            return _rounded(expr)
         return f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p)
 
     _print_Integer = _print_Rational  # noqa: N815
@@ -101,11 +113,11 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
         return latex_name(expr.name)
 
     def _print_Rational(self, expr: Expr) -> str:
-        decimal = _decimal(expr)
-        if decimal is None:
+        shown = _decimal(expr)
+        if shown is None:
             sign = "-" if expr.p < 0 else ""
             return f"{sign}\\frac{{{abs(expr.p)}}}{{{expr.q}}}" if expr.q != 1 else str(expr.p)
-        mantissa, _, exponent = decimal.partition("e")
+        mantissa, _, exponent = shown.partition("e")
         return f"{mantissa} \\cdot 10^{{{int(exponent)}}}" if exponent else mantissa
 
     _print_Integer = _print_Rational  # noqa: N815
@@ -132,7 +144,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
     def _print_Symbol(self, expr: Expr) -> str:
         letter, mark, index = expr.name.partition("_")
         bare = letter.rstrip("'")
-        return _GREEK.get(bare, bare) + letter[len(bare) :] + mark + index
+        return f"{_GREEK.get(bare, bare)}{letter[len(bare) :]}{mark}{index}"
 
     def _print_Rational(self, expr: Expr) -> str:
         return _decimal(expr) or (f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p))
@@ -199,9 +211,24 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return text if whole or power else f"({text})"
 
 
+def count_letters(expr: Expr, known: dict[Expr, int]) -> int:
+    """How often letters stand in an expression; x(t) and its derivatives are letters, numbers are none."""
+    if expr not in known:
+        if not expr.args or expr.is_Derivative or isinstance(expr, AppliedUndef):
+            known[expr] = 0 if expr.is_number else 1
+        else:
+            known[expr] = sum(count_letters(part, known) for part in expr.args)
+    return known[expr]
+
+
 def in_order(expr: Expr) -> tuple[Expr, ...]:
-    """The terms of a sum that has no order of its own: those with a minus sign last."""
-    return tuple(sorted(expr.as_ordered_terms(), key=lambda term: bool(term.as_coeff_Mul()[0].is_negative)))
+    """The terms of a sum that has no order of its own: those with a minus sign last, short ones first."""
+    known: dict[Expr, int] = {}
+
+    def key(term: Expr) -> tuple[bool, int]:
+        return bool(term.as_coeff_Mul()[0].is_negative), count_letters(term, known)
+
+    return tuple(sorted(expr.as_ordered_terms(), key=key))
 
 
 def _rank(factor: Expr) -> tuple[bool, bool, Any]:

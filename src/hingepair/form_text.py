@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import sympy
 
-from hingepair.derive import Derivation
+from hingepair.closed_forms import Derivation
 from hingepair.form_printers import LATEX, PYTHON, TEXT, joined, latex_name, lettered
 from hingepair.jets import Expr
 
@@ -69,7 +69,7 @@ def _function(forms: Derivation, name: str) -> str:
     parts = [sympy.Add(*terms) for terms in forms.terms(name)]
     known = lettered([*parts, forms.t], "d")[:-1]
     letters = sorted({s.name for part in known for s in part.free_symbols} - {"t"})
-    arguments = ["t", *letters] if any(forms.t in part.free_symbols for part in parts) or not letters else letters
+    arguments = ["t", *letters] if any(forms.t in part.free_symbols for part in known) or not letters else letters
     temporary = sympy.numbered_symbols("w", real=True)
     steps, results = sympy.cse(known, symbols=temporary, order="none", list=True)
     tail = {1: (), 9: (3, 3)}.get(len(parts), (len(parts),))

@@ -10,6 +10,7 @@ import sympy
 
 from hingepair.coordinates import exact
 from hingepair.errors import ArgumentError
+from hingepair.form_printers import count_letters
 from hingepair.jets import SYMPY_ERRORS, Expr, Jet, JetProgram, time_symbol
 from hingepair.kinematics import COORDINATES, PARTS, PLANAR_PARTS
 from hingepair.pair import HingePair
@@ -22,16 +23,6 @@ SYMBOLIC = ("u1", "u2", "n")
 
 _MAX_LETTERS: Final = 2_000  # in a derivative of a coordinate
 _MAX_SQUARE: Final = 1_000  # the largest denominator of a squared axis component that is taken for exact
-
-
-def count_letters(expr: Expr, known: dict[Expr, int]) -> int:
-    """How often letters stand in an expression; x(t) and its derivatives are letters, numbers are none."""
-    if expr not in known:
-        if not expr.args or expr.is_Derivative or _is_function_of_t(expr):
-            known[expr] = 0 if expr.is_number else 1
-        else:
-            known[expr] = sum(count_letters(part, known) for part in expr.args)
-    return known[expr]
 
 
 def closed_jet(name: str, expr: Expr) -> Jet:
@@ -112,9 +103,3 @@ def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
     )
     near = all(float(root) == c for root, c in zip(roots, n, strict=True))
     return roots if near and sum(squares) == 1 else tuple(map(exact, n))
-
-
-def _is_function_of_t(expr: Expr) -> bool:
-    from sympy.core.function import AppliedUndef
-
-    return isinstance(expr, AppliedUndef)

@@ -14,16 +14,15 @@ from typing import Any, Final, TypeAlias
 
 import sympy
 
-from hingepair.derive_inputs import (
+from hingepair.errors import ArgumentError
+from hingepair.form_inputs import (
     any_motion,
     check_symbolic,
     closed_jet,
     constant_inputs,
-    count_letters,
     motion_inputs,
 )
-from hingepair.errors import ArgumentError
-from hingepair.form_printers import in_order
+from hingepair.form_printers import count_letters, in_order
 from hingepair.jets import Expr, time_symbol
 from hingepair.pair import HingePair
 from hingepair.plan import PLANAR, SPATIAL, Plan, check_outputs, make_plan, outputs_of
@@ -33,7 +32,7 @@ from hingepair.trig_sums import TooManyTermsError, TrigSum, cosine, cosine_sum, 
 
 Terms: TypeAlias = tuple[Expr, ...]
 
-MAX_LETTERS: Final = 50_000
+MAX_LETTERS: Final = 5_000
 """Letters in one component, each time it is written: what takes longer to print than anybody reads."""
 _ANGLES = frozenset(("phi", "psi", "phi1", "angles", "phi2"))
 
