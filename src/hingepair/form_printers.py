@@ -105,6 +105,10 @@ class _NumPyPrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no typ
 
     _print_Integer = _print_Rational  # noqa: N815
 
+    def _print_DiracDelta(self, expr: Expr) -> str:
+        """The derivative of a step: 0, and NaN at the step, where there is none."""
+        return f"numpy.where({self._print(expr.args[0])} == 0, numpy.nan, 0.0)"
+
 
 class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
     r"""LaTeX with fractions before what they multiply: \frac{5}{2} \sin 2 t."""
