@@ -78,7 +78,7 @@ def _rounded(value: Expr) -> str:
         if number:
             return repr(number)
     with decimal.localcontext(prec=17):
-        return f"{decimal.Decimal(int(value.p)) / decimal.Decimal(int(value.q)):e}"
+        return f"{(decimal.Decimal(int(value.p)) / decimal.Decimal(int(value.q))).normalize():e}"
 
 
 def _is_simple(angle: Expr) -> bool:
@@ -191,19 +191,22 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         under = [1 / f for f in factors if _is_inverse(f)]
         sign, size = "-" if coefficient.is_negative else "", abs(coefficient)
         if not under:
-            close = size.is_Integer and over[0].is_Symbol and len(over[0].name) == 1
+            close = size.is_Integer and size < _EXACT and over[0].is_Symbol and len(over[0].name) == 1
             number = "" if size == 1 else self._print(size) + " " * (not close)
             return sign + number + " ".join(self._factor(f) for f in over)
         if _decimal(size) is None:
             top, bottom = sympy.Integer(size.p), sympy.Integer(size.q)
         else:
             top, bottom = size, sympy.S.One
-        above = [self._print(top)] * (top != 1 or not over) + [self._bracketed(f) for f in over]
-        below = [self._print(bottom)] * (bottom != 1) + [self._bracketed(f) for f in under]
+        above = [self._print(top)] * (top != 1 or not over) + [self._part(f) for f in over]
+        below = [self._print(bottom)] * (bottom != 1) + [self._part(f) for f in under]
         return f"{sign}{' '.join(above)}/{below[0] if len(below) == 1 else '(' + ' '.join(below) + ')'}"
 
     def _factor(self, expr: Expr) -> str:
         return str(self.parenthesize(expr, PRECEDENCE["Mul"]))
+
+    def _part(self, expr: Expr) -> str:
+        return str(self._print(expr)) if expr.is_Pow and _is_root(expr) else self._bracketed(expr)
 
     def _bracketed(self, expr: Expr) -> str:
         """What a power or a fraction may be made of."""
