@@ -8,7 +8,7 @@ product of products reads better than a product of sums.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
@@ -56,7 +56,6 @@ class Derivation:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name not in self.names:
             raise AttributeError(f"Derivation has no {name!r}; it has t, {', '.join(self.names)}")
-
         parts = [sympy.Add(*terms) for terms in self.terms(name)]
         tail = outputs_of(self._forms.kind)[name].tail
         return parts[0] if not tail else sympy.ImmutableMatrix(tail[0], len(parts) // tail[0], parts)
@@ -98,8 +97,8 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
     >>> pair = PlanarPair(u1=(1, 0), u2=(-1, 0))
     >>> derive(pair).R2
     Matrix([
-    [x(t) + cos(phi(t)) + cos(phi(t) + psi(t))],
-    [y(t) + sin(phi(t)) + sin(phi(t) + psi(t))]])
+    [x(t) + cos(phi(t) + psi(t)) + cos(phi(t))],
+    [y(t) + sin(phi(t) + psi(t)) + sin(phi(t))]])
     """
     pair = scene_or_pair.pair if isinstance(scene_or_pair, Scene) else scene_or_pair
     if not isinstance(pair, HingePair | PlanarPair):
@@ -145,15 +144,13 @@ class _Forms:
 
     def _summed(self, function: Any, arguments: tuple[str, ...]) -> Any:
         """A step over sums; None where they grow too long."""
-        try:
-            values = [self._sum_of(key) for key in arguments]
-            return None if None in values else function(*values)
-        except TooManyTermsError:
-            return None
+        values = [self._sum_of(key) for key in arguments]
+        return None if any(value is None for value in values) else _bounded(lambda: function(*values))
 
     def _sum_of(self, key: str) -> Any:
         if key not in self.sums:
-            self.sums[key] = self.best[key] if key in _ANGLES else _each(trig_sum, self.best[key])
+            value = self.best[key]
+            self.sums[key] = value if key in _ANGLES else _bounded(lambda: _each(trig_sum, value))
         return self.sums[key]
 
     def _keep(self, result: str, built: Any, summed: Any) -> None:
@@ -164,7 +161,7 @@ class _Forms:
         self.sums[result] = summed
         parts, orders = [], []
         for i, part in enumerate(_flat(built)):
-            total = None if summed is None else _sum(_flat(summed)[i]).terms()
+            total = None if summed is None else _flat(summed)[i].terms()
             kept, terms = self._shorter(part, total)
             if self._count(kept) > MAX_LETTERS:
                 expected = f"an output whose components have at most {MAX_LETTERS} letters"
@@ -186,16 +183,20 @@ class _Forms:
         return count_letters(expr, self.letters)
 
 
+def _bounded(compute: Callable[[], Any]) -> Any:
+    """What a computation gives, or None where its sums grow too long."""
+    try:
+        return compute()
+    except TooManyTermsError:
+        return None
+
+
 def _each(change: Any, value: Any) -> Any:
     return tuple(map(change, value)) if isinstance(value, tuple) else change(value)
 
 
 def _flat(value: Any) -> tuple[Any, ...]:
     return value if isinstance(value, tuple) else (value,)
-
-
-def _sum(value: TrigSum | Expr | int) -> TrigSum:
-    return value if isinstance(value, TrigSum) else trig_sum(sympy.sympify(value))
 
 
 def _angle_terms(phi: tuple[Expr, ...]) -> tuple[Expr, ...]:
