@@ -74,9 +74,11 @@ def rate_of(name):
 
 def test_a_planar_pair_gives_e11():
     pair = hp.PlanarPair(u1=(0.5, 0.25), u2=(-0.25, 0.1))
-    assert to_text(hp.derive(pair, ("u1", "u2")), ["R2", "phi2", "omega2", "alpha2"]).splitlines() == [
+    assert to_text(hp.derive(pair, ("u1", "u2")), ["R2", "v2", "phi2", "omega2", "alpha2"]).splitlines() == [
         "R2_x = x + u1_x cos φ - u1_y sin φ - u2_x cos(φ + ψ) + u2_y sin(φ + ψ)",
         "R2_y = y + u1_x sin φ + u1_y cos φ - u2_x sin(φ + ψ) - u2_y cos(φ + ψ)",
+        "v2_x = x' + (φ' + ψ') (u2_x sin(φ + ψ) + u2_y cos(φ + ψ)) - φ' (u1_x sin φ + u1_y cos φ)",
+        "v2_y = y' + φ' (u1_x cos φ - u1_y sin φ) - (φ' + ψ') (u2_x cos(φ + ψ) - u2_y sin(φ + ψ))",
         "phi2 = φ + ψ",
         "omega2 = φ' + ψ'",
         "alpha2 = φ'' + ψ''",
@@ -214,10 +216,13 @@ def test_an_axis_that_is_none_of_these_is_what_it_is():
     assert all(c.is_Rational for c in exact_axis(n))
 
 
-def test_only_what_is_looked_at_is_derived():
+def test_only_what_is_looked_at_is_derived_and_once():
     forms = hp.derive(hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)))
     assert isinstance(forms.S1, sympy.ImmutableMatrix)
     assert {"S2", "omega1", "a2"}.isdisjoint(forms._forms.best)
+    first = forms._forms.best["S1"]
+    assert forms.S2.shape == (3, 3)
+    assert forms._forms.best["S1"] is first
 
 
 BATCH = {"u1": np.zeros((2, 3)), "u2": (0, 0, 0), "n": (1, 0, 0)}
