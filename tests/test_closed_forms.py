@@ -258,7 +258,7 @@ def test_unknown_attributes_are_attribute_errors():
 def test_a_form_nobody_could_read_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(closed_forms, "MAX_LETTERS", 100)
     with pytest.raises(hp.ArgumentError, match="at most 100 letters"):
-        _ = hp.derive(hp.HingePair(**ONE)).a2
+        _ = hp.derive(hp.HingePair(u1=(1, 2, 3), u2=(3, 1, 2), n=(1, 1, 0))).a2
     found = scene(tmp_path, phi_x='"sin(sin(sin(t)))"')
     monkeypatch.setattr("hingepair.form_inputs._MAX_LETTERS", 5)
     with pytest.raises(hp.ArgumentError, match=r"motion\.phi_x"):
