@@ -50,6 +50,7 @@ ORDER = (
     ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "export_parts", "urdf_inertia", "urdf", "mjcf", "robots"),
     ("samples", "sample_file", "expression_motion", "sampled_motion", "scene_tables", "scene", "export"),
+    ("trig_sums", "form_printers", "form_inputs", "closed_forms", "form_text", "derive_cli"),
     ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
 )
 

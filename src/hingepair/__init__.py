@@ -42,6 +42,7 @@ from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
     from hingepair.body import Body, Box, Cylinder, Sphere
+    from hingepair.closed_forms import derive
     from hingepair.mjcf import to_mjcf
     from hingepair.pinocchio import cross_validate, cross_validate_from_body1, to_pinocchio
     from hingepair.robots import load_robot_hinge
@@ -74,6 +75,7 @@ __all__ = [
     "angular_velocity_from_samples",
     "cross_validate",
     "cross_validate_from_body1",
+    "derive",
     "euler_rate_matrix",
     "euler_rates",
     "euler_to_matrix",
@@ -98,6 +100,7 @@ _LATER = {
     "Cylinder": "body",
     "cross_validate": "pinocchio",
     "cross_validate_from_body1": "pinocchio",
+    "derive": "closed_forms",
     "from_urdf": "urdf",
     "load_robot_hinge": "robots",
     "load_scene": "scene",

@@ -1,4 +1,4 @@
-"""The command line: `hingepair run|check|urdf|mjcf SCENE`."""
+"""The command line: `hingepair run|check|derive|urdf|mjcf SCENE`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rich.console import Console
 
 from hingepair import summary
 from hingepair.bench_cli import app as bench_app
+from hingepair.derive_cli import derive
 from hingepair.errors import ArgumentError, HingePairError
 from hingepair.export import check_ending, save, write_whole
 from hingepair.pair import HingePair
@@ -35,6 +36,7 @@ app = typer.Typer(
 )
 
 app.add_typer(bench_app, name="bench")
+app.command()(derive)
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 TextFile = Annotated[

@@ -172,7 +172,7 @@ def make_plan(
         terms: what makes (sin, cos) of the three angles and (sin, 1 - cos) of psi in the numbers at hand.
         kind: SPATIAL, FLAT or PLANAR; the latter two take phi1 for the three angles.
     """
-    steps = _SOME_STEPS[kind, home] if kind != SPATIAL else _all_steps(sequence, home, terms)
+    steps = _all_steps(sequence, home, terms) if kind == SPATIAL else _some_steps(kind, home, terms)
     needed = set(outputs)
     taken = []
     for step in reversed(steps):
@@ -247,6 +247,16 @@ def _all_steps(sequence: str | None, home: bool, terms: Terms) -> list[Step]:
         steps += _euler_steps(sequence)
     steps += HINGE_STEPS
     return steps if home else [_WITHOUT_HOME if step.result == "S2" else step for step in steps]
+
+
+def _some_steps(kind: str, home: bool, terms: Terms) -> tuple[Step, ...]:
+    """The steps of motion about one axis; numbers of another kind make the two turns their own way."""
+    steps = _SOME_STEPS[kind, home]
+    if terms == NUMERIC:
+        return steps
+    angle_terms, hinge_terms = terms
+    own = {"hinge": hinge_terms, "turn1": lambda phi1: angle_terms((phi1,))}
+    return tuple(step._replace(function=own.get(step.result, step.function)) for step in steps)
 
 
 _SOME_STEPS = {
