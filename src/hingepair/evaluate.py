@@ -11,9 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.arrays import broadcast_shape, real_array, result_dtype, vectors
 from hingepair.backend import How
-from hingepair.blocks import Components, Values, components_of, compute
+from hingepair.blocks import Components, Values, components_of, compute, tabulate
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices
-from hingepair.plan import SPATIAL, Plan, check_outputs, default_outputs, make_plan, outputs_of
+from hingepair.plan import (
+    SPATIAL,
+    Plan,
+    Step,
+    check_outputs,
+    default_outputs,
+    make_plan,
+    needed_steps,
+    outputs_of,
+)
 from hingepair.state import PairState, PlanarState, layout_of
 
 Outputs: TypeAlias = Iterable[str] | None
@@ -190,6 +199,29 @@ def evaluate(
     return state(arrays, shape)
 
 
+def follow_steps(
+    steps: Iterable[Step],
+    tails: Mapping[str, tuple[int, ...]],
+    pair: Constants,
+    values: Values,
+    shapes: Mapping[str, tuple[int, ...]],
+) -> dict[str, NDArray[Any]]:
+    """New arrays of some results of steps at all samples, in NumPy.
+
+    Args:
+        steps: where the results come from, in order.
+        tails: shape of one sample of each result, by name.
+        pair: the pair's constants.
+        values: the other inputs by name; those that the results do not need are left alone.
+        shapes: of the samples, by argument.
+    """
+    taken, inputs = needed_steps(steps, tails)
+    plan = Plan(tuple(tails), taken, inputs, (), None, True, SPATIAL)
+    dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
+    parts = {name: _components(name, group) for name, group in {**pair.values, **values}.items() if name in inputs}
+    return tabulate(plan.run, parts, tails, broadcast_shape({**shapes, "pair": pair.shape}), dtype)
+
+
 def coordinates(name: str, value: Any, count: int) -> Components | NDArray[Any]:
     """A tuple of broadcastable coordinates, or one array with the coordinates last."""
     if isinstance(value, tuple) and len(value) == count:
@@ -218,7 +250,7 @@ def _components(name: str, group: Any) -> Any:
     """A group as the equations take it: a component, or a tuple of components."""
     if not isinstance(group, np.ndarray) or name.startswith(("psi", "phi1")):
         return group
-    return components_of(group, 2 if name == "S1" else 1)
+    return components_of(group, 2 if name in {"S1", "S2"} else 1)
 
 
 def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:

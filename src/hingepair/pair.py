@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair import kinematics
-from hingepair.arrays import broadcast_shape, constant, read_only
+from hingepair import jacobian, kinematics
+from hingepair.arrays import FloatArray, broadcast_shape, constant, read_only
 from hingepair.backend import choose
 from hingepair.blocks import components_of, numbers
 from hingepair.errors import ArgumentError
@@ -153,6 +153,82 @@ class HingePair:
         """
         how = choose(backend, workers)
         return kinematics.from_body1(self._constants, body1, psi, psid, psidd, outputs, out, how)
+
+    def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
+        """Body 2's velocity by the velocities of the equations: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2).
+
+        Args:
+            body1: the motion of body 1; of it, S is used.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
+
+        Returns:
+            Jac, world axes; shape (..., 6, 7).
+
+        Raises:
+            ArgumentError: an argument cannot be used; names it.
+
+        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> pair.jacobian(BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
+        array([0., 4., 0., 0., 0., 3.])
+        """
+        return jacobian.jacobian(self._constants, body1, psi)
+
+    def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
+        """What velocities alone add to body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9).
+
+        Args:
+            body1: the motion of body 1; of it, S and omega are used.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
+            psid: hinge rate [rad/s]; likewise.
+
+        Returns:
+            The bias, world axes; shape (..., 6).
+
+        Raises:
+            ArgumentError: an argument cannot be used, or body1 has no omega; names it.
+
+        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> body1 = BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
+        >>> pair.acceleration_bias(body1, 0.0, 2.0)
+        array([-4.,  0.,  0.,  0.,  0.,  0.])
+        """
+        return jacobian.acceleration_bias(self._constants, body1, psi, psid)
+
+    def coordinate_jacobian(self, q: ArrayLike | tuple[Any, ...], *, sequence: str = "XYZ") -> FloatArray:
+        """Body 2's velocity by the rates of the seven coordinates: (v2, omega2) = Jq @ qd (E8, E2, E4).
+
+        Args:
+            q: coordinates [m, rad], in either form that forward_kinematics takes.
+            sequence: the Euler sequence of body 1.
+
+        Returns:
+            Jq, world axes; shape (..., 6, 7).
+
+        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> pair.coordinate_jacobian(np.zeros(7)) @ (0, 0, 0, 0, 0, 1, 2)
+        array([0., 4., 0., 0., 0., 3.])
+        """
+        return jacobian.coordinate_jacobian(self._constants, q, sequence)
+
+    def coordinate_jacobian_rate(
+        self, q: ArrayLike | tuple[Any, ...], qd: ArrayLike | tuple[Any, ...], *, sequence: str = "XYZ"
+    ) -> FloatArray:
+        """The time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9).
+
+        Args:
+            q: coordinates [m, rad], in either form that forward_kinematics takes.
+            qd: their time derivatives.
+            sequence: the Euler sequence of body 1.
+
+        Returns:
+            Jq', world axes; shape (..., 6, 7).
+
+        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> qd = np.array((0, 0, 0, 0, 0, 0, 2.0))
+        >>> pair.coordinate_jacobian_rate(np.zeros(7), qd) @ qd
+        array([-4.,  0.,  0.,  0.,  0.,  0.])
+        """
+        return jacobian.coordinate_jacobian_rate(self._constants, q, qd, sequence)
 
 
 def check_pair(pair: object) -> None:
