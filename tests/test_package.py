@@ -40,7 +40,8 @@ def test_everything_exported_exists_once() -> None:
 
 ORDER = (
     ("errors", "arrays"),
-    ("equations", "planar_equations", "derivative_equations", "blocks", "lengths", "rotations", "euler"),
+    ("equations", "planar_equations", "derivative_equations", "constraint_equations"),
+    ("blocks", "lengths", "rotations", "euler"),
     ("motion", "plan", "state"),
     ("kernel_rows", "kernel_math", "kernel_steps", "kernel_flat_steps", "kernels"),
     ("kernel_cache", "compiled", "backend"),

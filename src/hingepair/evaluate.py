@@ -205,6 +205,7 @@ def follow_steps(
     pair: Constants,
     values: Values,
     shapes: Mapping[str, tuple[int, ...]],
+    dtype: np.dtype[Any] | None = None,
 ) -> dict[str, NDArray[Any]]:
     """New arrays of some results of steps at all samples, in NumPy.
 
@@ -214,10 +215,12 @@ def follow_steps(
         pair: the pair's constants.
         values: the other inputs by name; those that the results do not need are left alone.
         shapes: of the samples, by argument.
+        dtype: to compute in; unless given, that of the other inputs.
     """
     taken, inputs = needed_steps(steps, tails)
     plan = Plan(tuple(tails), taken, inputs, (), None, True, SPATIAL)
-    dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
+    if dtype is None:
+        dtype = result_dtype(c for g in values.values() for c in (g if isinstance(g, tuple) else (g,)))
     parts = {name: _components(name, group) for name, group in {**pair.values, **values}.items() if name in inputs}
     return tabulate(plan.run, parts, tails, broadcast_shape({**shapes, "pair": pair.shape}), dtype)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair import jacobian, kinematics
+from hingepair import constraints, jacobian, kinematics
 from hingepair.arrays import FloatArray, broadcast_shape, constant, read_only
 from hingepair.backend import choose
 from hingepair.blocks import components_of, numbers
@@ -229,6 +229,47 @@ class HingePair:
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
         return jacobian.coordinate_jacobian_rate(self._constants, q, qd, sequence)
+
+    def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
+        """The constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2).
+
+        The constraints are gap (E1, world axes) and tilt, the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2,
+        where e1 is the axis of body 1 furthest from n, made perpendicular to it, and e2 = n x e1. G is their exact
+        derivative, on the constraint and off it: (gap', tilt') = G @ (v1, omega1, v2, omega2).
+
+        Args:
+            body1: the motion of body 1; of it, S is used.
+            body2: the motion of body 2; likewise.
+
+        Returns:
+            G, world axes; shape (..., 5, 12).
+
+        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> body = BodyMotion(R=(0, 0, 0), S=np.eye(3))
+        >>> (pair.constraint_jacobian(body, body) @ (0, 0, 0, 0, 0, 1, 0, 4, 0, 0, 0, 3)).tolist()
+        [0.0, 0.0, 0.0, 0.0, 0.0]
+        """
+        return constraints.constraint_jacobian(self._constants, body1, body2)
+
+    def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
+        """What velocities alone add to the constraints' second derivative (E1, E2).
+
+        (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, and zero for motions of the pair.
+
+        Args:
+            body1: the motion of body 1; of it, S and omega are used.
+            body2: the motion of body 2; likewise.
+
+        Returns:
+            The bias, world axes; shape (..., 5).
+
+        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> body1 = BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
+        >>> body2 = BodyMotion(R=(2, 0, 0), S=np.eye(3), omega=(0, 0, 2))
+        >>> pair.constraint_bias(body1, body2).tolist()
+        [-4.0, 0.0, 0.0, 0.0, 0.0]
+        """
+        return constraints.constraint_bias(self._constants, body1, body2)
 
 
 def check_pair(pair: object) -> None:

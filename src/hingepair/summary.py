@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hingepair.accuracy import error_ratios, euler_rate_sizes, output_scales
 from hingepair.arrays import boxes
-from hingepair.constraints import hinge_gap, hinge_slip
+from hingepair.constraints import constraint_values
 from hingepair.export import column_names
 
 if TYPE_CHECKING:
@@ -106,10 +106,9 @@ def _worst(pair: HingePair, q: tuple[Any, ...], qd: tuple[Any, ...], sequence: s
     psid = np.broadcast_to(np.asarray(qd[6], dtype=np.float64), s.shape)
     W1, _ = euler_rate_sizes(np.stack(np.broadcast_arrays(*qd[3:6]), axis=-1))
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
-    gap = hinge_gap(pair._constants.values, a["R1"], a["S1"], a["R2"], a["S2"])
-    slip = hinge_slip(pair._constants.values, a["S2"], a["omega1"], a["omega2"], psid)
+    measured = constraint_values(pair._constants, ("gap", "slip"), {**a, "psid_given": psid}, {"q": s.shape})
     found = []
-    for name, residual in (("R2", gap), ("omega2", slip)):
+    for name, residual in (("R2", measured["gap"]), ("omega2", measured["slip"])):
         error, ratio = error_ratios(name, residual, np.zeros_like(residual), scales[name])
         found.append([_largest(error), _largest(ratio)])
     return np.array(found)
