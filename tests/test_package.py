@@ -39,16 +39,17 @@ def test_everything_exported_exists_once() -> None:
 
 
 ORDER = (
-    ("errors", "arrays"),
+    ("errors", "arrays", "report"),
     ("equations", "planar_equations", "derivative_equations", "constraint_equations"),
     ("blocks", "lengths", "rotations", "euler"),
     ("motion", "plan", "state"),
     ("kernel_rows", "kernel_math", "kernel_steps", "kernel_flat_steps", "kernels"),
     ("kernel_cache", "compiled", "backend"),
     ("evaluate", "kinematics", "constraints", "explain"),
-    ("jacobian",),
+    ("accuracy", "residual_report"),
+    ("jacobian", "residuals"),
     ("pair", "planar"),
-    ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
+    ("expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),
     ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
 )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair import constraints, jacobian, kinematics
+from hingepair import constraints, jacobian, kinematics, residuals
 from hingepair.arrays import FloatArray, broadcast_shape, constant, read_only
 from hingepair.backend import choose
 from hingepair.blocks import components_of, numbers
@@ -16,6 +17,7 @@ from hingepair.errors import ArgumentError
 from hingepair.evaluate import Constants, Out, Outputs
 from hingepair.lengths import unit_axis
 from hingepair.motion import BodyMotion
+from hingepair.residual_report import Residuals
 from hingepair.rotations import check_rotation
 from hingepair.state import PairState
 
@@ -153,6 +155,35 @@ class HingePair:
         """
         how = choose(backend, workers)
         return kinematics.from_body1(self._constants, body1, psi, psid, psidd, outputs, out, how)
+
+    def residuals(
+        self, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None = None
+    ) -> Residuals:
+        """How far any two motions, measured ones included, are from this hinge (E1, E2 and their derivatives).
+
+        Args:
+            body1: the motion of body 1.
+            body2: the motion of body 2. Rates are judged where both have omega (and v), accelerations where both
+                also have alpha (and a).
+            tolerances: largest size that passes, by residual: gap [m], tilt [rad], gap_rate [m/s], tilt_rate
+                [rad/s], gap_acceleration [m/s^2], tilt_acceleration [rad/s^2]. Those not named: what round-off
+                explains, 32 u times a scale that is printed.
+
+        Returns:
+            The residuals, psi with its derivatives, `.ok`, `.verdict`; str() is a table. Samples that are not finite
+            are left out and counted.
+
+        Raises:
+            ArgumentError: an argument cannot be used; names it.
+
+        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> body1, body2 = BodyMotion(R=(0, 0, 0), S=np.eye(3)), BodyMotion(R=(2, 0.001, 0), S=np.eye(3))
+        >>> pair.residuals(body1, body2).verdict
+        'FAILED: gap'
+        >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
+        True
+        """
+        return residuals.residuals(self._constants, self.name, body1, body2, tolerances)
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
         """Body 2's velocity by the velocities of the equations: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2).

@@ -13,6 +13,7 @@ from hingepair.accuracy import error_ratios, euler_rate_sizes, output_scales
 from hingepair.arrays import boxes
 from hingepair.constraints import constraint_values
 from hingepair.export import column_names
+from hingepair.report import finite_or_none
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -86,11 +87,6 @@ def as_json(result: SceneResult) -> dict[str, Any]:
         numbers = {"first": column[0], "last": column[-1], "smallest": smallest, "largest": largest}
         columns[name] = {key: finite_or_none(float(number)) for key, number in numbers.items()}
     return columns
-
-
-def finite_or_none(number: float) -> float | None:
-    """The number, or None where JSON has no word for it."""
-    return number if math.isfinite(number) else None
 
 
 def not_finite(result: SceneResult) -> int:
