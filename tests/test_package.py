@@ -47,7 +47,7 @@ ORDER = (
     ("kernel_cache", "compiled", "backend"),
     ("evaluate", "kinematics", "constraints", "explain"),
     ("accuracy", "residual_report"),
-    ("jacobian", "residuals"),
+    ("jacobians", "residuals"),
     ("pair", "planar"),
     ("expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),

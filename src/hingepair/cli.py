@@ -16,6 +16,7 @@ from hingepair.bench_cli import app as bench_app
 from hingepair.errors import HingePairError
 from hingepair.export import check_ending, save, write_whole
 from hingepair.plan import OUTPUTS
+from hingepair.report import finite_or_none
 from hingepair.scene import load_scene
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def run(
             **_facts(scene),
             "outputs": summary.as_json(result),
             "residuals": {
-                r.label: {"largest": summary.finite_or_none(r.largest), "in_u_scale": summary.finite_or_none(r.ratio)}
+                r.label: {"largest": finite_or_none(r.largest), "in_u_scale": finite_or_none(r.ratio)}
                 for r in residuals
             },
             "file": None if written is None else str(written),

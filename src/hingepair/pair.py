@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair import constraints, jacobian, kinematics, residuals
-from hingepair.arrays import FloatArray, broadcast_shape, constant, read_only
+from hingepair import constraints, jacobians, kinematics, residuals
+from hingepair.arrays import broadcast_shape, constant, read_only
 from hingepair.backend import choose
 from hingepair.blocks import components_of, numbers
 from hingepair.errors import ArgumentError
 from hingepair.evaluate import Constants, Out, Outputs
 from hingepair.lengths import unit_axis
 from hingepair.motion import BodyMotion
-from hingepair.residual_report import Residuals
 from hingepair.rotations import check_rotation
 from hingepair.state import PairState
 
@@ -156,151 +154,13 @@ class HingePair:
         how = choose(backend, workers)
         return kinematics.from_body1(self._constants, body1, psi, psid, psidd, outputs, out, how)
 
-    def residuals(
-        self, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None = None
-    ) -> Residuals:
-        """How far any two motions, measured ones included, are from this hinge (E1, E2 and their derivatives).
-
-        Args:
-            body1: the motion of body 1.
-            body2: the motion of body 2. Rates are judged where both have omega (and v), accelerations where both
-                also have alpha (and a).
-            tolerances: largest size that passes, by residual: gap [m], tilt [rad], gap_rate [m/s], tilt_rate
-                [rad/s], gap_acceleration [m/s^2], tilt_acceleration [rad/s^2]. Those not named: what round-off
-                explains, 32 u times a scale that is printed.
-
-        Returns:
-            The residuals, psi with its derivatives, `.ok`, `.verdict`; str() is a table. Samples that are not finite
-            are left out and counted.
-
-        Raises:
-            ArgumentError: an argument cannot be used; names it.
-
-        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> body1, body2 = BodyMotion(R=(0, 0, 0), S=np.eye(3)), BodyMotion(R=(2, 0.001, 0), S=np.eye(3))
-        >>> pair.residuals(body1, body2).verdict
-        'FAILED: gap'
-        >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
-        True
-        """
-        return residuals.residuals(self._constants, self.name, body1, body2, tolerances)
-
-    def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-        """Body 2's velocity by the velocities of the equations: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2).
-
-        Args:
-            body1: the motion of body 1; of it, S is used.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-
-        Returns:
-            Jac, world axes; shape (..., 6, 7).
-
-        Raises:
-            ArgumentError: an argument cannot be used; names it.
-
-        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> pair.jacobian(BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
-        array([0., 4., 0., 0., 0., 3.])
-        """
-        return jacobian.jacobian(self._constants, body1, psi)
-
-    def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
-        """What velocities alone add to body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9).
-
-        Args:
-            body1: the motion of body 1; of it, S and omega are used.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-            psid: hinge rate [rad/s]; likewise.
-
-        Returns:
-            The bias, world axes; shape (..., 6).
-
-        Raises:
-            ArgumentError: an argument cannot be used, or body1 has no omega; names it.
-
-        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> body1 = BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
-        >>> pair.acceleration_bias(body1, 0.0, 2.0)
-        array([-4.,  0.,  0.,  0.,  0.,  0.])
-        """
-        return jacobian.acceleration_bias(self._constants, body1, psi, psid)
-
-    def coordinate_jacobian(self, q: ArrayLike | tuple[Any, ...], *, sequence: str = "XYZ") -> FloatArray:
-        """Body 2's velocity by the rates of the seven coordinates: (v2, omega2) = Jq @ qd (E8, E2, E4).
-
-        Args:
-            q: coordinates [m, rad], in either form that forward_kinematics takes.
-            sequence: the Euler sequence of body 1.
-
-        Returns:
-            Jq, world axes; shape (..., 6, 7).
-
-        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> pair.coordinate_jacobian(np.zeros(7)) @ (0, 0, 0, 0, 0, 1, 2)
-        array([0., 4., 0., 0., 0., 3.])
-        """
-        return jacobian.coordinate_jacobian(self._constants, q, sequence)
-
-    def coordinate_jacobian_rate(
-        self, q: ArrayLike | tuple[Any, ...], qd: ArrayLike | tuple[Any, ...], *, sequence: str = "XYZ"
-    ) -> FloatArray:
-        """The time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9).
-
-        Args:
-            q: coordinates [m, rad], in either form that forward_kinematics takes.
-            qd: their time derivatives.
-            sequence: the Euler sequence of body 1.
-
-        Returns:
-            Jq', world axes; shape (..., 6, 7).
-
-        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> qd = np.array((0, 0, 0, 0, 0, 0, 2.0))
-        >>> pair.coordinate_jacobian_rate(np.zeros(7), qd) @ qd
-        array([-4.,  0.,  0.,  0.,  0.,  0.])
-        """
-        return jacobian.coordinate_jacobian_rate(self._constants, q, qd, sequence)
-
-    def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """The constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2).
-
-        The constraints are gap (E1, world axes) and tilt, the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2,
-        where e1 is the axis of body 1 furthest from n, made perpendicular to it, and e2 = n x e1. G is their exact
-        derivative, on the constraint and off it: (gap', tilt') = G @ (v1, omega1, v2, omega2).
-
-        Args:
-            body1: the motion of body 1; of it, S is used.
-            body2: the motion of body 2; likewise.
-
-        Returns:
-            G, world axes; shape (..., 5, 12).
-
-        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> body = BodyMotion(R=(0, 0, 0), S=np.eye(3))
-        >>> (pair.constraint_jacobian(body, body) @ (0, 0, 0, 0, 0, 1, 0, 4, 0, 0, 0, 3)).tolist()
-        [0.0, 0.0, 0.0, 0.0, 0.0]
-        """
-        return constraints.constraint_jacobian(self._constants, body1, body2)
-
-    def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """What velocities alone add to the constraints' second derivative (E1, E2).
-
-        (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, and zero for motions of the pair.
-
-        Args:
-            body1: the motion of body 1; of it, S and omega are used.
-            body2: the motion of body 2; likewise.
-
-        Returns:
-            The bias, world axes; shape (..., 5).
-
-        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> body1 = BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
-        >>> body2 = BodyMotion(R=(2, 0, 0), S=np.eye(3), omega=(0, 0, 2))
-        >>> pair.constraint_bias(body1, body2).tolist()
-        [-4.0, 0.0, 0.0, 0.0, 0.0]
-        """
-        return constraints.constraint_bias(self._constants, body1, body2)
+    residuals = residuals.residuals
+    jacobian = jacobians.jacobian
+    acceleration_bias = jacobians.acceleration_bias
+    coordinate_jacobian = jacobians.coordinate_jacobian
+    coordinate_jacobian_rate = jacobians.coordinate_jacobian_rate
+    constraint_jacobian = constraints.constraint_jacobian
+    constraint_bias = constraints.constraint_bias
 
 
 def check_pair(pair: object) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from hingepair.errors import ArgumentError, choices
 from hingepair.evaluate import Constants
 from hingepair.motion import BodyMotion, motion_arrays
 from hingepair.residual_report import ResidualCheck, Residuals
+
+if TYPE_CHECKING:
+    from hingepair.pair import HingePair
 
 Float64Array = NDArray[np.float64]
 
@@ -56,9 +59,35 @@ _ARRAYS = tuple(name for name in TAILS if name != "slip" and not name.startswith
 
 
 def residuals(
-    pair: Constants, name: str, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
+    pair: HingePair, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None = None
 ) -> Residuals:
-    """All residuals that the two motions allow, and psi with its derivatives; `name` is the pair's."""
+    """How far any two motions, measured ones included, are from this hinge (E1, E2 and their derivatives).
+
+    Args:
+        pair: the pair.
+        body1: the motion of body 1.
+        body2: the motion of body 2. Rates are judged where both have omega (and v), accelerations where both
+            also have alpha (and a).
+        tolerances: largest size that passes, by residual: gap [m], tilt [rad], gap_rate [m/s], tilt_rate
+            [rad/s], gap_acceleration [m/s^2], tilt_acceleration [rad/s^2]. Those not named: what round-off
+            explains, 32 u times a scale that is printed.
+
+    Returns:
+        The residuals, psi with its derivatives, `.ok`, `.verdict`; str() is a table. Samples that are not finite
+        are left out and counted.
+
+    Raises:
+        ArgumentError: an argument cannot be used; names it.
+
+    >>> from hingepair.pair import HingePair
+    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> body1, body2 = BodyMotion(R=(0, 0, 0), S=np.eye(3)), BodyMotion(R=(2, 0.001, 0), S=np.eye(3))
+    >>> pair.residuals(body1, body2).verdict
+    'FAILED: gap'
+    >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
+    True
+    """
+    constants = pair._constants
     given: dict[str, NDArray[Any]] = {}
     for argument, body in (("body1", body1), ("body2", body2)):
         motion_arrays(argument, body)
@@ -66,11 +95,11 @@ def residuals(
         given |= motion_arrays(argument, body, *letters)
     allowed = _checked(tolerances)
     shapes = {"body1": body1.shape, "body2": body2.shape}
-    shape = broadcast_shape({**shapes, "pair": pair.shape})
+    shape = broadcast_shape({**shapes, "pair": constants.shape})
     names = available(_ARRAYS, given)
-    arrays = constraint_values(pair, names, given, shapes, np.dtype(np.float64))
+    arrays = constraint_values(constants, names, given, shapes, np.dtype(np.float64))
     u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in given.values())
-    scales = _scales(pair, given, [kind for kind in KINDS if kind in names])
+    scales = _scales(constants, given, [kind for kind in KINDS if kind in names])
     attitudes = np.isfinite(given["S1"]).all(axis=(-2, -1)) & np.isfinite(given["S2"]).all(axis=(-2, -1))
     rows, left_out = [], np.zeros(shape, dtype=bool)
     for kind, scale in scales.items():
@@ -78,8 +107,8 @@ def residuals(
         known = np.broadcast_to(attitudes & np.isfinite(scale), shape)
         rows.append(_check(kind, size if size.ndim == len(shape) else norm(size), scale, known, u, allowed))
         left_out |= ~known
-    values = {key: read_only(arrays[key]) if key in arrays else None for key in _ARRAYS}
-    return Residuals(name=name, shape=shape, skipped=int(left_out.sum()), u=u, rows=tuple(rows), **values)
+    values: dict[str, Any] = {key: read_only(arrays[key]) if key in arrays else None for key in _ARRAYS}
+    return Residuals(name=pair.name, shape=shape, skipped=int(left_out.sum()), u=u, rows=tuple(rows), **values)
 
 
 def _check(
