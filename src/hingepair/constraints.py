@@ -60,10 +60,13 @@ def _quotient(parts: Components) -> Any:
 STEPS = (
     Step("r1", eq.rotate, ("S1", "u1")),
     Step("r2", eq.rotate, ("S2", "u2")),
-    Step("f1", eq.rotate, ("S1", "e1")),
-    Step("f2", eq.rotate, ("S1", "e2")),
-    Step("f", _together, ("f1", "f2")),
     Step("h1", eq.rotate, ("S1", "n")),
+    Step("e1_in_world", eq.rotate, ("S1", "e1")),
+    Step("e2_in_world", eq.rotate, ("S1", "e2")),
+    # Across h1 to the last bit, also where the S1 given is a rotation to nine digits only: no tilt of S1's own.
+    Step("f1", eq.cross, ("e2_in_world", "h1")),
+    Step("f2", eq.cross, ("h1", "e1_in_world")),
+    Step("f", _together, ("f1", "f2")),
     Step("g1", eq.rotate, ("S2", "e1_in_2")),
     Step("g2", eq.rotate, ("S2", "e2_in_2")),
     Step("h2", eq.rotate, ("S2", "n_in_2")),
