@@ -39,7 +39,7 @@ def only(body, *letters):
 
 
 def angle_between(a, b):
-    """a - b without multiples of 2 pi, for a and b in float64."""
+    """The difference without multiples of 2 pi, in float64."""
     gap = np.asarray(a) - b
     return abs(gap - 2 * np.pi * np.round(gap / (2 * np.pi)))
 
@@ -129,7 +129,7 @@ def sizes(pair, body1, body2):
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32], ids=["f64", "f32"])
-@pytest.mark.parametrize(("letter", "kind"), zip(LETTERS, KINDS, strict=True))
+@pytest.mark.parametrize(("letter", "kind"), list(zip(LETTERS, KINDS, strict=True)))
 def test_a_hundred_times_round_off_fails(letter, kind, dtype):
     """One sample of many is moved by 100 u * scale, in each direction that the hinge does not allow."""
     pair, motion = made(), [c.astype(dtype) for c in coordinates(generator(89), 40)]
