@@ -41,6 +41,7 @@ from hingepair.rotations import (
 from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
+    from hingepair.euler_kinematics import euler_kinematics
     from hingepair.pinocchio import cross_validate, to_pinocchio
     from hingepair.robots import load_robot_hinge
     from hingepair.scene import load_scene
@@ -66,6 +67,7 @@ __all__ = [
     "URDFError",
     "angular_velocity",
     "cross_validate",
+    "euler_kinematics",
     "euler_rate_matrix",
     "euler_rates",
     "euler_to_matrix",
@@ -85,6 +87,7 @@ __all__ = [
 
 _LATER = {
     "cross_validate": "pinocchio",
+    "euler_kinematics": "euler_kinematics",
     "from_urdf": "urdf",
     "load_robot_hinge": "robots",
     "load_scene": "scene",

@@ -235,7 +235,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
     def rates(values: Values) -> Values:
         trig = angle_terms(order.angles(values["phi"]))
-        phid = order.angles(_canonical_rates(order, trig, values["omega"]))
+        phid = order.angles(canonical_rates(order, trig, values["omega"]))
         return {"phid": phid, "lock": trig[2] if order.proper else trig[3]}
 
     compute(rates, {"phi": components_of(angles), "omega": components_of(velocity)}, out, shape, dtype)
@@ -253,7 +253,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
     return out["phid"]
 
 
-def _canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
+def canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
     """J^-1 omega in canonical angles: the part along b gives phi_y', the rest phi_z', then phi_x'."""
     by, bz, cx, _, _ = order.axes(trig)
     x, y, z = (omega[order.place.index(i)] for i in range(3))

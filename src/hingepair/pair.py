@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair import constraints, jacobians, kinematics, residuals
+from hingepair import constraints, jacobians, kinematics, residuals, sensitivities
 from hingepair.arrays import broadcast_shape, constant, read_only
 from hingepair.backend import choose
 from hingepair.blocks import components_of, numbers
@@ -159,6 +159,7 @@ class HingePair:
     acceleration_bias = jacobians.acceleration_bias
     coordinate_jacobian = jacobians.coordinate_jacobian
     coordinate_jacobian_rate = jacobians.coordinate_jacobian_rate
+    sensitivities = sensitivities.sensitivities
     constraint_jacobian = constraints.constraint_jacobian
     constraint_bias = constraints.constraint_bias
 
