@@ -41,7 +41,7 @@ def test_everything_exported_exists_once() -> None:
 ORDER = (
     ("errors", "arrays", "report"),
     ("equations", "planar_equations", "derivative_equations", "constraint_equations"),
-    ("blocks", "lengths", "rotations", "euler", "euler_kinematics"),
+    ("blocks", "lengths", "rotations", "euler", "euler_motion"),
     ("motion", "plan", "state"),
     ("kernel_rows", "kernel_math", "kernel_steps", "kernel_flat_steps", "kernels"),
     ("kernel_cache", "compiled", "backend"),

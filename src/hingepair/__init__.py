@@ -41,7 +41,7 @@ from hingepair.rotations import (
 from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
-    from hingepair.euler_kinematics import euler_kinematics
+    from hingepair.euler_motion import euler_kinematics
     from hingepair.pinocchio import cross_validate, to_pinocchio
     from hingepair.robots import load_robot_hinge
     from hingepair.scene import load_scene
@@ -87,7 +87,7 @@ __all__ = [
 
 _LATER = {
     "cross_validate": "pinocchio",
-    "euler_kinematics": "euler_kinematics",
+    "euler_kinematics": "euler_motion",
     "from_urdf": "urdf",
     "load_robot_hinge": "robots",
     "load_scene": "scene",

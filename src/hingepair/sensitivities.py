@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 class Sensitivities:
     """Derivatives of d, S2, v2, omega2 by u1, u2, n and psi; `d_by_u1` is that of d by u1; world axes, read-only.
 
-    The last axis is the component of what is varied (none for psi). Those of v2 and omega2 are None where rates were
-    not given; those of S2 by u1 and u2 and of omega2 by u1, u2 and psi are zero. n stays at unit length: its change is
-    that of n / abs(n), so the derivative along n itself is zero. To first order, where u1 changes by a small du,
-    d changes by d_by_u1 @ du.
+    The last axis is the component of what is varied (none for psi): where u1 changes by a small du, d changes by
+    d_by_u1 @ du. Those of v2 and omega2 are None where rates were not given; those of S2 by u1 and u2 and of omega2
+    by u1, u2 and psi are zero. n stays at unit length: its change is that of n / abs(n), so the derivative along n
+    itself is zero.
 
     Attributes:
         d_by_u1: (..., 3, 3).
@@ -99,7 +99,7 @@ def sensitivities(pair: HingePair, body1: BodyMotion, psi: ArrayLike, psid: Arra
 
     >>> from hingepair.pair import HingePair
     >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> pair.sensitivities(BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi
+    >>> pair.sensitivities(BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
     array([0., 1., 0.])
     """
     constants = pair._constants

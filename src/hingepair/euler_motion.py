@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hingepair.arrays import FloatArray, broadcast_shape, read_only, result_dtype, vectors
 from hingepair.blocks import Values, angle_terms, components_of, tabulate
@@ -28,9 +28,9 @@ class EulerKinematics:
 
     J: FloatArray
     J_inverse: FloatArray
-    J_dot: FloatArray | None
     condition: FloatArray
     lock_distance: FloatArray
+    J_dot: FloatArray | None = None
 
 
 def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
@@ -72,9 +72,8 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
         tails["J_dot"] = (3, 3)
     shape = broadcast_shape({name: array.shape[:-1] for name, array in given.items()})
     inputs = {name: components_of(array) for name, array in given.items()}
-    found: dict[str, NDArray[Any] | None] = {"J_dot": None}
-    found |= tabulate(lambda values: _of_one(order, values), inputs, tails, shape, result_dtype(given.values()))
-    return EulerKinematics(**{name: None if a is None else read_only(a) for name, a in found.items()})
+    found = tabulate(lambda values: _of_one(order, values), inputs, tails, shape, result_dtype(given.values()))
+    return EulerKinematics(**{name: read_only(array) for name, array in found.items()})
 
 
 def _of_one(order: Sequence, values: Values) -> Values:
