@@ -148,12 +148,13 @@ def test_the_constraints_allow_what_the_pair_does_and_nothing_else(n):
 
 def test_pairs_of_their_own_and_other_dtypes():
     rng = generator(83)
-    u1, n, home = rng.normal(size=(COUNT, 3)), rng.normal(size=(COUNT, 3)), random_pair(rng)[3]
+    u1, n = rng.normal(size=(2, COUNT, 3))
+    home = np.stack([random_pair(rng)[3] for _ in range(COUNT)])
     many = hp.HingePair(u1=u1, u2=(0.1, 0.2, 0.3), n=n, home=home)
     body1, body2 = near(many, rng, 0.3)
     G, bias, found = (f(body1, body2) for f in (many.constraint_jacobian, many.constraint_bias, many.residuals))
     for i in (0, COUNT - 1):
-        one = hp.HingePair(u1=u1[i], u2=(0.1, 0.2, 0.3), n=n[i], home=home)
+        one = hp.HingePair(u1=u1[i], u2=(0.1, 0.2, 0.3), n=n[i], home=home[i])
         own = [
             hp.BodyMotion(**{k: getattr(b, k)[i] for k in ("R", "S", "v", "omega", "a", "alpha")})
             for b in (body1, body2)
@@ -161,6 +162,8 @@ def test_pairs_of_their_own_and_other_dtypes():
         assert abs(one.constraint_jacobian(*own) - G[i]).max() <= 8 * U * lever(one)
         assert abs(one.constraint_bias(*own) - bias[i]).max() <= 64 * U * lever(one) * 10
         assert abs(one.residuals(*own).psidd - found.psidd[i]) <= 64 * U * 100
+    homes = hp.HingePair(u1=u1[0], u2=(0.1, 0.2, 0.3), n=n[0], home=home)
+    assert np.array_equal(homes.constraint_jacobian(body1, body2)[0], G[0])
     single = hp.BodyMotion(R=np.zeros(3, np.float32), S=np.eye(3, dtype=np.float32), omega=np.ones(3, np.float32))
     assert many.constraint_jacobian(single, single).dtype == np.float32
     assert many.constraint_bias(single, single).shape == (COUNT, 5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -183,20 +184,29 @@ def with_hinge_frames(pair: Constants) -> Constants:
     e1 is the axis of body 1 that is furthest from n, made perpendicular to it; e2 = n x e1. Body 2 has them turned by
     C^-1: by C^T a home that is a rotation to nine digits only would be seen as a tilt.
     """
-    n = pair.arrays["n"]
+    home = pair.values.get("home")
+    if pair.single:
+        frames = _frames_of_one(pair.values["n"], home)
+    else:
+        frames = _frames(pair.arrays["n"], None if home is None else pair.arrays["home"])
+    return Constants({**pair.values, **frames}, pair.arrays, pair.shape)
+
+
+@functools.lru_cache(maxsize=256)
+def _frames_of_one(n: tuple[float, ...], home: tuple[float, ...] | None) -> Values:
+    return _frames(np.array(n), None if home is None else np.array(home))
+
+
+def _frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Values:
     first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
     first = first - n * (n * first).sum(axis=-1, keepdims=True)
     first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))
-    own = {"e1": first, "e2": np.cross(n, first), "n": n}
-    values = {name: numbers(components_of(vector)) for name, vector in own.items()}
-    if "home" in pair.values:
-        home = pair.arrays["home"]
+    own = other = {"e1": first, "e2": np.cross(n, first), "n": n}
+    if home is not None:
         back = np.linalg.inv(home.reshape(*home.shape[:-1], 3, 3))
-        turned = {name: (back @ vector[..., None])[..., 0] for name, vector in own.items()}
-        values |= {f"{name}_in_2": numbers(components_of(vector)) for name, vector in turned.items()}
-    else:
-        values |= {f"{name}_in_2": values[name] for name in own}
-    return Constants({**pair.values, **values}, pair.arrays, pair.shape)
+        other = {name: (back @ vector[..., None])[..., 0] for name, vector in own.items()}
+    named = {**own, **{f"{name}_in_2": vector for name, vector in other.items()}}
+    return {name: numbers(components_of(vector)) for name, vector in named.items()}
 
 
 def _shapes(body1: BodyMotion, body2: BodyMotion) -> dict[str, tuple[int, ...]]:

@@ -253,7 +253,10 @@ def _components(name: str, group: Any) -> Any:
     """A group as the equations take it: a component, or a tuple of components."""
     if not isinstance(group, np.ndarray) or name.startswith(("psi", "phi1")):
         return group
-    return components_of(group, 2 if name in {"S1", "S2"} else 1)
+    rank = 2 if name in {"S1", "S2"} else 1
+    if group.ndim == rank and group.dtype.char == "d":
+        return tuple(group.ravel().tolist())
+    return components_of(group, rank)
 
 
 def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:

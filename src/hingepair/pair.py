@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair import constraints, jacobians, kinematics, residuals, sensitivities
+from hingepair import kinematics
 from hingepair.arrays import broadcast_shape, constant, read_only
 from hingepair.backend import choose
 from hingepair.blocks import components_of, numbers
@@ -18,6 +19,24 @@ from hingepair.lengths import unit_axis
 from hingepair.motion import BodyMotion
 from hingepair.rotations import check_rotation
 from hingepair.state import PairState
+
+if TYPE_CHECKING:
+    from hingepair import constraints, jacobians, residuals, sensitivities
+
+
+class _MethodOf:
+    """A method that is a function of the same name in another module, imported when it is first asked for."""
+
+    def __init__(self, module: str) -> None:
+        self.module = module
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, pair: HingePair | None, owner: type) -> Any:
+        function = getattr(import_module(f"hingepair.{self.module}"), self.name)
+        setattr(HingePair, self.name, function)
+        return getattr(owner if pair is None else pair, self.name)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -154,14 +173,25 @@ class HingePair:
         how = choose(backend, workers)
         return kinematics.from_body1(self._constants, body1, psi, psid, psidd, outputs, out, how)
 
-    residuals = residuals.residuals
-    jacobian = jacobians.jacobian
-    acceleration_bias = jacobians.acceleration_bias
-    coordinate_jacobian = jacobians.coordinate_jacobian
-    coordinate_jacobian_rate = jacobians.coordinate_jacobian_rate
-    sensitivities = sensitivities.sensitivities
-    constraint_jacobian = constraints.constraint_jacobian
-    constraint_bias = constraints.constraint_bias
+    # Not loaded by `import hingepair`; a type checker sees the functions themselves.
+    if TYPE_CHECKING:
+        residuals = residuals.residuals
+        jacobian = jacobians.jacobian
+        acceleration_bias = jacobians.acceleration_bias
+        coordinate_jacobian = jacobians.coordinate_jacobian
+        coordinate_jacobian_rate = jacobians.coordinate_jacobian_rate
+        sensitivities = sensitivities.sensitivities
+        constraint_jacobian = constraints.constraint_jacobian
+        constraint_bias = constraints.constraint_bias
+    else:
+        residuals = _MethodOf("residuals")
+        jacobian = _MethodOf("jacobians")
+        acceleration_bias = _MethodOf("jacobians")
+        coordinate_jacobian = _MethodOf("jacobians")
+        coordinate_jacobian_rate = _MethodOf("jacobians")
+        sensitivities = _MethodOf("sensitivities")
+        constraint_jacobian = _MethodOf("constraints")
+        constraint_bias = _MethodOf("constraints")
 
 
 def check_pair(pair: object) -> None:
