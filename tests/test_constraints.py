@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import mpmath
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import hingepair as hp
+from hingepair.pinocchio import to_pinocchio
 from reference import DIGITS, Series, exactly, nearest_rotation, skew, unit
 from states import body1 as random_body
 from states import generator
@@ -144,6 +146,37 @@ def test_the_constraints_allow_what_the_pair_does_and_nothing_else(n):
     turns = G[:, 3:, 9:]
     assert abs(turns @ np.swapaxes(turns, -1, -2) - np.eye(2)).max() <= 16 * U
     assert np.all(np.linalg.svd(G, compute_uv=False)[:, -1] >= 0.5)
+
+
+def test_forces_of_constraint_give_the_dynamics_of_pinocchio():
+    """Two free bodies under gravity and the forces G^T lambda that keep G a + bias = 0 move as the articulated body."""
+    rng = generator(84)
+    pair = hp.HingePair(**dict(zip(("u1", "u2", "n", "home"), random_pair(rng), strict=True)))
+    body1, (psi, psid) = motion(rng), rng.normal(size=(2, COUNT))
+    s = pair.forward_kinematics_from_body1(body1, psi, psid)
+    body2 = hp.BodyMotion(R=s.R2, S=s.S2, v=s.v2, omega=s.omega2)
+    G, bias = pair.constraint_jacobian(body1, body2), pair.constraint_bias(body1, body2)
+    masses, inertias = (2.0, 3.0), (np.diag((0.5, 0.75, 1.0)), np.diag((1.5, 1.25, 0.5)))
+    twin = to_pinocchio(pair)
+    model = twin.model
+    model.appendBodyToJoint(1, pin.Inertia(masses[0], np.zeros(3), inertias[0]), pin.SE3.Identity())
+    place = pin.SE3(np.array(pair.home), -(pair.home @ pair.u2))
+    model.appendBodyToJoint(2, pin.Inertia(masses[1], np.zeros(3), inertias[1]), place)
+    data, gravity = model.createData(), np.array((0, 0, -9.81))
+    model.gravity.linear = gravity
+    q, v = twin.configuration(body1, psi), twin.velocity(body1, psi, psid)
+    for i in range(COUNT):
+        M, force = np.zeros((12, 12)), np.zeros(12)
+        for k, (body, m, inertia) in enumerate(zip((body1, body2), masses, inertias, strict=True)):
+            turned = body.S[i] @ inertia @ body.S[i].T
+            M[6 * k : 6 * k + 3, 6 * k : 6 * k + 3] = m * np.eye(3)
+            M[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6] = turned
+            force[6 * k : 6 * k + 6] = *(m * gravity), *-np.cross(body.omega[i], turned @ body.omega[i])
+        system = np.block([[M, -G[i].T], [G[i], np.zeros((5, 5))]])
+        found = np.linalg.solve(system, np.concatenate([force, -bias[i]]))[:6]
+        other, *_ = twin.motion(q[i], v[i], pin.aba(model, data, q[i], v[i], np.zeros(7)))
+        expected = np.concatenate([other.a, other.alpha])
+        assert abs(found - expected).max() <= 8 * U * np.linalg.cond(system) * abs(expected).max()
 
 
 def test_pairs_of_their_own_and_other_dtypes():
