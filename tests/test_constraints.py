@@ -149,7 +149,7 @@ def test_the_constraints_allow_what_the_pair_does_and_nothing_else(n):
 
 
 def test_forces_of_constraint_give_the_dynamics_of_pinocchio():
-    """Two free bodies under gravity and the forces G^T lambda that keep G a + bias = 0 move as the articulated body."""
+    """Two free bodies under gravity and the forces G^T lambda of G a + bias = 0 move as the articulated body does."""
     rng = generator(84)
     pair = hp.HingePair(**dict(zip(("u1", "u2", "n", "home"), random_pair(rng), strict=True)))
     body1, (psi, psid) = motion(rng), rng.normal(size=(2, COUNT))

@@ -84,7 +84,7 @@ def test_motion_of_pinocchio_passes():
 
 
 def sizes(pair, body1, body2):
-    """The scales of the README's formulas, one per sample."""
+    """The scales that the report names, one per sample."""
     norm = np.linalg.norm
     W, A = ([norm(getattr(b, k), axis=-1) for b in (body1, body2)] for k in ("omega", "alpha"))
     u1, u2 = norm(pair.u1), norm(pair.u2)
