@@ -114,8 +114,9 @@ def test_residuals_see_a_broken_constraint(monkeypatch: pytest.MonkeyPatch, shor
 
     scene = hp.load_scene(short_scene)
     assert max(r.ratio for r in summary.residuals(scene)) < 16
-    genuine = summary.hinge_gap
-    monkeypatch.setattr(summary, "hinge_gap", lambda c, R1, S1, R2, S2: genuine(c, R1, S1, R2 + 1e-9, S2))
+    genuine = summary.constraint_values
+    moved = lambda pair, names, values, shapes: genuine(pair, names, values | {"R2": values["R2"] + 1e-9}, shapes)  # noqa: E731
+    monkeypatch.setattr(summary, "constraint_values", moved)
     assert summary.residuals(scene)[0].ratio > 1e4
 
 

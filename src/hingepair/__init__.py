@@ -43,6 +43,7 @@ from hingepair.state import PairState, PlanarState
 if TYPE_CHECKING:
     from hingepair.body import Body, Box, Cylinder, Sphere
     from hingepair.closed_forms import derive
+    from hingepair.euler_motion import euler_kinematics
     from hingepair.mjcf import to_mjcf
     from hingepair.pinocchio import cross_validate, cross_validate_from_body1, to_pinocchio
     from hingepair.robots import load_robot_hinge
@@ -76,6 +77,7 @@ __all__ = [
     "cross_validate",
     "cross_validate_from_body1",
     "derive",
+    "euler_kinematics",
     "euler_rate_matrix",
     "euler_rates",
     "euler_to_matrix",
@@ -101,6 +103,7 @@ _LATER = {
     "cross_validate": "pinocchio",
     "cross_validate_from_body1": "pinocchio",
     "derive": "closed_forms",
+    "euler_kinematics": "euler_motion",
     "from_urdf": "urdf",
     "load_robot_hinge": "robots",
     "load_scene": "scene",

@@ -18,6 +18,7 @@ from hingepair.errors import ArgumentError, HingePairError
 from hingepair.export import check_ending, save, write_whole
 from hingepair.pair import HingePair
 from hingepair.plan import OUTPUTS
+from hingepair.report import finite_or_none
 from hingepair.scene import load_scene
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ def run(
             **_facts(scene),
             "outputs": summary.as_json(result),
             "residuals": {
-                r.label: {"largest": summary.finite_or_none(r.largest), "in_u_scale": summary.finite_or_none(r.ratio)}
+                r.label: {"largest": finite_or_none(r.largest), "in_u_scale": finite_or_none(r.ratio)}
                 for r in residuals
             },
             "file": None if written is None else str(written),

@@ -11,9 +11,18 @@ from numpy.typing import NDArray
 
 from hingepair.arrays import broadcast_shape, real_array, result_dtype, vectors
 from hingepair.backend import How
-from hingepair.blocks import Components, Values, components_of, compute
+from hingepair.blocks import Components, Values, components_of, compute, tabulate
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices
-from hingepair.plan import SPATIAL, Plan, check_outputs, default_outputs, make_plan, outputs_of
+from hingepair.plan import (
+    SPATIAL,
+    Plan,
+    Step,
+    check_outputs,
+    default_outputs,
+    make_plan,
+    needed_steps,
+    outputs_of,
+)
 from hingepair.state import PairState, PlanarState, layout_of
 
 Outputs: TypeAlias = Iterable[str] | None
@@ -193,6 +202,32 @@ def evaluate(
     return state(arrays, shape)
 
 
+def follow_steps(
+    steps: Iterable[Step],
+    tails: Mapping[str, tuple[int, ...]],
+    pair: Constants,
+    values: Values,
+    shapes: Mapping[str, tuple[int, ...]],
+    dtype: np.dtype[Any] | None = None,
+) -> dict[str, NDArray[Any]]:
+    """New arrays of some results of steps at all samples, in NumPy.
+
+    Args:
+        steps: where the results come from, in order.
+        tails: shape of one sample of each result, by name.
+        pair: the pair's constants.
+        values: the other inputs by name; those that the results do not need are left alone.
+        shapes: of the samples, by argument.
+        dtype: to compute in; unless given, that of the other inputs.
+    """
+    taken, inputs = needed_steps(steps, tails)
+    plan = Plan(tuple(tails), taken, inputs, (), None, True, SPATIAL)
+    if dtype is None:
+        dtype = result_dtype(c for g in values.values() for c in (g if isinstance(g, tuple) else (g,)))
+    parts = {name: _components(name, group) for name, group in {**pair.values, **values}.items() if name in inputs}
+    return tabulate(plan.run, parts, tails, broadcast_shape({**shapes, "pair": pair.shape}), dtype)
+
+
 def coordinates(name: str, value: Any, count: int) -> Components | NDArray[Any]:
     """A tuple of broadcastable coordinates, or one array with the coordinates last."""
     if isinstance(value, tuple) and len(value) == count:
@@ -221,7 +256,10 @@ def _components(name: str, group: Any) -> Any:
     """A group as the equations take it: a component, or a tuple of components."""
     if not isinstance(group, np.ndarray) or name.startswith(("psi", "phi1")):
         return group
-    return components_of(group, 2 if name == "S1" else 1)
+    rank = 2 if name in {"S1", "S2"} else 1
+    if group.ndim == rank and group.dtype.char == "d":
+        return tuple(group.ravel().tolist())
+    return components_of(group, rank)
 
 
 def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,23 @@ from hingepair.rotations import check_rotation
 from hingepair.state import PairState
 
 if TYPE_CHECKING:
+    from hingepair import constraints, jacobians, residuals, sensitivities
     from hingepair.body import Body
+
+
+class _MethodOf:
+    """A method that is a function of the same name in another module, imported when it is first asked for."""
+
+    def __init__(self, module: str) -> None:
+        self.module = module
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, pair: HingePair | None, owner: type) -> Any:
+        function = getattr(import_module(f"hingepair.{self.module}"), self.name)
+        setattr(HingePair, self.name, function)
+        return getattr(owner if pair is None else pair, self.name)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -175,6 +192,26 @@ class HingePair:
         """
         how = choose(backend, workers)
         return kinematics.from_body1(self._constants, body1, psi, psid, psidd, outputs, out, how)
+
+    # Not loaded by `import hingepair`; a type checker sees the functions themselves.
+    if TYPE_CHECKING:
+        residuals = residuals.residuals
+        jacobian = jacobians.jacobian
+        acceleration_bias = jacobians.acceleration_bias
+        coordinate_jacobian = jacobians.coordinate_jacobian
+        coordinate_jacobian_rate = jacobians.coordinate_jacobian_rate
+        sensitivities = sensitivities.sensitivities
+        constraint_jacobian = constraints.constraint_jacobian
+        constraint_bias = constraints.constraint_bias
+    else:
+        residuals = _MethodOf("residuals")
+        jacobian = _MethodOf("jacobians")
+        acceleration_bias = _MethodOf("jacobians")
+        coordinate_jacobian = _MethodOf("jacobians")
+        coordinate_jacobian_rate = _MethodOf("jacobians")
+        sensitivities = _MethodOf("sensitivities")
+        constraint_jacobian = _MethodOf("constraints")
+        constraint_bias = _MethodOf("constraints")
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from hingepair.accuracy import error_ratios, output_scales
 from hingepair.arrays import boxes
-from hingepair.constraints import hinge_gap, hinge_slip
+from hingepair.constraints import constraint_values
 from hingepair.export import column_names
+from hingepair.report import finite_or_none
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -90,11 +91,6 @@ def as_json(result: SceneResult) -> dict[str, Any]:
     return columns
 
 
-def finite_or_none(number: float) -> float | None:
-    """The number, or None where JSON has no word for it."""
-    return number if math.isfinite(number) else None
-
-
 def not_finite(result: SceneResult) -> int:
     """How many instants hold a number that is not finite."""
     _, values = _columns(result)
@@ -106,11 +102,10 @@ def _worst(scene: Scene, samples: Samples) -> NDArray[np.float64]:
     pair, a = scene.space, samples.bodies(scene.pair)
     W1, psid = samples.rates() if samples.level else (None, None)
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
-    residuals = {"R2": hinge_gap(pair._constants.values, a["R1"], a["S1"], a["R2"], a["S2"])}
-    if psid is not None:
-        residuals["omega2"] = hinge_slip(pair._constants.values, a["S2"], a["omega1"], a["omega2"], psid)
+    names, rate = (("gap",), {}) if psid is None else (("gap", "slip"), {"psid_given": psid})
+    measured = constraint_values(pair._constants, names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})
     found = []
-    for name, residual in residuals.items():
+    for name, residual in zip(("R2", "omega2"), measured.values(), strict=False):
         error, ratio = error_ratios(name, residual, np.zeros_like(residual), scales[name])
         found.append([_largest(error), _largest(ratio)])
     return np.array(found)
