@@ -26,7 +26,7 @@ _AXIS_1, _TURN1 = OPERATIONS.index("axis"), OPERATIONS.index("turn1")
 AHEAD = 4  # blocks from the one being computed to the one whose inputs are asked for
 
 
-@njit(fastmath=FLAGS, forceinline=True)
+@njit(fastmath=FLAGS)
 def _run(s: Any, operations: Any, place: Any) -> None:
     for operation in operations:
         if operation < _HINGE_TERMS or _TAIT_BRYAN <= operation <= _PLACE_ALPHA1:
