@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from reference import Series, angular_motion, euler_scales, skew
+from reference import Series, euler_scales, skew
 
 LONG = np.longdouble
 WIDE = np.finfo(LONG).nmant >= 63
@@ -35,23 +35,36 @@ def from_euler(pair, q, qd, qdd, sequence="XYZ"):
     Q, QD, QDD = (np.asarray(c, LONG) for c in (q, qd, qdd))
     series = [(Q[:, i], QD[:, i], QDD[:, i] / 2) for i in range(7)]
     turns = [rotation(_AXES[letter.upper()], series[3 + i]) for i, letter in enumerate(sequence)]
-    first, second, third = turns if sequence.isupper() else reversed(turns)
-    S1 = first @ second @ third
+    letters = range(3) if sequence.isupper() else range(2, -1, -1)
+    S1, turning = None, Series(0, 0, 0)
+    for i in letters:
+        turning += _rate(S1, _AXES[sequence[i].upper()], series[3 + i])
+        S1 = turns[i] if S1 is None else S1 @ turns[i]
     u1, u2, n, home = (None if c is None else np.asarray(c, LONG) for c in pair)
-    S2 = S1 @ rotation(n / np.sqrt((n * n).sum(axis=-1, keepdims=True)), series[6])
+    n = n / np.sqrt((n * n).sum(axis=-1, keepdims=True))
+    S2 = S1 @ rotation(n, series[6])
     if home is not None:
         for _ in range(2):
             home = home @ (3 * np.eye(3, dtype=LONG) - np.swapaxes(home, -1, -2) @ home) / 2
         S2 = S2 @ home
     u1, u2 = (np.broadcast_to(u, (len(Q), 3))[..., None] for u in (u1, u2))
     d = S1 @ u1 - S2 @ u2
-    (omega1, alpha1), (omega2, alpha2) = angular_motion(S1), angular_motion(S2)
+    turning2 = turning + _rate(S1, n, series[6])
+    (omega1, alpha1), (omega2, alpha2) = ((c.c0[..., 0], c.c1[..., 0]) for c in (turning, turning2))
     values = {
         "S1": S1.c0, "S2": S2.c0, "omega1": omega1, "alpha1": alpha1, "omega2": omega2, "alpha2": alpha2,
         "d": d.c0[..., 0], "R2": Q[:, :3] + d.c0[..., 0], "v2": QD[:, :3] + d.c1[..., 0],
         "a2": QDD[:, :3] + 2 * d.c2[..., 0],
     }  # fmt: skip
     return Extended(values, euler_scales(pair, *(np.asarray(c, float) for c in (q, qd, qdd))))
+
+
+def _rate(S, axis, angle):
+    """The angular velocity of a turn about an axis of the frame S: S e angle', as a series."""
+    _, f1, f2 = angle
+    column = np.broadcast_to(axis, (len(f1), 3))[..., None]
+    spin = Series(column * f1[:, None, None], column * 2 * f2[:, None, None], 0 * column)
+    return spin if S is None else S @ spin
 
 
 def rotation(axis, angle):
