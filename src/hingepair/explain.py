@@ -8,6 +8,7 @@ from hingepair.plan import Plan
 
 _MEANING = {
     "hinge": "sine and versine of psi",
+    "cosine": "cosine of psi",
     "angles": "Euler angles in canonical order",
     "trig": "sines and cosines of phi",
     "S1": "attitude of body 1 (E10)",
@@ -18,6 +19,10 @@ _MEANING = {
     "S2": "attitude of body 2 (E5)",
     "r1": "hinge point from body 1's reference point, S1 u1",
     "r2": "hinge point from body 2's reference point, S2 u2",
+    "swing": "what the hinge turns of C u2, in body 1's axes (E6)",
+    "slide": "change of S2 u2 with psi",
+    "reach": "what the hinge turns of C u2, S1 swing",
+    "relative": "acceleration that the hinge alone makes (E9)",
     "d": "offset of the reference points (E7)",
     "R2": "position of body 2 (E7)",
     "axis": "hinge axis in world axes, S1 n",
@@ -60,7 +65,7 @@ def explain(plan: Plan, order: int, constant: frozenset[str]) -> ScenePlan:
         order: of the highest derivative of the coordinates that is computed.
         constant: which coordinates, and which inputs of the plan, do not depend on t.
     """
-    still, computed = set(constant) | {"u1", "u2", "n", "home"}, []
+    still, computed = set(constant) | {"u1", "u2", "n", "home", "along", "across", "around"}, []
     for step in plan.steps:
         once = still.issuperset(step.arguments)
         still |= {step.result} if once else set()
