@@ -31,7 +31,7 @@ class Extended:
 
 
 def from_euler(pair, q, qd, qdd, sequence="XYZ"):
-    """The outputs for coordinates of shape (N, 7); pair = (u1, u2, n, home), each with or without a leading axis N."""
+    """The outputs for coordinates of shape (N, 7); pair = (u1, u2, n, home), each of one pair or of N."""
     Q, QD, QDD = (np.asarray(c, LONG) for c in (q, qd, qdd))
     series = [(Q[:, i], QD[:, i], QDD[:, i] / 2) for i in range(7)]
     turns = [rotation(_AXES[letter.upper()], series[3 + i]) for i, letter in enumerate(sequence)]

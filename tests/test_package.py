@@ -40,12 +40,12 @@ def test_everything_exported_exists_once() -> None:
 
 ORDER = (
     ("errors", "arrays"),
-    ("equations", "planar_equations", "blocks", "lengths", "rotations", "euler"),
+    ("equations", "planar_equations", "blocks", "twofold", "lengths", "rotations", "euler"),
     ("motion", "plan", "state"),
     ("kernel_rows", "kernel_math", "kernel_steps", "kernel_flat_steps", "kernels"),
     ("kernel_cache", "compiled", "backend"),
     ("evaluate", "kinematics", "constraints", "explain"),
-    ("pair", "planar"),
+    ("levers", "pair", "planar"),
     ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),
     ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),

@@ -110,7 +110,7 @@ def swing(across: Vector, around: Vector, hinge: tuple[Scalar, Scalar], cosine: 
 
 
 def offset(S1: Matrix, along: Vector, swing: Vector) -> Vector:
-    """d = S1 u1 - S2 u2 = S1 (u1 - Sh C u2): subtracted in body 1's axes, so that it rounds once (E5, E7)."""
+    """The offset d = S1 u1 - S2 u2 = S1 (u1 - Sh C u2), subtracted in body 1's axes and turned once (E5, E7)."""
     return rotate(S1, subtract(along, swing))
 
 

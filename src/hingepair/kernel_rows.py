@@ -37,8 +37,8 @@ OPERATIONS: Final = (
     *("trig_x", "trig_y", "trig_z", "hinge", "tait_bryan", "tait_bryan_axes", "proper", "proper_axes"),
     *("omega1", "alpha1", "place_S1", "place_omega1", "place_alpha1", "Sh", "S2", "S2_home", "swing", "d", "R2"),
     *("axis", "omega2", "slide", "v2", "alpha2", "reach", "relative", "a2"),
-    *("turn1", "turn2", "turn2_home", "phi2", "flat_S1", "flat_S2", "flat_r1", "flat_r2", "flat_omega1"),
-    *("flat_omega2", "flat_v2", "flat_alpha1", "flat_alpha2", "flat_a2", "flat_frame", "planar_frame"),
+    *("turn1", "turn2", "turn2_home", "phi2", "flat_S1", "flat_S2", "flat_r1", "flat_r2", "flat_d"),
+    *("flat_omega1", "flat_omega2", "flat_v2", "flat_alpha1", "flat_alpha2", "flat_a2", "flat_frame", "planar_frame"),
 )
 """The steps that the kernels know, in the order of their numbers."""
 

@@ -99,8 +99,6 @@ class Plan:
 HINGE_STEPS = (
     Step("Sh", eq.hinge_rotation, ("n", "hinge")),
     Step("S2", eq.attitude2, ("S1", "Sh", "home")),
-    Step("r1", eq.rotate, ("S1", "u1")),
-    Step("r2", eq.rotate, ("S2", "u2")),
     Step("swing", eq.swing, ("across", "around", "hinge", "cosine")),
     Step("d", eq.offset, ("S1", "along", "swing")),
     Step("R2", eq.position2, ("R1", "d")),
@@ -123,7 +121,6 @@ LEVER_STEPS = (
 )
 """What the hinge turns of the levers u1 and u2, and what it leaves; a pair takes these steps once, in twice the
 precision, so that a plan in doubles starts from constants that are right to the last bit."""
-
 
 _WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))
 
