@@ -110,7 +110,8 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
         axis, angle, rest = polar(values["rotvec"])
         (s, k), c = hinge_terms(angle), cosine(angle)
         x, y, z = axis
-        return eq.hinge_rotation((x, y, z), (s + c * rest, k + s * rest))
+        more, lack = hinge_terms(rest)  # of the part of the angle that one double cannot hold
+        return eq.hinge_rotation((x, y, z), (s + (c * more - s * lack), k + (s * more + c * lack)))
 
     S = evaluate(rotation, {"rotvec": components_of(vector)}, (3, 3), np.dtype(np.float64))
     return S.astype(result_dtype((vector,)), copy=False)
