@@ -76,3 +76,40 @@ def rotation(axis, angle):
     K = skew(axis)
     terms = [x[:, None, None] * K + y[:, None, None] * (K @ K) for x, y in zip(sine, versine, strict=True)]
     return Series(terms[0] + np.eye(3, dtype=LONG), terms[1], terms[2])
+
+
+def attitude_of_angles(phi, sequence):
+    """The rotations of Euler angles, (N, 3) -> (N, 3, 3)."""
+    still = np.zeros(len(phi), LONG)
+    turns = [
+        rotation(_AXES[a.upper()], (np.asarray(phi[:, i], LONG), still, still)).c0 for i, a in enumerate(sequence)
+    ]
+    first, second, third = turns if sequence.isupper() else reversed(turns)
+    return first @ second @ third
+
+
+def attitude_of_rotvec(rotvec):
+    """The rotations of rotation vectors, (N, 3) -> (N, 3, 3)."""
+    vector = np.asarray(rotvec, LONG)
+    angle = np.sqrt((vector * vector).sum(axis=-1))
+    axis = vector / np.where(angle > 0, angle, 1)[:, None]
+    return rotation(axis, (angle, 0 * angle, 0 * angle)).c0
+
+
+def attitude_of_quaternion(quat_xyzw):
+    """The rotations of quaternions: w^2 - v.v + 2 v v^T + 2 w [v]x, of the unit one."""
+    quat = np.asarray(quat_xyzw, LONG)
+    quat = quat / np.sqrt((quat * quat).sum(axis=-1, keepdims=True))
+    v, w = quat[:, :3], quat[:, 3][:, None, None]
+    square = (v * v).sum(axis=-1)[:, None, None]
+    return (w * w - square) * np.eye(3, dtype=LONG) + 2 * v[:, :, None] * v[:, None, :] + 2 * w * skew(v)
+
+
+def nearest_rotation(matrix):
+    """The orthogonal polar factor: Newton's steps X -> (X + X^-T) / 2, X^-T by cofactors."""
+    X = np.asarray(matrix, LONG)
+    for _ in range(30):
+        a, b, c = X[:, 0], X[:, 1], X[:, 2]
+        cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+        X = (X + cofactors / (a * cofactors[:, 0]).sum(axis=-1)[:, None, None]) / 2
+    return X

@@ -21,6 +21,7 @@ from typing import Any, TypeAlias
 
 Scalar: TypeAlias = Any
 Vector: TypeAlias = tuple[Scalar, Scalar, Scalar]
+Hinge: TypeAlias = tuple[Scalar, ...]  # (sin psi, 1 - cos psi); what follows is not looked at
 Matrix: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]
 
 
@@ -72,9 +73,9 @@ def compose(A: Matrix, B: Matrix) -> Matrix:
     )  # fmt: skip
 
 
-def hinge_rotation(n: Vector, hinge: tuple[Scalar, Scalar]) -> Matrix:
+def hinge_rotation(n: Vector, hinge: Hinge) -> Matrix:
     """Rodrigues' rotation Sh about the unit axis n (E6); hinge = (sin psi, 1 - cos psi)."""
-    s, k = hinge
+    s, k = hinge[0], hinge[1]
     x, y, z = n
     sx, sy, sz = s * x, s * y, s * z
     kx, ky, kz = k * x, k * y, k * z
@@ -91,7 +92,7 @@ def attitude2(S1: Matrix, Sh: Matrix, home: Matrix) -> Matrix:
     return compose(compose(S1, Sh), home)
 
 
-def cosine(hinge: tuple[Scalar, Scalar]) -> Scalar:
+def cosine(hinge: Hinge) -> Scalar:
     """The cosine of psi; hinge = (sin psi, 1 - cos psi)."""
     return 1 - hinge[1]
 
@@ -101,7 +102,7 @@ def along(u1: Vector, arm: Vector, across: Vector) -> Vector:
     return subtract(u1, subtract(arm, across))
 
 
-def swing(across: Vector, around: Vector, hinge: tuple[Scalar, Scalar], cosine: Scalar) -> Vector:
+def swing(across: Vector, around: Vector, hinge: Hinge, cosine: Scalar) -> Vector:
     """The part of Sh C u2 across the axis (E6), body-1 axes: across cos(psi) + around sin(psi).
 
     around = n x C u2 and across = around x n: Rodrigues' rotation of one vector, the axis left out.
@@ -114,7 +115,7 @@ def offset(S1: Matrix, along: Vector, swing: Vector) -> Vector:
     return rotate(S1, subtract(along, swing))
 
 
-def slide(S1: Matrix, across: Vector, around: Vector, hinge: tuple[Scalar, Scalar], cosine: Scalar) -> Vector:
+def slide(S1: Matrix, across: Vector, around: Vector, hinge: Hinge, cosine: Scalar) -> Vector:
     """S1 n x S2 u2, the change of S2 u2 with psi: that of `swing`, in world axes."""
     return rotate(S1, subtract(scale(around, cosine), scale(across, hinge[0])))
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from hingepair.plan import Plan
 
 _MEANING = {
-    "hinge": "sine and versine of psi",
-    "cosine": "cosine of psi",
+    "hinge": "sine, versine and cosine of psi",
+    "cosine": "cosine of psi, out of hinge",
     "angles": "Euler angles in canonical order",
     "trig": "sines and cosines of phi",
     "S1": "attitude of body 1 (E10)",

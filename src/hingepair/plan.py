@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from hingepair import equations as eq
 from hingepair import planar_equations as planar
-from hingepair.blocks import angle_terms, cosine, hinge_terms, turn_terms
+from hingepair.blocks import angle_terms, hinge_cosine, hinge_terms, turn_terms
 from hingepair.errors import ArgumentError, choices
 from hingepair.euler import find_sequence
 
@@ -250,7 +250,7 @@ def _euler_steps(sequence: str) -> tuple[Step, ...]:
 def _all_steps(sequence: str | None, home: bool, terms: Terms) -> list[Step]:
     angle_terms, hinge_terms = terms
     if terms is NUMERIC:
-        steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", cosine, ("psi",))]
+        steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", hinge_cosine, ("hinge",))]
     else:
         arm = LEVER_STEPS[0] if home else Step("arm", _same, ("u2",))
         steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", eq.cosine, ("hinge",)), arm, *LEVER_STEPS[1:]]
