@@ -49,7 +49,7 @@ def test_rotation_exp_of_long_vectors():
 def test_rotation_log_of_exp(shortest):
     """Relative to the angle, near 0 and near pi too; at pi either sign of the axis is right."""
     rotvec = rotvecs(generator(62), shortest)
-    angle = np.linalg.norm(rotvec, axis=-1)
+    angle = np.hypot.reduce(rotvec, axis=-1)
     back = hp.rotation_log(hp.rotation_exp(rotvec))
     gap = np.minimum(off(back, rotvec), np.where(angle > np.pi - 32 * U, off(-back, rotvec), np.inf))
     assert np.all(gap <= 6 * angle)
@@ -59,7 +59,7 @@ def test_rotation_log_of_exp(shortest):
 def test_rotation_log_of_rounded_rotations():
     """Of the matrix next to the exact one: what any other program hands over."""
     rotvec = rotvecs(generator(63))
-    angle = np.linalg.norm(rotvec, axis=-1)
+    angle = np.hypot.reduce(rotvec, axis=-1)
     back = hp.rotation_log(extended.attitude_of_rotvec(rotvec).astype(float))
     gap = np.minimum(off(back, rotvec), np.where(angle > np.pi - 32 * U, off(-back, rotvec), np.inf))
     assert np.all(gap <= 6 * angle)
@@ -124,10 +124,7 @@ def test_lock_is_told(sequence):
     )
     assert locked.dtype == bool
     assert locked.tolist() == (gaps < LOCK).tolist()
-    assert (
-        np.array_equal(found, hp.matrix_to_euler(hp.euler_to_matrix(found, sequence), sequence))
-        or np.isfinite(found).all()
-    )
+    assert np.isfinite(found).all()
     for angles, lock in zip(phi, locked, strict=True):
         if lock:
             with pytest.raises(hp.GimbalLockError):
