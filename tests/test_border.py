@@ -184,6 +184,7 @@ def test_an_axis_has_no_length(axis, exponent):
     assert abs(np.swapaxes(one.S2, -1, -2) @ one.S2 - np.eye(3)).max() <= 24 * U
 
 
+@pytest.mark.law
 @few
 @given(st.floats(0.0, 2e-10), st.floats(1e-8, 0.5), hnp.arrays(np.float64, (3, 3), elements=st.floats(-1.0, 1.0)))
 def test_how_far_from_a_rotation(honest, bad, noise):
