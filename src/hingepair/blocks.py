@@ -127,9 +127,16 @@ def turn_terms(phi1: Component) -> Components:
 
 
 def hinge_terms(psi: Component) -> Components:
-    """(sin psi, 1 - cos psi), the latter as 2 sin(psi/2)^2, which keeps its digits at small psi."""
-    half = sine(0.5 * psi)
-    return sine(psi), 2 * half * half
+    """(sin psi, 1 - cos psi, cos psi); 1 - cos psi as sin^2 / (1 + cos) where that keeps its digits, at small psi."""
+    s, c = sine(psi), cosine(psi)
+    if isinstance(c, np.ndarray):
+        return s, np.where(c > 0, s * s / (1 + c), 1 - c), c
+    return s, s * s / (1 + c) if c > 0 else 1 - c, c
+
+
+def hinge_cosine(hinge: Components) -> Component:
+    """The cosine out of `hinge_terms`."""
+    return hinge[2]
 
 
 def _each(group: Any, change: Callable[[Component], Component]) -> Any:

@@ -64,7 +64,7 @@ def turns_by_n(S1: Matrix, n: Vector, hinge: tuple[Scalar, Scalar]) -> Axes:
 
     The columns of S1 (sin(psi) (I - n n^T) + (1 - cos psi) [n]x); hinge = (sin psi, 1 - cos psi).
     """
-    s, k = hinge
+    s, k = hinge[0], hinge[1]
     x, y, z = (
         eq.rotate(S1, eq.add(eq.scale(part, s), eq.scale(eq.cross(n, unit), k)))
         for part, unit in zip(across(n), WORLD, strict=True)

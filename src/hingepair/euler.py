@@ -9,10 +9,10 @@ from __future__ import annotations
 import functools
 import itertools
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hingepair import equations as eq
 from hingepair.arrays import FloatArray, broadcast_shape, check_choice, result_dtype, vectors
@@ -123,7 +123,7 @@ def _sequence(name: str) -> Sequence:
 
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """Rotation matrices of Euler angles (E10).
+    """Rotation matrices of Euler angles (E10), to 6 u in every component.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -149,36 +149,59 @@ def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     return evaluate(attitude, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
 
 
-def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ") -> FloatArray:
+@overload
+def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[False] = False) -> FloatArray: ...
+
+
+@overload
+def matrix_to_euler(
+    S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[True]
+) -> tuple[FloatArray, NDArray[np.bool_]]: ...
+
+
+def matrix_to_euler(
+    S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False
+) -> FloatArray | tuple[FloatArray, NDArray[np.bool_]]:
     """Euler angles of rotation matrices (E10 solved for phi).
 
     The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis comes back; the others in [-pi, pi].
-    At gimbal lock only a sum or difference of the outer angles is defined: what comes back still gives S.
+    At gimbal lock only a sum or difference of the outer angles is defined: what comes back still gives S. Of a
+    rotation S the angles give S back to 6 u in every component, at lock too.
 
     Args:
         S: body to world; shape (..., 3, 3).
         sequence: one of 24; upper case intrinsic, lower case extrinsic.
+        with_lock: also return where gimbal lock is, by the measure of `euler_rates`.
 
     Returns:
-        Angles in the order of the sequence's letters [rad]; shape (..., 3).
+        Angles in the order of the sequence's letters [rad]; shape (..., 3). With `with_lock`, these and whether each
+        sample is locked; shape (...,).
 
     Raises:
         RotationError: a finite S is no rotation.
 
     >>> matrix_to_euler([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
     array([0.      , 0.      , 1.570796])
+    >>> phi, locked = matrix_to_euler([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], with_lock=True)
+    >>> phi.round(6) + 0.0, bool(locked)
+    (array([0.      , 1.570796, 0.      ]), True)
     """
     order = find_sequence(sequence)
     matrix = vectors("S", S, 3, 3)
     check_rotation("S", matrix)
     back = [order.place.index(i) for i in range(3)]
 
-    def angles(values: Values) -> tuple[Any, ...]:
+    def angles(values: Values) -> Values:
         given = values["S"]
-        canonical = _canonical_angles(order, _nine(given[3 * i + j] for i in back for j in back))
-        return order.angles(canonical)
+        canonical = _nine(given[3 * i + j] for i in back for j in back)
+        phi = order.angles(_canonical_angles(order, canonical))
+        opening = (canonical[3], canonical[6]) if order.proper else (canonical[5], canonical[8])
+        return {"phi": phi, "lock": np.hypot(*opening)}
 
-    return evaluate(angles, {"S": components_of(matrix, 2)}, (3,), result_dtype((matrix,)))
+    dtype, shape = result_dtype((matrix,)), matrix.shape[:-2]
+    out = {"phi": np.empty((*shape, 3), dtype), "lock": np.empty(shape, dtype)}
+    compute(angles, {"S": components_of(matrix, 2)}, out, shape, dtype)
+    return (out["phi"], np.asarray(out["lock"] < LOCK)) if with_lock else out["phi"]
 
 
 def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
@@ -272,7 +295,7 @@ def _canonical_angles(order: Sequence, S: eq.Matrix) -> eq.Vector:
     middle angle positive in the order of the letters.
     """
     opposite, adjacent = (order.sign * S[3], -order.sign * S[6]) if order.proper else (-S[5], S[8])
-    first = np.arctan2(opposite, adjacent)
+    first = np.arctan2(opposite, adjacent + 0.0)  # of zeros of any sign: 0
     s, c = np.sin(first), np.cos(first)
     level = c * S[3] + s * S[6], c * S[4] + s * S[7], c * S[5] + s * S[8]
     if order.proper:
