@@ -15,7 +15,7 @@ from hingepair.arrays import FloatArray
 from hingepair.blocks import Components, Values, components_of, numbers
 from hingepair.evaluate import Constants, follow_steps
 from hingepair.motion import BodyMotion, motion_arrays
-from hingepair.plan import POINT_STEPS, Step, needed_steps
+from hingepair.plan import ARM_STEPS, Step, needed_steps
 
 if TYPE_CHECKING:
     from hingepair.pair import HingePair
@@ -59,7 +59,7 @@ def _quotient(parts: Components) -> Any:
 
 
 STEPS = (
-    *POINT_STEPS,
+    *ARM_STEPS,
     Step("h1", eq.rotate, ("S1", "n")),
     Step("e1_in_world", eq.rotate, ("S1", "e1")),
     Step("e2_in_world", eq.rotate, ("S1", "e2")),

@@ -140,6 +140,11 @@ def angular_acceleration2(alpha1: Vector, omega1: Vector, axis: Vector, psid: Sc
     return add(alpha1, add(scale(axis, psidd), scale(cross(omega1, axis), psid)))
 
 
+def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
+    """Acceleration of a body's point against its reference point: alpha x r + omega x (omega x r)."""
+    return add(cross(alpha, r), cross(omega, cross(omega, r)))
+
+
 def relative_acceleration(slide: Vector, reach: Vector, psid: Scalar, psidd: Scalar) -> Vector:
     """What the hinge alone adds to a2: S1 swing psi'^2 - slide psi''; reach = S1 swing."""
     return subtract(scale(reach, psid * psid), scale(slide, psidd))

@@ -14,7 +14,7 @@ from hingepair.errors import ArgumentError
 from hingepair.euler import find_sequence
 from hingepair.evaluate import Constants, component, follow_steps, leading_shapes, read_coordinates
 from hingepair.motion import BodyMotion, motion_arrays
-from hingepair.plan import POINT_STEPS, Step, steps_of
+from hingepair.plan import ARM_STEPS, Step, steps_of
 
 if TYPE_CHECKING:
     from hingepair.pair import HingePair
@@ -51,7 +51,7 @@ def jacobian(pair: HingePair, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     values = {**motion_arrays("body1", body1, "S"), "psi": component("psi", psi)}
     shapes = {"body1": body1.shape, "psi": np.shape(psi)}
     world = Step("turns", lambda: by.WORLD, ())
-    steps = (*steps_of(None, "home" in constants.values), *POINT_STEPS, world, _JACOBIAN)
+    steps = (*steps_of(None, "home" in constants.values), *ARM_STEPS, world, _JACOBIAN)
     return follow_steps(steps, {"jacobian": (6, 7)}, constants, values, shapes)["jacobian"]
 
 
@@ -135,7 +135,7 @@ def _by_coordinates(pair: Constants, result: str, q: Any, qd: Any, sequence: str
     given = read_coordinates(q, qd, None, len(kinematics.COORDINATES))
     steps = (
         *steps_of(sequence, "home" in pair.values),
-        *POINT_STEPS,
+        *ARM_STEPS,
         Step("turns", order.columns, ("axes",)),
         Step("turn_rates", order.column_rates, ("axes", "phid")),
         _JACOBIAN,

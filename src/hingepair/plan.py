@@ -113,8 +113,8 @@ HINGE_STEPS = (
 )
 """Body 2 from body 1 and the hinge (E1, E2, E5-E9)."""
 
-POINT_STEPS = (Step("r1", eq.rotate, ("S1", "u1")), Step("r2", eq.rotate, ("S2", "u2")))
-"""The hinge point from each body's reference point, for what is asked of these themselves."""
+ARM_STEPS = (Step("r1", eq.rotate, ("S1", "u1")), Step("r2", eq.rotate, ("S2", "u2")))
+"""The hinge point from either reference point, in world axes: no output needs it, Jacobians do."""
 
 LEVER_STEPS = (
     Step("arm", eq.rotate, ("home", "u2")),
