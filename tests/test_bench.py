@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair import bench
-from hingepair.bench_methods import LEVELS, METHODS, installed
+from hingepair.bench_contenders import METHODS, installed
+from hingepair.bench_methods import LEVELS
 from hingepair.cli import app
 from states import coordinates, generator, rotations
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.accuracy import error_ratios, euler_rate_sizes, output_scales
-from hingepair.bench_methods import LEVELS, METHODS, PARTS, Job, Method, Motion, installed
+from hingepair.bench_contenders import METHODS, installed
+from hingepair.bench_methods import LEVELS, PARTS, Job, Method, Motion
 from hingepair.pair import HingePair
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from rich.console import Console
 from rich.table import Table
 
 from hingepair.arrays import check_choice
-from hingepair.bench_methods import LEVELS, METHODS, installed
+from hingepair.bench_contenders import METHODS, installed
+from hingepair.bench_methods import LEVELS
 from hingepair.errors import ArgumentError
 
 app = typer.Typer(help="Measure run time and error on this machine.", no_args_is_help=True)
