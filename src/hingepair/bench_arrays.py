@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -24,7 +24,7 @@ def scipy_rotation(pair: HingePair, motion: Motion) -> Job:
         first = Rotation.from_euler("XYZ", q[:, 3:6])
         return first.as_matrix(), (first * Rotation.from_rotvec(q[:, 6:] * pair.n) * home).as_matrix()
 
-    return lambda: _by_stacks(pair, motion, *attitudes(motion[0]))
+    return lambda: _by_stacks(np, pair, motion, *attitudes(motion[0]))
 
 
 def numpy_stacks(pair: HingePair, motion: Motion) -> Job:
@@ -39,40 +39,43 @@ def numpy_stacks(pair: HingePair, motion: Motion) -> Job:
         S[:, i, j] = -S[:, j, i]
         return S
 
-    x, y, z = pair.n
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-
     def run() -> Found:
-        q = motion[0]
-        S1 = about(0, q[:, 3]) @ about(1, q[:, 4]) @ about(2, q[:, 5])
-        s, c = np.sin(q[:, 6])[:, None, None], np.cos(q[:, 6])[:, None, None]
-        return _by_stacks(pair, motion, S1, S1 @ (np.eye(3) + s * K + (1 - c) * (K @ K)) @ pair.home)
+        return _by_stacks(np, pair, motion, *_attitudes(np, pair, motion[0], about))
 
     return run
 
 
-def _by_stacks(pair: HingePair, motion: Motion, S1: Array, S2: Array) -> Found:
-    """Body 2 from stacks of attitudes, written as a NumPy user would."""
+def _attitudes(xp: Any, pair: HingePair, q: Any, about: Callable[[int, Any], Any]) -> tuple[Any, Any]:
+    """S1 and S2 as stacks, by NumPy or what is written like it."""
+    x, y, z = pair.n
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    S1 = about(0, q[:, 3]) @ about(1, q[:, 4]) @ about(2, q[:, 5])
+    s, c = xp.sin(q[:, 6])[:, None, None], xp.cos(q[:, 6])[:, None, None]
+    return S1, S1 @ (np.eye(3) + s * K + (1 - c) * (K @ K)) @ pair.home
+
+
+def _by_stacks(xp: Any, pair: HingePair, motion: tuple[Any, ...], S1: Any, S2: Any) -> dict[str, Any]:
+    """Body 2 from stacks of attitudes, written as a NumPy user would, by NumPy or what is written like it."""
     q = motion[0]
     r1, r2 = S1 @ pair.u1, S2 @ pair.u2
     found = {"R2": q[:, :3] + r1 - r2, "S2": S2}
     if len(motion) > 1:
         qd = motion[1]
-        c, s = np.cos(q[:, 3]), np.sin(q[:, 3])
-        zero = np.zeros_like(c)
-        b = np.stack([zero, c, s], axis=-1)
-        turn_x, turn_y = np.stack([qd[:, 3], zero, zero], axis=-1), b * qd[:, 4:5]
+        c, s = xp.cos(q[:, 3]), xp.sin(q[:, 3])
+        zero = xp.zeros_like(c)
+        b = xp.stack([zero, c, s], axis=-1)
+        turn_x, turn_y = xp.stack([qd[:, 3], zero, zero], axis=-1), b * qd[:, 4:5]
         omega1 = turn_x + turn_y + S1[:, :, 2] * qd[:, 5:6]
         axis = S1 @ pair.n
         omega2 = omega1 + axis * qd[:, 6:]
-        found |= {"v2": qd[:, :3] + np.cross(omega1, r1) - np.cross(omega2, r2), "omega2": omega2}
+        found |= {"v2": qd[:, :3] + xp.cross(omega1, r1) - xp.cross(omega2, r2), "omega2": omega2}
     if len(motion) > 2:
         qdd = motion[2]
-        alpha1 = np.stack([qdd[:, 3], zero, zero], axis=-1) + b * qdd[:, 4:5] + S1[:, :, 2] * qdd[:, 5:6]
-        alpha1 += np.cross(turn_x, turn_y) + np.cross(turn_x + turn_y, S1[:, :, 2] * qd[:, 5:6])
-        alpha2 = alpha1 + axis * qdd[:, 6:] + np.cross(omega1, axis) * qd[:, 6:]
-        a1 = qdd[:, :3] + np.cross(alpha1, r1) + np.cross(omega1, np.cross(omega1, r1))
-        found |= {"a2": a1 - np.cross(alpha2, r2) - np.cross(omega2, np.cross(omega2, r2)), "alpha2": alpha2}
+        alpha1 = xp.stack([qdd[:, 3], zero, zero], axis=-1) + b * qdd[:, 4:5] + S1[:, :, 2] * qdd[:, 5:6]
+        alpha1 += xp.cross(turn_x, turn_y) + xp.cross(turn_x + turn_y, S1[:, :, 2] * qd[:, 5:6])
+        alpha2 = alpha1 + axis * qdd[:, 6:] + xp.cross(omega1, axis) * qd[:, 6:]
+        a1 = qdd[:, :3] + xp.cross(alpha1, r1) + xp.cross(omega1, xp.cross(omega1, r1))
+        found |= {"a2": a1 - xp.cross(alpha2, r2) - xp.cross(omega2, xp.cross(omega2, r2)), "alpha2": alpha2}
     return found
 
 
@@ -102,22 +105,23 @@ def sympy_lambdify(pair: HingePair, motion: Motion) -> Job:
 
 
 def jax_compiled(pair: HingePair, motion: Motion) -> Job:
-    """The equations on columns of JAX arrays, compiled by jax.jit, on one core; inputs are JAX arrays beforehand."""
+    """Stacks of 3 x 3 matrices, compiled by jax.jit, on one core; its inputs are JAX arrays beforehand."""
     with _one_core():
         import jax
         import jax.numpy as jnp
 
         device = jax.devices("cpu")[0]
-    names = outputs_at(len(motion))
-    plan = _plan(names, jnp.sin, jnp.cos)
 
-    @jax.jit
-    def function(*given: Any) -> Any:
-        values = _values(pair, [tuple(c[:, i] for i in range(7)) for c in given])
-        plan.run(values)
-        found = {name: jnp.stack(values[name], axis=-1) for name in names}
-        return found | {"S2": found["S2"].reshape(-1, 3, 3)}
+    def about(axis: int, angle: Any) -> Any:
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        rows = [[jnp.zeros_like(angle)] * 3 for _ in range(3)]
+        rows[axis][axis] = jnp.ones_like(angle)
+        rows[i][i] = rows[j][j] = jnp.cos(angle)
+        rows[j][i] = jnp.sin(angle)
+        rows[i][j] = -rows[j][i]
+        return jnp.stack([jnp.stack(row, -1) for row in rows], -2)
 
+    function = jax.jit(lambda *given: _by_stacks(jnp, pair, given, *_attitudes(jnp, pair, given[0], about)))
     with jax.enable_x64(True):
         made = [jax.device_put(c, device) for c in motion]
 
@@ -151,13 +155,13 @@ def _values(pair: HingePair, sevens: list[tuple[Any, ...]]) -> dict[str, Any]:
 
 @contextmanager
 def _one_core() -> Iterator[None]:
-    """JAX makes its threads when it first names its devices: as many as the variable NPROC says."""
-    before = os.environ.get("NPROC")
-    os.environ["NPROC"] = "1"
+    """JAX makes as many threads as the process may use cores when it first names its devices (Linux only)."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})
     try:
         yield
     finally:
-        if before is None:
-            del os.environ["NPROC"]
-        else:
-            os.environ["NPROC"] = before
+        os.sched_setaffinity(0, cores)

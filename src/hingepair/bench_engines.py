@@ -86,13 +86,10 @@ def _mujoco_inputs(pair: HingePair, motion: Motion) -> list[Array]:
     """MuJoCo's qpos, qvel, qacc: linear in world axes, angular in the body's, quaternions wxyz."""
     body1 = _body1(pair, motion)
     S1: Any = body1.S
-    turning = (matrix_to_quaternion(S1), body1.omega, body1.alpha)
-    linear = (body1.R, body1.v, body1.a)
-    made = []
-    for i, (own, turn, c) in enumerate(zip(linear, turning, motion, strict=False)):
-        local = turn if i == 0 else np.einsum("kji,kj->ki", S1, turn)
-        made.append(np.concatenate([np.asarray(own), np.asarray(local), c[:, 6:]], axis=1))
-    return made
+    turning: list[Any] = [matrix_to_quaternion(S1)]
+    turning += [np.einsum("kji,kj->ki", S1, c) for c in (body1.omega, body1.alpha) if c is not None]
+    linear: list[Any] = [body1.R, body1.v, body1.a]
+    return [np.hstack([*parts, c[:, 6:]]) for *parts, c in zip(linear, turning, motion, strict=False)]
 
 
 def _body1(pair: HingePair, motion: Motion) -> BodyMotion:

@@ -1,5 +1,10 @@
 // Pinocchio's C++ loop for `hingepair bench direct --cpp`: what the Python loop does, from the same inputs into the
 // same outputs. Only headers are used: a library that was compiled for another instruction set aligns otherwise.
+// Pinocchio's variants of joints are longer than Boost's lists are by themselves.
+#define BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS
+#define BOOST_MPL_LIMIT_LIST_SIZE 30
+#define BOOST_MPL_LIMIT_VECTOR_SIZE 30
+#define BOOST_FUSION_INVOKE_MAX_ARITY 12
 #include <pinocchio/algorithm/frames.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
 #include <pinocchio/multibody.hpp>
