@@ -9,9 +9,12 @@ import pytest
 from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair import bench
-from hingepair.bench_contenders import METHODS, installed
+from hingepair import bench_contenders, bench_cpp
+from hingepair.bench_contenders import CPP, METHODS, contenders, installed
+from hingepair.bench_cpp import compiled_loop
+from hingepair.bench_engines import pinocchio_loop
 from hingepair.bench_methods import LEVELS
+from hingepair.bench_truth import hard_states, worst_errors
 from hingepair.cli import app
 from states import coordinates, generator, rotations
 
@@ -32,15 +35,36 @@ def test_every_method_computes_the_same(method, level):
         )
 
 
-def test_the_error_column_sees_an_error(monkeypatch):
+def test_the_error_columns_see_an_error():
     rng = generator(81)
-    pair, motion = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)), coordinates(rng, 5)[:2]
-    assert max(bench._errors(pair, motion, "velocity").values()) < 100
-    wrong = METHODS[4]._replace(
-        prepare=lambda p, m: lambda: {k: v + 1e-9 for k, v in METHODS[4].prepare(p, m)().items()}
+    pair = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1))
+    right = METHODS[0]
+    wrong = right._replace(
+        name="wrong", prepare=lambda p, m: lambda: {k: v + 1e-9 for k, v in right.prepare(p, m)().items()}
     )
-    monkeypatch.setattr(bench, "METHODS", (wrong,))
-    assert bench._errors(pair, motion, "velocity")[wrong.name] > 1e4
+    found = worst_errors([right, wrong], pair, coordinates(rng, 5)[:2], "velocity")
+    assert found[right.name] < 10
+    assert found["wrong"] > 1e4
+
+
+def test_hard_states_are_hard_and_exact_where_a_dtype_holds_them():
+    states = hard_states(generator(82), 3)
+    pair = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1))
+    ours = [m for m in METHODS if m.name.startswith("hingepair")]
+    assert {m.dtype for m in ours} == {np.float32, np.float64}
+    found = worst_errors([*ours, HALF_TURN], pair, states, "acceleration")
+    assert max(found[m.name] for m in ours) <= 12
+    assert found[HALF_TURN.name] > 1e6
+
+
+def _with_reduced_angle(pair, motion):
+    """Reduces psi modulo 2 pi in double, which hard states must notice."""
+    q = motion[0].copy()
+    q[:, 6] %= 2 * np.pi
+    return METHODS[0].prepare(pair, (q, *motion[1:]))
+
+
+HALF_TURN = METHODS[0]._replace(name="reduced", prepare=_with_reduced_angle)
 
 
 def test_direct_prints_writes_and_draws(tmp_path):
@@ -49,11 +73,55 @@ def test_direct_prints_writes_and_draws(tmp_path):
     done = CliRunner().invoke(app, [*options, "--plot", str(picture)])
     assert done.exit_code == 0, done.output
     assert "copy floor" in done.output
+    assert "left out: Pinocchio, C++ loop" in done.output
     assert all(method.name in done.output for method in METHODS)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    found = json.loads(CliRunner().invoke(app, [*options, "--json"]).stdout)
-    assert len(found["rows"]) == 2 * (len(METHODS) + 1)
-    assert {"machine", "cores", "numpy", "numba", "pin"} <= found["facts"].keys()
+
+
+def test_json_has_every_row_both_errors_and_the_machine():
+    options = ["bench", "direct", "--sizes", "1", "--levels", "pose", "--repeats", "1", "--json"]
+    text = CliRunner().invoke(app, options).stdout
+    found = json.loads(text, parse_constant=pytest.fail)
+    assert len(found["rows"]) == len(METHODS) + 2
+    for row in found["rows"]:
+        assert (row["error"] is None) == row["method"].startswith("copy floor")
+        assert "hard_error" in row
+    assert {"processor", "machine", "cores", "numpy", "numba", "pin", "jax", "mujoco"} <= found["facts"].keys()
+
+
+def test_a_way_that_is_not_installed_is_a_line(monkeypatch):
+    monkeypatch.setattr(bench_contenders, "find_spec", lambda name: None if name in {"jax", "mujoco"} else True)
+    found, left_out = contenders(cpp=False)
+    assert not [m for m in found if m.needs in {"jax", "mujoco"}]
+    assert [line.split(",")[0] for line in left_out] == ["MuJoCo", "JAX", "Pinocchio"]
+
+
+def test_without_a_compiler_the_cpp_loop_is_a_line(monkeypatch):
+    compiled_loop.cache_clear()
+    monkeypatch.setenv("PATH", "")
+    found, left_out = contenders(cpp=True)
+    assert CPP not in found
+    assert "a C++ compiler" in left_out[-1]
+
+
+def test_without_headers_the_cpp_loop_is_a_line(monkeypatch):
+    compiled_loop.cache_clear()
+    monkeypatch.setattr(bench_cpp, "_headers", lambda: iter(()))
+    _, left_out = contenders(cpp=True)
+    assert "pinocchio/algorithm/frames.hpp" in left_out[-1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("level", LEVELS)
+def test_the_cpp_loop_computes_what_the_python_loop_does(level):
+    compiled_loop()
+    pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, 3), home=rotations(generator(83), 1)[0])
+    motion = coordinates(generator(84), 30)[: list(LEVELS).index(level) + 1]
+    expected = pinocchio_loop(pair, motion)()
+    found = CPP.prepare(pair, motion)()
+    for name in LEVELS[level]:
+        size = 1 + np.abs(expected[name]).max()
+        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=64 * 2.0**-53 * size)
 
 
 def test_skip_reports_every_skip():

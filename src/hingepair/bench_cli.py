@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hingepair.arrays import check_choice
-from hingepair.bench_contenders import METHODS, installed
+from hingepair.bench_contenders import contenders
 from hingepair.bench_methods import LEVELS
 from hingepair.errors import ArgumentError
 
@@ -33,31 +33,37 @@ def direct(
     sizes: Annotated[str, typer.Option(help="Numbers of samples.")] = "1,100,10000,1000000",
     levels: Annotated[str, typer.Option(help="Workloads.")] = ",".join(LEVELS),
     repeats: Repeats = 5,
+    cpp: Annotated[
+        bool, typer.Option("--cpp", help="Compile and measure Pinocchio's C++ loop (compiling takes up to a minute).")
+    ] = False,
     as_json: Json = False,
     plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw error against run time.")] = None,
 ) -> None:
-    """Run time against error: this library, Pinocchio, SciPy, NumPy, SymPy, in one run."""
+    """Run time against error: this library, Pinocchio, MuJoCo, JAX, SciPy, NumPy, SymPy, in one run."""
     from hingepair import bench
 
     counts = [_count(part) for part in sizes.split(",")]
     chosen = [level.strip() for level in levels.split(",")]
     for level in chosen:
         check_choice("levels", level, tuple(LEVELS))
-    rows = bench.direct(counts, chosen, repeats, _tell)
+    if cpp:
+        _tell("compiling Pinocchio's C++ loop (up to a minute)")
+    methods, left_out = contenders(cpp)
+    rows = bench.direct(methods, counts, chosen, repeats, _tell)
     if plot is not None:
         bench.plot(rows, str(plot))
         _tell(f"written: {plot}")
     if as_json:
-        print(json.dumps(bench.as_json(rows), indent=2))
+        print(json.dumps(bench.as_json(rows, left_out), indent=2))
         return
     console = Console(highlight=False, markup=False, width=120)
     console.print(bench.table(rows))
-    for method in METHODS:
-        if not installed(method):
-            console.print(f"left out: {method.name} ({method.needs} is not installed)")
+    for line in left_out:
+        console.print(f"left out: {line}")
     console.print(", ".join(f"{key} {value}" for key, value in bench.facts().items()))
     console.print(
-        "ratio: against the first method at the same workload; error: against 50 digits; loops up to N = 10,000"
+        "ratio: against the first method at the same workload; random, hard: largest error of any output against 50 "
+        "digits on such states, in units of u*scale; Python loops up to N = 10,000"
     )
 
 

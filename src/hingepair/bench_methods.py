@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from hingepair.pair import HingePair
 from hingepair.state import PairState
@@ -45,6 +45,11 @@ def outputs_at(parts: int) -> tuple[str, ...]:
 def room_at(parts: int, samples: int, dtype: Any = np.float64) -> dict[str, Array]:
     """Arrays for these outputs."""
     return {n: np.zeros((samples, *((3, 3) if n == "S2" else (3,))), dtype) for n in outputs_at(parts)}
+
+
+def converted(motion: Motion, dtype: DTypeLike) -> Motion:
+    """The motion in a dtype."""
+    return tuple(c.astype(dtype, copy=False) for c in motion)
 
 
 def ours(backend: str, *, workers: int = 1, fresh: bool = False) -> Callable[[HingePair, Motion], Job]:
