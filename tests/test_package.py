@@ -48,19 +48,8 @@ ORDER = (
     ("pair", "planar"),
     ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),
-    (
-        "summary",
-        "bench_methods",
-        "bench_arrays",
-        "bench_engines",
-        "bench_contenders",
-        "bench_plot",
-        "bench",
-        "bench_skip",
-        "bench_cli",
-        "cli",
-        "__init__",
-    ),
+    ("summary", "bench_methods", "bench_arrays", "bench_engines", "bench_cpp", "bench_contenders", "bench_truth"),
+    ("bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
 )
 
 

@@ -63,7 +63,8 @@ def direct(
     console.print(", ".join(f"{key} {value}" for key, value in bench.facts().items()))
     console.print(
         "ratio: against the first method at the same workload; random, hard: largest error of any output against 50 "
-        "digits on such states, in units of u*scale; Python loops up to N = 10,000"
+        "digits on such states, in units of u*scale (inf: refuses one, or has no finite result where there is one); "
+        "Python loops up to N = 10,000"
     )
 
 

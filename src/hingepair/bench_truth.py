@@ -21,7 +21,8 @@ _ANGLES = slice(3, 7)
 def worst_errors(methods: Iterable[Method], pair: HingePair, motion: Motion, level: str) -> dict[str, float]:
     """Each way's largest error of any output, in units of u * scale of its dtype; by the way's name.
 
-    States that the dtype cannot hold are left out; infinite where a way gives no finite number for a finite one.
+    States that the dtype cannot hold are left out. Infinite where a way refuses the states, or gives something that
+    is not finite for one of them.
     """
     truths: dict[Any, tuple[Motion, dict[str, NDArray[Any]]]] = {}
     errors = {}
@@ -30,14 +31,17 @@ def worst_errors(methods: Iterable[Method], pair: HingePair, motion: Motion, lev
             given = _fitting(motion, method.dtype)
             truths[method.dtype] = given, _exact(pair, given, level)
         given, exact = truths[method.dtype]
-        with np.errstate(all="ignore"):
-            found = method.prepare(pair, given)()
         scales = _scales(pair, given)
-        worst = 0.0
-        for name in LEVELS[level]:
-            _, ratio = error_ratios(name, found[name], exact[name], scales[name], method.dtype)
-            worst = max(worst, float(np.nanmax(ratio)))
-        errors[method.name] = worst
+        try:
+            with np.errstate(all="ignore"):
+                found = method.prepare(pair, given)()
+        except ValueError:
+            errors[method.name] = math.inf
+            continue
+        ratios = [
+            error_ratios(name, found[name], exact[name], scales[name], method.dtype)[1] for name in LEVELS[level]
+        ]
+        errors[method.name] = max(float(np.nanmax(ratio)) for ratio in ratios)
     return errors
 
 
