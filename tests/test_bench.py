@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair import bench_contenders, bench_cpp
+from hingepair import bench_cli, bench_contenders, bench_cpp
 from hingepair.bench_contenders import CPP, METHODS, contenders, installed
 from hingepair.bench_cpp import compiled_loop
 from hingepair.bench_engines import pinocchio_loop
@@ -130,6 +130,19 @@ def test_skip_reports_every_skip():
     )
     assert {row["backend"] for row in found["rows"]} == {"numba", "numpy"}
     assert len(found["rows"]) == 14
+
+
+@pytest.mark.slow
+def test_cold_starts_and_peak_memory_are_in_the_report(monkeypatch):
+    monkeypatch.setattr(bench_cli, "MILLION", 100_000)
+    options = ["bench", "direct", "--sizes", "1", "--levels", "pose", "--repeats", "1", "--cold", "--memory"]
+    found = json.loads(CliRunner().invoke(app, [*options, "--json"]).stdout)
+    assert len(found["cold"]) == 5
+    assert all(0 < row["min_s"] <= row["median_s"] for row in found["cold"])
+    assert {(row["backend"], row["workers"], row["level"]) for row in found["memory"]} == {
+        (backend, workers, level) for backend in ("numba", "numpy") for workers in (1, 2) for level in LEVELS
+    }
+    assert all(row["extra_mb"] <= 10 for row in found["memory"])
 
 
 @pytest.mark.parametrize("option", [("--sizes", "x"), ("--sizes", "0"), ("--levels", "jerk")])

@@ -49,7 +49,7 @@ ORDER = (
     ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),
     ("summary", "bench_methods", "bench_arrays", "bench_engines", "bench_cpp", "bench_contenders", "bench_truth"),
-    ("bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
+    ("bench_plot", "bench_cold", "bench_memory", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
 )
 
 

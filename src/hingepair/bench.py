@@ -117,17 +117,22 @@ def table(rows: list[Row]) -> Table:
     for heading in ("level", "N"):
         found.add_column(heading, no_wrap=True)
     found.add_column("method", no_wrap=True)
-    for heading in ("ns/sample", "smallest", "ratio", "random [u*scale]", "hard [u*scale]"):
+    for heading in ("ns/sample", "smallest", "ratio", "random", "hard"):
         found.add_column(heading, justify="right", no_wrap=True)
     workloads = list(dict.fromkeys((row.level, row.samples) for row in rows))
     for level, samples in workloads:
         block = sorted((r for r in rows if (r.level, r.samples) == (level, samples)), key=lambda r: r.median_ns)
         for i, row in enumerate(block):
             errors = ("-" if error is None else f"{error:.2g}" for error in (row.error, row.hard_error))
-            cells = (f"{row.median_ns:.4g}", f"{row.min_ns:.4g}", f"{row.ratio:.3g}", *errors)
+            cells = (*map(_digits, (row.median_ns, row.min_ns, row.ratio)), *errors)
             head = (level, f"{samples:,}") if i == 0 else ("", "")
             found.add_row(*head, row.method, *cells, end_section=i == len(block) - 1)
     return found
+
+
+def _digits(number: float) -> str:
+    """Three digits, or all before the point."""
+    return f"{number:,.0f}" if number >= 100 else f"{number:.3g}"
 
 
 def plot(rows: list[Row], path: str) -> None:

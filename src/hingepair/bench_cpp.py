@@ -8,9 +8,12 @@ import os
 import shutil
 import subprocess
 import tempfile
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from hingepair.bench_engines import pinocchio_inputs
 from hingepair.bench_methods import Array, Found, Job, Motion, room_at
@@ -28,24 +31,25 @@ _OUTPUTS = ("R2", "S2", "v2", "omega2", "a2", "alpha2")
 def pinocchio_cpp(pair: HingePair, motion: Motion) -> Job:
     """Pinocchio from C++: the same inputs and outputs as from Python, the loop compiled."""
     made = pinocchio_inputs(pair, motion)
-    out = room_at(len(motion), len(motion[0]))
-    constants = [pair.u1, pair.u2, pair.n, pair.home]
     samples = len(motion[0])
-    inputs = [*made, None, None][:3]
-    function = compiled_loop()
+    out = room_at(len(motion), samples)
+    library = compiled_loop()
+    constants = [np.ascontiguousarray(c) for c in (pair.u1, pair.u2, pair.n, pair.home)]
+    handle = library.pair_new(*map(_address, constants))
+    inputs = [_address(c) for c in (*made, None, None)[:3]]
+    outputs = [_address(out.get(name)) for name in _OUTPUTS]
 
     def run() -> Found:
-        function(
-            *map(_address, constants), samples, *map(_address, inputs), *(_address(out.get(n)) for n in _OUTPUTS)
-        )
+        library.pair_loop(handle, samples, *inputs, *outputs)
         return out
 
+    weakref.finalize(run, library.pair_delete, handle)
     return run
 
 
 @functools.cache
 def compiled_loop() -> Any:
-    """The compiled loop; a process compiles it once, which takes up to a minute.
+    """The library with the compiled loop; a process compiles it once, which takes up to a minute.
 
     Raises:
         MissingDependencyError: there is no compiler, or a header is missing.
@@ -54,17 +58,19 @@ def compiled_loop() -> Any:
     if compiler is None:
         raise MissingDependencyError("--cpp", _HOW, f"none of {', '.join(_COMPILERS)} is on the path")
     with tempfile.TemporaryDirectory() as folder:
-        library = Path(folder) / "pinocchio_loop.so"
+        target = Path(folder) / "pinocchio_loop.so"
         headers = [part for path in _headers() for part in ("-isystem", str(path))]
-        command = [compiler, *FLAGS, *headers, str(SOURCE), "-o", str(library)]
+        command = [compiler, *FLAGS, *headers, str(SOURCE), "-o", str(target)]
         done = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"LC_ALL": "C"})
         if done.returncode:
             lines = [line for line in done.stderr.splitlines() if "error" in line]
             raise MissingDependencyError("--cpp", _HOW, (lines or ["the compiler failed"])[0])
-        function = ctypes.CDLL(str(library)).pinocchio_loop
-    function.argtypes = [ctypes.c_void_p] * 4 + [ctypes.c_long] + [ctypes.c_void_p] * 9
-    function.restype = None
-    return function
+        loaded = ctypes.CDLL(str(target))
+    pointer: Any = ctypes.c_void_p
+    loaded.pair_new.argtypes, loaded.pair_new.restype = [pointer] * 4, pointer
+    loaded.pair_delete.argtypes, loaded.pair_delete.restype = [pointer], None
+    loaded.pair_loop.argtypes, loaded.pair_loop.restype = [pointer, ctypes.c_long] + [pointer] * 9, None
+    return loaded
 
 
 def _headers() -> Iterator[Path]:

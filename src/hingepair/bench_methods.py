@@ -53,14 +53,16 @@ def converted(motion: Motion, dtype: DTypeLike) -> Motion:
 
 
 def ours(backend: str, *, workers: int = 1, fresh: bool = False) -> Callable[[HingePair, Motion], Job]:
-    """This library, with fresh outputs or into arrays that are there."""
+    """This library, with fresh outputs or into arrays that are there; a single sample is given as one state."""
 
     def prepare(pair: HingePair, motion: Motion) -> Job:
         names = outputs_at(len(motion))
-        out = room_at(len(motion), len(motion[0]), motion[0].dtype)
+        room: dict[str, Array] | None = None if fresh else room_at(len(motion), len(motion[0]), motion[0].dtype)
+        if len(motion[0]) == 1:
+            motion = tuple(c[0] for c in motion)
+            room = room and {name: array[0] for name, array in room.items()}
 
         def run() -> Found:
-            room = None if fresh else out
             state: PairState = pair.forward_kinematics(
                 *motion, outputs=names, out=room, backend=backend, workers=workers
             )

@@ -15,12 +15,15 @@ using Row = Eigen::Map<const Eigen::VectorXd>;
 using Constant = Eigen::Map<const Eigen::Vector3d>;
 using Out = Eigen::Map<Eigen::Vector3d>;
 
-// u1, u2, n: 3 numbers; home: 9, row by row. q: 8 numbers a sample, v and a: 7, or null from the first that is not
-// wanted on. Outputs: 3 numbers a sample, S2 9.
-extern "C" void pinocchio_loop(
-  const double * u1, const double * u2, const double * n, const double * home, long count, const double * q,
-  const double * v, const double * a, double * R2, double * S2, double * v2, double * omega2, double * a2,
-  double * alpha2)
+struct Pair
+{
+  pin::Model model;
+  pin::Data data;
+  pin::FrameIndex frame;
+};
+
+// u1, u2, n: 3 numbers; home: 9, row by row.
+extern "C" Pair * pair_new(const double * u1, const double * u2, const double * n, const double * home)
 {
   const Eigen::Matrix3d C = Eigen::Map<const Matrix>(home);
   pin::Model model;
@@ -30,7 +33,21 @@ extern "C" void pinocchio_loop(
     pin::SE3(Eigen::Matrix3d::Identity(), Constant(u1)), "hinge");
   const auto frame =
     model.addFrame(pin::Frame("body2", hinge, pin::SE3(C, -(C * Constant(u2))), pin::OP_FRAME));
-  pin::Data data(model);
+  return new Pair{model, pin::Data(model), frame};
+}
+
+extern "C" void pair_delete(Pair * pair)
+{
+  delete pair;
+}
+
+// q: 8 numbers a sample, v and a: 7, or null from the first that is not wanted on. Outputs: 3 numbers a sample, S2 9.
+extern "C" void pair_loop(
+  Pair * pair, long count, const double * q, const double * v, const double * a, double * R2, double * S2,
+  double * v2, double * omega2, double * a2, double * alpha2)
+{
+  const pin::Model & model = pair->model;
+  pin::Data & data = pair->data;
   Eigen::VectorXd qi(8), vi(7), ai(7);
   for (long i = 0; i < count; ++i)
   {
@@ -45,19 +62,19 @@ extern "C" void pinocchio_loop(
       pin::forwardKinematics(model, data, qi, vi);
     else
       pin::forwardKinematics(model, data, qi);
-    const pin::SE3 & placement = pin::updateFramePlacement(model, data, frame);
+    const pin::SE3 & placement = pin::updateFramePlacement(model, data, pair->frame);
     Out(R2 + 3 * i) = placement.translation();
     Eigen::Map<Matrix>(S2 + 9 * i) = placement.rotation();
     if (v)
     {
-      const pin::Motion twist = pin::getFrameVelocity(model, data, frame, pin::LOCAL_WORLD_ALIGNED);
+      const pin::Motion twist = pin::getFrameVelocity(model, data, pair->frame, pin::LOCAL_WORLD_ALIGNED);
       Out(v2 + 3 * i) = twist.linear();
       Out(omega2 + 3 * i) = twist.angular();
     }
     if (a)
     {
       const pin::Motion change =
-        pin::getFrameClassicalAcceleration(model, data, frame, pin::LOCAL_WORLD_ALIGNED);
+        pin::getFrameClassicalAcceleration(model, data, pair->frame, pin::LOCAL_WORLD_ALIGNED);
       Out(a2 + 3 * i) = change.linear();
       Out(alpha2 + 3 * i) = change.angular();
     }
