@@ -36,11 +36,10 @@ def pinocchio_cpp(pair: HingePair, motion: Motion) -> Job:
     library = compiled_loop()
     constants = [np.ascontiguousarray(c) for c in (pair.u1, pair.u2, pair.n, pair.home)]
     handle = library.pair_new(*map(_address, constants))
-    inputs = [_address(c) for c in (*made, None, None)[:3]]
-    outputs = [_address(out.get(name)) for name in _OUTPUTS]
+    arrays = [*(*made, None, None)[:3], *map(out.get, _OUTPUTS)]  # kept alive by what runs
 
     def run() -> Found:
-        library.pair_loop(handle, samples, *inputs, *outputs)
+        library.pair_loop(handle, samples, *map(_address, arrays))
         return out
 
     weakref.finalize(run, library.pair_delete, handle)
