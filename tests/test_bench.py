@@ -6,14 +6,18 @@ import json
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair import bench_cli, bench_contenders, bench_cpp
+from hingepair import bench_cli, bench_contenders, bench_cpp, bench_skip
+from hingepair.bench import Row
 from hingepair.bench_contenders import CPP, METHODS, contenders, installed
 from hingepair.bench_cpp import compiled_loop
 from hingepair.bench_engines import pinocchio_loop
 from hingepair.bench_methods import LEVELS
+from hingepair.bench_plot import work_precision
 from hingepair.bench_truth import hard_states, worst_errors
 from hingepair.cli import app
 from states import coordinates, generator, rotations
@@ -85,6 +89,20 @@ def test_direct_prints_writes_and_draws(tmp_path):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+def test_no_name_in_the_picture_covers_another(tmp_path, monkeypatch):
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, dpi: drawn.append(self))  # noqa: ARG005
+    drawn = []
+    rows = [Row(m.name, "pose", 10, 20.0 + i % 4, 20.0, 1.0, 3.0 + i % 3, 3.0) for i, m in enumerate(METHODS)]
+    work_precision(rows, str(tmp_path / "p.png"))
+    drawn[0].draw_without_rendering()
+    axes = drawn[0].axes[0]
+    boxes = {text.get_text(): Text.get_window_extent(text) for text in axes.texts}
+    assert set(boxes) == {m.name for m in METHODS}
+    for name, box in boxes.items():
+        assert not [other for other, o in boxes.items() if other != name and box.overlaps(o)]
+        assert axes.get_window_extent().overlaps(box)
+
+
 def test_json_has_every_row_both_errors_and_the_machine(monkeypatch):
     monkeypatch.setattr(bench_contenders, "METHODS", METHODS[:3])
     options = ["bench", "direct", "--sizes", "1", "--levels", "pose", "--repeats", "1", "--json"]
@@ -137,7 +155,7 @@ def test_skip_reports_every_skip():
         CliRunner().invoke(app, ["bench", "skip", "--samples", "50", "--repeats", "1", "--json"]).stdout
     )
     assert {row["backend"] for row in found["rows"]} == {"numba", "numpy"}
-    assert len(found["rows"]) == 14
+    assert len(found["rows"]) == 2 * len(bench_skip._AGAINST)
 
 
 @pytest.mark.slow

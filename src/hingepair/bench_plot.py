@@ -36,7 +36,8 @@ def work_precision(rows: list[Row], path: str) -> None:
         _panel(panel, level, [row for row in rows if row.level == level])
         for panel, level in zip(panels, levels, strict=True)
     ]
-    figure.draw_without_rendering()  # from here on it is known where points lie
+    figure.draw_without_rendering()  # from here on it is known where points lie, and stays so
+    figure.set_layout_engine("none")
     for panel, found in zip(panels, points, strict=True):
         _label(panel, found)
     figure.savefig(path, dpi=130)
@@ -61,7 +62,7 @@ def _panel(axes: Any, level: str, rows: list[Row]) -> list[Point]:
         axes.axvline(floor.median_ns, color="0.6", linestyle="--", linewidth=1)
         where = {"xytext": (-3, 0), "textcoords": "offset points", "xycoords": ("data", "axes fraction")}
         axes.annotate("copy floor", (floor.median_ns, 0.5), **where, rotation=90, fontsize=8, ha="right", va="center")
-    axes.set(xscale="log", yscale="log", xlim=(min(times) / 1.6, max(times) * 6))
+    axes.set(xscale="log", yscale="log", xlim=(min(times) / 1.6, max(times) * 12))
     axes.set(ylim=(min(errors) / 6, max(errors) * 6), title=f"{level}, N = {most:,}")
     axes.set(xlabel="ns a sample", ylabel="largest error on random states [u * scale]")
     axes.grid(visible=True, which="major", color="0.92")
@@ -73,10 +74,10 @@ def _label(axes: Any, points: list[Point]) -> None:
     from matplotlib.text import Text
     from matplotlib.transforms import Bbox
 
-    frame = axes.get_window_extent()
-    taken = [axes.transData.transform((p.time, p.error)) for p in points]
-    boxes = [Bbox.from_bounds(x - 5, y - 5, 10, 10) for x, y in taken]
-    steps = [sign * step for step in range(0, 200, 2) for sign in (1, -1)]
+    frame, pixel = axes.get_window_extent(), axes.figure.dpi / 72
+    places = {p.name: axes.transData.transform((p.time, p.error)) for p in points}
+    boxes = [Bbox.from_bounds(x - 5 * pixel, y - 5 * pixel, 10 * pixel, 10 * pixel) for x, y in places.values()]
+    steps = [sign * step for step in range(0, 300, 2) for sign in (1, -1)]
     for point in sorted(points, key=lambda p: p.time):
         text = axes.annotate(
             point.name,
@@ -87,10 +88,13 @@ def _label(axes: Any, points: list[Point]) -> None:
             va="center",
             arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.5, "relpos": (0, 0.5), "shrinkB": 3},
         )
+        size = Text.get_window_extent(text)
+        x, y = places[point.name]
         for step in steps:
-            text.set_position((9 + abs(step) / 4, step))
-            box = Text.get_window_extent(text)
-            inside = frame.y0 < box.y0 and box.y1 < frame.y1
-            if inside and not any(box.overlaps(other) for other in boxes):
+            offset = 9 + abs(step) / 6, step
+            bottom = y + step * pixel - size.height / 2
+            box = Bbox.from_bounds(x + offset[0] * pixel, bottom, size.width, size.height)
+            if frame.y0 < box.y0 and box.y1 < frame.y1 and not any(box.overlaps(other) for other in boxes):
                 break
+        text.set_position(offset)
         boxes.append(box)
