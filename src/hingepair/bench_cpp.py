@@ -36,13 +36,17 @@ def pinocchio_cpp(pair: HingePair, motion: Motion) -> Job:
     library = compiled_loop()
     constants = [np.ascontiguousarray(c) for c in (pair.u1, pair.u2, pair.n, pair.home)]
     handle = library.pair_new(*map(_address, constants))
-    arrays = [*(*made, None, None)[:3], *map(out.get, _OUTPUTS)]  # kept alive by what runs
+    arrays = [*(*made, None, None)[:3], *map(out.get, _OUTPUTS)]
+    addresses = [_address(array) for array in arrays]
 
     def run() -> Found:
-        library.pair_loop(handle, samples, *map(_address, arrays))
+        library.pair_loop(handle, samples, *addresses)
         return out
 
-    weakref.finalize(run, library.pair_delete, handle)
+    def release(*kept: Array | None) -> None:  # noqa: ARG001 (arrays that live as long as what runs on their addresses)
+        library.pair_delete(handle)
+
+    weakref.finalize(run, release, *arrays)
     return run
 
 
