@@ -30,6 +30,7 @@ _PACKAGES = {name: name for name in ("hingepair", "numpy", "numba", "sympy", "sc
 }
 _COMPARED = 100  # random states, compared with the exact ones
 _LEAST = 2e-3  # seconds that one repeat should take
+_SHORT = 0.1  # seconds, in which what a job works on fits the caches
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,21 +148,31 @@ def plot(rows: list[Row], path: str) -> None:
 
 
 def interleaved(jobs: dict[str, Job], repeats: int) -> dict[str, list[float]]:
-    """Times of one call each, in seconds; every repeat goes through all methods, so that noise meets all alike."""
-    calls = {}
+    """Times of one call each, in seconds; every repeat goes through all methods, so that noise meets all alike.
+
+    A short job runs once untimed in every repeat: it finds the caches as it left them, not as its neighbour did.
+    """
+    calls, short = {}, set()
     for name, job in jobs.items():
         job()
-        start = time.perf_counter()
-        job()
-        calls[name] = max(1, int(_LEAST / (time.perf_counter() - start)))
+        taken = _seconds(job, 1)
+        calls[name] = max(1, int(_LEAST / taken))
+        if taken < _SHORT:
+            short.add(name)
     times: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(repeats):
         for name, job in jobs.items():
-            start = time.perf_counter()
-            for _ in range(calls[name]):
+            if name in short:
                 job()
-            times[name].append((time.perf_counter() - start) / calls[name])
+            times[name].append(_seconds(job, calls[name]) / calls[name])
     return times
+
+
+def _seconds(job: Job, calls: int) -> float:
+    start = time.perf_counter()
+    for _ in range(calls):
+        job()
+    return time.perf_counter() - start
 
 
 def _copies(parts: int, size: int) -> dict[str, Job]:
