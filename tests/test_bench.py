@@ -24,10 +24,10 @@ from states import coordinates, generator, rotations
 
 
 def _cases():
-    """Every way at every level; what compiles for long, at the highest alone in the fast loop."""
+    """Every way at every level; what compiles for long, at the lowest alone in the fast loop."""
     for method in METHODS:
         for level in LEVELS:
-            slow = method.needs in {"jax", "sympy"} and level != "acceleration"
+            slow = method.needs in {"jax", "sympy"} and level != "pose"
             yield pytest.param(method, level, marks=[pytest.mark.slow] * slow, id=f"{method.name}-{level}")
 
 
@@ -80,7 +80,7 @@ HALF_TURN = METHODS[0]._replace(name="reduced", prepare=_with_reduced_angle)
 
 def test_direct_prints_writes_and_draws(tmp_path):
     picture = tmp_path / "b.png"
-    options = ["bench", "direct", "--sizes", "1,20", "--levels", "pose", "--repeats", "1"]
+    options = ["bench", "direct", "--sizes", "1", "--levels", "pose", "--repeats", "1"]
     done = CliRunner().invoke(app, [*options, "--plot", str(picture)])
     assert done.exit_code == 0, done.output
     assert "copy floor" in done.output
