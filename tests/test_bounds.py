@@ -9,7 +9,7 @@ import extended
 import hingepair as hp
 import reference
 import states
-from hingepair.euler import SEQUENCES
+from hingepair.sequences import SEQUENCES
 from reference import BOUNDS, ORDINARY, OUTPUTS
 
 pytestmark = pytest.mark.usefixtures("each_backend")

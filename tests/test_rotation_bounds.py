@@ -7,7 +7,8 @@ import pytest
 
 import extended
 import hingepair as hp
-from hingepair.euler import LOCK, SEQUENCES
+from hingepair.euler import LOCK
+from hingepair.sequences import SEQUENCES
 from states import generator
 
 U = 2.0**-53

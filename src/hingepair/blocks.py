@@ -59,12 +59,14 @@ def compute(
     if not moving:
         with np.errstate(all="ignore"):
             _store(function(values), targets, ())
-    elif workers == 1:
-        work(boxes(shape, BLOCK))
+        return
+    pieces = list(boxes(shape, BLOCK))
+    workers = min(workers, len(pieces))
+    if workers <= 1:
+        work(pieces)
     else:
         from concurrent.futures import ThreadPoolExecutor
 
-        pieces = list(boxes(shape, BLOCK))
         with ThreadPoolExecutor(workers) as pool:
             list(pool.map(work, (pieces[i::workers] for i in range(workers))))
 

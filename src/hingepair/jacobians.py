@@ -11,10 +11,10 @@ from hingepair import derivative_equations as by
 from hingepair import kinematics
 from hingepair.arrays import FloatArray
 from hingepair.errors import ArgumentError
-from hingepair.euler import find_sequence
 from hingepair.evaluate import Constants, component, follow_steps, leading_shapes, read_coordinates
 from hingepair.motion import BodyMotion, motion_arrays
 from hingepair.plan import ARM_STEPS, Step, steps_of
+from hingepair.sequences import find_sequence
 
 if TYPE_CHECKING:
     from hingepair.pair import HingePair

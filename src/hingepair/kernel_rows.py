@@ -10,8 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from hingepair.euler import find_sequence
 from hingepair.plan import PLANAR, SPATIAL, Plan, outputs_of
+from hingepair.sequences import find_sequence
 
 LANES: Final = 32
 """Samples a block: every row of the scratch array holds one component of so many samples."""

@@ -15,7 +15,7 @@ from hingepair import equations as eq
 from hingepair import planar_equations as planar
 from hingepair.blocks import angle_terms, hinge_cosine, hinge_terms, turn_terms
 from hingepair.errors import ArgumentError, choices
-from hingepair.euler import find_sequence
+from hingepair.sequences import find_sequence
 
 
 class Output(NamedTuple):
