@@ -40,8 +40,8 @@ FAULTS = {
     ),
     "centripetal acceleration dropped in E9": (
         "equations.py",
-        "return subtract(scale(reach, psid * psid), scale(slide, psidd))",
-        "return scale(slide, 0 - psidd)",
+        "return add(scale(cross(axis, slide), psid * psid), scale(slide, psidd))",
+        "return scale(slide, psidd)",
     ),
     "Coriolis acceleration halved in E9": ("equations.py", "scale(slide, 2 * psid)", "scale(slide, psid)"),
     "a sign in Sx Sy Sz": ("equations.py", "cx * sz + ss * cz", "cx * sz - ss * cz"),

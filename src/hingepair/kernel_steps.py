@@ -183,9 +183,7 @@ def rates2(s: Any, operation: int) -> None:
             put_vector(s, _OMEGA2, k, omega2)
     elif operation == _SLIDING:
         for k in range(LANES):
-            across, around = vector(s, _ACROSS, k), vector(s, _AROUND, k)
-            slide = eq.slide(matrix(s, _S1, k), across, around, _hinge(s, k), s[_HINGE + LANES + k])
-            put_vector(s, _SLIDE, k, slide)
+            put_vector(s, _SLIDE, k, eq.slide(vector(s, _AXIS, k), vector(s, _REACH, k)))
     elif operation == _VELOCITY2:
         for k in range(LANES):
             v1, omega1, d, slide = (vector(s, _V1, k), vector(s, _OMEGA1, k), vector(s, _D, k), vector(s, _SLIDE, k))
@@ -200,8 +198,8 @@ def rates2(s: Any, operation: int) -> None:
             put_vector(s, _REACH, k, eq.rotate(matrix(s, _S1, k), vector(s, _SWING, k)))
     elif operation == _RELATIVELY:
         for k in range(LANES):
-            slide, reach = vector(s, _SLIDE, k), vector(s, _REACH, k)
-            put_vector(s, _RELATIVE, k, eq.relative_acceleration(slide, reach, s[_PSID + k], s[_PSIDD + k]))
+            axis, slide = vector(s, _AXIS, k), vector(s, _SLIDE, k)
+            put_vector(s, _RELATIVE, k, eq.relative_acceleration(axis, slide, s[_PSID + k], s[_PSIDD + k]))
     elif operation == _ACCELERATION2:
         for k in range(LANES):
             a1, omega1, alpha1 = vector(s, _A1, k), vector(s, _OMEGA1, k), vector(s, _ALPHA1, k)

@@ -104,11 +104,11 @@ HINGE_STEPS = (
     Step("R2", eq.position2, ("R1", "d")),
     Step("axis", eq.rotate, ("S1", "n")),
     Step("omega2", eq.angular_velocity2, ("omega1", "axis", "psid")),
-    Step("slide", eq.slide, ("S1", "across", "around", "hinge", "cosine")),
+    Step("reach", eq.rotate, ("S1", "swing")),
+    Step("slide", eq.slide, ("axis", "reach")),
     Step("v2", eq.velocity2, ("v1", "omega1", "d", "slide", "psid")),
     Step("alpha2", eq.angular_acceleration2, ("alpha1", "omega1", "axis", "psid", "psidd")),
-    Step("reach", eq.rotate, ("S1", "swing")),
-    Step("relative", eq.relative_acceleration, ("slide", "reach", "psid", "psidd")),
+    Step("relative", eq.relative_acceleration, ("axis", "slide", "psid", "psidd")),
     Step("a2", eq.acceleration2, ("a1", "omega1", "alpha1", "d", "slide", "psid", "relative")),
 )
 """Body 2 from body 1 and the hinge (E1, E2, E5-E9)."""

@@ -13,6 +13,7 @@ from typing import Any
 
 from hingepair import equations as eq
 from hingepair.arrays import check_choice
+from hingepair.errors import ArgumentError
 
 _INTRINSIC = tuple(
     "".join(letters) for letters in itertools.product("XYZ", repeat=3) if letters[0] != letters[1] != letters[2]
