@@ -148,6 +148,7 @@ def test_far_angles_and_no_numbers_stay_in_their_lane():
 
 
 @pytest.mark.law
+@pytest.mark.slow
 def test_sine_and_cosine_to_one_and_a_half_ulp():
     from numba import njit
 

@@ -86,9 +86,13 @@ FAULTS = {
         'quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False)',
         'quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=True)',
     ),
-    "extrinsic taken for intrinsic": ("euler.py", "name.upper()[::-1] if name.islower() else name", "name.upper()"),
+    "extrinsic taken for intrinsic": (
+        "sequences.py",
+        "name.upper()[::-1] if name.islower() else name",
+        "name.upper()",
+    ),
     "left-handed sequences taken for right-handed": (
-        "euler.py",
+        "sequences.py",
         "sign = 1 if (axes[1] - axes[0]) % 3 == 1 else -1",
         "sign = 1",
     ),
