@@ -88,12 +88,18 @@ def runge_kutta4(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Quaternion:
 
     It is linear in q, so the step is a factor; its length is not yet 1.
     """
-    k1 = (0 * h, *scale(w1, 0.5 * h))
+    x, y, z = scale(w1, 0.5 * h)
+    k1 = (0 * h, x, y, z)
     k2 = _stage(w2, k1, h, 0.5)
     k3 = _stage(w2, k2, h, 0.5)
     k4 = _stage(w3, k3, h, 1.0)
-    w, x, y, z = (k1[i] + 2 * (k2[i] + k3[i]) + k4[i] for i in (0, 1, 2, 3))
-    return 1 + w * (1 / 6), x * (1 / 6), y * (1 / 6), z * (1 / 6)
+    sixth = 1 / 6
+    return (
+        1 + sixth * (k1[0] + 2 * (k2[0] + k3[0]) + k4[0]),
+        sixth * (k1[1] + 2 * (k2[1] + k3[1]) + k4[1]),
+        sixth * (k1[2] + 2 * (k2[2] + k3[2]) + k4[2]),
+        sixth * (k1[3] + 2 * (k2[3] + k3[3]) + k4[3]),
+    )
 
 
 def _stage(w: Vector, k: Quaternion, h: Scalar, part: float) -> Quaternion:

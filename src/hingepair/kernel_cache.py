@@ -9,6 +9,7 @@ import os
 import sys
 import threading
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ from hingepair.errors import MissingDependencyError
 
 _SOURCES = (
     *("equations.py", "planar_equations.py", "kernel_math.py", "kernel_rows.py", "kernel_steps.py"),
-    *("kernel_flat_steps.py", "kernels.py"),
+    *("kernel_flat_steps.py", "kernels.py", "increments.py", "compensated.py", "prefix_product.py", "kernel_turns.py"),
 )
 _lock = threading.Lock()
 
@@ -26,6 +27,14 @@ class Kernels(NamedTuple):
 
     kernel: Any
     one_state: Any
+
+
+class TurnKernels(NamedTuple):
+    """The compiled functions of `integrate`."""
+
+    turns: Any
+    place: Any
+    sums: Any
 
 
 def available() -> bool:
@@ -50,23 +59,47 @@ def kernels() -> Kernels:
         return _build()
 
 
+def turn_kernels() -> TurnKernels:
+    """The kernels of `integrate`, likewise.
+
+    Raises:
+        MissingDependencyError: Numba is not installed, or does not work.
+    """
+    with _lock:
+        return _build_turns()
+
+
 @functools.cache
 def _build() -> Kernels:
     try:
-        import numba
-
         from hingepair import kernel_math
         from hingepair import kernels as source
     except ImportError as error:
         raise MissingDependencyError("backend", "numba (pip install numba)", str(error)) from None
+    return Kernels(*_compiled((source.kernel, source.one_state), kernel_math.FLAGS))
+
+
+@functools.cache
+def _build_turns() -> TurnKernels:
+    try:
+        from hingepair import kernel_turns as source
+    except ImportError as error:
+        raise MissingDependencyError("backend", "numba (pip install numba)", str(error)) from None
+    return TurnKernels(*_compiled((source.turns, source.place, source.sums), set()))
+
+
+def _compiled(functions: tuple[Callable[..., None], ...], fastmath: set[str]) -> list[Any]:
+    """The functions, to be compiled or taken from the cache when they are called."""
+    import numba
+
     folder = _cache_folder(numba.__version__)
     config: Any = numba.config
     before = config.CACHE_DIR
     try:
         if folder is not None:
             config.CACHE_DIR = str(folder)
-        jit = numba.njit(cache=folder is not None, fastmath=kernel_math.FLAGS, nogil=True)
-        return Kernels(jit(source.kernel), jit(source.one_state))
+        jit = numba.njit(cache=folder is not None, fastmath=fastmath, nogil=True)
+        return [jit(function) for function in functions]
     finally:
         config.CACHE_DIR = before
 

@@ -1,0 +1,198 @@
+"""Attitude and hinge angle at the instants from what their rates are in between (E12): steps, slab by slab.
+
+omega does not depend on the attitude, so all increments are had at once; the attitudes are their products, made by a
+tree (`prefix_product`): within slabs of steps that fit the cache, then over the slabs. psi goes along as sums of two
+doubles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair import compensated
+from hingepair import increments as inc
+from hingepair.backend import How
+from hingepair.blocks import components_of
+from hingepair.prefix_product import Components, scan
+from hingepair.signals import Signal, Values
+
+SLAB: Final = 16384
+"""Steps a slab: 400 kB of omega at three nodes."""
+
+_A, _B = 0.5 - 3**0.5 / 6, 0.5 - 15**0.5 / 10
+
+
+class Rule(NamedTuple):
+    """A method that makes each step from omega alone.
+
+    Attributes:
+        number: by which the compiled kernels know it.
+        order: of the error against h.
+        nodes: where a step looks at omega and psi', as parts of the step.
+    """
+
+    number: int
+    order: int
+    nodes: tuple[float, ...]
+
+
+RULES: Final = {
+    "magnus6": Rule(2, 6, (_B, 0.5, 1 - _B)),
+    "magnus4": Rule(1, 4, (_A, 1 - _A)),
+    "cf4": Rule(3, 4, (_A, 1 - _A)),
+    "midpoint": Rule(0, 2, (0.5,)),
+    "rk4_quaternion": Rule(4, 4, (0.0, 0.5, 1.0)),
+}
+
+
+class Steps(NamedTuple):
+    """Steps between the instants, as many to each interval as its error asks for.
+
+    Attributes:
+        t: the instants, shape (N,).
+        counts: steps of each interval, shape (N - 1,).
+    """
+
+    t: Values
+    counts: NDArray[np.int64]
+
+    def slabs(self) -> list[tuple[int, int]]:
+        """Ranges of intervals that hold about SLAB steps each."""
+        ends = np.cumsum(self.counts)
+        cuts = np.searchsorted(ends, np.arange(SLAB, ends[-1] + SLAB, SLAB), side="left") + 1 if len(ends) else []
+        edges = np.unique(np.minimum([0, *cuts], len(ends))).tolist()
+        return list(zip(edges[:-1], edges[1:], strict=True))
+
+    def within(self, first: int, last: int) -> tuple[Values, Values, NDArray[np.intp]]:
+        """Starts and lengths (as two doubles) of the steps of some intervals, and the last step of each interval."""
+        counts = self.counts[first:last]
+        start, stop = self.t[first:last], self.t[first + 1 : last + 1]
+        if counts.max() == 1:
+            return start, np.stack(compensated.exact_sum(stop, -start), axis=-1), np.arange(len(counts))
+        ends = np.cumsum(counts)
+        part = np.arange(ends[-1]) - np.repeat(ends - counts, counts)
+        each = tuple(np.repeat(x, counts) for x in (start, stop, counts.astype(float)))
+        h = compensated.pair_quotient(compensated.exact_sum(each[1], -each[0]), each[2])
+        return each[0] + part * h[0], np.stack(h, axis=-1), ends - 1
+
+
+def attitudes(omega: Signal, steps: Steps, rule: Rule, how: How) -> Values:
+    """The rotations from the first instant to each; unit quaternions (w, x, y, z), shape (N, 4)."""
+    found = np.empty((len(steps.t), 4))
+    found[0] = (1, 0, 0, 0)
+    slabs = steps.slabs()
+    turns, place = (_compiled_turns(), _compiled_place()) if how.compiles(int(steps.counts.sum())) else (_turns, _place)
+    for first, last in slabs:
+        start, h, ends = steps.within(first, last)
+        rows = turns(omega.nodes(start, h[:, 0], rule.nodes), h[:, 0], rule.number)
+        found[first + 1 : last + 1] = rows if len(rows) == last - first else rows[ends]
+    carries = found[[first for first, _ in slabs]].T.copy()
+    _scan_quaternions(carries)
+    for (first, last), carry in zip(slabs, carries.T, strict=True):
+        place(found[first + 1 : last + 1], carry / np.sqrt(carry @ carry))
+    return found
+
+
+def angles(psid: Signal, psi_0: float, steps: Steps, rule: Rule, how: How) -> Values:
+    """psi at the instants, to the last bit or so of the sum; shape (N,)."""
+    found = np.zeros((len(steps.t), 2))
+    slabs = steps.slabs()
+    sums = _compiled_sums() if how.compiles(int(steps.counts.sum())) else _sums
+    for first, last in slabs:
+        start, h, ends = steps.within(first, last)
+        rows = sums(psid.nodes(start, h[:, 0], rule.nodes), h, rule.number)
+        found[first + 1 : last + 1] = rows if len(rows) == last - first else rows[ends]
+    carries = found[[first for first, _ in slabs]].T.copy()
+    carries[0, :1] = psi_0
+    scan((carries[0], carries[1]), compensated.pair_sum)
+    for (first, last), carry in zip(slabs, carries.T, strict=True):
+        rows = found[first + 1 : last + 1]
+        rows[:, 0], rows[:, 1] = compensated.pair_sum((rows[:, 0], rows[:, 1]), (carry[0], carry[1]))
+    found[0, 0] = psi_0
+    return found[:, 0].copy()
+
+
+def increment_quaternions(omega: Values, h: Values, number: int) -> Components:
+    """The rotation of each step by a rule's number; omega at the nodes, shape (steps, nodes, 3)."""
+    w: Any = [components_of(omega[:, i]) for i in range(omega.shape[1])]
+    if number == 4:
+        x = inc.runge_kutta4(w[0], w[1], w[2], h)
+        length = np.sqrt(sum(c * c for c in x))
+        return tuple(c / length for c in x)
+    if number == 3:
+        first, second = inc.two_exponentials(w[0], w[1], h)
+        return inc.quaternion_product(_exp(second), _exp(first))
+    rules: dict[int, Callable[..., Any]] = {0: inc.midpoint, 1: inc.magnus4, 2: inc.magnus6}
+    return _exp(rules[number](*w, h))
+
+
+def _exp(Omega: Any) -> Any:
+    x = np.sqrt(inc.half_turn(Omega))
+    safe = np.where(x > 0, x, 1.0)
+    return inc.quaternion_exp(Omega, (np.where(x > 0, np.sin(x) / safe, 1.0), np.cos(x)))
+
+
+def _scan_quaternions(parts: Values) -> None:
+    scan((parts[0], parts[1], parts[2], parts[3]), inc.quaternion_product)
+
+
+def _turns(omega: Values, h: Values, number: int) -> Values:
+    parts = np.stack(increment_quaternions(omega, h, number))
+    _scan_quaternions(parts)
+    return parts.T
+
+
+def _place(rows: Values, carry: Values) -> None:
+    product = inc.quaternion_product(components_of(rows), tuple(carry))
+    for i, part in enumerate(inc.quaternion_unit(product)):
+        rows[:, i] = part
+
+
+def _sums(psid: Values, h: Values, number: int) -> Values:
+    p, step = components_of(psid), (h[:, 0].copy(), h[:, 1].copy())
+    if number == 0:
+        pair = compensated.one_node(p[0], step)
+    elif number in {1, 3}:
+        pair = compensated.two_nodes(p[0], p[1], step)
+    else:
+        pair = compensated.three_nodes(p[0], p[1], p[2], *((5.0, 8.0) if number == 2 else (1.0, 4.0)), step)
+    parts = np.stack(pair)
+    scan((parts[0], parts[1]), compensated.pair_sum)
+    return parts.T
+
+
+def _compiled_turns() -> Callable[[Values, Values, int], Values]:
+    from hingepair.kernel_cache import turn_kernels
+
+    kernel = turn_kernels().turns
+
+    def turns(omega: Values, h: Values, number: int) -> Values:
+        rows = np.empty((len(h), 4))
+        kernel(np.ascontiguousarray(omega), np.ascontiguousarray(h), number, rows)
+        return rows
+
+    return turns
+
+
+def _compiled_place() -> Callable[[Values, Values], None]:
+    from hingepair.kernel_cache import turn_kernels
+
+    place: Callable[[Values, Values], None] = turn_kernels().place
+    return place
+
+
+def _compiled_sums() -> Callable[[Values, Values, int], Values]:
+    from hingepair.kernel_cache import turn_kernels
+
+    kernel = turn_kernels().sums
+
+    def sums(psid: Values, h: Values, number: int) -> Values:
+        rows = np.empty((len(h), 2))
+        kernel(np.ascontiguousarray(psid), np.ascontiguousarray(h), number, rows)
+        return rows
+
+    return sums
