@@ -111,7 +111,7 @@ class Samples:
             found[low:high, node] = sum(w * near[j : j + high - low] for j, w in enumerate(own))
         for edge in (slice(0, low), slice(high, len(h))):
             times = start[edge, None] + h[edge, None] * np.array(c)
-            found[edge] = self.at(times).reshape(*times.shape, -1)
+            found[edge] = self.at(times).reshape(*times.shape, columns.shape[1])
         return found.reshape(len(h), len(c), *self.values.shape[1:])
 
     def thinned(self) -> Samples:
