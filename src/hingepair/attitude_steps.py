@@ -67,45 +67,69 @@ class Steps(NamedTuple):
         edges = np.unique(np.minimum([0, *cuts], len(ends))).tolist()
         return list(zip(edges[:-1], edges[1:], strict=True))
 
-    def within(self, first: int, last: int) -> tuple[Values, Values, NDArray[np.intp]]:
-        """Starts and lengths (as two doubles) of the steps of some intervals, and the last step of each interval."""
+    def within(self, first: int, last: int) -> tuple[Values, compensated.Pair, NDArray[np.intp] | None]:
+        """Starts and lengths (as two doubles) of the steps of some intervals, and the last step of each interval.
+
+        The latter is None where each interval is one step.
+        """
         counts = self.counts[first:last]
         start, stop = self.t[first:last], self.t[first + 1 : last + 1]
         if counts.max() == 1:
-            return start, np.stack(compensated.exact_sum(stop, -start), axis=-1), np.arange(len(counts))
+            return start, compensated.exact_sum(stop, -start), None
         ends = np.cumsum(counts)
         part = np.arange(ends[-1]) - np.repeat(ends - counts, counts)
         each = tuple(np.repeat(x, counts) for x in (start, stop, counts.astype(float)))
         h = compensated.pair_quotient(compensated.exact_sum(each[1], -each[0]), each[2])
-        return each[0] + part * h[0], np.stack(h, axis=-1), ends - 1
+        return each[0] + part * h[0], h, ends - 1
 
 
-def attitudes(omega: Signal, steps: Steps, rule: Rule, how: How) -> Values:
+class Loops(NamedTuple):
+    """What runs over the steps of a slab, by NumPy or compiled (see `kernel_turns`)."""
+
+    turns: Callable[[Values, Values, int, Values], None]
+    place: Callable[[Values, Values], None]
+    sums: Callable[[Values, Values, Values, int, Values], None]
+
+
+def loops(how: How, steps: Steps) -> Loops:
+    """The loops for so many steps."""
+    if not how.compiles(int(steps.counts.sum())):
+        return Loops(_turns, _place, _sums)
+    from hingepair.kernel_cache import turn_kernels
+
+    return Loops(*turn_kernels())
+
+
+def attitudes(omega: Signal, steps: Steps, rule: Rule, run: Loops) -> Values:
     """The rotations from the first instant to each; unit quaternions (w, x, y, z), shape (N, 4)."""
     found = np.empty((len(steps.t), 4))
     found[0] = (1, 0, 0, 0)
     slabs = steps.slabs()
-    turns, place = (_compiled_turns(), _compiled_place()) if how.compiles(int(steps.counts.sum())) else (_turns, _place)
     for first, last in slabs:
-        start, h, ends = steps.within(first, last)
-        rows = turns(omega.nodes(start, h[:, 0], rule.nodes), h[:, 0], rule.number)
-        found[first + 1 : last + 1] = rows if len(rows) == last - first else rows[ends]
+        start, (h, _), ends = steps.within(first, last)
+        target = found[first + 1 : last + 1]
+        rows = target if ends is None else np.empty((len(h), 4))
+        run.turns(np.ascontiguousarray(omega.nodes(start, h, rule.nodes)), h, rule.number, rows)
+        if ends is not None:
+            target[:] = rows[ends]
     carries = found[[first for first, _ in slabs]].T.copy()
     _scan_quaternions(carries)
     for (first, last), carry in zip(slabs, carries.T, strict=True):
-        place(found[first + 1 : last + 1], carry / np.sqrt(carry @ carry))
+        run.place(found[first + 1 : last + 1], carry / np.sqrt(carry @ carry))
     return found
 
 
-def angles(psid: Signal, psi_0: float, steps: Steps, rule: Rule, how: How) -> Values:
+def angles(psid: Signal, psi_0: float, steps: Steps, rule: Rule, run: Loops) -> Values:
     """psi at the instants, to the last bit or so of the sum; shape (N,)."""
     found = np.zeros((len(steps.t), 2))
     slabs = steps.slabs()
-    sums = _compiled_sums() if how.compiles(int(steps.counts.sum())) else _sums
     for first, last in slabs:
         start, h, ends = steps.within(first, last)
-        rows = sums(psid.nodes(start, h[:, 0], rule.nodes), h, rule.number)
-        found[first + 1 : last + 1] = rows if len(rows) == last - first else rows[ends]
+        target = found[first + 1 : last + 1]
+        rows = target if ends is None else np.empty((len(h[0]), 2))
+        run.sums(np.ascontiguousarray(psid.nodes(start, h[0], rule.nodes)), *h, rule.number, rows)
+        if ends is not None:
+            target[:] = rows[ends]
     carries = found[[first for first, _ in slabs]].T.copy()
     carries[0, :1] = psi_0
     scan((carries[0], carries[1]), compensated.pair_sum)
@@ -140,10 +164,10 @@ def _scan_quaternions(parts: Values) -> None:
     scan((parts[0], parts[1], parts[2], parts[3]), inc.quaternion_product)
 
 
-def _turns(omega: Values, h: Values, number: int) -> Values:
+def _turns(omega: Values, h: Values, number: int, rows: Values) -> None:
     parts = np.stack(increment_quaternions(omega, h, number))
     _scan_quaternions(parts)
-    return parts.T
+    rows[:] = parts.T
 
 
 def _place(rows: Values, carry: Values) -> None:
@@ -152,47 +176,13 @@ def _place(rows: Values, carry: Values) -> None:
         rows[:, i] = part
 
 
-def _sums(psid: Values, h: Values, number: int) -> Values:
-    p, step = components_of(psid), (h[:, 0].copy(), h[:, 1].copy())
+def _sums(psid: Values, high: Values, low: Values, number: int, rows: Values) -> None:
+    p, h = components_of(psid), (high, low)
     if number == 0:
-        pair = compensated.one_node(p[0], step)
+        parts = compensated.one_node(p[0], h)
     elif number in {1, 3}:
-        pair = compensated.two_nodes(p[0], p[1], step)
+        parts = compensated.two_nodes(p[0], p[1], h)
     else:
-        pair = compensated.three_nodes(p[0], p[1], p[2], *((5.0, 8.0) if number == 2 else (1.0, 4.0)), step)
-    parts = np.stack(pair)
-    scan((parts[0], parts[1]), compensated.pair_sum)
-    return parts.T
-
-
-def _compiled_turns() -> Callable[[Values, Values, int], Values]:
-    from hingepair.kernel_cache import turn_kernels
-
-    kernel = turn_kernels().turns
-
-    def turns(omega: Values, h: Values, number: int) -> Values:
-        rows = np.empty((len(h), 4))
-        kernel(np.ascontiguousarray(omega), np.ascontiguousarray(h), number, rows)
-        return rows
-
-    return turns
-
-
-def _compiled_place() -> Callable[[Values, Values], None]:
-    from hingepair.kernel_cache import turn_kernels
-
-    place: Callable[[Values, Values], None] = turn_kernels().place
-    return place
-
-
-def _compiled_sums() -> Callable[[Values, Values, int], Values]:
-    from hingepair.kernel_cache import turn_kernels
-
-    kernel = turn_kernels().sums
-
-    def sums(psid: Values, h: Values, number: int) -> Values:
-        rows = np.empty((len(h), 2))
-        kernel(np.ascontiguousarray(psid), np.ascontiguousarray(h), number, rows)
-        return rows
-
-    return sums
+        parts = compensated.three_nodes(p[0], p[1], p[2], *((5.0, 8.0) if number == 2 else (1.0, 4.0)), h)
+    scan(parts, compensated.pair_sum)
+    rows[:, 0], rows[:, 1] = parts

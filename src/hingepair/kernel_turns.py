@@ -121,17 +121,18 @@ def place(rows: Any, carry: Any) -> None:
         _write(rows, k, increments.quaternion_unit(increments.quaternion_product(_four(rows, k), q)))
 
 
-def sums(psid: Any, h: Any, rule: int, rows: Any) -> None:
+def sums(psid: Any, high: Any, low: Any, rule: int, rows: Any) -> None:
     """The sums of a slab's first integrals of psi'.
 
     Args:
         psid: at the nodes of each step, shape (steps, nodes).
-        h: the steps as sums of two doubles, shape (steps, 2).
+        high: the steps as sums of two doubles, shape (steps,).
+        low: what is to be added to them.
         rule: as for `turns`.
         rows: where the sums go, as sums of two doubles, shape (steps, 2).
     """
-    for k in range(len(h)):
-        step = (h[k, 0], h[k, 1])
+    for k in range(len(high)):
+        step = (high[k], low[k])
         if rule == 0:
             pair = compensated.one_node(psid[k, 0], step)
         elif rule == 1 or rule == 3:
