@@ -23,6 +23,7 @@ from hingepair.signals import Signal, Values
 SLAB: Final = 16384
 """Steps a slab: 400 kB of omega at three nodes."""
 
+_INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
 _A, _B = 0.5 - 3**0.5 / 6, 0.5 - 15**0.5 / 10
 
 
@@ -100,22 +101,38 @@ def loops(how: How, steps: Steps) -> Loops:
     return Loops(*turn_kernels())
 
 
-def attitudes(omega: Signal, steps: Steps, rule: Rule, run: Loops) -> Values:
-    """The rotations from the first instant to each; unit quaternions (w, x, y, z), shape (N, 4)."""
+def attitudes(omega: Signal, steps: Steps, rule: Rule, run: Loops, start: Values, *, body: bool = False) -> Values:
+    """The attitudes at the instants.
+
+    Args:
+        omega: in world axes, S' = [omega]x S, or in body axes, S' = S [omega]x. The latter is the former for S^T
+            and -omega; what a step makes of omega depends on h omega only, so that -h serves.
+        steps: between the instants.
+        rule: that makes a rotation of each step.
+        run: the loops.
+        start: the attitude at the first instant, a unit quaternion (w, x, y, z).
+        body: whether omega is in body axes.
+
+    Returns:
+        Unit quaternions, shape (N, 4), without a jump of their sign.
+    """
     found = np.empty((len(steps.t), 4))
-    found[0] = (1, 0, 0, 0)
+    found[0] = start * _INVERSE if body else start
     slabs = steps.slabs()
     for first, last in slabs:
-        start, (h, _), ends = steps.within(first, last)
+        begin, (h, _), ends = steps.within(first, last)
         target = found[first + 1 : last + 1]
         rows = target if ends is None else np.empty((len(h), 4))
-        run.turns(np.ascontiguousarray(omega.nodes(start, h, rule.nodes)), h, rule.number, rows)
+        given = np.ascontiguousarray(omega.nodes(begin, h, rule.nodes))
+        run.turns(given, -h if body else h, rule.number, rows)
         if ends is not None:
             target[:] = rows[ends]
     carries = found[[first for first, _ in slabs]].T.copy()
     _scan_quaternions(carries)
     for (first, last), carry in zip(slabs, carries.T, strict=True):
         run.place(found[first + 1 : last + 1], carry / np.sqrt(carry @ carry))
+    if body:
+        found *= _INVERSE
     return found
 
 
@@ -124,10 +141,10 @@ def angles(psid: Signal, psi_0: float, steps: Steps, rule: Rule, run: Loops) -> 
     found = np.zeros((len(steps.t), 2))
     slabs = steps.slabs()
     for first, last in slabs:
-        start, h, ends = steps.within(first, last)
+        begin, h, ends = steps.within(first, last)
         target = found[first + 1 : last + 1]
         rows = target if ends is None else np.empty((len(h[0]), 2))
-        run.sums(np.ascontiguousarray(psid.nodes(start, h[0], rule.nodes)), *h, rule.number, rows)
+        run.sums(np.ascontiguousarray(psid.nodes(begin, h[0], rule.nodes)), *h, rule.number, rows)
         if ends is not None:
             target[:] = rows[ends]
     carries = found[[first for first, _ in slabs]].T.copy()

@@ -1,0 +1,221 @@
+"""How far the steps are from the truth, and how many there must be (E12): by steps of half the length, on probes.
+
+The errors of the intervals, turned back to the first instant, add up to the error at any later one. They are measured
+on all intervals, or on PROBES of them, spread evenly and shifted each within its part, which stand for the others.
+Samples cannot be had at half the step; there every second one is left out, which makes an error 2^order as large.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair import increments as inc
+from hingepair.arrays import finite_number
+from hingepair.attitude_steps import Rule, Steps, increment_quaternions
+from hingepair.errors import ArgumentError
+from hingepair.signals import POINTS, Samples, Signal, Values
+
+PROBES: Final = 2048
+MOST_STEPS: Final = 100_000_000
+LEAST_TOLERANCE: Final = 1e-14
+
+_U = 2.0**-53
+_ROUNDS = 8
+_GOLDEN = 0.6180339887498949
+
+
+class Probes(NamedTuple):
+    """Intervals that are looked at, and how many intervals each stands for."""
+
+    intervals: NDArray[np.intp]
+    weights: Values
+
+
+def probes(t: Values) -> Probes:
+    """All intervals if they are few; else one of each part, and the longest ones where lengths differ."""
+    count = len(t) - 1
+    if count <= PROBES:
+        return Probes(np.arange(count), np.ones(count))
+    edges = np.linspace(0, count, PROBES + 1)
+    shift = (np.arange(PROBES) * _GOLDEN) % 1.0
+    chosen = np.minimum((edges[:-1] + shift * np.diff(edges)).astype(np.intp), count - 1)
+    weights = np.full(PROBES, count / PROBES)
+    lengths = np.abs(np.diff(t))
+    if lengths.max() > 1.5 * np.median(lengths):
+        longest = np.setdiff1d(np.argpartition(lengths, -PROBES // 8)[-PROBES // 8 :], chosen)
+        chosen, weights = np.concatenate([chosen, longest]), np.concatenate([weights, np.ones(len(longest))])
+        order = np.argsort(chosen, kind="stable")
+        chosen, weights = chosen[order], weights[order]
+    return Probes(chosen, weights)
+
+
+def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, body: bool) -> float:
+    """How far the attitudes are off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
+    if len(steps.t) < 2:
+        return 0.0
+    if isinstance(omega, Samples):
+        errors, ends, weights = _thinned_turns(omega, rule, body=body)
+    else:
+        chosen, weights = probes(steps.t)
+        errors, _ = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, body=body)
+        ends = chosen + 1
+    if not len(ends):
+        return math.nan
+    q = quats[ends] * np.array([1, -1, -1, -1]) if not body else quats[ends]
+    total = np.cumsum(_rotate(q, errors) * weights[:, None], axis=0)
+    return float(np.sqrt((total**2).sum(axis=1)).max())
+
+
+def angle_error(psid: Signal, steps: Steps, rule: Rule) -> float:
+    """How far psi is off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
+    if len(steps.t) < 2:
+        return 0.0
+    if isinstance(psid, Samples):
+        errors, weights = _thinned_sums(psid, rule)
+    else:
+        chosen, weights = probes(steps.t)
+        errors = sum_errors(psid, steps.t, chosen, steps.counts[chosen], rule)
+    return float(np.abs(np.cumsum(errors * weights)).max()) if len(errors) else math.nan
+
+
+def substeps(omega: Signal, psid: Signal, t: Values, rule: Rule, tol: float | None) -> NDArray[np.int64]:
+    """Steps for each interval that keep the error of both angles below tol, as far as the signals are not samples.
+
+    With an error e of an interval in one step, m steps make it e / m^order; the least number of steps in all for a
+    sum of errors has m in proportion to e^(1/(order + 1)).
+
+    Raises:
+        ArgumentError: tol is no number from 1e-14 on, or more than 1e8 steps are needed.
+    """
+    ones = np.ones(max(0, len(t) - 1), np.int64)
+    if tol is None or len(t) < 2:
+        return ones
+    if not finite_number("tol", tol) >= LEAST_TOLERANCE:
+        raise ArgumentError("tol", f"a number from {LEAST_TOLERANCE:g} rad on", tol)
+    chosen, weights = probes(t)
+    counts = ones[chosen]
+    for _ in range(_ROUNDS):
+        errors = np.zeros(len(chosen))
+        if not isinstance(omega, Samples):
+            vectors, sizes = turn_errors(omega, t, chosen, counts, rule, body=False)
+            errors = np.maximum(np.sqrt((vectors**2).sum(axis=1)) - 8 * _U * sizes, 0)
+        if not isinstance(psid, Samples):
+            errors = np.maximum(errors, np.abs(sum_errors(psid, t, chosen, counts, rule)))
+        if (errors * weights).sum() <= 0.5 * tol:
+            break
+        shares = (errors * counts**rule.order) ** (1 / (rule.order + 1))
+        factor = ((shares * weights).sum() / (0.4 * tol)) ** (1 / rule.order)
+        counts = np.maximum(counts, np.minimum(np.ceil(factor * shares), MOST_STEPS).astype(np.int64))
+        if (counts * weights).sum() > MOST_STEPS:
+            raise ArgumentError("tol", f"a tolerance that {MOST_STEPS:.0e} steps of {rule.order}. order reach", tol)
+    if len(chosen) == len(ones):
+        return counts
+    after = np.searchsorted(chosen, np.arange(len(ones)))
+    return np.maximum(counts[np.minimum(after, len(chosen) - 1)], counts[np.maximum(after - 1, 0)])
+
+
+def turn_errors(
+    omega: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule, *, body: bool
+) -> tuple[Values, Values]:
+    """Errors of some intervals in so many steps, as rotation vectors (P, 3), and the intervals' angles (P,)."""
+    ends = t[chosen], t[chosen + 1]
+    coarse = _turns(omega, *ends, counts, rule, body=body)
+    fine = _turns(omega, *ends, 2 * counts, rule, body=body)
+    size = 2 * np.arctan2(np.sqrt(fine[1] ** 2 + fine[2] ** 2 + fine[3] ** 2), np.abs(fine[0]))
+    return _apart(coarse, fine) * (2**rule.order / (2**rule.order - 1)), size
+
+
+def sum_errors(
+    psid: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule
+) -> Values:
+    """Errors of the integrals over some intervals in so many steps, shape (P,)."""
+    ends = t[chosen], t[chosen + 1]
+    coarse, fine = _sums(psid, *ends, counts, rule), _sums(psid, *ends, 2 * counts, rule)
+    found: Values = (coarse - fine) * (2**rule.order / (2**rule.order - 1))
+    return np.where(np.abs(found) > 8 * _U * np.abs(fine), found, 0.0)
+
+
+def _turns(
+    omega: Signal, start: Values, stop: Values, counts: NDArray[np.int64], rule: Rule, *, body: bool
+) -> tuple[Any, ...]:
+    """The rotations over intervals, each in its number of steps."""
+    h = (stop - start) / counts
+    total: Any = tuple(np.full(len(h), x) for x in (1.0, 0.0, 0.0, 0.0))
+    for j in range(int(counts.max())):
+        rows = np.flatnonzero(counts > j)
+        given = omega.nodes(start[rows] + j * h[rows], h[rows], rule.nodes)
+        step = increment_quaternions(given, -h[rows] if body else h[rows], rule.number)
+        for target, part in zip(
+            total, inc.quaternion_product(step, tuple(x[rows] for x in total)), strict=True
+        ):
+            target[rows] = part
+    return total  # type: ignore[no-any-return]
+
+
+def _sums(psid: Signal, start: Values, stop: Values, counts: NDArray[np.int64], rule: Rule) -> Values:
+    """The integrals over intervals, each in its number of steps."""
+    h = (stop - start) / counts
+    total = np.zeros(len(h))
+    for j in range(int(counts.max())):
+        rows = np.flatnonzero(counts > j)
+        total[rows] += h[rows] * (psid.nodes(start[rows] + j * h[rows], h[rows], rule.nodes) @ _quadrature(rule))
+    return total
+
+
+def _quadrature(rule: Rule) -> Values:
+    weights = {1: [1.0], 2: [0.5, 0.5], 3: [5 / 18, 8 / 18, 5 / 18] if rule.order == 6 else [1 / 6, 4 / 6, 1 / 6]}
+    return np.array(weights[len(rule.nodes)])
+
+
+def _thinned_turns(omega: Samples, rule: Rule, *, body: bool) -> tuple[Values, NDArray[np.intp], Values]:
+    """Errors of pairs of intervals, the instants they end at, and how many pairs each stands for."""
+    half, pairs, weights = _pairs(omega)
+    if not len(pairs):
+        return np.empty((0, 3)), pairs, weights
+    t, one = omega.t, np.ones(len(pairs), np.int64)
+    first = _turns(omega, t[pairs], t[pairs + 1], one, rule, body=body)
+    second = _turns(omega, t[pairs + 1], t[pairs + 2], one, rule, body=body)
+    coarse = _turns(half, t[pairs], t[pairs + 2], one, rule, body=body)
+    fine: Any = inc.quaternion_product(second, first)
+    return _apart(coarse, fine) / _gain(half, rule), pairs + 2, weights
+
+
+def _thinned_sums(psid: Samples, rule: Rule) -> tuple[Values, Values]:
+    half, pairs, weights = _pairs(psid)
+    if not len(pairs):
+        return np.empty(0), weights
+    t, one = psid.t, np.ones(len(pairs), np.int64)
+    fine = _sums(psid, t[pairs], t[pairs + 1], one, rule) + _sums(psid, t[pairs + 1], t[pairs + 2], one, rule)
+    return (_sums(half, t[pairs], t[pairs + 2], one, rule) - fine) / _gain(half, rule), weights
+
+
+def _pairs(signal: Samples) -> tuple[Samples, NDArray[np.intp], Values]:
+    """Every second sample, and pairs of intervals that start at one."""
+    half = signal.thinned()
+    if len(half.t) < 2:
+        return half, np.empty(0, np.intp), np.empty(0)
+    chosen, weights = probes(half.t)
+    return half, 2 * chosen, weights
+
+
+def _gain(half: Samples, rule: Rule) -> float:
+    return float(2 ** min(rule.order, half.count, POINTS) - 1)
+
+
+def _apart(coarse: Any, fine: Any) -> Values:
+    """The rotation from the finer to the coarser result, as vectors (P, 3)."""
+    w, x, y, z = inc.quaternion_product(coarse, (fine[0], -fine[1], -fine[2], -fine[3]))
+    length = np.sqrt(x * x + y * y + z * z)
+    factor = np.where(length > 0, 2 * np.arctan2(length, np.abs(w)) / np.where(length > 0, length, 1.0), 2.0)
+    return np.stack([x, y, z], axis=-1) * (factor * np.copysign(1.0, w))[:, None]
+
+
+def _rotate(quats: Values, vectors: Values) -> Values:
+    """Vectors turned by quaternions."""
+    w, axis = quats[:, :1], quats[:, 1:]
+    twice = 2 * np.cross(axis, vectors)
+    return vectors + w * twice + np.cross(axis, twice)
