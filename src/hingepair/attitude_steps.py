@@ -7,6 +7,7 @@ doubles.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
@@ -66,7 +67,7 @@ class Steps(NamedTuple):
         ends = np.cumsum(self.counts)
         cuts = np.searchsorted(ends, np.arange(SLAB, ends[-1] + SLAB, SLAB), side="left") + 1 if len(ends) else []
         edges = np.unique(np.minimum([0, *cuts], len(ends))).tolist()
-        return list(zip(edges[:-1], edges[1:], strict=True))
+        return list(itertools.pairwise(edges))
 
     def within(self, first: int, last: int) -> tuple[Values, compensated.Pair, NDArray[np.intp] | None]:
         """Starts and lengths (as two doubles) of the steps of some intervals, and the last step of each interval.
@@ -98,7 +99,8 @@ def loops(how: How, steps: Steps) -> Loops:
         return Loops(_turns, _place, _sums)
     from hingepair.kernel_cache import turn_kernels
 
-    return Loops(*turn_kernels())
+    kernels = turn_kernels()
+    return Loops(kernels.turns, kernels.place, kernels.sums)
 
 
 def attitudes(omega: Signal, steps: Steps, rule: Rule, run: Loops, start: Values, *, body: bool = False) -> Values:
@@ -137,7 +139,7 @@ def attitudes(omega: Signal, steps: Steps, rule: Rule, run: Loops, start: Values
 
 
 def angles(psid: Signal, psi_0: float, steps: Steps, rule: Rule, run: Loops) -> Values:
-    """psi at the instants, to the last bit or so of the sum; shape (N,)."""
+    """Hinge angles at the instants, to the last bit or so of the sum; shape (N,)."""
     found = np.zeros((len(steps.t), 2))
     slabs = steps.slabs()
     for first, last in slabs:

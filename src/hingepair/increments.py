@@ -2,8 +2,8 @@
 
 S' = [omega]x S, so S(t + h) = exp([Omega]x) S(t), and Omega is a series in commutators; those of [a]x and [b]x are
 [a x b]x. The rules with Gauss nodes are Magnus terms (Blanes, Casas, Ros: two nodes, order 4; three nodes, order 6)
-and the commutator-free product of two exponentials (Celledoni, Marthinsen, Owren). Strapdown navigation knows the same
-terms as multi-sample coning corrections (Bortz; Miller; Savage), with samples in the place of nodes.
+and the commutator-free product of two exponentials (Celledoni, Marthinsen, Owren). Strapdown navigation knows the
+same terms as multi-sample coning corrections (Bortz; Miller; Savage), with samples in the place of nodes.
 
 A rotation is a quaternion (w, x, y, z). As in `equations`, a scalar is a float or an array, and sines come in as
 values: the same functions are compiled.

@@ -17,7 +17,8 @@ from hingepair.errors import MissingDependencyError
 
 _SOURCES = (
     *("equations.py", "planar_equations.py", "kernel_math.py", "kernel_rows.py", "kernel_steps.py"),
-    *("kernel_flat_steps.py", "kernels.py", "increments.py", "compensated.py", "prefix_product.py", "kernel_turns.py"),
+    *("kernel_flat_steps.py", "kernels.py", "increments.py", "compensated.py", "prefix_product.py"),
+    *("euler_route.py", "kernel_turns.py"),
 )
 _lock = threading.Lock()
 
@@ -35,6 +36,7 @@ class TurnKernels(NamedTuple):
     turns: Any
     place: Any
     sums: Any
+    euler: Any
 
 
 def available() -> bool:
@@ -85,7 +87,7 @@ def _build_turns() -> TurnKernels:
         from hingepair import kernel_turns as source
     except ImportError as error:
         raise MissingDependencyError("backend", "numba (pip install numba)", str(error)) from None
-    return TurnKernels(*_compiled((source.turns, source.place, source.sums), set()))
+    return TurnKernels(*_compiled((source.turns, source.place, source.sums, source.runge_kutta), set()))
 
 
 def _compiled(functions: tuple[Callable[..., None], ...], fastmath: set[str]) -> list[Any]:

@@ -12,12 +12,16 @@ from typing import Any
 from numba.extending import register_jitable
 
 from hingepair import compensated, equations, increments
+from hingepair.euler_route import rates, runge_kutta
 from hingepair.prefix_product import RADIX
 
 for _module in (equations, increments, compensated):
     for _function in vars(_module).values():
         if isinstance(_function, FunctionType) and _function.__module__ == _module.__name__:
             register_jitable(_function)
+register_jitable(rates)
+
+__all__ = ["place", "runge_kutta", "sums", "turns"]
 
 _SMALL = 0.0625  # of x^2: up to here six terms of the series are exact to the last bit
 
@@ -133,9 +137,10 @@ def sums(psid: Any, high: Any, low: Any, rule: int, rows: Any) -> None:
     """
     for k in range(len(high)):
         step = (high[k], low[k])
-        if rule == 0:
+        count = psid.shape[1]
+        if count == 1:
             pair = compensated.one_node(psid[k, 0], step)
-        elif rule == 1 or rule == 3:
+        elif count == 2:
             pair = compensated.two_nodes(psid[k, 0], psid[k, 1], step)
         elif rule == 2:
             pair = compensated.three_nodes(psid[k, 0], psid[k, 1], psid[k, 2], 5.0, 8.0, step)

@@ -35,9 +35,9 @@ class Constant:
         """The values at times of any shape."""
         return np.broadcast_to(self.value, times.shape + self.value.shape)
 
-    def nodes(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
-        """The values at the nodes start + c h of steps; shape (steps, nodes, ...)."""
-        return np.broadcast_to(self.value, (len(h), len(c), *self.value.shape))
+    def nodes(self, start: Values, _: Values, c: tuple[float, ...]) -> Values:
+        """The values at the nodes of steps; shape (steps, nodes, ...)."""
+        return np.broadcast_to(self.value, (len(start), len(c), *self.value.shape))
 
 
 class Function:
