@@ -12,7 +12,7 @@ from typing import Any
 from numba.extending import register_jitable
 
 from hingepair import compensated, equations, increments
-from hingepair.euler_route import rates, runge_kutta
+from hingepair.euler_steps import rates, runge_kutta
 from hingepair.prefix_product import RADIX
 
 for _module in (equations, increments, compensated):

@@ -1,0 +1,149 @@
+"""What integration gives: the attitudes and the hinge angle at the instants, and the state of the pair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair import equations as eq
+from hingepair.arrays import check_choice, read_only
+from hingepair.blocks import components_of, evaluate
+from hingepair.errors import ArgumentError
+from hingepair.euler import SEQUENCES, matrix_to_euler
+from hingepair.state import PairState, PlanarState
+
+_TURN = 2 * np.pi
+
+
+class _OfState:
+    """The fields of the state as attributes."""
+
+    __slots__ = ()
+
+    def __getattr__(self, name: str) -> Any:
+        state = object.__getattribute__(self, "state")
+        if not name.startswith("_") and hasattr(type(state), name):
+            return getattr(state, name)
+        known = ", ".join((*type(self).__dataclass_fields__, *state.outputs))  # type: ignore[attr-defined]
+        raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {known}")
+
+    def __dir__(self) -> list[str]:
+        state = object.__getattribute__(self, "state")
+        return sorted({*object.__dir__(self), *(name for name in dir(type(state)) if not name.startswith("_"))})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory(_OfState):
+    """The motion of a pair that `integrate` found (E12); also has every attribute of its state (R2, S2, v2, ...).
+
+    Attributes:
+        t: the instants [s]; shape (N,).
+        quat_wxyz: attitude of body 1, body to world, unit quaternions without a jump of sign; shape (N, 4).
+        psi: hinge angle [rad]; shape (N,).
+        state: the PairState at the instants.
+        error_estimate: how far the attitude of body 1 is off at the worst instant [rad], rounding included; NaN
+            where too few samples cannot tell. Noise in what was given is not part of it.
+        psi_error_estimate: the same of psi [rad].
+        method: the method.
+        steps: how many steps were made.
+    """
+
+    t: NDArray[np.float64]
+    quat_wxyz: NDArray[np.float64]
+    psi: NDArray[np.float64]
+    state: PairState
+    error_estimate: float
+    psi_error_estimate: float
+    method: str
+    steps: int
+
+    @property
+    def quat_xyzw(self) -> NDArray[np.float64]:
+        """Attitude of body 1 with the scalar last; shape (N, 4)."""
+        return np.roll(self.quat_wxyz, -1, axis=-1)
+
+    @property
+    def S1(self) -> NDArray[Any]:
+        """Rotation of body 1, body to world; shape (N, 3, 3)."""
+        found = self.state.S1
+        return read_only(rotations(self.quat_wxyz)) if found is None else found
+
+    def euler_angles(self, body: int, sequence: str = "XYZ") -> NDArray[np.float64]:
+        """Euler angles phi_1(t) or phi_2(t), continuous in time, through gimbal lock too.
+
+        Of the two triples that give the same attitude, and of their whole turns, each instant has those nearest to
+        the instant before: instants must be close enough for less than half a turn between them.
+
+        Args:
+            body: 1 or 2; the second needs S2 among the outputs.
+            sequence: one of 24, as SciPy writes them; angles in the order of its letters.
+
+        Returns:
+            Angles [rad]; shape (N, 3).
+
+        Raises:
+            ArgumentError: another body, an unknown sequence, or S2 was not computed.
+        """
+        check_choice("sequence", sequence, SEQUENCES)
+        if body not in {1, 2}:
+            raise ArgumentError("body", "1 or 2", body)
+        S = self.S1 if body == 1 else self.state.S2
+        if S is None:
+            raise ArgumentError("body", "1, or S2 among the outputs", body)
+        return continuous(matrix_to_euler(S, sequence), proper=sequence[0] == sequence[2])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanarTrajectory(_OfState):
+    """The motion of a planar pair that `integrate` found (E11, E12); also has every attribute of its state.
+
+    Attributes:
+        t: the instants [s]; shape (N,).
+        phi: angle of body 1 [rad]; shape (N,). That of body 2 is `phi2`.
+        psi: hinge angle [rad]; shape (N,).
+        state: the PlanarState at the instants.
+        error_estimate: how far phi is off at the worst instant [rad], rounding included.
+        psi_error_estimate: the same of psi [rad].
+        method: the method.
+        steps: how many steps were made.
+    """
+
+    t: NDArray[np.float64]
+    phi: NDArray[np.float64]
+    psi: NDArray[np.float64]
+    state: PlanarState
+    error_estimate: float
+    psi_error_estimate: float
+    method: str
+    steps: int
+
+
+def rotations(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The matrices of unit quaternions, shape (N, 3, 3)."""
+    parts = {"q": components_of(quat_wxyz)}
+    return evaluate(lambda v: eq.quaternion_attitude(v["q"]), parts, (3, 3), np.dtype(np.float64))
+
+
+def continuous(phi: NDArray[np.float64], *, proper: bool) -> NDArray[np.float64]:
+    """Euler angles (N, 3) made continuous.
+
+    (a, b, c) and (a + pi, pi - b, c + pi), or (a + pi, -b, c + pi) where the first axis comes back, are one attitude.
+    Both members of a pair of neighbours can be exchanged without changing how far they are apart, so that only the
+    exchanges between neighbours are decided, all at once.
+    """
+    other = np.stack([phi[:, 0] + np.pi, (0.0 if proper else np.pi) - phi[:, 1], phi[:, 2] + np.pi], axis=-1)
+    stay, change = (np.abs(_within_half(kind[1:] - phi[:-1])).sum(axis=1) for kind in (phi, other))
+    changed = np.concatenate([[0], np.cumsum(change < stay)]) % 2 == 1
+    chosen = np.where(changed[:, None], other, phi)
+    steps = chosen[1:] - chosen[:-1]
+    whole = np.round((_within_half(steps) - steps) / _TURN)
+    chosen[1:] += _TURN * np.cumsum(whole, axis=0)
+    return chosen
+
+
+def _within_half(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The angle less its whole turns."""
+    return angle - _TURN * np.round(angle / _TURN)
