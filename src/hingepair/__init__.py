@@ -41,9 +41,11 @@ from hingepair.rotations import (
 from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
+    from hingepair.integrate import integrate
     from hingepair.pinocchio import cross_validate, to_pinocchio
     from hingepair.robots import load_robot_hinge
     from hingepair.scene import load_scene
+    from hingepair.trajectory import PlanarTrajectory, Trajectory
     from hingepair.urdf import from_urdf, to_urdf
 
 __version__ = "0.1.0"
@@ -60,9 +62,11 @@ __all__ = [
     "PairState",
     "PlanarPair",
     "PlanarState",
+    "PlanarTrajectory",
     "RotationError",
     "SceneError",
     "ShapeError",
+    "Trajectory",
     "URDFError",
     "angular_velocity",
     "cross_validate",
@@ -70,6 +74,7 @@ __all__ = [
     "euler_rates",
     "euler_to_matrix",
     "from_urdf",
+    "integrate",
     "load_robot_hinge",
     "load_scene",
     "matrix_to_euler",
@@ -84,8 +89,11 @@ __all__ = [
 ]
 
 _LATER = {
+    "PlanarTrajectory": "trajectory",
+    "Trajectory": "trajectory",
     "cross_validate": "pinocchio",
     "from_urdf": "urdf",
+    "integrate": "integrate",
     "load_robot_hinge": "robots",
     "load_scene": "scene",
     "to_pinocchio": "pinocchio",

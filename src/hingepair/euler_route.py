@@ -50,7 +50,5 @@ def euler_angles(omega: Signal, steps: Steps, how: How, start: Values, *, body: 
 def quaternions_of_euler(phi: Values) -> Values:
     """The rotations of Euler angles (E10), unit quaternions (w, x, y, z) that are continuous where the angles are."""
     s, c, zero = np.sin(0.5 * phi), np.cos(0.5 * phi), np.zeros(len(phi))
-    x, y, z = (
-        (c[:, i], *(s[:, i] if i == j else zero for j in range(3))) for i in range(3)
-    )
+    x, y, z = ((c[:, i], *(s[:, i] if i == j else zero for j in range(3))) for i in range(3))
     return np.stack(quaternion_product(quaternion_product(x, y), z), axis=-1)

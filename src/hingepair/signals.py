@@ -26,14 +26,14 @@ _JITTER = 8  # units in the last place of t: instants this close to even ones ar
 class Constant:
     """The same value at every time."""
 
-    exact: Final = True
-
     def __init__(self, value: Values) -> None:
         self.value = value
 
     def at(self, times: Values) -> Values:
         """The values at times of any shape."""
         return np.broadcast_to(self.value, times.shape + self.value.shape)
+
+    instants = at
 
     def nodes(self, start: Values, _: Values, c: tuple[float, ...]) -> Values:
         """The values at the nodes of steps; shape (steps, nodes, ...)."""
@@ -42,8 +42,6 @@ class Constant:
 
 class Function:
     """A callable of an array of times."""
-
-    exact: Final = True
 
     def __init__(self, name: str, function: Callable[[Values], Any], tail: tuple[int, ...]) -> None:
         self.name = name
@@ -68,6 +66,8 @@ class Function:
             raise ArgumentError(f"{self.name}(t)", "finite numbers", f"{values[first]} at t = {float(row[first])!r}")
         return values.reshape(times.shape + self.tail)
 
+    instants = at
+
     def nodes(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
         """The values at the nodes start + c h of steps; shape (steps, nodes, ...)."""
         return self.at(start[:, None] + h[:, None] * np.array(c))
@@ -75,8 +75,6 @@ class Function:
 
 class Samples:
     """Values at the instants, and between them a polynomial through those nearby."""
-
-    exact: Final = False
 
     def __init__(self, t: Values, values: Values) -> None:
         self.t = t
@@ -113,6 +111,10 @@ class Samples:
             times = start[edge, None] + h[edge, None] * np.array(c)
             found[edge] = self.at(times).reshape(*times.shape, columns.shape[1])
         return found.reshape(len(h), len(c), *self.values.shape[1:])
+
+    def instants(self, _: Values) -> Values:
+        """The samples."""
+        return self.values
 
     def thinned(self) -> Samples:
         """Every second sample, which shows what the others are worth."""

@@ -8,20 +8,20 @@ Samples cannot be had at half the step; there every second one is left out, whic
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair import increments as inc
-from hingepair.arrays import finite_number
 from hingepair.attitude_steps import Rule, Steps, increment_quaternions
 from hingepair.errors import ArgumentError
+from hingepair.prefix_product import RADIX
 from hingepair.signals import POINTS, Samples, Signal, Values
 
 PROBES: Final = 2048
 MOST_STEPS: Final = 100_000_000
-LEAST_TOLERANCE: Final = 1e-14
 
 _U = 2.0**-53
 _ROUNDS = 8
@@ -53,6 +53,11 @@ def probes(t: Values) -> Probes:
     return Probes(chosen, weights)
 
 
+def attitude_rounding(steps: Steps) -> float:
+    """What rounding adds to the attitude [rad]: a few combinations for each level of the tree of products."""
+    return 4 * _U * (1 + math.log(1 + int(steps.counts.sum()), RADIX))
+
+
 def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, body: bool) -> float:
     """How far the attitudes are off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
     if len(steps.t) < 2:
@@ -82,36 +87,37 @@ def angle_error(psid: Signal, steps: Steps, rule: Rule) -> float:
     return float(np.abs(np.cumsum(errors * weights)).max()) if len(errors) else math.nan
 
 
-def substeps(omega: Signal, psid: Signal, t: Values, rule: Rule, tol: float | None) -> NDArray[np.int64]:
-    """Steps for each interval that keep the error of both angles below tol, as far as the signals are not samples.
+def substeps(
+    omega: Signal | None, rates: Sequence[Signal], t: Values, rule: Rule, tol: float | None
+) -> NDArray[np.int64]:
+    """Steps for each interval that keep the error of attitude and angles below tol, where signals are not samples.
 
     With an error e of an interval in one step, m steps make it e / m^order; the least number of steps in all for a
     sum of errors has m in proportion to e^(1/(order + 1)).
 
     Raises:
-        ArgumentError: tol is no number from 1e-14 on, or more than 1e8 steps are needed.
+        ArgumentError: more than MOST_STEPS steps are needed.
     """
     ones = np.ones(max(0, len(t) - 1), np.int64)
     if tol is None or len(t) < 2:
         return ones
-    if not finite_number("tol", tol) >= LEAST_TOLERANCE:
-        raise ArgumentError("tol", f"a number from {LEAST_TOLERANCE:g} rad on", tol)
     chosen, weights = probes(t)
     counts = ones[chosen]
     for _ in range(_ROUNDS):
         errors = np.zeros(len(chosen))
-        if not isinstance(omega, Samples):
+        if omega is not None and not isinstance(omega, Samples):
             vectors, sizes = turn_errors(omega, t, chosen, counts, rule, body=False)
             errors = np.maximum(np.sqrt((vectors**2).sum(axis=1)) - 8 * _U * sizes, 0)
-        if not isinstance(psid, Samples):
-            errors = np.maximum(errors, np.abs(sum_errors(psid, t, chosen, counts, rule)))
+        for rate in rates:
+            if not isinstance(rate, Samples):
+                errors = np.maximum(errors, np.abs(sum_errors(rate, t, chosen, counts, rule)))
         if (errors * weights).sum() <= 0.5 * tol:
             break
         shares = (errors * counts**rule.order) ** (1 / (rule.order + 1))
         factor = ((shares * weights).sum() / (0.4 * tol)) ** (1 / rule.order)
         counts = np.maximum(counts, np.minimum(np.ceil(factor * shares), MOST_STEPS).astype(np.int64))
         if (counts * weights).sum() > MOST_STEPS:
-            raise ArgumentError("tol", f"a tolerance that {MOST_STEPS:.0e} steps of {rule.order}. order reach", tol)
+            raise ArgumentError("tol", f"a tolerance that {MOST_STEPS:.0e} steps of order {rule.order} reach", tol)
     if len(chosen) == len(ones):
         return counts
     after = np.searchsorted(chosen, np.arange(len(ones)))
@@ -129,9 +135,7 @@ def turn_errors(
     return _apart(coarse, fine) * (2**rule.order / (2**rule.order - 1)), size
 
 
-def sum_errors(
-    psid: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule
-) -> Values:
+def sum_errors(psid: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule) -> Values:
     """Errors of the integrals over some intervals in so many steps, shape (P,)."""
     ends = t[chosen], t[chosen + 1]
     coarse, fine = _sums(psid, *ends, counts, rule), _sums(psid, *ends, 2 * counts, rule)
@@ -149,9 +153,7 @@ def _turns(
         rows = np.flatnonzero(counts > j)
         given = omega.nodes(start[rows] + j * h[rows], h[rows], rule.nodes)
         step = increment_quaternions(given, -h[rows] if body else h[rows], rule.number)
-        for target, part in zip(
-            total, inc.quaternion_product(step, tuple(x[rows] for x in total)), strict=True
-        ):
+        for target, part in zip(total, inc.quaternion_product(step, tuple(x[rows] for x in total)), strict=True):
             target[rows] = part
     return total  # type: ignore[no-any-return]
 
