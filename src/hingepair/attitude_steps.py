@@ -18,7 +18,7 @@ from hingepair import compensated
 from hingepair import increments as inc
 from hingepair.backend import How
 from hingepair.blocks import components_of
-from hingepair.prefix_product import Components, scan
+from hingepair.prefix_product import scan
 from hingepair.signals import Signal, Values
 
 SLAB: Final = 16384
@@ -64,9 +64,11 @@ class Steps(NamedTuple):
 
     def slabs(self) -> list[tuple[int, int]]:
         """Ranges of intervals that hold about SLAB steps each."""
+        if not len(self.counts):
+            return []
         ends = np.cumsum(self.counts)
-        cuts = np.searchsorted(ends, np.arange(SLAB, ends[-1] + SLAB, SLAB), side="left") + 1 if len(ends) else []
-        edges = np.unique(np.minimum([0, *cuts], len(ends))).tolist()
+        cuts = np.searchsorted(ends, np.arange(SLAB, ends[-1] + SLAB, SLAB)) + 1
+        edges = np.unique([0, *np.minimum(cuts, len(ends))]).tolist()
         return list(itertools.pairwise(edges))
 
     def within(self, first: int, last: int) -> tuple[Values, compensated.Pair, NDArray[np.intp] | None]:
@@ -159,7 +161,7 @@ def angles(psid: Signal, psi_0: float, steps: Steps, rule: Rule, run: Loops) -> 
     return found[:, 0].copy()
 
 
-def increment_quaternions(omega: Values, h: Values, number: int) -> Components:
+def increment_quaternions(omega: Values, h: Values, number: int) -> Any:
     """The rotation of each step by a rule's number; omega at the nodes, shape (steps, nodes, 3)."""
     w: Any = [components_of(omega[:, i]) for i in range(omega.shape[1])]
     if number == 4:

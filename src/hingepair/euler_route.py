@@ -8,18 +8,19 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hingepair.attitude_steps import Rule, Steps
 from hingepair.backend import How
 from hingepair.errors import GimbalLockError
 from hingepair.euler_steps import runge_kutta
-from hingepair.increments import quaternion_product
+from hingepair.increments import Quaternion, quaternion_product
 from hingepair.signals import Signal, Values
 
 RULE: Final = Rule(5, 4, (0.0, 0.5, 1.0))
 
 
-def euler_angles(omega: Signal, steps: Steps, how: How, start: Values, *, body: bool) -> Values:
+def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, body: bool) -> Values:
     """The Euler angles of body 1 at the instants, continuous in time, shape (N, 3).
 
     Raises:
@@ -49,6 +50,11 @@ def euler_angles(omega: Signal, steps: Steps, how: How, start: Values, *, body: 
 
 def quaternions_of_euler(phi: Values) -> Values:
     """The rotations of Euler angles (E10), unit quaternions (w, x, y, z) that are continuous where the angles are."""
-    s, c, zero = np.sin(0.5 * phi), np.cos(0.5 * phi), np.zeros(len(phi))
-    x, y, z = ((c[:, i], *(s[:, i] if i == j else zero for j in range(3))) for i in range(3))
+    s, c = np.sin(0.5 * phi), np.cos(0.5 * phi)
+    x, y, z = (_about(i, s[:, i], c[:, i]) for i in range(3))
     return np.stack(quaternion_product(quaternion_product(x, y), z), axis=-1)
+
+
+def _about(axis: int, sine: Values, cosine: Values) -> Quaternion:
+    x, y, z = (sine if i == axis else 0 * sine for i in range(3))
+    return cosine, x, y, z

@@ -90,7 +90,7 @@ def _build_turns() -> TurnKernels:
     return TurnKernels(*_compiled((source.turns, source.place, source.sums, source.runge_kutta), set()))
 
 
-def _compiled(functions: tuple[Callable[..., None], ...], fastmath: set[str]) -> list[Any]:
+def _compiled(functions: tuple[Callable[..., Any], ...], fastmath: set[str]) -> list[Any]:
     """The functions, to be compiled or taken from the cache when they are called."""
     import numba
 

@@ -13,7 +13,7 @@ from typing import Any, Final, TypeAlias
 from numpy.typing import NDArray
 
 Components: TypeAlias = tuple[NDArray[Any], ...]
-Combine: TypeAlias = Callable[[Components, Components], Components]
+Combine: TypeAlias = Callable[[Any, Any], Components]
 
 RADIX: Final = 8
 

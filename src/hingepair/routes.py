@@ -1,4 +1,4 @@
-"""The ways from rates to angles (E12): rules for single steps, Euler angles, SciPy; each with an estimate of its error."""
+"""The ways from rates to angles (E12): rules for single steps, Euler angles, SciPy; each estimates its error."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from hingepair.step_control import MOST_STEPS, angle_error, attitude_error, atti
 METHODS: Final = (*RULES, "euler_angles", "dop853")
 
 _BEST = RULES["magnus6"]
+_CERTAIN = 1e-14  # the tolerance of what others are compared with [rad]
 _U = 2.0**-53
 
 
@@ -98,26 +99,24 @@ def _by_euler_angles(course: Course, omega: Signal, start: Values, S1_0: Values)
         steps = Steps(course.t, counts)
         phi = euler_angles(omega, steps, course.how, matrix_to_euler(S1_0), body=course.body)
         found = _checked(course, omega, start, quaternions_of_euler(phi), steps)
-        if course.tol is None or not found.error > course.tol:
+        if course.tol is None or not found.error > course.tol or counts.sum() > MOST_STEPS:
             return found
         counts = 2 * counts
-        if counts.sum() > MOST_STEPS:
-            raise ArgumentError("tol", f"a tolerance that {MOST_STEPS:.0e} steps of order 4 reach", course.tol)
 
 
 def _by_scipy(course: Course, omega: Signal, start: Values) -> Turned:
     tol = TOLERANCE if course.tol is None else 0.01 * course.tol
     quats = quaternions(omega, course.t, start, body=course.body, tol=tol)
-    steps = Steps(course.t, substeps(omega, (), course.t, _BEST, max(0.1 * tol, 1e-14)))
-    return _checked(course, omega, start, quats, steps)
+    return _checked(course, omega, start, quats, None)
 
 
-def _checked(course: Course, omega: Signal, start: Values, quats: Values, steps: Steps) -> Turned:
+def _checked(course: Course, omega: Signal, start: Values, quats: Values, steps: Steps | None) -> Turned:
     """The error of attitudes that depend on one another: how far they are from those of the best rule."""
-    best = _by_rule(course, omega, start, steps, _BEST)
-    w, x, y, z = quaternion_product(tuple(quats.T), tuple((best.values * [1, -1, -1, -1]).T))
+    enough = Steps(course.t, substeps(omega, (), course.t, _BEST, _CERTAIN))
+    best = _by_rule(course, omega, start, enough, _BEST)
+    w, x, y, z = quaternion_product(tuple(quats.T), tuple((best.values * [1, -1, -1, -1]).T))  # type: ignore[arg-type]
     apart = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
-    return Turned(quats, float(apart.max()) + best.error, steps)
+    return Turned(quats, float(apart.max()) + best.error, enough if steps is None else steps)
 
 
 def check_reached(tol: float | None, *errors: float) -> None:

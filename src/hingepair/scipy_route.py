@@ -39,5 +39,6 @@ def quaternions(
     done = solve_ivp(rate, (t[0], t[-1]), start, method=solver, t_eval=t, rtol=tolerance, atol=tolerance)
     if not done.success:
         raise ArgumentError("method", f"a motion that {solver} can follow", done.message)
-    found: Values = done.y.T
-    return found / np.sqrt((found**2).sum(axis=1, keepdims=True))
+    q = done.y.T
+    unit: Values = q / np.sqrt((q**2).sum(axis=1, keepdims=True))
+    return unit

@@ -127,7 +127,7 @@ def rotations(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
     return evaluate(lambda v: eq.quaternion_attitude(v["q"]), parts, (3, 3), np.dtype(np.float64))
 
 
-def continuous(phi: NDArray[np.float64], *, proper: bool) -> NDArray[np.float64]:
+def continuous(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
     """Euler angles (N, 3) made continuous.
 
     (a, b, c) and (a + pi, pi - b, c + pi), or (a + pi, -b, c + pi) where the first axis comes back, are one attitude.
@@ -144,6 +144,6 @@ def continuous(phi: NDArray[np.float64], *, proper: bool) -> NDArray[np.float64]
     return chosen
 
 
-def _within_half(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+def _within_half(angle: NDArray[Any]) -> NDArray[Any]:
     """The angle less its whole turns."""
     return angle - _TURN * np.round(angle / _TURN)

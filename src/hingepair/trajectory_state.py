@@ -88,7 +88,7 @@ def planar_state(
     if not names:
         return PlanarState({}, t.shape)
     zero = np.zeros(2)
-    levels = [(point["R1"], *angles)]
+    levels: list[Any] = [(point["R1"], *angles)]
     for place, turn, hinge in (("v1", "phi1d", "psid"), ("a1", "phi1dd", "psidd")):
         if needed & {"v1", "phi1d", "psid", "a1", "phi1dd", "psidd"}:
             parts = [
@@ -112,7 +112,7 @@ def _wanted(
     given |= {name for name, own in _GIVEN.items() if own in given} | {"S1", "psi", "phi1", "u1", "u2", "n", "home"}
 
     def inputs(names: tuple[str, ...]) -> frozenset[str]:
-        return frozenset(make_plan(names, None, True, kind=kind).inputs) if names else frozenset()
+        return frozenset(make_plan(names, None, kind == SPATIAL, kind=kind).inputs) if names else frozenset()
 
     if outputs is None:
         possible = default_outputs(ACCELERATION, kind)
