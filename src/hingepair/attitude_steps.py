@@ -19,7 +19,7 @@ from hingepair import increments as inc
 from hingepair.backend import How
 from hingepair.blocks import components_of
 from hingepair.prefix_product import scan
-from hingepair.signals import Signal, Values
+from hingepair.signals import Constant, Signal, Values
 
 SLAB: Final = 16384
 """Steps a slab: 400 kB of omega at three nodes."""
@@ -142,6 +142,10 @@ def attitudes(omega: Signal, steps: Steps, rule: Rule, run: Loops, start: Values
 
 def angles(psid: Signal, psi_0: float, steps: Steps, rule: Rule, run: Loops) -> Values:
     """Hinge angles at the instants, to the last bit or so of the sum; shape (N,)."""
+    if isinstance(psid, Constant):
+        apart = compensated.exact_sum(steps.t, -steps.t[0])
+        turned = compensated.pair_product((psid.value, 0.0), apart)
+        return compensated.pair_sum(turned, (psi_0, 0.0))[0]  # type: ignore[no-any-return]
     found = np.zeros((len(steps.t), 2))
     slabs = steps.slabs()
     for first, last in slabs:

@@ -173,7 +173,7 @@ def _in_space(
         error_estimate=found.error,
         psi_error_estimate=hinge.error,
         method=course.method,
-        steps=int(found.steps.counts.sum()),
+        steps=0 if course.method == "dop853" else int(found.steps.counts.sum()),
     )
 
 

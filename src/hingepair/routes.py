@@ -114,7 +114,7 @@ def _checked(course: Course, omega: Signal, start: Values, quats: Values, steps:
     """The error of attitudes that depend on one another: how far they are from those of the best rule."""
     enough = Steps(course.t, substeps(omega, (), course.t, _BEST, _CERTAIN))
     best = _by_rule(course, omega, start, enough, _BEST)
-    w, x, y, z = quaternion_product(tuple(quats.T), tuple((best.values * [1, -1, -1, -1]).T))  # type: ignore[arg-type]
+    w, x, y, z = quaternion_product(tuple(quats.T), tuple((best.values * [1, -1, -1, -1]).T))
     apart = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
     return Turned(quats, float(apart.max()) + best.error, enough if steps is None else steps)
 

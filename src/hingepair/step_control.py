@@ -46,7 +46,7 @@ def probes(t: Values) -> Probes:
     chosen = np.minimum((edges[:-1] + shift * np.diff(edges)).astype(np.intp), count - 1)
     weights = np.full(PROBES, count / PROBES)
     lengths = np.abs(np.diff(t))
-    if lengths.max() > 1.5 * np.median(lengths):
+    if lengths.max() > 1.5 * lengths.mean():
         longest = np.setdiff1d(np.argpartition(lengths, -PROBES // 8)[-PROBES // 8 :], chosen)
         chosen, weights = np.concatenate([chosen, longest]), np.concatenate([weights, np.ones(len(longest))])
         order = np.argsort(chosen, kind="stable")

@@ -48,7 +48,7 @@ class Trajectory(_OfState):
             where too few samples cannot tell. Noise in what was given is not part of it.
         psi_error_estimate: the same of psi [rad].
         method: the method.
-        steps: how many steps were made.
+        steps: how many steps were made; 0 where SciPy chose them.
     """
 
     t: NDArray[np.float64]

@@ -61,7 +61,7 @@ def spatial_state(
     for name in needed & {"omega1", "alpha1", "psid", "psidd"}:
         values = rates[name].instants(t)  # type: ignore[union-attr]
         known[name] = _turned(S1, values) if body and values.ndim == 2 else values
-    motion = BodyMotion(
+    motion = BodyMotion._trusted(
         R=known.get("R1", np.zeros(3)),
         S=S1,
         v=known.get("v1"),
