@@ -67,7 +67,7 @@ def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, bo
         errors, ends, weights = _thinned_turns(omega, rule, body=body)
     else:
         chosen, weights = probes(steps.t)
-        errors, _ = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, body=body)
+        errors = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, body=body)
         ends = chosen + 1
     if not len(ends):
         return math.nan
@@ -104,8 +104,7 @@ def substeps(
     for _ in range(_ROUNDS):
         errors = np.zeros(len(chosen))
         if omega is not None and not isinstance(omega, Samples):
-            vectors, sizes = turn_errors(omega, t, chosen, counts, rule, body=False)
-            errors = np.maximum(np.sqrt((vectors**2).sum(axis=1)) - 8 * _U * sizes, 0)
+            errors = np.sqrt((turn_errors(omega, t, chosen, counts, rule, body=False) ** 2).sum(axis=1))
         for rate in rates:
             if not isinstance(rate, Samples):
                 errors = np.maximum(errors, np.abs(sum_errors(rate, t, chosen, counts, rule)))
@@ -125,21 +124,28 @@ def substeps(
 
 def turn_errors(
     omega: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule, *, body: bool
-) -> tuple[Values, Values]:
-    """Errors of some intervals in so many steps, as rotation vectors (P, 3), and the intervals' angles (P,)."""
+) -> Values:
+    """Errors of some intervals in so many steps, as rotation vectors (P, 3); zero below what rounding explains.
+
+    Rounding is that of the interval's angle, and that of t, which moves the nodes.
+    """
     ends = t[chosen], t[chosen + 1]
     coarse = _turns(omega, *ends, counts, rule, body=body)
     fine = _turns(omega, *ends, 2 * counts, rule, body=body)
     size = 2 * np.arctan2(np.sqrt(fine[1] ** 2 + fine[2] ** 2 + fine[3] ** 2), np.abs(fine[0]))
-    return _apart(coarse, fine) * (2**rule.order / (2**rule.order - 1)), size
+    change = np.abs(omega.at(ends[1]) - omega.at(ends[0])).sum(axis=1)
+    found = _apart(coarse, fine) * (2**rule.order / (2**rule.order - 1))
+    noise = _U * (size + np.abs(ends[1]) * change)
+    return np.where((np.abs(found).max(axis=1) > noise)[:, None], found, 0.0)
 
 
 def sum_errors(psid: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule) -> Values:
-    """Errors of the integrals over some intervals in so many steps, shape (P,)."""
+    """Errors of the integrals over some intervals in so many steps, shape (P,); zero likewise."""
     ends = t[chosen], t[chosen + 1]
     coarse, fine = _sums(psid, *ends, counts, rule), _sums(psid, *ends, 2 * counts, rule)
     found: Values = (coarse - fine) * (2**rule.order / (2**rule.order - 1))
-    return np.where(np.abs(found) > 8 * _U * np.abs(fine), found, 0.0)
+    change = np.abs(psid.at(ends[1]) - psid.at(ends[0]))
+    return np.where(np.abs(found) > _U * (np.abs(fine) + np.abs(ends[1]) * change), found, 0.0)
 
 
 def _turns(omega: Signal, start: Values, stop: Values, counts: NDArray[np.int64], rule: Rule, *, body: bool) -> Any:

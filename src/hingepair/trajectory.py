@@ -122,9 +122,18 @@ class PlanarTrajectory(_OfState):
 
 
 def rotations(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The matrices of unit quaternions, shape (N, 3, 3)."""
+    """The matrices of unit quaternions, shape (N, 3, 3), orthonormal to 4 u."""
     parts = {"q": components_of(quat_wxyz)}
-    return evaluate(lambda v: eq.quaternion_attitude(v["q"]), parts, (3, 3), np.dtype(np.float64))
+    return evaluate(lambda v: _mended(eq.quaternion_attitude(v["q"])), parts, (3, 3), np.dtype(np.float64))
+
+
+def _mended(S: eq.Matrix) -> eq.Matrix:
+    """S + S (I - S^T S) / 2: S without what rounding made of its lengths and right angles; it is not turned."""
+    x, y, z = S[0::3], S[1::3], S[2::3]
+    a, b, c = (0.5 - 0.5 * eq.dot(column, column) for column in (x, y, z))
+    d, e, f = (-0.5 * eq.dot(*columns) for columns in ((x, y), (y, z), (z, x)))
+    rest = eq.compose(S, (a, d, f, d, b, e, f, e, c))
+    return tuple(s + r for s, r in zip(S, rest, strict=True))  # type: ignore[return-value]
 
 
 def continuous(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
