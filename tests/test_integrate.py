@@ -1,0 +1,196 @@
+"""Integration (E12): orders, accuracy, and that the ways to say the same thing agree."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.attitude_steps import RULES, SLAB
+from spins import REFERENCE, SPINS, TURNED, U
+from states import generator, rotations
+
+PAIR = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5), home=rotations(generator(120), 1)[0])
+ORDERS = {"magnus6": 6, "magnus4": 4, "cf4": 4, "midpoint": 2, "rk4_quaternion": 4, "euler_angles": 4}
+BACKENDS = ("numpy", "numba")
+spins = pytest.mark.parametrize("spin", SPINS.values(), ids=SPINS)
+backends = pytest.mark.parametrize("backend", BACKENDS)
+
+
+def instants(stop, h):
+    return np.linspace(0, stop, round(stop / h) + 1)
+
+
+def attitudes(spin, t, **options):
+    return hp.integrate(PAIR, t, spin.omega, 1.0, S1_0=spin.S1_0, outputs=(), **options)
+
+
+@pytest.mark.law
+@spins
+@pytest.mark.parametrize("method", ORDERS)
+def test_error_falls_with_the_order_of_the_method(spin, method):
+    """A wrong sign or weight of any commutator costs an order."""
+    if method == "euler_angles" and spin is REFERENCE:
+        pytest.skip("exact there: the Euler angles are linear in t")
+    h = 0.05 if method == "magnus6" else 0.02
+    errors = []
+    for step in (h, h / 2):
+        t = instants(1.0, step)
+        errors.append(spin.error(t, attitudes(spin, t, method=method).S1))
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(ORDERS[method], abs=0.2)
+
+
+@pytest.mark.law
+@spins
+@pytest.mark.parametrize(
+    ("method", "h", "bound"), [("magnus6", 0.01, 2e-11), ("magnus6", 0.002, 3e-14), ("cf4", 0.001, 3e-12)]
+)
+def test_promised_accuracy(spin, method, h, bound):
+    t = instants(10.0, h)
+    assert spin.error(t, attitudes(spin, t, method=method).S1) <= bound
+
+
+def test_euler_angles_are_exact_where_they_are_linear():
+    t = instants(1.5, 0.01)
+    motion = attitudes(REFERENCE, t, method="euler_angles")
+    assert REFERENCE.error(t, motion.S1) <= 100 * U
+    assert motion.error_estimate <= 200 * U
+
+
+@pytest.mark.parametrize("method", [*ORDERS, "dop853"])
+def test_body_axes_are_world_axes_turned(method):
+    """S' = [omega]x S and S' = S [S^T omega]x are one motion."""
+    t = instants(0.9, 0.003)
+
+    def turned(times):
+        S = TURNED.attitudes(times) if len(times) < 50 else None
+        return np.einsum("nji,nj->ni", S, TURNED.omega(times))
+
+    samples = np.einsum("nji,nj->ni", TURNED.attitudes(t), TURNED.omega(t))
+    motion = hp.integrate(PAIR, t, samples, 1.0, S1_0=TURNED.S1_0, frame="body", method=method, outputs=("omega1",))
+    coarse = {"midpoint": 3e-4, "magnus6": 3e-13}.get(method, 3e-9)
+    assert TURNED.error(t, motion.S1) <= coarse
+    np.testing.assert_allclose(motion.omega1, TURNED.omega(t), rtol=0, atol=20 * coarse)
+    short = t[:2]
+    again = hp.integrate(PAIR, short, turned, 1.0, S1_0=TURNED.S1_0, frame="body", method=method, outputs=())
+    assert TURNED.error(short, again.S1) <= coarse
+
+
+@backends
+@pytest.mark.parametrize("method", RULES)
+def test_the_tree_is_the_product_in_order(method, backend):
+    """Many slabs' steps against one multiplication after the other, in the order of time."""
+    rng = generator(121)
+    count = 2 * 8**3 + 37
+    t = np.cumsum(rng.uniform(0.5, 1.5, count + 1))
+    table = rng.normal(size=(count, len(RULES[method].nodes), 3))
+    given = iter((table, *[rng.normal(size=(9, 9, 3))] * 9))
+
+    def omega(times):
+        rows = table.reshape(-1, 3)
+        return rows if len(times) == len(rows) else next(given).reshape(-1, 3)[: len(times)] * 0 + rows[: len(times)]
+
+    whole = _bare(t, omega, method, backend)
+    product = np.array([1.0, 0, 0, 0], dtype=np.longdouble)
+    for k in range(count):
+        step = _bare(t[k : k + 2], lambda times, k=k: table[k][: len(times)], method, backend, steps_only=True)[-1]
+        product = _times(step.astype(np.longdouble), product)
+        if k % 97 == 0 or k == count - 1:
+            assert np.abs(product - whole[k + 1]).max() <= 40 * U
+
+
+def _bare(t, omega, method, backend, steps_only=False):
+    from hingepair.attitude_steps import Steps, attitudes, loops
+    from hingepair.backend import choose
+    from hingepair.signals import Function
+
+    steps = Steps(t, np.ones(len(t) - 1, int))
+    run = loops(choose("numpy" if steps_only else backend, 1), steps)
+    return attitudes(Function("omega1", omega, (3,)), steps, RULES[method], run, np.array([1.0, 0, 0, 0]))
+
+
+def _times(p, q):
+    a, b, c, d = p
+    w, x, y, z = q
+    return np.array([
+        a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y, a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+    ])  # fmt: skip
+
+
+@backends
+def test_psi_is_a_compensated_sum(backend):
+    """psi = t + 0.3 sin t to 2u of psi, over several slabs."""
+    t = np.linspace(0, 50, 2 * SLAB + 5)
+    motion = hp.integrate(PAIR, t, 0 * t[:3], lambda s: 1 + 0.3 * np.cos(s), psi_0=0.1, outputs=(), backend=backend)
+    for i in np.linspace(0, len(t) - 1, 40).astype(int):
+        exact = mpmath.mpf(0.1) + mpmath.mpf(t[i]) + mpmath.mpf(3) / 10 * mpmath.sin(mpmath.mpf(t[i]))
+        assert abs(motion.psi[i] - exact) <= 2 * U * abs(exact)
+    assert motion.psi_error_estimate <= 2 * U * 50
+
+
+@backends
+def test_attitudes_are_rotations_to_4u(backend):
+    t = np.linspace(0, 10, SLAB + 100)
+    S = attitudes(TURNED, t, backend=backend).S1.astype(np.longdouble)
+    gap = np.abs(np.einsum("nji,njk->nik", S, S) - np.eye(3))
+    assert gap.max() <= 4 * U
+
+
+@backends
+@pytest.mark.parametrize("method", RULES)
+def test_backends_agree(method, backend):
+    t = np.sort(generator(122).uniform(0, 2, 300))
+    plain = attitudes(TURNED, t, method=method, backend="numpy")
+    other = attitudes(TURNED, t, method=method, backend=backend)
+    np.testing.assert_allclose(plain.quat_wxyz, other.quat_wxyz, rtol=0, atol=30 * U)
+
+
+@pytest.mark.law
+def test_state_is_that_of_the_coordinates():
+    """Everything about body 2 as forward_kinematics has it from Euler angles."""
+    t = instants(1.5, 0.005)
+    full = PAIR.forward_kinematics(
+        (3 * t, t**2, 1.0, 3 * t, t, 5 * t, np.sin(t)),
+        (3.0, 2 * t, 0.0, 3.0, 1.0, 5.0, np.cos(t)),
+        (0.0, 2.0, 0.0, 0.0, 0.0, 0.0, -np.sin(t)),
+    )
+    one = 1 + 0 * t
+    R1 = np.stack([3 * t, t**2, one], -1), np.stack([3 * one, 2 * t, 0 * t], -1), np.array([0, 2.0, 0])
+    motion = hp.integrate(
+        PAIR, t, REFERENCE.omega, np.cos, R1=R1, alpha1=REFERENCE.alpha, psidd=lambda s: -np.sin(s)
+    )
+    assert motion.state.outputs == ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2")
+    for name in motion.state.outputs:
+        size = np.abs(getattr(full, name)).max()
+        np.testing.assert_allclose(getattr(motion, name), getattr(full, name), rtol=0, atol=2e-12 * (1 + size))
+    phi2 = hp.euler_to_matrix(motion.euler_angles(2, "ZYX"), "ZYX")
+    np.testing.assert_allclose(phi2, motion.S2, rtol=0, atol=20 * U)
+
+
+def test_euler_angles_stay_continuous_through_lock():
+    """phi_y = t goes through pi/2 and on; matrix_to_euler alone would jump."""
+    t = instants(10.0, 0.01)
+    phi = attitudes(REFERENCE, t).euler_angles(1)
+    np.testing.assert_allclose(phi, np.stack([3 * t, t, 5 * t], -1), rtol=0, atol=1e-7)
+    proper = attitudes(REFERENCE, t).euler_angles(1, "ZXZ")
+    assert np.abs(np.diff(proper, axis=0)).max() < 1
+
+
+@pytest.mark.law
+def test_planar_pair_is_two_integrals():
+    """phi_1 = int omega, phi_2 = int (omega + psi'), and the rest as PlanarPair has it (E11)."""
+    pair = hp.PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))
+    t = instants(3.0, 0.01)
+    motion = hp.integrate(pair, t, np.cos, np.sin, R1=(1.0, 2.0), phi_0=0.5, psi_0=-1.0)
+    np.testing.assert_allclose(motion.phi, 0.5 + np.sin(t), rtol=0, atol=3 * U)
+    np.testing.assert_allclose(motion.psi, -np.cos(t), rtol=0, atol=3 * U)
+    assert motion.error_estimate <= 4 * U
+    q, qd = (1.0, 2.0, motion.phi, motion.psi), (0.0, 0.0, np.cos(t), np.sin(t))
+    expected = pair.forward_kinematics(q, qd)
+    assert motion.state.outputs == expected.outputs
+    for name in expected.outputs:
+        np.testing.assert_allclose(getattr(motion, name), getattr(expected, name), rtol=0, atol=8 * U)
