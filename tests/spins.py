@@ -16,8 +16,8 @@ U = 2.0**-53
 class Spin:
     """A motion S(t) = Q S_ref(t), omega(t) = Q omega_ref(t), alpha its derivative."""
 
-    def __init__(self, quat=(1, 0, 0, 0)):
-        self.Q = attitude_of_quaternion(np.array([quat], dtype=float)).reshape(3, 3)
+    def __init__(self, quat_xyzw=(0, 0, 0, 1)):
+        self.Q = attitude_of_quaternion(np.array([quat_xyzw], dtype=float)).reshape(3, 3)
         self.turn = self.Q.astype(float)
 
     @property
@@ -69,5 +69,5 @@ def angle(S, exact):
 
 
 REFERENCE = Spin()
-TURNED = Spin((0.9, 0.3, -0.2, 0.25))
+TURNED = Spin((0.3, -0.2, 0.25, 0.9))
 SPINS = {"reference": REFERENCE, "turned": TURNED}
