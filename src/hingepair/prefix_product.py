@@ -1,8 +1,9 @@
-"""All products of the first k factors, and all sums of the first k terms, by a tree: round-off grows like log N.
+"""All products of the first k factors, and all sums of the first k terms, by a tree: steps do not add up round-off.
 
 Groups of RADIX neighbours are combined one after the other, then the groups' results in groups of RADIX, and so on;
-what stands before a group is then handed down to its members. Every result is so made of a few combinations for each
-level of the tree, where a running product would have made k.
+what stands before a group is then handed down to its members. A small rotation is rounded in proportion to its angle,
+and the tree multiplies small ones by small ones: only the last few levels round at the size of 1, as often as the
+whole motion has radians, where a running product would have done so at each of k steps.
 """
 
 from __future__ import annotations

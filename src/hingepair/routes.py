@@ -66,10 +66,10 @@ def space_attitudes(course: Course, omega: Signal, psid: Signal, S1_0: Values) -
     return _by_rule(course, omega, start, steps, rule)
 
 
-def hinge_angles(course: Course, psid: Signal, psi_0: float, steps: Steps | None) -> Turned:
+def hinge_angles(course: Course, psid: Signal, psi_0: float, steps: Steps) -> Turned:
     """The hinge angle at the instants, in the steps of the attitude, or in steps of its own."""
     rule = {"euler_angles": EULER_RULE, "dop853": _BEST}.get(course.method) or RULES[course.method]
-    if steps is None or course.method == "dop853":
+    if course.method not in RULES:
         steps = plain_steps(course, (psid,), rule)
     return plane_angle(course, psid, psi_0, steps, rule)
 
@@ -88,7 +88,7 @@ def plain_steps(course: Course, rates: Sequence[Signal], rule: Rule) -> Steps:
 
 def _by_rule(course: Course, omega: Signal, start: Values, steps: Steps, rule: Rule) -> Turned:
     quats = attitudes(omega, steps, rule, loops(course.how, steps), start, body=course.body)
-    error = attitude_error(omega, steps, rule, quats, body=course.body) + attitude_rounding(steps)
+    error = attitude_error(omega, steps, rule, quats, body=course.body) + attitude_rounding(omega, course.t)
     return Turned(quats, error, steps)
 
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from hingepair import increments as inc
 from hingepair.attitude_steps import Rule, Steps, increment_quaternions
-from hingepair.prefix_product import RADIX
 from hingepair.signals import POINTS, Samples, Signal, Values
 
 PROBES: Final = 2048
@@ -54,9 +53,14 @@ def probes(t: Values) -> Probes:
     return Probes(chosen, weights)
 
 
-def attitude_rounding(steps: Steps) -> float:
-    """What rounding adds to the attitude [rad]: a few combinations for each level of the tree of products."""
-    return 4 * _U * (1 + math.log(1 + int(steps.counts.sum()), RADIX))
+def attitude_rounding(omega: Signal, t: Values) -> float:
+    """What rounding adds to the attitude [rad]: products of rotations by a radian or so, a random walk of them."""
+    if len(t) < 2:
+        return 4 * _U
+    chosen, weights = probes(t)
+    size = np.sqrt((omega.at(t[chosen]) ** 2).sum(axis=1))
+    radians = float((size * (t[chosen + 1] - t[chosen]) * weights).sum())
+    return _U * (8 + 4 * math.sqrt(radians))
 
 
 def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, body: bool) -> float:
