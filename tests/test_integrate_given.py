@@ -87,9 +87,7 @@ def test_error_estimate_is_honest_on_probes():
 def test_tolerance_is_kept_by_substeps(spin, method):
     t = np.array([0, 0.01, 0.1, 0.6, 1.0])
     tol = 1e-4 if method == "midpoint" else 1e-9
-    motion = hp.integrate(
-        PAIR, t, spin.omega, lambda s: np.exp(s), S1_0=spin.S1_0, tol=tol, method=method, outputs=()
-    )
+    motion = hp.integrate(PAIR, t, spin.omega, np.exp, S1_0=spin.S1_0, tol=tol, method=method, outputs=())
     assert spin.error(t, motion.S1, instants=4) <= motion.error_estimate * 1.01 <= tol * 1.01
     assert np.abs(motion.psi - np.expm1(t)).max() <= tol
 
@@ -140,7 +138,7 @@ def test_outputs_follow_what_is_known():
     assert moving.state.outputs == ("R2", "S2", "d", "omega2")
     assert hp.integrate(PAIR, T, (0, 0, 1), 1.0, outputs=()).state.outputs == ()
     with pytest.raises(hp.ArgumentError, match=re.escape("R1[1]: expected a value, since output v2 needs it")):
-        hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=lambda t: point, outputs=("v2",))
+        hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=lambda _: point, outputs=("v2",))
     with pytest.raises(hp.ArgumentError, match="alpha1: expected a value, since output alpha2 needs it"):
         hp.integrate(PAIR, T, (0, 0, 1), 1.0, psidd=0.0, outputs=("alpha2",))
     flat = hp.integrate(FLAT, T, 1.0, 1.0, R1=np.zeros((n, 2)), alpha1=0.0, psidd=0.0)
@@ -167,13 +165,13 @@ def _with_nan(shape, index):
     [
         (
             {"omega1": _with_nan((101, 3), (17, 1))},
-            r"omega1: expected finite numbers, got \[ ?1. nan +1.\] at index 17",
+            r"omega1: expected finite numbers, got \[.*nan.*\] at index 17",
         ),
         ({"psid": _with_nan(101, 5)}, "psid: expected finite numbers, got nan at index 5"),
         ({"psid": np.inf}, "psid: expected finite numbers, got inf"),
         (
             {"psid": lambda t: np.where(t > 0.5, np.nan, t)},
-            r"psid\(t\): expected finite numbers, got nan at t = 0.50",
+            r"psid\(t\): expected finite numbers, got nan at t = 0.5",
         ),
         ({"omega1": lambda t: np.ones((3, len(t)))}, r"omega1\(t\): expected shape \(\d+, 3\) for t of shape"),
         ({"omega1": np.ones((100, 3))}, r"omega1: expected a callable, a constant of shape \(3,\), or samples of"),
@@ -192,7 +190,7 @@ def _with_nan(shape, index):
         ({"S1_0": np.ones((2, 3, 3))}, "S1_0: expected shape"),
         ({"R1": np.zeros((100, 3))}, r"R1: expected shape \(3,\) or \(101, 3\)"),
         ({"R1": (np.zeros((101, 3)), np.zeros(2))}, r"R1\[1\]: expected shape"),
-        ({"R1": lambda t: None}, r"R1\(t\): expected a point"),
+        ({"R1": lambda _: None}, r"R1\(t\): expected a point"),
         ({"phi_0": 1.0}, "phi_0: expected nothing beside a HingePair"),
         ({"pair": FLAT, "omega1": 1.0, "S1_0": np.eye(3)}, "S1_0: expected nothing beside a PlanarPair"),
         ({"pair": FLAT, "omega1": 1.0, "frame": "body"}, "frame: expected one of world"),
@@ -212,9 +210,7 @@ def test_what_cannot_be_used_is_named(change, message):
 def test_euler_angles_stop_before_lock(backend):
     """Turned so that phi_y reaches pi/2: no silent loss of digits, and the time is named."""
     start = hp.euler_to_matrix((0.2, 1.5, 0.3))
-    with pytest.raises(
-        hp.GimbalLockError, match=r"near gimbal lock, got 'euler_angles' with phi_y = 1.5\d* at t = 0.0"
-    ):
+    with pytest.raises(hp.GimbalLockError, match=r"'euler_angles' with phi_y = 1.5\d* at t = 0.0"):
         hp.integrate(PAIR, T, (0.5, 5.0, 0.4), 0.0, S1_0=start, method="euler_angles", outputs=(), backend=backend)
 
 

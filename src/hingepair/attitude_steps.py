@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair import compensated
+from hingepair import compensated, kernel_cache
 from hingepair import increments as inc
 from hingepair.backend import How
 from hingepair.blocks import components_of
@@ -97,11 +97,10 @@ class Loops(NamedTuple):
 
 def loops(how: How, steps: Steps) -> Loops:
     """The loops for so many steps."""
-    if not how.compiles(int(steps.counts.sum())):
+    if not how.compiles(int(steps.counts.sum()), kernel_cache.turns_loaded):
         return Loops(_turns, _place, _sums)
-    from hingepair.kernel_cache import turn_kernels
 
-    kernels = turn_kernels()
+    kernels = kernel_cache.turn_kernels()
     return Loops(kernels.turns, kernels.place, kernels.sums)
 
 

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair import kernel_cache
 from hingepair.attitude_steps import Rule, Steps
 from hingepair.backend import How
 from hingepair.errors import GimbalLockError
@@ -29,10 +30,8 @@ def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, 
     found = np.empty((len(steps.t), 3))
     found[0] = start
     run: Any = runge_kutta
-    if how.compiles(int(steps.counts.sum())):
-        from hingepair.kernel_cache import turn_kernels
-
-        run = turn_kernels().euler
+    if how.compiles(int(steps.counts.sum()), kernel_cache.turns_loaded):
+        run = kernel_cache.turn_kernels().euler
     for first, last in steps.slabs():
         begin, (h, _), ends = steps.within(first, last)
         rows = np.empty((len(h), 3))

@@ -49,6 +49,11 @@ def loaded() -> bool:
     return bool(_build.cache_info().currsize)
 
 
+def turns_loaded() -> bool:
+    """Whether the kernels of `integrate` are in memory already."""
+    return bool(_build_turns.cache_info().currsize)
+
+
 def kernels() -> Kernels:
     """The kernels, compiled or taken from the cache on disk when they are first called.
 

@@ -133,7 +133,7 @@ def _mended(S: eq.Matrix) -> eq.Matrix:
     a, b, c = (0.5 - 0.5 * eq.dot(column, column) for column in (x, y, z))
     d, e, f = (-0.5 * eq.dot(*columns) for columns in ((x, y), (y, z), (z, x)))
     rest = eq.compose(S, (a, d, f, d, b, e, f, e, c))
-    return tuple(s + r for s, r in zip(S, rest, strict=True))  # type: ignore[return-value]
+    return tuple(s + r for s, r in zip(S, rest, strict=True))
 
 
 def continuous(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
