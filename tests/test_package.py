@@ -39,7 +39,7 @@ def test_everything_exported_exists_once() -> None:
 
 
 ORDER = (
-    ("errors", "arrays"),
+    ("errors", "arrays", "later"),
     ("equations", "planar_equations", "blocks", "lengths", "rotations", "euler"),
     ("increments", "compensated", "prefix_product", "euler_steps"),
     ("motion", "plan", "state"),

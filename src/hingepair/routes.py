@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from hingepair.euler import matrix_to_euler
 from hingepair.euler_route import RULE as EULER_RULE
 from hingepair.euler_route import euler_angles, quaternions_of_euler
 from hingepair.increments import quaternion_product
+from hingepair.later import Later
 from hingepair.rotations import matrix_to_quaternion
 from hingepair.scipy_route import TOLERANCE, quaternions
 from hingepair.signals import Signal, Values
@@ -49,7 +50,7 @@ class Turned(NamedTuple):
     """Attitudes (quaternions) or angles at the instants, how far they are off, and the steps made."""
 
     values: Values
-    error: float
+    error: Later
     steps: Steps
 
 
@@ -77,7 +78,11 @@ def hinge_angles(course: Course, psid: Signal, psi_0: float, steps: Steps) -> Tu
 def plane_angle(course: Course, rate: Signal, start: float, steps: Steps, rule: Rule) -> Turned:
     """The integral of a rate, from a value at the first instant."""
     values = angles(rate, start, steps, rule, loops(course.how, steps))
-    return Turned(values, angle_error(rate, steps, rule) + _U * float(np.abs(values).max()), steps)
+
+    def error() -> float:
+        return angle_error(rate, steps, rule) + _U * float(np.abs(values).max())
+
+    return Turned(values, Later(error), steps)
 
 
 def plain_steps(course: Course, rates: Sequence[Signal], rule: Rule) -> Steps:
@@ -88,8 +93,11 @@ def plain_steps(course: Course, rates: Sequence[Signal], rule: Rule) -> Steps:
 
 def _by_rule(course: Course, omega: Signal, start: Values, steps: Steps, rule: Rule) -> Turned:
     quats = attitudes(omega, steps, rule, loops(course.how, steps), start, body=course.body)
-    error = attitude_error(omega, steps, rule, quats, body=course.body) + attitude_rounding(omega, course.t)
-    return Turned(quats, error, steps)
+
+    def error() -> float:
+        return attitude_error(omega, steps, rule, quats, body=course.body) + attitude_rounding(omega, course.t)
+
+    return Turned(quats, Later(error), steps)
 
 
 def _by_euler_angles(course: Course, omega: Signal, start: Values, S1_0: Values) -> Turned:
@@ -99,32 +107,39 @@ def _by_euler_angles(course: Course, omega: Signal, start: Values, S1_0: Values)
         steps = Steps(course.t, counts)
         phi = euler_angles(omega, steps, course.how, matrix_to_euler(S1_0), body=course.body)
         found = _checked(course, omega, start, quaternions_of_euler(phi), steps)
-        if course.tol is None or not found.error > course.tol or counts.sum() > MOST_STEPS:
+        if course.tol is None or not found.error() > course.tol or counts.sum() > MOST_STEPS:
             return found
         counts = 2 * counts
 
 
 def _by_scipy(course: Course, omega: Signal, start: Values) -> Turned:
     tol = TOLERANCE if course.tol is None else 0.01 * course.tol
+    plain = Steps(course.t, np.ones(len(course.t) - 1, np.int64))
     quats = quaternions(omega, course.t, start, body=course.body, tol=tol)
-    return _checked(course, omega, start, quats, None)
+    return _checked(course, omega, start, quats, plain)
 
 
-def _checked(course: Course, omega: Signal, start: Values, quats: Values, steps: Steps | None) -> Turned:
+def _checked(course: Course, omega: Signal, start: Values, quats: Values, steps: Steps) -> Turned:
     """The error of attitudes that depend on one another: how far they are from those of the best rule."""
-    enough = Steps(course.t, substeps(omega, (), course.t, _BEST, _CERTAIN))
-    best = _by_rule(course, omega, start, enough, _BEST)
-    w, x, y, z = quaternion_product(tuple(quats.T), tuple((best.values * [1, -1, -1, -1]).T))
-    apart = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
-    return Turned(quats, float(apart.max()) + best.error, enough if steps is None else steps)
+
+    def error() -> float:
+        enough = Steps(course.t, substeps(omega, (), course.t, _BEST, _CERTAIN))
+        best = _by_rule(course, omega, start, enough, _BEST)
+        w, x, y, z = quaternion_product(tuple(quats.T), tuple((best.values * [1, -1, -1, -1]).T))
+        apart = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
+        return float(apart.max()) + best.error()
+
+    return Turned(quats, Later(error), steps)
 
 
-def check_reached(tol: float | None, *errors: float) -> None:
+def check_reached(tol: float | None, *errors: Later) -> None:
     """Refuse a tolerance that was not reached.
 
     Raises:
         ArgumentError: says what was.
     """
-    worst: Any = max(errors, key=lambda e: math.inf if math.isnan(e) else e)
-    if tol is not None and not worst <= tol:
+    if tol is None:
+        return
+    worst = max((error() for error in errors), key=lambda e: math.inf if math.isnan(e) else e)
+    if not worst <= tol:
         raise ArgumentError("tol", f"at least the error that is left, {worst:.2g} rad", tol)

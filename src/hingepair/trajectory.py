@@ -13,6 +13,7 @@ from hingepair.arrays import check_choice, read_only
 from hingepair.blocks import components_of, evaluate
 from hingepair.errors import ArgumentError
 from hingepair.euler import SEQUENCES, matrix_to_euler
+from hingepair.later import Later
 from hingepair.state import PairState, PlanarState
 
 _TURN = 2 * np.pi
@@ -27,7 +28,8 @@ class _OfState:
         state = object.__getattribute__(self, "state")
         if not name.startswith("_") and hasattr(type(state), name):
             return getattr(state, name)
-        known = ", ".join((*type(self).__dataclass_fields__, *state.outputs))  # type: ignore[attr-defined]
+        fields = type(self).__dataclass_fields__  # type: ignore[attr-defined]
+        known = ", ".join((*(name for name in fields if name[0] != "_"), *state.outputs))
         raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {known}")
 
     def __dir__(self) -> list[str]:
@@ -44,9 +46,6 @@ class Trajectory(_OfState):
         quat_wxyz: attitude of body 1, body to world, unit quaternions without a jump of sign; shape (N, 4).
         psi: hinge angle [rad]; shape (N,).
         state: the PairState at the instants.
-        error_estimate: how far the attitude of body 1 is off at the worst instant [rad], rounding included; NaN
-            where too few samples cannot tell. Noise in what was given is not part of it.
-        psi_error_estimate: the same of psi [rad].
         method: the method.
         steps: how many steps were made; 0 where SciPy chose them.
     """
@@ -55,10 +54,23 @@ class Trajectory(_OfState):
     quat_wxyz: NDArray[np.float64]
     psi: NDArray[np.float64]
     state: PairState
-    error_estimate: float
-    psi_error_estimate: float
     method: str
     steps: int
+    _error: Later
+    _psi_error: Later
+
+    @property
+    def error_estimate(self) -> float:
+        """How far the attitude of body 1 is off at the worst instant [rad], rounding included; NaN where too few samples cannot tell.
+
+        Worked out when it is first asked for, by steps of half the length. Noise in what was given is not part of it.
+        """
+        return self._error()
+
+    @property
+    def psi_error_estimate(self) -> float:
+        """The same of psi [rad]."""
+        return self._psi_error()
 
     @property
     def quat_xyzw(self) -> NDArray[np.float64]:
@@ -105,8 +117,6 @@ class PlanarTrajectory(_OfState):
         phi: angle of body 1 [rad]; shape (N,). That of body 2 is `phi2`.
         psi: hinge angle [rad]; shape (N,).
         state: the PlanarState at the instants.
-        error_estimate: how far phi is off at the worst instant [rad], rounding included.
-        psi_error_estimate: the same of psi [rad].
         method: the method.
         steps: how many steps were made.
     """
@@ -115,10 +125,23 @@ class PlanarTrajectory(_OfState):
     phi: NDArray[np.float64]
     psi: NDArray[np.float64]
     state: PlanarState
-    error_estimate: float
-    psi_error_estimate: float
     method: str
     steps: int
+    _error: Later
+    _psi_error: Later
+
+    @property
+    def error_estimate(self) -> float:
+        """How far phi is off at the worst instant [rad], rounding included; NaN where too few samples cannot tell.
+
+        Worked out when it is first asked for, by steps of half the length. Noise in what was given is not part of it.
+        """
+        return self._error()
+
+    @property
+    def psi_error_estimate(self) -> float:
+        """The same of psi [rad]."""
+        return self._psi_error()
 
 
 def rotations(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
