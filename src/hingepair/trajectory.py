@@ -61,9 +61,10 @@ class Trajectory(_OfState):
 
     @property
     def error_estimate(self) -> float:
-        """How far the attitude of body 1 is off at the worst instant [rad], rounding included; NaN where too few samples cannot tell.
+        """How far the attitude of body 1 is off at the worst instant [rad], rounding included.
 
-        Worked out when it is first asked for, by steps of half the length. Noise in what was given is not part of it.
+        Worked out when it is first asked for, by steps of half the length (of samples: by leaving out every second);
+        NaN where too few samples cannot tell. Noise in what was given is not part of it.
         """
         return self._error()
 
@@ -132,9 +133,10 @@ class PlanarTrajectory(_OfState):
 
     @property
     def error_estimate(self) -> float:
-        """How far phi is off at the worst instant [rad], rounding included; NaN where too few samples cannot tell.
+        """How far phi is off at the worst instant [rad], rounding included.
 
-        Worked out when it is first asked for, by steps of half the length. Noise in what was given is not part of it.
+        Worked out when it is first asked for, by steps of half the length (of samples: by leaving out every second);
+        NaN where too few samples cannot tell. Noise in what was given is not part of it.
         """
         return self._error()
 
