@@ -51,6 +51,7 @@ ORDER = (
     ("trajectory", "trajectory_state", "integrate"),
     ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),
+    ("bench_spins", "bench_integrate", "bench_integrate_plot"),
     ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
 )
 
