@@ -87,9 +87,7 @@ def integrate(
         int, typer.Option(min=0, max=10**8, help="Steps of a long run as well, such as 10000000; 0 for none.")
     ] = 0,
     as_json: Json = False,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw error against step and run time.")
-    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw error against step and time.")] = None,
 ) -> None:
     """Error against step and run time: attitudes from angular velocity by all methods, and by SciPy's solvers."""
     from hingepair import bench, bench_integrate

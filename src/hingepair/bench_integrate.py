@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -76,10 +77,10 @@ def measure(repeats: int, tell: Callable[[str], None]) -> list[Row]:
         found = {(way, f): _first(way, spin, f, exact) for way in present for f in way.finenesses}
         times: dict[tuple[Way, float], list[float]] = {job: [] for job, error in found.items() if error is not None}
         for _ in range(repeats):
-            for way, fineness in times:
+            for (way, fineness), own in times.items():
                 start = time.perf_counter()
                 way.run(spin, fineness)
-                times[way, fineness].append(time.perf_counter() - start)
+                own.append(time.perf_counter() - start)
         rows += [
             _row(spin, way, i, [found[way, f] for f in way.finenesses], times.get((way, f)))
             for way in present
@@ -114,7 +115,7 @@ def long_runs(steps: int, tell: Callable[[str], None]) -> list[LongRun]:
 def time_to_goal(rows: Sequence[Row], spin: str, method: str) -> float | None:
     """The run time [ms] at which a method's error is GOAL, between its finenesses; None where it is never."""
     own = [r for r in rows if (r.spin, r.method) == (spin, method) and r.error and r.min_ms]
-    for before, after in zip(own, own[1:], strict=False):
+    for before, after in itertools.pairwise(own):
         if before.error is None or after.error is None or before.min_ms is None or after.min_ms is None:
             continue
         if before.error > GOAL >= after.error:

@@ -31,7 +31,7 @@ def draw(rows: Sequence[Row], path: str) -> None:
     panels = figure.subplots(len(spins), 2, squeeze=False)
     for spin, (left, right) in zip(spins, panels, strict=True):
         for axes, against in ((left, "h"), (right, "min_ms")):
-            curves = {
+            curves: dict[str, list[Any]] = {
                 name: [(getattr(r, against), r.error) for r in rows if _drawn(r, spin, name, against)]
                 for name in methods
             }
@@ -45,7 +45,7 @@ def _drawn(row: Row, spin: str, method: str, against: str) -> bool:
     return (row.spin, row.method) == (spin, method) and None not in {getattr(row, against), row.error}
 
 
-def _panel(axes: Any, curves: dict[str, list[tuple[float, float]]], methods: list[str]) -> None:
+def _panel(axes: Any, curves: dict[str, list[Any]], methods: list[str]) -> None:
     """The curves, each with its name beside its last point, moved apart where names would meet."""
     axes.set(xscale="log", yscale="log", ylabel="largest error of the attitude [rad]", ylim=(1e-16, 10))
     for name, points in curves.items():
