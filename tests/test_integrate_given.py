@@ -233,7 +233,7 @@ def test_trajectories_are_values():
     again = pickle.loads(pickle.dumps(motion))
     assert again.error_estimate == motion.error_estimate > 0
     np.testing.assert_array_equal(again.R2, motion.R2)
-    for name in ("t", "R2"):
+    for name in ("t", "psi"):
         with pytest.raises(AttributeError):
             setattr(motion, name, 1.0)
 

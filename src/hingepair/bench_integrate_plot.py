@@ -36,7 +36,8 @@ def draw(rows: Sequence[Row], path: str) -> None:
                 for name in methods
             }
             _panel(axes, {name: points for name, points in curves.items() if points}, methods)
-        left.set(xlabel="step h [s]", title=f"{spin}: error against the step")
+        left.invert_xaxis()
+        left.set(xlabel="step h [s], finer to the right", title=f"{spin}: error against the step")
         right.set(xlabel="run time [ms]", title=f"{spin}: error against run time, t = 0 to 10 s")
     figure.savefig(path, dpi=110)
 

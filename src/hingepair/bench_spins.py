@@ -32,14 +32,10 @@ class Spin(NamedTuple):
 
     def omega(self, t: Array) -> Array:
         """The angular velocity, world axes; shape (n, 3)."""
-        s, c = np.sin, np.cos
-        x, y, z = (
-            3 + 5 * s(t),
-            c(3 * t) - 2.5 * (s(2 * t) + s(4 * t)),
-            s(3 * t) + 2.5 * (c(4 * t) + c(2 * t)),
-        )
-        found: Array = np.stack([x, y, z], axis=-1) @ self.Q.T
-        return found
+        x = 3 + 5 * np.sin(t)
+        y = np.cos(3 * t) - 2.5 * (np.sin(2 * t) + np.sin(4 * t))
+        z = np.sin(3 * t) + 2.5 * (np.cos(4 * t) + np.cos(2 * t))
+        return np.stack([a * x + b * y + c * z for a, b, c in self.Q.tolist()], axis=-1)
 
     def exact(self, t: Array) -> list[Any]:
         """The attitudes to 50 digits, matrices."""
