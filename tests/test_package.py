@@ -48,11 +48,11 @@ ORDER = (
     ("evaluate", "kinematics", "constraints", "explain"),
     ("pair", "planar"),
     ("signals", "attitude_steps", "step_control", "euler_route", "scipy_route", "routes", "position"),
-    ("trajectory", "trajectory_state", "integrate"),
+    ("trajectory", "trajectory_state", "integration"),
     ("accuracy", "expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "urdf", "robots", "scene", "export"),
-    ("bench_spins", "bench_integrate", "bench_integrate_plot"),
-    ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
+    ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_spins"),
+    ("bench_integrate", "bench_integrate_plot", "bench_cli", "cli", "__init__"),
 )
 
 

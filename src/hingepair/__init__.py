@@ -41,7 +41,7 @@ from hingepair.rotations import (
 from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
-    from hingepair.integrate import integrate
+    from hingepair.integration import integrate
     from hingepair.pinocchio import cross_validate, to_pinocchio
     from hingepair.robots import load_robot_hinge
     from hingepair.scene import load_scene
@@ -93,7 +93,7 @@ _LATER = {
     "Trajectory": "trajectory",
     "cross_validate": "pinocchio",
     "from_urdf": "urdf",
-    "integrate": "integrate",
+    "integrate": "integration",
     "load_robot_hinge": "robots",
     "load_scene": "scene",
     "to_pinocchio": "pinocchio",

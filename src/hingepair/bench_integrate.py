@@ -91,7 +91,7 @@ def measure(repeats: int, tell: Callable[[str], None]) -> list[Row]:
 
 def long_runs(steps: int, tell: Callable[[str], None]) -> list[LongRun]:
     """`magnus6` in so many steps over the motion, compared at a few hundred instants."""
-    from hingepair.integrate import integrate
+    from hingepair.integration import integrate
     from hingepair.pair import HingePair
     from hingepair.trajectory import rotations
 

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.integrate import integrate
+from hingepair.integration import integrate
 from hingepair.pair import HingePair
 from hingepair.rotations import matrix_to_quaternion, rotation_exp
 from hingepair.scipy_route import quaternions
