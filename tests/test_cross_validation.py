@@ -10,8 +10,9 @@ import pytest
 import states
 from hingepair.accuracy import SCALES
 from hingepair.euler import SEQUENCES
+from hingepair.motion import BodyMotion
 from hingepair.pair import HingePair
-from hingepair.pinocchio import cross_validate
+from hingepair.pinocchio import cross_validate, cross_validate_from_body1
 from test_pinocchio import pair_of
 
 HARD = states.hard_states()
@@ -26,6 +27,30 @@ def test_random_pairs_agree_with_pinocchio():
         rng = states.generator(55, k)
         report = cross_validate(pair_of(states.pair(rng, home=k % 3 > 0)), *states.coordinates(rng, 20))
         assert report.ok, report
+
+
+@pytest.mark.law
+def test_given_attitudes_agree_with_pinocchio():
+    for k in range(10):
+        rng = states.generator(54, k)
+        pair = pair_of(states.pair(rng))
+        R, S, *rest = states.body1(rng, 20)
+        v, omega, a, alpha = (rate * 10 ** rng.uniform(-4, 4) for rate in rest)
+        R[3, 1] = np.nan
+        body1 = BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+        hinge = rng.uniform(-3, 3, (3, 20))
+        for count in (1, 2, 3):
+            report = cross_validate_from_body1(pair, body1, *hinge[:count])
+            assert report.ok, report
+            assert (len(report.rows), report.skipped, report.sequence) == (2 * count + 1, 1, None)
+    assert "attitude given" in str(report)
+    assert cross_validate_from_body1(pair, body1, 0.5, 1.0).ok
+    wrong = BodyMotion(R=R, S=S, v=v, omega=omega * (1 + 1e-6), a=a, alpha=alpha)
+    state = pair.forward_kinematics_from_body1(wrong, *hinge)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(HingePair, "forward_kinematics_from_body1", lambda *_: state)
+        failed = [row.output for row in cross_validate_from_body1(pair, body1, *hinge).rows if not row.ok]
+    assert "omega2" in failed
 
 
 def test_lengths_and_rates_of_any_size_agree_with_pinocchio():

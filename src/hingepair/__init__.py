@@ -13,6 +13,7 @@ array([0.75, 0.  , 0.  ])
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from hingepair.attitude_rates import angular_velocity, angular_velocity_from_samples
 from hingepair.errors import (
     ArgumentError,
     AxisError,
@@ -30,7 +31,6 @@ from hingepair.motion import BodyMotion
 from hingepair.pair import HingePair
 from hingepair.planar import PlanarPair
 from hingepair.rotations import (
-    angular_velocity,
     project_to_rotation,
     rodrigues,
     rotation_exp,
@@ -41,8 +41,12 @@ from hingepair.rotations import (
 from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
+    from hingepair.body import Body, Box, Cylinder, Sphere
+    from hingepair.closed_forms import derive
+    from hingepair.euler_motion import euler_kinematics
     from hingepair.integration import integrate
-    from hingepair.pinocchio import cross_validate, to_pinocchio
+    from hingepair.mjcf import to_mjcf
+    from hingepair.pinocchio import cross_validate, cross_validate_from_body1, to_pinocchio
     from hingepair.robots import load_robot_hinge
     from hingepair.scene import load_scene
     from hingepair.trajectory import PlanarTrajectory, Trajectory
@@ -53,7 +57,10 @@ __version__ = "0.1.0"
 __all__ = [
     "ArgumentError",
     "AxisError",
+    "Body",
     "BodyMotion",
+    "Box",
+    "Cylinder",
     "DtypeError",
     "GimbalLockError",
     "HingePair",
@@ -66,10 +73,15 @@ __all__ = [
     "RotationError",
     "SceneError",
     "ShapeError",
+    "Sphere",
     "Trajectory",
     "URDFError",
     "angular_velocity",
+    "angular_velocity_from_samples",
     "cross_validate",
+    "cross_validate_from_body1",
+    "derive",
+    "euler_kinematics",
     "euler_rate_matrix",
     "euler_rates",
     "euler_to_matrix",
@@ -83,19 +95,28 @@ __all__ = [
     "rotation_exp",
     "rotation_log",
     "skew",
+    "to_mjcf",
     "to_pinocchio",
     "to_urdf",
     "unskew",
 ]
 
 _LATER = {
+    "Body": "body",
+    "Box": "body",
+    "Cylinder": "body",
     "PlanarTrajectory": "trajectory",
     "Trajectory": "trajectory",
     "cross_validate": "pinocchio",
+    "cross_validate_from_body1": "pinocchio",
+    "derive": "closed_forms",
+    "euler_kinematics": "euler_motion",
     "from_urdf": "urdf",
     "integrate": "integration",
     "load_robot_hinge": "robots",
     "load_scene": "scene",
+    "Sphere": "body",
+    "to_mjcf": "mjcf",
     "to_pinocchio": "pinocchio",
     "to_urdf": "urdf",
 }

@@ -42,6 +42,9 @@ SCALES: Mapping[str, str] = MappingProxyType(
 )
 """Output -> the formula of its scale, to be printed beside a ratio."""
 
+PLANAR_SCALES: Mapping[str, str] = MappingProxyType({"phi2": "1 + abs(phi2) + abs(psi)"})
+"""The scale of what planar pairs alone have: an angle rounds as it grows."""
+
 PINOCCHIO_TERMS: Mapping[str, str] = MappingProxyType(
     {"alpha2": "psi'^2", "a2": "(W1 + W2) max abs(v1) + W1 W2 abs(u1)"}
 )

@@ -79,9 +79,20 @@ def evaluate(
     """
     groups = {name: group if isinstance(group, tuple) else (group,) for name, group in inputs.items()}
     shape = broadcast_shape({name: np.broadcast_shapes(*(c.shape for c in g)) for name, g in groups.items()})
-    result = np.empty((*shape, *tail), dtype)
-    compute(lambda values: {"result": function(values)}, inputs, {"result": result}, shape, dtype)
-    return result
+    return tabulate(lambda values: {"result": function(values)}, inputs, {"result": tail}, shape, dtype)["result"]
+
+
+def tabulate(
+    function: Callable[[Values], Mapping[str, Any]],
+    inputs: Values,
+    tails: Mapping[str, tuple[int, ...]],
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+) -> dict[str, NDArray[Any]]:
+    """New arrays of what function(inputs) holds, for all samples; `tails` are the results' own shapes, by name."""
+    out = {name: np.empty((*shape, *tail), dtype) for name, tail in tails.items()}
+    compute(function, inputs, out, shape, dtype)
+    return out
 
 
 def sine(x: Component) -> Component:

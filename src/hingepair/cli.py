@@ -1,4 +1,4 @@
-"""The command line: `hingepair run|check|urdf SCENE`."""
+"""The command line: `hingepair run|check|derive|urdf|mjcf SCENE`."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ from rich.console import Console
 
 from hingepair import summary
 from hingepair.bench_cli import app as bench_app
-from hingepair.errors import HingePairError
+from hingepair.derive_cli import derive
+from hingepair.errors import ArgumentError, HingePairError
 from hingepair.export import check_ending, save, write_whole
+from hingepair.pair import HingePair
 from hingepair.plan import OUTPUTS
+from hingepair.report import finite_or_none
 from hingepair.scene import load_scene
 
 if TYPE_CHECKING:
@@ -34,8 +37,13 @@ app = typer.Typer(
 )
 
 app.add_typer(bench_app, name="bench")
+app.command()(derive)
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
+TextFile = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write to FILE instead of standard output.")
+]
+FixedBase = Annotated[bool, typer.Option("--fixed-base", help="Body 1 stands still in the world.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
@@ -85,7 +93,7 @@ def run(
             **_facts(scene),
             "outputs": summary.as_json(result),
             "residuals": {
-                r.label: {"largest": summary.finite_or_none(r.largest), "in_u_scale": summary.finite_or_none(r.ratio)}
+                r.label: {"largest": finite_or_none(r.largest), "in_u_scale": finite_or_none(r.ratio)}
                 for r in residuals
             },
             "file": None if written is None else str(written),
@@ -111,22 +119,15 @@ def run(
 @app.command()
 def check(scene_file: SceneFile, as_json: Json = False) -> None:
     """Compute the scene by the equations and by Pinocchio, and compare."""
-    import numpy as np
-
-    from hingepair.pinocchio import cross_validate
-
     scene = load_scene(scene_file)
-    t = scene.times()
-    if t.size > MOST_CHECKED:
-        t = t[np.linspace(0, t.size - 1, MOST_CHECKED).astype(np.intp)]
-    report = cross_validate(scene.pair, *scene.coordinates(t), sequence=scene.sequence)
+    report = scene.cross_validate(MOST_CHECKED)
     if as_json:
         print(report.to_json())
     else:
         console = _console()
         _head(console, scene)
-        if t.size < scene.samples:
-            console.print(f"{t.size} of the {scene.samples} instants are compared, evenly spread")
+        if report.samples < scene.samples:
+            console.print(f"{report.samples} of the {scene.samples} instants are compared, evenly spread")
         print(report)
     raise typer.Exit(0 if report.ok else 1)
 
@@ -134,19 +135,27 @@ def check(scene_file: SceneFile, as_json: Json = False) -> None:
 @app.command()
 def urdf(
     scene_file: SceneFile,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write to FILE instead of standard output.")
-    ] = None,
+    out: TextFile = None,
+    fixed_base: FixedBase = False,
+    floating_base: Annotated[
+        bool, typer.Option("--floating-base", help="Body 1 hangs on a floating joint from a link `world`.")
+    ] = False,
 ) -> None:
-    """Write the pair as a URDF robot: two links, one continuous joint, body 2's reference point as a fixed link."""
+    """Write the pair as a URDF robot; its base is free to get a root joint from the loader."""
     from hingepair.urdf import to_urdf
 
-    text = to_urdf(load_scene(scene_file).pair)
-    if out is None:
-        print(text, end="" if text.endswith("\n") else "\n")
-        return
-    write_whole(out, lambda file: file.write(text.encode()))
-    _console().print(f"written: {out}")
+    if fixed_base and floating_base:
+        raise ArgumentError("--fixed-base", "this or --floating-base", "both")
+    base = "fixed" if fixed_base else "floating" if floating_base else "free"
+    _give(to_urdf(load_scene(scene_file).space, base=base), out)
+
+
+@app.command()
+def mjcf(scene_file: SceneFile, out: TextFile = None, fixed_base: FixedBase = False) -> None:
+    """Write the pair as a MuJoCo model (MJCF): a free joint and a hinge."""
+    from hingepair.mjcf import to_mjcf
+
+    _give(to_mjcf(load_scene(scene_file).space, base="fixed" if fixed_base else "free"), out)
 
 
 @app.command()
@@ -170,8 +179,15 @@ def robots(
     _console().print(table)
 
 
+def _give(text: str, out: Path | None) -> None:
+    if out is None:
+        print(text, end="")
+        return
+    write_whole(out, lambda file: file.write(text.encode()))
+    _console().print(f"written: {out}")
+
+
 def _facts(scene: Scene) -> dict[str, object]:
-    pair = scene.pair
     return {
         "scene": str(scene.path),
         "title": scene.title,
@@ -179,7 +195,7 @@ def _facts(scene: Scene) -> dict[str, object]:
         "start": scene.start,
         "stop": scene.stop,
         "sequence": scene.sequence,
-        "pair": {key: getattr(pair, key).tolist() for key in ("u1", "u2", "n", "home")},
+        "pair": {key: getattr(scene.space, key).tolist() for key in ("u1", "u2", "n", "home")},
     }
 
 
@@ -187,11 +203,11 @@ def _head(console: Console, scene: Scene) -> None:
     if scene.title:
         console.print(scene.title, style="bold")
     pair = scene.pair
-    vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in ("u1", "u2", "n"))
+    own = ("u1", "u2", "n") if isinstance(pair, HingePair) else ("u1", "u2")
+    vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in own)
     console.print(f"{' '.join(pair.name.split())}: {vectors}")
-    letters = ", ".join(scene.sequence)
     instants = f"{scene.samples} instant{'s' * (scene.samples != 1)}, t = {scene.start:g} to {scene.stop:g} s"
-    console.print(f"{instants}; phi_x, phi_y, phi_z turn about {letters}")
+    console.print(f"{instants}; {scene.motion.turning}")
 
 
 def _console() -> Console:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple, TypeAlias
@@ -43,7 +44,7 @@ def compute(
     """
     if 0 in shape:
         return
-    groups = list(_input_groups(plan, inputs, dtype))
+    groups = [_constant_as(dtype, group) for group in _input_groups(plan, inputs, dtype)]
     first = {name: output_rows(plan, name)[0] for name in out}
     targets = [group for name, array in out.items() for group in _groups_of(first[name], array, len(shape))]
     if all(group.array.dtype == dtype for group in groups):
@@ -96,10 +97,6 @@ def _recipe(plan: Plan) -> _Recipe:
     )
 
 
-_rows_of = functools.lru_cache(maxsize=4096)(input_rows)
-_sign = functools.lru_cache(maxsize=4096)(input_sign)
-
-
 class _Group(NamedTuple):
     """Components that go to rows one after the other: along the last axis of the array."""
 
@@ -127,17 +124,22 @@ def _input_groups(plan: Plan, inputs: Values, dtype: np.dtype[Any]) -> Iterator[
 
 
 def _groups_of(row: int, array: NDArray[Any], axes: int, sign: int = 1) -> Iterator[_Group]:
-    """Groups of at most three components of an array whose first axes are those of the samples."""
-    if array.ndim - axes == 2:
+    """The group of an array whose first axes are those of the samples; three groups where rows are not joined."""
+    if array.ndim - axes == 2 and array.strides[-2] == 3 * array.strides[-1]:
+        yield _Group(row, array.reshape(*array.shape[:-2], 9), sign)
+    elif array.ndim - axes == 2:
         for i in range(3):
             yield _Group(row + 3 * i * LANES, array[..., i, :], sign)
     elif array.ndim == axes:
         yield _Group(row, array[..., None], sign)
-    elif array.shape[-1] == 9:
-        for i in range(3):
-            yield _Group(row + 3 * i * LANES, array[..., 3 * i : 3 * i + 3], sign)
     else:
         yield _Group(row, array, sign)
+
+
+def _constant_as(dtype: np.dtype[Any], group: _Group) -> _Group:
+    """The group; one that is a single number, vector or matrix in the dtype computed in."""
+    varies = math.prod(group.array.shape[:-1]) != 1
+    return group if varies or group.array.dtype == dtype else group._replace(array=group.array.astype(dtype))
 
 
 def _converted(array: NDArray[Any], box: Box, dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -238,14 +240,22 @@ def _run(
     chunk = -(-inner // (workers * LANES)) * LANES
 
     if workers == 1:
-        kernel(np.empty(ROWS["end"], dtype), shape, table[:inputs], table[inputs:], *steps)
+        kernel(_scratch(dtype), shape, table[:inputs], table[inputs:], *steps)
         return
 
     def part(start: int) -> None:
         own = table.copy()
         own[:, 4] += start * own[:, 6]
         size = outer, min(chunk, inner - start)
-        kernel(np.empty(ROWS["end"], dtype), size, own[:inputs], own[inputs:], *steps)
+        kernel(_scratch(dtype), size, own[:inputs], own[inputs:], *steps)
 
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(part, range(0, inner, chunk)))
+
+
+def _scratch(dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The kernel's scratch array. Its rows start at a cache line: else every other load spans two."""
+    room = np.empty(ROWS["end"] * dtype.itemsize + 64, np.uint8)
+    start = -room.__array_interface__["data"][0] % 64
+    scratch: NDArray[Any] = room[start : start + ROWS["end"] * dtype.itemsize].view(dtype)
+    return scratch

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, SCALES
+from hingepair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, SCALES
+from hingepair.report import aligned, finite_or_none
 
 _HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
 
@@ -43,7 +44,8 @@ class Comparison:
     def scale(self) -> str:
         """The formula of the scale, for a reader."""
         more = PINOCCHIO_TERMS.get(self.output)
-        return f"{SCALES[self.output]} + {more}" if more else SCALES[self.output]
+        own = {**SCALES, **PLANAR_SCALES}[self.output]
+        return f"{own} + {more}" if more else own
 
     @classmethod
     def worst_of(
@@ -77,7 +79,7 @@ class CrossValidation:
 
     Attributes:
         name: the pair's name.
-        sequence: of the Euler angles.
+        sequence: of the Euler angles; None where the attitude of body 1 was given.
         shape: leading shape of the samples.
         skipped: samples left out because their input is not finite.
         u: unit roundoff of the type computed in.
@@ -85,7 +87,7 @@ class CrossValidation:
     """
 
     name: str
-    sequence: str
+    sequence: str | None
     shape: tuple[int, ...]
     skipped: int
     u: float
@@ -121,15 +123,12 @@ class CrossValidation:
 
     def __str__(self) -> str:
         lines = [_HEADER, *(_cells(row) for row in self.rows)]
-        widths = [max(len(line[i]) for line in lines) for i in range(len(_HEADER))]
-        right = {1, 2, 3, 4, 5}
-        table = [
-            "  ".join(c.rjust(widths[i]) if i in right else c.ljust(widths[i]) for i, c in enumerate(line))
-            for line in lines
-        ]
-        title = f"{self.name}: the equations against Pinocchio, Euler sequence {self.sequence}, u = {self.u:.3g}"
+        planar = any(row.output in PLANAR_SCALES for row in self.rows)
+        given = "in the plane" if planar else "attitude given"
+        attitude = given if self.sequence is None else f"Euler sequence {self.sequence}"
+        title = f"{self.name}: the equations against Pinocchio, {attitude}, u = {self.u:.3g}"
         scales = [f"scale of {row.output}: {row.scale}" for row in self.rows]
-        return "\n".join(line.rstrip() for line in (title, *table, "", *scales, self.verdict))
+        return "\n".join((title, *aligned(lines, {1, 2, 3, 4, 5}), "", *scales, self.verdict))
 
     def to_json(self) -> str:
         """The report as JSON; a number that is not finite is null."""
@@ -138,8 +137,8 @@ class CrossValidation:
         rows = [
             {
                 "output": row.output,
-                "max_error": _finite(row.max_error),
-                "max_ratio": _finite(row.max_ratio),
+                "max_error": finite_or_none(row.max_error),
+                "max_ratio": finite_or_none(row.max_ratio),
                 "bound": row.bound,
                 "worst_sample": None if row.worst_sample is None else list(row.worst_sample),
                 "samples": row.samples,
@@ -169,7 +168,3 @@ def _cells(row: Comparison) -> tuple[str, ...]:
     verdict = "ok" if row.ok else "FAILED"
     error, ratio = f"{row.max_error:.2e}", f"{row.max_ratio:.2f}" if row.max_ratio < 1e6 else f"{row.max_ratio:.1e}"
     return row.output, error, ratio, f"{row.bound:g}", where, str(row.samples), verdict
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -216,3 +216,16 @@ def angular_acceleration1(axes: tuple[Scalar, ...], phid: Vector, phidd: Vector)
     turn = cross((phid[0], y, z), (cx * phid[2], cy * phid[2], cz * phid[2]))
     rates = angular_velocity1(axes, phidd)
     return rates[0] + turn[0], rates[1] + (turn[1] - phid[0] * z), rates[2] + (turn[2] + phid[0] * y)
+
+
+def euler_axes(axes: tuple[Scalar, ...]) -> tuple[Vector, Vector, Vector]:
+    """The columns of J as vectors (E4): the axes that the three angles turn about."""
+    by, bz, cx, cy, cz = axes
+    return (1.0, 0.0, 0.0), (0.0, by, bz), (cx, cy, cz)
+
+
+def euler_axes_rates(axes: tuple[Scalar, ...], phid: Vector) -> tuple[Vector, Vector, Vector]:
+    """The columns of J' (E4 differentiated): b turns with phi_x' e_x, c with phi_x' e_x + phi_y' b."""
+    by, bz, cx, cy, cz = axes
+    turn_c = cross((phid[0], by * phid[1], bz * phid[1]), (cx, cy, cz))
+    return (0.0, 0.0, 0.0), (0.0, -(bz * phid[0]), by * phid[0]), turn_c

@@ -29,8 +29,6 @@ _INTRINSIC = tuple(
 )
 SEQUENCES = (*_INTRINSIC, *(name.lower() for name in _INTRINSIC))
 
-_UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-
 
 @dataclass(frozen=True, slots=True)
 class Sequence:
@@ -76,6 +74,20 @@ class Sequence:
     def angular_acceleration(self, axes: tuple[Any, ...], phid: eq.Vector, phidd: eq.Vector) -> eq.Vector:
         """Alpha = J phi'' + J' phi' (E4 differentiated), likewise."""
         return self.vector(eq.angular_acceleration1(axes, self.angles(phid), self.angles(phidd)))
+
+    def columns(self, axes: tuple[Any, ...]) -> tuple[eq.Vector, ...]:
+        """The columns of J, world axes, in the order of the letters."""
+        return self._in_order(eq.euler_axes(axes))
+
+    def column_rates(self, axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
+        """The columns of J', likewise, of the rates in the order of the letters."""
+        rates = eq.euler_axes_rates(axes, self.angles(phid))
+        # A renaming that changes the handedness turns J(phi) into J(-phi), and with it the sign of the rates only.
+        return self._in_order(rates)
+
+    def _in_order(self, canonical: tuple[eq.Vector, ...]) -> tuple[eq.Vector, ...]:
+        columns = canonical[::-1] if self.backward else canonical
+        return tuple((c[self.place[0]], c[self.place[1]], c[self.place[2]]) for c in columns)
 
     def vector(self, canonical: eq.Vector) -> eq.Vector:
         """An angular velocity or acceleration in world axes, from canonical axes."""
@@ -189,7 +201,7 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
 
     def rate_matrix(values: Values) -> eq.Matrix:
         axes = order.axes(angle_terms(order.angles(values["phi"])))
-        x, y, z = (order.angular_velocity(axes, unit) for unit in _UNITS)
+        x, y, z = order.columns(axes)
         return eq.transpose((*x, *y, *z))
 
     return evaluate(rate_matrix, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
@@ -223,7 +235,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
     def rates(values: Values) -> Values:
         trig = angle_terms(order.angles(values["phi"]))
-        phid = order.angles(_canonical_rates(order, trig, values["omega"]))
+        phid = order.angles(canonical_rates(order, trig, values["omega"]))
         return {"phid": phid, "lock": trig[2] if order.proper else trig[3]}
 
     compute(rates, {"phi": components_of(angles), "omega": components_of(velocity)}, out, shape, dtype)
@@ -241,7 +253,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
     return out["phid"]
 
 
-def _canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
+def canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
     """J^-1 omega in canonical angles (E4)."""
     axes = order.axes(trig)
     x, y, z = (omega[order.place.index(i)] for i in range(3))

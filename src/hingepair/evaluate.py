@@ -7,13 +7,22 @@ from collections.abc import Iterable, Mapping, Set
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hingepair.arrays import broadcast_shape, real_array, result_dtype, vectors
 from hingepair.backend import How
-from hingepair.blocks import Components, Values, components_of, compute
+from hingepair.blocks import Components, Values, components_of, compute, tabulate
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices
-from hingepair.plan import SPATIAL, Plan, check_outputs, default_outputs, make_plan, outputs_of
+from hingepair.plan import (
+    SPATIAL,
+    Plan,
+    Step,
+    check_outputs,
+    default_outputs,
+    make_plan,
+    needed_steps,
+    outputs_of,
+)
 from hingepair.state import PairState, PlanarState, layout_of
 
 Outputs: TypeAlias = Iterable[str] | None
@@ -78,11 +87,14 @@ def leading_shapes(given: Coordinates) -> dict[str, tuple[int, ...]]:
     return shapes
 
 
-def component(name: str, value: ArrayLike) -> Any:
+def component(name: str, value: Any) -> Any:
     """One coordinate: a Python number stays one, so that it follows the dtype of the arrays beside it."""
-    if type(value) is float or type(value) is int:
-        return float(value)
-    return real_array(name, value)
+    return float(value) if _is_number(value) else real_array(name, value)
+
+
+def _is_number(value: Any) -> bool:
+    """A Python number that a float can hold."""
+    return type(value) is float or (type(value) is int and value.bit_length() < 1024)
 
 
 def wanted(outputs: Outputs, out: Out, level: int, kind: str = SPATIAL) -> tuple[str, ...]:
@@ -190,6 +202,32 @@ def evaluate(
     return state(arrays, shape)
 
 
+def follow_steps(
+    steps: Iterable[Step],
+    tails: Mapping[str, tuple[int, ...]],
+    pair: Constants,
+    values: Values,
+    shapes: Mapping[str, tuple[int, ...]],
+    dtype: np.dtype[Any] | None = None,
+) -> dict[str, NDArray[Any]]:
+    """New arrays of some results of steps at all samples, in NumPy.
+
+    Args:
+        steps: where the results come from, in order.
+        tails: shape of one sample of each result, by name.
+        pair: the pair's constants.
+        values: the other inputs by name; those that the results do not need are left alone.
+        shapes: of the samples, by argument.
+        dtype: to compute in; unless given, that of the other inputs.
+    """
+    taken, inputs = needed_steps(steps, tails)
+    plan = Plan(tuple(tails), taken, inputs, (), None, True, SPATIAL)
+    if dtype is None:
+        dtype = result_dtype(c for g in values.values() for c in (g if isinstance(g, tuple) else (g,)))
+    parts = {name: _components(name, group) for name, group in {**pair.values, **values}.items() if name in inputs}
+    return tabulate(plan.run, parts, tails, broadcast_shape({**shapes, "pair": pair.shape}), dtype)
+
+
 def coordinates(name: str, value: Any, count: int) -> Components | NDArray[Any]:
     """A tuple of broadcastable coordinates, or one array with the coordinates last."""
     if isinstance(value, tuple) and len(value) == count:
@@ -207,8 +245,8 @@ def _floats(given: Mapping[str, Any], count: int) -> dict[str, Components] | Non
     for name, value in given.items():
         if type(value) is np.ndarray and value.shape == (count,) and value.dtype.char == "d":
             parts[name] = tuple(value.tolist())
-        elif type(value) is tuple and len(value) == count and all(type(c) is float for c in value):
-            parts[name] = value
+        elif type(value) is tuple and len(value) == count and all(map(_is_number, value)):
+            parts[name] = tuple(map(float, value))
         else:
             return None
     return parts
@@ -218,7 +256,10 @@ def _components(name: str, group: Any) -> Any:
     """A group as the equations take it: a component, or a tuple of components."""
     if not isinstance(group, np.ndarray) or name.startswith(("psi", "phi1")):
         return group
-    return components_of(group, 2 if name == "S1" else 1)
+    rank = 2 if name in {"S1", "S2"} else 1
+    if group.ndim == rank and group.dtype.char == "d":
+        return tuple(group.ravel().tolist())
+    return components_of(group, rank)
 
 
 def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:

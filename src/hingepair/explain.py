@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hingepair.plan import Plan
+from hingepair.plan import FLAT, Plan
 
 _MEANING = {
     "hinge": "sine and versine of psi",
@@ -20,6 +20,9 @@ _MEANING = {
     "r2": "hinge point from body 2's reference point, S2 u2",
     "d": "offset of the reference points (E7)",
     "R2": "position of body 2 (E7)",
+    "turn1": "sine and cosine of the angle of body 1 (E11)",
+    "turn2": "sine and cosine of the angle of body 2 (E11)",
+    "phi2": "angle of body 2 (E11)",
     "axis": "hinge axis in world axes, S1 n",
     "omega2": "angular velocity of body 2 (E2)",
     "v2": "velocity of body 2 (E8)",
@@ -48,16 +51,17 @@ class ScenePlan:
         lines += [
             f"  {name:<8}{_MEANING[name]}{' - once' if often == 'once' else ''}" for name, often in self.computed
         ]
-        lines += ["skipped:", *(f"  {what}: {why}" for what, why in self.skipped)]
+        lines += ["skipped:", *(f"  {what}: {why}" for what, why in self.skipped)] if self.skipped else []
         return "\n".join(lines)
 
 
-def explain(plan: Plan, order: int, constant: frozenset[str]) -> ScenePlan:
+def explain(plan: Plan, order: int, level: int, constant: frozenset[str]) -> ScenePlan:
     """The plan in words.
 
     Args:
         plan: the steps of the outputs.
         order: of the highest derivative of the coordinates that is computed.
+        level: of the highest derivative that the motion has.
         constant: which coordinates, and which inputs of the plan, do not depend on t.
     """
     still, computed = set(constant) | {"u1", "u2", "n", "home"}, []
@@ -65,8 +69,13 @@ def explain(plan: Plan, order: int, constant: frozenset[str]) -> ScenePlan:
         once = still.issuperset(step.arguments)
         still |= {step.result} if once else set()
         computed.append((step.result, "once" if once else "each"))
-    skipped = [(f"{_DERIVATIVES[i]} derivatives of the coordinates", "no output needs them") for i in range(order, 2)]
+    reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
+    skipped = [(f"{_DERIVATIVES[i]} derivatives of the coordinates", reasons[i]) for i in range(order, 2)]
+    if plan.kind == FLAT:
+        skipped.append(("rotations about x and y", "constants prove that all turns are about z"))
     skipped += [(_MEANING[name], "no output needs it") for name in plan.skipped]
+    if plan.sequence is None:
+        skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
     if not plan.home and any(step.result == "S2" for step in plan.steps):
         skipped.append(("the product with C", "home is the identity"))
     for name in ("phi_x", "phi_y", "phi_z", "psi"):

@@ -24,7 +24,7 @@ def save(path: str | Path, t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) 
     Args:
         path: ends in .npz (arrays by name) or .csv (a header, then the fewest digits that give the same number).
         t: instants [s]; shape (N,).
-        arrays: by output name; shape (N, 3) or (N, 3, 3).
+        arrays: by output name; shape (N,), (N, 2), (N, 3) or (N, 3, 3).
 
     Raises:
         ArgumentError: another ending, or the file cannot be written; what was there before stays.
@@ -70,13 +70,18 @@ def write_whole(target: Path, write: Callable[[IO[bytes]], object]) -> None:
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
-    """One name for each component: R2_x, S2_xy and so on.
+    """One name for each component: R2_x, S2_xy and so on; a number at each instant has its own name.
 
     >>> column_names({"d": np.zeros((1, 3))})
     ['d_x', 'd_y', 'd_z']
     """
-    vectors, matrices = list(_AXES), [i + j for i in _AXES for j in _AXES]
-    return [f"{name}_{c}" for name, array in arrays.items() for c in (vectors if array.ndim == 2 else matrices)]
+    return [f"{name}{ending}" for name, array in arrays.items() for ending in _endings(array.shape[1:])]
+
+
+def _endings(tail: tuple[int, ...]) -> list[str]:
+    """What is behind the name of each component; tail: () for a number, (3,) or (2,) for a vector, (3, 3)."""
+    letters = ["".join(_AXES[i] for i in index) for index in np.ndindex(tail)]
+    return [f"_{c}" if c else "" for c in letters]
 
 
 def _write_npz(file: IO[bytes], t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:

@@ -48,46 +48,8 @@ def _float_bits(typing_context: Any, x: Any) -> Any:
     return types.int64(types.float64), generate
 
 
-def _load(typing_context: Any, like: Any, address: Any) -> Any:
-    """The number at an address, of the dtype of the array `like`; it need not be aligned."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        pointer = builder.inttoptr(arguments[1], context.get_data_type(like.dtype).as_pointer())
-        return builder.load(pointer, align=1)
-
-    return like.dtype(like, types.int64), generate
-
-
-def _store(typing_context: Any, like: Any, address: Any, value: Any) -> Any:
-    """Write a number of the dtype of the array `like` to an address; it need not be aligned."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        pointer = builder.inttoptr(arguments[1], context.get_data_type(like.dtype).as_pointer())
-        builder.store(arguments[2], pointer, align=1)
-        return context.get_dummy_value()
-
-    return types.void(like, types.int64, like.dtype), generate
-
-
-def _prefetch(typing_context: Any, address: Any) -> Any:
-    """Ask for the cache line at an address soon to be read; a hint, which may point past the end of an array."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        pointer, i32 = ir.IntType(8).as_pointer(), ir.IntType(32)
-        kind = ir.FunctionType(ir.VoidType(), [pointer, i32, i32, i32])
-        function = builder.module.declare_intrinsic("llvm.prefetch", (pointer,), kind)
-        to_read, keep, data = (ir.Constant(i32, k) for k in (0, 3, 1))
-        builder.call(function, [builder.inttoptr(arguments[0], pointer), to_read, keep, data])
-        return context.get_dummy_value()
-
-    return types.void(types.int64), generate
-
-
-prefetch: Any = intrinsic(_prefetch)
 fma: Any = intrinsic(_fma)
 float_bits: Any = intrinsic(_float_bits)
-load: Any = intrinsic(_load)
-store: Any = intrinsic(_store)
 
 
 @njit(fastmath=FLAGS, forceinline=True)

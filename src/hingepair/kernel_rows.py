@@ -13,7 +13,7 @@ import numpy as np
 from hingepair.euler import find_sequence
 from hingepair.plan import PLANAR, SPATIAL, Plan, outputs_of
 
-LANES: Final = 16
+LANES: Final = 32
 """Samples a block: every row of the scratch array holds one component of so many samples."""
 
 _EULER = frozenset(("phi", "phid", "phidd"))

@@ -14,7 +14,8 @@ from typing import Any
 from numba import njit
 
 from hingepair.kernel_flat_steps import flat
-from hingepair.kernel_math import FLAGS, load, prefetch, store
+from hingepair.kernel_math import FLAGS
+from hingepair.kernel_memory import load, load_block, prefetch, store, store_matrices, store_vectors
 from hingepair.kernel_rows import LANES, OPERATIONS
 from hingepair.kernel_steps import body1, pose2, rates2
 
@@ -22,7 +23,7 @@ _HINGE_TERMS, _TAIT_BRYAN, _PLACE_ALPHA1 = (OPERATIONS.index(n) for n in ("hinge
 _AXIS_1, _TURN1 = OPERATIONS.index("axis"), OPERATIONS.index("turn1")
 
 
-AHEAD = 4  # blocks: the inputs of the block after the next three are asked for while this one is computed
+AHEAD = 4  # blocks from the one being computed to the one whose inputs are asked for
 
 
 @njit(fastmath=FLAGS, forceinline=True)
@@ -40,12 +41,19 @@ def _run(s: Any, operations: Any, place: Any) -> None:
 
 @njit(fastmath=FLAGS, forceinline=True)
 def _take(s: Any, inputs: Any, c: int, address: int, stride: int, count: int) -> None:
-    """Load group c of one component, two or three, the samples `stride` bytes apart, and give it its sign."""
+    """Load group c, the samples `stride` bytes apart, and give it its sign."""
     row, components, step = inputs[c, 0], inputs[c, 1], inputs[c, 2]
     ahead = address + AHEAD * LANES * stride
-    for i in range(0, LANES * stride, 64):
-        prefetch(ahead + i)
-    if components == 3:
+    if abs(step) >= 64:  # the components are each a run of its own
+        for i in range(1, components):
+            for k in range(0, LANES * stride, max(stride, 64)):
+                prefetch(ahead + i * step + k)
+    for k in range(0, LANES * stride, max(stride, 64)):
+        prefetch(ahead + k)
+    if stride == s.itemsize and count == LANES:
+        for i in range(components):
+            load_block(s, row + i * LANES, address + i * step)
+    elif components == 3:
         for k in range(count):
             a = address + k * stride
             s[row + k] = load(s, a)
@@ -62,14 +70,13 @@ def _take(s: Any, inputs: Any, c: int, address: int, stride: int, count: int) ->
 
 @njit(fastmath=FLAGS, forceinline=True)
 def _give(s: Any, outputs: Any, c: int, address: int, stride: int, count: int) -> None:
-    """Store group c, of one component, two or three."""
+    """Store group c."""
     row, components, step = outputs[c, 0], outputs[c, 1], outputs[c, 2]
-    if components == 3:
-        for k in range(count):
-            a = address + k * stride
-            store(s, a, s[row + k])
-            store(s, a + step, s[row + LANES + k])
-            store(s, a + 2 * step, s[row + 2 * LANES + k])
+    side_by_side = count == LANES and step == s.itemsize and stride == components * step
+    if side_by_side and components == 3:
+        store_vectors(s, row, address)
+    elif side_by_side and components == 9:
+        store_matrices(s, row, address)
     else:
         for i in range(components):
             for k in range(count):
@@ -82,7 +89,7 @@ def kernel(s: Any, shape: Any, inputs: Any, outputs: Any, once: Any, each: Any, 
     Args:
         s: scratch array, of the dtype computed in; shape (kernel_rows.ROWS["end"],).
         shape: (outer, inner) samples.
-        inputs: of each group of one, two or three components (row, components, bytes between them, sign, address,
+        inputs: of each group of components (row, components, bytes between them, sign, address,
             outer stride, inner stride), all in bytes; shape (count, 7). Of what does not change along the inner axis
             the inner stride is 0.
         outputs: the same.

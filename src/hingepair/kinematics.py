@@ -29,6 +29,7 @@ from hingepair.state import PairState, PlanarState
 
 COORDINATES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
 PARTS = {"q": ("R1", "phi", "psi"), "qd": ("v1", "phid", "psid"), "qdd": ("a1", "phidd", "psidd")}
+PLANAR_COORDINATES = ("x", "y", "phi", "psi")
 PLANAR_PARTS = {"q": ("R1", "phi1", "psi"), "qd": ("v1", "phi1d", "psid"), "qdd": ("a1", "phi1dd", "psidd")}
 _OF_COORDINATES = {part: name for parts in (PARTS, PLANAR_PARTS) for name, own in parts.items() for part in own}
 _LETTERS = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
@@ -59,7 +60,7 @@ def planar_from_coordinates(
     pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, how: How
 ) -> PlanarState:
     """The planar pair's state from (x, y, phi, psi) and as many derivatives as are given (E11)."""
-    given = read_coordinates(q, qd, qdd, 4)
+    given = read_coordinates(q, qd, qdd, len(PLANAR_COORDINATES))
     values: Values = {}
     for name, four in given.parts.items():
         point, angle, hinge = PLANAR_PARTS[name]

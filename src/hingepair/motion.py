@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.arrays import broadcast_shape, read_only, vectors
+from hingepair.errors import ArgumentError
 from hingepair.rotations import check_rotation, quaternion_to_matrix, rotation_exp
 
 
@@ -167,3 +168,18 @@ class BodyMotion:
                [ 0.,  0.,  1.]])
         """
         return cls(R=R, S=rotation_exp(rotvec), v=v, omega=omega, a=a, alpha=alpha)
+
+
+def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
+    """Some arrays of a body, by its argument's name: of "body1", R is R1.
+
+    Raises:
+        ArgumentError: it is no BodyMotion, or lacks one of them; names the argument.
+    """
+    if not isinstance(body, BodyMotion):
+        raise ArgumentError(name, "a BodyMotion", body)
+    arrays = {f"{letter}{name[-1]}": getattr(body, letter) for letter in letters}
+    for letter, array in zip(letters, arrays.values(), strict=True):
+        if array is None:
+            raise ArgumentError(f"{name}.{letter}", "a value, since it is needed here", None)
+    return arrays

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,25 @@ from hingepair.motion import BodyMotion
 from hingepair.rotations import check_rotation
 from hingepair.state import PairState
 
+if TYPE_CHECKING:
+    from hingepair import constraints, jacobians, residuals, sensitivities
+    from hingepair.body import Body
+
+
+class _MethodOf:
+    """A method that is a function of the same name in another module, imported when it is first asked for."""
+
+    def __init__(self, module: str) -> None:
+        self.module = module
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, pair: HingePair | None, owner: type) -> Any:
+        function = getattr(import_module(f"hingepair.{self.module}"), self.name)
+        setattr(HingePair, self.name, function)
+        return getattr(owner if pair is None else pair, self.name)
+
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class HingePair:
@@ -33,6 +53,9 @@ class HingePair:
         n: hinge axis, body-1 axes; any non-zero length; kept at unit length.
         home: rotation of body 2 relative to body 1 at psi = 0 (C in E5); identity unless given; shape (3, 3).
         name: what the pair is called in exports and messages.
+        limits: least and greatest hinge angle, for exports [rad]; forward_kinematics takes any angle.
+        body1: mass properties and shapes of body 1, for exports.
+        body2: those of body 2.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
@@ -51,10 +74,21 @@ class HingePair:
     n: NDArray[np.float64]
     home: NDArray[np.float64]
     name: str
+    limits: tuple[float, float] | None
+    body1: Body | None
+    body2: Body | None
     _constants: Constants
 
     def __init__(
-        self, u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None = None, name: str = "hinge_pair"
+        self,
+        u1: ArrayLike,
+        u2: ArrayLike,
+        n: ArrayLike,
+        home: ArrayLike | None = None,
+        name: str = "hinge_pair",
+        limits: ArrayLike | None = None,
+        body1: Body | None = None,
+        body2: Body | None = None,
     ) -> None:
         if not isinstance(name, str) or not name.strip():
             raise ArgumentError("name", "a text that is not empty", repr(name))
@@ -67,12 +101,17 @@ class HingePair:
             values["home"] = numbers(components_of(rotation, 2))
         arrays = {**vectors, "home": rotation.reshape(*rotation.shape[:-2], 9)}
         constants = Constants(values, arrays, broadcast_shape(shapes))
-        for key, value in {**vectors, "home": rotation, "name": name, "_constants": constants}.items():
+        bodies = {"body1": _checked_body("body1", body1), "body2": _checked_body("body2", body2)}
+        for_exports = {"limits": _checked_limits(limits), **bodies}
+        values_of = {**vectors, "home": rotation, "name": name, **for_exports, "_constants": constants}
+        for key, value in values_of.items():
             object.__setattr__(self, key, value)
 
     def __repr__(self) -> str:
         parts = (f"{key}={getattr(self, key).tolist()}" for key in ("u1", "u2", "n", "home"))
-        return f"HingePair({', '.join(parts)}, name={self.name!r})"
+        given = ((key, getattr(self, key)) for key in ("limits", "body1", "body2"))
+        extras = "".join(f", {key}={value!r}" for key, value in given if value is not None)
+        return f"HingePair({', '.join(parts)}, name={self.name!r}{extras})"
 
     def forward_kinematics(
         self,
@@ -153,6 +192,45 @@ class HingePair:
         """
         how = choose(backend, workers)
         return kinematics.from_body1(self._constants, body1, psi, psid, psidd, outputs, out, how)
+
+    # Not loaded by `import hingepair`; a type checker sees the functions themselves.
+    if TYPE_CHECKING:
+        residuals = residuals.residuals
+        jacobian = jacobians.jacobian
+        acceleration_bias = jacobians.acceleration_bias
+        coordinate_jacobian = jacobians.coordinate_jacobian
+        coordinate_jacobian_rate = jacobians.coordinate_jacobian_rate
+        sensitivities = sensitivities.sensitivities
+        constraint_jacobian = constraints.constraint_jacobian
+        constraint_bias = constraints.constraint_bias
+    else:
+        residuals = _MethodOf("residuals")
+        jacobian = _MethodOf("jacobians")
+        acceleration_bias = _MethodOf("jacobians")
+        coordinate_jacobian = _MethodOf("jacobians")
+        coordinate_jacobian_rate = _MethodOf("jacobians")
+        sensitivities = _MethodOf("sensitivities")
+        constraint_jacobian = _MethodOf("constraints")
+        constraint_bias = _MethodOf("constraints")
+
+
+def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
+    if limits is None:
+        return None
+    both = constant("limits", limits, 2)
+    if both.ndim != 1 or not both[0] < both[1]:
+        raise ArgumentError("limits", "(lower, upper) with lower < upper", limits)
+    return float(both[0]), float(both[1])
+
+
+def _checked_body(name: str, body: Body | None) -> Body | None:
+    if body is None:
+        return None
+    from hingepair.body import Body
+
+    if not isinstance(body, Body):
+        raise ArgumentError(name, "a Body", body)
+    return body
 
 
 def check_pair(pair: object) -> None:

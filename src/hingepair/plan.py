@@ -7,7 +7,7 @@ runs the steps of one plan, so the equations are put together here and nowhere e
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
@@ -172,16 +172,22 @@ def make_plan(
         terms: what makes (sin, cos) of the three angles and (sin, 1 - cos) of psi in the numbers at hand.
         kind: SPATIAL, FLAT or PLANAR; the latter two take phi1 for the three angles.
     """
-    steps = _SOME_STEPS[kind, home] if kind != SPATIAL else _all_steps(sequence, home, terms)
+    steps = steps_of(sequence, home, terms) if kind == SPATIAL else _some_steps(kind, home, terms)
+    taken, inputs = needed_steps(steps, outputs)
+    made = {step.result for step in taken}
+    skipped = tuple(step.result for step in steps if step.result not in made)
+    return Plan(outputs, taken, inputs, skipped, sequence, home, kind)
+
+
+def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[Step, ...], frozenset[str]]:
+    """Those of the steps that lead to the outputs, and what must be given for them."""
     needed = set(outputs)
     taken = []
-    for step in reversed(steps):
+    for step in reversed(tuple(steps)):
         if step.result in needed:
             taken.append(step)
             needed.update(step.arguments)
-    made = {step.result for step in taken}
-    skipped = tuple(step.result for step in steps if step.result not in made)
-    return Plan(outputs, tuple(reversed(taken)), frozenset(needed - made), skipped, sequence, home, kind)
+    return tuple(reversed(taken)), frozenset(needed - {step.result for step in taken})
 
 
 def outputs_of(kind: str) -> dict[str, Output]:
@@ -235,7 +241,8 @@ def _euler_steps(sequence: str) -> tuple[Step, ...]:
     )
 
 
-def _all_steps(sequence: str | None, home: bool, terms: Terms) -> list[Step]:
+def steps_of(sequence: str | None, home: bool, terms: Terms = NUMERIC) -> list[Step]:
+    """All steps of motion in space; the arguments are those of `make_plan`."""
     angle_terms, hinge_terms = terms
     steps = [Step("hinge", hinge_terms, ("psi",))]
     if sequence == "XYZ":
@@ -247,6 +254,16 @@ def _all_steps(sequence: str | None, home: bool, terms: Terms) -> list[Step]:
         steps += _euler_steps(sequence)
     steps += HINGE_STEPS
     return steps if home else [_WITHOUT_HOME if step.result == "S2" else step for step in steps]
+
+
+def _some_steps(kind: str, home: bool, terms: Terms) -> tuple[Step, ...]:
+    """The steps of motion about one axis; numbers of another kind make the two turns their own way."""
+    steps = _SOME_STEPS[kind, home]
+    if terms == NUMERIC:
+        return steps
+    angle_terms, hinge_terms = terms
+    own = {"hinge": hinge_terms, "turn1": lambda phi1: angle_terms((phi1,))}
+    return tuple(step._replace(function=own.get(step.result, step.function)) for step in steps)
 
 
 _SOME_STEPS = {

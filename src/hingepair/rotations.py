@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair import equations as eq
-from hingepair.arrays import FloatArray, broadcast_shape, real_array, result_dtype, vectors
+from hingepair.arrays import FloatArray, real_array, result_dtype, vectors
 from hingepair.blocks import Values, components_of, compute, cosine, evaluate, hinge_terms
 from hingepair.errors import ArgumentError, RotationError
 from hingepair.lengths import direction, polar, unit_axis
@@ -133,13 +133,18 @@ def rotation_log(S: ArrayLike) -> FloatArray:
     """
     matrix = vectors("S", S, 3, 3)
     check_rotation("S", matrix)
-    quat = matrix_to_quaternion(matrix.astype(np.float64, copy=False))
+    rotvec: FloatArray = rotation_vector(matrix.astype(np.float64, copy=False))
+    return rotvec.astype(result_dtype((matrix,)), copy=False)
+
+
+def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotation vectors of matrices that are known to be rotations."""
+    quat = matrix_to_quaternion(S)
     vector = quat[..., 1:]
     with np.errstate(all="ignore"):
         length = np.hypot(np.hypot(vector[..., 0], vector[..., 1]), vector[..., 2])
         factor = np.where(length > 0, 2 * np.arctan2(length, quat[..., 0]) / length, 2 / quat[..., 0])
-        rotvec: FloatArray = vector * factor[..., None]
-    return rotvec.astype(result_dtype((matrix,)), copy=False)
+        return np.asarray(vector * factor[..., None])
 
 
 def matrix_to_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -209,30 +214,6 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
     S[~finite] = np.nan
     nearest: FloatArray = S.astype(result_dtype((matrix,)), copy=False)
     return nearest
-
-
-def angular_velocity(S: ArrayLike, S_dot: ArrayLike) -> FloatArray:
-    """Angular velocity of a moving attitude: [omega]x = S' S^T (E3).
-
-    Args:
-        S: rotations, body to world; shape (..., 3, 3).
-        S_dot: their time derivatives [1/s]; shape (..., 3, 3).
-
-    Returns:
-        omega, world axes [rad/s]; shape (..., 3); of the antisymmetric part of S' S^T.
-
-    Raises:
-        RotationError: a finite S is no rotation.
-
-    >>> angular_velocity(np.eye(3), skew((1, 2, 3)))
-    array([1., 2., 3.])
-    """
-    attitude, rate = vectors("S", S, 3, 3), vectors("S_dot", S_dot, 3, 3)
-    check_rotation("S", attitude)
-    broadcast_shape({"S": attitude.shape[:-2], "S_dot": rate.shape[:-2]})
-    inputs = {"S": components_of(attitude, 2), "S_dot": components_of(rate, 2)}
-    dtype = result_dtype((attitude, rate))
-    return evaluate(lambda v: eq.unskew(eq.angular_velocity_of(v["S"], v["S_dot"])), inputs, (3,), dtype)
 
 
 def check_rotation(name: str, S: NDArray[Any]) -> None:

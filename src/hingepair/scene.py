@@ -7,6 +7,7 @@ u1 = [0.5, 0.2, 0.1]          # hinge point in body 1's axes, m
 u2 = [-0.25, 0.1, 0.3]        # hinge point in body 2's axes, m
 n = [1, 0, 0]                 # hinge axis in body 1's axes, of any length
 home = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # optional: body 2 against body 1 at psi = 0
+limits = [-1.5, 1.5]          # optional: of psi, rad, for the URDF and MJCF; the motion may pass them
 name = "arm"                  # optional; or, instead of all these: robot = "...", joint = "..."
 
 [motion]                      # numbers, or expressions in t
@@ -18,41 +19,53 @@ sequence = "XYZ"              # optional: one of 24, as SciPy writes them
 [motion.constants]            # optional
 amplitude = 0.5
 
-[time]
+[time]                        # absent where the motion is a file's
 start = 0                     # s
 stop = 10
 samples = 1001
 
 [outputs]                     # optional: everything about body 2 unless given
 names = ["R2", "omega2"]
+
+Scenes in the plane z = 0 begin with `planar = true`: [pair] has u1 and u2 of two numbers each, and a name; [motion]
+has x, y, phi (the angle of body 1), psi; the outputs are those of a PlanarPair.
+
+Instead of expressions, the motion may be samples in a file, whose columns `hingepair.sample_file` describes:
+
+[motion]
+file = "log.csv"              # or .npz, .parquet; relative to the scene file; the instants are its column t
+differentiate = true          # optional: find the derivatives that the file lacks; else what needs them is not there
+sequence = "XYZ"              # optional: of Euler angles
 """
 
 from __future__ import annotations
 
-import functools
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.coordinates import Coordinates, check_real, compile_coordinates, exact
-from hingepair.errors import ArgumentError, SceneError
-from hingepair.euler import find_sequence
-from hingepair.explain import ScenePlan, explain
+from hingepair.coordinates import Coordinates
+from hingepair.errors import ArgumentError, SceneError, choices
+from hingepair.explain import ScenePlan
+from hingepair.expression_motion import ExpressionMotion
 from hingepair.jets import Expr
-from hingepair.kinematics import COORDINATES, PARTS
 from hingepair.pair import HingePair
-from hingepair.plan import ACCELERATION, POSE, VELOCITY, check_outputs, default_outputs, make_plan
-from hingepair.scene_file import Table, read_tables
-from hingepair.state import PairState
+from hingepair.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, check_outputs, outputs_of
+from hingepair.planar import PlanarPair
+from hingepair.samples import Rows
+from hingepair.scene_file import read_tables
+from hingepair.scene_tables import Motion, read_motion, read_outputs, read_pair, read_planar
+from hingepair.state import PairState, PlanarState
 
-MAX_SAMPLES: Final = 10_000_000
+if TYPE_CHECKING:
+    from hingepair.cross_validation import CrossValidation
 
-_TABLES = ("title", "pair", "motion", "time", "outputs")
+_TABLES = ("title", "planar", "pair", "motion", "time", "outputs")
 _LEVELS = {"v": VELOCITY, "omega": VELOCITY, "a": ACCELERATION, "alpha": ACCELERATION}
 
 
@@ -62,56 +75,83 @@ class SceneResult:
 
     Attributes:
         t: instants; shape (samples,) s.
-        state: the PairState at these instants.
+        state: the PairState, or PlanarState, at these instants.
     """
 
     t: NDArray[np.float64]
-    state: PairState
+    state: PairState | PlanarState
 
     def __getattr__(self, name: str) -> Any:
-        if not name.startswith("_") and name not in {"t", "state"} and hasattr(PairState, name):
+        if not name.startswith("_") and name not in {"t", "state"} and hasattr(type(self.state), name):
             return getattr(self.state, name)
         known = ", ".join(("t", "state", *self.state.outputs))
         raise AttributeError(f"SceneResult has no {name!r}; it has {known}")
 
     def __dir__(self) -> list[str]:
-        return ["t", "state", *(name for name in dir(PairState) if not name.startswith("_"))]
+        return ["t", "state", *(name for name in dir(type(self.state)) if not name.startswith("_"))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A pair, its seven coordinates as expressions in t, and the instants to evaluate them at.
+    """A pair, its motion, and the instants to evaluate it at.
 
     Attributes:
         path: the file it came from.
         title: what it is, in a sentence.
-        pair: the pair.
-        motion: SymPy expressions of x, y, z, phi_x, phi_y, phi_z, psi in t [m, rad].
-        sequence: Euler sequence of body 1.
-        start: first instant [s].
-        stop: last instant [s].
-        samples: number of instants.
-        outputs: what `evaluate` computes unless told; None for everything about body 2.
+        pair: the pair, a HingePair or, in the plane, a PlanarPair.
+        motion: where the motion comes from; knows the instants.
+        outputs: what `evaluate` computes unless told; None for everything about body 2 that the motion allows.
     """
 
     path: Path
     title: str
-    pair: HingePair
-    motion: tuple[Expr, ...]
-    sequence: str
-    start: float
-    stop: float
-    samples: int
+    pair: HingePair | PlanarPair
+    motion: Motion
     outputs: tuple[str, ...] | None
 
     @property
+    def space(self) -> HingePair:
+        """The pair in space."""
+        return self.pair if isinstance(self.pair, HingePair) else self.pair.to_spatial()
+
+    @property
+    def kind(self) -> str:
+        """Whether the outputs are those of a plane or of space."""
+        return SPATIAL if isinstance(self.pair, HingePair) else PLANAR
+
+    @property
+    def sequence(self) -> str | None:
+        """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
+        return self.motion.sequence
+
+    @property
+    def start(self) -> float:
+        """First instant [s]."""
+        return float(self.motion.t[0])
+
+    @property
+    def stop(self) -> float:
+        """Last instant [s]."""
+        return float(self.motion.t[-1])
+
+    @property
+    def samples(self) -> int:
+        """Number of instants."""
+        return self.motion.t.size
+
+    @property
     def expressions(self) -> dict[str, Expr]:
-        """The SymPy expressions by coordinate: x, y, z, phi_x, phi_y, phi_z, psi."""
-        return dict(zip(COORDINATES, self.motion, strict=True))
+        """The SymPy expressions by coordinate: x, y, z, phi_x, phi_y, phi_z, psi; in the plane x, y, phi, psi.
+
+        Raises:
+            ArgumentError: the motion does not come as expressions.
+        """
+        motion = self._by_expressions()
+        return dict(zip(motion.names, motion.expressions, strict=True))
 
     def times(self) -> NDArray[np.float64]:
-        """The instants start + k h; shape (samples,) s."""
-        return np.linspace(self.start, self.stop, self.samples)
+        """The instants; shape (samples,) s."""
+        return self.motion.t
 
     def coordinates(self, t: ArrayLike) -> Coordinates:
         """The coordinates and their exact derivatives at any instants.
@@ -120,28 +160,29 @@ class Scene:
             t: instants [s]; shape (...).
 
         Returns:
-            (q, qd, qdd), tuples of seven: arrays of t's shape, Python floats for what does not depend on t. Samples
-            where an expression has no real value are NaN.
+            (q, qd, qdd), tuples of seven (in the plane four): arrays of t's shape, Python floats for what does not
+            depend on t. Samples where an expression has no real value are NaN.
+
+        Raises:
+            ArgumentError: the motion does not come as expressions.
         """
-        return _compiled(self.motion, ACCELERATION)(t)
+        return self._by_expressions().coordinates(t)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
         """The pair's state at the scene's instants.
 
         Args:
-            outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1; those of the
-                scene file unless given, and without these everything about body 2. Only the derivatives that the
-                outputs need are computed.
+            outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1, or in the plane
+                R2, phi2, d, v2, omega2, a2, alpha2; those of the scene file unless given, and without these
+                everything about body 2 that the motion allows. Only the derivatives that the outputs need are
+                computed.
 
         Raises:
-            ArgumentError: an unknown output.
+            ArgumentError: an unknown output, or one that needs derivatives which the motion does not have.
         """
         names, order = self._wanted(outputs)
-        t = self.times()
-        q, *rates = _compiled(self.motion, order)(t)
-        if not any(isinstance(value, np.ndarray) for value in q):
-            q = (np.full(t.shape, q[0]), *q[1:])
-        return SceneResult(t, self.pair.forward_kinematics(q, *rates, outputs=names, sequence=self.sequence))
+        samples = self.motion.samples(slice(None), order)
+        return SceneResult(self.motion.t, samples.forward_kinematics(self.pair, names))
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """What `evaluate` computes and what it leaves out, and why; print it.
@@ -150,24 +191,40 @@ class Scene:
             outputs: as for `evaluate`.
 
         Raises:
-            ArgumentError: an unknown output.
+            ArgumentError: as for `evaluate`.
         """
         names, order = self._wanted(outputs)
-        derivatives = _compiled(self.motion, order)(self.times()[:1])
-        constant = set()
-        for parts, seven in zip(PARTS.values(), derivatives, strict=False):
-            still = [not isinstance(value, np.ndarray) for value in seven]
-            constant |= {
-                part for part, own in zip(parts, (still[:3], still[3:6], still[6:]), strict=True) if all(own)
-            }
-        constant |= {name for name, expr in self.expressions.items() if not expr.free_symbols}
-        plan = make_plan(names or default_outputs(order), self.sequence, "home" in self.pair._constants.values)
-        return explain(plan, order, frozenset(constant))
+        return self.motion.samples(slice(1), order).plan(self.pair, names, self.motion.level)
+
+    def cross_validate(self, most: int | None = None) -> CrossValidation:
+        """The pair's motion by the equations and by Pinocchio, compared.
+
+        Args:
+            most: so many instants at most, evenly spread; all unless given.
+
+        Raises:
+            MissingDependencyError: Pinocchio is not installed.
+        """
+        rows: Rows = slice(None)
+        if most is not None and self.samples > most:
+            rows = np.linspace(0, self.samples - 1, most).astype(np.intp)
+        return self.motion.samples(rows, self.motion.level).cross_validate(self.pair)
 
     def _wanted(self, outputs: Iterable[str] | None) -> tuple[tuple[str, ...] | None, int]:
-        """The outputs, None for all of body 2, and the derivatives of the coordinates that they need."""
-        names = self.outputs if outputs is None else check_outputs(outputs)
-        return names, ACCELERATION if names is None else max((_level(name) for name in names), default=POSE)
+        """The outputs, None for all of body 2, and the derivatives of the motion that they need."""
+        names = self.outputs if outputs is None else check_outputs(outputs, self.kind)
+        level = self.motion.level
+        for name in names or ():
+            if _level(name) > level:
+                known = tuple(output for output in outputs_of(self.kind) if _level(output) <= level)
+                hint = "; motion.differentiate = true gives the others"
+                raise ArgumentError("outputs", choices(known) + hint, name)
+        return names, level if names is None else max(map(_level, names))
+
+    def _by_expressions(self) -> ExpressionMotion:
+        if not isinstance(self.motion, ExpressionMotion):
+            raise ArgumentError("motion", "a scene whose motion is expressions in t", type(self.motion).__name__)
+        return self.motion
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -179,116 +236,18 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     """
     tables = read_tables(path)
     tables.check_keys(_TABLES)
-    time = tables.table("time")
-    time.check_keys(("start", "stop", "samples"))
-    start, stop = time.number("start"), time.number("stop")
-    if not 0 <= stop - start < np.inf:
-        time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
-    samples = time.integer("samples", 1, MAX_SAMPLES)
-    outputs = _outputs(tables.table("outputs", required=False))
-    pair = _pair(tables.table("pair"))
-    motion = tables.table("motion")
-    return Scene(
-        path=Path(path),
-        title=tables.text("title", default=pair.name),
-        pair=pair,
-        motion=_motion(motion),
-        sequence=_sequence(motion),
-        start=start,
-        stop=stop,
-        samples=samples,
-        outputs=outputs,
-    )
-
-
-def _pair(table: Table) -> HingePair:
-    if "robot" in table.values or "joint" in table.values:
-        table.check_keys(("robot", "joint", "u1", "u2", "n", "home", "name"))
-        for key in table.values:
-            if key not in {"robot", "joint"}:
-                table.fail(key, "nothing beside robot and joint")
-        return _robot_pair(table)
-    table.check_keys(("u1", "u2", "n", "home", "name", "robot", "joint"))
-    values: dict[str, Any] = {key: table.numbers(key, 3) for key in ("u1", "u2", "n")}
-    if "home" in table.values:
-        values["home"] = table.numbers("home", 3, 3)
-    if "name" in table.values:
-        values["name"] = table.text("name")
+    planar = read_planar(tables)
+    motion = read_motion(tables, Path(path).parent, planar)
+    outputs = read_outputs(tables.table("outputs", required=False), PLANAR if planar else SPATIAL)
+    pair = read_pair(tables.table("pair"), planar)
+    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, outputs)
     try:
-        return HingePair(**values)
+        scene._wanted(None)
     except ArgumentError as error:
-        raise SceneError(table.label(error.name), error.expected, error.got) from None
-
-
-def _robot_pair(table: Table) -> HingePair:
-    from hingepair.robots import load_robot_hinge
-
-    robot, joint = table.text("robot"), table.text("joint")
-    try:
-        return load_robot_hinge(robot, joint)
-    except ArgumentError as error:
-        raise SceneError(table.label(error.name), error.expected, error.got) from None
-
-
-def _motion(table: Table) -> tuple[Expr, ...]:
-    table.check_keys((*COORDINATES, "sequence", "constants"))
-    constants = _constants(table.table("constants", required=False))
-    motion = tuple(_expression(table, key, constants) for key in COORDINATES)
-    try:
-        check_real([table.label(key) for key in COORDINATES], motion)
-    except ArgumentError as error:
-        raise SceneError(error.name, error.expected, error.got) from None
-    return motion
-
-
-def _expression(table: Table, key: str, constants: dict[str, float]) -> Expr:
-    value = table.values.get(key)
-    if not isinstance(value, str):
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            table.fail(key, "a finite number or an expression in t")
-        return exact(table.number(key))
-    from hingepair.expressions import parse
-
-    return parse(table.label(key), value, constants)
-
-
-def _constants(table: Table) -> dict[str, float]:
-    from hingepair.expressions import constant_name_fault
-
-    for key in table.values:
-        fault = constant_name_fault(key)
-        if fault:
-            raise SceneError(table.label(key), fault, key)
-    return {key: table.number(key) for key in table.values}
-
-
-def _sequence(table: Table) -> str:
-    sequence = table.text("sequence", default="XYZ")
-    try:
-        find_sequence(sequence)
-    except ArgumentError as error:
-        raise SceneError(table.label("sequence"), error.expected, error.got) from None
-    return sequence
-
-
-def _outputs(table: Table) -> tuple[str, ...] | None:
-    table.check_keys(("names",))
-    if "names" not in table.values:
-        return None
-    names = table.values["names"]
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
-        table.fail("names", 'a list of names such as ["R2", "v2"]')
-    try:
-        return check_outputs(names)
-    except ArgumentError as error:
-        raise SceneError(table.label("names"), error.expected, error.got) from None
+        raise SceneError(tables.table("outputs").label("names"), error.expected, error.got) from None
+    return scene
 
 
 def _level(output: str) -> int:
     """The derivatives that an output needs."""
     return _LEVELS.get(output.rstrip("12"), POSE)
-
-
-@functools.lru_cache(maxsize=16)
-def _compiled(motion: tuple[Expr, ...], order: int) -> Callable[[ArrayLike], Coordinates]:
-    return compile_coordinates(motion, order)

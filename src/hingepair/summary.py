@@ -9,18 +9,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.accuracy import error_ratios, euler_rate_sizes, output_scales
+from hingepair.accuracy import error_ratios, output_scales
 from hingepair.arrays import boxes
-from hingepair.constraints import hinge_gap, hinge_slip
+from hingepair.constraints import constraint_values
 from hingepair.export import column_names
+from hingepair.report import finite_or_none
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from hingepair.pair import HingePair
+    from hingepair.samples import Samples
     from hingepair.scene import Scene, SceneResult
 
 _SLAB = 65536
+
+_MEANINGS = (
+    ("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m", "max abs(R1) + abs(u1) + abs(u2)"),
+    ("E2", "omega2 - omega1 - S2 C^T n psi'", "rad/s", "W2 = W1 + abs(psi')"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,19 +50,16 @@ class Residual:
     scale: str
 
 
-def residuals(scene: Scene) -> tuple[Residual, Residual]:
-    """How far the computed motion is from E1 and E2, over all instants of the scene."""
-    t = scene.times()
-    worst = np.zeros((2, 2))
-    for (rows,) in boxes(t.shape, _SLAB):
-        q, qd, _ = scene.coordinates(t[rows])
-        worst = np.fmax(worst, _worst(scene.pair, q, qd, scene.sequence))
-    (gap, gap_ratio), (slip, slip_ratio) = worst.tolist()
-    return (
-        Residual("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m", gap, gap_ratio, "max abs(R1) + abs(u1) + abs(u2)"),
-        Residual(
-            "E2", "omega2 - omega1 - S2 C^T n psi'", "rad/s", slip, slip_ratio, "W2 = sum abs(phi_i') + abs(psi')"
-        ),
+def residuals(scene: Scene) -> tuple[Residual, ...]:
+    """How far the computed motion is from E1, and from E2 where it has rates, over all instants of the scene."""
+    motion = scene.motion
+    meanings = _MEANINGS[: motion.level + 1]
+    worst = np.zeros((len(meanings), 2))
+    for (rows,) in boxes(motion.t.shape, _SLAB):
+        worst = np.fmax(worst, _worst(scene, motion.samples(rows, len(meanings) - 1)))
+    return tuple(
+        Residual(label, meaning, unit, largest, ratio, scale)
+        for (label, meaning, unit, scale), (largest, ratio) in zip(meanings, worst.tolist(), strict=True)
     )
 
 
@@ -88,28 +91,21 @@ def as_json(result: SceneResult) -> dict[str, Any]:
     return columns
 
 
-def finite_or_none(number: float) -> float | None:
-    """The number, or None where JSON has no word for it."""
-    return number if math.isfinite(number) else None
-
-
 def not_finite(result: SceneResult) -> int:
     """How many instants hold a number that is not finite."""
     _, values = _columns(result)
     return int(np.count_nonzero(~np.logical_and.reduce([np.isfinite(column) for column in values])))
 
 
-def _worst(pair: HingePair, q: tuple[Any, ...], qd: tuple[Any, ...], sequence: str) -> NDArray[np.float64]:
+def _worst(scene: Scene, samples: Samples) -> NDArray[np.float64]:
     """Largest residual of E1 and E2, absolute and in units of u * scale; NaN where no instant is finite."""
-    s = pair.forward_kinematics(q, qd, outputs=("R1", "S1", "R2", "S2", "omega1", "omega2"), sequence=sequence)
-    a = s.arrays()
-    psid = np.broadcast_to(np.asarray(qd[6], dtype=np.float64), s.shape)
-    W1, _ = euler_rate_sizes(np.stack(np.broadcast_arrays(*qd[3:6]), axis=-1))
+    pair, a = scene.space, samples.bodies(scene.pair)
+    W1, psid = samples.rates() if samples.level else (None, None)
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
-    gap = hinge_gap(pair._constants.values, a["R1"], a["S1"], a["R2"], a["S2"])
-    slip = hinge_slip(pair._constants.values, a["S2"], a["omega1"], a["omega2"], psid)
+    names, rate = (("gap",), {}) if psid is None else (("gap", "slip"), {"psid_given": psid})
+    measured = constraint_values(pair._constants, names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})
     found = []
-    for name, residual in (("R2", gap), ("omega2", slip)):
+    for name, residual in zip(("R2", "omega2"), measured.values(), strict=False):
         error, ratio = error_ratios(name, residual, np.zeros_like(residual), scales[name])
         found.append([_largest(error), _largest(ratio)])
     return np.array(found)

@@ -10,62 +10,93 @@ attitude S2) at -u2. Read back with `body2_frame="body2"` the same u1, u2, n and
 
 from __future__ import annotations
 
+import math
 import os
-import re
 import xml.etree.ElementTree as ET
-from typing import Any
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError, ShapeError, URDFError, choices
+from hingepair.arrays import check_choice
+from hingepair.body import Box, Cylinder, Shape
+from hingepair.errors import URDFError, choices
 from hingepair.euler import euler_to_matrix, matrix_to_euler
-from hingepair.pair import HingePair, check_pair
+from hingepair.export_parts import (
+    BASE,
+    BODY1,
+    BODY2,
+    BODY2_AT_HINGE,
+    HINGE,
+    WORLD,
+    Part,
+    document,
+    hinge_axis2,
+    numbers,
+    parts_of,
+)
+from hingepair.pair import HingePair
+from hingepair.urdf_inertia import Pose, combined_body
 from hingepair.urdf_tree import Robot, parse_urdf, read_urdf
 
 __all__ = ["Robot", "from_urdf", "hinge_pair", "parse_urdf", "to_urdf"]
 
-BODY1, BODY2, BODY2_AT_HINGE, HINGE = "body1", "body2", "body2_at_hinge", "hinge"
-"""Names of the links and of the joint in the URDF of a pair."""
+BASES = ("free", "floating", "fixed")
+"""How body 1 hangs in the world, for `to_urdf`."""
 
-_MASS, _INERTIA = 1.0, 0.01  # kg, kg m^2: small and valid, for loaders that refuse a body without inertia
-_NOT_XML = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"  # compiled when used: that takes milliseconds
+_EFFORT, _VELOCITY = 1000.0, 100.0  # N m, rad/s: a revolute joint must name them, and these should stop nobody
+_ASIDE = (2.0**-53, 2.0**-39)
+_STILL = (0.0, 0.0, 0.0)
 
-Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
+# MuJoCo reads URDF too, and this element of it: body2 stays a body of its own, and the shapes are kept.
+_FOR_MUJOCO = {"fusestatic": "false", "discardvisual": "false"}
 
 
-def to_urdf(pair: HingePair) -> str:
+def to_urdf(pair: HingePair, *, base: str = "free") -> str:
     """The pair as URDF text: the same text for the same pair.
 
-    The base is free: give the loader a free-flyer root joint. The links are named as the module says; body2's
-    frame is (R2, S2), body1's is (R1, S1).
+    The links are named as the module says; body1's frame is (R1, S1), body2's is (R2, S2). The joint `hinge` is
+    revolute where the pair has limits, else continuous.
+
+    Args:
+        pair: the pair; its limits, body1 and body2 are written where given.
+        base: "free": body1 is the root, to be set free by the loader (Pinocchio: a free-flyer root joint);
+            "floating": a floating joint from a link `world`; "fixed": body1 is fixed to `world`.
 
     Raises:
-        ArgumentError: the pair's name holds a character that XML cannot.
+        ArgumentError: an unknown base; the pair's name holds a character that XML cannot.
         ShapeError: u1, u2, n or home differ from sample to sample.
 
     >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
-    >>> parse_urdf(to_urdf(pair)).hinge("hinge").xyz
-    (0.5, 0.0, 0.1)
+    >>> pair = HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0), limits=(-1, 1))
+    >>> hinge = parse_urdf(to_urdf(pair)).hinge("hinge")
+    >>> hinge.type, hinge.xyz, hinge.limits
+    ('revolute', (0.5, 0.0, 0.1), (-1.0, 1.0))
     """
-    check_pair(pair)
-    for name, shape in (("u1", (3,)), ("u2", (3,)), ("n", (3,)), ("home", (3, 3))):
-        if getattr(pair, name).shape != shape:
-            raise ShapeError(name, f"one pair: shape {shape}", f"shape {getattr(pair, name).shape}")
-    if re.search(_NOT_XML, pair.name):
-        raise ArgumentError("name", "characters that XML can hold", pair.name)
+    check_choice("base", base, BASES)
+    one, two = parts_of(pair)
     robot = ET.Element("robot", {"name": pair.name})
-    _add_link(robot, BODY1, centre=np.zeros(3))
-    _add_link(robot, BODY2_AT_HINGE, centre=-pair.u2)
-    _add_link(robot, BODY2)
-    hinge = _add_joint(robot, HINGE, "continuous", BODY1, BODY2_AT_HINGE)
-    ET.SubElement(hinge, "origin", {"xyz": _text(pair.u1), "rpy": _text(matrix_to_euler(pair.home, "xyz"))})
-    ET.SubElement(hinge, "axis", {"xyz": _text(pair.home.T @ pair.n)})
-    reference = _add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2)
-    ET.SubElement(reference, "origin", {"xyz": _text(-pair.u2), "rpy": _text((0.0, 0.0, 0.0))})
-    ET.indent(robot)
-    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
+    ET.SubElement(ET.SubElement(robot, "mujoco"), "compiler", _FOR_MUJOCO)
+    for name, part in ((BODY1, one), (BODY2_AT_HINGE, two)):
+        material = ET.SubElement(robot, "material", {"name": f"{name}_paint"})
+        ET.SubElement(material, "color", {"rgba": part.colour})
+    if base != "free":
+        ET.SubElement(robot, "link", {"name": WORLD})
+    _add_link(robot, BODY1, one)
+    _add_link(robot, BODY2_AT_HINGE, two)
+    ET.SubElement(robot, "link", {"name": BODY2})
+    if base != "free":
+        _add_joint(robot, BASE, base, WORLD, BODY1)
+    kind = "continuous" if pair.limits is None else "revolute"
+    hinge = _add_joint(robot, HINGE, kind, BODY1, BODY2_AT_HINGE)
+    _add_origin(hinge, pair.u1, matrix_to_euler(pair.home, "xyz"))
+    ET.SubElement(hinge, "axis", {"xyz": numbers(_axis(pair))})
+    if pair.limits is not None:
+        keys, values = ("lower", "upper", "effort", "velocity"), (*pair.limits, _EFFORT, _VELOCITY)
+        ET.SubElement(hinge, "limit", {key: numbers((value,)) for key, value in zip(keys, values, strict=True)})
+    _add_origin(_add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), -pair.u2, _STILL)
+    return document(robot)
 
 
 def from_urdf(
@@ -81,6 +112,8 @@ def from_urdf(
 
     Returns:
         The pair, named as the joint. Between parent and child link: u1 and home are the joint's origin, u2 = 0.
+        With it come the limits of a revolute joint, and the mass properties of the bodies, each of all links that
+        are rigidly fixed to each other; None where the URDF gives none that a rigid body can have.
 
     Raises:
         URDFError: no readable URDF, or no such hinge or frame in it; says what would do.
@@ -103,49 +136,104 @@ def hinge_pair(robot: Robot, joint: str, body1_frame: str | None, body2_frame: s
     hinge = robot.hinge(joint)
     if not any(hinge.axis):
         raise URDFError(f"joint {joint!r}, axis xyz", "a non-zero axis", hinge.axis)
-    frame1, point1 = _pose_in(robot, hinge.parent, body1_frame, "body1_frame")
-    frame2, point2 = _pose_in(robot, hinge.child, body2_frame, "body2_frame")
+    poses1, poses2 = _fixed_to(robot, hinge.parent), _fixed_to(robot, hinge.child)
+    frame1, point1 = _chosen(poses1, hinge.parent, body1_frame, "body1_frame")
+    frame2, point2 = _chosen(poses2, hinge.child, body2_frame, "body2_frame")
     home = frame1.T @ euler_to_matrix(hinge.rpy, "xyz")
     size = max(map(abs, hinge.axis))
     n = home @ (np.array(hinge.axis) / size)
     u1 = frame1.T @ (np.array(hinge.xyz) - point1)
-    return HingePair(u1=u1 + 0.0, u2=0.0 - frame2.T @ point2, n=n + 0.0, home=home @ frame2 + 0.0, name=name)
+    return HingePair(
+        u1=u1 + 0.0,
+        u2=0.0 - frame2.T @ point2,
+        n=n + 0.0,
+        home=home @ frame2 + 0.0,
+        name=name,
+        limits=hinge.limits,
+        body1=combined_body(robot, _seen_from(poses1, frame1, point1)),
+        body2=combined_body(robot, _seen_from(poses2, frame2, point2)),
+    )
 
 
-def _pose_in(robot: Robot, link: str, frame: str | None, argument: str) -> Pose:
-    """Rotation and origin of a frame in the axes of the link that it is rigidly fixed to."""
-    poses: dict[str, Pose] = {link: (np.eye(3), np.zeros(3))}
-    wanted = link if frame is None else frame
+def _fixed_to(robot: Robot, link: str) -> dict[str, Pose]:
+    """Rotation and origin of every link that is rigidly fixed to a link, in the axes of that link."""
     fixed = [joint for joint in robot.joints.values() if joint.type == "fixed"]
-    grown = True
-    while wanted not in poses and grown:
-        grown = False
-        for joint in fixed:
-            if (joint.parent in poses) == (joint.child in poses):
-                continue
-            grown = True
-            rotation, origin = euler_to_matrix(joint.rpy, "xyz"), np.array(joint.xyz)
-            if joint.parent in poses:
-                outer, start = poses[joint.parent]
-                poses[joint.child] = outer @ rotation, start + outer @ origin
-            else:
-                outer, start = poses[joint.child]
-                outer = outer @ rotation.T
-                poses[joint.parent] = outer, start - outer @ origin
+    rotations = euler_to_matrix(np.array([joint.rpy for joint in fixed]).reshape(-1, 3), "xyz")
+    neighbours = defaultdict(list)
+    for joint, rotation in zip(fixed, rotations, strict=True):
+        neighbours[joint.parent].append((joint, rotation))
+        neighbours[joint.child].append((joint, rotation))
+    poses: dict[str, Pose] = {link: (np.eye(3), np.zeros(3))}
+    waiting = [link]
+    with np.errstate(all="ignore"):  # an origin of 1e308 is HingePair's to refuse, where it is needed
+        while waiting:
+            here = waiting.pop()
+            outer, start = poses[here]
+            for joint, rotation in neighbours[here]:
+                there = joint.child if joint.parent == here else joint.parent
+                if there in poses:
+                    continue
+                origin = np.array(joint.xyz)
+                if there == joint.child:
+                    poses[there] = outer @ rotation, start + outer @ origin
+                else:
+                    outwards = outer @ rotation.T
+                    poses[there] = outwards, start - outwards @ origin
+                waiting.append(there)
+    return poses
+
+
+def _chosen(poses: Mapping[str, Pose], link: str, frame: str | None, argument: str) -> Pose:
+    wanted = link if frame is None else frame
     if wanted not in poses:
         raise URDFError(argument, f"a link rigidly fixed to {link!r}: {choices(tuple(poses))}", frame)
     return poses[wanted]
 
 
-def _add_link(robot: ET.Element, name: str, centre: NDArray[np.float64] | None = None) -> None:
+def _seen_from(poses: Mapping[str, Pose], axes: NDArray[np.float64], point: NDArray[np.float64]) -> dict[str, Pose]:
+    """Poses in a frame that is itself given by its axes and origin."""
+    return {link: (axes.T @ rotation, axes.T @ (origin - point)) for link, (rotation, origin) in poses.items()}
+
+
+def _axis(pair: HingePair) -> NDArray[np.float64]:
+    """The hinge axis in the child's axes, a hair too long where it is a hair off x, y or z.
+
+    Pinocchio takes what is within 1e-12 of x for x; an axis that is longer by more than that it normalises.
+    """
+    axis = hinge_axis2(pair)
+    aside = float(np.sort(np.abs(axis))[1])
+    return axis * (1 + 2 * _ASIDE[1]) if _ASIDE[0] < aside < _ASIDE[1] else axis
+
+
+def _add_link(robot: ET.Element, name: str, part: Part) -> None:
     link = ET.SubElement(robot, "link", {"name": name})
-    if centre is None:
-        return
     inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", {"xyz": _text(centre), "rpy": _text((0.0, 0.0, 0.0))})
-    ET.SubElement(inertial, "mass", {"value": repr(_MASS)})
-    moments = dict.fromkeys(("ixx", "iyy", "izz"), repr(_INERTIA)) | dict.fromkeys(("ixy", "ixz", "iyz"), repr(0.0))
-    ET.SubElement(inertial, "inertia", dict(sorted(moments.items())))
+    _add_origin(inertial, part.center, _STILL)
+    ET.SubElement(inertial, "mass", {"value": numbers((part.mass,))})
+    keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    ET.SubElement(inertial, "inertia", {k: numbers((m,)) for k, m in zip(keys, part.moments, strict=True)})
+    for shape in part.shapes:
+        visual = ET.SubElement(link, "visual")
+        _add_origin(visual, shape.center, _turn(shape))
+        kind, sizes = _geometry(shape)
+        ET.SubElement(ET.SubElement(visual, "geometry"), kind, sizes)
+        ET.SubElement(visual, "material", {"name": f"{name}_paint"})
+
+
+def _geometry(shape: Shape) -> tuple[str, dict[str, str]]:
+    if isinstance(shape, Box):
+        return "box", {"size": numbers(shape.size)}
+    if isinstance(shape, Cylinder):
+        return "cylinder", {"radius": numbers((shape.radius,)), "length": numbers((shape.length,))}
+    return "sphere", {"radius": numbers((shape.radius,))}
+
+
+def _turn(shape: Shape) -> tuple[float, float, float]:
+    """Roll and pitch that take z, the axis of URDF's cylinders, to the shape's."""
+    if not isinstance(shape, Cylinder):
+        return _STILL
+    x, y, z = map(float, shape.axis)
+    return math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0
 
 
 def _add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
@@ -155,6 +243,5 @@ def _add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str)
     return joint
 
 
-def _text(vector: Any) -> str:
-    """Three numbers with all their digits (repr knows no locale), without the sign of -0."""
-    return " ".join(repr(float(value) + 0.0) for value in vector)
+def _add_origin(element: ET.Element, xyz: Iterable[float], rpy: Iterable[float]) -> None:
+    ET.SubElement(element, "origin", {"xyz": numbers(xyz), "rpy": numbers(rpy)})

@@ -34,6 +34,7 @@ class Joint:
         rpy: attitude at angle 0, fixed-axis XYZ [rad].
         axis: in the child's axes, as written, not normalised.
         mimic: the joint whose angle it follows; None where it has its own.
+        limits: least and greatest value [rad or m]; None where there are none.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Joint:
     rpy: Triple
     axis: Triple
     mimic: str | None
+    limits: tuple[float, float] | None
 
     @property
     def is_hinge(self) -> bool:
@@ -52,12 +54,30 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
+class Inertial:
+    """A link's mass properties as the URDF says them.
+
+    Attributes:
+        mass: kg.
+        xyz: centre of mass in the link's axes [m].
+        rpy: attitude of the axes that the moments are given in, fixed-axis XYZ [rad].
+        moments: Ixx, Ixy, Ixz, Iyy, Iyz, Izz [kg m^2].
+    """
+
+    mass: float
+    xyz: Triple
+    rpy: Triple
+    moments: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Robot:
-    """What a URDF says of links and joints: `links` in order, `joints` by name in order."""
+    """What a URDF says: `links` in order, `joints` by name in order, `inertials` by link where there are any."""
 
     name: str
     links: tuple[str, ...]
     joints: Mapping[str, Joint]
+    inertials: Mapping[str, Inertial]
 
     def hinges(self) -> tuple[Joint, ...]:
         """The revolute and continuous joints, mimic joints included."""
@@ -114,7 +134,10 @@ def parse_urdf(text: str | bytes) -> Robot:
     _refuse_twice("link", links)
     _refuse_twice("joint", (joint.name for joint in joints))
     _refuse_twice("child link", (joint.child for joint in joints))
-    return Robot(root.get("name", ""), tuple(links), MappingProxyType({joint.name: joint for joint in joints}))
+    by_name = MappingProxyType({joint.name: joint for joint in joints})
+    inertials = (_inertial(name, element) for name, element in zip(links, root.findall("link"), strict=True))
+    by_link = MappingProxyType({name: found for name, found in zip(links, inertials, strict=True) if found})
+    return Robot(root.get("name", ""), tuple(links), by_name, by_link)
 
 
 class _NoDoctype(ET.TreeBuilder):
@@ -143,6 +166,30 @@ def _joint(element: ET.Element) -> Joint:
         rpy=_triple(origin, "rpy", f"{where}, origin", (0.0, 0.0, 0.0)),
         axis=_triple(axis, "xyz", f"{where}, axis", (1.0, 0.0, 0.0)),
         mimic=None if mimic is None else _attribute(mimic, "joint", f"{where}, mimic"),
+        limits=_limits(element, where),
+    )
+
+
+def _limits(element: ET.Element, where: str) -> tuple[float, float] | None:
+    """The limits of a joint; none where they leave nothing to move, which is how URDF reads a range not given."""
+    limit = element.find("limit")
+    if limit is None or element.get("type") == "continuous":
+        return None
+    lower, upper = (_number(limit, name, f"{where}, limit") for name in ("lower", "upper"))
+    return (lower, upper) if lower < upper else None
+
+
+def _inertial(link: str, element: ET.Element) -> Inertial | None:
+    inertial = element.find("inertial")
+    if inertial is None:
+        return None
+    where = f"link {link!r}, inertial"
+    origin, mass, inertia = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
+    return Inertial(
+        mass=_number(mass, "value", where),
+        xyz=_triple(origin, "xyz", f"{where}, origin", (0.0, 0.0, 0.0)),
+        rpy=_triple(origin, "rpy", f"{where}, origin", (0.0, 0.0, 0.0)),
+        moments=tuple(_number(inertia, key, where) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
     )
 
 
@@ -151,6 +198,16 @@ def _attribute(element: ET.Element, name: str, where: str) -> str:
     if not value:
         raise URDFError(where, f"an attribute {name}", "none")
     return value
+
+
+def _number(element: ET.Element | None, name: str, where: str) -> float:
+    """The finite number of an attribute; 0 where it is not given."""
+    text = None if element is None else element.get(name)
+    if text is None:
+        return 0.0
+    if _NUMBER.fullmatch(text.strip()) and np.isfinite(float(text)):
+        return float(text)
+    raise URDFError(f"{where} {name}", "a finite number", text)
 
 
 def _triple(element: ET.Element | None, name: str, where: str, default: Triple) -> Triple:

@@ -1,0 +1,168 @@
+"""Derivatives of samples: of a polynomial of degree p through or near each sample and its neighbours.
+
+For derivatives of order p (even) at a sample, p/2 neighbours are taken on either side; the polynomial goes through
+all p + 1 samples, with the weights of Fornberg (Mathematics of Computation 51 (1988), 699-706). For the first and the
+last p/2 samples, whose neighbours are on one side, it is the one nearest to the first or last p + 5 samples (least
+squares): one through p + 1 would amplify noise three times as much. The instants need not be uniform.
+
+The error of a first derivative is of order h^p, that of a second one of order h^(p-1), in the middle of uniform
+steps h^p too. Only differences of instants and of values enter, so neither may be large without harm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.errors import ArgumentError, ShapeError
+
+Float64Array = NDArray[np.float64]
+
+_BLOCK = 16384
+
+
+class Stencils(NamedTuple):
+    """The neighbours of some samples one after the other, and their weights; shape (rows, neighbours).
+
+    Attributes:
+        rows: which samples.
+        neighbours: their neighbours, they themselves among them.
+        first: weights of the first derivative [1/s].
+        second: weights of the second derivative [1/s^2].
+    """
+
+    rows: slice
+    neighbours: NDArray[np.intp]
+    first: Float64Array
+    second: Float64Array
+
+
+def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
+    """Instants that can be differentiated at, as float64.
+
+    Raises:
+        ShapeError: not one axis, or fewer than order + 1.
+        ArgumentError: one is not finite, or not after the one before it; names the first such.
+    """
+    if t.ndim != 1 or t.size < order + 1:
+        raise ShapeError(name, f"shape (N,) with at least order + 1 = {order + 1} samples", f"shape {t.shape}")
+    instants = t.astype(np.float64)
+    bad = np.flatnonzero(~np.isfinite(instants))
+    if bad.size:
+        raise ArgumentError(name, "finite instants", f"{instants[bad[0]]} at index {bad[0]}")
+    with np.errstate(over="ignore"):
+        steps = np.diff(instants)
+    bad = np.flatnonzero(~((steps > 0) & (steps < np.inf))) + 1
+    if bad.size:
+        i = int(bad[0])
+        raise ArgumentError(
+            name, "instants that increase", f"{float(instants[i])!r} after {float(instants[i - 1])!r} at index {i}"
+        )
+    return instants
+
+
+def stencils(t: Float64Array, order: int) -> Iterator[Stencils]:
+    """The neighbours of all samples and their weights, block by block; instants as `check_instants` returns them."""
+    half, wide = order // 2, min(order + 5, t.size)
+    for start in range(half, t.size - half, _BLOCK):
+        rows = slice(start, min(start + _BLOCK, t.size - half))
+        lowest = np.arange(rows.start, rows.stop) - half
+        yield _weighted(t, rows, lowest[:, None] + np.arange(order + 1), order)
+    for rows, first in ((slice(0, half), 0), (slice(t.size - half, t.size), t.size - wide)):
+        yield _weighted(t, rows, np.broadcast_to(first + np.arange(wide), (half, wide)), order)
+
+
+def _weighted(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], order: int) -> Stencils:
+    nodes = t[neighbours] - t[rows, None]
+    step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
+    x = nodes / step
+    first, second = weights(x) if x.shape[1] == order + 1 else nearest_weights(x, order)
+    return Stencils(rows, neighbours, first / step, second / step / step)
+
+
+def weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Weights of the first and second derivative at 0 of the polynomial through nodes.
+
+    Args:
+        x: nodes, no two alike; shape (..., m).
+
+    Returns:
+        Two arrays of x's shape.
+
+    >>> first, second = weights(np.array([-1.0, 0.0, 1.0]))
+    >>> first.tolist(), second.tolist()
+    ([-0.5, 0.0, 0.5], [1.0, -2.0, 1.0])
+    """
+    nodes = [x[..., i] for i in range(x.shape[-1])]
+    zero = np.zeros(x.shape[:-1])
+    found = [(zero + 1, zero, zero)]
+    product = zero + 1
+    for i, node in enumerate(nodes[1:], start=1):
+        before, previous, (c0, c1, c2) = nodes[i - 1], product, found[-1]
+        product = zero + 1
+        for j in range(i):
+            gap = node - nodes[j]
+            product = product * gap
+            w0, w1, w2 = found[j]
+            found[j] = node * w0 / gap, (node * w1 - w0) / gap, (node * w2 - 2 * w1) / gap
+        ratio = previous / product
+        found.append((-ratio * before * c0, ratio * (c0 - before * c1), ratio * (2 * c1 - before * c2)))
+    return np.stack([w[1] for w in found], axis=-1), np.stack([w[2] for w in found], axis=-1)
+
+
+def nearest_weights(x: Float64Array, degree: int) -> tuple[Float64Array, Float64Array]:
+    """Weights of the first and second derivative at 0 of the polynomial nearest to values at nodes (least squares).
+
+    Args:
+        x: nodes, increasing, more than degree; shape (rows, m).
+        degree: of the polynomial.
+
+    Returns:
+        Two arrays of x's shape.
+
+    >>> first, second = nearest_weights(np.array([[-2.0, -1.0, 0.0, 1.0, 2.0]]), 2)
+    >>> first.round(12).tolist()
+    [[-0.2, -0.1, 0.0, 0.1, 0.2]]
+    """
+    from numpy.polynomial.legendre import legder, legval, legvander
+
+    slopes = legder(np.eye(degree + 1))
+    bends = legder(slopes)
+    first, second = np.empty(x.shape), np.empty(x.shape)
+    for i, nodes in enumerate(x):
+        middle, half = (nodes[0] + nodes[-1]) / 2, (nodes[-1] - nodes[0]) / 2
+        inverse = np.linalg.pinv(legvander((nodes - middle) / half, degree))
+        first[i] = legval(-middle / half, slopes) @ inverse / half
+        second[i] = legval(-middle / half, bends) @ inverse / half**2
+    return first, second
+
+
+def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tuple[Float64Array, Float64Array]:
+    """First and second derivatives of samples.
+
+    Args:
+        t: instants as `check_instants` returns them; shape (N,) s.
+        values: shape (N,).
+        order: of the error; even.
+
+    >>> t = np.array([1.0, 1.1, 1.3, 1.4, 1.7])
+    >>> first, second = differentiate(t, t**2, order=2)
+    >>> first.round(12).tolist(), second.round(12).tolist()
+    ([2.0, 2.2, 2.6, 2.8, 3.4], [2.0, 2.0, 2.0, 2.0, 2.0])
+    """
+    first, second = np.empty(t.shape), np.empty(t.shape)
+    with np.errstate(all="ignore"):
+        for rows, neighbours, w1, w2 in stencils(t, order):
+            rises = values[neighbours] - values[rows, None]
+            first[rows] = (w1 * rises).sum(axis=-1)
+            second[rows] = (w2 * rises).sum(axis=-1)
+    return first, second
+
+
+def unwrap(angles: Float64Array) -> Float64Array:
+    """Angles along time without their jumps by 2 pi: no step is longer than pi."""
+    turns = np.rint(np.diff(angles, prepend=angles[:1]) / (2 * np.pi))
+    return angles - 2 * np.pi * np.cumsum(turns)

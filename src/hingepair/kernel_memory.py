@@ -1,0 +1,110 @@
+"""How the compiled kernels reach memory: single numbers, blocks of LANES, and what to fetch ahead.
+
+Imported with Numba, that is only when the first compiled kernel is asked for.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from hingepair.kernel_rows import LANES
+
+_REGISTER = 32  # bytes of a row that are shuffled at a time
+
+
+def _load(typing_context: Any, like: Any, address: Any) -> Any:
+    """The number at an address, of the dtype of the array `like`; it need not be aligned."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = builder.inttoptr(arguments[1], context.get_data_type(like.dtype).as_pointer())
+        return builder.load(pointer, align=1)
+
+    return like.dtype(like, types.int64), generate
+
+
+def _store(typing_context: Any, like: Any, address: Any, value: Any) -> Any:
+    """Write a number of the dtype of the array `like` to an address; it need not be aligned."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = builder.inttoptr(arguments[1], context.get_data_type(like.dtype).as_pointer())
+        builder.store(arguments[2], pointer, align=1)
+        return context.get_dummy_value()
+
+    return types.void(like, types.int64, like.dtype), generate
+
+
+def _load_block(typing_context: Any, s: Any, row: Any, address: Any) -> Any:
+    """Copy LANES numbers that lie side by side into a row of s, all at once: they cannot overlap s."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        number = context.get_data_type(s.dtype)
+        block = ir.VectorType(number, LANES).as_pointer()
+        scratch = context.make_array(s)(context, builder, arguments[0])
+        target = builder.bitcast(builder.gep(scratch.data, [arguments[1]]), block)
+        builder.store(
+            builder.load(builder.inttoptr(arguments[2], block), align=1), target, align=s.dtype.bitwidth // 8
+        )
+        return context.get_dummy_value()
+
+    return types.void(s, types.int64, types.int64), generate
+
+
+def _store_side_by_side(rows: int) -> Any:
+    """A function that writes so many rows of s as LANES vectors or matrices side by side, by shuffles."""
+
+    def typed(typing_context: Any, s: Any, row: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            number, i32, i64 = context.get_data_type(s.dtype), ir.IntType(32), ir.IntType(64)
+            size = s.dtype.bitwidth // 8
+            width = _REGISTER // size
+            scratch = context.make_array(s)(context, builder, arguments[0])
+            start = builder.inttoptr(arguments[2], number.as_pointer())
+
+            def piece(i: int, k: int) -> Any:
+                at = builder.gep(scratch.data, [builder.add(arguments[1], ir.Constant(i64, i * LANES + k))])
+                return builder.load(builder.bitcast(at, ir.VectorType(number, width).as_pointer()), align=size)
+
+            def shuffle(a: Any, b: Any, order: list[int]) -> Any:
+                return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(i32, len(order)), order))
+
+            for k in range(0, LANES, width):
+                joined, length = [piece(i, k) for i in range(rows)], width
+                while len(joined) > 1:
+                    joined += [joined[-1]] * (len(joined) % 2)
+                    pairs = zip(joined[::2], joined[1::2], strict=True)
+                    joined, length = [shuffle(a, b, list(range(2 * length))) for a, b in pairs], 2 * length
+                order = [j // rows + width * (j % rows) for j in range(rows * width)]
+                mixed = shuffle(joined[0], joined[0], order)
+                place = builder.gep(start, [ir.Constant(i32, rows * k)])
+                builder.store(mixed, builder.bitcast(place, mixed.type.as_pointer()), align=1)
+            return context.get_dummy_value()
+
+        return types.void(s, types.int64, types.int64), generate
+
+    return typed
+
+
+def _prefetch(typing_context: Any, address: Any) -> Any:
+    """Ask for the cache line at an address soon to be read; a hint, which may point past the end of an array."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer, i32 = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [pointer, i32, i32, i32])
+        function = builder.module.declare_intrinsic("llvm.prefetch", (pointer,), kind)
+        to_read, keep, data = (ir.Constant(i32, k) for k in (0, 2, 1))
+        builder.call(function, [builder.inttoptr(arguments[0], pointer), to_read, keep, data])
+        return context.get_dummy_value()
+
+    return types.void(types.int64), generate
+
+
+load: Any = intrinsic(_load)
+store: Any = intrinsic(_store)
+load_block: Any = intrinsic(_load_block)
+store_vectors: Any = intrinsic(_store_side_by_side(3))
+store_matrices: Any = intrinsic(_store_side_by_side(9))
+prefetch: Any = intrinsic(_prefetch)

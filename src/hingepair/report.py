@@ -1,0 +1,27 @@
+"""What reports have in common: a table in plain text, and numbers that JSON has words for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+
+
+def aligned(lines: Sequence[Sequence[str]], right: Collection[int]) -> list[str]:
+    """The lines of a table, cells padded to columns; the columns numbered in `right` to the right.
+
+    >>> aligned([("name", "size"), ("d", "1.25")], {1})
+    ['name  size', 'd     1.25']
+    """
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return [
+        "  ".join(
+            cell.rjust(width) if i in right else cell.ljust(width)
+            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in lines
+    ]
+
+
+def finite_or_none(number: float) -> float | None:
+    """The number, or None where JSON has no word for it."""
+    return number if math.isfinite(number) else None
