@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from hingepair.arrays import check_choice, constant, finite_number, read_only, real_array
 from hingepair.attitude_steps import RULES
 from hingepair.backend import choose
+from hingepair.differentiate import check_instants
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.evaluate import Outputs
 from hingepair.pair import HingePair, check_pair
@@ -127,7 +128,7 @@ def integrate(
     check_choice("frame", frame, FRAMES)
     if tol is not None and not finite_number("tol", tol) > 0:
         raise ArgumentError("tol", "a positive number", tol)
-    course = Course(_instants(t), method, tol, choose(backend, 1), frame == "body")
+    course = Course(check_instants("t", real_array("t", t), 0), method, tol, choose(backend, 1), frame == "body")
     given: dict[str, Any] = {"omega1": omega1, "psid": psid, "alpha1": alpha1, "psidd": psidd}
     hinge = finite_number("psi_0", psi_0)
     if isinstance(pair, PlanarPair):
@@ -221,23 +222,3 @@ def _needed(rates: Mapping[str, Signal | None], name: str) -> Signal:
     if signal is None:
         raise ArgumentError(name, "a callable, a constant, or samples at t", None)
     return signal
-
-
-def _instants(t: ArrayLike) -> Values:
-    """The instants as float64, copied.
-
-    Raises:
-        ArgumentError: they are not one row of increasing finite numbers; names the first index that is not.
-    """
-    times = np.array(real_array("t", t), dtype=np.float64)
-    if times.ndim != 1 or not len(times):
-        raise ShapeError("t", "shape (N,) with N of 1 or more", f"shape {times.shape}")
-    finite = np.isfinite(times)
-    if not finite.all():
-        first = int(np.argmin(finite))
-        raise ArgumentError("t", "finite numbers", f"{times[first]} at index {first}")
-    grows = np.diff(times) > 0
-    if not grows.all():
-        first = int(np.argmin(grows)) + 1
-        raise ArgumentError("t", "increasing numbers", f"{times[first]} after {times[first - 1]} at index {first}")
-    return times

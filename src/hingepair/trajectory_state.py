@@ -60,7 +60,7 @@ def spatial_state(
     S1 = rotations(quats)
     for name in needed & {"omega1", "alpha1", "psid", "psidd"}:
         values = rates[name].instants(t)  # type: ignore[union-attr]
-        known[name] = _turned(S1, values) if body and values.ndim == 2 else values
+        known[name] = turned(S1, values) if body and values.ndim == 2 else values
     motion = BodyMotion._trusted(
         R=known.get("R1", np.zeros(3)),
         S=S1,
@@ -125,7 +125,7 @@ def _wanted(
     return names, inputs(names)
 
 
-def _turned(S1: NDArray[Any], vectors: Values) -> Values:
+def turned(S1: NDArray[Any], vectors: Values) -> Values:
     """Vectors from body 1's axes to the world's."""
     parts = {"S1": components_of(S1, 2), "w": components_of(vectors)}
     return evaluate(lambda v: eq.rotate(v["S1"], v["w"]), parts, (3,), np.dtype(np.float64))
