@@ -65,9 +65,8 @@ ORDER: Final = 6
 
 _OMEGA: Final = ("omega1[0]", "omega1[1]", "omega1[2]")
 _START: Final = ("S1_0", "psi_0", "frame", "method")
-_COLUMNS: Final = {
-    name: ARRAYS.get(name, (name,)) for name in ("omega1", "psid", "alpha1", "psidd", "R1", "v1", "a1")
-}
+_NAMES: Final = ("omega1", "psid", "alpha1", "psidd", "R1", "v1", "a1")
+_COLUMNS: Final = {name: ARRAYS.get(name, (name,)) for name in _NAMES}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,10 +173,9 @@ def _integrated(
     known: Mapping[str, Float64Array],
     tol: float | None,
 ) -> IntegratedMotion:
-    """The motion from rates; `known` are R1 and derivatives at the instants, and psi from t = 0, where it is exact."""
-    course = Course(
-        t, _choice(table, "method", METHODS), tol, choose("auto", 1), _choice(table, "frame", FRAMES) == "body"
-    )
+    """The motion from rates; `known` are R1 and derivatives at the instants, and psi from t = 0 where it is exact."""
+    body = _choice(table, "frame", FRAMES) == "body"
+    course = Course(t, _choice(table, "method", METHODS), tol, choose("auto", 1), body)
     omega, psid = signals if "psi" not in known else (signals[0], Constant(np.zeros(())))
     try:
         found = space_attitudes(course, omega, psid, _attitude(table))
@@ -190,11 +188,9 @@ def _integrated(
         raise SceneError(table.label(fault.name.removesuffix("(t)")), fault.expected, fault.got) from None
     psi = hinge.values if "psi" not in known else hinge.values + (known["psi"] - known["psi"][0])
     S1 = rotations(found.values)
-    rates = {
-        name: turned(S1, known[name]) if course.body else known[name]
-        for name in ("omega1", "alpha1")
-        if name in known
-    }
+    rates = {name: known[name] for name in ("omega1", "alpha1") if name in known}
+    if body:
+        rates = {name: turned(S1, values) for name, values in rates.items()}
     body1, angles = {"R": known["R1"], "S": S1, "v": known["v1"], "omega": rates["omega1"]}, [psi, known["psid"]]
     if {"alpha1", "psidd", "a1"} <= known.keys():
         body1 |= {"a": known["a1"], "alpha": rates["alpha1"]}
@@ -235,9 +231,8 @@ def _arrays(file: SampleFile, columns: Columns) -> dict[str, Float64Array]:
     for name in ("omega1", "psid"):
         bad = np.argwhere(~np.isfinite(found[name].reshape(len(columns["t"]), -1)))
         if bad.size:
-            file.fail(
-                _COLUMNS[name][bad[0, 1]], "finite numbers, to be integrated", f"nan or inf at sample {bad[0, 0]}"
-            )
+            sample, i = bad[0]
+            file.fail(_COLUMNS[name][i], "finite numbers, to be integrated", f"nan or inf at sample {sample}")
     if "R1" not in found:
         found |= dict.fromkeys(("R1", "v1", "a1"), np.zeros((len(columns["t"]), 3)))
     return found
