@@ -1,6 +1,6 @@
 """Write gyro_log.csv and gyro_log_truth.csv: `python models/make_gyro_log.py [FOLDER]`.
 
-The body turns by yaw, pitch and roll (about z, the new y, the newest x) that are sums of sines, and so does the hinge.
+The body turns by yaw, pitch and roll (about z, the new y, the newest x) that are sums of sines; so does the hinge.
 A gyroscope on it, of twelve decimals and no noise, logs the angular velocity in the body's own axes a hundred times a
 second; an encoder logs psi'. The truth is the attitude, as a quaternion, and psi, rounded once from 40 digits.
 """

@@ -155,11 +155,7 @@ def read_rate_file(table: Table, folder: Path) -> IntegratedMotion:
     except ArgumentError as error:
         file.fail("t", error.expected, error.got)
     if completed:
-        for name, rate, second in (("omega1", "alpha1", None), ("psid", "psidd", None), ("R1", "v1", "a1")):
-            first, then = differentiate(t, known[name], ORDER)
-            known.setdefault(rate, first)
-            if second is not None:
-                known.setdefault(second, then)
+        known = _completed(t, known)
     if "v1" not in known:
         file.fail("v1_x", "a column beside x (or differentiate = true)", "no such column")
     signals = SampledSignal(t, known["omega1"]), SampledSignal(t, known["psid"])
@@ -235,6 +231,19 @@ def _arrays(file: SampleFile, columns: Columns) -> dict[str, Float64Array]:
             file.fail(_COLUMNS[name][i], "finite numbers, to be integrated", f"nan or inf at sample {sample}")
     if "R1" not in found:
         found |= dict.fromkeys(("R1", "v1", "a1"), np.zeros((len(columns["t"]), 3)))
+    return found
+
+
+def _completed(t: Float64Array, known: dict[str, Float64Array]) -> dict[str, Float64Array]:
+    """The same with the derivatives that are missing."""
+    found = dict(known)
+    for names in (("omega1", "alpha1"), ("psid", "psidd"), ("R1", "v1", "a1"), ("v1", "a1")):
+        if not found.keys() >= set(names):
+            columns = found[names[0]].reshape(t.size, -1).T
+            each = zip(*(differentiate(t, column, ORDER) for column in columns), strict=True)
+            shape = found[names[0]].shape
+            for name, derivative in zip(names[1:], each, strict=False):
+                found.setdefault(name, np.stack(derivative, axis=-1).reshape(shape))
     return found
 
 
