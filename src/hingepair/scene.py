@@ -38,7 +38,7 @@ differentiate = true          # optional: find the derivatives that the file lac
 sequence = "XYZ"              # optional: of Euler angles
 
 Or it may be integrated (E12) from the angular velocity of body 1 and the hinge rate, as expressions `omega1` and
-`psi_dot` or as samples; `hingepair.integrated_motion` has the layout.
+`psi_dot` or as samples: `hingepair.rate_expressions` and `hingepair.rate_file` have the layouts.
 """
 
 from __future__ import annotations

@@ -7,10 +7,12 @@ from typing import Any, TypeAlias
 
 from hingepair.errors import ArgumentError, SceneError
 from hingepair.expression_motion import ExpressionMotion, read_expression_motion
-from hingepair.integrated_motion import IntegratedMotion, read_rate_expressions, read_rate_file
+from hingepair.integrated_motion import IntegratedMotion
 from hingepair.pair import HingePair
 from hingepair.plan import check_outputs
 from hingepair.planar import PlanarPair
+from hingepair.rate_expressions import read_rate_expressions
+from hingepair.rate_file import read_rate_file
 from hingepair.sampled_motion import SampledMotion, read_sampled_motion
 from hingepair.scene_file import Table
 
@@ -76,8 +78,8 @@ def read_motion(tables: Table, folder: Path, planar: bool) -> Motion:
     motion = tables.table("motion", required=False)
     if "file" not in motion.values:
         time = tables.table("time")
-        if "omega1" in motion.values and not planar:
-            return read_rate_expressions(motion, time)
+        if "omega1" in motion.values:
+            return read_rate_expressions(motion, time, planar)
         return read_expression_motion(tables.table("motion"), time, planar)
     if planar:
         motion.fail("file", "no such key in a planar scene, whose motion is expressions")
