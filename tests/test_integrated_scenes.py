@@ -164,12 +164,16 @@ def test_the_level_follows_the_log(tmp_path):
     np.testing.assert_allclose(plain.evaluate(("S1",)).S1[-1], hp.rodrigues((0, 0, 1), turned), rtol=0, atol=20 * U)
     full = scene_of(tmp_path, LOGGED + "differentiate = true\n")
     np.testing.assert_allclose(full.evaluate(("alpha1",)).alpha1, [[0, 0, 1]] * 12, rtol=0, atol=1e-12)
-    moving = "t,x,y,z," + LOG[2:].replace("\n", "\n#").replace("#0", "#0").replace("\n#", "\n")
-    rows = [line.split(",") for line in moving.strip().split("\n")[1:]]
-    text = moving.split("\n", 1)[0] + "\n" + "".join(f"{r[0]},{r[0]},0,1,{','.join(r[1:])}\n" for r in rows)
+    head, *rows = LOG.splitlines()
+    moving = "\n".join(
+        [
+            head.replace("t,", "t,x,y,z,"),
+            *(f"{k / 10},{k / 10},0,1{row[row.index(',') :]}" for k, row in enumerate(rows)),
+        ]
+    )
     with pytest.raises(hp.SceneError, match=re.escape("v1_x: expected a column beside x (or differentiate = true)")):
-        scene_of(tmp_path, LOGGED, text)
-    moved = scene_of(tmp_path, LOGGED + "differentiate = true\n", text).evaluate(("v1", "R1"))
+        scene_of(tmp_path, LOGGED, moving)
+    moved = scene_of(tmp_path, LOGGED + "differentiate = true\n", moving).evaluate(("v1", "R1"))
     np.testing.assert_allclose(moved.v1, [[1, 0, 0]] * 12, rtol=0, atol=1e-13)
 
 
