@@ -18,6 +18,7 @@ from hingepair import compensated, kernel_cache
 from hingepair import increments as inc
 from hingepair.backend import How
 from hingepair.blocks import components_of
+from hingepair.errors import ArgumentError
 from hingepair.prefix_product import scan
 from hingepair.signals import Constant, Signal, Values
 
@@ -104,6 +105,7 @@ def loops(how: How, steps: Steps) -> Loops:
     return Loops(kernels.turns, kernels.place, kernels.sums)
 
 
+@np.errstate(all="ignore")
 def attitudes(omega: Signal, steps: Steps, rule: Rule, run: Loops, start: Values, *, body: bool = False) -> Values:
     """The attitudes at the instants.
 
@@ -134,17 +136,22 @@ def attitudes(omega: Signal, steps: Steps, rule: Rule, run: Loops, start: Values
     _scan_quaternions(carries)
     for (first, last), carry in zip(slabs, carries.T, strict=True):
         run.place(found[first + 1 : last + 1], carry / np.sqrt(carry @ carry))
+    _check_finite("omega1", "angles of each step that have a sine", found)
     if body:
         found *= _INVERSE
     return found
 
 
-def angles(psid: Signal, psi_0: float, steps: Steps, rule: Rule, run: Loops) -> Values:
-    """Hinge angles at the instants, to the last bit or so of the sum; shape (N,)."""
+@np.errstate(all="ignore")
+def angles(name: str, psid: Signal, psi_0: float, steps: Steps, rule: Rule, run: Loops) -> Values:
+    """Angles at the instants from their rate, which has a name, to the last bit or so of the sum; shape (N,)."""
     if isinstance(psid, Constant):
         apart = compensated.exact_sum(steps.t, -steps.t[0])
-        turned = compensated.pair_product((psid.value, 0.0), apart)
-        return compensated.pair_sum(turned, (psi_0, 0.0))[0]  # type: ignore[no-any-return]
+        found = np.stack(
+            compensated.pair_sum(compensated.pair_product((psid.value, 0.0), apart), (psi_0, 0.0)), axis=-1
+        )
+        _check_finite(name, "a rate whose integral is finite", found)
+        return found[:, 0].copy()
     found = np.zeros((len(steps.t), 2))
     slabs = steps.slabs()
     for first, last in slabs:
@@ -161,7 +168,15 @@ def angles(psid: Signal, psi_0: float, steps: Steps, rule: Rule, run: Loops) -> 
         rows = found[first + 1 : last + 1]
         rows[:, 0], rows[:, 1] = compensated.pair_sum((rows[:, 0], rows[:, 1]), (carry[0], carry[1]))
     found[0, 0] = psi_0
+    _check_finite(name, "a rate whose integral is finite", found)
     return found[:, 0].copy()
+
+
+def _check_finite(name: str, expected: str, rows: Values) -> None:
+    """Refuse what has overflowed on the way, which the last row shows; names the first interval that did."""
+    if not np.isfinite(rows[-1]).all():
+        first = int(np.argmin(np.isfinite(rows).all(axis=1)))
+        raise ArgumentError(name, expected, f"overflow between the instants {first - 1} and {first}")
 
 
 def increment_quaternions(omega: Values, h: Values, number: int) -> Any:

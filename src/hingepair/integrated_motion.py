@@ -37,6 +37,8 @@ Float64Array: TypeAlias = NDArray[np.float64]
 START: Final = ("psi_0", "method")
 """Keys that every such motion may have in its table, beside S1_0 and frame in space, phi_0 in the plane."""
 
+_KEYS: Final = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
+
 STILL: Final = Constant(np.zeros(()))
 
 
@@ -119,8 +121,8 @@ def integrated_in_plane(
     with _named(table):
         steps = plain_steps(course, rates, rule)
         phi, psi = (
-            plane_angle(course, rate, _number(table, key), steps, rule)
-            for rate, key in zip(rates, ("phi_0", "psi_0"), strict=True)
+            plane_angle(course, name, rate, _number(table, key), steps, rule)
+            for name, rate, key in zip(("omega1", "psi_dot"), rates, ("phi_0", "psi_0"), strict=True)
         )
         check_reached(tol, phi.error, psi.error)
         error = max(phi.error(), psi.error())
@@ -146,7 +148,7 @@ def _named(table: Table) -> Iterator[None]:
     except SceneError:
         raise
     except ArgumentError as error:
-        raise SceneError(table.label(error.name.removesuffix("(t)")), error.expected, error.got) from None
+        raise SceneError(table.label(_KEYS.get(error.name, error.name)), error.expected, error.got) from None
 
 
 def _number(table: Table, key: str) -> float:

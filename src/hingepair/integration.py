@@ -195,7 +195,8 @@ def _in_plane(
     rule = RULES[course.method]
     steps = plain_steps(course, (omega, psid), rule)
     found, hinge = (
-        plane_angle(course, rate, begin, steps, rule) for rate, begin in zip((omega, psid), start, strict=True)
+        plane_angle(course, name, rate, begin, steps, rule)
+        for name, rate, begin in zip(("omega1", "psid"), (omega, psid), start, strict=True)
     )
     check_reached(course.tol, found.error, hinge.error)
     return PlanarTrajectory(

@@ -72,12 +72,12 @@ def hinge_angles(course: Course, psid: Signal, psi_0: float, steps: Steps) -> Tu
     rule = {"euler_angles": EULER_RULE, "dop853": _BEST}.get(course.method) or RULES[course.method]
     if course.method not in RULES:
         steps = plain_steps(course, (psid,), rule)
-    return plane_angle(course, psid, psi_0, steps, rule)
+    return plane_angle(course, "psid", psid, psi_0, steps, rule)
 
 
-def plane_angle(course: Course, rate: Signal, start: float, steps: Steps, rule: Rule) -> Turned:
-    """The integral of a rate, from a value at the first instant."""
-    values = angles(rate, start, steps, rule, loops(course.how, steps))
+def plane_angle(course: Course, name: str, rate: Signal, start: float, steps: Steps, rule: Rule) -> Turned:
+    """The integral of a rate of this name, from a value at the first instant."""
+    values = angles(name, rate, start, steps, rule, loops(course.how, steps))
 
     def error() -> float:
         return angle_error(rate, steps, rule) + _U * float(np.abs(values).max())
