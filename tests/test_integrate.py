@@ -10,7 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.attitude_steps import RULES, SLAB
-from hingepair.increments import quaternion_product
+from hingepair.increments import quaternion_product, runge_kutta4
 from hingepair.prefix_product import RADIX, scan
 from spins import REFERENCE, SPINS, TURNED, U
 from states import generator, rotations
@@ -53,6 +53,20 @@ def test_error_falls_with_the_order_of_the_method(name, method):
 def test_promised_accuracy(spin, method, h, bound):
     t = instants(10.0, h)
     assert spin.error(t, attitudes(spin, t, method=method).S1) <= bound
+
+
+def test_rk4_is_the_classical_step():
+    """Q' = omega q / 2 by the textbook, with matrices; normalised, since only then it is a rotation."""
+    for omegas in generator(123).normal(size=(20, 3, 3)):
+        A = [np.array([[0, -x, -y, -z], [x, 0, -z, y], [y, z, 0, -x], [z, -y, x, 0]]) / 2 for x, y, z in omegas]
+        h, q = 0.7, np.array([1.0, 0, 0, 0])
+        k1 = A[0] @ q
+        k2 = A[1] @ (q + h / 2 * k1)
+        k3 = A[1] @ (q + h / 2 * k2)
+        k4 = A[2] @ (q + h * k3)
+        q = q + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        found = np.array(runge_kutta4(*map(tuple, omegas.tolist()), h))
+        np.testing.assert_allclose(found, q, rtol=0, atol=4 * U)
 
 
 def test_euler_angles_are_exact_where_they_are_linear():
@@ -115,9 +129,9 @@ def test_psi_is_a_compensated_sum(backend):
     """Psi = t + 0.3 sin t to 2u of psi, over several slabs."""
     t = np.linspace(0, 50, 2 * SLAB + 5)
     motion = hp.integrate(PAIR, t, 0 * t[:3], lambda s: 1 + 0.3 * np.cos(s), psi_0=0.1, outputs=(), backend=backend)
-    for i in np.linspace(0, len(t) - 1, 40).astype(int):
+    for i in np.linspace(0, len(t) - 1, 400).astype(int):
         exact = mpmath.mpf(0.1) + mpmath.mpf(t[i]) + mpmath.mpf(3) / 10 * mpmath.sin(mpmath.mpf(t[i]))
-        assert abs(motion.psi[i] - exact) <= 2 * U * abs(exact)
+        assert abs(motion.psi[i] - exact) <= 1.2 * U * abs(exact)
     assert motion.psi_error_estimate <= 2 * U * 50
 
 

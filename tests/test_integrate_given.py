@@ -37,7 +37,7 @@ def test_samples_keep_order_6(spin, even):
         t = t if even else t + 0.3 * (t * (1 - t))
         errors.append(spin.error(t, attitudes(spin, t, spin.omega(t)).S1))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(6, abs=0.5)
-    assert errors[1] < 2e-11
+    assert errors[1] < 1e-12
 
 
 def test_samples_are_interpolated_exactly_where_they_are_polynomials():
@@ -74,13 +74,14 @@ def test_error_estimate_is_honest(spin, kind, method):
         assert true <= 10 * motion.error_estimate
 
 
-def test_error_estimate_is_honest_on_probes():
-    """More intervals than probes, of very different lengths."""
-    t = np.concatenate([np.linspace(0, 1, 2 * PROBES), [1.05, 1.12], np.linspace(1.2, 1.3, PROBES)])
+@pytest.mark.parametrize("shift", range(3))
+def test_error_estimate_is_honest_on_probes(shift):
+    """More intervals than probes; nearly all of the error is in one long interval, wherever that is."""
+    t = np.concatenate([np.linspace(0, 1, 2 * PROBES + shift), np.linspace(1.1, 1.2, PROBES)])
     motion = attitudes(TURNED, t)
     true = TURNED.error(t, motion.S1)
-    assert true / 10 <= motion.error_estimate <= 10 * true
-    assert true > 1e-11
+    assert true / 2 <= motion.error_estimate <= 2 * true
+    assert true > 1e-10
 
 
 @spins
@@ -91,6 +92,7 @@ def test_tolerance_is_kept_by_substeps(spin, method):
     motion = hp.integrate(PAIR, t, spin.omega, np.exp, S1_0=spin.S1_0, tol=tol, method=method, outputs=())
     assert spin.error(t, motion.S1, instants=4) <= motion.error_estimate * 1.01 <= tol * 1.01
     assert np.abs(motion.psi - np.expm1(t)).max() <= tol
+    assert motion.steps <= {"magnus6": 80, "dop853": 0}.get(method, 600)
 
 
 def test_tolerance_out_of_reach_says_what_is_left():
