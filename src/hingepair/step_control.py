@@ -36,7 +36,7 @@ class Probes(NamedTuple):
 
 
 def probes(t: Values) -> Probes:
-    """All intervals if they are few; else one of each part, and the longest ones where lengths differ."""
+    """All intervals if they are few; else one of each part, and where lengths differ the longest, for themselves."""
     count = len(t) - 1
     if count <= PROBES:
         return Probes(np.arange(count), np.ones(count))
@@ -46,10 +46,13 @@ def probes(t: Values) -> Probes:
     weights = np.full(PROBES, count / PROBES)
     lengths = np.abs(np.diff(t))
     if lengths.max() > 1.5 * lengths.mean():
-        longest = np.setdiff1d(np.argpartition(lengths, -PROBES // 8)[-PROBES // 8 :], chosen)
-        chosen, weights = np.concatenate([chosen, longest]), np.concatenate([weights, np.ones(len(longest))])
-        order = np.argsort(chosen, kind="stable")
-        chosen, weights = chosen[order], weights[order]
+        longest = np.argpartition(lengths, -PROBES // 8)[-PROBES // 8 :]
+        chosen, weights = (
+            np.concatenate([longest, chosen]),
+            np.concatenate([np.ones(len(longest)), weights]),
+        )
+        chosen, first = np.unique(chosen, return_index=True)
+        weights = weights[first]
     return Probes(chosen, weights)
 
 
