@@ -175,10 +175,17 @@ def test_the_level_follows_the_log(tmp_path):
         scene_of(tmp_path, LOGGED, moving)
     moved = scene_of(tmp_path, LOGGED + "differentiate = true\n", moving).evaluate(("v1", "R1"))
     np.testing.assert_allclose(moved.v1, [[1, 0, 0]] * 12, rtol=0, atol=1e-13)
-    known = moving.replace("x,y,z,", "x,y,z,v1_x,v1_y,v1_z,").replace(",0,1,", ",0,1,2,0,0,")
-    again = scene_of(tmp_path, LOGGED + "differentiate = true\n", known).evaluate(("v1", "a1"))
-    np.testing.assert_allclose(again.v1, [[2, 0, 0]] * 12, rtol=0, atol=0)
-    np.testing.assert_allclose(again.a1, np.zeros((12, 3)), rtol=0, atol=1e-12)
+    head, *rows = moving.splitlines()
+    head = head.replace(",omega1_x", ",v1_x,v1_y,v1_z,omega1_x")
+    velocities = "\n".join([head, *(_with_velocity(row, k / 5) for k, row in enumerate(rows))])
+    again = scene_of(tmp_path, LOGGED + "differentiate = true\n", velocities).evaluate(("v1", "a1"))
+    np.testing.assert_array_equal(again.v1[:, 0], np.arange(12) / 5)
+    np.testing.assert_allclose(again.a1, [[2, 0, 0]] * 12, rtol=0, atol=1e-12)
+
+
+def _with_velocity(row, speed):
+    cells = row.split(",")
+    return ",".join([*cells[:4], str(speed), "0", "0", *cells[4:]])
 
 
 @pytest.mark.parametrize(

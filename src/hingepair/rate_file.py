@@ -82,7 +82,7 @@ def _arrays(file: SampleFile, columns: Columns) -> dict[str, Float64Array]:
 def _completed(t: Float64Array, known: dict[str, Float64Array]) -> dict[str, Float64Array]:
     """The same with the derivatives that are missing."""
     found = dict(known)
-    for names in (("omega1", "alpha1"), ("psid", "psidd"), ("R1", "v1", "a1"), ("v1", "a1")):
+    for names in (("omega1", "alpha1"), ("psid", "psidd"), ("v1", "a1") if "v1" in known else ("R1", "v1", "a1")):
         if not found.keys() >= set(names):
             columns = found[names[0]].reshape(t.size, -1).T
             each = zip(*(differentiate(t, column, ORDER) for column in columns), strict=True)
