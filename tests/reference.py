@@ -16,8 +16,10 @@ import numpy as np
 DIGITS = 60
 OUTPUTS = ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "S1", "omega1", "alpha1")
 BOUNDS = {
-    "S1": 6, "S2": 12, "d": 8, "R2": 8, "omega1": 3, "omega2": 3, "v2": 6, "alpha1": 4, "alpha2": 4, "a2": 6,
+    "S1": 6, "S2": 13, "d": 10, "R2": 10, "omega1": 4, "omega2": 6, "v2": 10, "alpha1": 4, "alpha2": 7, "a2": 10,
 }  # fmt: skip
+ORDINARY = BOUNDS | {"S2": 12, "d": 8, "R2": 8, "omega1": 3, "omega2": 3, "v2": 6, "alpha2": 4, "a2": 6}
+"""What random states keep to: those near a bound have to be searched for (README, "Accuracy")."""
 UNIT = {np.dtype(np.float64): 2.0**-53, np.dtype(np.float32): 2.0**-24}
 
 _AXES = {"X": (1, 0, 0), "Y": (0, 1, 0), "Z": (0, 0, 1)}
@@ -66,10 +68,10 @@ class Truth:
         with mpmath.workdps(DIGITS):
             safe = np.where(finite[:, None], rows, 0.0).astype(object)
             gap = abs(safe - truth.reshape(safe.shape)).max(axis=-1)
-            ratio = [
-                float(g / (mpmath.mpf(unit) * s)) if s else (0.0 if g == 0 else np.inf)
-                for g, s in zip(gap, self.scales[name], strict=True)
-            ]
+            # Below the smallest normal number no relative precision is left, whatever the scale.
+            smallest = mpmath.mpf(float(np.finfo(got.dtype).tiny))
+            scales = [max(mpmath.mpf(unit) * s, smallest) for s in self.scales[name]]
+            ratio = [float(g / s) for g, s in zip(gap, scales, strict=True)]
         return np.where(finite, ratio, np.inf)
 
 
@@ -157,6 +159,16 @@ def nearest_rotation(S):
     for _ in range(4):
         S = S @ (3 * exactly(np.eye(3)) - np.swapaxes(S, -1, -2) @ S) / 2
     return S
+
+
+def attitude_of_rotvec(rotvec):
+    """The rotation of rotation vectors, (N, 3) -> (N, 3, 3)."""
+    with mpmath.workdps(DIGITS + 320):
+        vector = exactly(rotvec)
+        angle = _sqrt((vector * vector).sum(axis=-1))
+        axis = vector / np.where(angle == 0, mpmath.mpf(1), angle)[..., None]
+        zero = 0 * angle
+        return rotation(axis, (angle, zero, zero)).c0
 
 
 def attitude_of_quaternion(quat_xyzw):

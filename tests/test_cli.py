@@ -35,7 +35,13 @@ def short_scene(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("scene", SCENES, ids=[scene.stem for scene in SCENES])
+FAST = ("reference_3d", "reference_2d", "logged_arm")
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [pytest.param(scene, marks=() if scene.stem in FAST else pytest.mark.slow, id=scene.stem) for scene in SCENES],
+)
 def test_every_model_runs_and_passes_its_check(scene: Path) -> None:
     assert hp.load_scene(scene).title in hingepair("run", scene).stdout
     report = json.loads(hingepair("check", scene, "--json").stdout)

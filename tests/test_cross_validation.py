@@ -9,10 +9,10 @@ import pytest
 
 import states
 from hingepair.accuracy import SCALES
-from hingepair.euler import SEQUENCES
 from hingepair.motion import BodyMotion
 from hingepair.pair import HingePair
 from hingepair.pinocchio import cross_validate, cross_validate_from_body1
+from hingepair.sequences import SEQUENCES
 from test_pinocchio import pair_of
 
 HARD = states.hard_states()

@@ -34,12 +34,19 @@ def everything(numbers, sin, cos, kind):
     alpha1 = eq.angular_acceleration1(axes, phid, phidd)
     S2 = eq.attitude2(S1, eq.hinge_rotation(n, (sin(psi), 2 * half * half)), home)
     r1, r2, axis = eq.rotate(S1, u1), eq.rotate(S2, u2), eq.rotate(S1, n)
-    d = eq.subtract(r1, r2)
+    hinge = (sin(psi), 2 * half * half)
+    arm = eq.rotate(home, u2)
+    around = eq.cross(n, arm)
+    across = eq.cross(around, n)
+    swing = eq.swing(across, around, hinge, eq.cosine(hinge))
+    d = eq.offset(S1, eq.along(u1, arm, across), swing)
+    slide = eq.slide(axis, eq.rotate(S1, swing))
     R2 = eq.position2(R1, d)
     omega2 = eq.angular_velocity2(omega1, axis, psid)
-    v2 = eq.velocity2(v1, omega1, r1, omega2, r2)
+    v2 = eq.velocity2(v1, omega1, d, slide, psid)
     alpha2 = eq.angular_acceleration2(alpha1, omega1, axis, psid, psidd)
-    a2 = eq.acceleration2(a1, omega1, alpha1, r1, omega2, alpha2, r2)
+    relative = eq.relative_acceleration(axis, slide, psid, psidd)
+    a2 = eq.acceleration2(a1, omega1, alpha1, d, slide, psid, relative)
     gap = eq.hinge_gap(R1, r1, R2, r2)
     return [*S1, *S2, *d, *R2, *omega1, *omega2, *v2, *alpha1, *alpha2, *a2, *gap, *eq.transpose(S2), eq.dot(u1, u2)]
 
@@ -127,7 +134,10 @@ def test_the_equations_compile():
         "attitude2": (S, T, tuple(numbers[18:27])),
         "angular_acceleration1": (tuple(numbers[:5]), v[2], v[3]),
         "angular_acceleration2": (v[0], v[1], v[2], numbers[9], numbers[10]),
-        "acceleration2": (v[0], v[1], v[2], v[3], v[4], v[5], v[6]),
+        "swing": (v[0], v[1], (numbers[3], numbers[4]), numbers[5]),
+        "slide": (v[0], v[1]),
+        "relative_acceleration": (v[0], v[1], numbers[9], numbers[10]),
+        "acceleration2": (v[0], v[1], v[2], v[3], v[4], numbers[9], v[6]),
         "tait_bryan_attitude": (tuple(numbers[:6]),),
         "rotate": (S, v[5]),
     }

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.euler import SEQUENCES
+from hingepair.sequences import SEQUENCES
 from reference import DIGITS, angular_motion, exactly, rotation
 from states import generator
 

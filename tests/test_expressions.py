@@ -175,7 +175,7 @@ def test_unknown_name_says_where_and_what_is_known() -> None:
 SLOW_IN_SYMPY = (
     "tanh(asin((1e300 + tau + sin(t))**2))",
     "tanh(asin((1e100 + tau + sin(t))**100/1e300))",
-    "asinh(cosh(tan(1e300) - asin(t)**(-100)))",
+    pytest.param("asinh(cosh(tan(1e300) - asin(t)**(-100)))", marks=pytest.mark.slow),
     "cosh((100/e - pi)**(t + 1e5 - t/t))",
     "atan2(tau/e, atan2(-(e*(pi/0.0951)), atan2(asinh(tan(e)), sinh(log(1e-300)))))",
     "atanh(atan2(atan2(tau, atan2(1e-300, pi)*(1e5 + e)), acos(t)))",

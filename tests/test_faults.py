@@ -15,10 +15,9 @@ import hingepair
 
 TESTS = Path(__file__).parent
 PACKAGE = Path(hingepair.__file__).parent
-LAWS = ["test_laws.py", "test_accuracy.py", "test_shapes.py", "test_rotation_laws.py"]
-
 # What is wrong: (file, text that stands there exactly once, what it becomes).
 FAULTS = {
+    # equations
     "a sign in E2": (
         "equations.py",
         "return add(omega1, scale(axis, psid))",
@@ -39,33 +38,87 @@ FAULTS = {
         "add(scale(axis, psidd), scale(cross(omega1, axis), psid))",
         "scale(axis, psidd)",
     ),
+    "centripetal acceleration dropped in E9": (
+        "equations.py",
+        "return add(scale(cross(axis, slide), psid * psid), scale(slide, psidd))",
+        "return scale(slide, psidd)",
+    ),
+    "Coriolis acceleration halved in E9": ("equations.py", "scale(slide, 2 * psid)", "scale(slide, psid)"),
+    "a sign in Sx Sy Sz": ("equations.py", "cx * sz + ss * cz", "cx * sz - ss * cz"),
+    "a sign in Sx Sy Sx": ("equations.py", "cc * cz - sx * sz", "cc * cz + sx * sz"),
+    "a sign in J' phi'": ("equations.py", "rates[2] + (turn[2] + phid[0] * y)", "rates[2] + (turn[2] - phid[0] * y)"),
     "u1 and u2 swapped": (
-        "plan.py",
-        """("S1", "u1")),
-    Step("r2", eq.rotate, ("S2", "u2")),""",
-        """("S1", "u2")),
-    Step("r2", eq.rotate, ("S2", "u1")),""",
+        "levers.py",
+        '"u1": numbers[:3], "u2": numbers[3:]',
+        '"u1": numbers[3:], "u2": numbers[:3]',
     ),
-    "psi reduced modulo 2 pi in double": (
-        "blocks.py",
-        "half = sine(0.5 * psi)",
-        "psi = psi % (2 * math.pi)\n    half = sine(0.5 * psi)",
-    ),
-    "1 - cos psi for the versine": (
-        "blocks.py",
-        "return sine(psi), 2 * half * half",
-        "return sine(psi), 1 - cosine(psi)",
-    ),
+    "the hinge turns the lever backwards": ("plan.py", '("n", "arm")', '("arm", "n")'),
     "d computed as R2 - R1": (
         "plan.py",
-        """Step("r2", eq.rotate, ("S2", "u2")),
-    Step("d", eq.subtract, ("r1", "r2")),
-    Step("R2", eq.position2, ("R1", "d")),""",
-        """Step("r2", eq.rotate, ("S2", "u2")),
-    Step("lever", eq.subtract, ("r1", "r2")),
+        """Step("d", eq.offset, ("S1", "along", "swing")),
+    Step("R2", eq.position2, ("R1", "d")),
+    Step("axis",""",
+        """Step("lever", eq.offset, ("S1", "along", "swing")),
     Step("R2", eq.position2, ("R1", "lever")),
-    Step("d", eq.subtract, ("R2", "R1")),""",
+    Step("d", eq.subtract, ("R2", "R1")),
+    Step("axis",""",
     ),
+    # numbers
+    "psi reduced modulo 2 pi in double": (
+        "blocks.py",
+        "s, c = sine(psi), cosine(psi)",
+        "psi = psi % (2 * math.pi)\n    s, c = sine(psi), cosine(psi)",
+    ),
+    "1 - cos psi for the versine": ("blocks.py", "np.where(c > 0, s * s / (1 + c), 1 - c)", "1 - c"),
+    "lengths without scaling": (
+        "lengths.py",
+        "return tuple(np.ldexp(np.ldexp(component, half), -exponent - half) for component in v), exponent",
+        "return v, 0 * exponent + 0 * half",
+    ),
+    "levers in plain doubles": (
+        "twofold.py",
+        "error + (self.high * other.low + self.low * other.high)",
+        "0.0 * error",
+    ),
+    # conventions
+    "wxyz for xyzw": (
+        "motion.py",
+        'quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False)',
+        'quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=True)',
+    ),
+    "extrinsic taken for intrinsic": (
+        "sequences.py",
+        "name.upper()[::-1] if name.islower() else name",
+        "name.upper()",
+    ),
+    "left-handed sequences taken for right-handed": (
+        "sequences.py",
+        "sign = 1 if (axes[1] - axes[0]) % 3 == 1 else -1",
+        "sign = 1",
+    ),
+    "a sign in J^-1": ("euler.py", "across = by * z - bz * y", "across = by * z + bz * y"),
+    "the first angle of a proper sequence half a turn off": (
+        "euler.py",
+        "(order.sign * S[3], -order.sign * S[6])",
+        "(S[3], -S[6])",
+    ),
+    "lock read off the wrong element": ("euler.py", "(canonical[3], canonical[6])", "(canonical[3], canonical[7])"),
+    # rotations
+    "rotation_log by the arc cosine of the trace": (
+        "rotations.py",
+        "2 * np.arctan2(length, quat[..., 0]) / length",
+        "np.arccos(np.clip((np.trace(matrix, axis1=-2, axis2=-1) - 1) / 2, -1, 1)) / length",
+    ),
+    "no pivot in the quaternion of a matrix": ("rotations.py", "pivot = np.argmax(", "pivot = 0 * np.argmax("),
+    "long rotation vectors cut to a double": (
+        "rotations.py",
+        "(s + (c * more - s * lack), k + (s * more + c * lack))",
+        "(s, k)",
+    ),
+    "the nearest rotation as the SVD rounds it": ("rotations.py", "S = _nearer(S, work /", "_nearer(S, work /"),
+    "a reflection accepted": ("rotations.py", 'tolerance) | (out["volume"] < 0)', "tolerance)"),
+    "matrices not checked": ("rotations.py", "2 * TOLERANCE[dtype.itemsize]\n    bad", "9.0\n    bad"),
+    # frames
     "spatial for classical acceleration, going to Pinocchio": (
         "pinocchio_twin.py",
         "_to_body(S, a - np.cross(omega, v))",
@@ -76,22 +129,36 @@ FAULTS = {
         "pin.getFrameClassicalAcceleration(",
         "pin.getFrameAcceleration(",
     ),
-    "centripetal acceleration dropped in E9": (
-        "equations.py",
-        "add(cross(alpha, r), cross(omega, cross(omega, r)))",
-        "cross(alpha, r)",
-    ),
-    "wxyz for xyzw": (
-        "motion.py",
-        'quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False)',
-        'quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=True)',
-    ),
-    "wxyz for xyzw, going to Pinocchio": (
-        "pinocchio_twin.py",
-        "np.roll(quat_wxyz, -1, axis=-1)",
-        "quat_wxyz",
-    ),
+    "wxyz for xyzw, going to Pinocchio": ("pinocchio_twin.py", "np.roll(quat_wxyz, -1, axis=-1)", "quat_wxyz"),
+    "free-flyer velocity in world axes": ("pinocchio_twin.py", "_joined(_to_body(S, v), _to", "_joined(v, _to"),
+    "u2 not turned by home in Pinocchio's frame": ("pinocchio_twin.py", "-(home @ pair.u2)", "-np.array(pair.u2)"),
 }
+
+# Faults of what is compiled alone: killed by the compiled laws, from a kernel cache of their own.
+KERNEL_FAULTS = {
+    "cosine's sign by sine's quadrant": ("kernel_math.py", "((quadrant + 1) & 2)", "(quadrant & 2)"),
+    "pi/2 in one part": ("kernel_math.py", "6.123233995736766e-17", "0.0"),
+    "1 - cos psi for the versine, compiled": (
+        "kernel_math.py",
+        "drop if (quadrant & 3) == 0 else 1.0 - cos",
+        "1.0 - cos",
+    ),
+    "far angles not repaired": ("kernel_math.py", "far |= not abs(x) <= _REACH", "far |= abs(x) > 1e307"),
+    "everything may be reordered": ("kernel_math.py", 'FLAGS = {"contract", "nsz"}', "FLAGS = True"),
+    "psi'' for psi' in a step": (
+        "kernel_steps.py",
+        "eq.velocity2(v1, omega1, d, slide, s[_PSID + k])",
+        "eq.velocity2(v1, omega1, d, slide, s[_PSIDD + k])",
+    ),
+    "renamed axes without their sign": ("kernel_steps.py", "= sign * s[_SPARE", "= s[_SPARE"),
+    "extrinsic angles in the order of the letters": ("kernel_rows.py", "rows[::-1] if backward else rows", "rows"),
+}
+
+LAWS = (
+    *("test_laws.py", "test_accuracy.py", "test_shapes.py", "test_rotation_laws.py", "test_rotation_bounds.py"),
+    *("test_border.py", "test_levers.py"),
+)
+COMPILED_LAWS = ("test_compiled.py", "test_accuracy.py")
 
 
 def inject(package, fault):
@@ -103,31 +170,28 @@ def inject(package, fault):
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
-def run_laws(copy, *options):
+def run_laws(copy, files, which):
     """Exit code and output of the laws, run against a copy of the package; fails if another one was imported."""
-    environment = dict(os.environ, PYTHONPATH=str(copy), PYTHONDONTWRITEBYTECODE="1")
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-m",
-        "law",
-        "-k",
-        "not numba",
-        "-x",
-        "-p",
-        "no:cacheprovider",
-        "--color=no",
-        *options,
-    ]
+    environment = dict(
+        os.environ, PYTHONPATH=str(copy), PYTHONDONTWRITEBYTECODE="1", NUMBA_CACHE_DIR=str(copy / "cache")
+    )
+    options = ["-m", "law", "-k", which, "-x", "-p", "no:cacheprovider", "--color=no"]
     done = subprocess.run(
-        [*command, *(str(TESTS / name) for name in LAWS)],
-        cwd=TESTS.parent, env=environment, capture_output=True, text=True, timeout=120, check=False,
+        [sys.executable, "-m", "pytest", *options, *(str(TESTS / name) for name in files)],
+        cwd=TESTS.parent, env=environment, capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     imported = re.search(r"^hingepair: (.*)$", done.stdout, re.MULTILINE)
     assert imported, done.stdout + done.stderr
     assert Path(imported[1]).is_relative_to(copy), f"{imported[1]} was tested, not the copy in {copy}"
     return done.returncode, done.stdout
+
+
+def numpy_laws(copy):
+    return run_laws(copy, LAWS, "not numba")
+
+
+def compiled_laws(copy):
+    return run_laws(copy, COMPILED_LAWS, "numba or test_compiled")
 
 
 @pytest.fixture
@@ -137,22 +201,38 @@ def copy(tmp_path):
 
 
 @pytest.mark.slow
-def test_without_a_fault_the_laws_hold(copy):
-    code, output = run_laws(copy)
+@pytest.mark.parametrize("laws", [numpy_laws, compiled_laws])
+def test_without_a_fault_the_laws_hold(laws, copy):
+    code, output = laws(copy)
     assert code == pytest.ExitCode.OK, output
 
 
-@pytest.mark.parametrize("name", FAULTS)
+def test_there_are_faults_of_every_kind():
+    assert len(FAULTS) + len(KERNEL_FAULTS) >= 40
+    assert not FAULTS.keys() & KERNEL_FAULTS.keys()
+
+
+@pytest.mark.parametrize("name", FAULTS | KERNEL_FAULTS)
 def test_fault_still_fits_the_source(name, copy):
     """Fast: a fault whose text has gone is found out by every run of the tests, not only by the slow ones."""
-    inject(copy / "hingepair", FAULTS[name])
+    inject(copy / "hingepair", (FAULTS | KERNEL_FAULTS)[name])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
 def test_fault_is_found(name, copy, record_property, capsys):
-    inject(copy / "hingepair", FAULTS[name])
-    code, output = run_laws(copy)
+    require_found(name, FAULTS[name], numpy_laws, copy, record_property, capsys)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KERNEL_FAULTS)
+def test_compiled_fault_is_found(name, copy, record_property, capsys):
+    require_found(name, KERNEL_FAULTS[name], compiled_laws, copy, record_property, capsys)
+
+
+def require_found(name, fault, laws, copy, record_property, capsys):
+    inject(copy / "hingepair", fault)
+    code, output = laws(copy)
     assert code == pytest.ExitCode.TESTS_FAILED, f"{name}: the laws did not notice\n{output}"
     killer = re.search(r"^FAILED .*?(\w+\.py::\S+)", output, re.MULTILINE)
     assert killer, output

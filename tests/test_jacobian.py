@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.euler import SEQUENCES
 from hingepair.pinocchio import to_pinocchio
+from hingepair.sequences import SEQUENCES
 from states import body1 as random_body1
 from states import coordinates, generator, hard_states
 from states import pair as random_pair
@@ -29,7 +31,7 @@ def moving(key, count=COUNT):
 
 
 def lever(pair):
-    return np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
+    return sum(math.hypot(*u) for u in (pair.u1.tolist(), pair.u2.tolist()))
 
 
 def size(pair, body1, psid):

@@ -146,6 +146,25 @@ def test_bodies_swapped(case):
 
 
 @pytest.mark.law
+def test_time_reversed(case):
+    """The film run backwards: the same poses and accelerations, the velocities turned about."""
+    q, qd, qdd = case.motion
+    got = case.pair.forward_kinematics(q, -qd, qdd)
+    for name, sign in {"R2": 1, "S2": 1, "d": 1, "v2": -1, "omega2": -1, "a2": 1, "alpha2": 1}.items():
+        case.require(name, getattr(got, name), sign * np.asarray(getattr(case.state, name)), 2)
+
+
+@pytest.mark.law
+def test_axis_reversed(case):
+    """About -n by -psi is about n by psi."""
+    turned_about = hp.HingePair(**(case.constants | {"n": -case.constants["n"]}))
+    motion = [np.concatenate([c[:, :6], -c[:, 6:]], axis=-1) for c in case.motion]
+    got = turned_about.forward_kinematics(*motion)
+    for name in ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2"):
+        case.require(name, getattr(got, name), getattr(case.state, name), 2)
+
+
+@pytest.mark.law
 def test_one_more_turn_changes_nothing(case):
     q = case.motion[0].copy()
     q[:, 6] += 2 * np.pi

@@ -41,7 +41,7 @@ def test_everything_exported_exists_once() -> None:
 ORDER = (
     ("errors", "arrays", "report", "later"),
     ("equations", "planar_equations", "derivative_equations", "constraint_equations"),
-    ("blocks", "lengths", "rotations", "euler", "euler_motion", "body"),
+    ("blocks", "twofold", "lengths", "rotations", "sequences", "euler", "euler_motion", "body"),
     ("differentiate", "attitude_rates"),
     ("increments", "compensated", "prefix_product", "euler_steps"),
     ("motion", "plan", "state"),
@@ -51,7 +51,7 @@ ORDER = (
     ("evaluate", "kinematics", "constraints", "explain"),
     ("accuracy", "residual_report"),
     ("jacobians", "residuals", "sensitivities"),
-    ("pair", "planar"),
+    ("levers", "pair", "planar"),
     ("signals", "attitude_steps", "step_control", "euler_route", "scipy_route", "routes", "position"),
     ("trajectory", "trajectory_state", "integration"),
     ("expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
@@ -60,7 +60,8 @@ ORDER = (
     ("integrated_motion", "rate_expressions", "rate_file"),
     ("scene_tables", "scene", "export"),
     ("trig_sums", "form_printers", "form_inputs", "closed_forms", "form_text", "derive_cli"),
-    ("summary", "bench_methods", "bench_plot", "bench", "bench_skip", "bench_spins"),
+    ("summary", "bench_methods", "bench_arrays", "bench_engines", "bench_cpp", "bench_contenders", "bench_truth"),
+    ("bench_plot", "bench_cold", "bench_memory", "bench", "bench_skip", "bench_spins"),
     ("bench_integrate", "bench_integrate_plot", "bench_cli", "cli", "__init__"),
 )
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import hingepair as hp
-from hingepair.euler import SEQUENCES
+from hingepair.sequences import SEQUENCES
 from states import generator
 
 U = 2.0**-53

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 Float64Array = NDArray[np.float64]
 
 BOUNDS: Mapping[str, int] = MappingProxyType(
-    {"S1": 6, "S2": 12, "d": 8, "R2": 8, "omega1": 3, "omega2": 3, "v2": 6, "alpha1": 4, "alpha2": 4, "a2": 6}
+    {"S1": 6, "S2": 13, "d": 10, "R2": 10, "omega1": 4, "omega2": 6, "v2": 10, "alpha1": 4, "alpha2": 7, "a2": 10}
 )
-"""Output -> largest promised error against the exact result, in units of u * scale."""
+"""Output -> largest promised error against the exact result of any state, in units of u * scale."""
 
 PINOCCHIO_BOUND = 16
 """Largest difference to Pinocchio that passes, in units of u * scale: both sides round."""

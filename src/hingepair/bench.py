@@ -6,24 +6,31 @@ import os
 import platform
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
+from importlib.util import find_spec
+from math import isfinite
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.accuracy import error_ratios, euler_rate_sizes, output_scales
-from hingepair.bench_methods import LEVELS, METHODS, PARTS, Job, Method, Motion, installed
+from hingepair.bench_methods import LEVELS, Job, Method, converted, room_at
+from hingepair.bench_truth import hard_states, random_states, worst_errors
 from hingepair.pair import HingePair
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-DIGITS = 50
+FLOOR = "copy floor"
+_PACKAGES = {name: name for name in ("hingepair", "numpy", "numba", "sympy", "scipy", "jax", "mujoco")} | {
+    "pin": "pinocchio"
+}
 _COMPARED = 100  # random states, compared with the exact ones
 _LEAST = 2e-3  # seconds that one repeat should take
+_SHORT = 0.1  # seconds, in which what a job works on fits the caches
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +44,8 @@ class Row:
         median_ns: nanoseconds a sample, the median of the repeats.
         min_ns: the smallest of the repeats.
         ratio: median against that of hingepair's first row of the workload.
-        error: largest error of any output in units of u * scale.
+        error: largest error of any output on random states, in units of u * scale; None for copies.
+        hard_error: the same on hard states; infinite where there is no finite result.
     """
 
     method: str
@@ -46,46 +54,59 @@ class Row:
     median_ns: float
     min_ns: float
     ratio: float
-    error: float
+    error: float | None
+    hard_error: float | None
 
 
-def direct(sizes: Sequence[int], levels: Sequence[str], repeats: int, tell: Callable[[str], None]) -> list[Row]:
+def direct(
+    methods: Sequence[Method], sizes: Sequence[int], levels: Sequence[str], repeats: int, tell: Callable[[str], None]
+) -> list[Row]:
     """Measure all methods, interleaved, with the copy floor in the same run."""
     rng = np.random.default_rng(20)
     pair = HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5), home=_home())
     rows: list[Row] = []
     for level in levels:
-        count = list(LEVELS).index(level) + 1
-        errors = _errors(pair, tuple(rng.normal(size=(count, _COMPARED, 7))), level)
+        parts = list(LEVELS).index(level) + 1
+        errors = [
+            worst_errors(methods, pair, states, level)
+            for states in (random_states(rng, _COMPARED, parts), hard_states(rng, parts))
+        ]
         for size in sizes:
-            motion = tuple(rng.normal(size=(count, size, 7)))
-            jobs = {m.name: m.prepare(pair, _as(motion, m)) for m in METHODS if installed(m) and size <= m.most}
-            jobs["copy floor"] = _copies(level, size)
+            motion = random_states(rng, size, parts)
+            jobs = {m.name: m.prepare(pair, converted(motion, m.dtype)) for m in methods if size <= m.most}
+            jobs |= _copies(parts, size)
             tell(f"{level}, N = {size}: {len(jobs)} methods, {repeats} repeats")
             times = interleaved(jobs, repeats)
-            first = median(times[METHODS[0].name])
+            first = median(times[methods[0].name])
             for name, found in times.items():
                 middle = median(found)
                 nanoseconds = middle / size * 1e9, min(found) / size * 1e9
-                rows.append(Row(name, level, size, *nanoseconds, middle / first, errors.get(name, 0.0)))
+                rows.append(Row(name, level, size, *nanoseconds, middle / first, *(e.get(name) for e in errors)))
     return rows
 
 
 def facts() -> dict[str, Any]:
     """The machine and the versions that a measurement belongs to."""
-    packages = {name: version(name) for name in ("hingepair", "numpy", "numba", "pin", "sympy")}
     return {
+        "processor": _processor(),
         "machine": platform.machine(),
         "cores": os.cpu_count(),
         "system": platform.system(),
         "python": platform.python_version(),
-        **packages,
+        **{name: version(name) for name in _PACKAGES if find_spec(_PACKAGES[name]) is not None},
     }
 
 
-def as_json(rows: list[Row]) -> dict[str, Any]:
-    """Rows and machine facts as JSON."""
-    return {"facts": facts(), "rows": [asdict(row) for row in rows]}
+def as_json(rows: list[Row], left_out: list[str]) -> dict[str, Any]:
+    """Rows and machine facts as JSON, in which a number that is not finite is null."""
+    finite = [
+        {
+            key: None if isinstance(value, float) and not isfinite(value) else value
+            for key, value in asdict(row).items()
+        }
+        for row in rows
+    ]
+    return {"facts": facts(), "rows": finite, "left_out": left_out}
 
 
 def table(rows: list[Row]) -> Table:
@@ -97,17 +118,22 @@ def table(rows: list[Row]) -> Table:
     for heading in ("level", "N"):
         found.add_column(heading, no_wrap=True)
     found.add_column("method", no_wrap=True)
-    for heading in ("ns/sample", "smallest", "ratio", "error [u*scale]"):
+    for heading in ("ns/sample", "smallest", "ratio", "random", "hard"):
         found.add_column(heading, justify="right", no_wrap=True)
     workloads = list(dict.fromkeys((row.level, row.samples) for row in rows))
     for level, samples in workloads:
         block = sorted((r for r in rows if (r.level, r.samples) == (level, samples)), key=lambda r: r.median_ns)
         for i, row in enumerate(block):
-            error = "-" if row.method == "copy floor" else f"{row.error:.2g}"
-            cells = (f"{row.median_ns:.4g}", f"{row.min_ns:.4g}", f"{row.ratio:.3g}", error)
+            errors = ("-" if error is None else f"{error:.2g}" for error in (row.error, row.hard_error))
+            cells = (*map(_digits, (row.median_ns, row.min_ns, row.ratio)), *errors)
             head = (level, f"{samples:,}") if i == 0 else ("", "")
             found.add_row(*head, row.method, *cells, end_section=i == len(block) - 1)
     return found
+
+
+def _digits(number: float) -> str:
+    """Three digits, or all before the point."""
+    return f"{number:,.0f}" if number >= 100 else f"{number:.3g}"
 
 
 def plot(rows: list[Row], path: str) -> None:
@@ -122,104 +148,54 @@ def plot(rows: list[Row], path: str) -> None:
 
 
 def interleaved(jobs: dict[str, Job], repeats: int) -> dict[str, list[float]]:
-    """Times of one call each, in seconds; every repeat goes through all methods, so that noise meets all alike."""
-    calls = {}
+    """Times of one call each, in seconds; every repeat goes through all methods, so that noise meets all alike.
+
+    A short job runs once untimed in every repeat: it finds the caches as it left them, not as its neighbour did.
+    """
+    calls, short = {}, set()
     for name, job in jobs.items():
         job()
-        start = time.perf_counter()
-        job()
-        calls[name] = max(1, int(_LEAST / (time.perf_counter() - start)))
+        taken = _seconds(job, 1)
+        calls[name] = max(1, int(_LEAST / taken))
+        if taken < _SHORT:
+            short.add(name)
     times: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(repeats):
         for name, job in jobs.items():
-            start = time.perf_counter()
-            for _ in range(calls[name]):
+            if name in short:
                 job()
-            times[name].append((time.perf_counter() - start) / calls[name])
+            times[name].append(_seconds(job, calls[name]) / calls[name])
     return times
 
 
-def _copies(level: str, size: int) -> Job:
-    """The floor: numpy.copyto of as many bytes as the outputs have."""
-    source = {name: np.ones((size, 9 if name == "S2" else 3)) for name in LEVELS[level]}
-    target = {name: np.zeros_like(array) for name, array in source.items()}
+def _seconds(job: Job, calls: int) -> float:
+    start = time.perf_counter()
+    for _ in range(calls):
+        job()
+    return time.perf_counter() - start
 
-    def run() -> dict[str, NDArray[Any]]:
+
+def _copies(parts: int, size: int) -> dict[str, Job]:
+    """The floors: copies of as many bytes as the outputs have, into arrays that are there or into new ones."""
+    source, target = room_at(parts, size), room_at(parts, size)
+    for array in source.values():
+        array.fill(1.0)
+
+    def copy() -> dict[str, NDArray[Any]]:
         for name, array in source.items():
             np.copyto(target[name], array)
         return target
 
-    return run
+    return {FLOOR: copy, f"{FLOOR}, fresh": lambda: {name: array.copy() for name, array in source.items()}}
 
 
-def _errors(pair: HingePair, motion: Motion, level: str) -> dict[str, float]:
-    """Each method's largest error against 50 digits, in units of u * scale of its dtype."""
-    exact: dict[Any, Any] = {
-        dtype: _exact(pair, tuple(c.astype(dtype) for c in motion), level) for dtype in (np.float64, np.float32)
-    }
-    errors = {}
-    for method in METHODS:
-        if not installed(method):
-            continue
-        given = _as(motion, method)
-        found = method.prepare(pair, given)()
-        scales = _scales(pair, given)
-        worst = 0.0
-        for name in LEVELS[level]:
-            _, ratio = error_ratios(name, found[name], exact[method.dtype][name], scales[name], method.dtype)
-            worst = max(worst, float(ratio.max()))
-        errors[method.name] = worst
-    return errors
-
-
-def _exact(pair: HingePair, motion: Motion, level: str) -> dict[str, NDArray[Any]]:
-    """The outputs to 50 digits, rounded to doubles at the end: the plan's steps over mpmath numbers."""
-    import mpmath
-
-    from hingepair.plan import make_plan
-
-    def numbers(row: Any) -> tuple[Any, ...]:
-        return tuple(mpmath.mpf(float(x)) for x in row)
-
-    with mpmath.workdps(DIGITS):
-        n = numbers(pair.n)
-        constants = {key: numbers(getattr(pair, key).ravel()) for key in ("u1", "u2", "home")}
-        length = mpmath.sqrt(sum(x * x for x in n))
-        constants["n"] = tuple(x / length for x in n)
-        plan = make_plan(LEVELS[level], "XYZ", True, (_angle_terms, _hinge_terms))
-        found: dict[str, list[Any]] = {name: [] for name in LEVELS[level]}
-        for sample in zip(*motion, strict=True):
-            values: dict[str, Any] = dict(constants)
-            for names, seven in zip(PARTS, map(numbers, sample), strict=False):
-                values |= dict(zip(names, (seven[:3], seven[3:6], seven[6]), strict=True))
-            plan.run(values)
-            for name, parts in found.items():
-                parts.append([float(x) for x in values[name]])
-    return {name: np.array(p).reshape(-1, *((3, 3) if name == "S2" else (3,))) for name, p in found.items()}
-
-
-def _angle_terms(phi: Any) -> tuple[Any, ...]:
-    import mpmath
-
-    return tuple(f(angle) for angle in phi for f in (mpmath.sin, mpmath.cos))
-
-
-def _hinge_terms(psi: Any) -> tuple[Any, Any]:
-    import mpmath
-
-    return mpmath.sin(psi), 2 * mpmath.sin(psi / 2) ** 2
-
-
-def _scales(pair: HingePair, motion: Motion) -> dict[str, NDArray[np.float64]]:
-    q, qd, qdd = (*motion, None, None)[:3]
-    W1, A1 = euler_rate_sizes(None if qd is None else qd[:, 3:6], None if qdd is None else qdd[:, 3:6])
-    linear: dict[str, Any] = {name: c[:, :3] for name, c in (("R1", q), ("v1", qd), ("a1", qdd)) if c is not None}
-    hinge: dict[str, Any] = {name: c[:, 6] for name, c in (("psid", qd), ("psidd", qdd)) if c is not None}
-    return output_scales(u1=pair.u1, u2=pair.u2, W1=W1, A1=A1, **linear, **hinge)
-
-
-def _as(motion: Motion, method: Method) -> Motion:
-    return tuple(c.astype(method.dtype) for c in motion)
+def _processor() -> str:
+    """The processor's name, where the system says it."""
+    with suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as lines:
+        for line in lines:
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor()
 
 
 def _home() -> NDArray[Any]:

@@ -14,8 +14,13 @@ from rich.console import Console
 from rich.table import Table
 
 from hingepair.arrays import check_choice
-from hingepair.bench_methods import LEVELS, METHODS, installed
+from hingepair.bench_cold import Start, cold_starts
+from hingepair.bench_contenders import contenders
+from hingepair.bench_memory import Peak, peaks
+from hingepair.bench_methods import LEVELS
 from hingepair.errors import ArgumentError
+
+MILLION = 1_000_000
 
 app = typer.Typer(help="Measure run time and error on this machine.", no_args_is_help=True)
 
@@ -32,32 +37,52 @@ def direct(
     sizes: Annotated[str, typer.Option(help="Numbers of samples.")] = "1,100,10000,1000000",
     levels: Annotated[str, typer.Option(help="Workloads.")] = ",".join(LEVELS),
     repeats: Repeats = 5,
+    cpp: Annotated[
+        bool, typer.Option("--cpp", help="Compile and measure Pinocchio's C++ loop (compiling takes up to a minute).")
+    ] = False,
+    cold: Annotated[
+        bool, typer.Option("--cold", help="Measure imports and first calls too, in fresh processes (a minute).")
+    ] = False,
+    memory: Annotated[
+        bool, typer.Option("--memory", help="Measure the peak memory of a million samples too (half a minute).")
+    ] = False,
     as_json: Json = False,
     plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw error against run time.")] = None,
 ) -> None:
-    """Run time against error: this library, Pinocchio, SciPy, NumPy, SymPy, in one run."""
+    """Run time against error: this library, Pinocchio, MuJoCo, JAX, SciPy, NumPy, SymPy, in one run."""
     from hingepair import bench
 
     counts = [_count(part) for part in sizes.split(",")]
     chosen = [level.strip() for level in levels.split(",")]
     for level in chosen:
         check_choice("levels", level, tuple(LEVELS))
-    rows = bench.direct(counts, chosen, repeats, _tell)
+    if cpp:
+        _tell("compiling Pinocchio's C++ loop (up to a minute)")
+    methods, left_out = contenders(cpp)
+    rows = bench.direct(methods, counts, chosen, repeats, _tell)
+    starts = cold_starts(repeats, _tell) if cold else []
+    found = peaks(MILLION, _tell) if memory else []
     if plot is not None:
         bench.plot(rows, str(plot))
         _tell(f"written: {plot}")
     if as_json:
-        print(json.dumps(bench.as_json(rows), indent=2))
+        more = {"cold": [asdict(start) for start in starts], "memory": [asdict(peak) for peak in found]}
+        print(json.dumps(bench.as_json(rows, left_out) | more, indent=2))
         return
     console = Console(highlight=False, markup=False, width=120)
     console.print(bench.table(rows))
-    for method in METHODS:
-        if not installed(method):
-            console.print(f"left out: {method.name} ({method.needs} is not installed)")
+    for line in left_out:
+        console.print(f"left out: {line}")
     console.print(", ".join(f"{key} {value}" for key, value in bench.facts().items()))
     console.print(
-        "ratio: against the first method at the same workload; error: against 50 digits; loops up to N = 10,000"
+        "ratio: against the first method at the same workload; random, hard: largest error of any output against 50 "
+        "digits on such states, in units of u*scale (inf: refuses one, or has no finite result where there is one); "
+        "Python loops up to N = 10,000"
     )
+    if starts:
+        console.print(_starts(starts))
+    if found:
+        console.print(_peaks(found))
 
 
 @app.command()
@@ -115,6 +140,21 @@ def integrate(
         if not installed(way):
             console.print(f"left out: {way.name} ({way.needs} is not installed)")
     console.print(", ".join(f"{key} {value}" for key, value in bench.facts().items()))
+
+
+def _starts(starts: list[Start]) -> Table:
+    table = Table("a fresh process, files in memory", "seconds", "smallest", box=box.SIMPLE_HEAD)
+    for start in starts:
+        table.add_row(start.what, f"{start.median_s:.3g}", f"{start.min_s:.3g}")
+    return table
+
+
+def _peaks(found: list[Peak]) -> Table:
+    table = Table("peak memory", "workers", "level", "N", "arrays [MB]", "beyond them [MB]", box=box.SIMPLE_HEAD)
+    for peak in found:
+        sizes = f"{peak.arrays_mb:.0f}", f"{peak.extra_mb:.1f}"
+        table.add_row(peak.backend, str(peak.workers), peak.level, f"{peak.samples:,}", *sizes)
+    return table
 
 
 def _count(text: str) -> int:

@@ -59,12 +59,14 @@ def compute(
     if not moving:
         with np.errstate(all="ignore"):
             _store(function(values), targets, ())
-    elif workers == 1:
-        work(boxes(shape, BLOCK))
+        return
+    pieces = list(boxes(shape, BLOCK))
+    workers = min(workers, len(pieces))
+    if workers <= 1:
+        work(pieces)
     else:
         from concurrent.futures import ThreadPoolExecutor
 
-        pieces = list(boxes(shape, BLOCK))
         with ThreadPoolExecutor(workers) as pool:
             list(pool.map(work, (pieces[i::workers] for i in range(workers))))
 
@@ -127,9 +129,16 @@ def turn_terms(phi1: Component) -> Components:
 
 
 def hinge_terms(psi: Component) -> Components:
-    """(sin psi, 1 - cos psi), the latter as 2 sin(psi/2)^2, which keeps its digits at small psi."""
-    half = sine(0.5 * psi)
-    return sine(psi), 2 * half * half
+    """(sin psi, 1 - cos psi, cos psi); 1 - cos psi as sin^2 / (1 + cos) where that keeps its digits, at small psi."""
+    s, c = sine(psi), cosine(psi)
+    if isinstance(c, np.ndarray):
+        return s, np.where(c > 0, s * s / (1 + c), 1 - c), c
+    return s, s * s / (1 + c) if c > 0 else 1 - c, c
+
+
+def hinge_cosine(hinge: Components) -> Component:
+    """The cosine out of `hinge_terms`."""
+    return hinge[2]
 
 
 def _each(group: Any, change: Callable[[Component], Component]) -> Any:

@@ -23,7 +23,7 @@ Integers: TypeAlias = NDArray[np.int64]
 FEWEST_A_WORKER = 8192
 """Samples that are worth a thread: a third of a millisecond of work, which is what starting threads takes."""
 
-_SLAB = 65536  # samples converted at a time, where inputs are of another dtype than the one computed in
+_SLAB = 6_000_000  # bytes converted at a time, where inputs are of another dtype than the one computed in
 _rows_of = functools.lru_cache(maxsize=4096)(input_rows)
 _sign = functools.lru_cache(maxsize=4096)(input_sign)
 _ANGLES = {ROWS["phi"] + i * LANES: f"phi_{axis}" for i, axis in enumerate("xyz")}
@@ -50,10 +50,16 @@ def compute(
     if all(group.array.dtype == dtype for group in groups):
         _compute(plan, groups, targets, shape, dtype, workers)
         return
-    for box in boxes(shape, _SLAB):
-        part = [group._replace(array=_converted(group.array, box, dtype)) for group in groups]
-        room = [group._replace(array=group.array[box]) for group in targets]
-        _compute(plan, part, room, tuple(piece.stop - piece.start for piece in box), dtype, workers)
+    size = dtype.itemsize * sum(group.array.shape[-1] for group in groups)
+    for box in boxes(shape, _SLAB // size):
+        _compute(
+            plan,
+            [group._replace(array=_converted(group.array, box, dtype)) for group in groups],
+            [group._replace(array=group.array[box]) for group in targets],
+            tuple(piece.stop - piece.start for piece in box),
+            dtype,
+            workers,
+        )
 
 
 def one_state(plan: Plan, values: Values) -> NDArray[np.float64]:

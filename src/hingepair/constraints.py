@@ -15,7 +15,7 @@ from hingepair.arrays import FloatArray
 from hingepair.blocks import Components, Values, components_of, numbers
 from hingepair.evaluate import Constants, follow_steps
 from hingepair.motion import BodyMotion, motion_arrays
-from hingepair.plan import Step, needed_steps
+from hingepair.plan import ARM_STEPS, Step, needed_steps
 
 if TYPE_CHECKING:
     from hingepair.pair import HingePair
@@ -59,8 +59,7 @@ def _quotient(parts: Components) -> Any:
 
 
 STEPS = (
-    Step("r1", eq.rotate, ("S1", "u1")),
-    Step("r2", eq.rotate, ("S2", "u2")),
+    *ARM_STEPS,
     Step("h1", eq.rotate, ("S1", "n")),
     Step("e1_in_world", eq.rotate, ("S1", "e1")),
     Step("e2_in_world", eq.rotate, ("S1", "e2")),
@@ -89,8 +88,8 @@ STEPS = (
     Step("gap_bias", ce.gap_bias, ("omega1", "r1", "omega2", "r2")),
     Step("tilt_bias", ce.tilt_bias, ("f", "h2", "omega1", "omega2", "spin")),
     Step("constraint_bias", _joined, ("gap_bias", "tilt_bias")),
-    Step("turned1", eq.point_acceleration, ("omega1", "alpha1", "r1")),
-    Step("turned2", eq.point_acceleration, ("omega2", "alpha2", "r2")),
+    Step("turned1", ce.point_acceleration, ("omega1", "alpha1", "r1")),
+    Step("turned2", ce.point_acceleration, ("omega2", "alpha2", "r2")),
     Step("gap_acceleration", ce.gap_acceleration, ("a1", "turned1", "a2", "turned2")),
     Step("relative_alpha", ce.relative, ("alpha1", "alpha2")),
     Step("tilt_acceleration", ce.tilt_acceleration, ("tilt_axes", "relative_alpha", "tilt_bias")),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TypeAlias
 
 from hingepair import equations as eq
-from hingepair.equations import Matrix, Scalar, Vector
+from hingepair.equations import Hinge, Matrix, Scalar, Vector
 
 Entries: TypeAlias = tuple[Scalar, ...]
 Axes: TypeAlias = tuple[Vector, Vector, Vector]
@@ -59,12 +59,12 @@ def across(n: Vector) -> Axes:
     return x, y, z
 
 
-def turns_by_n(S1: Matrix, n: Vector, hinge: tuple[Scalar, Scalar]) -> Axes:
+def turns_by_n(S1: Matrix, n: Vector, hinge: Hinge) -> Axes:
     """How body 2 turns, world axes, when a component of n changes (E6).
 
     The columns of S1 (sin(psi) (I - n n^T) + (1 - cos psi) [n]x); hinge = (sin psi, 1 - cos psi).
     """
-    s, k = hinge
+    s, k = hinge[0], hinge[1]
     x, y, z = (
         eq.rotate(S1, eq.add(eq.scale(part, s), eq.scale(eq.cross(n, unit), k)))
         for part, unit in zip(across(n), WORLD, strict=True)

@@ -21,6 +21,7 @@ from typing import Any, TypeAlias
 
 Scalar: TypeAlias = Any
 Vector: TypeAlias = tuple[Scalar, Scalar, Scalar]
+Hinge: TypeAlias = tuple[Scalar, ...]  # (sin psi, 1 - cos psi); what follows is not looked at
 Matrix: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]
 
 
@@ -72,9 +73,9 @@ def compose(A: Matrix, B: Matrix) -> Matrix:
     )  # fmt: skip
 
 
-def hinge_rotation(n: Vector, hinge: tuple[Scalar, Scalar]) -> Matrix:
+def hinge_rotation(n: Vector, hinge: Hinge) -> Matrix:
     """Rodrigues' rotation Sh about the unit axis n (E6); hinge = (sin psi, 1 - cos psi)."""
-    s, k = hinge
+    s, k = hinge[0], hinge[1]
     x, y, z = n
     sx, sy, sz = s * x, s * y, s * z
     kx, ky, kz = k * x, k * y, k * z
@@ -91,6 +92,34 @@ def attitude2(S1: Matrix, Sh: Matrix, home: Matrix) -> Matrix:
     return compose(compose(S1, Sh), home)
 
 
+def cosine(hinge: Hinge) -> Scalar:
+    """The cosine of psi; hinge = (sin psi, 1 - cos psi)."""
+    return 1 - hinge[1]
+
+
+def along(u1: Vector, arm: Vector, across: Vector) -> Vector:
+    """What the hinge does not move of u1 - Sh C u2: u1 minus the part of arm = C u2 along the axis, body-1 axes."""
+    return subtract(u1, subtract(arm, across))
+
+
+def swing(across: Vector, around: Vector, hinge: Hinge, cosine: Scalar) -> Vector:
+    """The part of Sh C u2 across the axis (E6), body-1 axes: across cos(psi) + around sin(psi).
+
+    around = n x C u2 and across = around x n: Rodrigues' rotation of one vector, the axis left out.
+    """
+    return add(scale(across, cosine), scale(around, hinge[0]))
+
+
+def offset(S1: Matrix, along: Vector, swing: Vector) -> Vector:
+    """The offset d = S1 u1 - S2 u2 = S1 (u1 - Sh C u2), subtracted in body 1's axes and turned once (E5, E7)."""
+    return rotate(S1, subtract(along, swing))
+
+
+def slide(axis: Vector, reach: Vector) -> Vector:
+    """S1 n x S2 u2, the change of S2 u2 with psi; axis = S1 n, reach = S1 swing, the part of S2 u2 across it."""
+    return cross(axis, reach)
+
+
 def position2(R1: Vector, d: Vector) -> Vector:
     """R2 = R1 + d with d = S1 u1 - S2 u2 (E7, which is E1 solved for R2)."""
     return add(R1, d)
@@ -101,9 +130,9 @@ def angular_velocity2(omega1: Vector, axis: Vector, psid: Scalar) -> Vector:
     return add(omega1, scale(axis, psid))
 
 
-def velocity2(v1: Vector, omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """v2 = v1 + omega1 x r1 - omega2 x r2 (E8 with E3); r_i = S_i u_i."""
-    return add(v1, subtract(cross(omega1, r1), cross(omega2, r2)))
+def velocity2(v1: Vector, omega1: Vector, d: Vector, slide: Vector, psid: Scalar) -> Vector:
+    """v2 = v1 + omega1 x d - slide psi' (E8 with E2, E3); slide = S1 n x S2 u2."""
+    return add(v1, subtract(cross(omega1, d), scale(slide, psid)))
 
 
 def angular_acceleration2(alpha1: Vector, omega1: Vector, axis: Vector, psid: Scalar, psidd: Scalar) -> Vector:
@@ -116,11 +145,17 @@ def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
     return add(cross(alpha, r), cross(omega, cross(omega, r)))
 
 
+def relative_acceleration(axis: Vector, slide: Vector, psid: Scalar, psidd: Scalar) -> Vector:
+    """What the hinge alone takes from a2: S1 n x (S1 n x S2 u2) psi'^2 + S1 n x S2 u2 psi''; slide = S1 n x S2 u2."""
+    return add(scale(cross(axis, slide), psid * psid), scale(slide, psidd))
+
+
 def acceleration2(
-    a1: Vector, omega1: Vector, alpha1: Vector, r1: Vector, omega2: Vector, alpha2: Vector, r2: Vector
+    a1: Vector, omega1: Vector, alpha1: Vector, d: Vector, slide: Vector, psid: Scalar, relative: Vector
 ) -> Vector:
-    """a2 = a1 + (S1 u1)'' - (S2 u2)'' (E9: E8 differentiated); r_i = S_i u_i."""
-    return add(a1, subtract(point_acceleration(omega1, alpha1, r1), point_acceleration(omega2, alpha2, r2)))
+    """a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 slide psi') - relative (E9: E8 differentiated)."""
+    turn = subtract(cross(omega1, d), scale(slide, 2 * psid))
+    return add(a1, subtract(add(cross(alpha1, d), cross(omega1, turn)), relative))
 
 
 def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from hingepair.arrays import FloatArray, broadcast_shape, read_only, result_dtype, vectors
 from hingepair.blocks import Values, angle_terms, components_of, tabulate
 from hingepair.derivative_equations import WORLD, beside
-from hingepair.euler import LOCK, Sequence, canonical_rates, find_sequence
+from hingepair.euler import LOCK, canonical_rates
+from hingepair.sequences import Sequence, find_sequence
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

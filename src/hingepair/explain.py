@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from hingepair.plan import FLAT, Plan
 
 _MEANING = {
-    "hinge": "sine and versine of psi",
+    "hinge": "sine, versine and cosine of psi",
+    "cosine": "cosine of psi, out of hinge",
     "angles": "Euler angles in canonical order",
     "trig": "sines and cosines of phi",
     "S1": "attitude of body 1 (E10)",
@@ -18,6 +19,14 @@ _MEANING = {
     "S2": "attitude of body 2 (E5)",
     "r1": "hinge point from body 1's reference point, S1 u1",
     "r2": "hinge point from body 2's reference point, S2 u2",
+    "arm": "hinge point from body 2's reference point at psi = 0, C u2",
+    "around": "change of C u2 with psi",
+    "across": "what the hinge turns of C u2",
+    "along": "what the hinge leaves of u1 - C u2",
+    "swing": "what the hinge turns of C u2, in body 1's axes (E6)",
+    "slide": "change of S2 u2 with psi",
+    "reach": "swing in world axes",
+    "relative": "acceleration that the hinge alone makes (E9)",
     "d": "offset of the reference points (E7)",
     "R2": "position of body 2 (E7)",
     "turn1": "sine and cosine of the angle of body 1 (E11)",
@@ -64,7 +73,7 @@ def explain(plan: Plan, order: int, level: int, constant: frozenset[str]) -> Sce
         level: of the highest derivative that the motion has.
         constant: which coordinates, and which inputs of the plan, do not depend on t.
     """
-    still, computed = set(constant) | {"u1", "u2", "n", "home"}, []
+    still, computed = set(constant) | {"u1", "u2", "n", "home", "along", "across", "around"}, []
     for step in plan.steps:
         once = still.issuperset(step.arguments)
         still |= {step.result} if once else set()

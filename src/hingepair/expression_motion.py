@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.arrays import read_only
 from hingepair.coordinates import Coordinates, check_real, compile_coordinates, exact
 from hingepair.errors import ArgumentError, SceneError
-from hingepair.euler import find_sequence
 from hingepair.jets import Expr
 from hingepair.kinematics import COORDINATES, PLANAR_COORDINATES
 from hingepair.plan import ACCELERATION
 from hingepair.samples import CoordinateSamples, PlanarSamples, Rows, Samples
 from hingepair.scene_file import Table
+from hingepair.sequences import find_sequence
 
 MAX_SAMPLES: Final = 10_000_000
 

@@ -85,7 +85,10 @@ def check_symbolic(symbolic: Iterable[str], pair: HingePair | PlanarPair) -> tup
 def constant_inputs(pair: HingePair | PlanarPair, symbolic: tuple[str, ...]) -> dict[str, Any]:
     """u1, u2, n and home as exact numbers or letters."""
     found: dict[str, Any] = {}
-    for key, value in pair._constants.values.items():
+    for key in ("u1", "u2", "n", "home"):
+        if key not in pair._constants.values:
+            continue
+        value = pair._constants.values[key]
         if key in symbolic:
             found[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
         else:

@@ -11,10 +11,10 @@ from hingepair import derivative_equations as by
 from hingepair import kinematics
 from hingepair.arrays import FloatArray
 from hingepair.errors import ArgumentError
-from hingepair.euler import find_sequence
 from hingepair.evaluate import Constants, component, follow_steps, leading_shapes, read_coordinates
 from hingepair.motion import BodyMotion, motion_arrays
-from hingepair.plan import Step, steps_of
+from hingepair.plan import ARM_STEPS, Step, steps_of
+from hingepair.sequences import find_sequence
 
 if TYPE_CHECKING:
     from hingepair.pair import HingePair
@@ -51,7 +51,7 @@ def jacobian(pair: HingePair, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     values = {**motion_arrays("body1", body1, "S"), "psi": component("psi", psi)}
     shapes = {"body1": body1.shape, "psi": np.shape(psi)}
     world = Step("turns", lambda: by.WORLD, ())
-    steps = (*steps_of(None, "home" in constants.values), world, _JACOBIAN)
+    steps = (*steps_of(None, "home" in constants.values), *ARM_STEPS, world, _JACOBIAN)
     return follow_steps(steps, {"jacobian": (6, 7)}, constants, values, shapes)["jacobian"]
 
 
@@ -135,6 +135,7 @@ def _by_coordinates(pair: Constants, result: str, q: Any, qd: Any, sequence: str
     given = read_coordinates(q, qd, None, len(kinematics.COORDINATES))
     steps = (
         *steps_of(sequence, "home" in pair.values),
+        *ARM_STEPS,
         Step("turns", order.columns, ("axes",)),
         Step("turn_rates", order.column_rates, ("axes", "phid")),
         _JACOBIAN,

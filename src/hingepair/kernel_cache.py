@@ -18,7 +18,7 @@ from hingepair.errors import MissingDependencyError
 _SOURCES = (
     *("equations.py", "planar_equations.py", "kernel_math.py", "kernel_memory.py", "kernel_rows.py"),
     *("kernel_steps.py", "kernel_flat_steps.py", "kernels.py"),
-    *("increments.py", "compensated.py", "prefix_product.py", "euler_steps.py", "kernel_turns.py"),
+    *("increments.py", "twofold.py", "compensated.py", "prefix_product.py", "euler_steps.py", "kernel_turns.py"),
 )
 _lock = threading.Lock()
 

@@ -11,6 +11,7 @@ from typing import Any
 from numba import njit
 from numba.extending import register_jitable
 
+from hingepair import equations as eq
 from hingepair import planar_equations as planar
 from hingepair.kernel_math import FLAGS, sines
 from hingepair.kernel_rows import LANES, OPERATIONS, ROWS
@@ -31,6 +32,7 @@ _ATTITUDE1, _ATTITUDE2, _ARM_1, _ARM_2 = (OPERATIONS.index(f"flat_{name}") for n
 _RATE1, _RATE2, _RATE1D, _RATE2D = (
     OPERATIONS.index(f"flat_{name}") for name in ("omega1", "omega2", "alpha1", "alpha2")
 )
+_OFFSET, _D = OPERATIONS.index("flat_d"), ROWS["d"]
 _VELOCITY2, _ACCELERATION2, _FRAME = (OPERATIONS.index(f"flat_{name}") for name in ("v2", "a2", "frame"))
 _PLANAR_FRAME = OPERATIONS.index("planar_frame")
 
@@ -102,6 +104,9 @@ def flat(s: Any, operation: int) -> None:
     elif operation == _ARM_2:
         for k in range(LANES):
             put_vector(s, _ARM2, k, planar.flat_rotate(_plane(s, _TURN2, k), vector(s, _U2, k)))
+    elif operation == _OFFSET:
+        for k in range(LANES):
+            put_vector(s, _D, k, eq.subtract(vector(s, _ARM1, k), vector(s, _ARM2, k)))
     elif operation == _FRAME:
         _put_frame(s, 1.0)
     elif operation == _PLANAR_FRAME:

@@ -13,7 +13,7 @@ from numba.extending import intrinsic
 
 from hingepair.kernel_rows import LANES
 
-_REGISTER = 32  # bytes of a row that are shuffled at a time
+REGISTER = 32  # bytes of a row that are shuffled at a time
 
 
 def _load(typing_context: Any, like: Any, address: Any) -> Any:
@@ -54,33 +54,31 @@ def _load_block(typing_context: Any, s: Any, row: Any, address: Any) -> Any:
 
 
 def _store_side_by_side(rows: int) -> Any:
-    """A function that writes so many rows of s as LANES vectors or matrices side by side, by shuffles."""
+    """A function that writes a register's worth of lanes of so many rows, as vectors or matrices side by side."""
 
     def typed(typing_context: Any, s: Any, row: Any, address: Any) -> Any:
+        size = s.dtype.bitwidth // 8
+        width = REGISTER // size
+
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             number, i32, i64 = context.get_data_type(s.dtype), ir.IntType(32), ir.IntType(64)
-            size = s.dtype.bitwidth // 8
-            width = _REGISTER // size
             scratch = context.make_array(s)(context, builder, arguments[0])
-            start = builder.inttoptr(arguments[2], number.as_pointer())
 
-            def piece(i: int, k: int) -> Any:
-                at = builder.gep(scratch.data, [builder.add(arguments[1], ir.Constant(i64, i * LANES + k))])
+            def lanes(i: int) -> Any:
+                at = builder.gep(scratch.data, [builder.add(arguments[1], ir.Constant(i64, i * LANES))])
                 return builder.load(builder.bitcast(at, ir.VectorType(number, width).as_pointer()), align=size)
 
             def shuffle(a: Any, b: Any, order: list[int]) -> Any:
                 return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(i32, len(order)), order))
 
-            for k in range(0, LANES, width):
-                joined, length = [piece(i, k) for i in range(rows)], width
-                while len(joined) > 1:
-                    joined += [joined[-1]] * (len(joined) % 2)
-                    pairs = zip(joined[::2], joined[1::2], strict=True)
-                    joined, length = [shuffle(a, b, list(range(2 * length))) for a, b in pairs], 2 * length
-                order = [j // rows + width * (j % rows) for j in range(rows * width)]
-                mixed = shuffle(joined[0], joined[0], order)
-                place = builder.gep(start, [ir.Constant(i32, rows * k)])
-                builder.store(mixed, builder.bitcast(place, mixed.type.as_pointer()), align=1)
+            joined, length = [lanes(i) for i in range(rows)], width
+            while len(joined) > 1:
+                joined += [joined[-1]] * (len(joined) % 2)
+                pairs = zip(joined[::2], joined[1::2], strict=True)
+                joined, length = [shuffle(a, b, list(range(2 * length))) for a, b in pairs], 2 * length
+            order = [j // rows + width * (j % rows) for j in range(rows * width)]
+            mixed = shuffle(joined[0], joined[0], order)
+            builder.store(mixed, builder.inttoptr(arguments[2], mixed.type.as_pointer()), align=1)
             return context.get_dummy_value()
 
         return types.void(s, types.int64, types.int64), generate

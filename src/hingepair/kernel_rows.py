@@ -10,17 +10,19 @@ from typing import Final
 
 import numpy as np
 
-from hingepair.euler import find_sequence
 from hingepair.plan import PLANAR, SPATIAL, Plan, outputs_of
+from hingepair.sequences import find_sequence
 
 LANES: Final = 32
 """Samples a block: every row of the scratch array holds one component of so many samples."""
 
+_INSTEAD = {"angles": "phi", "cosine": "hinge"}  # steps that the kernels take along with others
 _EULER = frozenset(("phi", "phid", "phidd"))
 _COUNTS = {
     **dict.fromkeys(("R1", "phi", "v1", "phid", "a1", "phidd", "omega1", "alpha1", "u1", "u2", "n"), 3),
     **dict.fromkeys(("psi", "psid", "psidd", "phi1", "phi1d", "phi1dd", "phi2"), 1),
     **dict.fromkeys(("S1", "home", "trig", "Sh", "S2", "spare"), 9),
+    **dict.fromkeys(("along", "across", "around", "swing", "slide", "reach", "relative"), 3),
     **dict.fromkeys(("r1", "r2", "d", "R2", "axis", "omega2", "v2", "alpha2", "a2"), 3),
     "hinge": 3,
     "axes": 5,
@@ -33,10 +35,10 @@ ROWS: Final = {name: LANES * sum(list(_COUNTS.values())[:i]) for i, name in enum
 
 OPERATIONS: Final = (
     *("trig_x", "trig_y", "trig_z", "hinge", "tait_bryan", "tait_bryan_axes", "proper", "proper_axes"),
-    *("omega1", "alpha1", "place_S1", "place_omega1", "place_alpha1", "Sh", "S2", "S2_home", "r1", "r2", "d", "R2"),
-    *("axis", "omega2", "v2", "alpha2", "a2"),
-    *("turn1", "turn2", "turn2_home", "phi2", "flat_S1", "flat_S2", "flat_r1", "flat_r2", "flat_omega1"),
-    *("flat_omega2", "flat_v2", "flat_alpha1", "flat_alpha2", "flat_a2", "flat_frame", "planar_frame"),
+    *("omega1", "alpha1", "place_S1", "place_omega1", "place_alpha1", "Sh", "S2", "S2_home", "swing", "d", "R2"),
+    *("axis", "omega2", "slide", "v2", "alpha2", "reach", "relative", "a2"),
+    *("turn1", "turn2", "turn2_home", "phi2", "flat_S1", "flat_S2", "flat_r1", "flat_r2", "flat_d"),
+    *("flat_omega1", "flat_omega2", "flat_v2", "flat_alpha1", "flat_alpha2", "flat_a2", "flat_frame", "planar_frame"),
 )
 """The steps that the kernels know, in the order of their numbers."""
 
@@ -54,9 +56,9 @@ def operations(plan: Plan, fixed: frozenset[str]) -> tuple[tuple[int, ...], tupl
     once: list[str] = [] if plan.kind == SPATIAL else [f"{plan.kind}_frame"]
     each: list[str] = []
     for step in plan.steps:
-        if step.result == "angles":
+        if step.result in _INSTEAD:
             continue
-        arguments = {"phi" if name == "angles" else name for name in step.arguments}
+        arguments = {_INSTEAD.get(name, name) for name in step.arguments}
         is_constant = arguments <= constant
         if is_constant:
             constant.add(step.result)

@@ -23,9 +23,10 @@ for _function in vars(eq).values():
 _R1, _S1, _V1, _OMEGA1, _A1, _ALPHA1 = (ROWS[name] for name in ("R1", "S1", "v1", "omega1", "a1", "alpha1"))
 _PHI, _PHID, _PHIDD = (ROWS[name] for name in ("phi", "phid", "phidd"))
 _PSI, _PSID, _PSIDD = (ROWS[name] for name in ("psi", "psid", "psidd"))
-_U1, _U2, _N, _HOME = (ROWS[name] for name in ("u1", "u2", "n", "home"))
+_N, _HOME = ROWS["n"], ROWS["home"]
 _TRIG, _HINGE, _AXES, _SH, _AXIS = (ROWS[name] for name in ("trig", "hinge", "axes", "Sh", "axis"))
-_ARM1, _ARM2, _D = (ROWS[name] for name in ("r1", "r2", "d"))
+_ALONG, _ACROSS, _AROUND = (ROWS[name] for name in ("along", "across", "around"))
+_SWING, _D, _SLIDE, _REACH, _RELATIVE = (ROWS[name] for name in ("swing", "d", "slide", "reach", "relative"))
 _R2, _S2, _V2, _OMEGA2, _A2, _ALPHA2 = (ROWS[name] for name in ("R2", "S2", "v2", "omega2", "a2", "alpha2"))
 _SPARE = ROWS["spare"]
 _TRIG_X, _TRIG_Y, _TRIG_Z, _HINGE_TERMS = (OPERATIONS.index(name) for name in ("trig_x", "trig_y", "trig_z", "hinge"))
@@ -34,9 +35,11 @@ _PROPER, _PROPER_AXES = OPERATIONS.index("proper"), OPERATIONS.index("proper_axe
 _RATE1, _RATE1D = OPERATIONS.index("omega1"), OPERATIONS.index("alpha1")
 _PLACE_S1, _PLACE_OMEGA1, _PLACE_ALPHA1 = (OPERATIONS.index(f"place_{name}") for name in ("S1", "omega1", "alpha1"))
 _RODRIGUES, _ATTITUDE2, _ATTITUDE2_HOME = (OPERATIONS.index(name) for name in ("Sh", "S2", "S2_home"))
-_ARM_1, _ARM_2, _OFFSET, _POSITION2 = (OPERATIONS.index(name) for name in ("r1", "r2", "d", "R2"))
-_AXIS_1, _RATE2, _VELOCITY2 = (OPERATIONS.index(name) for name in ("axis", "omega2", "v2"))
-_RATE2D, _ACCELERATION2 = OPERATIONS.index("alpha2"), OPERATIONS.index("a2")
+_SWINGING, _OFFSET, _POSITION2 = (OPERATIONS.index(name) for name in ("swing", "d", "R2"))
+_AXIS_1, _RATE2, _SLIDING, _VELOCITY2 = (OPERATIONS.index(name) for name in ("axis", "omega2", "slide", "v2"))
+_RATE2D, _REACHING, _RELATIVELY, _ACCELERATION2 = (
+    OPERATIONS.index(name) for name in ("alpha2", "reach", "relative", "a2")
+)
 
 
 @register_jitable
@@ -63,6 +66,12 @@ def _angles(s: Any, k: int) -> Any:
     return (
         s[t], s[t + LANES], s[t + 3 * LANES], s[t + 4 * LANES], s[t + 6 * LANES], s[t + 7 * LANES],
     )  # fmt: skip
+
+
+@register_jitable
+def _hinge(s: Any, k: int) -> Any:
+    """(sin, 1 - cos) of psi; the hinge rows hold (sin, cos, 1 - cos)."""
+    return s[_HINGE + k], s[_HINGE + 2 * LANES + k]
 
 
 @register_jitable
@@ -143,23 +152,20 @@ def pose2(s: Any, operation: int) -> None:
         sines(s, _PSI, _HINGE)
     elif operation == _RODRIGUES:
         for k in range(LANES):
-            hinge = s[_HINGE + k], s[_HINGE + 2 * LANES + k]
-            _put_matrix(s, _SH, k, eq.hinge_rotation(vector(s, _N, k), hinge))
+            _put_matrix(s, _SH, k, eq.hinge_rotation(vector(s, _N, k), _hinge(s, k)))
     elif operation == _ATTITUDE2:
         for k in range(LANES):
             _put_matrix(s, _S2, k, eq.compose(matrix(s, _S1, k), matrix(s, _SH, k)))
     elif operation == _ATTITUDE2_HOME:
         for k in range(LANES):
             _put_matrix(s, _S2, k, eq.attitude2(matrix(s, _S1, k), matrix(s, _SH, k), matrix(s, _HOME, k)))
-    elif operation == _ARM_1:
+    elif operation == _SWINGING:
         for k in range(LANES):
-            put_vector(s, _ARM1, k, eq.rotate(matrix(s, _S1, k), vector(s, _U1, k)))
-    elif operation == _ARM_2:
-        for k in range(LANES):
-            put_vector(s, _ARM2, k, eq.rotate(matrix(s, _S2, k), vector(s, _U2, k)))
+            across, around = vector(s, _ACROSS, k), vector(s, _AROUND, k)
+            put_vector(s, _SWING, k, eq.swing(across, around, _hinge(s, k), s[_HINGE + LANES + k]))
     elif operation == _OFFSET:
         for k in range(LANES):
-            put_vector(s, _D, k, eq.subtract(vector(s, _ARM1, k), vector(s, _ARM2, k)))
+            put_vector(s, _D, k, eq.offset(matrix(s, _S1, k), vector(s, _ALONG, k), vector(s, _SWING, k)))
     elif operation == _POSITION2:
         for k in range(LANES):
             put_vector(s, _R2, k, eq.position2(vector(s, _R1, k), vector(s, _D, k)))
@@ -175,19 +181,27 @@ def rates2(s: Any, operation: int) -> None:
         for k in range(LANES):
             omega2 = eq.angular_velocity2(vector(s, _OMEGA1, k), vector(s, _AXIS, k), s[_PSID + k])
             put_vector(s, _OMEGA2, k, omega2)
+    elif operation == _SLIDING:
+        for k in range(LANES):
+            put_vector(s, _SLIDE, k, eq.slide(vector(s, _AXIS, k), vector(s, _REACH, k)))
     elif operation == _VELOCITY2:
         for k in range(LANES):
-            v1, omega1, r1 = vector(s, _V1, k), vector(s, _OMEGA1, k), vector(s, _ARM1, k)
-            omega2, r2 = vector(s, _OMEGA2, k), vector(s, _ARM2, k)
-            put_vector(s, _V2, k, eq.velocity2(v1, omega1, r1, omega2, r2))
+            v1, omega1, d, slide = (vector(s, _V1, k), vector(s, _OMEGA1, k), vector(s, _D, k), vector(s, _SLIDE, k))
+            put_vector(s, _V2, k, eq.velocity2(v1, omega1, d, slide, s[_PSID + k]))
     elif operation == _RATE2D:
         for k in range(LANES):
             alpha1, omega1, axis = vector(s, _ALPHA1, k), vector(s, _OMEGA1, k), vector(s, _AXIS, k)
             alpha2 = eq.angular_acceleration2(alpha1, omega1, axis, s[_PSID + k], s[_PSIDD + k])
             put_vector(s, _ALPHA2, k, alpha2)
+    elif operation == _REACHING:
+        for k in range(LANES):
+            put_vector(s, _REACH, k, eq.rotate(matrix(s, _S1, k), vector(s, _SWING, k)))
+    elif operation == _RELATIVELY:
+        for k in range(LANES):
+            axis, slide = vector(s, _AXIS, k), vector(s, _SLIDE, k)
+            put_vector(s, _RELATIVE, k, eq.relative_acceleration(axis, slide, s[_PSID + k], s[_PSIDD + k]))
     elif operation == _ACCELERATION2:
         for k in range(LANES):
             a1, omega1, alpha1 = vector(s, _A1, k), vector(s, _OMEGA1, k), vector(s, _ALPHA1, k)
-            omega2, alpha2 = vector(s, _OMEGA2, k), vector(s, _ALPHA2, k)
-            r1, r2 = vector(s, _ARM1, k), vector(s, _ARM2, k)
-            put_vector(s, _A2, k, eq.acceleration2(a1, omega1, alpha1, r1, omega2, alpha2, r2))
+            d, slide, relative = vector(s, _D, k), vector(s, _SLIDE, k), vector(s, _RELATIVE, k)
+            put_vector(s, _A2, k, eq.acceleration2(a1, omega1, alpha1, d, slide, s[_PSID + k], relative))

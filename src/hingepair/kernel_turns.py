@@ -11,11 +11,11 @@ from typing import Any
 
 from numba.extending import register_jitable
 
-from hingepair import compensated, equations, increments
+from hingepair import compensated, equations, increments, twofold
 from hingepair.euler_steps import rates, runge_kutta
 from hingepair.prefix_product import RADIX
 
-for _module in (equations, increments, compensated):
+for _module in (equations, increments, twofold, compensated):
     for _function in vars(_module).values():
         if isinstance(_function, FunctionType) and _function.__module__ == _module.__name__:
             register_jitable(_function)

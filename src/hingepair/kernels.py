@@ -15,7 +15,7 @@ from numba import njit
 
 from hingepair.kernel_flat_steps import flat
 from hingepair.kernel_math import FLAGS
-from hingepair.kernel_memory import load, load_block, prefetch, store, store_matrices, store_vectors
+from hingepair.kernel_memory import REGISTER, load, load_block, prefetch, store, store_matrices, store_vectors
 from hingepair.kernel_rows import LANES, OPERATIONS
 from hingepair.kernel_steps import body1, pose2, rates2
 
@@ -26,7 +26,7 @@ _AXIS_1, _TURN1 = OPERATIONS.index("axis"), OPERATIONS.index("turn1")
 AHEAD = 4  # blocks from the one being computed to the one whose inputs are asked for
 
 
-@njit(fastmath=FLAGS, forceinline=True)
+@njit(fastmath=FLAGS)
 def _run(s: Any, operations: Any, place: Any) -> None:
     for operation in operations:
         if operation < _HINGE_TERMS or _TAIT_BRYAN <= operation <= _PLACE_ALPHA1:
@@ -74,9 +74,11 @@ def _give(s: Any, outputs: Any, c: int, address: int, stride: int, count: int) -
     row, components, step = outputs[c, 0], outputs[c, 1], outputs[c, 2]
     side_by_side = count == LANES and step == s.itemsize and stride == components * step
     if side_by_side and components == 3:
-        store_vectors(s, row, address)
+        for k in range(0, LANES, REGISTER // s.itemsize):
+            store_vectors(s, row + k, address + k * stride)
     elif side_by_side and components == 9:
-        store_matrices(s, row, address)
+        for k in range(0, LANES, REGISTER // s.itemsize):
+            store_matrices(s, row + k, address + k * stride)
     else:
         for i in range(components):
             for k in range(count):

@@ -9,7 +9,6 @@ import numpy as np
 from hingepair.backend import How
 from hingepair.blocks import Values
 from hingepair.errors import ArgumentError
-from hingepair.euler import find_sequence
 from hingepair.evaluate import (
     Constants,
     Coordinates,
@@ -25,6 +24,7 @@ from hingepair.evaluate import (
 )
 from hingepair.motion import BodyMotion
 from hingepair.plan import FLAT, PLANAR, Plan, default_outputs, make_plan
+from hingepair.sequences import find_sequence
 from hingepair.state import PairState, PlanarState
 
 COORDINATES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")

@@ -90,6 +90,8 @@ class BodyMotion:
     ) -> BodyMotion:
         """The motion with the attitude of quaternions, scalar last (Pinocchio, SciPy, ROS), of any length but zero.
 
+        They are normalised; S is right to 6 u.
+
         Args:
             R: reference point [m]; shape (..., 3).
             quat_xyzw: body to world; shape (..., 4).
@@ -122,6 +124,8 @@ class BodyMotion:
     ) -> BodyMotion:
         """The motion with the attitude of quaternions, scalar first (MuJoCo, Eigen), of any length but zero.
 
+        They are normalised; S is right to 6 u.
+
         Args:
             R: reference point [m]; shape (..., 3).
             quat_wxyz: body to world; shape (..., 4).
@@ -153,6 +157,8 @@ class BodyMotion:
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
         """The motion with the attitude of rotation vectors, axis times angle.
+
+        S is right to 6 u, up to an angle of 1e15.
 
         Args:
             R: reference point [m]; shape (..., 3).

@@ -16,6 +16,7 @@ from hingepair.blocks import components_of, numbers
 from hingepair.errors import ArgumentError
 from hingepair.evaluate import Constants, Out, Outputs
 from hingepair.lengths import unit_axis
+from hingepair.levers import levers
 from hingepair.motion import BodyMotion
 from hingepair.rotations import check_rotation
 from hingepair.state import PairState
@@ -95,11 +96,12 @@ class HingePair:
         rotation = constant("home", np.eye(3) if home is None else home, 3, 3)
         check_rotation("home", rotation)
         vectors = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3), "n": read_only(unit_axis("n", n))}
+        parts = levers(vectors["u1"], vectors["u2"], n, rotation)
         shapes = {**{key: v.shape[:-1] for key, v in vectors.items()}, "home": rotation.shape[:-2]}
-        values = {key: numbers(components_of(vector)) for key, vector in vectors.items()}
+        values = {key: numbers(components_of(vector)) for key, vector in (vectors | parts).items()}
         if not np.array_equal(rotation, np.broadcast_to(np.eye(3), rotation.shape)):
             values["home"] = numbers(components_of(rotation, 2))
-        arrays = {**vectors, "home": rotation.reshape(*rotation.shape[:-2], 9)}
+        arrays = {**vectors, **parts, "home": rotation.reshape(*rotation.shape[:-2], 9)}
         constants = Constants(values, arrays, broadcast_shape(shapes))
         bodies = {"body1": _checked_body("body1", body1), "body2": _checked_body("body2", body2)}
         for_exports = {"limits": _checked_limits(limits), **bodies}

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 from hingepair import equations as eq
 from hingepair import planar_equations as planar
-from hingepair.blocks import angle_terms, hinge_terms, turn_terms
+from hingepair.blocks import angle_terms, hinge_cosine, hinge_terms, turn_terms
 from hingepair.errors import ArgumentError, choices
-from hingepair.euler import find_sequence
+from hingepair.sequences import find_sequence
 
 
 class Output(NamedTuple):
@@ -99,17 +99,31 @@ class Plan:
 HINGE_STEPS = (
     Step("Sh", eq.hinge_rotation, ("n", "hinge")),
     Step("S2", eq.attitude2, ("S1", "Sh", "home")),
-    Step("r1", eq.rotate, ("S1", "u1")),
-    Step("r2", eq.rotate, ("S2", "u2")),
-    Step("d", eq.subtract, ("r1", "r2")),
+    Step("swing", eq.swing, ("across", "around", "hinge", "cosine")),
+    Step("d", eq.offset, ("S1", "along", "swing")),
     Step("R2", eq.position2, ("R1", "d")),
     Step("axis", eq.rotate, ("S1", "n")),
     Step("omega2", eq.angular_velocity2, ("omega1", "axis", "psid")),
-    Step("v2", eq.velocity2, ("v1", "omega1", "r1", "omega2", "r2")),
+    Step("reach", eq.rotate, ("S1", "swing")),
+    Step("slide", eq.slide, ("axis", "reach")),
+    Step("v2", eq.velocity2, ("v1", "omega1", "d", "slide", "psid")),
     Step("alpha2", eq.angular_acceleration2, ("alpha1", "omega1", "axis", "psid", "psidd")),
-    Step("a2", eq.acceleration2, ("a1", "omega1", "alpha1", "r1", "omega2", "alpha2", "r2")),
+    Step("relative", eq.relative_acceleration, ("axis", "slide", "psid", "psidd")),
+    Step("a2", eq.acceleration2, ("a1", "omega1", "alpha1", "d", "slide", "psid", "relative")),
 )
 """Body 2 from body 1 and the hinge (E1, E2, E5-E9)."""
+
+ARM_STEPS = (Step("r1", eq.rotate, ("S1", "u1")), Step("r2", eq.rotate, ("S2", "u2")))
+"""The hinge point from either reference point, in world axes: no output needs it, Jacobians do."""
+
+LEVER_STEPS = (
+    Step("arm", eq.rotate, ("home", "u2")),
+    Step("around", eq.cross, ("n", "arm")),
+    Step("across", eq.cross, ("around", "n")),
+    Step("along", eq.along, ("u1", "arm", "across")),
+)
+"""What the hinge turns of the levers u1 and u2, and what it leaves; a pair takes these steps once, in twice the
+precision, so that a plan in doubles starts from constants that are right to the last bit."""
 
 _WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))
 
@@ -169,7 +183,8 @@ def make_plan(
         outputs: names out of OUTPUTS.
         sequence: of the Euler angles; None where S1, omega1 and alpha1 are given.
         home: whether C differs from the identity.
-        terms: what makes (sin, cos) of the three angles and (sin, 1 - cos) of psi in the numbers at hand.
+        terms: what makes (sin, cos) of the three angles and (sin, 1 - cos) of psi in the numbers at hand. Exact
+            numbers (other terms than NUMERIC) go through LEVER_STEPS as well; doubles find them done in the pair.
         kind: SPATIAL, FLAT or PLANAR; the latter two take phi1 for the three angles.
     """
     steps = steps_of(sequence, home, terms) if kind == SPATIAL else _some_steps(kind, home, terms)
@@ -244,7 +259,11 @@ def _euler_steps(sequence: str) -> tuple[Step, ...]:
 def steps_of(sequence: str | None, home: bool, terms: Terms = NUMERIC) -> list[Step]:
     """All steps of motion in space; the arguments are those of `make_plan`."""
     angle_terms, hinge_terms = terms
-    steps = [Step("hinge", hinge_terms, ("psi",))]
+    if terms is NUMERIC:
+        steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", hinge_cosine, ("hinge",))]
+    else:
+        arm = LEVER_STEPS[0] if home else Step("arm", _same, ("u2",))
+        steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", eq.cosine, ("hinge",)), arm, *LEVER_STEPS[1:]]
     if sequence == "XYZ":
         steps.append(Step("trig", angle_terms, ("phi",)))
     elif sequence is not None:
@@ -264,6 +283,10 @@ def _some_steps(kind: str, home: bool, terms: Terms) -> tuple[Step, ...]:
     angle_terms, hinge_terms = terms
     own = {"hinge": hinge_terms, "turn1": lambda phi1: angle_terms((phi1,))}
     return tuple(step._replace(function=own.get(step.result, step.function)) for step in steps)
+
+
+def _same(value: Any) -> Any:
+    return value
 
 
 _SOME_STEPS = {

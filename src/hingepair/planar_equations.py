@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-from hingepair.equations import Matrix, Scalar, Vector
+from hingepair.equations import Hinge, Matrix, Scalar, Vector
 
 Plane: TypeAlias = tuple[Scalar, Scalar]
 
@@ -30,10 +30,10 @@ def planar_rate(rate1: Scalar, rate: Scalar) -> Scalar:
     return rate1 + rate
 
 
-def planar_turn(turn1: Plane, hinge: Plane) -> Plane:
+def planar_turn(turn1: Plane, hinge: Hinge) -> Plane:
     """(sin, cos) of phi_1 + psi (E11); hinge = (sin psi, 1 - cos psi)."""
     s, c = turn1
-    sine, versine = hinge
+    sine, versine = hinge[0], hinge[1]
     return s + (c * sine - s * versine), c - (c * versine + s * sine)
 
 
@@ -62,12 +62,12 @@ def planar_acceleration2(
     return planar_sum(a1, planar_difference(p1, p2))
 
 
-def flat_turn(turn1: Plane, hinge: Plane, n: Vector) -> Plane:
+def flat_turn(turn1: Plane, hinge: Hinge, n: Vector) -> Plane:
     """(sin, cos) of body 2's turn about z where n is e_z or -e_z (E11)."""
     return planar_turn(turn1, (n[2] * hinge[0], hinge[1]))
 
 
-def flat_turn_home(turn1: Plane, hinge: Plane, n: Vector, home: Matrix) -> Plane:
+def flat_turn_home(turn1: Plane, hinge: Hinge, n: Vector, home: Matrix) -> Plane:
     """The same with a home that turns about z."""
     s, c = flat_turn(turn1, hinge, n)
     return s * home[0] + c * home[3], c * home[0] - s * home[3]

@@ -13,7 +13,7 @@ from hingepair import equations as eq
 from hingepair.arrays import FloatArray, read_only
 from hingepair.evaluate import component, follow_steps
 from hingepair.motion import BodyMotion, motion_arrays
-from hingepair.plan import Step, steps_of
+from hingepair.plan import ARM_STEPS, Step, steps_of
 
 if TYPE_CHECKING:
     from hingepair.pair import HingePair
@@ -110,7 +110,7 @@ def sensitivities(pair: HingePair, body1: BodyMotion, psi: ArrayLike, psid: Arra
         values |= {**motion_arrays("body1", body1, "omega"), "psid": component("psid", psid)}
         shapes["psid"] = np.shape(psid)
         tails |= _VELOCITY
-    steps = (*steps_of(None, "home" in constants.values), *_STEPS)
+    steps = (*steps_of(None, "home" in constants.values), *ARM_STEPS, *_STEPS)
     found = follow_steps(steps, tails, constants, values, shapes)
     found["S2_by_n"] = found["S2_by_n"].reshape(*found["S2_by_n"].shape[:-2], 3, 3, 3)
     return Sensitivities(**{name: read_only(array) for name, array in found.items()})

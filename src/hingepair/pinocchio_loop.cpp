@@ -1,0 +1,82 @@
+// Pinocchio's C++ loop for `hingepair bench direct --cpp`: what the Python loop does, from the same inputs into the
+// same outputs. Only headers are used: a library that was compiled for another instruction set aligns otherwise.
+// Pinocchio's variants of joints are longer than Boost's lists are by themselves.
+#define BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS
+#define BOOST_MPL_LIMIT_LIST_SIZE 30
+#define BOOST_MPL_LIMIT_VECTOR_SIZE 30
+#define BOOST_FUSION_INVOKE_MAX_ARITY 12
+#include <pinocchio/algorithm/frames.hpp>
+#include <pinocchio/algorithm/kinematics.hpp>
+#include <pinocchio/multibody.hpp>
+
+namespace pin = pinocchio;
+using Matrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+using Row = Eigen::Map<const Eigen::VectorXd>;
+using Constant = Eigen::Map<const Eigen::Vector3d>;
+using Out = Eigen::Map<Eigen::Vector3d>;
+
+struct Pair
+{
+  pin::Model model;
+  pin::Data data;
+  pin::FrameIndex frame;
+};
+
+// u1, u2, n: 3 numbers; home: 9, row by row.
+extern "C" Pair * pair_new(const double * u1, const double * u2, const double * n, const double * home)
+{
+  const Eigen::Matrix3d C = Eigen::Map<const Matrix>(home);
+  pin::Model model;
+  const auto body1 = model.addJoint(0, pin::JointModelFreeFlyer(), pin::SE3::Identity(), "body1");
+  const auto hinge = model.addJoint(
+    body1, pin::JointModelRevoluteUnaligned(Eigen::Vector3d(Constant(n))),
+    pin::SE3(Eigen::Matrix3d::Identity(), Constant(u1)), "hinge");
+  const auto frame =
+    model.addFrame(pin::Frame("body2", hinge, pin::SE3(C, -(C * Constant(u2))), pin::OP_FRAME));
+  return new Pair{model, pin::Data(model), frame};
+}
+
+extern "C" void pair_delete(Pair * pair)
+{
+  delete pair;
+}
+
+// q: 8 numbers a sample, v and a: 7, or null from the first that is not wanted on. Outputs: 3 numbers a sample, S2 9.
+extern "C" void pair_loop(
+  Pair * pair, long count, const double * q, const double * v, const double * a, double * R2, double * S2,
+  double * v2, double * omega2, double * a2, double * alpha2)
+{
+  const pin::Model & model = pair->model;
+  pin::Data & data = pair->data;
+  Eigen::VectorXd qi(8), vi(7), ai(7);
+  for (long i = 0; i < count; ++i)
+  {
+    qi = Row(q + 8 * i, 8);
+    if (v)
+      vi = Row(v + 7 * i, 7);
+    if (a)
+      ai = Row(a + 7 * i, 7);
+    if (a)
+      pin::forwardKinematics(model, data, qi, vi, ai);
+    else if (v)
+      pin::forwardKinematics(model, data, qi, vi);
+    else
+      pin::forwardKinematics(model, data, qi);
+    const pin::SE3 & placement = pin::updateFramePlacement(model, data, pair->frame);
+    Out(R2 + 3 * i) = placement.translation();
+    Eigen::Map<Matrix>(S2 + 9 * i) = placement.rotation();
+    if (v)
+    {
+      const pin::Motion twist = pin::getFrameVelocity(model, data, pair->frame, pin::LOCAL_WORLD_ALIGNED);
+      Out(v2 + 3 * i) = twist.linear();
+      Out(omega2 + 3 * i) = twist.angular();
+    }
+    if (a)
+    {
+      const pin::Motion change =
+        pin::getFrameClassicalAcceleration(model, data, pair->frame, pin::LOCAL_WORLD_ALIGNED);
+      Out(a2 + 3 * i) = change.linear();
+      Out(alpha2 + 3 * i) = change.angular();
+    }
+  }
+}
