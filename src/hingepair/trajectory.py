@@ -12,8 +12,9 @@ from hingepair import equations as eq
 from hingepair.arrays import check_choice, read_only
 from hingepair.blocks import components_of, evaluate
 from hingepair.errors import ArgumentError
-from hingepair.euler import SEQUENCES, matrix_to_euler
+from hingepair.euler import matrix_to_euler
 from hingepair.later import Later
+from hingepair.sequences import SEQUENCES
 from hingepair.state import PairState, PlanarState
 
 _TURN = 2 * np.pi
