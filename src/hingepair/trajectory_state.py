@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hingepair import equations as eq
 from hingepair.blocks import components_of, evaluate
 from hingepair.errors import ArgumentError
-from hingepair.evaluate import Outputs
+from hingepair.evaluate import Constants, Outputs
 from hingepair.motion import BodyMotion
 from hingepair.pair import HingePair
 from hingepair.plan import ACCELERATION, PLANAR, SPATIAL, check_outputs, default_outputs, make_plan
@@ -53,7 +53,7 @@ def spatial_state(
         body: whether omega1 and alpha1 are in body axes.
         backend: as for `forward_kinematics`.
     """
-    names, needed = _wanted(outputs, rates, point, SPATIAL)
+    names, needed = _wanted(pair._constants, outputs, rates, point, SPATIAL)
     if not names:
         return PairState({}, t.shape)
     known: dict[str, Any] = {name: point[name] for name in ("R1", "v1", "a1") if name in needed}
@@ -84,7 +84,7 @@ def planar_state(
     backend: str,
 ) -> PlanarState:
     """The state of a planar pair at the instants; angles = (phi, psi)."""
-    names, needed = _wanted(outputs, rates, point, PLANAR)
+    names, needed = _wanted(pair._constants, outputs, rates, point, PLANAR)
     if not names:
         return PlanarState({}, t.shape)
     zero = np.zeros(2)
@@ -101,7 +101,7 @@ def planar_state(
 
 
 def _wanted(
-    outputs: Outputs, rates: Rates, point: Mapping[str, Any], kind: str
+    pair: Constants, outputs: Outputs, rates: Rates, point: Mapping[str, Any], kind: str
 ) -> tuple[tuple[str, ...], frozenset[str]]:
     """The outputs, and the inputs that they need.
 
@@ -109,10 +109,10 @@ def _wanted(
         ArgumentError: an unknown output, or one that needs what is not given; names that.
     """
     given = {name for name, rate in rates.items() if rate is not None} | point.keys()
-    given |= {name for name, own in _GIVEN.items() if own in given} | {"S1", "psi", "phi1", "u1", "u2", "n", "home"}
+    given |= {name for name, own in _GIVEN.items() if own in given} | {"S1", "psi", "phi1"} | pair.values.keys()
 
     def inputs(names: tuple[str, ...]) -> frozenset[str]:
-        return frozenset(make_plan(names, None, kind == SPATIAL, kind=kind).inputs) if names else frozenset()
+        return frozenset(make_plan(names, None, "home" in pair.values, kind=kind).inputs) if names else frozenset()
 
     if outputs is None:
         possible = default_outputs(ACCELERATION, kind)
