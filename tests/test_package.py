@@ -39,23 +39,30 @@ def test_everything_exported_exists_once() -> None:
 
 
 ORDER = (
-    ("errors", "arrays", "report"),
+    ("errors", "arrays", "report", "later"),
     ("equations", "planar_equations", "derivative_equations", "constraint_equations"),
     ("blocks", "twofold", "lengths", "rotations", "sequences", "euler", "euler_motion", "body"),
     ("differentiate", "attitude_rates"),
+    ("increments", "compensated", "prefix_product", "euler_steps"),
     ("motion", "plan", "state"),
     ("kernel_rows", "kernel_math", "kernel_memory", "kernel_steps", "kernel_flat_steps", "kernels"),
+    ("kernel_turns",),
     ("kernel_cache", "compiled", "backend"),
     ("evaluate", "kinematics", "constraints", "explain"),
     ("accuracy", "residual_report"),
     ("jacobians", "residuals", "sensitivities"),
     ("levers", "pair", "planar"),
+    ("signals", "attitude_steps", "step_control", "euler_route", "scipy_route", "routes", "position"),
+    ("trajectory", "trajectory_state", "integration"),
     ("expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "export_parts", "urdf_inertia", "urdf", "mjcf", "robots"),
-    ("samples", "sample_file", "expression_motion", "sampled_motion", "scene_tables", "scene", "export"),
+    ("samples", "sample_file", "expression_motion", "sampled_motion", "antiderivative"),
+    ("integrated_motion", "rate_expressions", "rate_file"),
+    ("scene_tables", "scene", "export"),
     ("trig_sums", "form_printers", "form_inputs", "closed_forms", "form_text", "derive_cli"),
     ("summary", "bench_methods", "bench_arrays", "bench_engines", "bench_cpp", "bench_contenders", "bench_truth"),
-    ("bench_plot", "bench_cold", "bench_memory", "bench", "bench_skip", "bench_cli", "cli", "__init__"),
+    ("bench_plot", "bench_cold", "bench_memory", "bench", "bench_skip", "bench_spins"),
+    ("bench_integrate", "bench_integrate_plot", "bench_cli", "cli", "__init__"),
 )
 
 

@@ -44,10 +44,12 @@ if TYPE_CHECKING:
     from hingepair.body import Body, Box, Cylinder, Sphere
     from hingepair.closed_forms import derive
     from hingepair.euler_motion import euler_kinematics
+    from hingepair.integration import integrate
     from hingepair.mjcf import to_mjcf
     from hingepair.pinocchio import cross_validate, cross_validate_from_body1, to_pinocchio
     from hingepair.robots import load_robot_hinge
     from hingepair.scene import load_scene
+    from hingepair.trajectory import PlanarTrajectory, Trajectory
     from hingepair.urdf import from_urdf, to_urdf
 
 __version__ = "0.1.0"
@@ -67,10 +69,12 @@ __all__ = [
     "PairState",
     "PlanarPair",
     "PlanarState",
+    "PlanarTrajectory",
     "RotationError",
     "SceneError",
     "ShapeError",
     "Sphere",
+    "Trajectory",
     "URDFError",
     "angular_velocity",
     "angular_velocity_from_samples",
@@ -82,6 +86,7 @@ __all__ = [
     "euler_rates",
     "euler_to_matrix",
     "from_urdf",
+    "integrate",
     "load_robot_hinge",
     "load_scene",
     "matrix_to_euler",
@@ -100,11 +105,14 @@ _LATER = {
     "Body": "body",
     "Box": "body",
     "Cylinder": "body",
+    "PlanarTrajectory": "trajectory",
+    "Trajectory": "trajectory",
     "cross_validate": "pinocchio",
     "cross_validate_from_body1": "pinocchio",
     "derive": "closed_forms",
     "euler_kinematics": "euler_motion",
     "from_urdf": "urdf",
+    "integrate": "integration",
     "load_robot_hinge": "robots",
     "load_scene": "scene",
     "Sphere": "body",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from hingepair import kernel_cache
@@ -31,11 +32,11 @@ class How:
     backend: str
     workers: int
 
-    def compiles(self, samples: int) -> bool:
-        """Whether a batch of so many samples goes to the compiled kernels."""
+    def compiles(self, samples: int, loaded: Callable[[], bool] = kernel_cache.loaded) -> bool:
+        """Whether a batch of so many samples goes to the compiled kernels; `loaded` says if they are in memory."""
         if self.backend != "auto":
             return self.backend == "numba"
-        if kernel_cache.loaded():
+        if loaded():
             return True
         global _seen  # noqa: PLW0603 (what a process has computed so far decides whether compiling pays)
         _seen += samples

@@ -1,4 +1,4 @@
-"""`hingepair bench direct|skip`."""
+"""`hingepair bench direct|skip|integrate`."""
 
 from __future__ import annotations
 
@@ -103,6 +103,43 @@ def skip(
     for row in rows:
         table.add_row(row.skipped, row.backend, f"{row.full_ns:.3g}", f"{row.skip_ns:.3g}", f"{row.ratio:.2f}")
     Console(highlight=False, markup=False, width=120).print(table)
+
+
+@app.command()
+def integrate(
+    repeats: Repeats = 5,
+    long: Annotated[
+        int, typer.Option(min=0, max=10**8, help="Steps of a long run as well, such as 10000000; 0 for none.")
+    ] = 0,
+    as_json: Json = False,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw error against step and time.")] = None,
+) -> None:
+    """Error against step and run time: attitudes from angular velocity by all methods, and by SciPy's solvers."""
+    from hingepair import bench, bench_integrate
+    from hingepair.bench_spins import installed, ways
+
+    rows = bench_integrate.measure(repeats, _tell)
+    runs = bench_integrate.long_runs(long, _tell) if long else []
+    if plot is not None:
+        from hingepair.bench_integrate_plot import draw
+
+        draw(rows, str(plot))
+        _tell(f"written: {plot}")
+    if as_json:
+        print(json.dumps(bench_integrate.as_json(rows, runs), indent=2))
+        return
+    console = Console(highlight=False, markup=False, width=120)
+    console.print(bench_integrate.table(rows))
+    console.print(bench_integrate.goal_table(rows))
+    for run in runs:
+        console.print(
+            f"{run.spin}, {run.steps:,} steps of magnus6: error {run.error:.2g} rad, S^T S - I up to "
+            f"{run.orthonormality:.2g} u, {run.ns_per_step:.3g} ns a step (omega included)"
+        )
+    for way in ways():
+        if not installed(way):
+            console.print(f"left out: {way.name} ({way.needs} is not installed)")
+    console.print(", ".join(f"{key} {value}" for key, value in bench.facts().items()))
 
 
 def _starts(starts: list[Start]) -> Table:

@@ -230,6 +230,16 @@ def angular_velocity1(axes: tuple[Scalar, ...], phid: Vector) -> Vector:
     return phid[0] + cx * phid[2], by * phid[1] + cy * phid[2], bz * phid[1] + cz * phid[2]
 
 
+def euler_rate_along(axes: tuple[Scalar, ...], omega: Vector) -> Scalar:
+    """What phi_z' times cos phi_y (or -sin phi_y where the first axis comes back) is: omega across e_x and b (E4)."""
+    return axes[0] * omega[2] - axes[1] * omega[1]
+
+
+def euler_rates1(axes: tuple[Scalar, ...], omega: Vector, third: Scalar) -> Vector:
+    """The rates phi' = J^-1 omega (E4), where phi_z' is known: what is along b gives phi_y', the rest phi_x'."""
+    return omega[0] - axes[2] * third, axes[0] * omega[1] + axes[1] * omega[2], third
+
+
 def angular_acceleration1(axes: tuple[Scalar, ...], phid: Vector, phidd: Vector) -> Vector:
     """alpha1 = J phi'' + J' phi' (E4 differentiated).
 

@@ -178,15 +178,14 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
 
 def canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
-    """J^-1 omega in canonical angles: the part along b gives phi_y', the rest phi_z', then phi_x'."""
-    by, bz, cx, _, _ = order.axes(trig)
+    """J^-1 omega in canonical angles (E4)."""
+    axes = order.axes(trig)
     x, y, z = (omega[order.place.index(i)] for i in range(3))
     if order.sign < 0:
         x, y, z = -x, -y, -z
-    second = by * y + bz * z
-    across = by * z - bz * y
+    across = eq.euler_rate_along(axes, (x, y, z))
     third = -np.divide(across, trig[2]) if order.proper else np.divide(across, trig[3])
-    return x - cx * third, second, third
+    return eq.euler_rates1(axes, (x, y, z), third)
 
 
 def _canonical_angles(order: Sequence, S: eq.Matrix) -> eq.Vector:

@@ -69,16 +69,21 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Expressi
     Raises:
         SceneError: a value cannot be used; names file, table and key.
     """
+    t = read_instants(time)
+    if planar:
+        return ExpressionMotion(t, _expressions(motion, PLANAR_COORDINATES, ("constants",)), None)
+    expressions = _expressions(motion, COORDINATES, ("sequence", "constants", "file", "omega1"))
+    return ExpressionMotion(t, expressions, read_sequence(motion))
+
+
+def read_instants(time: Table) -> NDArray[np.float64]:
+    """The instants of the table [time]."""
     time.check_keys(("start", "stop", "samples"))
     start, stop = time.number("start"), time.number("stop")
     if not 0 <= stop - start < np.inf:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
     samples = time.integer("samples", 1, MAX_SAMPLES)
-    t = read_only(np.linspace(start, stop, samples))
-    if planar:
-        return ExpressionMotion(t, _expressions(motion, PLANAR_COORDINATES, ("constants",)), None)
-    expressions = _expressions(motion, COORDINATES, ("sequence", "constants", "file"))
-    return ExpressionMotion(t, expressions, read_sequence(motion))
+    return np.asarray(read_only(np.linspace(start, stop, samples)))
 
 
 def read_sequence(table: Table) -> str:
@@ -93,16 +98,22 @@ def read_sequence(table: Table) -> str:
 
 def _expressions(table: Table, names: tuple[str, ...], others: tuple[str, ...]) -> tuple[Expr, ...]:
     table.check_keys((*names, *others))
-    constants = _constants(table.table("constants", required=False))
-    expressions = tuple(_expression(table, key, constants) for key in names)
+    constants = read_constants(table)
+    expressions = tuple(read_expression(table, key, constants) for key in names)
+    check_real_values(table, names, expressions)
+    return expressions
+
+
+def check_real_values(table: Table, names: tuple[str, ...], expressions: tuple[Expr, ...]) -> None:
+    """Refuse expressions that are not real and finite, as far as that does not depend on t."""
     try:
         check_real([table.label(key) for key in names], expressions)
     except ArgumentError as error:
         raise SceneError(error.name, error.expected, error.got) from None
-    return expressions
 
 
-def _expression(table: Table, key: str, constants: dict[str, float]) -> Expr:
+def read_expression(table: Table, key: str, constants: dict[str, float]) -> Expr:
+    """The number or expression of a key."""
     value = table.values.get(key)
     if not isinstance(value, str):
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -113,9 +124,11 @@ def _expression(table: Table, key: str, constants: dict[str, float]) -> Expr:
     return parse(table.label(key), value, constants)
 
 
-def _constants(table: Table) -> dict[str, float]:
+def read_constants(motion: Table) -> dict[str, float]:
+    """The named numbers of the table [motion.constants]."""
     from hingepair.expressions import constant_name_fault
 
+    table = motion.table("constants", required=False)
     for key in table.values:
         fault = constant_name_fault(key)
         if fault:

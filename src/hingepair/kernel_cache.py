@@ -9,21 +9,16 @@ import os
 import sys
 import threading
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from hingepair.errors import MissingDependencyError
 
 _SOURCES = (
-    *("equations.py", "planar_equations.py"),
-    *(
-        "kernel_math.py",
-        "kernel_memory.py",
-        "kernel_rows.py",
-        "kernel_steps.py",
-        "kernel_flat_steps.py",
-        "kernels.py",
-    ),
+    *("equations.py", "planar_equations.py", "kernel_math.py", "kernel_memory.py", "kernel_rows.py"),
+    *("kernel_steps.py", "kernel_flat_steps.py", "kernels.py"),
+    *("increments.py", "twofold.py", "compensated.py", "prefix_product.py", "euler_steps.py", "kernel_turns.py"),
 )
 _lock = threading.Lock()
 
@@ -35,6 +30,15 @@ class Kernels(NamedTuple):
     one_state: Any
 
 
+class TurnKernels(NamedTuple):
+    """The compiled functions of `integrate`."""
+
+    turns: Any
+    place: Any
+    sums: Any
+    euler: Any
+
+
 def available() -> bool:
     """Whether Numba is installed."""
     return importlib.util.find_spec("numba") is not None
@@ -43,6 +47,11 @@ def available() -> bool:
 def loaded() -> bool:
     """Whether the kernels are in memory already."""
     return bool(_build.cache_info().currsize)
+
+
+def turns_loaded() -> bool:
+    """Whether the kernels of `integrate` are in memory already."""
+    return bool(_build_turns.cache_info().currsize)
 
 
 def kernels() -> Kernels:
@@ -57,23 +66,47 @@ def kernels() -> Kernels:
         return _build()
 
 
+def turn_kernels() -> TurnKernels:
+    """The kernels of `integrate`, likewise.
+
+    Raises:
+        MissingDependencyError: Numba is not installed, or does not work.
+    """
+    with _lock:
+        return _build_turns()
+
+
 @functools.cache
 def _build() -> Kernels:
     try:
-        import numba
-
         from hingepair import kernel_math
         from hingepair import kernels as source
     except ImportError as error:
         raise MissingDependencyError("backend", "numba (pip install numba)", str(error)) from None
+    return Kernels(*_compiled((source.kernel, source.one_state), kernel_math.FLAGS))
+
+
+@functools.cache
+def _build_turns() -> TurnKernels:
+    try:
+        from hingepair import kernel_turns as source
+    except ImportError as error:
+        raise MissingDependencyError("backend", "numba (pip install numba)", str(error)) from None
+    return TurnKernels(*_compiled((source.turns, source.place, source.sums, source.runge_kutta), set()))
+
+
+def _compiled(functions: tuple[Callable[..., Any], ...], fastmath: set[str]) -> list[Any]:
+    """The functions, to be compiled or taken from the cache when they are called."""
+    import numba
+
     folder = _cache_folder(numba.__version__)
     config: Any = numba.config
     before = config.CACHE_DIR
     try:
         if folder is not None:
             config.CACHE_DIR = str(folder)
-        jit = numba.njit(cache=folder is not None, fastmath=kernel_math.FLAGS, nogil=True)
-        return Kernels(jit(source.kernel), jit(source.one_state))
+        jit = numba.njit(cache=folder is not None, fastmath=fastmath, nogil=True)
+        return [jit(function) for function in functions]
     finally:
         config.CACHE_DIR = before
 

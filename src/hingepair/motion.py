@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,18 +56,26 @@ class BodyMotion:
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> None:
-        attitude = read_only(vectors("S", S, 3, 3))
+        attitude = vectors("S", S, 3, 3)
         check_rotation("S", attitude)
-        arrays = {"R": read_only(vectors("R", R, 3)), "S": attitude}
-        for name, value in (("v", v), ("omega", omega), ("a", a), ("alpha", alpha)):
-            if value is None:
-                object.__setattr__(self, name, None)
-            else:
-                arrays[name] = read_only(vectors(name, value, 3))
-        shapes = {name: array.shape[: -2 if name == "S" else -1] for name, array in arrays.items()}
-        arrays["shape"] = broadcast_shape(shapes)  # type: ignore[assignment]
-        for name, value in arrays.items():
-            object.__setattr__(self, name, value)
+        self._set({"R": R, "S": attitude, "v": v, "omega": omega, "a": a, "alpha": alpha})
+
+    @classmethod
+    def _trusted(cls, **arrays: NDArray[Any] | None) -> BodyMotion:
+        """The motion with an attitude that is known to be a rotation."""
+        motion = cls.__new__(cls)
+        motion._set(arrays)
+        return motion
+
+    def _set(self, given: Mapping[str, Any]) -> None:
+        shapes = {}
+        for name, value in given.items():
+            tail = (3, 3) if name == "S" else (3,)
+            array = None if value is None else read_only(vectors(name, value, *tail))
+            object.__setattr__(self, name, array)
+            if array is not None:
+                shapes[name] = array.shape[: array.ndim - len(tail)]
+        object.__setattr__(self, "shape", broadcast_shape(shapes))
 
     @classmethod
     def from_quaternion_xyzw(

@@ -81,7 +81,7 @@ def read_sampled_motion(table: Table, folder: Path) -> SampledMotion:
         SceneError: a key of the table, the file or one of its columns cannot be used; names it.
         MissingDependencyError: the file is a .parquet and pyarrow is not installed.
     """
-    table.check_keys(("file", "differentiate", "sequence"))
+    table.check_keys(("file", "differentiate", "sequence", "integrate"))
     completed = table.values.get("differentiate", False)
     if not isinstance(completed, bool):
         table.fail("differentiate", "true or false")

@@ -154,6 +154,10 @@ class PlanarSamples:
         """The highest derivative that is known."""
         return len(self.derivatives) - 1
 
+    def part(self, rows: Rows, order: int) -> PlanarSamples:
+        """Some of the instants, with the derivatives up to an order."""
+        return PlanarSamples(_count(self.count, rows), _part(self.derivatives, rows, order))
+
     def forward_kinematics(self, pair: PlanarPair, outputs: tuple[str, ...] | None) -> PlanarState:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
         return pair.forward_kinematics(*_of_many(self.derivatives, self.count), outputs=outputs)

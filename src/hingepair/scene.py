@@ -36,6 +36,9 @@ Instead of expressions, the motion may be samples in a file, whose columns `hing
 file = "log.csv"              # or .npz, .parquet; relative to the scene file; the instants are its column t
 differentiate = true          # optional: find the derivatives that the file lacks; else what needs them is not there
 sequence = "XYZ"              # optional: of Euler angles
+
+Or it may be integrated (E12) from the angular velocity of body 1 and the hinge rate, as expressions `omega1` and
+`psi_dot` or as samples: `hingepair.rate_expressions` and `hingepair.rate_file` have the layouts.
 """
 
 from __future__ import annotations

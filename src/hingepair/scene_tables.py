@@ -7,13 +7,16 @@ from typing import Any, TypeAlias
 
 from hingepair.errors import ArgumentError, SceneError
 from hingepair.expression_motion import ExpressionMotion, read_expression_motion
+from hingepair.integrated_motion import IntegratedMotion
 from hingepair.pair import HingePair
 from hingepair.plan import check_outputs
 from hingepair.planar import PlanarPair
+from hingepair.rate_expressions import read_rate_expressions
+from hingepair.rate_file import read_rate_file
 from hingepair.sampled_motion import SampledMotion, read_sampled_motion
 from hingepair.scene_file import Table
 
-Motion: TypeAlias = ExpressionMotion | SampledMotion
+Motion: TypeAlias = ExpressionMotion | SampledMotion | IntegratedMotion
 """Knows its instants `t`, its `level`, its `sequence`, and gives `samples(rows, order)`."""
 
 
@@ -75,12 +78,17 @@ def read_motion(tables: Table, folder: Path, planar: bool) -> Motion:
     motion = tables.table("motion", required=False)
     if "file" not in motion.values:
         time = tables.table("time")
+        if "omega1" in motion.values:
+            return read_rate_expressions(motion, time, planar)
         return read_expression_motion(tables.table("motion"), time, planar)
     if planar:
         motion.fail("file", "no such key in a planar scene, whose motion is expressions")
     if "time" in tables.values:
         tables.fail("time", "no such table beside motion.file, whose column t has the instants")
-    return read_sampled_motion(motion, folder)
+    integrated = motion.values.get("integrate", False)
+    if not isinstance(integrated, bool):
+        motion.fail("integrate", "true or false")
+    return read_rate_file(motion, folder) if integrated else read_sampled_motion(motion, folder)
 
 
 def read_outputs(table: Table, kind: str) -> tuple[str, ...] | None:

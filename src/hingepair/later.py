@@ -1,0 +1,30 @@
+"""A number that is worked out when it is first asked for, and then known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+
+class Later:
+    """A number to be worked out; call it. Copies and pickles hold the number.
+
+    >>> later = Later(lambda: 6.0 * 7)
+    >>> later()
+    42.0
+    """
+
+    __slots__ = ("_number", "_work")
+
+    def __init__(self, work: Callable[[], float] | None, number: float = 0.0) -> None:
+        self._work = work
+        self._number = number
+
+    def __call__(self) -> float:
+        """The number."""
+        if self._work is not None:
+            self._number = float(self._work())
+            self._work = None
+        return self._number
+
+    def __reduce__(self) -> tuple[type[Later], tuple[None, float]]:
+        return Later, (None, self())
