@@ -96,7 +96,11 @@ FAULTS = {
         "sign = 1 if (axes[1] - axes[0]) % 3 == 1 else -1",
         "sign = 1",
     ),
-    "a sign in J^-1": ("euler.py", "across = by * z - bz * y", "across = by * z + bz * y"),
+    "a sign in J^-1": (
+        "equations.py",
+        "axes[0] * omega[2] - axes[1] * omega[1]",
+        "axes[0] * omega[2] + axes[1] * omega[1]",
+    ),
     "the first angle of a proper sequence half a turn off": (
         "euler.py",
         "(order.sign * S[3], -order.sign * S[6])",
