@@ -21,6 +21,7 @@ from hingepair.routes import (
     METHODS,
     Course,
     check_reached,
+    check_tolerance,
     hinge_angles,
     plain_steps,
     plane_angle,
@@ -90,6 +91,7 @@ def integrated_in_space(
     course = Course(t, _choice(table, "method", METHODS), tol, choose("auto", 1), body)
     omega, psid = signals if "psi" not in known else (signals[0], STILL)
     with _named(table):
+        check_tolerance(tol)
         found = space_attitudes(course, omega, psid, _attitude(table))
         hinge = hinge_angles(course, psid, _number(table, "psi_0"), found.steps)
         check_reached(tol, found.error, hinge.error)
@@ -119,6 +121,7 @@ def integrated_in_plane(
     course, rule = Course(t, method, tol, choose("auto", 1), False), RULES[method]
     rates = tuple(STILL if whole in known else signal for whole, signal in zip(("phi", "psi"), signals, strict=True))
     with _named(table):
+        check_tolerance(tol)
         steps = plain_steps(course, rates, rule)
         phi, psi = (
             plane_angle(course, name, rate, _number(table, key), steps, rule)

@@ -18,7 +18,16 @@ from hingepair.pair import HingePair, check_pair
 from hingepair.planar import PlanarPair
 from hingepair.position import read_position
 from hingepair.rotations import check_rotation
-from hingepair.routes import METHODS, Course, check_reached, hinge_angles, plain_steps, plane_angle, space_attitudes
+from hingepair.routes import (
+    METHODS,
+    Course,
+    check_reached,
+    check_tolerance,
+    hinge_angles,
+    plain_steps,
+    plane_angle,
+    space_attitudes,
+)
 from hingepair.signals import Signal, Values, read_signal
 from hingepair.trajectory import PlanarTrajectory, Trajectory
 from hingepair.trajectory_state import planar_state, spatial_state
@@ -126,8 +135,7 @@ def integrate(
     """
     check_choice("method", method, METHODS)
     check_choice("frame", frame, FRAMES)
-    if tol is not None and not finite_number("tol", tol) > 0:
-        raise ArgumentError("tol", "a positive number", tol)
+    check_tolerance(tol)
     course = Course(check_instants("t", real_array("t", t), 0), method, tol, choose(backend, 1), frame == "body")
     given: dict[str, Any] = {"omega1": omega1, "psid": psid, "alpha1": alpha1, "psidd": psidd}
     hinge = finite_number("psi_0", psi_0)

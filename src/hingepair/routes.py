@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from hingepair.arrays import finite_number
 from hingepair.attitude_steps import RULES, Rule, Steps, angles, attitudes, loops
 from hingepair.backend import How
 from hingepair.errors import ArgumentError
@@ -130,6 +131,16 @@ def _checked(course: Course, omega: Signal, start: Values, quats: Values, steps:
         return float(apart.max()) + best.error()
 
     return Turned(quats, Later(error), steps)
+
+
+def check_tolerance(tol: float | None) -> None:
+    """Refuse a tolerance that is no positive number.
+
+    Raises:
+        ArgumentError: names `tol`.
+    """
+    if tol is not None and not finite_number("tol", tol) > 0:
+        raise ArgumentError("tol", "a positive number", tol)
 
 
 def check_reached(tol: float | None, *errors: Later) -> None:
