@@ -59,13 +59,17 @@ def probes(t: Values) -> Probes:
 
 @np.errstate(all="ignore")
 def attitude_rounding(omega: Signal, t: Values) -> float:
-    """What rounding adds to the attitude [rad]: products of rotations by a radian or so, a random walk of them."""
+    """What rounding adds to the attitude [rad]: products of rotations by a radian or so, a random walk of them.
+
+    Where omega never changes, each step rounds alike, and there is nothing random about it.
+    """
     if len(t) < 2:
         return 4 * _U
     chosen, weights = probes(t)
-    size = np.sqrt((omega.at(t[chosen]) ** 2).sum(axis=1))
+    values = omega.at(t[chosen])
+    size = np.sqrt((values**2).sum(axis=1))
     radians = float((size * (t[chosen + 1] - t[chosen]) * weights).sum())
-    return _U * (8 + 4 * math.sqrt(radians))
+    return _U * (8 + (radians if (values == values[0]).all() else 4 * math.sqrt(radians)))
 
 
 @np.errstate(all="ignore")
