@@ -22,7 +22,6 @@ PROBES: Final = 2048
 MOST_STEPS: Final = 2_000_000
 """That a tolerance may ask for; where they are not enough, `integrate` says how far they got."""
 
-
 _U = 2.0**-53
 _FINEST = 1e-15  # rad: below, rounding is all that is left
 _ROUNDS = 8
@@ -105,7 +104,7 @@ def angle_error(psid: Signal, steps: Steps, rule: Rule) -> float:
 
 @np.errstate(all="ignore")
 def substeps(
-    omega: Signal | None, rates: Sequence[Signal], t: Values, rule: Rule, tol: float | None
+    omega: Signal | None, rates: Sequence[Signal], t: Values, rule: Rule, tol: float | None, *, body: bool = False
 ) -> NDArray[np.int64]:
     """Steps for each interval that keep the error of attitude and angles below tol, where signals are not samples.
 
@@ -121,7 +120,7 @@ def substeps(
     for _ in range(_ROUNDS):
         errors = np.zeros(len(chosen))
         if omega is not None and not isinstance(omega, Samples):
-            errors = np.sqrt((turn_errors(omega, t, chosen, counts, rule, body=False) ** 2).sum(axis=1))
+            errors = np.sqrt((turn_errors(omega, t, chosen, counts, rule, body=body) ** 2).sum(axis=1))
         for rate in rates:
             if not isinstance(rate, Samples):
                 errors = np.maximum(errors, np.abs(sum_errors(rate, t, chosen, counts, rule)))
