@@ -37,6 +37,7 @@ def test_the_motions_are_what_their_closed_forms_say():
     np.testing.assert_allclose(exact, REFERENCE.exact(t[0]).astype(float), rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spin", SPINS, ids=lambda spin: spin.name)
 def test_the_error_column_sees_an_error(spin):
     """A turn by 1e-7 rad is found, and half a turn is not taken for none."""

@@ -124,6 +124,7 @@ FAULTS = {
         "(S[3], -S[6])",
     ),
     "lock read off the wrong element": ("euler.py", "(canonical[3], canonical[6])", "(canonical[3], canonical[7])"),
+    "psi turns body 2 of a planar pair backwards": ("planar_equations.py", "s + (c * sine - s", "s - (c * sine - s"),
     # rotations
     "rotation_log by the arc cosine of the trace": (
         "rotations.py",
@@ -170,6 +171,11 @@ KERNEL_FAULTS = {
         "kernel_steps.py",
         "eq.velocity2(v1, omega1, d, slide, s[_PSID + k])",
         "eq.velocity2(v1, omega1, d, slide, s[_PSIDD + k])",
+    ),
+    "components of a vector stored in another order": (
+        "kernel_memory.py",
+        "width * (j % rows)",
+        "width * ((j + 1) % rows)",
     ),
     "renamed axes without their sign": ("kernel_steps.py", "= sign * s[_SPARE", "= s[_SPARE"),
     "extrinsic angles in the order of the letters": ("kernel_rows.py", "rows[::-1] if backward else rows", "rows"),
