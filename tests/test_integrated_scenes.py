@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.antiderivative import antiderivative
+from hingepair.cli import app
 from hingepair.expressions import parse
 from hingepair.jets import time_symbol
 from spins import U
@@ -186,6 +189,18 @@ def test_the_level_follows_the_log(tmp_path):
 def _with_velocity(row, speed):
     cells = row.split(",")
     return ",".join([*cells[:4], str(speed), "0", "0", *cells[4:]])
+
+
+def test_run_says_how_far_the_integration_is_off(tmp_path):
+    scene_of(tmp_path, LOGGED, LOG)
+    path = str(tmp_path / "my.toml")
+    found = json.loads(CliRunner().invoke(app, ["run", path, "--json"]).stdout)
+    assert 0 < found["error_estimate"] < 1e-12
+    assert "integrated by magnus6, error about" in CliRunner().invoke(app, ["run", path]).stdout
+    scene_of(tmp_path, LOGGED, "\n".join(LOG.splitlines()[:3]) + "\n")
+    assert "error unknown" in CliRunner().invoke(app, ["run", path]).stdout
+    assert json.loads(CliRunner().invoke(app, ["run", path, "--json"]).stdout)["error_estimate"] is None
+    assert CliRunner().invoke(app, ["check", path]).exit_code == 0
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeAlias
@@ -51,7 +52,8 @@ class IntegratedMotion:
         t: instants; shape (N,) s.
         given: the motion at these instants.
         method: how it was found.
-        error_estimate: how far attitude and psi are off at the worst instant [rad].
+        error_estimate: how far attitude and psi are off at the worst instant [rad]; NaN where too few samples cannot
+            tell.
     """
 
     t: Float64Array
@@ -72,7 +74,8 @@ class IntegratedMotion:
     @property
     def turning(self) -> str:
         """How body 1 turns, for a reader."""
-        return f"omega1 and psi' integrated by {self.method}, error about {self.error_estimate:.1g} rad"
+        error = "unknown" if math.isnan(self.error_estimate) else f"about {self.error_estimate:.1g} rad"
+        return f"omega1 and psi' integrated by {self.method}, error {error}"
 
     def samples(self, rows: Rows, order: int) -> Samples:
         """The motion at some of the instants, with derivatives up to an order."""
