@@ -200,6 +200,7 @@ def _facts(scene: Scene) -> dict[str, object]:
         "start": scene.start,
         "stop": scene.stop,
         "sequence": scene.sequence,
+        "error_estimate": finite_or_none(getattr(scene.motion, "error_estimate", 0.0)),
         "pair": {key: getattr(scene.space, key).tolist() for key in ("u1", "u2", "n", "home")},
     }
 
