@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -212,6 +213,17 @@ def test_robots_are_listed_with_their_hinges() -> None:
     assert "arm_left_4_joint" in [hinge["joint"] for hinge in hinges]
     assert "arm_left_4_joint" in hingepair("robots", "talos_reduced").stdout
     assert "ur5_robot" in hingepair("robots", "ur5", code=EXIT_BAD_INPUT).stderr
+
+
+def test_a_scene_without_a_finite_instant_shows_no_residuals(short_scene: Path) -> None:
+    short_scene.write_text(re.sub(r"(?m)^psi = .*$", 'psi = "sqrt(-1 - t)"', short_scene.read_text()))
+    out = hingepair("run", short_scene).stdout
+    assert "11 of 11 instants are not finite; there is nothing to show" in out
+    assert "E1" not in out
+    report = json.loads(hingepair("run", short_scene, "--json", "--explain").stdout)
+    assert report["not_finite"] == 11
+    assert report["residuals"]["E1"] == {"largest": None, "in_u_scale": None}
+    assert report["plan"]["outputs"]
 
 
 def test_version() -> None:

@@ -61,7 +61,7 @@ REFUSED_CSV = {
     "t is nan": (with_value("t", 5, np.nan), "", "log.csv: t: expected finite instants, got nan at index 5"),
     "t stands": (with_value("t", 5, GOOD["t"][4]), "", "at index 5"),
     "nan differentiated": (with_value("phi_y", 7, np.nan), "differentiate = true\n", "phi_y: .* nan at sample 7"),
-    "too few": ({k: v[:6] for k, v in GOOD.items()}, "differentiate = true\n", "order \\+ 1 = 7"),
+    "too few": ({k: v[:6] for k, v in GOOD.items()}, "differentiate = true\n", "at least 7 samples"),
     "zero quaternion": (
         {name: np.zeros(3) for name in BODY} | {"t": np.arange(3)},
         "",
@@ -165,7 +165,7 @@ def test_parquet_nulls_are_lost_numbers_and_words_are_refused(tmp_path):
 def test_parquet_without_pyarrow_says_what_to_install(tmp_path, monkeypatch):
     scene_of(tmp_path, GOOD, name="log.parquet")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(hp.MissingDependencyError, match=r"hingepair\[parquet\]"):
+    with pytest.raises(hp.MissingDependencyError, match=r"\.\[parquet\]"):
         hp.load_scene(tmp_path / "my.toml")
 
 

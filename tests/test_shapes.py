@@ -208,6 +208,17 @@ def test_a_sequence_that_is_none_is_refused(given, sequence):
             one.forward_kinematics(*arguments, sequence=sequence)
 
 
+@pytest.mark.parametrize("out", [np.empty((5, 3)), np.empty(1), np.empty(0), [1], "R2"], ids=repr)
+def test_out_is_a_dict(out):
+    for one, count in (
+        (hp.HingePair(u1=(1, 2, 3), u2=(3, 2, 1), n=(1, 2, 3)), 7),
+        (hp.PlanarPair((1, 2), (3, 4)), 4),
+    ):
+        for q in (np.zeros(count), np.zeros((5, count))):
+            with pytest.raises(hp.ArgumentError, match=r"^out: expected a dict of arrays"):
+                one.forward_kinematics(q, out=out)
+
+
 @pytest.mark.parametrize("backend", ["numpy", "numba"])
 def test_one_state_into_given_arrays(backend):
     pair, q, qd = hp.HingePair(u1=(1, 2, 3), u2=(3, 2, 1), n=(1, 2, 3)), (0.1,) * 7, (0.2,) * 7

@@ -18,6 +18,7 @@ from hingepair.bench_cold import Start, cold_starts
 from hingepair.bench_contenders import contenders
 from hingepair.bench_memory import Peak, peaks
 from hingepair.bench_methods import LEVELS
+from hingepair.bench_plot import figure_type
 from hingepair.errors import ArgumentError
 
 MILLION = 1_000_000
@@ -52,6 +53,8 @@ def direct(
     """Run time against error: this library, Pinocchio, MuJoCo, JAX, SciPy, NumPy, SymPy, in one run."""
     from hingepair import bench
 
+    if plot is not None:
+        figure_type()
     counts = [_count(part) for part in sizes.split(",")]
     chosen = [level.strip() for level in levels.split(",")]
     for level in chosen:
@@ -118,6 +121,8 @@ def integrate(
     from hingepair import bench, bench_integrate
     from hingepair.bench_spins import installed, ways
 
+    if plot is not None:
+        figure_type()
     rows = bench_integrate.measure(repeats, _tell)
     runs = bench_integrate.long_runs(long, _tell) if long else []
     if plot is not None:

@@ -24,7 +24,7 @@ SOURCE = Path(__file__).with_name("pinocchio_loop.cpp")
 FLAGS = ("-std=c++17", "-O3", "-march=native", "-DNDEBUG", "-shared", "-fPIC", "-w")
 
 _COMPILERS = ("c++", "g++", "clang++")
-_HOW = "a C++ compiler and the headers of Pinocchio, Boost and Eigen (pip install 'hingepair[bench]')"
+_HOW = "a C++ compiler and the headers of Pinocchio, Boost and Eigen (pip install '.[bench]' in the project's folder)"
 _OUTPUTS = ("R2", "S2", "v2", "omega2", "a2", "alpha2")
 
 

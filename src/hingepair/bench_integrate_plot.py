@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from hingepair.errors import MissingDependencyError
+from hingepair.bench_plot import figure_type
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,13 +21,10 @@ def draw(rows: Sequence[Row], path: str) -> None:
     Raises:
         MissingDependencyError: Matplotlib is not installed.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError("--plot", "matplotlib (pip install 'hingepair[bench]')", str(error)) from None
+    figure_class = figure_type()
     spins = list(dict.fromkeys(row.spin for row in rows))
     methods = list(dict.fromkeys(row.method for row in rows))
-    figure = Figure(figsize=(14, 5.4 * len(spins)), layout="constrained")
+    figure = figure_class(figsize=(14, 5.4 * len(spins)), layout="constrained")
     panels = figure.subplots(len(spins), 2, squeeze=False)
     for spin, (left, right) in zip(spins, panels, strict=True):
         for axes, against in ((left, "h"), (right, "min_ms")):

@@ -19,8 +19,8 @@ class Point(NamedTuple):
     error: float
 
 
-def work_precision(rows: list[Row], path: str) -> None:
-    """Error against run time, log-log, a panel for each level at its largest N; labels at the points.
+def figure_type() -> Any:
+    """Matplotlib's Figure.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.
@@ -28,9 +28,20 @@ def work_precision(rows: list[Row], path: str) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise MissingDependencyError("--plot", "matplotlib (pip install 'hingepair[bench]')", str(error)) from None
+        needed = "matplotlib (pip install '.[bench]' in the project's folder)"
+        raise MissingDependencyError("--plot", needed, str(error)) from None
+    return Figure
+
+
+def work_precision(rows: list[Row], path: str) -> None:
+    """Error against run time, log-log, a panel for each level at its largest N; labels at the points.
+
+    Raises:
+        MissingDependencyError: Matplotlib is not installed.
+    """
+    figure_class = figure_type()
     levels = list(dict.fromkeys(row.level for row in rows))
-    figure = Figure(figsize=(9.6, 4.8 * len(levels)), layout="constrained")
+    figure = figure_class(figsize=(9.6, 4.8 * len(levels)), layout="constrained")
     panels = figure.subplots(len(levels), 1, squeeze=False)[:, 0]
     points = [
         _panel(panel, level, [row for row in rows if row.level == level])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -93,12 +94,14 @@ def run(
     if as_json:
         found = {
             **_facts(scene),
+            "not_finite": summary.not_finite(result),
             "outputs": summary.as_json(result),
             "residuals": {
                 r.label: {"largest": finite_or_none(r.largest), "in_u_scale": finite_or_none(r.ratio)}
                 for r in residuals
             },
             "file": None if written is None else str(written),
+            **({"plan": asdict(scene.plan(names))} if explain else {}),
         }
         print(json.dumps(found, indent=2, allow_nan=False))
         return
@@ -107,11 +110,13 @@ def run(
     if explain:
         console.print(str(scene.plan(names)))
     console.print(summary.table(result))
-    if lost := summary.not_finite(result):
-        console.print(
-            f"{lost} of {len(result.t)} instants are not finite; ranges and residuals are those of the others"
+    lost = summary.not_finite(result)
+    if lost:
+        others = (
+            "ranges and residuals are those of the others" if lost < len(result.t) else "there is nothing to show"
         )
-    for r in residuals:
+        console.print(f"{lost} of {len(result.t)} instants are not finite; {others}")
+    for r in residuals if lost < len(result.t) else ():
         console.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
     console.print(
         f"written: {written}" if written else "nothing written (--out FILE.npz or FILE.csv writes all instants)"
@@ -120,7 +125,7 @@ def run(
 
 @app.command()
 def check(scene_file: SceneFile, as_json: Json = False) -> None:
-    """Compute the scene by the equations and by Pinocchio, and compare."""
+    """Compute the scene by the equations and by Pinocchio, and compare (pose, velocities, accelerations)."""
     scene = load_scene(scene_file)
     report = scene.cross_validate(MOST_CHECKED)
     if as_json:

@@ -99,10 +99,10 @@ def _is_number(value: Any) -> bool:
 
 def wanted(outputs: Outputs, out: Out, level: int, kind: str = SPATIAL) -> tuple[str, ...]:
     """What to compute: the names asked for, or the level's defaults and whatever `out` has room for."""
-    if outputs is None and not out:
-        return default_outputs(level, kind)
     if out is not None and not isinstance(out, Mapping):
         raise ArgumentError("out", "a dict of arrays by output name", out)
+    if outputs is None and not out:
+        return default_outputs(level, kind)
     room = tuple(out or ())
     for name in room:
         if name not in outputs_of(kind):

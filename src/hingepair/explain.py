@@ -58,7 +58,7 @@ class ScenePlan:
     def __str__(self) -> str:
         lines = [f"outputs: {', '.join(self.outputs)}", "computed:"]
         lines += [
-            f"  {name:<8}{_MEANING[name]}{' - once' if often == 'once' else ''}" for name, often in self.computed
+            f"  {name:<10}{_MEANING[name]}{' - once' if often == 'once' else ''}" for name, often in self.computed
         ]
         lines += ["skipped:", *(f"  {what}: {why}" for what, why in self.skipped)] if self.skipped else []
         return "\n".join(lines)

@@ -45,7 +45,7 @@ def from_coordinates(
     given = read_coordinates(q, qd, qdd, len(COORDINATES))
     values = values_of(given)
     home = "home" in pair.values
-    if outputs is None and not out:
+    if outputs is None and out is None:
         plan = make_plan(default_outputs(len(given.parts) - 1), sequence, home)
     else:
         names = wanted(outputs, out, len(given.parts) - 1)

@@ -13,15 +13,17 @@
 | rates of psi | psid, psidd | psid, psidd |
 | all seven coordinates and their derivatives | | q, qd, qdd |
 
-A .csv file starts with a line of column names; commas separate, points are decimal, `nan` is what is not known.
-Rates and accelerations are there for all of position, attitude and hinge, or for none, unless they are to be found by
-differentiating. Then angles must turn by less than pi from one sample to the next; their jumps by 2 pi do no harm.
+Other columns are refused: a misspelt one would be missed. A .csv file starts with a line of column names; commas
+separate, points are decimal, `nan` is what is not known. Rates and accelerations are there for all of position,
+attitude and hinge, or for none, unless they are to be found by differentiating. Then angles must turn by less than pi
+from one sample to the next; their jumps by 2 pi do no harm.
 And t should start near 0: seconds since 1970 are rounded to 2.4e-7 s in float64, which shows in rates.
 """
 
 from __future__ import annotations
 
 import csv
+import difflib
 import warnings
 import zipfile
 import zlib
@@ -105,7 +107,9 @@ class SampleFile:
         seen = set()
         for name in names:
             if name not in known:
-                self.fail(repr(name[:40]), choices(known), "an unknown column")
+                near = difflib.get_close_matches(name[:40], known, 1, cutoff=0.5)
+                hint = f" (nearest: {near[0]})" if near else ""
+                self.fail(repr(name[:40]), choices(known), f"an unknown column{hint}")
             if name in seen:
                 self.fail(name, "a column once", "a second one")
             seen.add(name)
@@ -216,7 +220,9 @@ def _read_parquet(file: SampleFile) -> Columns:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError as error:
-        raise MissingDependencyError(file.name, "PyArrow (pip install 'hingepair[parquet]')", str(error)) from None
+        raise MissingDependencyError(
+            file.name, "PyArrow (pip install '.[parquet]' in the project's folder)", str(error)
+        ) from None
     try:
         with pq.ParquetFile(file.path) as table:
             file.check_rows(table.metadata.num_rows)

@@ -26,7 +26,9 @@ def quaternions(
     try:
         from scipy.integrate import solve_ivp
     except ImportError as error:
-        raise MissingDependencyError("method", "scipy (pip install 'hingepair[bench]')", str(error)) from None
+        raise MissingDependencyError(
+            "method", "scipy (pip install '.[bench]' in the project's folder)", str(error)
+        ) from None
 
     def rate(time: float, q: Any) -> Any:
         w = (0.0, *(0.5 * omega.at(np.array([time]))[0]).tolist())

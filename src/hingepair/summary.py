@@ -54,7 +54,7 @@ def residuals(scene: Scene) -> tuple[Residual, ...]:
     """How far the computed motion is from E1, and from E2 where it has rates, over all instants of the scene."""
     motion = scene.motion
     meanings = _MEANINGS[: motion.level + 1]
-    worst = np.zeros((len(meanings), 2))
+    worst = np.full((len(meanings), 2), np.nan)
     for (rows,) in boxes(motion.t.shape, _SLAB):
         worst = np.fmax(worst, _worst(scene, motion.samples(rows, len(meanings) - 1)))
     return tuple(
