@@ -40,7 +40,7 @@ FAULTS = {
     ),
     "centripetal acceleration dropped in E9": (
         "equations.py",
-        "return subtract(scale(reach, psid * psid), scale(slide, psidd))",
+        "return subtract(scale(pull, psid * psid), scale(slide, psidd))",
         "return scale(slide, 0 - psidd)",
     ),
     "Coriolis acceleration halved in E9": ("equations.py", "scale(slide, 2 * psid)", "scale(slide, psid)"),

@@ -145,9 +145,9 @@ def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
     return add(cross(alpha, r), cross(omega, cross(omega, r)))
 
 
-def relative_acceleration(slide: Vector, reach: Vector, psid: Scalar, psidd: Scalar) -> Vector:
-    """What the hinge alone adds to a2: S1 swing psi'^2 - slide psi''; reach = S1 swing."""
-    return subtract(scale(reach, psid * psid), scale(slide, psidd))
+def relative_acceleration(slide: Vector, pull: Vector, psid: Scalar, psidd: Scalar) -> Vector:
+    """What the hinge alone adds to a2: pull psi'^2 - slide psi''; pull = S1 swing = slide x S1 n."""
+    return subtract(scale(pull, psid * psid), scale(slide, psidd))
 
 
 def acceleration2(

@@ -107,8 +107,8 @@ HINGE_STEPS = (
     Step("slide", eq.slide, ("S1", "across", "around", "hinge", "cosine")),
     Step("v2", eq.velocity2, ("v1", "omega1", "d", "slide", "psid")),
     Step("alpha2", eq.angular_acceleration2, ("alpha1", "omega1", "axis", "psid", "psidd")),
-    Step("reach", eq.rotate, ("S1", "swing")),
-    Step("relative", eq.relative_acceleration, ("slide", "reach", "psid", "psidd")),
+    Step("pull", eq.rotate, ("S1", "swing")),
+    Step("relative", eq.relative_acceleration, ("slide", "pull", "psid", "psidd")),
     Step("a2", eq.acceleration2, ("a1", "omega1", "alpha1", "d", "slide", "psid", "relative")),
 )
 """Body 2 from body 1 and the hinge (E1, E2, E5-E9)."""
@@ -126,6 +126,13 @@ LEVER_STEPS = (
 precision, so that a plan in doubles starts from constants that are right to the last bit."""
 
 _WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))
+
+_GIVEN_S1 = {
+    "slide": (Step("reach", eq.rotate, ("S1", "swing")), Step("slide", eq.cross, ("axis", "reach"))),
+    "pull": (Step("pull", eq.cross, ("slide", "axis")),),
+}
+"""A matrix from outside may be a rotation to nine digits only: there the cross products of E2 and E8, as they stand,
+keep the hinge point of both bodies together to the last digit."""
 
 _TURN1 = (Step("hinge", hinge_terms, ("psi",)), Step("turn1", turn_terms, ("phi1",)))
 
@@ -264,7 +271,9 @@ def _all_steps(sequence: str | None, home: bool, terms: Terms) -> list[Step]:
         steps.append(Step("trig", angle_terms, ("angles",)))
     if sequence is not None:
         steps += _euler_steps(sequence)
-    steps += HINGE_STEPS
+    own = _GIVEN_S1 if sequence is None else {}
+    for step in HINGE_STEPS:
+        steps += own.get(step.result, (step,))
     return steps if home else [_WITHOUT_HOME if step.result == "S2" else step for step in steps]
 
 
