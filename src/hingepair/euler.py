@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 from dataclasses import dataclass
-from typing import Any, Literal, overload
+from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,8 @@ _INTRINSIC = tuple(
     "".join(letters) for letters in itertools.product("XYZ", repeat=3) if letters[0] != letters[1] != letters[2]
 )
 SEQUENCES = (*_INTRINSIC, *(name.lower() for name in _INTRINSIC))
+
+AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 _UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -142,19 +144,14 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[F
 
 
 @overload
-def matrix_to_euler(
-    S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[True]
-) -> tuple[FloatArray, NDArray[np.bool_]]: ...
+def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[True]) -> AnglesAndLock: ...
 
 
-def matrix_to_euler(
-    S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False
-) -> FloatArray | tuple[FloatArray, NDArray[np.bool_]]:
+def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
     """Euler angles of rotation matrices (E10 solved for phi).
 
     The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis comes back; the others in [-pi, pi].
-    At gimbal lock only a sum or difference of the outer angles is defined: what comes back still gives S. Of a
-    rotation S the angles give S back to 6 u in every component, at lock too.
+    The angles give S back to 6 u, at gimbal lock too, where only a sum or difference of the outer two is defined.
 
     Args:
         S: body to world; shape (..., 3, 3).
@@ -162,14 +159,11 @@ def matrix_to_euler(
         with_lock: also return where gimbal lock is, by the measure of `euler_rates`.
 
     Returns:
-        Angles in the order of the sequence's letters [rad]; shape (..., 3). With `with_lock`, these and whether each
-        sample is locked; shape (...,).
+        Angles in the order of the letters [rad]; shape (..., 3). With `with_lock`: (angles, locked); shape (...,).
 
     Raises:
         RotationError: a finite S is no rotation.
 
-    >>> matrix_to_euler([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
-    array([0.      , 0.      , 1.570796])
     >>> phi, locked = matrix_to_euler([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], with_lock=True)
     >>> phi.round(6) + 0.0, bool(locked)
     (array([0.      , 1.570796, 0.      ]), True)
