@@ -21,8 +21,7 @@ from hingepair.errors import ArgumentError, GimbalLockError
 from hingepair.rotations import check_rotation
 
 LOCK = 1e-12
-"""Nearer to gimbal lock than this (abs(cos phi_y), or abs(sin phi_y) where the first axis comes back), fewer than
-four digits of the Euler rates would be left."""
+"""Nearer to gimbal lock than this (abs(cos phi_y), or abs(sin phi_y)), fewer than four digits of the rates are left."""
 
 _INTRINSIC = tuple(
     "".join(letters) for letters in itertools.product("XYZ", repeat=3) if letters[0] != letters[1] != letters[2]
@@ -174,8 +173,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     back = [order.place.index(i) for i in range(3)]
 
     def angles(values: Values) -> Values:
-        given = values["S"]
-        canonical = _nine(given[3 * i + j] for i in back for j in back)
+        canonical = _nine(values["S"][3 * i + j] for i in back for j in back)
         phi = order.angles(_canonical_angles(order, canonical))
         opening = (canonical[3], canonical[6]) if order.proper else (canonical[5], canonical[8])
         return {"phi": phi, "lock": np.hypot(*opening)}
