@@ -52,9 +52,9 @@ FAULTS = {
         '"u1": numbers[:3], "u2": numbers[3:]',
         '"u1": numbers[3:], "u2": numbers[:3]',
     ),
-    "the hinge turns the lever backwards": ("plan.py", '("n", "arm")', '("arm", "n")'),
+    "the hinge turns the lever backwards": ("steps.py", '("n", "arm")', '("arm", "n")'),
     "d computed as R2 - R1": (
-        "plan.py",
+        "steps.py",
         """Step("d", eq.offset, ("S1", "along", "swing")),
     Step("R2", eq.position2, ("R1", "d")),
     Step("axis",""",

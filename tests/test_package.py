@@ -41,7 +41,7 @@ def test_everything_exported_exists_once() -> None:
 ORDER = (
     ("errors", "arrays"),
     ("equations", "planar_equations", "blocks", "twofold", "lengths", "rotations", "euler"),
-    ("motion", "plan", "state"),
+    ("steps", "motion", "plan", "state"),
     ("kernel_rows", "kernel_math", "kernel_steps", "kernel_flat_steps", "kernels"),
     ("kernel_cache", "compiled", "backend"),
     ("evaluate", "kinematics", "constraints", "explain"),

@@ -21,7 +21,7 @@ from hingepair.errors import ArgumentError, GimbalLockError
 from hingepair.rotations import check_rotation
 
 LOCK = 1e-12
-"""Nearer to gimbal lock than this (abs(cos phi_y), or abs(sin phi_y)), fewer than four digits of the rates are left."""
+"""Nearer gimbal lock than this (abs(cos phi_y) or abs(sin phi_y)), fewer than four digits of the rates are left."""
 
 _INTRINSIC = tuple(
     "".join(letters) for letters in itertools.product("XYZ", repeat=3) if letters[0] != letters[1] != letters[2]
