@@ -32,6 +32,12 @@ class Spin:
         )
         return np.stack([x, y, z], axis=-1) @ self.turn.T
 
+    def body_omega(self, t):
+        """Omega in the body's own axes: the rates 3, 1, 5 about e_x, e_y, e_z, turned back one by one."""
+        x = 3 * np.cos(t) * np.cos(5 * t) + np.sin(5 * t)
+        y = np.cos(5 * t) - 3 * np.cos(t) * np.sin(5 * t)
+        return np.stack([x, y, 3 * np.sin(t) + 5], axis=-1)
+
     def alpha(self, t):
         x, y, z = (
             5 * np.cos(t),

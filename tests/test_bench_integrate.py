@@ -53,6 +53,7 @@ def test_the_error_column_sees_an_error(spin):
         assert spin.error(turned, exact) == pytest.approx(off, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few")
 def test_integrate_prints_writes_and_draws(tmp_path):
     picture = tmp_path / "i.png"

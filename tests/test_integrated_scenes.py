@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.antiderivative import antiderivative
+from hingepair.cli import app
 from hingepair.expressions import parse
 from hingepair.jets import time_symbol
 from spins import U
@@ -188,6 +191,18 @@ def _with_velocity(row, speed):
     return ",".join([*cells[:4], str(speed), "0", "0", *cells[4:]])
 
 
+def test_run_says_how_far_the_integration_is_off(tmp_path):
+    scene_of(tmp_path, LOGGED, LOG)
+    path = str(tmp_path / "my.toml")
+    found = json.loads(CliRunner().invoke(app, ["run", path, "--json"]).stdout)
+    assert 0 < found["error_estimate"] < 1e-12
+    assert "integrated by magnus6, error about" in CliRunner().invoke(app, ["run", path]).stdout
+    scene_of(tmp_path, LOGGED, "\n".join(LOG.splitlines()[:3]) + "\n")
+    assert "error unknown" in CliRunner().invoke(app, ["run", path]).stdout
+    assert json.loads(CliRunner().invoke(app, ["run", path, "--json"]).stdout)["error_estimate"] is None
+    assert CliRunner().invoke(app, ["check", path]).exit_code == 0
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -199,6 +214,10 @@ def _with_velocity(row, speed):
         ("psi_dot = 10\n", 'psi_dot = 10\nframe = "hinge"\n', "motion.frame: expected one of world, body"),
         ("psi_dot = 10\n", 'psi_dot = 10\nmethod = "euler"\n', "motion.method: expected one of magnus6"),
         ("psi_dot = 10\n", "psi_dot = 10\ntol = 1e-17\n", "motion.tol: expected at least the error that is left"),
+        ("psi_dot = 10\n", "psi_dot = 10\ntol = 0\n", "motion.tol: expected a positive number"),
+        ("stop = 2", "stop = 1e300", "motion.omega1"),
+        ('"3 + 5*sin(t)"', "1e200", "motion.omega1: expected angles of each step that have a sine"),
+        ('"3 + 5*sin(t)"', '"1/(t - 0.987)"', "motion.tol: expected at least the error that is left"),
         ("psi_dot = 10\n", "psi_dot = 10\nphi_x = 1\n", "motion.phi_x: expected one of"),
         ("psi_dot = 10\n", "psi_dot = 10\nS1_0 = 3\n", "motion.S1_0: expected 3 lists of 3 finite numbers"),
         ("psi_dot = 10\n", "psi_dot = 10\nS1_0 = [[2,0,0],[0,1,0],[0,0,1]]\n", "motion.S1_0: expected rotations"),

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import hingepair as hp
+from hingepair.kernel_cache import _SOURCES
 
 SOURCES = sorted(Path(hp.__file__).parent.glob("*.py"))
 
@@ -94,6 +95,20 @@ def test_no_assert_and_small_enough(source: Path) -> None:
             docstring = ast.get_docstring(node, clean=False) or ""
             body = (node.end_lineno or 0) - node.body[0].lineno + 1 - len(docstring.splitlines())
             assert body <= 40, f"{source.stem}.{node.name}"
+
+
+def test_what_the_kernels_of_integrate_compile_names_their_cache() -> None:
+    """An edit of any of it must not be answered by kernels compiled before it."""
+    seen, todo = set(), ["kernel_turns"]
+    while todo:
+        module = todo.pop()
+        seen.add(module)
+        source = (Path(hp.__file__).parent / f"{module}.py").read_text()
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hingepair"):
+                parts = [a.name for a in node.names] if node.module == "hingepair" else [node.module.split(".")[1]]
+                todo += [part for part in parts if part not in seen and part != "arrays"]  # of arrays, types alone
+    assert {f"{module}.py" for module in seen} <= set(_SOURCES)
 
 
 def test_typed_marker_is_there() -> None:

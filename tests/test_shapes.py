@@ -206,3 +206,20 @@ def test_a_sequence_that_is_none_is_refused(given, sequence):
     for arguments in (motion, [c[0] for c in motion]):
         with pytest.raises(hp.ArgumentError, match="sequence"):
             one.forward_kinematics(*arguments, sequence=sequence)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "numba"])
+def test_one_state_into_given_arrays(backend):
+    pair, q, qd = hp.HingePair(u1=(1, 2, 3), u2=(3, 2, 1), n=(1, 2, 3)), (0.1,) * 7, (0.2,) * 7
+    out = {"S2": np.full((3, 3), np.nan), "v2": np.full(3, np.nan)}
+    state = pair.forward_kinematics(q, qd, out=out, backend=backend)
+    alone = pair.forward_kinematics(q, qd, backend=backend)
+    for name in alone.outputs:
+        np.testing.assert_array_equal(getattr(state, name), getattr(alone, name))
+    for name, array in out.items():
+        np.testing.assert_array_equal(array, getattr(alone, name))
+        assert np.shares_memory(array, getattr(state, name))
+    before = {"S2": np.zeros((3, 3)), "v2": np.zeros(4)}
+    with pytest.raises(hp.ShapeError, match=r"out\['v2'\]: expected shape \(3,\)"):
+        pair.forward_kinematics(q, qd, out=before, backend=backend)
+    assert not before["S2"].any()

@@ -17,7 +17,7 @@ from hingepair.derive_cli import derive
 from hingepair.errors import ArgumentError, HingePairError
 from hingepair.export import check_ending, save, write_whole
 from hingepair.pair import HingePair
-from hingepair.plan import OUTPUTS
+from hingepair.plan import OUTPUTS, PLANAR_OUTPUTS
 from hingepair.report import finite_or_none
 from hingepair.scene import load_scene
 
@@ -37,7 +37,6 @@ app = typer.Typer(
 )
 
 app.add_typer(bench_app, name="bench")
-app.command()(derive)
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 TextFile = Annotated[
@@ -73,7 +72,10 @@ def run(
     ] = None,
     outputs: Annotated[
         str | None,
-        typer.Option(metavar="NAMES", help=f"What to compute, of {', '.join(OUTPUTS)}."),
+        typer.Option(
+            metavar="NAMES",
+            help=f"What to compute, of {', '.join(OUTPUTS)}; in the plane of {', '.join(PLANAR_OUTPUTS)}.",
+        ),
     ] = None,
     explain: Annotated[
         bool, typer.Option("--explain", help="Say what is computed, what is skipped, and why.")
@@ -130,6 +132,9 @@ def check(scene_file: SceneFile, as_json: Json = False) -> None:
             console.print(f"{report.samples} of the {scene.samples} instants are compared, evenly spread")
         print(report)
     raise typer.Exit(0 if report.ok else 1)
+
+
+app.command()(derive)
 
 
 @app.command()
@@ -195,6 +200,7 @@ def _facts(scene: Scene) -> dict[str, object]:
         "start": scene.start,
         "stop": scene.stop,
         "sequence": scene.sequence,
+        "error_estimate": finite_or_none(getattr(scene.motion, "error_estimate", 0.0)),
         "pair": {key: getattr(scene.space, key).tolist() for key in ("u1", "u2", "n", "home")},
     }
 

@@ -142,8 +142,8 @@ def plan_for(
     return plan
 
 
-def evaluate_one(state: type[StateT], plan: Plan, values: Values, how: How) -> StateT:
-    """One state in Python floats: no array but the one that holds the results."""
+def evaluate_one(state: type[StateT], plan: Plan, values: Values, out: Out, how: How) -> StateT:
+    """One state in Python floats: no array but the one that holds the results, and those of `out`."""
     if how.compiles_one():
         from hingepair.compiled import one_state
 
@@ -158,7 +158,15 @@ def evaluate_one(state: type[StateT], plan: Plan, values: Values, how: How) -> S
             else:
                 numbers.append(value)
         found = np.array(numbers)
-    return state._of_one(found, layout_of(plan.outputs, plan.kind))
+    layout = layout_of(plan.outputs, plan.kind)
+    if out is None:
+        return state._of_one(found, layout)
+    known, arrays = outputs_of(plan.kind), {name: found[part] for name, part in layout.items()}
+    rooms = {name: _room(f"out[{name!r}]", room, known[name].tail, found.dtype) for name, room in out.items()}
+    _check_apart(out, {})
+    for name, room in rooms.items():
+        room[...] = arrays[name].reshape(room.shape)
+    return state({name: rooms.get(name, array.reshape(known[name].tail)) for name, array in arrays.items()}, ())
 
 
 def evaluate(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeAlias
@@ -21,6 +22,7 @@ from hingepair.routes import (
     METHODS,
     Course,
     check_reached,
+    check_tolerance,
     hinge_angles,
     plain_steps,
     plane_angle,
@@ -50,7 +52,8 @@ class IntegratedMotion:
         t: instants; shape (N,) s.
         given: the motion at these instants.
         method: how it was found.
-        error_estimate: how far attitude and psi are off at the worst instant [rad].
+        error_estimate: how far attitude and psi are off at the worst instant [rad]; NaN where too few samples cannot
+            tell.
     """
 
     t: Float64Array
@@ -71,7 +74,8 @@ class IntegratedMotion:
     @property
     def turning(self) -> str:
         """How body 1 turns, for a reader."""
-        return f"omega1 and psi' integrated by {self.method}, error about {self.error_estimate:.1g} rad"
+        error = "unknown" if math.isnan(self.error_estimate) else f"about {self.error_estimate:.1g} rad"
+        return f"omega1 and psi' integrated by {self.method}, error {error}"
 
     def samples(self, rows: Rows, order: int) -> Samples:
         """The motion at some of the instants, with derivatives up to an order."""
@@ -90,6 +94,7 @@ def integrated_in_space(
     course = Course(t, _choice(table, "method", METHODS), tol, choose("auto", 1), body)
     omega, psid = signals if "psi" not in known else (signals[0], STILL)
     with _named(table):
+        check_tolerance(tol)
         found = space_attitudes(course, omega, psid, _attitude(table))
         hinge = hinge_angles(course, psid, _number(table, "psi_0"), found.steps)
         check_reached(tol, found.error, hinge.error)
@@ -119,6 +124,7 @@ def integrated_in_plane(
     course, rule = Course(t, method, tol, choose("auto", 1), False), RULES[method]
     rates = tuple(STILL if whole in known else signal for whole, signal in zip(("phi", "psi"), signals, strict=True))
     with _named(table):
+        check_tolerance(tol)
         steps = plain_steps(course, rates, rule)
         phi, psi = (
             plane_angle(course, name, rate, _number(table, key), steps, rule)

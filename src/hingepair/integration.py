@@ -18,7 +18,16 @@ from hingepair.pair import HingePair, check_pair
 from hingepair.planar import PlanarPair
 from hingepair.position import read_position
 from hingepair.rotations import check_rotation
-from hingepair.routes import METHODS, Course, check_reached, hinge_angles, plain_steps, plane_angle, space_attitudes
+from hingepair.routes import (
+    METHODS,
+    Course,
+    check_reached,
+    check_tolerance,
+    hinge_angles,
+    plain_steps,
+    plane_angle,
+    space_attitudes,
+)
 from hingepair.signals import Signal, Values, read_signal
 from hingepair.trajectory import PlanarTrajectory, Trajectory
 from hingepair.trajectory_state import planar_state, spatial_state
@@ -84,9 +93,12 @@ def integrate(
     """The motion of a pair from the angular velocity of body 1 and the hinge rate (E12).
 
     omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), samples
-    at t, or a constant. Samples are interpolated by polynomials of degree 5. Rules and methods: `magnus6` (order 6),
-    `magnus4`, `cf4`, `rk4_quaternion` (order 4) and `midpoint` (order 2) make each step from omega1 alone;
-    `euler_angles` integrates phi' = J^-1 omega (E4) by Runge-Kutta steps of order 4; `dop853` is SciPy's.
+    at t, or a constant. Samples are interpolated by polynomials of degree 5; with `magnus6` this is what strapdown
+    navigation knows as multi-sample coning correction (Bortz, Miller, Savage).
+
+    `magnus6` (order 6), `magnus4`, `cf4`, `rk4_quaternion` (order 4) and `midpoint` (order 2) make each step from
+    omega1 alone; `euler_angles` integrates phi' = J^-1 omega (E4) by Runge-Kutta steps of order 4; `dop853` is
+    SciPy's.
 
     Args:
         pair: a HingePair, or a PlanarPair (E11): then omega1 and alpha1 are numbers, points have two coordinates.
@@ -126,8 +138,7 @@ def integrate(
     """
     check_choice("method", method, METHODS)
     check_choice("frame", frame, FRAMES)
-    if tol is not None and not finite_number("tol", tol) > 0:
-        raise ArgumentError("tol", "a positive number", tol)
+    check_tolerance(tol)
     course = Course(check_instants("t", real_array("t", t), 0), method, tol, choose(backend, 1), frame == "body")
     given: dict[str, Any] = {"omega1": omega1, "psid": psid, "alpha1": alpha1, "psidd": psidd}
     hinge = finite_number("psi_0", psi_0)

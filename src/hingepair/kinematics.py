@@ -50,8 +50,8 @@ def from_coordinates(
     else:
         names = wanted(outputs, out, len(given.parts) - 1)
         plan = plan_for(names, (sequence, home), values.keys() | pair.values.keys(), _OF_COORDINATES)
-    if given.single and out is None and pair.single:
-        return evaluate_one(PairState, plan, {**pair.values, **values}, how)
+    if given.single and pair.single:
+        return evaluate_one(PairState, plan, {**pair.values, **values}, out, how)
     plan, values = flattened(plan, pair, values)
     return evaluate(PairState, plan, pair, values, leading_shapes(given), out, how)
 
@@ -70,8 +70,8 @@ def planar_from_coordinates(
             values[point], values[angle], values[hinge] = four[0:2], four[2], four[3]
     names = wanted(outputs, out, len(given.parts) - 1, PLANAR)
     plan = plan_for(names, (None, False), values.keys() | pair.values.keys(), _OF_COORDINATES, PLANAR)
-    if given.single and out is None and pair.single:
-        return evaluate_one(PlanarState, plan, {**pair.values, **values}, how)
+    if given.single and pair.single:
+        return evaluate_one(PlanarState, plan, {**pair.values, **values}, out, how)
     return evaluate(PlanarState, plan, pair, values, leading_shapes(given), out, how)
 
 
@@ -91,9 +91,9 @@ def from_body1(
     known = hinge.keys() | arrays.keys() | pair.values.keys()
     plan = plan_for(wanted(outputs, out, len(hinge) - 1), (None, "home" in pair.values), known, _OF_BODY1)
     doubles = all(type(v) is float for v in hinge.values()) and all(v.dtype.char == "d" for v in arrays.values())
-    if out is None and body1.shape == () and pair.single and doubles:
+    if body1.shape == () and pair.single and doubles:
         one = {name: tuple(array.ravel().tolist()) for name, array in arrays.items()}
-        return evaluate_one(PairState, plan, {**pair.values, **one, **hinge}, how)
+        return evaluate_one(PairState, plan, {**pair.values, **one, **hinge}, out, how)
     shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
     return evaluate(PairState, plan, pair, {**arrays, **hinge}, shapes, out, how)
 

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from hingepair.arrays import finite_number
 from hingepair.attitude_steps import RULES, Rule, Steps, angles, attitudes, loops
 from hingepair.backend import How
 from hingepair.errors import ArgumentError
@@ -63,7 +64,7 @@ def space_attitudes(course: Course, omega: Signal, psid: Signal, S1_0: Values) -
     if course.method == "dop853":
         return _by_scipy(course, omega, start)
     rule = RULES[course.method]
-    steps = Steps(course.t, substeps(omega, (psid,), course.t, rule, course.tol))
+    steps = Steps(course.t, substeps(omega, (psid,), course.t, rule, course.tol, body=course.body))
     return _by_rule(course, omega, start, steps, rule)
 
 
@@ -123,13 +124,23 @@ def _checked(course: Course, omega: Signal, start: Values, quats: Values, steps:
     """The error of attitudes that depend on one another: how far they are from those of the best rule."""
 
     def error() -> float:
-        enough = Steps(course.t, substeps(omega, (), course.t, _BEST, _CERTAIN))
+        enough = Steps(course.t, substeps(omega, (), course.t, _BEST, _CERTAIN, body=course.body))
         best = _by_rule(course, omega, start, enough, _BEST)
         w, x, y, z = quaternion_product(tuple(quats.T), tuple((best.values * [1, -1, -1, -1]).T))
         apart = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
         return float(apart.max()) + best.error()
 
     return Turned(quats, Later(error), steps)
+
+
+def check_tolerance(tol: float | None) -> None:
+    """Refuse a tolerance that is no positive number.
+
+    Raises:
+        ArgumentError: names `tol`.
+    """
+    if tol is not None and not finite_number("tol", tol) > 0:
+        raise ArgumentError("tol", "a positive number", tol)
 
 
 def check_reached(tol: float | None, *errors: Later) -> None:

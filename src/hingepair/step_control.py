@@ -19,11 +19,11 @@ from hingepair.attitude_steps import Rule, Steps, increment_quaternions
 from hingepair.signals import POINTS, Samples, Signal, Values
 
 PROBES: Final = 2048
-MOST_STEPS: Final = 5_000_000
+MOST_STEPS: Final = 2_000_000
 """That a tolerance may ask for; where they are not enough, `integrate` says how far they got."""
 
-
 _U = 2.0**-53
+_FINEST = 1e-15  # rad: below, rounding is all that is left
 _ROUNDS = 8
 _GOLDEN = 0.6180339887498949
 
@@ -56,16 +56,22 @@ def probes(t: Values) -> Probes:
     return Probes(chosen, weights)
 
 
+@np.errstate(all="ignore")
 def attitude_rounding(omega: Signal, t: Values) -> float:
-    """What rounding adds to the attitude [rad]: products of rotations by a radian or so, a random walk of them."""
+    """What rounding adds to the attitude [rad]: products of rotations by a radian or so, a random walk of them.
+
+    Where omega never changes, each step rounds alike, and there is nothing random about it.
+    """
     if len(t) < 2:
         return 4 * _U
     chosen, weights = probes(t)
-    size = np.sqrt((omega.at(t[chosen]) ** 2).sum(axis=1))
+    values = omega.at(t[chosen])
+    size = np.sqrt((values**2).sum(axis=1))
     radians = float((size * (t[chosen + 1] - t[chosen]) * weights).sum())
-    return _U * (8 + 4 * math.sqrt(radians))
+    return _U * (8 + (radians if (values == values[0]).all() else 4 * math.sqrt(radians)))
 
 
+@np.errstate(all="ignore")
 def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, body: bool) -> float:
     """How far the attitudes are off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
     if len(steps.t) < 2:
@@ -83,6 +89,7 @@ def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, bo
     return float(np.sqrt((total**2).sum(axis=1)).max())
 
 
+@np.errstate(all="ignore")
 def angle_error(psid: Signal, steps: Steps, rule: Rule) -> float:
     """How far psi is off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
     if len(steps.t) < 2:
@@ -95,8 +102,9 @@ def angle_error(psid: Signal, steps: Steps, rule: Rule) -> float:
     return float(np.abs(np.cumsum(errors * weights)).max()) if len(errors) else math.nan
 
 
+@np.errstate(all="ignore")
 def substeps(
-    omega: Signal | None, rates: Sequence[Signal], t: Values, rule: Rule, tol: float | None
+    omega: Signal | None, rates: Sequence[Signal], t: Values, rule: Rule, tol: float | None, *, body: bool = False
 ) -> NDArray[np.int64]:
     """Steps for each interval that keep the error of attitude and angles below tol, where signals are not samples.
 
@@ -106,23 +114,26 @@ def substeps(
     ones = np.ones(max(0, len(t) - 1), np.int64)
     if tol is None or len(t) < 2:
         return ones
+    goal = 0.4 * max(tol, _FINEST)
     chosen, weights = probes(t)
     counts = ones[chosen]
     for _ in range(_ROUNDS):
         errors = np.zeros(len(chosen))
         if omega is not None and not isinstance(omega, Samples):
-            errors = np.sqrt((turn_errors(omega, t, chosen, counts, rule, body=False) ** 2).sum(axis=1))
+            errors = np.sqrt((turn_errors(omega, t, chosen, counts, rule, body=body) ** 2).sum(axis=1))
         for rate in rates:
             if not isinstance(rate, Samples):
                 errors = np.maximum(errors, np.abs(sum_errors(rate, t, chosen, counts, rule)))
-        if (errors * weights).sum() <= 0.5 * tol:
+        total = (errors * weights).sum()
+        if total <= 1.2 * goal or not np.isfinite(total):
             break
         shares = (errors * counts**rule.order) ** (1 / (rule.order + 1))
-        factor = ((shares * weights).sum() / (0.4 * tol)) ** (1 / rule.order)
-        asked = np.maximum(counts, np.minimum(np.ceil(factor * shares), MOST_STEPS))
-        if (asked * weights).sum() > MOST_STEPS:
+        factor = ((shares * weights).sum() / goal) ** (1 / rule.order)
+        asked = np.maximum(counts, factor * shares)
+        room = MOST_STEPS / (asked * weights).sum()
+        counts = np.maximum(counts, np.ceil(asked * min(room, 1.0)).astype(np.int64))
+        if room < 1:
             break
-        counts = asked.astype(np.int64)
     if len(chosen) == len(ones):
         return counts
     after = np.searchsorted(chosen, np.arange(len(ones)))
