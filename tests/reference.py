@@ -16,7 +16,7 @@ import numpy as np
 DIGITS = 60
 OUTPUTS = ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "S1", "omega1", "alpha1")
 BOUNDS = {
-    "S1": 6, "S2": 13, "d": 10, "R2": 10, "omega1": 4, "omega2": 6, "v2": 10, "alpha1": 4, "alpha2": 7, "a2": 10,
+    "S1": 6, "S2": 13, "d": 10, "R2": 10, "omega1": 4, "omega2": 6, "v2": 10, "alpha1": 4, "alpha2": 8, "a2": 12,
 }  # fmt: skip
 ORDINARY = BOUNDS | {"S2": 12, "d": 8, "R2": 8, "omega1": 3, "omega2": 3, "v2": 6, "alpha2": 4, "a2": 6}
 """What random states keep to: those near a bound have to be searched for (README, "Accuracy")."""

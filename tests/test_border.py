@@ -184,6 +184,52 @@ def test_an_axis_has_no_length(axis, exponent):
     assert abs(np.swapaxes(one.S2, -1, -2) @ one.S2 - np.eye(3)).max() <= 24 * U
 
 
+@few
+@given(
+    st.integers(1, 3), st.sets(st.sampled_from(["u1", "u2", "n", "home"])),
+    hnp.arrays(np.float64, (3, 2, 7), elements=NUMBERS), st.integers(0, 99),
+)  # fmt: skip
+def test_pairs_that_vary(count, varying, motion, key):
+    """Constants with a leading axis, each on its own, are so many pairs."""
+    rng = generator(73, key)
+    own = {"u1": rng.normal(size=(count, 3)), "u2": rng.normal(size=(count, 3)), "n": rng.normal(size=(count, 3))}
+    own["home"] = rotations(rng, count)
+    shaped = {k: v[:, None] if k in varying else v[0] for k, v in own.items()}
+    found = hp.HingePair(**shaped).forward_kinematics(*motion, outputs=OUTPUTS)
+    pairs = count if varying else 1
+    for i in range(pairs):
+        constants = {k: v[i] if k in varying else v[0] for k, v in own.items()}
+        expected = hp.HingePair(**constants).forward_kinematics(*motion, outputs=OUTPUTS)
+        scales = euler_scales(tuple(constants.values()), *motion)
+        mine = {name: np.asarray(getattr(found, name)) for name in OUTPUTS}
+        assert all(x.shape == ((count, 2) if varying else (2,)) + TAIL[name] for name, x in mine.items())
+        require(type("One", (), {k: x[i] if varying else x for k, x in mine.items()}), expected, scales, 2)
+
+
+@few
+@given(st.integers(0, 3), st.integers(0, 2), st.sampled_from([np.nan, np.inf, -np.inf]))
+def test_attitudes_of_other_forms(sample, place, bad):
+    """A quaternion or rotation vector that is no number poisons its own sample; a quaternion of zero is refused."""
+    rng, R = generator(74), np.zeros(3)
+    forms = (
+        (hp.BodyMotion.from_quaternion_xyzw, "quat_xyzw", rng.normal(size=(4, 4))),
+        (hp.BodyMotion.from_quaternion_wxyz, "quat_wxyz", rng.normal(size=(4, 4))),
+        (hp.BodyMotion.from_rotvec, "rotvec", rng.normal(size=(4, 3))),
+    )
+    for make, name, numbers in forms:
+        dirty = numbers.copy()
+        dirty[sample, place] = bad
+        clean, found = (np.asarray(make(R=R, **{name: x}).S) for x in (numbers, dirty))
+        others = [i for i in range(4) if i != sample]
+        assert np.array_equal(found[others], clean[others])
+        assert not np.isfinite(found[sample]).all()
+        if name != "rotvec":
+            dirty[sample] = 0.0
+            with pytest.raises(hp.RotationError) as caught:
+                make(R=R, **{name: dirty})
+            assert caught.value.name == name
+
+
 @pytest.mark.law
 @few
 @given(st.floats(0.0, 2e-10), st.floats(1e-8, 0.5), hnp.arrays(np.float64, (3, 3), elements=st.floats(-1.0, 1.0)))

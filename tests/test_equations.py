@@ -40,12 +40,12 @@ def everything(numbers, sin, cos, kind):
     across = eq.cross(around, n)
     swing = eq.swing(across, around, hinge, eq.cosine(hinge))
     d = eq.offset(S1, eq.along(u1, arm, across), swing)
-    slide = eq.slide(axis, eq.rotate(S1, swing))
+    slide, reach = eq.slide(S1, across, around, hinge, cos(psi)), eq.rotate(S1, swing)
     R2 = eq.position2(R1, d)
     omega2 = eq.angular_velocity2(omega1, axis, psid)
     v2 = eq.velocity2(v1, omega1, d, slide, psid)
     alpha2 = eq.angular_acceleration2(alpha1, omega1, axis, psid, psidd)
-    relative = eq.relative_acceleration(axis, slide, psid, psidd)
+    relative = eq.relative_acceleration(slide, reach, psid, psidd)
     a2 = eq.acceleration2(a1, omega1, alpha1, d, slide, psid, relative)
     gap = eq.hinge_gap(R1, r1, R2, r2)
     return [*S1, *S2, *d, *R2, *omega1, *omega2, *v2, *alpha1, *alpha2, *a2, *gap, *eq.transpose(S2), eq.dot(u1, u2)]
@@ -135,7 +135,7 @@ def test_the_equations_compile():
         "angular_acceleration1": (tuple(numbers[:5]), v[2], v[3]),
         "angular_acceleration2": (v[0], v[1], v[2], numbers[9], numbers[10]),
         "swing": (v[0], v[1], (numbers[3], numbers[4]), numbers[5]),
-        "slide": (v[0], v[1]),
+        "slide": (S, v[0], v[1], (numbers[3], numbers[4]), numbers[5]),
         "relative_acceleration": (v[0], v[1], numbers[9], numbers[10]),
         "acceleration2": (v[0], v[1], v[2], v[3], v[4], numbers[9], v[6]),
         "tait_bryan_attitude": (tuple(numbers[:6]),),

@@ -40,8 +40,8 @@ FAULTS = {
     ),
     "centripetal acceleration dropped in E9": (
         "equations.py",
-        "return add(scale(cross(axis, slide), psid * psid), scale(slide, psidd))",
-        "return scale(slide, psidd)",
+        "return subtract(scale(pull, psid * psid), scale(slide, psidd))",
+        "return scale(slide, 0 - psidd)",
     ),
     "Coriolis acceleration halved in E9": ("equations.py", "scale(slide, 2 * psid)", "scale(slide, psid)"),
     "a sign in Sx Sy Sz": ("equations.py", "cx * sz + ss * cz", "cx * sz - ss * cz"),
@@ -52,9 +52,9 @@ FAULTS = {
         '"u1": numbers[:3], "u2": numbers[3:]',
         '"u1": numbers[3:], "u2": numbers[:3]',
     ),
-    "the hinge turns the lever backwards": ("plan.py", '("n", "arm")', '("arm", "n")'),
+    "the hinge turns the lever backwards": ("steps.py", '("n", "arm")', '("arm", "n")'),
     "d computed as R2 - R1": (
-        "plan.py",
+        "steps.py",
         """Step("d", eq.offset, ("S1", "along", "swing")),
     Step("R2", eq.position2, ("R1", "d")),
     Step("axis",""",

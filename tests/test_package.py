@@ -45,7 +45,7 @@ ORDER = (
     ("blocks", "twofold", "lengths", "rotations", "sequences", "euler", "euler_motion", "body"),
     ("differentiate", "attitude_rates"),
     ("increments", "compensated", "prefix_product", "euler_steps"),
-    ("motion", "plan", "state"),
+    ("steps", "motion", "plan", "state"),
     ("kernel_rows", "kernel_math", "kernel_memory", "kernel_steps", "kernel_flat_steps", "kernels"),
     ("kernel_turns",),
     ("kernel_cache", "compiled", "backend"),

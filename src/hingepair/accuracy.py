@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 Float64Array = NDArray[np.float64]
 
 BOUNDS: Mapping[str, int] = MappingProxyType(
-    {"S1": 6, "S2": 13, "d": 10, "R2": 10, "omega1": 4, "omega2": 6, "v2": 10, "alpha1": 4, "alpha2": 7, "a2": 10}
+    {"S1": 6, "S2": 13, "d": 10, "R2": 10, "omega1": 4, "omega2": 6, "v2": 10, "alpha1": 4, "alpha2": 8, "a2": 12}
 )
 """Output -> largest promised error against the exact result of any state, in units of u * scale."""
 

@@ -179,6 +179,7 @@ def _check_finite(name: str, expected: str, rows: Values) -> None:
         raise ArgumentError(name, expected, f"overflow between the instants {first - 1} and {first}")
 
 
+@np.errstate(all="ignore")
 def increment_quaternions(omega: Values, h: Values, number: int) -> Any:
     """The rotation of each step by a rule's number; omega at the nodes, shape (steps, nodes, 3)."""
     w: Any = [components_of(omega[:, i]) for i in range(omega.shape[1])]

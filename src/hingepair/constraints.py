@@ -15,7 +15,8 @@ from hingepair.arrays import FloatArray
 from hingepair.blocks import Components, Values, components_of, numbers
 from hingepair.evaluate import Constants, follow_steps
 from hingepair.motion import BodyMotion, motion_arrays
-from hingepair.plan import ARM_STEPS, Step, needed_steps
+from hingepair.plan import needed_steps
+from hingepair.steps import ARM_STEPS, Step
 
 if TYPE_CHECKING:
     from hingepair.pair import HingePair

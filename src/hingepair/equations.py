@@ -115,9 +115,9 @@ def offset(S1: Matrix, along: Vector, swing: Vector) -> Vector:
     return rotate(S1, subtract(along, swing))
 
 
-def slide(axis: Vector, reach: Vector) -> Vector:
-    """S1 n x S2 u2, the change of S2 u2 with psi; axis = S1 n, reach = S1 swing, the part of S2 u2 across it."""
-    return cross(axis, reach)
+def slide(S1: Matrix, across: Vector, around: Vector, hinge: Hinge, cosine: Scalar) -> Vector:
+    """S1 n x S2 u2, the change of S2 u2 with psi: that of `swing`, in world axes."""
+    return rotate(S1, subtract(scale(around, cosine), scale(across, hinge[0])))
 
 
 def position2(R1: Vector, d: Vector) -> Vector:
@@ -145,17 +145,17 @@ def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
     return add(cross(alpha, r), cross(omega, cross(omega, r)))
 
 
-def relative_acceleration(axis: Vector, slide: Vector, psid: Scalar, psidd: Scalar) -> Vector:
-    """What the hinge alone takes from a2: S1 n x (S1 n x S2 u2) psi'^2 + S1 n x S2 u2 psi''; slide = S1 n x S2 u2."""
-    return add(scale(cross(axis, slide), psid * psid), scale(slide, psidd))
+def relative_acceleration(slide: Vector, pull: Vector, psid: Scalar, psidd: Scalar) -> Vector:
+    """What the hinge alone adds to a2: pull psi'^2 - slide psi''; pull = S1 swing = slide x S1 n."""
+    return subtract(scale(pull, psid * psid), scale(slide, psidd))
 
 
 def acceleration2(
     a1: Vector, omega1: Vector, alpha1: Vector, d: Vector, slide: Vector, psid: Scalar, relative: Vector
 ) -> Vector:
-    """a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 slide psi') - relative (E9: E8 differentiated)."""
+    """a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 slide psi') + relative (E9: E8 differentiated)."""
     turn = subtract(cross(omega1, d), scale(slide, 2 * psid))
-    return add(a1, subtract(add(cross(alpha1, d), cross(omega1, turn)), relative))
+    return add(a1, add(add(cross(alpha1, d), cross(omega1, turn)), relative))
 
 
 def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:

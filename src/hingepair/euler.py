@@ -6,7 +6,7 @@ axes (intrinsic), lower case about the world's (extrinsic). "XYZ" is E10.
 
 from __future__ import annotations
 
-from typing import Any, Literal, overload
+from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,8 +19,9 @@ from hingepair.rotations import check_rotation
 from hingepair.sequences import Sequence, find_sequence, nine
 
 LOCK = 1e-12
-"""Nearer to gimbal lock than this (abs(cos phi_y), or abs(sin phi_y) where the first axis comes back), fewer than
-four digits of the Euler rates would be left."""
+"""Nearer gimbal lock than this (abs(cos phi_y) or abs(sin phi_y)), fewer than four digits of the rates are left."""
+
+AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
@@ -55,19 +56,14 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[F
 
 
 @overload
-def matrix_to_euler(
-    S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[True]
-) -> tuple[FloatArray, NDArray[np.bool_]]: ...
+def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[True]) -> AnglesAndLock: ...
 
 
-def matrix_to_euler(
-    S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False
-) -> FloatArray | tuple[FloatArray, NDArray[np.bool_]]:
+def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
     """Euler angles of rotation matrices (E10 solved for phi).
 
     The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis comes back; the others in [-pi, pi].
-    At gimbal lock only a sum or difference of the outer angles is defined: what comes back still gives S. Of a
-    rotation S the angles give S back to 6 u in every component, at lock too.
+    The angles give S back to 6 u, at gimbal lock too, where only a sum or difference of the outer two is defined.
 
     Args:
         S: body to world; shape (..., 3, 3).
@@ -75,14 +71,11 @@ def matrix_to_euler(
         with_lock: also return where gimbal lock is, by the measure of `euler_rates`.
 
     Returns:
-        Angles in the order of the sequence's letters [rad]; shape (..., 3). With `with_lock`, these and whether each
-        sample is locked; shape (...,).
+        Angles in the order of the letters [rad]; shape (..., 3). With `with_lock`: (angles, locked); shape (...,).
 
     Raises:
         RotationError: a finite S is no rotation.
 
-    >>> matrix_to_euler([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
-    array([0.      , 0.      , 1.570796])
     >>> phi, locked = matrix_to_euler([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], with_lock=True)
     >>> phi.round(6) + 0.0, bool(locked)
     (array([0.      , 1.570796, 0.      ]), True)

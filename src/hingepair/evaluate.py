@@ -16,7 +16,6 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices
 from hingepair.plan import (
     SPATIAL,
     Plan,
-    Step,
     check_outputs,
     default_outputs,
     make_plan,
@@ -24,6 +23,7 @@ from hingepair.plan import (
     outputs_of,
 )
 from hingepair.state import PairState, PlanarState, layout_of
+from hingepair.steps import Step
 
 Outputs: TypeAlias = Iterable[str] | None
 Out: TypeAlias = Mapping[str, NDArray[Any]] | None

@@ -26,6 +26,7 @@ _MEANING = {
     "swing": "what the hinge turns of C u2, in body 1's axes (E6)",
     "slide": "change of S2 u2 with psi",
     "reach": "swing in world axes",
+    "pull": "swing in world axes, which points away from the axis",
     "relative": "acceleration that the hinge alone makes (E9)",
     "d": "offset of the reference points (E7)",
     "R2": "position of body 2 (E7)",

@@ -13,8 +13,9 @@ from hingepair.arrays import FloatArray
 from hingepair.errors import ArgumentError
 from hingepair.evaluate import Constants, component, follow_steps, leading_shapes, read_coordinates
 from hingepair.motion import BodyMotion, motion_arrays
-from hingepair.plan import ARM_STEPS, Step, steps_of
+from hingepair.plan import steps_of
 from hingepair.sequences import find_sequence
+from hingepair.steps import ARM_STEPS, Step
 
 if TYPE_CHECKING:
     from hingepair.pair import HingePair

@@ -22,7 +22,7 @@ _COUNTS = {
     **dict.fromkeys(("R1", "phi", "v1", "phid", "a1", "phidd", "omega1", "alpha1", "u1", "u2", "n"), 3),
     **dict.fromkeys(("psi", "psid", "psidd", "phi1", "phi1d", "phi1dd", "phi2"), 1),
     **dict.fromkeys(("S1", "home", "trig", "Sh", "S2", "spare"), 9),
-    **dict.fromkeys(("along", "across", "around", "swing", "slide", "reach", "relative"), 3),
+    **dict.fromkeys(("along", "across", "around", "swing", "slide", "reach", "pull", "relative"), 3),
     **dict.fromkeys(("r1", "r2", "d", "R2", "axis", "omega2", "v2", "alpha2", "a2"), 3),
     "hinge": 3,
     "axes": 5,
@@ -36,7 +36,8 @@ ROWS: Final = {name: LANES * sum(list(_COUNTS.values())[:i]) for i, name in enum
 OPERATIONS: Final = (
     *("trig_x", "trig_y", "trig_z", "hinge", "tait_bryan", "tait_bryan_axes", "proper", "proper_axes"),
     *("omega1", "alpha1", "place_S1", "place_omega1", "place_alpha1", "Sh", "S2", "S2_home", "swing", "d", "R2"),
-    *("axis", "omega2", "slide", "v2", "alpha2", "reach", "relative", "a2"),
+    *("axis", "omega2", "slide", "v2", "alpha2", "reach", "slide_given", "pull", "pull_given"),
+    *("relative", "a2"),
     *("turn1", "turn2", "turn2_home", "phi2", "flat_S1", "flat_S2", "flat_r1", "flat_r2", "flat_d"),
     *("flat_omega1", "flat_omega2", "flat_v2", "flat_alpha1", "flat_alpha2", "flat_a2", "flat_frame", "planar_frame"),
 )
@@ -105,10 +106,10 @@ def _names(plan: Plan, result: str) -> tuple[str, ...]:
         return (f"flat_{result}",) if f"flat_{result}" in OPERATIONS else (result,)
     if result == "trig":
         return ("trig_x", "trig_y", "trig_z")
-    if result == "S2":
-        return ("S2_home",) if plan.home else ("S2",)
-    if plan.sequence is None or result not in {"S1", "axes", "omega1", "alpha1"}:
-        return (result,)
+    given = plan.sequence is None and result in {"slide", "pull"}
+    way = "_given" if given else "_home" if result == "S2" and plan.home else ""
+    if way or plan.sequence is None or result not in {"S1", "axes", "omega1", "alpha1"}:
+        return (f"{result}{way}",)
     kind = "proper" if find_sequence(plan.sequence).proper else "tait_bryan"
     name = {"S1": kind, "axes": f"{kind}_axes"}.get(result, result)
     return (name,) if plan.sequence == "XYZ" or result == "axes" else (name, f"place_{result}")

@@ -26,7 +26,8 @@ _PSI, _PSID, _PSIDD = (ROWS[name] for name in ("psi", "psid", "psidd"))
 _N, _HOME = ROWS["n"], ROWS["home"]
 _TRIG, _HINGE, _AXES, _SH, _AXIS = (ROWS[name] for name in ("trig", "hinge", "axes", "Sh", "axis"))
 _ALONG, _ACROSS, _AROUND = (ROWS[name] for name in ("along", "across", "around"))
-_SWING, _D, _SLIDE, _REACH, _RELATIVE = (ROWS[name] for name in ("swing", "d", "slide", "reach", "relative"))
+_SWING, _D, _SLIDE, _REACH = (ROWS[name] for name in ("swing", "d", "slide", "reach"))
+_PULL, _RELATIVE = ROWS["pull"], ROWS["relative"]
 _R2, _S2, _V2, _OMEGA2, _A2, _ALPHA2 = (ROWS[name] for name in ("R2", "S2", "v2", "omega2", "a2", "alpha2"))
 _SPARE = ROWS["spare"]
 _TRIG_X, _TRIG_Y, _TRIG_Z, _HINGE_TERMS = (OPERATIONS.index(name) for name in ("trig_x", "trig_y", "trig_z", "hinge"))
@@ -37,8 +38,9 @@ _PLACE_S1, _PLACE_OMEGA1, _PLACE_ALPHA1 = (OPERATIONS.index(f"place_{name}") for
 _RODRIGUES, _ATTITUDE2, _ATTITUDE2_HOME = (OPERATIONS.index(name) for name in ("Sh", "S2", "S2_home"))
 _SWINGING, _OFFSET, _POSITION2 = (OPERATIONS.index(name) for name in ("swing", "d", "R2"))
 _AXIS_1, _RATE2, _SLIDING, _VELOCITY2 = (OPERATIONS.index(name) for name in ("axis", "omega2", "slide", "v2"))
-_RATE2D, _REACHING, _RELATIVELY, _ACCELERATION2 = (
-    OPERATIONS.index(name) for name in ("alpha2", "reach", "relative", "a2")
+_RATE2D, _RELATIVELY, _ACCELERATION2 = (OPERATIONS.index(name) for name in ("alpha2", "relative", "a2"))
+_REACHING, _PULLING, _SLIDING_GIVEN, _PULLING_GIVEN = (
+    OPERATIONS.index(name) for name in ("reach", "pull", "slide_given", "pull_given")
 )
 
 
@@ -173,7 +175,7 @@ def pose2(s: Any, operation: int) -> None:
 
 @njit(fastmath=FLAGS, forceinline=True)
 def rates2(s: Any, operation: int) -> None:
-    """One step of body 2's velocities and accelerations (E2, E8, E9), for a block."""
+    """One step of body 2's velocities (E2, E8) or accelerations (E9), for a block."""
     if operation == _AXIS_1:
         for k in range(LANES):
             put_vector(s, _AXIS, k, eq.rotate(matrix(s, _S1, k), vector(s, _N, k)))
@@ -183,12 +185,21 @@ def rates2(s: Any, operation: int) -> None:
             put_vector(s, _OMEGA2, k, omega2)
     elif operation == _SLIDING:
         for k in range(LANES):
-            put_vector(s, _SLIDE, k, eq.slide(vector(s, _AXIS, k), vector(s, _REACH, k)))
+            across, around = vector(s, _ACROSS, k), vector(s, _AROUND, k)
+            slide = eq.slide(matrix(s, _S1, k), across, around, _hinge(s, k), s[_HINGE + LANES + k])
+            put_vector(s, _SLIDE, k, slide)
     elif operation == _VELOCITY2:
         for k in range(LANES):
             v1, omega1, d, slide = (vector(s, _V1, k), vector(s, _OMEGA1, k), vector(s, _D, k), vector(s, _SLIDE, k))
             put_vector(s, _V2, k, eq.velocity2(v1, omega1, d, slide, s[_PSID + k]))
-    elif operation == _RATE2D:
+    else:
+        _accelerations2(s, operation)
+
+
+@njit(fastmath=FLAGS, forceinline=True)
+def _accelerations2(s: Any, operation: int) -> None:
+    """One step of body 2's accelerations, or of what a given attitude does its own way."""
+    if operation == _RATE2D:
         for k in range(LANES):
             alpha1, omega1, axis = vector(s, _ALPHA1, k), vector(s, _OMEGA1, k), vector(s, _AXIS, k)
             alpha2 = eq.angular_acceleration2(alpha1, omega1, axis, s[_PSID + k], s[_PSIDD + k])
@@ -196,10 +207,19 @@ def rates2(s: Any, operation: int) -> None:
     elif operation == _REACHING:
         for k in range(LANES):
             put_vector(s, _REACH, k, eq.rotate(matrix(s, _S1, k), vector(s, _SWING, k)))
+    elif operation == _SLIDING_GIVEN:
+        for k in range(LANES):
+            put_vector(s, _SLIDE, k, eq.cross(vector(s, _AXIS, k), vector(s, _REACH, k)))
+    elif operation == _PULLING:
+        for k in range(LANES):
+            put_vector(s, _PULL, k, eq.rotate(matrix(s, _S1, k), vector(s, _SWING, k)))
+    elif operation == _PULLING_GIVEN:
+        for k in range(LANES):
+            put_vector(s, _PULL, k, eq.cross(vector(s, _SLIDE, k), vector(s, _AXIS, k)))
     elif operation == _RELATIVELY:
         for k in range(LANES):
-            axis, slide = vector(s, _AXIS, k), vector(s, _SLIDE, k)
-            put_vector(s, _RELATIVE, k, eq.relative_acceleration(axis, slide, s[_PSID + k], s[_PSIDD + k]))
+            slide, pull = vector(s, _SLIDE, k), vector(s, _PULL, k)
+            put_vector(s, _RELATIVE, k, eq.relative_acceleration(slide, pull, s[_PSID + k], s[_PSIDD + k]))
     elif operation == _ACCELERATION2:
         for k in range(LANES):
             a1, omega1, alpha1 = vector(s, _A1, k), vector(s, _OMEGA1, k), vector(s, _ALPHA1, k)

@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.arrays import vectors
 from hingepair.blocks import components_of
 from hingepair.lengths import by_power_of_two, exact_direction
-from hingepair.plan import LEVER_STEPS
+from hingepair.steps import LEVER_STEPS
 from hingepair.twofold import Twofold
 
 LEVERS = ("along", "across", "around")
 
 
 def levers(u1: NDArray[Any], u2: NDArray[Any], n: ArrayLike, home: NDArray[Any]) -> dict[str, NDArray[np.float64]]:
-    """The vectors along, across and around of `plan.LEVER_STEPS`, each component rounded once; body-1 axes [m].
+    """The vectors along, across and around of `steps.LEVER_STEPS`, each component rounded once; body-1 axes [m].
 
     They are computed from the axis as it was given: that at unit length has been rounded.
     """

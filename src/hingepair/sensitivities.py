@@ -13,7 +13,8 @@ from hingepair import equations as eq
 from hingepair.arrays import FloatArray, read_only
 from hingepair.evaluate import component, follow_steps
 from hingepair.motion import BodyMotion, motion_arrays
-from hingepair.plan import ARM_STEPS, Step, steps_of
+from hingepair.plan import steps_of
+from hingepair.steps import ARM_STEPS, Step
 
 if TYPE_CHECKING:
     from hingepair.pair import HingePair
