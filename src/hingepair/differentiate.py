@@ -48,8 +48,8 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
         ArgumentError: one is not finite, or not after the one before it; names the first such.
     """
     if t.ndim != 1 or t.size < order + 1:
-        fewest = f" with at least {order + 1} samples" if order else ", increasing"
-        raise ShapeError(name, f"instants of shape (N,){fewest}", f"shape {t.shape}")
+        fewest = f" with at least {order + 1} samples" if order else ""
+        raise ShapeError(name, f"shape (N,){fewest}", f"shape {t.shape}")
     instants = t.astype(np.float64)
     bad = np.flatnonzero(~np.isfinite(instants))
     if bad.size:
