@@ -135,7 +135,10 @@ class Faulty:
 
     def __init__(self, pair, fault):
         self.pair, self.fault = pair, fault
-        self.u1, self.u2, self.n, self.home, self.name = pair.u1, pair.u2, pair.n, pair.home, "faulty"
+        self.name = "faulty"
+
+    def __getattr__(self, name):
+        return getattr(self.pair, name)
 
     def forward_kinematics(self, q, qd, qdd, **options):
         state = self.pair.forward_kinematics(

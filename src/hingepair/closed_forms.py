@@ -24,7 +24,7 @@ from hingepair.form_inputs import (
 )
 from hingepair.form_printers import count_letters, in_order
 from hingepair.jets import Expr, time_symbol
-from hingepair.pair import HingePair
+from hingepair.pair import HingePair, check_one
 from hingepair.plan import PLANAR, SPATIAL, Plan, check_outputs, make_plan, outputs_of
 from hingepair.planar import PlanarPair
 from hingepair.scene import Scene
@@ -103,8 +103,7 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
     pair = scene_or_pair.pair if isinstance(scene_or_pair, Scene) else scene_or_pair
     if not isinstance(pair, HingePair | PlanarPair):
         raise ArgumentError("scene_or_pair", "a Scene, a HingePair or a PlanarPair", scene_or_pair)
-    if not pair._constants.single:
-        raise ArgumentError("pair", "one pair", f"pairs of shape {pair._constants.shape}")
+    check_one(pair)
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
     sequence: str | None = "XYZ"
     if isinstance(scene_or_pair, Scene):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
@@ -44,7 +44,7 @@ class BodyMotion:
     omega: NDArray[Any] | None
     a: NDArray[Any] | None
     alpha: NDArray[Any] | None
-    shape: tuple[int, ...]
+    shape: tuple[int, ...] = field(init=False)
 
     def __init__(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from hingepair import kinematics
 from hingepair.arrays import broadcast_shape, constant, read_only
 from hingepair.backend import choose
 from hingepair.blocks import components_of, numbers
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, ShapeError
 from hingepair.evaluate import Constants, Out, Outputs
 from hingepair.lengths import unit_axis
 from hingepair.levers import levers
@@ -24,6 +24,7 @@ from hingepair.state import PairState
 if TYPE_CHECKING:
     from hingepair import constraints, jacobians, residuals, sensitivities
     from hingepair.body import Body
+    from hingepair.planar import PlanarPair
 
 
 class _MethodOf:
@@ -45,8 +46,8 @@ class _MethodOf:
 class HingePair:
     """Two rigid bodies joined by a hinge: R1 + S1 u1 = R2 + S2 u2 (E1), turning apart about n only (E2).
 
-    Values are copied in and read-only. u1, u2, n and home may carry leading axes that broadcast against the
-    samples: then each sample has a pair of its own.
+    Values are copied in and read-only; `dataclasses.replace(pair, u1=...)` gives a pair with another u1. u1, u2, n
+    and home may carry leading axes that broadcast against the samples: then each sample has a pair of its own.
 
     Args:
         u1: hinge point from body 1's reference point, body-1 axes [m]; shape (3,) or (..., 3).
@@ -78,7 +79,7 @@ class HingePair:
     limits: tuple[float, float] | None
     body1: Body | None
     body2: Body | None
-    _constants: Constants
+    _constants: Constants = field(init=False)
 
     def __init__(
         self,
@@ -96,13 +97,13 @@ class HingePair:
         rotation = constant("home", np.eye(3) if home is None else home, 3, 3)
         check_rotation("home", rotation)
         vectors = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3), "n": read_only(unit_axis("n", n))}
+        shape = broadcast_shape({**{key: v.shape[:-1] for key, v in vectors.items()}, "home": rotation.shape[:-2]})
         parts = levers(vectors["u1"], vectors["u2"], n, rotation)
-        shapes = {**{key: v.shape[:-1] for key, v in vectors.items()}, "home": rotation.shape[:-2]}
         values = {key: numbers(components_of(vector)) for key, vector in (vectors | parts).items()}
         if not np.array_equal(rotation, np.broadcast_to(np.eye(3), rotation.shape)):
             values["home"] = numbers(components_of(rotation, 2))
         arrays = {**vectors, **parts, "home": rotation.reshape(*rotation.shape[:-2], 9)}
-        constants = Constants(values, arrays, broadcast_shape(shapes))
+        constants = Constants(values, arrays, shape)
         bodies = {"body1": _checked_body("body1", body1), "body2": _checked_body("body2", body2)}
         for_exports = {"limits": _checked_limits(limits), **bodies}
         values_of = {**vectors, "home": rotation, "name": name, **for_exports, "_constants": constants}
@@ -243,3 +244,14 @@ def check_pair(pair: object) -> None:
     """
     if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
         raise ArgumentError("pair", "a HingePair", pair)
+
+
+def check_one(pair: HingePair | PlanarPair) -> None:
+    """Refuse a pair that differs from sample to sample.
+
+    Raises:
+        ShapeError: u1, u2, n or home have leading axes.
+    """
+    if not pair._constants.single:
+        expected = f"one pair, such as {type(pair).__name__}(u1[i], ...)"
+        raise ShapeError("pair", expected, f"pairs of shape {pair._constants.shape}")

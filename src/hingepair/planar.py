@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,9 @@ from hingepair.state import PlanarState
 class PlanarPair:
     """Two bodies in a plane joined by a pin: R1 + S1 u1 = R2 + S2 u2, phi2 = phi + psi (E11).
 
-    The spatial pair with n = e_z, in two coordinates. Values are copied in and read-only; u1 and u2 may carry
-    leading axes that broadcast against the samples.
+    The spatial pair with n = e_z, in two coordinates. Values are copied in and read-only;
+    `dataclasses.replace(pair, u1=...)` gives a pair with another u1. u1 and u2 may carry leading axes that broadcast
+    against the samples.
 
     Args:
         u1: hinge point from body 1's reference point, body-1 axes [m]; shape (2,) or (..., 2).
@@ -41,7 +42,7 @@ class PlanarPair:
     u1: NDArray[np.float64]
     u2: NDArray[np.float64]
     name: str
-    _constants: Constants
+    _constants: Constants = field(init=False)
 
     def __init__(self, u1: ArrayLike, u2: ArrayLike, name: str = "planar_pair") -> None:
         if not isinstance(name, str) or not name.strip():

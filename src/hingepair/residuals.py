@@ -34,25 +34,31 @@ class Kind(NamedTuple):
     Attributes:
         label: of the equation.
         unit: of its size.
+        letters: what it takes of either body's motion.
         scale: formula of the scale that round-off is measured in.
         size: the array whose norm is its size.
     """
 
     label: str
     unit: str
+    letters: tuple[str, ...]
     scale: str
     size: str
 
 
 KINDS = {
-    "gap": Kind("E1", "m", "max abs(R) + abs(u1) + abs(u2)", "gap"),
-    "tilt": Kind("E2", "rad", "1", "tilt_angle"),
-    "gap_rate": Kind("E1'", "m/s", "max abs(v) + W1 abs(u1) + W2 abs(u2)", "gap_rate"),
-    "tilt_rate": Kind("E2'", "rad/s", "W1 + W2", "tilt_rate"),
+    "gap": Kind("E1", "m", (), "max abs(R) + abs(u1) + abs(u2)", "gap"),
+    "tilt": Kind("E2", "rad", (), "1", "tilt_angle"),
+    "gap_rate": Kind("E1'", "m/s", ("v", "omega"), "max abs(v) + W1 abs(u1) + W2 abs(u2)", "gap_rate"),
+    "tilt_rate": Kind("E2'", "rad/s", ("omega",), "W1 + W2", "tilt_rate"),
     "gap_acceleration": Kind(
-        "E1''", "m/s^2", "max abs(a) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)", "gap_acceleration"
+        "E1''",
+        "m/s^2",
+        ("v", "omega", "a", "alpha"),
+        "max abs(a) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)",
+        "gap_acceleration",
     ),
-    "tilt_acceleration": Kind("E2''", "rad/s^2", "A1 + A2 + (W1 + W2)^2", "tilt_acceleration"),
+    "tilt_acceleration": Kind("E2''", "rad/s^2", ("omega", "alpha"), "A1 + A2 + (W1 + W2)^2", "tilt_acceleration"),
 }
 """What is judged; W_i = abs(omega_i), A_i = abs(alpha_i), max abs over the components of both bodies."""
 
@@ -95,6 +101,8 @@ def residuals(
         letters = (letter for letter in ("R", "S", "v", "omega", "a", "alpha") if getattr(body, letter) is not None)
         given |= motion_arrays(argument, body, *letters)
     allowed = _checked(tolerances)
+    for kind in allowed:
+        _check_given(kind, given)
     shapes = {"body1": body1.shape, "body2": body2.shape}
     shape = broadcast_shape({**shapes, "pair": constants.shape})
     names = available(_ARRAYS, given)
@@ -116,7 +124,7 @@ def _check(
     kind: str, size: Float64Array, scale: Float64Array, known: NDArray[np.bool_], u: float, allowed: dict[str, float]
 ) -> ResidualCheck:
     """One residual judged: its worst sample is the one with the largest part of its tolerance."""
-    label, unit, formula, _ = KINDS[kind]
+    label, unit, _, formula, _ = KINDS[kind]
     given = kind in allowed
     if given:
         tolerance = np.broadcast_to(allowed[kind], size.shape)
@@ -125,7 +133,7 @@ def _check(
             tolerance = ROUNDOFF * np.maximum(np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny)
     basis = "given" if given else f"{ROUNDOFF} u * ({formula})"
     if not known.any():
-        return ResidualCheck(kind, label, unit, 0.0, math.nan, 0.0, None, 0, basis)
+        return ResidualCheck(kind, label, unit, 0.0, 0.0, math.nan, 0.0, None, 0, basis)
     found = np.where(known, np.where(np.isfinite(size), size, np.inf), -np.inf)
     with np.errstate(all="ignore"):
         ratio = np.where(known, found / tolerance, -np.inf)
@@ -136,6 +144,7 @@ def _check(
         label,
         unit,
         float(found.max()),
+        float(found[worst]),
         float(tolerance[worst]),
         float(ratio[worst]),
         where,
@@ -164,6 +173,15 @@ def _scales(pair: Constants, given: dict[str, NDArray[Any]], kinds: list[str]) -
         if "gap_acceleration" in kinds:
             scales["gap_acceleration"] = both("a") + (A1 + W1 * W1) * lever1 + (A2 + W2 * W2) * lever2
     return {kind: scales[kind] for kind in kinds}
+
+
+def _check_given(kind: str, given: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse the tolerance of a residual that the motions do not tell."""
+    letters = KINDS[kind].letters
+    missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in given]
+    if missing:
+        expected = f"motions with {' and '.join(letters)}, since {kind} needs them"
+        raise ArgumentError(f"tolerances[{kind!r}]", expected, f"no {', '.join(missing)}")
 
 
 def _checked(tolerances: Mapping[str, float] | None) -> dict[str, float]:
