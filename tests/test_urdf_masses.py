@@ -95,7 +95,11 @@ def test_masses_that_overflow_together_are_left_out():
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('mass value="1"', 'mass value="heavy"', "link 'lower', inertial value: expected a finite number, got heavy"),
+        (
+            'mass value="1"',
+            'mass value="heavy"',
+            "link 'lower', inertial value: expected a finite number, got 'heavy'",
+        ),
         ('ixx="1"', 'ixx="nan"', "link 'lower', inertial ixx: expected a finite number"),
         ('<inertial><origin xyz="0 0 0"', '<inertial><origin xyz="0 0"', "link 'lower', inertial, origin xyz"),
         ('upper="1"', 'upper="1e999"', "joint 'shoulder', limit upper: expected a finite number"),

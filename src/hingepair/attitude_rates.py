@@ -11,7 +11,7 @@ from hingepair import equations as eq
 from hingepair.arrays import FloatArray, broadcast_shape, real_array, result_dtype, vectors
 from hingepair.blocks import Values, components_of, compute
 from hingepair.differentiate import Float64Array, check_instants, stencils
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.rotations import check_rotation, rotation_vector
 
 ORDERS = (2, 4, 6, 8)
@@ -119,7 +119,7 @@ def angular_velocity_from_samples(
     array([0., 0., 2.])
     """
     if isinstance(order, bool) or order not in ORDERS:
-        raise ArgumentError("order", f"one of {', '.join(map(str, ORDERS))}", order)
+        raise ArgumentError("order", f"one of {', '.join(map(str, ORDERS))}", quoted(order))
     instants, attitude = real_array("t", t), vectors("S", S, 3, 3)
     dtype = result_dtype((instants, attitude))
     time = check_instants("t", instants, order)

@@ -14,7 +14,7 @@ from typing import Any, Final, TypeAlias
 
 import sympy
 
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.form_inputs import (
     any_motion,
     check_symbolic,
@@ -102,7 +102,7 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
     """
     pair = scene_or_pair.pair if isinstance(scene_or_pair, Scene) else scene_or_pair
     if not isinstance(pair, HingePair | PlanarPair):
-        raise ArgumentError("scene_or_pair", "a Scene, a HingePair or a PlanarPair", scene_or_pair)
+        raise ArgumentError("scene_or_pair", "a Scene, a HingePair or a PlanarPair", quoted(scene_or_pair))
     check_one(pair)
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
     sequence: str | None = "XYZ"

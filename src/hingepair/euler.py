@@ -66,8 +66,9 @@ def matrix_to_euler(
     """Euler angles of rotation matrices (E10 solved for phi).
 
     The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis comes back; the others in [-pi, pi].
-    At gimbal lock only a sum or difference of the outer angles is defined: what comes back still gives S. Of a
-    rotation S the angles give S back to 6 u in every component, at lock too.
+    At gimbal lock only a sum or difference of the outer angles is defined, and there is no convention for either:
+    round-off decides how it is shared out (`with_lock` tells where). What holds is that the angles of a rotation S
+    give S back to 6 u in every component, at lock too.
 
     Args:
         S: body to world; shape (..., 3, 3).
@@ -168,9 +169,9 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
         if at_lock == "raise":
             first = np.unravel_index(int(np.argmax(locked)), shape)
             where = f" at sample {tuple(map(int, first))}" if shape else ""
-            raise GimbalLockError(
-                "phi", "angles away from gimbal lock, or at_lock='least_squares'", f"lock of {sequence}{where}"
-            )
+            middle = float(np.broadcast_to(angles[..., 1], shape)[first])
+            expected = "angles away from gimbal lock, or at_lock='least_squares'"
+            raise GimbalLockError("phi", expected, f"lock of {sequence}, middle angle {middle:.6g}{where}")
         J = euler_rate_matrix(np.broadcast_to(angles, (*shape, 3))[locked], sequence).astype(np.float64)
         given = np.broadcast_to(velocity, (*shape, 3))[locked]
         out["phid"][locked] = (np.linalg.pinv(J, rcond=1e-9) @ given[..., None])[..., 0]

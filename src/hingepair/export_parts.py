@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.body import Body, Box, Cylinder, Shape
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.pair import HingePair, check_one, check_pair
 
 BODY1, BODY2, BODY2_AT_HINGE, HINGE, BASE, WORLD = "body1", "body2", "body2_at_hinge", "hinge", "base", "world"
@@ -61,7 +61,7 @@ def parts_of(pair: HingePair) -> tuple[Part, Part]:
     check_pair(pair)
     check_one(pair)
     if re.search(_NOT_XML, pair.name):
-        raise ArgumentError("name", "characters that XML can hold", pair.name)
+        raise ArgumentError("name", "characters that XML can hold", quoted(pair.name))
     reach = math.hypot(*pair.u1) + math.hypot(*pair.u2)
     size = reach if _DRAWABLE[0] <= reach <= _DRAWABLE[1] else 1.0
     pin = Cylinder(_short(0.04 * size), _short(0.3 * size), pair.u1, pair.n)

@@ -9,7 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.arrays import broadcast_shape, read_only, vectors
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.rotations import check_rotation, quaternion_to_matrix, rotation_exp
 
 
@@ -122,7 +122,7 @@ class BodyMotion:
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """The motion with the attitude of quaternions, scalar first (MuJoCo, Eigen), of any length but zero.
+        """The motion with the attitude of quaternions, scalar first (MuJoCo), of any length but zero.
 
         They are normalised; S is right to 6 u.
 
@@ -183,7 +183,7 @@ def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[A
         ArgumentError: it is no BodyMotion, or lacks one of them; names the argument.
     """
     if not isinstance(body, BodyMotion):
-        raise ArgumentError(name, "a BodyMotion", body)
+        raise ArgumentError(name, "a BodyMotion", quoted(body))
     arrays = {f"{letter}{name[-1]}": getattr(body, letter) for letter in letters}
     for letter, array in zip(letters, arrays.values(), strict=True):
         if array is None:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair import kinematics
-from hingepair.arrays import broadcast_shape, constant, read_only
+from hingepair.arrays import broadcast_shape, constant, one_constant, read_only
 from hingepair.backend import choose
 from hingepair.blocks import components_of, numbers
-from hingepair.errors import ArgumentError, ShapeError
+from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.evaluate import Constants, Out, Outputs
 from hingepair.lengths import unit_axis
 from hingepair.levers import levers
@@ -55,7 +55,7 @@ class HingePair:
         n: hinge axis, body-1 axes; any non-zero length; kept at unit length.
         home: rotation of body 2 relative to body 1 at psi = 0 (C in E5); identity unless given; shape (3, 3).
         name: what the pair is called in exports and messages.
-        limits: least and greatest hinge angle, for exports [rad]; forward_kinematics takes any angle.
+        limits: least and greatest hinge angle, for exports [rad]; shape (2,); forward_kinematics takes any angle.
         body1: mass properties and shapes of body 1, for exports.
         body2: those of body 2.
 
@@ -220,8 +220,8 @@ class HingePair:
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
     if limits is None:
         return None
-    both = constant("limits", limits, 2)
-    if both.ndim != 1 or not both[0] < both[1]:
+    both = one_constant("limits", limits, 2)
+    if not both[0] < both[1]:
         raise ArgumentError("limits", "(lower, upper) with lower < upper", limits)
     return float(both[0]), float(both[1])
 
@@ -232,7 +232,7 @@ def _checked_body(name: str, body: Body | None) -> Body | None:
     from hingepair.body import Body
 
     if not isinstance(body, Body):
-        raise ArgumentError(name, "a Body", body)
+        raise ArgumentError(name, "a Body", quoted(body))
     return body
 
 
@@ -243,7 +243,7 @@ def check_pair(pair: object) -> None:
         ArgumentError: names the argument `pair`.
     """
     if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
-        raise ArgumentError("pair", "a HingePair", pair)
+        raise ArgumentError("pair", "a HingePair", quoted(pair))
 
 
 def check_one(pair: HingePair | PlanarPair) -> None:

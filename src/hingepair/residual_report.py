@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.report import aligned, finite_or_none, left_out
 
 Float64Array = NDArray[np.float64]
@@ -132,7 +132,7 @@ class Residuals:
             ArgumentError: the samples have no such axis.
         """
         if isinstance(axis, bool) or not isinstance(axis, int) or not -len(self.shape) <= axis < len(self.shape):
-            raise ArgumentError("axis", f"an axis of samples of shape {self.shape}", axis)
+            raise ArgumentError("axis", f"an axis of samples of shape {self.shape}", quoted(axis))
         psi = np.array(self.psi)
         rows = np.moveaxis(psi, axis, -1)
         for index in np.ndindex(rows.shape[:-1]):

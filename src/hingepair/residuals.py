@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hingepair.accuracy import largest, norm, unit_roundoff
 from hingepair.arrays import broadcast_shape, finite_number, read_only
 from hingepair.constraints import TAILS, available, constraint_values
-from hingepair.errors import ArgumentError, choices
+from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluate import Constants
 from hingepair.motion import BodyMotion, motion_arrays
 from hingepair.residual_report import ResidualCheck, Residuals
@@ -189,7 +189,7 @@ def _checked(tolerances: Mapping[str, float] | None) -> dict[str, float]:
     if tolerances is None:
         return {}
     if not isinstance(tolerances, Mapping):
-        raise ArgumentError("tolerances", "a dict of numbers by residual, such as {'gap': 1e-3}", tolerances)
+        raise ArgumentError("tolerances", "a dict of numbers by residual, such as {'gap': 1e-3}", quoted(tolerances))
     allowed = {}
     for key, value in tolerances.items():
         if key not in KINDS:

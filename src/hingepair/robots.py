@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from hingepair.errors import ArgumentError, MissingDependencyError
+from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.urdf import hinge_pair
 from hingepair.urdf_tree import parse_urdf, read_urdf
 
@@ -75,8 +75,8 @@ def robot_urdf(robot: str) -> Path:
     if len(found) == 1:
         return files[found[0]]
     if found:
-        raise ArgumentError("robot", "one robot: " + " or ".join(sorted(found)), robot)
-    raise ArgumentError("robot", _advice(str(robot)), robot)
+        raise ArgumentError("robot", "one robot: " + " or ".join(sorted(found)), quoted(robot))
+    raise ArgumentError("robot", _advice(str(robot)), quoted(robot))
 
 
 def hinge_table(robot: str | None) -> tuple[tuple[str, ...], list[tuple[str | int, ...]]]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hingepair import equations as eq
 from hingepair.arrays import check_choice, read_only
 from hingepair.blocks import components_of, evaluate
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.euler import matrix_to_euler
 from hingepair.later import Later
 from hingepair.sequences import SEQUENCES
@@ -103,7 +103,7 @@ class Trajectory(_OfState):
         """
         check_choice("sequence", sequence, SEQUENCES)
         if body not in {1, 2}:
-            raise ArgumentError("body", "1 or 2", body)
+            raise ArgumentError("body", "1 or 2", quoted(body))
         S = self.S1 if body == 1 else self.state.S2
         if S is None:
             raise ArgumentError("body", "1, or S2 among the outputs", body)

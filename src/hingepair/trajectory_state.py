@@ -23,9 +23,11 @@ from hingepair.trajectory import rotations
 Rates = Mapping[str, Signal | None]
 
 _GIVEN: Final = {
-    **{"R1": "R1", "v1": "R1[1]", "a1": "R1[2]", "omega1": "omega1", "psid": "psid", "alpha1": "alpha1"},
+    **{"R1": "R1", "v1": "R1", "a1": "R1", "omega1": "omega1", "psid": "psid", "alpha1": "alpha1"},
     **{"psidd": "psidd", "phi1d": "omega1", "phi1dd": "alpha1"},
 }
+
+_WANTED: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 
 
 def spatial_state(
@@ -121,7 +123,9 @@ def _wanted(
     names = check_outputs(outputs, kind) if not isinstance(outputs, tuple) or outputs else ()
     for name in names:
         for missing in sorted(inputs((name,)) - given):
-            raise ArgumentError(_GIVEN[missing], f"a value, since output {name} needs it", None)
+            raise ArgumentError(
+                _GIVEN[missing], f"{_WANTED.get(missing, 'a value')}, since output {name} needs it", None
+            )
     return names, inputs(names)
 
 
