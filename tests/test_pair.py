@@ -59,3 +59,44 @@ def test_leading_axes_that_do_not_fit_are_named(shapes, message):
     arrays = {name: np.broadcast_to(one, shapes.get(name, one.shape)) for name, one in ones.items()}
     with pytest.raises(hp.ShapeError, match=message):
         hp.HingePair(u1=np.zeros((5, 3)), **arrays)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: hp.Body(1, (0, 0, 0), (1, 1, 1)), r"inertia: expected shape \(3, 3\), got shape \(3,\)"),
+        (lambda: hp.Body("2"), "mass: expected a finite number, got '2'"),
+        (lambda: hp.Box(1), r"size: expected shape \(3,\), got shape \(\)"),
+        (lambda: hp.Sphere(1, center=np.zeros((2, 3))), r"center: expected shape \(3,\), got shape \(2, 3\)"),
+        (lambda: made(limits=1), r"limits: expected shape \(2,\), got shape \(\)"),
+        (lambda: made(limits=[(0, 1)]), r"limits: expected shape \(2,\), got shape \(1, 2\)"),
+        (lambda: made(u1=[(1, 2, 3), (1, 2)]), "u1: expected an array: lists of one length, of numbers, got a list$"),
+        (lambda: hp.to_urdf(made(name="a\x01")), r"name: expected characters that XML can hold, got 'a\\x01'$"),
+        (lambda: hp.to_urdf("pair"), "pair: expected a HingePair, got 'pair'"),
+        (
+            lambda: hp.euler_rates(np.array(((0, 0, 0), (0, np.pi / 2, 0))), np.ones(3)),
+            r"phi: .*, got lock of XYZ, middle angle 1\.5708 at sample \(1,\)$",
+        ),
+    ],
+)
+def test_messages_say_what_was_expected_and_what_came(call, message):
+    with pytest.raises(hp.ArgumentError, match=message):
+        call()
+
+
+@pytest.mark.parametrize("backend", ["numpy", "numba"])
+def test_steps_too_long_are_not_called_lock_alone(backend):
+    t = np.linspace(0, 4, 5)
+    with pytest.raises(hp.GimbalLockError, match=r"or shorter steps, got .* more than 1 rad in 1 s"):
+        hp.integrate(made(), t, (1.5, 0.2, 0.1), 0.0, method="euler_angles", outputs=(), backend=backend)
+
+
+def test_a_state_lists_what_it_has():
+    q = np.zeros(7)
+    for state, names in (
+        (made().forward_kinematics(q), "outputs, arrays, shape, R2, S2, d, v2, omega2, a2, alpha2, R1, S1"),
+        (hp.PlanarPair((1, 0), (1, 0)).forward_kinematics(q[:4]), "outputs, arrays, shape, R2, phi2, d, v2, omega2"),
+    ):
+        with pytest.raises(AttributeError, match=f"{type(state).__name__} has no 'r2'; it has {names}"):
+            _ = state.r2
+        assert not hasattr(state, "r2")

@@ -41,9 +41,9 @@ def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, 
             near = rows[at - 1, 1] if at else found[first, 1]
             raise GimbalLockError(
                 "method",
-                "'magnus6' (or another that knows no lock), or shorter steps",
-                f"'euler_angles' with phi_y = {near:.6g} (lock at +-1.5708) at t = {begin[at]:.6g}, where an angle "
-                f"turns by more than 1 rad in a step of {h[at]:.3g} s",
+                "'magnus6' (or another that knows no lock) for a motion near gimbal lock, phi_y = +-1.5708; or "
+                "shorter steps",
+                f"'euler_angles' with phi_y = {near:.6g} at t = {begin[at]:.6g} and more than 1 rad in {h[at]:.3g} s",
             )
         found[first + 1 : last + 1] = rows if ends is None else rows[ends]
     return found

@@ -8,6 +8,7 @@ every robot.
 from __future__ import annotations
 
 import functools
+import warnings
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
@@ -34,7 +35,9 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
         joint: name of a revolute or continuous joint; a mimic joint is a hinge too.
 
     Returns:
-        The pair, named `robot/joint`.
+        The pair, named `robot/joint`, with the limits and the masses that `from_urdf` would give it: limits None
+        where the joint has none; body1 and body2 each of all links fixed to each other, None where no link has mass
+        or the sum is none that a rigid body can have (of this no warning here).
 
     Raises:
         ArgumentError: no such robot, or more than one.
@@ -46,7 +49,9 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
     ([0.0, 1.0, 0.0], [0.02, 0.0, -0.273])
     """
     tree = parse_urdf(read_urdf(robot_urdf(robot)))
-    return hinge_pair(tree, joint, None, None, name=f"{robot}/{joint}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # its user cannot mend what these robots have of inertias
+        return hinge_pair(tree, joint, None, None, name=f"{robot}/{joint}")
 
 
 def robot_names() -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from hingepair.trajectory import rotations
 Rates = Mapping[str, Signal | None]
 
 _GIVEN: Final = {
-    **{"R1": "R1", "v1": "R1", "a1": "R1", "omega1": "omega1", "psid": "psid", "alpha1": "alpha1"},
+    **{"R1": "R1", "v1": "R1[1]", "a1": "R1[2]", "omega1": "omega1", "psid": "psid", "alpha1": "alpha1"},
     **{"psidd": "psidd", "phi1d": "omega1", "phi1dd": "alpha1"},
 }
 
@@ -123,9 +123,9 @@ def _wanted(
     names = check_outputs(outputs, kind) if not isinstance(outputs, tuple) or outputs else ()
     for name in names:
         for missing in sorted(inputs((name,)) - given):
-            raise ArgumentError(
-                _GIVEN[missing], f"{_WANTED.get(missing, 'a value')}, since output {name} needs it", None
-            )
+            expected = f"{_WANTED.get(missing, 'a value')}, since output {name} needs it"
+            got = f"no {missing}" if missing in _WANTED else None
+            raise ArgumentError(_GIVEN[missing].partition("[")[0], expected, got)
     return names, inputs(names)
 
 
