@@ -26,7 +26,8 @@ class _Result:
     def __get__(self, state: _State, owner: type | None = None) -> FloatArray | None:
         if state is None:
             return self
-        return state._array(self.name)
+        found = state._arrays.get(self.name)
+        return state._array(self.name) if found is None else found
 
     def __set__(self, state: _State, value: object) -> None:
         raise AttributeError(f"{self.name}: a {type(state).__name__} cannot be changed")
