@@ -39,9 +39,11 @@ def angular_velocity(
     Raises:
         RotationError: a finite S is no rotation.
 
-    >>> angular_velocity(np.eye(3), [[0, -3, 2], [3, 0, -1], [-2, 1, 0]])
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> hp.angular_velocity(np.eye(3), [[0, -3, 2], [3, 0, -1], [-2, 1, 0]])
     array([1., 2., 3.])
-    >>> omega, defect = angular_velocity(np.eye(3), [[0, -3, 2], [3, 0, -1], [-2, 2, 0]], with_defect=True)
+    >>> omega, defect = hp.angular_velocity(np.eye(3), [[0, -3, 2], [3, 0, -1], [-2, 2, 0]], with_defect=True)
     >>> omega.tolist(), float(defect)
     ([1.5, 2.0, 3.0], 0.5)
     """
@@ -113,9 +115,10 @@ def angular_velocity_from_samples(
             than pi from one sample to the next cannot be seen.)
         RotationError: a finite S is no rotation.
 
-    >>> from hingepair import rotation_exp
+    >>> import numpy as np
+    >>> import hingepair as hp
     >>> t = np.linspace(0, 1, 11)
-    >>> angular_velocity_from_samples(t, rotation_exp(t[:, None] * (0, 0, 2))).round(12)[5] + 0.0
+    >>> hp.angular_velocity_from_samples(t, hp.rotation_exp(t[:, None] * (0, 0, 2))).round(12)[5] + 0.0
     array([0., 0., 2.])
     """
     if isinstance(order, bool) or order not in ORDERS:

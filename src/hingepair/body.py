@@ -30,7 +30,8 @@ class Box:
     Raises:
         ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
 
-    >>> Box(size=(1, 2, 3))
+    >>> import hingepair as hp
+    >>> hp.Box(size=(1, 2, 3))
     Box(size=[1.0, 2.0, 3.0], center=[0.0, 0.0, 0.0])
     """
 
@@ -60,7 +61,8 @@ class Cylinder:
     Raises:
         ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
 
-    >>> Cylinder(radius=0.1, length=2, axis=(0, 3, 0)).axis.tolist()
+    >>> import hingepair as hp
+    >>> hp.Cylinder(radius=0.1, length=2, axis=(0, 3, 0)).axis.tolist()
     [0.0, 1.0, 0.0]
     """
 
@@ -95,7 +97,8 @@ class Sphere:
     Raises:
         ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
 
-    >>> Sphere(radius=0.5)
+    >>> import hingepair as hp
+    >>> hp.Sphere(radius=0.5)
     Sphere(radius=0.5, center=[0.0, 0.0, 0.0])
     """
 
@@ -126,7 +129,8 @@ class Body:
     Raises:
         ArgumentError: a value is not finite, has the wrong shape, or no rigid body has it; names the argument.
 
-    >>> Body(mass=2, center_of_mass=(0.1, 0, 0)).inertia.diagonal().round(6).tolist()
+    >>> import hingepair as hp
+    >>> hp.Body(mass=2, center_of_mass=(0.1, 0, 0)).inertia.diagonal().round(6).tolist()
     [0.02, 0.02, 0.02]
     """
 

@@ -94,8 +94,9 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
     Raises:
         ArgumentError: an argument cannot be used, or an expression's derivatives are too long; names it.
 
-    >>> pair = PlanarPair(u1=(1, 0), u2=(-1, 0))
-    >>> derive(pair).R2
+    >>> import hingepair as hp
+    >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
+    >>> hp.derive(pair).R2
     Matrix([
     [x(t) + cos(phi(t) + psi(t)) + cos(phi(t))],
     [y(t) + sin(phi(t) + psi(t)) + sin(phi(t))]])

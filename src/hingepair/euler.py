@@ -36,7 +36,9 @@ def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     Raises:
         ArgumentError: phi or sequence cannot be used.
 
-    >>> euler_to_matrix((0, 0, np.pi / 2)).round(12) + 0.0
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> hp.euler_to_matrix((0, 0, np.pi / 2)).round(12) + 0.0
     array([[ 0., -1.,  0.],
            [ 1.,  0.,  0.],
            [ 0.,  0.,  1.]])
@@ -82,9 +84,10 @@ def matrix_to_euler(
     Raises:
         RotationError: a finite S is no rotation.
 
-    >>> matrix_to_euler([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
+    >>> import hingepair as hp
+    >>> hp.matrix_to_euler([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
     array([0.      , 0.      , 1.570796])
-    >>> phi, locked = matrix_to_euler([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], with_lock=True)
+    >>> phi, locked = hp.matrix_to_euler([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], with_lock=True)
     >>> phi.round(6) + 0.0, bool(locked)
     (array([0.      , 1.570796, 0.      ]), True)
     """
@@ -116,7 +119,8 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     Returns:
         J; shape (..., 3, 3).
 
-    >>> euler_rate_matrix((0, 0, 0)).round(12) + 0.0
+    >>> import hingepair as hp
+    >>> hp.euler_rate_matrix((0, 0, 0)).round(12) + 0.0
     array([[1., 0., 0.],
            [0., 1., 0.],
            [0., 0., 1.]])
@@ -148,7 +152,9 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
     Raises:
         GimbalLockError: J has no inverse at some sample, and at_lock is "raise".
 
-    >>> euler_rates((0, np.pi / 2, 0), (1, 0, 0), at_lock="least_squares").round(6) + 0.0
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> hp.euler_rates((0, np.pi / 2, 0), (1, 0, 0), at_lock="least_squares").round(6) + 0.0
     array([0.5, 0. , 0.5])
     """
     check_choice("at_lock", at_lock, ("raise", "least_squares"))

@@ -127,9 +127,11 @@ def integrate(
         GimbalLockError: `euler_angles` came too near to lock, or its steps are too long.
         MissingDependencyError: `dop853` without SciPy.
 
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
     >>> t = np.linspace(0, np.pi / 2, 11)
-    >>> motion = integrate(pair, t, omega1=(0, 0, 1), psid=np.cos)
+    >>> motion = hp.integrate(pair, t, omega1=(0, 0, 1), psid=np.cos)
     >>> motion.S1[-1].round(12) + 0.0
     array([[ 0., -1.,  0.],
            [ 1.,  0.,  0.],

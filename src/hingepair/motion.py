@@ -34,7 +34,8 @@ class BodyMotion:
         RotationError: a finite S is further from a rotation than 1e-9 (float32: 1e-5).
         ShapeError, DtypeError: an array cannot be used.
 
-    >>> BodyMotion(R=((0, 0, 0), (1, 0, 0)), S=((1, 0, 0), (0, 1, 0), (0, 0, 1))).shape
+    >>> import hingepair as hp
+    >>> hp.BodyMotion(R=((0, 0, 0), (1, 0, 0)), S=((1, 0, 0), (0, 1, 0), (0, 0, 1))).shape
     (2,)
     """
 
@@ -103,7 +104,8 @@ class BodyMotion:
         Raises:
             RotationError: a quaternion is zero.
 
-        >>> BodyMotion.from_quaternion_xyzw(R=(0, 0, 0), quat_xyzw=(0, 0, 0, 2)).S
+        >>> import hingepair as hp
+        >>> hp.BodyMotion.from_quaternion_xyzw(R=(0, 0, 0), quat_xyzw=(0, 0, 0, 2)).S
         array([[1., 0., 0.],
                [0., 1., 0.],
                [0., 0., 1.]])
@@ -137,7 +139,8 @@ class BodyMotion:
         Raises:
             RotationError: a quaternion is zero.
 
-        >>> BodyMotion.from_quaternion_wxyz(R=(0, 0, 0), quat_wxyz=(2, 0, 0, 0)).S
+        >>> import hingepair as hp
+        >>> hp.BodyMotion.from_quaternion_wxyz(R=(0, 0, 0), quat_wxyz=(2, 0, 0, 0)).S
         array([[1., 0., 0.],
                [0., 1., 0.],
                [0., 0., 1.]])
@@ -168,7 +171,8 @@ class BodyMotion:
             a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
             alpha: angular acceleration [rad/s^2]; shape (..., 3).
 
-        >>> BodyMotion.from_rotvec(R=(0, 0, 0), rotvec=(0, 0, 3.141592653589793)).S.round(12) + 0.0
+        >>> import hingepair as hp
+        >>> hp.BodyMotion.from_rotvec(R=(0, 0, 0), rotvec=(0, 0, 3.141592653589793)).S.round(12) + 0.0
         array([[-1.,  0.,  0.],
                [ 0., -1.,  0.],
                [ 0.,  0.,  1.]])

@@ -64,7 +64,9 @@ class HingePair:
         AxisError: n is zero.
         RotationError: home is further from a rotation than 1e-9.
 
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 2))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 2))
     >>> pair.n
     array([0., 0., 1.])
     >>> pair.forward_kinematics((0, 0, 0, 0, 0, 0, np.pi)).R2.round(12) + 0.0
@@ -151,7 +153,9 @@ class HingePair:
         Raises:
             ArgumentError: an argument cannot be used; names it.
 
-        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
         >>> state = pair.forward_kinematics(np.zeros((5, 7)), np.ones((5, 7)))
         >>> state.v2[0]
         array([ 1.,  4., -1.])
@@ -189,8 +193,10 @@ class HingePair:
         Raises:
             ArgumentError: an argument cannot be used, or body1 lacks what an output needs; names it.
 
-        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> pair.forward_kinematics_from_body1(BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> pair.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
         array([2., 0., 0.])
         """
         how = choose(backend, workers)

@@ -137,9 +137,10 @@ def to_pinocchio(pair: HingePair) -> PinocchioTwin:
         MissingDependencyError: Pinocchio is not installed.
         ShapeError: u1, u2, n or home differ from sample to sample.
 
-    >>> from hingepair.pair import HingePair
-    >>> twin = to_pinocchio(HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0)))
-    >>> body1 = BodyMotion(R=(1, 2, 3), S=np.eye(3))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> twin = hp.to_pinocchio(hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0)))
+    >>> body1 = hp.BodyMotion(R=(1, 2, 3), S=np.eye(3))
     >>> twin.configuration(body1, psi=0.5).tolist()
     [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 0.5]
     """

@@ -34,7 +34,9 @@ class PlanarPair:
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
 
-    >>> pair = PlanarPair(u1=(1, 0), u2=(-1, 0))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
     >>> pair.forward_kinematics((0, 0, 0, np.pi / 2)).R2.round(12) + 0.0
     array([1., 1.])
     """
@@ -87,7 +89,9 @@ class PlanarPair:
         Raises:
             ArgumentError: an argument cannot be used; names it.
 
-        >>> pair = PlanarPair(u1=(1, 0), u2=(-1, 0))
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
         >>> state = pair.forward_kinematics(np.zeros((5, 4)), np.ones((5, 4)))
         >>> state.v2[0], state.omega2[0]
         (array([1., 4.]), np.float64(2.0))
@@ -98,7 +102,8 @@ class PlanarPair:
     def to_spatial(self) -> HingePair:
         """The same pair in space: n = e_z, and the plane is z = 0.
 
-        >>> PlanarPair(u1=(1, 0), u2=(-1, 0)).to_spatial().n
+        >>> import hingepair as hp
+        >>> hp.PlanarPair(u1=(1, 0), u2=(-1, 0)).to_spatial().n
         array([0., 0., 1.])
         """
         u1, u2 = (np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1) for u in (self.u1, self.u2))

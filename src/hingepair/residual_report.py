@@ -68,7 +68,8 @@ class Residuals:
 
     Attributes:
         gap: R1 + S1 u1 - (R2 + S2 u2), world axes; (..., 3) m.
-        tilt: components of the misalignment of the axes, the sine of the angle; (..., 2).
+        tilt: components of the misalignment of the axes, the SINE of the angle: about 0 for an axis that is flipped
+            by pi as well; (..., 2). What the row `tilt` judges is tilt_angle.
         tilt_angle: the angle between S1 n and S2 C^-1 n, in [0, pi]; (...,) rad.
         psi: hinge angle in [-pi, pi], of tilted axes the twist about them; (...,) rad.
         gap_rate: rate of the gap; (..., 3) m/s.
@@ -143,7 +144,8 @@ class Residuals:
     def __str__(self) -> str:
         table = aligned([_HEADER, *(row._cells() for row in self.rows)], {2, 3, 5, 6, 7, 8})
         title = f"{self.name}: two motions against the constraints, u = {self.u:.3g}"
-        bases = [f"tolerance of {row.residual}: {row.basis}" for row in self.rows]
+        angle = {"tilt": " (the angle, tilt_angle)"}
+        bases = [f"tolerance of {row.residual}{angle.get(row.residual, '')}: {row.basis}" for row in self.rows]
         return "\n".join((title, *table, "", *bases, self.verdict))
 
     def __repr__(self) -> str:

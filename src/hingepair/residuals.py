@@ -71,24 +71,27 @@ def residuals(
     """How far any two motions, measured ones included, are from this hinge (E1, E2 and their derivatives).
 
     Args:
-        pair: the pair.
         body1: the motion of body 1.
         body2: the motion of body 2. Rates are judged where both have omega (and v), accelerations where both
             also have alpha (and a).
         tolerances: largest size that passes, by residual: gap [m], tilt [rad], gap_rate [m/s], tilt_rate
             [rad/s], gap_acceleration [m/s^2], tilt_acceleration [rad/s^2]. Those not named: what round-off
-            explains, 32 u times a scale that is printed.
+            explains, 32 u times a scale that is printed. `tilt` is judged by the angle between the axes,
+            `.tilt_angle`, and not by `.tilt`: its components are sines, about 0 for an axis that is flipped by pi.
 
     Returns:
-        The residuals, psi with its derivatives, `.ok`, `.verdict`; str() is a table. Samples that are not finite
-        are left out and counted.
+        A `hingepair.residual_report.Residuals`: `.ok`, `.verdict`, str() a table, `.to_json()`, `.rows`; the arrays
+        `.gap` (..., 3) m, `.tilt_angle` (...,) rad, `.tilt` (..., 2), `.psi` (...,) rad; where the motions have the
+        rates `.gap_rate` (..., 3) m/s, `.tilt_rate` (..., 2) rad/s, `.psid` (...,) rad/s; and likewise
+        `.gap_acceleration`, `.tilt_acceleration`, `.psidd`. Samples that are not finite are left out and counted.
 
     Raises:
-        ArgumentError: an argument cannot be used; names it.
+        ArgumentError: an argument cannot be used, or a tolerance is of rates that the motions lack; names it.
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> body1, body2 = BodyMotion(R=(0, 0, 0), S=np.eye(3)), BodyMotion(R=(2, 0.001, 0), S=np.eye(3))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> body1, body2 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), hp.BodyMotion(R=(2, 0.001, 0), S=np.eye(3))
     >>> pair.residuals(body1, body2).verdict
     'FAILED: gap'
     >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok

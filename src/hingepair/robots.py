@@ -44,7 +44,8 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
         URDFError: no such hinge; lists those of the robot.
         MissingDependencyError: example-robot-data is not installed.
 
-    >>> pair = load_robot_hinge("talos_reduced", "arm_left_4_joint")
+    >>> import hingepair as hp
+    >>> pair = hp.load_robot_hinge("talos_reduced", "arm_left_4_joint")
     >>> pair.n.tolist(), pair.u1.tolist()
     ([0.0, 1.0, 0.0], [0.02, 0.0, -0.273])
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -57,8 +57,8 @@ class Trajectory(_OfState):
     state: PairState
     method: str
     steps: int
-    _error: Later
-    _psi_error: Later
+    _error: Later = field(repr=False)
+    _psi_error: Later = field(repr=False)
 
     @property
     def error_estimate(self) -> float:
@@ -129,8 +129,8 @@ class PlanarTrajectory(_OfState):
     state: PlanarState
     method: str
     steps: int
-    _error: Later
-    _psi_error: Later
+    _error: Later = field(repr=False)
+    _psi_error: Later = field(repr=False)
 
     @property
     def error_estimate(self) -> float:
