@@ -59,7 +59,7 @@ def cross_validate(
 
     Returns:
         A `hingepair.pinocchio.CrossValidation`: `.ok`, `.verdict`, str() a table, `.to_json()`; `.rows`, of each
-        output `.output`, `.max_error` (in its unit), `.max_ratio` (in u * scale), `.worst_sample` (that of max_ratio),
+        output `.output`, `.max_error` (in its unit), `.max_ratio` (in u * scale), `.worst_sample` (of max_ratio),
         `.samples`, `.bound`. Samples that are not finite are counted (`.skipped`) and left out.
 
     Raises:
