@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import pickle
 
 import mpmath
@@ -233,10 +234,11 @@ def test_inputs_are_left_alone():
 
 
 def test_trajectories_are_values():
-    """Frozen, and pickled with their estimates, though what they came from is a lambda."""
+    """Frozen, and pickled with their estimates, though what they came from is a lambda; nothing private is shown."""
     motion = hp.integrate(PAIR, T, lambda t: TURNED.omega(1 * t), 1.0)
     again = pickle.loads(pickle.dumps(motion))
     assert again.error_estimate == motion.error_estimate > 0
+    assert "_error" not in repr(motion) + str(inspect.signature(hp.Trajectory))
     np.testing.assert_array_equal(again.R2, motion.R2)
     for name in ("t", "psi"):
         with pytest.raises(AttributeError):

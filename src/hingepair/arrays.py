@@ -31,7 +31,9 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     try:
         array = np.asarray(value)
     except (ValueError, TypeError, OverflowError):
-        raise ShapeError(name, "an array: lists of one length, of numbers", f"a {type(value).__name__}") from None
+        raise ShapeError(
+            name, "an array, or lists that make one", f"a {type(value).__name__} that makes none"
+        ) from None
     dtype = array.dtype
     if dtype.kind in "iu" or (dtype.kind == "f" and dtype.itemsize in {4, 8}):
         return array

@@ -120,7 +120,8 @@ def integrate(
         backend: as for `forward_kinematics`.
 
     Returns:
-        The trajectory, with an estimate of its error.
+        A `Trajectory` (`PlanarTrajectory`): `.t` (N,) s, `.S1` (N, 3, 3), `.quat_wxyz` (N, 4), `.psi` (N,) rad, each
+        attribute of its `.state` (`.R2` (N, 3) m, ...), `.error_estimate` and `.psi_error_estimate` rad.
 
     Raises:
         ArgumentError: an argument cannot be used, is not finite (names the first index), or tol is not reached.

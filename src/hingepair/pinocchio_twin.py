@@ -32,7 +32,8 @@ class PinocchioTwin:
     """The pair as a Pinocchio model, and the way there and back.
 
     Attributes:
-        model: free-flyer "root_joint", then the revolute joint "hinge"; frames "body1" and "body2".
+        model: free-flyer "root_joint", then the revolute joint "hinge"; frames "body1" and "body2"; inertias and
+            limits where the pair has them.
         data: its scratch memory.
         body2_frame: index of the frame "body2", whose placement is (S2, R2).
     """

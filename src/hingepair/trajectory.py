@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from inspect import Signature
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ class _OfState:
     """The fields of the state as attributes."""
 
     __slots__ = ()
+    __signature__ = Signature()  # `integrate` makes it, of more than its readers need to know
 
     def __getattr__(self, name: str) -> Any:
         state = object.__getattribute__(self, "state")
