@@ -54,7 +54,7 @@ def test_without_an_inertia_the_radius_of_gyration_is_a_tenth_of_a_metre():
             "inertia: expected no principal moment above the sum of the other two",
         ),
         ({"inertia": turned((1, 2, 3 + 1e-12))}, "inertia: expected no principal moment above the sum"),
-        ({"shapes": ("box",)}, "shapes: expected Box, Cylinder or Sphere, got box"),
+        ({"shapes": ("box",)}, "shapes: expected Box, Cylinder or Sphere, got 'box'"),
         ({"shapes": hp.Sphere(1)}, "shapes: expected a sequence of Box, Cylinder and Sphere"),
     ],
 )

@@ -160,7 +160,7 @@ def test_names_are_escaped_for_mujoco(name):
 
 @pytest.mark.parametrize("write", [hp.to_urdf, hp.to_mjcf])
 def test_what_cannot_be_written_is_refused(write):
-    with pytest.raises(hp.ShapeError, match="u2: expected one pair"):
+    with pytest.raises(hp.ShapeError, match="pair: expected one pair"):
         write(hp.HingePair(u1=(1, 0, 0), u2=np.ones((2, 3)), n=(0, 0, 1)))
     with pytest.raises(hp.ArgumentError, match="name: expected characters that XML can hold"):
         write(corner_pair(0, name="\x1b"))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
 import pickle
-import re
 
 import mpmath
 import numpy as np
@@ -142,7 +142,7 @@ def test_outputs_follow_what_is_known():
     moving = hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=point)
     assert moving.state.outputs == ("R2", "S2", "d", "omega2")
     assert hp.integrate(PAIR, T, (0, 0, 1), 1.0, outputs=()).state.outputs == ()
-    with pytest.raises(hp.ArgumentError, match=re.escape("R1[1]: expected a value, since output v2 needs it")):
+    with pytest.raises(hp.ArgumentError, match=r"R1: expected \(R1, v1\) .* since output v2 needs it, got no v1"):
         hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=lambda _: point, outputs=("v2",))
     with pytest.raises(hp.ArgumentError, match="alpha1: expected a value, since output alpha2 needs it"):
         hp.integrate(PAIR, T, (0, 0, 1), 1.0, psidd=0.0, outputs=("alpha2",))
@@ -218,7 +218,7 @@ def test_what_cannot_be_used_is_named(change, message):
 def test_euler_angles_stop_before_lock(backend):
     """Turned so that phi_y reaches pi/2: no silent loss of digits, and the time is named."""
     start = hp.euler_to_matrix((0.2, 1.5, 0.3))
-    with pytest.raises(hp.GimbalLockError, match=r"'euler_angles' with phi_y = 1.5\d* at t = 0.0"):
+    with pytest.raises(hp.GimbalLockError, match=r"'euler_angles' with phi_y = 1.5\d* .*at t = 0.0"):
         hp.integrate(PAIR, T, (0.5, 5.0, 0.4), 0.0, S1_0=start, method="euler_angles", outputs=(), backend=backend)
 
 
@@ -234,10 +234,11 @@ def test_inputs_are_left_alone():
 
 
 def test_trajectories_are_values():
-    """Frozen, and pickled with their estimates, though what they came from is a lambda."""
+    """Frozen, and pickled with their estimates, though what they came from is a lambda; nothing private is shown."""
     motion = hp.integrate(PAIR, T, lambda t: TURNED.omega(1 * t), 1.0)
     again = pickle.loads(pickle.dumps(motion))
     assert again.error_estimate == motion.error_estimate > 0
+    assert "_error" not in repr(motion) + str(inspect.signature(hp.Trajectory))
     np.testing.assert_array_equal(again.R2, motion.R2)
     for name in ("t", "psi"):
         with pytest.raises(AttributeError):

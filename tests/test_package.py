@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import ast
+import builtins
+import doctest
+import inspect
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -109,6 +113,31 @@ def test_what_the_kernels_of_integrate_compile_names_their_cache() -> None:
                 parts = [a.name for a in node.names] if node.module == "hingepair" else [node.module.split(".")[1]]
                 todo += [part for part in parts if part not in seen and part != "arrays"]  # of arrays, types alone
     assert {f"{module}.py" for module in seen} <= set(_SOURCES)
+
+
+def public_docstrings() -> Iterator[tuple[str, str]]:
+    for name in hp.__all__:
+        value = getattr(hp, name)
+        yield name, inspect.getdoc(value) or ""
+        if inspect.isclass(value):
+            methods = (key for key in dir(value) if not key.startswith("_"))
+            yield from ((f"{name}.{key}", inspect.getdoc(getattr(value, key)) or "") for key in methods)
+
+
+def test_examples_of_public_docstrings_need_nothing_but_their_imports() -> None:
+    found = 0
+    for name, text in public_docstrings():
+        bound = set(dir(builtins))
+        for example in doctest.DocTestParser().get_examples(text):
+            nodes = list(ast.walk(ast.parse(example.source)))
+            bound |= {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+            imports = [a for n in nodes if isinstance(n, ast.Import | ast.ImportFrom) for a in n.names]
+            bound |= {(a.asname or a.name).partition(".")[0] for a in imports}
+            unknown = {n.id for n in nodes if isinstance(n, ast.Name)} - bound
+            assert not unknown, (name, example.source)
+            assert "from hingepair." not in example.source, name
+            found += 1
+    assert found > 100
 
 
 def test_typed_marker_is_there() -> None:

@@ -11,6 +11,8 @@ import pinocchio as pin
 import pytest
 
 import states
+from hingepair.body import Body
+from hingepair.closed_forms import derive
 from hingepair.errors import ArgumentError, MissingDependencyError, ShapeError
 from hingepair.motion import BodyMotion
 from hingepair.pair import HingePair
@@ -107,8 +109,24 @@ def test_the_twin_is_a_free_flyer_and_a_hinge():
 def test_a_pair_that_varies_from_sample_to_sample_has_no_twin(name):
     constants = dict(zip(("u1", "u2", "n", "home"), states.pair(states.generator(54)), strict=True))
     constants[name] = np.stack([constants[name]] * 3)
-    with pytest.raises(ShapeError, match=f"{name}: expected one pair"):
-        to_pinocchio(HingePair(**constants))
+    expected = r"pair: expected one pair, such as HingePair\(u1\[i\], \.\.\.\), got pairs of shape \(3,\)"
+    for export in (to_pinocchio, to_urdf, derive):
+        with pytest.raises(ShapeError, match=expected):
+            export(HingePair(**constants))
+
+
+def test_the_twin_has_the_masses_and_limits_of_the_urdf():
+    """Inertia of the coordinates and forces that hold the bodies still: the same from either text or twin."""
+    u1, u2, n, home = states.pair(states.generator(57))
+    bodies = [Body(m, (0.1, m, -0.2), np.diag((m, 2 * m, 2.5 * m))) for m in (2.0, 3.0)]
+    pair = HingePair(u1, u2, n, home, limits=(-1, 0.5), body1=bodies[0], body2=bodies[1])
+    twin, model = to_pinocchio(pair).model, pin.buildModelFromXML(to_urdf(pair), pin.JointModelFreeFlyer())
+    q = np.array([0.1, 0.2, 0.3, 0.5, -0.5, 0.5, 0.5, 0.4])
+    for call in (pin.crba, pin.computeGeneralizedGravity):
+        expected, found = (call(m, m.createData(), q) for m in (model, twin))
+        assert np.abs(found - expected).max() <= 64 * U * np.abs(expected).max()
+    assert (twin.lowerPositionLimit[-1], twin.upperPositionLimit[-1]) == pair.limits
+    assert not any(inertia.mass for inertia in to_pinocchio(HingePair(u1, u2, n)).model.inertias)
 
 
 # ---------------------------------------------------------------- the package around it

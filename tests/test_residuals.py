@@ -196,6 +196,34 @@ def test_tolerances_that_cannot_be_used_are_refused(tolerances, message):
         pair.residuals(*bodies(pair, coordinates(generator(95), 2)), tolerances=tolerances)
 
 
+@pytest.mark.parametrize(
+    ("letters", "kind", "missing"),
+    [
+        ((), "gap_rate", r"v and omega, .* got no body1\.v, body1\.omega, body2\.v, body2\.omega"),
+        (("omega",), "gap_rate", r"v and omega, .* got no body1\.v, body2\.v"),
+        ((), "tilt_rate", r"omega, .* got no body1\.omega, body2\.omega"),
+        (("v", "omega", "alpha"), "gap_acceleration", r"got no body1\.a, body2\.a"),
+        (("omega",), "tilt_acceleration", r"got no body1\.alpha, body2\.alpha"),
+    ],
+)
+def test_a_tolerance_that_nothing_is_judged_by_is_refused(letters, kind, missing):
+    pair = made()
+    motions = [only(body, "R", "S", *letters) for body in bodies(pair, coordinates(generator(95), 2))]
+    with pytest.raises(hp.ArgumentError, match=rf"tolerances\['{kind}'\]: expected motions with .*{missing}"):
+        pair.residuals(*motions, tolerances={kind: 1e-9})
+
+
+def test_the_numbers_of_a_row_are_of_one_sample():
+    """The first sample has the larger gap, and far away the larger tolerance; the second is the worst."""
+    R, apart = np.array(((1e12, 0, 0), (0, 0, 0))), np.array(((0.0, 1e-3, 0), (0, 1e-4, 0)))
+    pair = hp.HingePair((1, 0, 0), (1, 0, 0), (0, 0, 1))
+    found = pair.residuals(*(hp.BodyMotion(R=r, S=np.eye(3)) for r in (R, R + apart)))
+    row = found.rows[0]
+    assert (row.worst_sample, row.largest, row.worst) == ((1,), 1e-3, 1e-4)
+    assert row.ratio == row.worst / row.tolerance
+    assert json.loads(found.to_json())["rows"][0]["worst"] == row.worst
+
+
 def test_the_least_precise_array_sets_the_tolerance():
     pair, motion = made(), coordinates(generator(103), 20)
     body1, body2 = bodies(pair, motion)
@@ -229,7 +257,7 @@ def test_a_hole_stays_in_its_sample_and_is_counted(letter, hole):
     for name in (*KINDS, "psi", "psid", "psidd"):
         assert np.array_equal(getattr(found, name)[keep], getattr(whole, name)[keep]), name
     assert (found.ok, found.skipped) == (True, 1)
-    assert "(1 of 6 samples are not finite and were left out)" in found.verdict
+    assert "(1 of 6 samples is not finite and was left out)" in found.verdict
     assert min(row.samples for row in found.rows) == 5
 
 

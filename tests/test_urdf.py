@@ -156,7 +156,7 @@ def test_a_name_that_xml_cannot_hold_is_refused(name):
 
 
 def test_a_pair_that_varies_from_sample_to_sample_has_no_urdf():
-    with pytest.raises(ShapeError, match="u2: expected one pair"):
+    with pytest.raises(ShapeError, match="pair: expected one pair"):
         to_urdf(HingePair(u1=(1, 0, 0), u2=np.ones((2, 3)), n=(0, 0, 1)))
 
 

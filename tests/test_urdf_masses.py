@@ -51,7 +51,11 @@ def test_limits_are_read_where_they_leave_a_range():
     assert from_urdf(ARM, "elbow").limits is None
     assert from_urdf(ARM, "follower").limits is None  # lower and upper not given: both 0, says URDF
     assert from_urdf(ARM.replace('lower="-1" upper="1"', 'upper="0.5"'), "shoulder").limits == (0.0, 0.5)
-    assert from_urdf(ARM.replace('lower="-1" upper="1"', 'lower="1" upper="-1"'), "shoulder").limits is None
+    backwards = ARM.replace('lower="-1" upper="1"', 'lower="1" upper="-1"')
+    with pytest.raises(
+        URDFError, match=r"joint 'shoulder', limit: expected lower below upper, got lower 1\.0, upper -1"
+    ):
+        from_urdf(backwards, "shoulder")
 
 
 def with_inertial(link, mass, moments, origin="0 0 0"):
@@ -74,7 +78,12 @@ def test_a_link_alone_is_read_to_the_bit():
     ("mass", "moments"), [(1, (1, 1, 3)), (1, (0, 0, 0)), (-1, (1, 1, 1)), (0, (1, 1, 1))], ids=str
 )
 def test_what_no_rigid_body_has_is_left_out(mass, moments):
-    assert from_urdf(with_inertial("upper", mass, moments), "elbow").body1 is None
+    text = with_inertial("upper", mass, moments)
+    if mass == 0:
+        assert from_urdf(text, "elbow").body1 is None
+        return
+    with pytest.warns(UserWarning, match="mass properties of the body of 'upper' are left out: (inertia|mass)"):
+        assert from_urdf(text, "elbow").body1 is None
 
 
 def test_masses_that_cancel_are_left_out():
@@ -82,20 +91,26 @@ def test_masses_that_cancel_are_left_out():
     inside = re.search("<inertial>.*</inertial>", text)[0].replace('value="1"', 'value="-1"')
     text = text.replace('<link name="camera"/>', f'<link name="camera">{inside}</link>')
     assert 'value="-1"' in text
-    assert from_urdf(text, "elbow").body1 is None
+    with pytest.warns(UserWarning, match="mass of 'camera': expected a number above 0, got -1"):
+        assert from_urdf(text, "elbow").body1 is None
 
 
 def test_masses_that_overflow_together_are_left_out():
     inside = re.search("<inertial>.*</inertial>", with_inertial("upper", "1e308", (1, 1, 1), "1e200 0 0"))[0]
     text = re.sub('<link name="(upper|camera)"/>', rf'<link name="\1">{inside}</link>', ARM)
     assert text.count("1e308") == 2
-    assert from_urdf(text, "elbow").body1 is None
+    with pytest.warns(UserWarning, match="of 'upper', 'camera' are left out"):
+        assert from_urdf(text, "elbow").body1 is None
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('mass value="1"', 'mass value="heavy"', "link 'lower', inertial value: expected a finite number, got heavy"),
+        (
+            'mass value="1"',
+            'mass value="heavy"',
+            "link 'lower', inertial value: expected a finite number, got 'heavy'",
+        ),
         ('ixx="1"', 'ixx="nan"', "link 'lower', inertial ixx: expected a finite number"),
         ('<inertial><origin xyz="0 0 0"', '<inertial><origin xyz="0 0"', "link 'lower', inertial, origin xyz"),
         ('upper="1"', 'upper="1e999"', "joint 'shoulder', limit upper: expected a finite number"),
@@ -123,6 +138,7 @@ def test_the_elbow_of_talos_brings_its_limits_and_masses():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:the mass properties")
 def test_most_hinges_of_real_robots_have_limits_and_masses():
     pairs = []
     for name in robot_names():

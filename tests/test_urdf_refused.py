@@ -37,7 +37,7 @@ def test_a_frame_that_is_not_fixed_is_refused(frames, message):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('xyz="1 2 3"', 'xyz="1 2"', "joint 'elbow', origin xyz: expected three finite numbers, got 1 2"),
+        ('xyz="1 2 3"', 'xyz="1 2"', "joint 'elbow', origin xyz: expected three finite numbers, got '1 2'"),
         ('xyz="1 2 3"', 'xyz="1 2 3 4"', "joint 'elbow', origin xyz"),
         ('xyz="1 2 3"', 'xyz="1,5 2 3"', "joint 'elbow', origin xyz"),
         ('xyz="1 2 3"', 'xyz="1 2 nan"', "joint 'elbow', origin xyz"),

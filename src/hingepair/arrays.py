@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices
+from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices, quoted
 
 FloatArray: TypeAlias = NDArray[np.floating[Any]]
 Component: TypeAlias = Any  # a float, a NumPy scalar, or an array that broadcasts against the samples
@@ -30,8 +30,10 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
         raise DtypeError(name, "an array without a mask (use .filled(numpy.nan))", "a masked array")
     try:
         array = np.asarray(value)
-    except (ValueError, TypeError, OverflowError) as error:
-        raise ShapeError(name, "an array", f"{type(value).__name__} ({error})") from None
+    except (ValueError, TypeError, OverflowError):
+        raise ShapeError(
+            name, "an array, or lists that make one", f"a {type(value).__name__} that makes none"
+        ) from None
     dtype = array.dtype
     if dtype.kind in "iu" or (dtype.kind == "f" and dtype.itemsize in {4, 8}):
         return array
@@ -52,6 +54,14 @@ def constant(name: str, value: ArrayLike, *tail: int) -> NDArray[np.float64]:
     if not np.isfinite(array).all():
         raise ArgumentError(name, "finite numbers", value)
     return read_only(array)
+
+
+def one_constant(name: str, value: ArrayLike, *tail: int) -> NDArray[np.float64]:
+    """A copy of the value as a finite, read-only float64 array of shape `tail`, without leading axes."""
+    array = real_array(name, value)
+    if array.shape != tail:
+        raise ShapeError(name, f"shape {tail}", f"shape {array.shape}")
+    return constant(name, array, *tail)
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
@@ -138,13 +148,13 @@ def check_choice(name: str, value: str, known: Iterable[str]) -> None:
 def finite_number(name: str, value: object) -> float:
     """The value as a finite float; bool and text are refused."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise ArgumentError(name, "a finite number", value)
+        raise ArgumentError(name, "a finite number", quoted(value))
     try:
         number = float(value)
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise ArgumentError(name, "a finite number", value)
+        raise ArgumentError(name, "a finite number", quoted(value))
     return number
 
 

@@ -11,7 +11,7 @@ from hingepair import equations as eq
 from hingepair.arrays import FloatArray, broadcast_shape, real_array, result_dtype, vectors
 from hingepair.blocks import Values, components_of, compute
 from hingepair.differentiate import Float64Array, check_instants, stencils
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.rotations import check_rotation, rotation_vector
 
 ORDERS = (2, 4, 6, 8)
@@ -39,9 +39,11 @@ def angular_velocity(
     Raises:
         RotationError: a finite S is no rotation.
 
-    >>> angular_velocity(np.eye(3), [[0, -3, 2], [3, 0, -1], [-2, 1, 0]])
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> hp.angular_velocity(np.eye(3), [[0, -3, 2], [3, 0, -1], [-2, 1, 0]])
     array([1., 2., 3.])
-    >>> omega, defect = angular_velocity(np.eye(3), [[0, -3, 2], [3, 0, -1], [-2, 2, 0]], with_defect=True)
+    >>> omega, defect = hp.angular_velocity(np.eye(3), [[0, -3, 2], [3, 0, -1], [-2, 2, 0]], with_defect=True)
     >>> omega.tolist(), float(defect)
     ([1.5, 2.0, 3.0], 0.5)
     """
@@ -113,13 +115,14 @@ def angular_velocity_from_samples(
             than pi from one sample to the next cannot be seen.)
         RotationError: a finite S is no rotation.
 
-    >>> from hingepair import rotation_exp
+    >>> import numpy as np
+    >>> import hingepair as hp
     >>> t = np.linspace(0, 1, 11)
-    >>> angular_velocity_from_samples(t, rotation_exp(t[:, None] * (0, 0, 2))).round(12)[5] + 0.0
+    >>> hp.angular_velocity_from_samples(t, hp.rotation_exp(t[:, None] * (0, 0, 2))).round(12)[5] + 0.0
     array([0., 0., 2.])
     """
     if isinstance(order, bool) or order not in ORDERS:
-        raise ArgumentError("order", f"one of {', '.join(map(str, ORDERS))}", order)
+        raise ArgumentError("order", f"one of {', '.join(map(str, ORDERS))}", quoted(order))
     instants, attitude = real_array("t", t), vectors("S", S, 3, 3)
     dtype = result_dtype((instants, attitude))
     time = check_instants("t", instants, order)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from hingepair import kernel_cache
 from hingepair.arrays import check_choice
-from hingepair.errors import ArgumentError, MissingDependencyError
+from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 
 BACKENDS = ("auto", "numpy", "numba")
 
@@ -59,7 +59,7 @@ def choose(backend: str, workers: int) -> How:
     """
     check_choice("backend", backend, BACKENDS)
     if type(workers) is not int or (workers < 1 and workers != -1):
-        raise ArgumentError("workers", "a positive integer, or -1 for all cores", workers)
+        raise ArgumentError("workers", "a positive integer, or -1 for all cores", quoted(workers))
     return How(backend, workers if workers > 0 else _cores())
 
 

@@ -19,7 +19,7 @@ from hingepair.bench_contenders import contenders
 from hingepair.bench_memory import Peak, peaks
 from hingepair.bench_methods import LEVELS
 from hingepair.bench_plot import figure_type
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 
 MILLION = 1_000_000
 
@@ -168,5 +168,5 @@ def _count(text: str) -> int:
     except ValueError:
         count = 0
     if not 1 <= count <= 10**7:
-        raise ArgumentError("sizes", "integers from 1 to 10000000, separated by commas", text)
+        raise ArgumentError("sizes", "integers from 1 to 10000000, separated by commas", quoted(text))
     return count

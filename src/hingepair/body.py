@@ -9,8 +9,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.arrays import constant, finite_number, read_only
-from hingepair.errors import ArgumentError, ShapeError
+from hingepair.arrays import finite_number, one_constant, read_only
+from hingepair.errors import ArgumentError, quoted
 from hingepair.lengths import unit_axis
 
 _GYRATION_SQUARED = 0.01  # m^2, of a body whose inertia is not given
@@ -24,13 +24,14 @@ class Box:
     """A box, its edges along the body's axes.
 
     Args:
-        size: lengths of its edges along x, y and z [m]; each above zero.
-        center: its centre from the body's reference point, body axes [m].
+        size: lengths of its edges along x, y and z, each above zero [m]; shape (3,).
+        center: its centre from the body's reference point, body axes [m]; shape (3,).
 
     Raises:
         ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
 
-    >>> Box(size=(1, 2, 3))
+    >>> import hingepair as hp
+    >>> hp.Box(size=(1, 2, 3))
     Box(size=[1.0, 2.0, 3.0], center=[0.0, 0.0, 0.0])
     """
 
@@ -38,10 +39,10 @@ class Box:
     center: NDArray[np.float64]
 
     def __init__(self, size: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        edges = _vector("size", size)
+        edges = one_constant("size", size, 3)
         if not (edges > 0).all():
             raise ArgumentError("size", "three lengths above 0", size)
-        _freeze(self, size=edges, center=_vector("center", center))
+        _freeze(self, size=edges, center=one_constant("center", center, 3))
 
     def __repr__(self) -> str:
         return _show(self, "size", "center")
@@ -54,13 +55,14 @@ class Cylinder:
     Args:
         radius: above zero [m].
         length: along its axis, above zero [m].
-        center: its centre from the body's reference point, body axes [m].
-        axis: its direction, body axes; of any length; kept at unit length.
+        center: its centre from the body's reference point, body axes [m]; shape (3,).
+        axis: its direction, body axes; of any length; kept at unit length; shape (3,).
 
     Raises:
         ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
 
-    >>> Cylinder(radius=0.1, length=2, axis=(0, 3, 0)).axis.tolist()
+    >>> import hingepair as hp
+    >>> hp.Cylinder(radius=0.1, length=2, axis=(0, 3, 0)).axis.tolist()
     [0.0, 1.0, 0.0]
     """
 
@@ -76,9 +78,9 @@ class Cylinder:
         center: ArrayLike = (0.0, 0.0, 0.0),
         axis: ArrayLike = (0.0, 0.0, 1.0),
     ) -> None:
-        direction = read_only(unit_axis("axis", _vector("axis", axis)))
+        direction = read_only(unit_axis("axis", one_constant("axis", axis, 3)))
         values = {"radius": _positive("radius", radius), "length": _positive("length", length)}
-        _freeze(self, **values, center=_vector("center", center), axis=direction)
+        _freeze(self, **values, center=one_constant("center", center, 3), axis=direction)
 
     def __repr__(self) -> str:
         return _show(self, "radius", "length", "center", "axis")
@@ -90,12 +92,13 @@ class Sphere:
 
     Args:
         radius: above zero [m].
-        center: its centre from the body's reference point, body axes [m].
+        center: its centre from the body's reference point, body axes [m]; shape (3,).
 
     Raises:
         ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
 
-    >>> Sphere(radius=0.5)
+    >>> import hingepair as hp
+    >>> hp.Sphere(radius=0.5)
     Sphere(radius=0.5, center=[0.0, 0.0, 0.0])
     """
 
@@ -103,7 +106,7 @@ class Sphere:
     center: NDArray[np.float64]
 
     def __init__(self, radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        _freeze(self, radius=_positive("radius", radius), center=_vector("center", center))
+        _freeze(self, radius=_positive("radius", radius), center=one_constant("center", center, 3))
 
     def __repr__(self) -> str:
         return _show(self, "radius", "center")
@@ -126,7 +129,8 @@ class Body:
     Raises:
         ArgumentError: a value is not finite, has the wrong shape, or no rigid body has it; names the argument.
 
-    >>> Body(mass=2, center_of_mass=(0.1, 0, 0)).inertia.diagonal().round(6).tolist()
+    >>> import hingepair as hp
+    >>> hp.Body(mass=2, center_of_mass=(0.1, 0, 0)).inertia.diagonal().round(6).tolist()
     [0.02, 0.02, 0.02]
     """
 
@@ -143,16 +147,14 @@ class Body:
         shapes: Iterable[Shape] = (),
     ) -> None:
         value = _positive("mass", mass)
-        tensor = value * _GYRATION_SQUARED * np.eye(3) if inertia is None else constant("inertia", inertia, 3, 3)
-        if tensor.ndim != 2:
-            raise ShapeError("inertia", "shape (3, 3)", f"shape {tensor.shape}")
+        tensor = value * _GYRATION_SQUARED * np.eye(3) if inertia is None else one_constant("inertia", inertia, 3, 3)
         if not isinstance(shapes, Iterable):
-            raise ArgumentError("shapes", "a sequence of Box, Cylinder and Sphere", shapes)
+            raise ArgumentError("shapes", "a sequence of Box, Cylinder and Sphere", quoted(shapes))
         drawn = tuple(shapes)
         for shape in drawn:
             if not isinstance(shape, Shape):
-                raise ArgumentError("shapes", "Box, Cylinder or Sphere", shape)
-        centre = _vector("center_of_mass", center_of_mass)
+                raise ArgumentError("shapes", "Box, Cylinder or Sphere", quoted(shape))
+        centre = one_constant("center_of_mass", center_of_mass, 3)
         _freeze(self, mass=value, center_of_mass=centre, inertia=_checked_inertia(tensor), shapes=drawn)
 
     def __repr__(self) -> str:
@@ -174,13 +176,6 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
         expected = "no principal moment above the sum of the other two"
         raise ArgumentError("inertia", expected, [m * size for m in (small, middle, large)])
     return read_only(inertia / 2 + inertia.T / 2)
-
-
-def _vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    vector = constant(name, value, 3)
-    if vector.ndim != 1:
-        raise ShapeError(name, "shape (3,)", f"shape {vector.shape}")
-    return vector
 
 
 def _positive(name: str, value: object) -> float:

@@ -14,7 +14,7 @@ from typing import Any, Final, TypeAlias
 
 import sympy
 
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.form_inputs import (
     any_motion,
     check_symbolic,
@@ -24,7 +24,7 @@ from hingepair.form_inputs import (
 )
 from hingepair.form_printers import count_letters, in_order
 from hingepair.jets import Expr, time_symbol
-from hingepair.pair import HingePair
+from hingepair.pair import HingePair, check_one
 from hingepair.plan import PLANAR, SPATIAL, Plan, check_outputs, make_plan, outputs_of
 from hingepair.planar import PlanarPair
 from hingepair.scene import Scene
@@ -94,17 +94,17 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
     Raises:
         ArgumentError: an argument cannot be used, or an expression's derivatives are too long; names it.
 
-    >>> pair = PlanarPair(u1=(1, 0), u2=(-1, 0))
-    >>> derive(pair).R2
+    >>> import hingepair as hp
+    >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
+    >>> hp.derive(pair).R2
     Matrix([
     [x(t) + cos(phi(t) + psi(t)) + cos(phi(t))],
     [y(t) + sin(phi(t) + psi(t)) + sin(phi(t))]])
     """
     pair = scene_or_pair.pair if isinstance(scene_or_pair, Scene) else scene_or_pair
     if not isinstance(pair, HingePair | PlanarPair):
-        raise ArgumentError("scene_or_pair", "a Scene, a HingePair or a PlanarPair", scene_or_pair)
-    if not pair._constants.single:
-        raise ArgumentError("pair", "one pair", f"pairs of shape {pair._constants.shape}")
+        raise ArgumentError("scene_or_pair", "a Scene, a HingePair or a PlanarPair", quoted(scene_or_pair))
+    check_one(pair)
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
     sequence: str | None = "XYZ"
     if isinstance(scene_or_pair, Scene):

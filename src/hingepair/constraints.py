@@ -110,16 +110,16 @@ def constraint_jacobian(pair: HingePair, body1: BodyMotion, body2: BodyMotion) -
     derivative, on the constraint and off it: (gap', tilt') = G @ (v1, omega1, v2, omega2).
 
     Args:
-        pair: the pair.
         body1: the motion of body 1; of it, S is used.
         body2: the motion of body 2; likewise.
 
     Returns:
         G, world axes; shape (..., 5, 12).
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> body = BodyMotion(R=(0, 0, 0), S=np.eye(3))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> body = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
     >>> (pair.constraint_jacobian(body, body) @ (0, 0, 0, 0, 0, 1, 0, 4, 0, 0, 0, 3)).tolist()
     [0.0, 0.0, 0.0, 0.0, 0.0]
     """
@@ -135,17 +135,17 @@ def constraint_bias(pair: HingePair, body1: BodyMotion, body2: BodyMotion) -> Fl
     (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, and zero for motions of the pair.
 
     Args:
-        pair: the pair.
         body1: the motion of body 1; of it, S and omega are used.
         body2: the motion of body 2; likewise.
 
     Returns:
         The bias, world axes; shape (..., 5).
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> body1 = BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
-    >>> body2 = BodyMotion(R=(2, 0, 0), S=np.eye(3), omega=(0, 0, 2))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> body1 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
+    >>> body2 = hp.BodyMotion(R=(2, 0, 0), S=np.eye(3), omega=(0, 0, 2))
     >>> pair.constraint_bias(body1, body2).tolist()
     [-4.0, 0.0, 0.0, 0.0, 0.0]
     """

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, SCALES
-from hingepair.report import aligned, finite_or_none
+from hingepair.report import aligned, finite_or_none, left_out
 
 _HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
 
@@ -111,8 +111,7 @@ class CrossValidation:
     @property
     def verdict(self) -> str:
         """The outcome in a line."""
-        left_out = f" ({self.skipped} of {self.samples} samples are not finite and were left out)"
-        beside = left_out if self.skipped else ""
+        beside = left_out(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: no finite sample{beside}"
         failed = [row.output for row in self.rows if not row.ok]

@@ -81,6 +81,11 @@ def shorten(got: object) -> str:
     return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
 
+def quoted(value: object) -> object:
+    """A value that came in, for `got`: of a text its repr, since '2' is not 2."""
+    return repr(value) if isinstance(value, str) else value
+
+
 def choices(names: Sequence[str]) -> str:
     """`one of a, b, c`, for messages."""
     return "one of " + ", ".join(names)

@@ -37,7 +37,9 @@ def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     Raises:
         ArgumentError: phi or sequence cannot be used.
 
-    >>> euler_to_matrix((0, 0, np.pi / 2)).round(12) + 0.0
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> hp.euler_to_matrix((0, 0, np.pi / 2)).round(12) + 0.0
     array([[ 0., -1.,  0.],
            [ 1.,  0.,  0.],
            [ 0.,  0.,  1.]])
@@ -63,7 +65,9 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     """Euler angles of rotation matrices (E10 solved for phi).
 
     The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis comes back; the others in [-pi, pi].
-    The angles give S back to 6 u, at gimbal lock too, where only a sum or difference of the outer two is defined.
+    At gimbal lock only a sum or difference of the outer angles is defined, and there is no convention for either:
+    round-off decides how it is shared out (`with_lock` tells where). What holds is that the angles of a rotation S
+    give S back to 6 u in every component, at lock too.
 
     Args:
         S: body to world; shape (..., 3, 3).
@@ -76,7 +80,10 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     Raises:
         RotationError: a finite S is no rotation.
 
-    >>> phi, locked = matrix_to_euler([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], with_lock=True)
+    >>> import hingepair as hp
+    >>> hp.matrix_to_euler([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
+    array([0.      , 0.      , 1.570796])
+    >>> phi, locked = hp.matrix_to_euler([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], with_lock=True)
     >>> phi.round(6) + 0.0, bool(locked)
     (array([0.      , 1.570796, 0.      ]), True)
     """
@@ -108,7 +115,8 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     Returns:
         J; shape (..., 3, 3).
 
-    >>> euler_rate_matrix((0, 0, 0)).round(12) + 0.0
+    >>> import hingepair as hp
+    >>> hp.euler_rate_matrix((0, 0, 0)).round(12) + 0.0
     array([[1., 0., 0.],
            [0., 1., 0.],
            [0., 0., 1.]])
@@ -140,7 +148,9 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
     Raises:
         GimbalLockError: J has no inverse at some sample, and at_lock is "raise".
 
-    >>> euler_rates((0, np.pi / 2, 0), (1, 0, 0), at_lock="least_squares").round(6) + 0.0
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> hp.euler_rates((0, np.pi / 2, 0), (1, 0, 0), at_lock="least_squares").round(6) + 0.0
     array([0.5, 0. , 0.5])
     """
     check_choice("at_lock", at_lock, ("raise", "least_squares"))
@@ -161,9 +171,9 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
         if at_lock == "raise":
             first = np.unravel_index(int(np.argmax(locked)), shape)
             where = f" at sample {tuple(map(int, first))}" if shape else ""
-            raise GimbalLockError(
-                "phi", "angles away from gimbal lock, or at_lock='least_squares'", f"lock of {sequence}{where}"
-            )
+            middle = float(np.broadcast_to(angles[..., 1], shape)[first])
+            expected = "angles away from gimbal lock, or at_lock='least_squares'"
+            raise GimbalLockError("phi", expected, f"lock of {sequence}, middle angle {middle:.6g}{where}")
         J = euler_rate_matrix(np.broadcast_to(angles, (*shape, 3))[locked], sequence).astype(np.float64)
         given = np.broadcast_to(velocity, (*shape, 3))[locked]
         out["phid"][locked] = (np.linalg.pinv(J, rcond=1e-9) @ given[..., None])[..., 0]

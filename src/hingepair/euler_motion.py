@@ -22,7 +22,8 @@ class EulerKinematics:
         J: (..., 3, 3).
         J_inverse: (..., 3, 3); NaN nearer to lock than 1e-12, where `euler_rates` raises.
         J_dot: rate of J; (..., 3, 3) 1/s; None where phid was not given.
-        condition: of J in the 2-norm: by how much a relative error of omega may grow in phi'; 1 at best, inf at lock.
+        condition: of J in the 2-norm: by how much a relative error of omega may grow in phi'; 1 at best, inf at lock;
+            (...,).
         lock_distance: angle between the middle angle and the nearest one at gimbal lock, in [0, pi/2]; (...,) rad.
     """
 
@@ -45,22 +46,24 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
         sequence: one of 24; upper case intrinsic, lower case extrinsic.
 
     Returns:
-        The matrices and numbers, by name.
+        A `hingepair.euler_motion.EulerKinematics`: `.J` (..., 3, 3), `.J_inverse` (..., 3, 3; NaN at lock), `.J_dot`
+        (..., 3, 3) 1/s (None without phid), `.condition` (...,), `.lock_distance` (...,) rad.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
 
-    >>> near = euler_kinematics((0, np.pi / 2 - 1e-3, 0))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> near = hp.euler_kinematics((0, np.pi / 2 - 1e-3, 0))
     >>> f"{near.lock_distance:.6f} {near.condition:.0f}"
     '0.001000 2000'
 
     The angles of body 2 come from its attitude, their rates from its angular velocity:
 
-    >>> from hingepair import HingePair, euler_rates, matrix_to_euler
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
     >>> state = pair.forward_kinematics((0, 0, 0, 0, 0.25, 0, 0.5), (0, 0, 0, 0, 0, 0, 2))
-    >>> phi2 = matrix_to_euler(state.S2)
-    >>> body2 = euler_kinematics(phi2, euler_rates(phi2, state.omega2))
+    >>> phi2 = hp.matrix_to_euler(state.S2)
+    >>> body2 = hp.euler_kinematics(phi2, hp.euler_rates(phi2, state.omega2))
     >>> bool(abs(body2.J_inverse @ state.omega2 - (0, 0, 2)).max() < 1e-15)
     True
     """

@@ -25,7 +25,8 @@ def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, 
     """The Euler angles of body 1 at the instants, continuous in time, shape (N, 3).
 
     Raises:
-        GimbalLockError: near lock an angle would turn by more than 1 rad in a step; names the time.
+        GimbalLockError: an angle would turn by more than 1 rad in a step, near lock or since steps are too long;
+            names the time.
     """
     found = np.empty((len(steps.t), 3))
     found[0] = start
@@ -40,8 +41,9 @@ def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, 
             near = rows[at - 1, 1] if at else found[first, 1]
             raise GimbalLockError(
                 "method",
-                "'magnus6' (or another that knows no lock) for a motion near gimbal lock",
-                f"'euler_angles' with phi_y = {near:.6g} at t = {begin[at]:.6g}",
+                "'magnus6' (or another that knows no lock) for a motion near gimbal lock, phi_y = +-1.5708; or "
+                "shorter steps",
+                f"'euler_angles' with phi_y = {near:.6g} at t = {begin[at]:.6g} and more than 1 rad in {h[at]:.3g} s",
             )
         found[first + 1 : last + 1] = rows if ends is None else rows[ends]
     return found

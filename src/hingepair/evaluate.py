@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hingepair.arrays import broadcast_shape, real_array, result_dtype, vectors
 from hingepair.backend import How
 from hingepair.blocks import Components, Values, components_of, compute, tabulate
-from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices
+from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices, quoted
 from hingepair.plan import (
     SPATIAL,
     Plan,
@@ -100,19 +100,19 @@ def _is_number(value: Any) -> bool:
 def wanted(outputs: Outputs, out: Out, level: int, kind: str = SPATIAL) -> tuple[str, ...]:
     """What to compute: the names asked for, or the level's defaults and whatever `out` has room for."""
     if out is not None and not isinstance(out, Mapping):
-        raise ArgumentError("out", "a dict of arrays by output name", out)
+        raise ArgumentError("out", "a dict of arrays by output name", quoted(out))
     if outputs is None and not out:
         return default_outputs(level, kind)
     room = tuple(out or ())
     for name in room:
         if name not in outputs_of(kind):
-            raise ArgumentError("out", choices(tuple(outputs_of(kind))), name)
+            raise ArgumentError("out", choices(tuple(outputs_of(kind))), quoted(name))
     if outputs is None:
         return tuple(dict.fromkeys((*default_outputs(level, kind), *room)))
     names = check_outputs(outputs, kind)
     for name in room:
         if name not in names:
-            raise ArgumentError("out", f"arrays for nothing but the outputs named ({', '.join(names)})", name)
+            raise ArgumentError("out", f"arrays for nothing but the outputs named ({', '.join(names)})", quoted(name))
     return names
 
 
@@ -272,7 +272,7 @@ def _components(name: str, group: Any) -> Any:
 
 def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     if not isinstance(array, np.ndarray):
-        raise ArgumentError(name, "an array to write into", array)
+        raise ArgumentError(name, "an array to write into", quoted(array))
     if array.shape != shape:
         raise ShapeError(name, f"shape {shape}", f"shape {array.shape}")
     if array.dtype != dtype:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.arrays import boxes
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 
 _AXES = "xyz"
 _ROWS = 65536
@@ -42,7 +42,7 @@ def check_ending(path: Path) -> None:
         ArgumentError: it ends neither in .npz nor in .csv.
     """
     if path.suffix.lower() not in _WRITERS:
-        raise ArgumentError("out", "a file name that ends in .npz or .csv", str(path))
+        raise ArgumentError("out", "a file name that ends in .npz or .csv", quoted(str(path)))
 
 
 def write_whole(target: Path, write: Callable[[IO[bytes]], object]) -> None:
@@ -54,7 +54,7 @@ def write_whole(target: Path, write: Callable[[IO[bytes]], object]) -> None:
     try:
         handle, beside = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
     except OSError as error:
-        raise ArgumentError("out", "a file that can be written", f"{target} ({error.strerror})") from None
+        raise ArgumentError("out", "a file that can be written", f"{str(target)!r} ({error.strerror})") from None
     try:
         with os.fdopen(handle, "wb") as file:
             write(file)
@@ -65,7 +65,7 @@ def write_whole(target: Path, write: Callable[[IO[bytes]], object]) -> None:
     except BaseException as error:
         Path(beside).unlink(missing_ok=True)
         if isinstance(error, OSError):
-            raise ArgumentError("out", "a file that can be written", f"{target} ({error.strerror})") from None
+            raise ArgumentError("out", "a file that can be written", f"{str(target)!r} ({error.strerror})") from None
         raise
 
 

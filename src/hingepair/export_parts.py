@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.body import Body, Box, Cylinder, Shape
-from hingepair.errors import ArgumentError, ShapeError
-from hingepair.pair import HingePair, check_pair
+from hingepair.errors import ArgumentError, quoted
+from hingepair.pair import HingePair, check_one, check_pair
 
 BODY1, BODY2, BODY2_AT_HINGE, HINGE, BASE, WORLD = "body1", "body2", "body2_at_hinge", "hinge", "base", "world"
 """Names of the links and of the joints."""
@@ -59,11 +59,9 @@ def parts_of(pair: HingePair) -> tuple[Part, Part]:
         ShapeError: u1, u2, n or home differ from sample to sample.
     """
     check_pair(pair)
-    for name, shape in (("u1", (3,)), ("u2", (3,)), ("n", (3,)), ("home", (3, 3))):
-        if getattr(pair, name).shape != shape:
-            raise ShapeError(name, f"one pair: shape {shape}", f"shape {getattr(pair, name).shape}")
+    check_one(pair)
     if re.search(_NOT_XML, pair.name):
-        raise ArgumentError("name", "characters that XML can hold", pair.name)
+        raise ArgumentError("name", "characters that XML can hold", quoted(pair.name))
     reach = math.hypot(*pair.u1) + math.hypot(*pair.u2)
     size = reach if _DRAWABLE[0] <= reach <= _DRAWABLE[1] else 1.0
     pin = Cylinder(_short(0.04 * size), _short(0.3 * size), pair.u1, pair.n)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.arrays import read_only
 from hingepair.coordinates import Coordinates, check_real, compile_coordinates, exact
-from hingepair.errors import ArgumentError, SceneError
+from hingepair.errors import ArgumentError, SceneError, quoted
 from hingepair.jets import Expr
 from hingepair.kinematics import COORDINATES, PLANAR_COORDINATES
 from hingepair.plan import ACCELERATION
@@ -132,7 +132,7 @@ def read_constants(motion: Table) -> dict[str, float]:
     for key in table.values:
         fault = constant_name_fault(key)
         if fault:
-            raise SceneError(table.label(key), fault, key)
+            raise SceneError(table.label(key), fault, quoted(key))
     return {key: table.number(key) for key in table.values}
 
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 import sympy
 
 from hingepair.coordinates import exact
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.form_printers import count_letters
 from hingepair.jets import SYMPY_ERRORS, Expr, Jet, JetProgram, time_symbol
 from hingepair.kinematics import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
@@ -74,11 +74,11 @@ def check_symbolic(symbolic: Iterable[str], pair: HingePair | PlanarPair) -> tup
     known = [key for key in SYMBOLIC if hasattr(pair, key)]
     expected = f"names out of {', '.join(known)}"
     if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
-        raise ArgumentError("symbolic", f"a tuple of {expected}", symbolic)
+        raise ArgumentError("symbolic", f"a tuple of {expected}", quoted(symbolic))
     names = tuple(symbolic)
     for name in names:
         if name not in known:
-            raise ArgumentError("symbolic", expected, name)
+            raise ArgumentError("symbolic", expected, quoted(name))
     return names
 
 

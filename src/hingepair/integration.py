@@ -8,11 +8,11 @@ from typing import Any, Final, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.arrays import check_choice, constant, finite_number, read_only, real_array
+from hingepair.arrays import check_choice, finite_number, one_constant, read_only, real_array
 from hingepair.attitude_steps import RULES
 from hingepair.backend import choose
 from hingepair.differentiate import check_instants
-from hingepair.errors import ArgumentError, ShapeError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluate import Outputs
 from hingepair.pair import HingePair, check_pair
 from hingepair.planar import PlanarPair
@@ -92,13 +92,14 @@ def integrate(
 ) -> Any:
     """The motion of a pair from the angular velocity of body 1 and the hinge rate (E12).
 
-    omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), samples
-    at t, or a constant. Samples are interpolated by polynomials of degree 5; with `magnus6` this is what strapdown
-    navigation knows as multi-sample coning correction (Bortz, Miller, Savage).
+    omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), or one
+    constant (3,) or (); samples at t; or a constant. Samples are interpolated by polynomials of degree 5, which
+    presumes a smooth motion: at a kink or across a gap they swing. With `magnus6` this is what strapdown navigation
+    knows as multi-sample coning correction (Bortz, Miller, Savage).
 
     `magnus6` (order 6), `magnus4`, `cf4`, `rk4_quaternion` (order 4) and `midpoint` (order 2) make each step from
-    omega1 alone; `euler_angles` integrates phi' = J^-1 omega (E4) by Runge-Kutta steps of order 4; `dop853` is
-    SciPy's.
+    omega1 alone; `euler_angles` integrates phi' = J^-1 omega (E4) of the sequence XYZ (E10) by Runge-Kutta steps of
+    order 4; `dop853` is SciPy's.
 
     Args:
         pair: a HingePair, or a PlanarPair (E11): then omega1 and alpha1 are numbers, points have two coordinates.
@@ -119,16 +120,19 @@ def integrate(
         backend: as for `forward_kinematics`.
 
     Returns:
-        The trajectory, with an estimate of its error.
+        A `Trajectory` (`PlanarTrajectory`): `.t` (N,) s, `.S1` (N, 3, 3), `.quat_wxyz` (N, 4), `.psi` (N,) rad, each
+        attribute of its `.state` (`.R2` (N, 3) m, ...), `.error_estimate` and `.psi_error_estimate` rad.
 
     Raises:
         ArgumentError: an argument cannot be used, is not finite (names the first index), or tol is not reached.
-        GimbalLockError: `euler_angles` came too near to lock.
+        GimbalLockError: `euler_angles` came too near to lock, or its steps are too long.
         MissingDependencyError: `dop853` without SciPy.
 
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
     >>> t = np.linspace(0, np.pi / 2, 11)
-    >>> motion = integrate(pair, t, omega1=(0, 0, 1), psid=np.cos)
+    >>> motion = hp.integrate(pair, t, omega1=(0, 0, 1), psid=np.cos)
     >>> motion.S1[-1].round(12) + 0.0
     array([[ 0., -1.,  0.],
            [ 1.,  0.,  0.],
@@ -144,17 +148,15 @@ def integrate(
     hinge = finite_number("psi_0", psi_0)
     if isinstance(pair, PlanarPair):
         if S1_0 is not None:
-            raise ArgumentError("S1_0", "nothing beside a PlanarPair, which takes phi_0", S1_0)
+            raise ArgumentError("S1_0", "nothing beside a PlanarPair, which takes phi_0", quoted(S1_0))
         check_choice("frame", frame, ("world",))
         check_choice("method", method, tuple(RULES))
         angle = finite_number("phi_0", 0.0 if phi_0 is None else phi_0)
         return _in_plane(pair, course, given, R1, (angle, hinge), outputs, backend)
     check_pair(pair)
     if phi_0 is not None:
-        raise ArgumentError("phi_0", "nothing beside a HingePair, which takes S1_0", phi_0)
-    start = constant("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
-    if start.shape != (3, 3):
-        raise ShapeError("S1_0", "shape (3, 3)", f"shape {start.shape}")
+        raise ArgumentError("phi_0", "nothing beside a HingePair, which takes S1_0", quoted(phi_0))
+    start = one_constant("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
     check_rotation("S1_0", start)
     return _in_space(pair, course, given, R1, (start, hinge), outputs, backend)
 

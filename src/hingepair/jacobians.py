@@ -33,7 +33,6 @@ def jacobian(pair: HingePair, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     """Body 2's velocity by the velocities of the equations: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2).
 
     Args:
-        pair: the pair.
         body1: the motion of body 1; of it, S is used.
         psi: hinge angle [rad]; shape (...,), broadcasts against body1.
 
@@ -43,9 +42,10 @@ def jacobian(pair: HingePair, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     Raises:
         ArgumentError: an argument cannot be used; names it.
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> pair.jacobian(BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
     array([0., 4., 0., 0., 0., 3.])
     """
     constants = pair._constants
@@ -60,7 +60,6 @@ def acceleration_bias(pair: HingePair, body1: BodyMotion, psi: ArrayLike, psid: 
     """What velocities alone add to body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9).
 
     Args:
-        pair: the pair.
         body1: the motion of body 1; of it, S and omega are used.
         psi: hinge angle [rad]; shape (...,), broadcasts against body1.
         psid: hinge rate [rad/s]; likewise.
@@ -71,9 +70,10 @@ def acceleration_bias(pair: HingePair, body1: BodyMotion, psi: ArrayLike, psid: 
     Raises:
         ArgumentError: an argument cannot be used, or body1 has no omega; names it.
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> body1 = BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> body1 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
     >>> pair.acceleration_bias(body1, 0.0, 2.0)
     array([-4.,  0.,  0.,  0.,  0.,  0.])
     """
@@ -91,15 +91,15 @@ def coordinate_jacobian(pair: HingePair, q: ArrayLike | tuple[Any, ...], *, sequ
     """Body 2's velocity by the rates of the seven coordinates: (v2, omega2) = Jq @ qd (E8, E2, E4).
 
     Args:
-        pair: the pair.
         q: coordinates [m, rad], in either form that forward_kinematics takes.
         sequence: the Euler sequence of body 1.
 
     Returns:
         Jq, world axes; shape (..., 6, 7).
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
     >>> pair.coordinate_jacobian(np.zeros(7)) @ (0, 0, 0, 0, 0, 1, 2)
     array([0., 4., 0., 0., 0., 3.])
     """
@@ -112,7 +112,6 @@ def coordinate_jacobian_rate(
     """The time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9).
 
     Args:
-        pair: the pair.
         q: coordinates [m, rad], in either form that forward_kinematics takes.
         qd: their time derivatives.
         sequence: the Euler sequence of body 1.
@@ -120,8 +119,9 @@ def coordinate_jacobian_rate(
     Returns:
         Jq', world axes; shape (..., 6, 7).
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
     >>> qd = np.array((0, 0, 0, 0, 0, 0, 2.0))
     >>> pair.coordinate_jacobian_rate(np.zeros(7), qd) @ qd
     array([-4.,  0.,  0.,  0.,  0.,  0.])

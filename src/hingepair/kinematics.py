@@ -8,7 +8,7 @@ import numpy as np
 
 from hingepair.backend import How
 from hingepair.blocks import Values
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluate import (
     Constants,
     Coordinates,
@@ -80,7 +80,7 @@ def from_body1(
 ) -> PairState:
     """The pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
     if not isinstance(body1, BodyMotion):
-        raise ArgumentError("body1", "a BodyMotion", body1)
+        raise ArgumentError("body1", "a BodyMotion", quoted(body1))
     if psidd is not None and psid is None:
         raise ArgumentError("psid", "the first derivative beside the second", None)
     if psi is None:

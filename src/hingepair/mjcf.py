@@ -49,8 +49,10 @@ def to_mjcf(pair: HingePair, *, base: str = "free") -> str:
         ArgumentError: an unknown base; the pair's name holds a character that XML cannot.
         ShapeError: u1, u2, n or home differ from sample to sample.
 
-    >>> pair = HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
-    >>> root = ET.fromstring(to_mjcf(pair))
+    >>> import xml.etree.ElementTree as ET
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
+    >>> root = ET.fromstring(hp.to_mjcf(pair))
     >>> root.find("worldbody/body/body").get("pos")
     '0.5 0.0 0.1'
     """

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.arrays import broadcast_shape, read_only, vectors
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.rotations import check_rotation, quaternion_to_matrix, rotation_exp
 
 
@@ -34,7 +34,8 @@ class BodyMotion:
         RotationError: a finite S is further from a rotation than 1e-9 (float32: 1e-5).
         ShapeError, DtypeError: an array cannot be used.
 
-    >>> BodyMotion(R=((0, 0, 0), (1, 0, 0)), S=((1, 0, 0), (0, 1, 0), (0, 0, 1))).shape
+    >>> import hingepair as hp
+    >>> hp.BodyMotion(R=((0, 0, 0), (1, 0, 0)), S=((1, 0, 0), (0, 1, 0), (0, 0, 1))).shape
     (2,)
     """
 
@@ -44,7 +45,7 @@ class BodyMotion:
     omega: NDArray[Any] | None
     a: NDArray[Any] | None
     alpha: NDArray[Any] | None
-    shape: tuple[int, ...]
+    shape: tuple[int, ...] = field(init=False)
 
     def __init__(
         self,
@@ -103,7 +104,8 @@ class BodyMotion:
         Raises:
             RotationError: a quaternion is zero.
 
-        >>> BodyMotion.from_quaternion_xyzw(R=(0, 0, 0), quat_xyzw=(0, 0, 0, 2)).S
+        >>> import hingepair as hp
+        >>> hp.BodyMotion.from_quaternion_xyzw(R=(0, 0, 0), quat_xyzw=(0, 0, 0, 2)).S
         array([[1., 0., 0.],
                [0., 1., 0.],
                [0., 0., 1.]])
@@ -122,7 +124,7 @@ class BodyMotion:
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """The motion with the attitude of quaternions, scalar first (MuJoCo, Eigen), of any length but zero.
+        """The motion with the attitude of quaternions, scalar first (MuJoCo), of any length but zero.
 
         They are normalised; S is right to 6 u.
 
@@ -137,7 +139,8 @@ class BodyMotion:
         Raises:
             RotationError: a quaternion is zero.
 
-        >>> BodyMotion.from_quaternion_wxyz(R=(0, 0, 0), quat_wxyz=(2, 0, 0, 0)).S
+        >>> import hingepair as hp
+        >>> hp.BodyMotion.from_quaternion_wxyz(R=(0, 0, 0), quat_wxyz=(2, 0, 0, 0)).S
         array([[1., 0., 0.],
                [0., 1., 0.],
                [0., 0., 1.]])
@@ -168,7 +171,8 @@ class BodyMotion:
             a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
             alpha: angular acceleration [rad/s^2]; shape (..., 3).
 
-        >>> BodyMotion.from_rotvec(R=(0, 0, 0), rotvec=(0, 0, 3.141592653589793)).S.round(12) + 0.0
+        >>> import hingepair as hp
+        >>> hp.BodyMotion.from_rotvec(R=(0, 0, 0), rotvec=(0, 0, 3.141592653589793)).S.round(12) + 0.0
         array([[-1.,  0.,  0.],
                [ 0., -1.,  0.],
                [ 0.,  0.,  1.]])
@@ -183,7 +187,7 @@ def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[A
         ArgumentError: it is no BodyMotion, or lacks one of them; names the argument.
     """
     if not isinstance(body, BodyMotion):
-        raise ArgumentError(name, "a BodyMotion", body)
+        raise ArgumentError(name, "a BodyMotion", quoted(body))
     arrays = {f"{letter}{name[-1]}": getattr(body, letter) for letter in letters}
     for letter, array in zip(letters, arrays.values(), strict=True):
         if array is None:

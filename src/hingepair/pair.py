@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair import kinematics
-from hingepair.arrays import broadcast_shape, constant, read_only
+from hingepair.arrays import broadcast_shape, constant, one_constant, read_only
 from hingepair.backend import choose
 from hingepair.blocks import components_of, numbers
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.evaluate import Constants, Out, Outputs
 from hingepair.lengths import unit_axis
 from hingepair.levers import levers
@@ -24,6 +24,7 @@ from hingepair.state import PairState
 if TYPE_CHECKING:
     from hingepair import constraints, jacobians, residuals, sensitivities
     from hingepair.body import Body
+    from hingepair.planar import PlanarPair
 
 
 class _MethodOf:
@@ -45,8 +46,8 @@ class _MethodOf:
 class HingePair:
     """Two rigid bodies joined by a hinge: R1 + S1 u1 = R2 + S2 u2 (E1), turning apart about n only (E2).
 
-    Values are copied in and read-only. u1, u2, n and home may carry leading axes that broadcast against the
-    samples: then each sample has a pair of its own.
+    Values are copied in and read-only; `dataclasses.replace(pair, u1=...)` gives a pair with another u1. u1, u2, n
+    and home may carry leading axes that broadcast against the samples: then each sample has a pair of its own.
 
     Args:
         u1: hinge point from body 1's reference point, body-1 axes [m]; shape (3,) or (..., 3).
@@ -54,7 +55,7 @@ class HingePair:
         n: hinge axis, body-1 axes; any non-zero length; kept at unit length.
         home: rotation of body 2 relative to body 1 at psi = 0 (C in E5); identity unless given; shape (3, 3).
         name: what the pair is called in exports and messages.
-        limits: least and greatest hinge angle, for exports [rad]; forward_kinematics takes any angle.
+        limits: least and greatest hinge angle, for exports [rad]; shape (2,); forward_kinematics takes any angle.
         body1: mass properties and shapes of body 1, for exports.
         body2: those of body 2.
 
@@ -63,7 +64,9 @@ class HingePair:
         AxisError: n is zero.
         RotationError: home is further from a rotation than 1e-9.
 
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 2))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 2))
     >>> pair.n
     array([0., 0., 1.])
     >>> pair.forward_kinematics((0, 0, 0, 0, 0, 0, np.pi)).R2.round(12) + 0.0
@@ -78,7 +81,7 @@ class HingePair:
     limits: tuple[float, float] | None
     body1: Body | None
     body2: Body | None
-    _constants: Constants
+    _constants: Constants = field(init=False)
 
     def __init__(
         self,
@@ -96,13 +99,13 @@ class HingePair:
         rotation = constant("home", np.eye(3) if home is None else home, 3, 3)
         check_rotation("home", rotation)
         vectors = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3), "n": read_only(unit_axis("n", n))}
+        shape = broadcast_shape({**{key: v.shape[:-1] for key, v in vectors.items()}, "home": rotation.shape[:-2]})
         parts = levers(vectors["u1"], vectors["u2"], n, rotation)
-        shapes = {**{key: v.shape[:-1] for key, v in vectors.items()}, "home": rotation.shape[:-2]}
         values = {key: numbers(components_of(vector)) for key, vector in (vectors | parts).items()}
         if not np.array_equal(rotation, np.broadcast_to(np.eye(3), rotation.shape)):
             values["home"] = numbers(components_of(rotation, 2))
         arrays = {**vectors, **parts, "home": rotation.reshape(*rotation.shape[:-2], 9)}
-        constants = Constants(values, arrays, broadcast_shape(shapes))
+        constants = Constants(values, arrays, shape)
         bodies = {"body1": _checked_body("body1", body1), "body2": _checked_body("body2", body2)}
         for_exports = {"limits": _checked_limits(limits), **bodies}
         values_of = {**vectors, "home": rotation, "name": name, **for_exports, "_constants": constants}
@@ -150,7 +153,9 @@ class HingePair:
         Raises:
             ArgumentError: an argument cannot be used; names it.
 
-        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
         >>> state = pair.forward_kinematics(np.zeros((5, 7)), np.ones((5, 7)))
         >>> state.v2[0]
         array([ 1.,  4., -1.])
@@ -188,8 +193,10 @@ class HingePair:
         Raises:
             ArgumentError: an argument cannot be used, or body1 lacks what an output needs; names it.
 
-        >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> pair.forward_kinematics_from_body1(BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> pair.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
         array([2., 0., 0.])
         """
         how = choose(backend, workers)
@@ -219,8 +226,8 @@ class HingePair:
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
     if limits is None:
         return None
-    both = constant("limits", limits, 2)
-    if both.ndim != 1 or not both[0] < both[1]:
+    both = one_constant("limits", limits, 2)
+    if not both[0] < both[1]:
         raise ArgumentError("limits", "(lower, upper) with lower < upper", limits)
     return float(both[0]), float(both[1])
 
@@ -231,7 +238,7 @@ def _checked_body(name: str, body: Body | None) -> Body | None:
     from hingepair.body import Body
 
     if not isinstance(body, Body):
-        raise ArgumentError(name, "a Body", body)
+        raise ArgumentError(name, "a Body", quoted(body))
     return body
 
 
@@ -242,4 +249,15 @@ def check_pair(pair: object) -> None:
         ArgumentError: names the argument `pair`.
     """
     if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
-        raise ArgumentError("pair", "a HingePair", pair)
+        raise ArgumentError("pair", "a HingePair", quoted(pair))
+
+
+def check_one(pair: HingePair | PlanarPair) -> None:
+    """Refuse a pair that differs from sample to sample.
+
+    Raises:
+        ShapeError: u1, u2, n or home have leading axes.
+    """
+    if not pair._constants.single:
+        expected = f"one pair, such as {type(pair).__name__}(u1[i], ...)"
+        raise ShapeError("pair", expected, f"pairs of shape {pair._constants.shape}")

@@ -58,15 +58,18 @@ def cross_validate(
         sequence: of the Euler angles.
 
     Returns:
-        The report; samples that are not finite are counted and left out.
+        A `hingepair.pinocchio.CrossValidation`: `.ok`, `.verdict`, str() a table, `.to_json()`; `.rows`, of each
+        output `.output`, `.max_error` (in its unit), `.max_ratio` (in u * scale), `.worst_sample` (of max_ratio),
+        `.samples`, `.bound`. Samples that are not finite are counted (`.skipped`) and left out.
 
     Raises:
         ArgumentError: an argument that `pair.forward_kinematics` refuses.
         MissingDependencyError: Pinocchio is not installed.
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0))
-    >>> cross_validate(pair, np.linspace(0, 3, 70).reshape(10, 7)).ok
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0))
+    >>> hp.cross_validate(pair, np.linspace(0, 3, 70).reshape(10, 7)).ok
     True
     """
     if isinstance(pair, PlanarPair):
@@ -105,15 +108,15 @@ def cross_validate_from_body1(
         psidd: its second time derivative [rad/s^2].
 
     Returns:
-        The report; samples that are not finite are counted and left out.
+        A `hingepair.pinocchio.CrossValidation`, as of `cross_validate`.
 
     Raises:
         ArgumentError: an argument that `pair.forward_kinematics_from_body1` refuses.
         MissingDependencyError: Pinocchio is not installed.
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0))
-    >>> cross_validate_from_body1(pair, BodyMotion.from_rotvec(R=(1, 2, 3), rotvec=(0.1, 0.2, 0.3)), 0.5).ok
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0))
+    >>> hp.cross_validate_from_body1(pair, hp.BodyMotion.from_rotvec(R=(1, 2, 3), rotvec=(0.1, 0.2, 0.3)), 0.5).ok
     True
     """
     twin = to_pinocchio(pair)

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.arrays import broadcast_shape, real_array, vectors
-from hingepair.errors import ArgumentError, MissingDependencyError, ShapeError
+from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.motion import BodyMotion
-from hingepair.pair import HingePair, check_pair
+from hingepair.pair import HingePair, check_one, check_pair
 from hingepair.rotations import matrix_to_quaternion
 
 Float64Array = NDArray[np.float64]
@@ -32,7 +32,8 @@ class PinocchioTwin:
     """The pair as a Pinocchio model, and the way there and back.
 
     Attributes:
-        model: free-flyer "root_joint", then the revolute joint "hinge"; frames "body1" and "body2".
+        model: free-flyer "root_joint", then the revolute joint "hinge"; frames "body1" and "body2"; inertias and
+            limits where the pair has them.
         data: its scratch memory.
         body2_frame: index of the frame "body2", whose placement is (S2, R2).
     """
@@ -122,21 +123,31 @@ class PinocchioTwin:
 def to_pinocchio(pair: HingePair) -> PinocchioTwin:
     """The pair as a Pinocchio model: a free-flyer, a revolute joint about n at u1, body 2's frame at (C, -C u2).
 
+    Masses and limits are in the model where the pair has them: body1, body2 and limits unless given weigh nothing
+    and stop nowhere, which is enough for kinematics; dynamics needs both bodies. Shapes are not (`to_urdf` has them).
+
+    Args:
+        pair: one pair, without leading axes.
+
+    Returns:
+        A `hingepair.pinocchio.PinocchioTwin`: `.model`, `.data`, `.body2_frame` (the frame whose placement is
+        (S2, R2)); `.configuration(body1, psi)` is Pinocchio's q, shape (..., 8), `.velocity(body1, psi, psid)` its v,
+        (..., 7), `.acceleration(body1, psi, psid, psidd)` its a, (..., 7), and `.motion(q, v, a)` the way back.
+
     Raises:
         MissingDependencyError: Pinocchio is not installed.
         ShapeError: u1, u2, n or home differ from sample to sample.
 
-    >>> from hingepair.pair import HingePair
-    >>> twin = to_pinocchio(HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0)))
-    >>> body1 = BodyMotion(R=(1, 2, 3), S=np.eye(3))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> twin = hp.to_pinocchio(hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0)))
+    >>> body1 = hp.BodyMotion(R=(1, 2, 3), S=np.eye(3))
     >>> twin.configuration(body1, psi=0.5).tolist()
     [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 0.5]
     """
     check_pair(pair)
+    check_one(pair)
     pin = import_pinocchio("to_pinocchio")
-    for name, shape in (("u1", (3,)), ("u2", (3,)), ("n", (3,)), ("home", (3, 3))):
-        if getattr(pair, name).shape != shape:
-            raise ShapeError(name, f"one pair: shape {shape}", f"shape {getattr(pair, name).shape}")
     model = pin.Model()
     model.name = pair.name
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
@@ -147,6 +158,12 @@ def to_pinocchio(pair: HingePair) -> PinocchioTwin:
     model.addFrame(pin.Frame("body1", root, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     placement = pin.SE3(home, -(home @ pair.u2))
     body2 = model.addFrame(pin.Frame("body2", hinge, placement, pin.FrameType.OP_FRAME))
+    for joint, body, frame in ((root, pair.body1, pin.SE3.Identity()), (hinge, pair.body2, placement)):
+        if body is not None:
+            inertia = pin.Inertia(body.mass, np.array(body.center_of_mass), np.array(body.inertia))
+            model.appendBodyToJoint(joint, inertia, frame)
+    if pair.limits is not None:
+        model.lowerPositionLimit[-1], model.upperPositionLimit[-1] = pair.limits
     return PinocchioTwin(model, model.createData(), int(body2))
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from hingepair import equations as eq
 from hingepair.blocks import angle_terms, hinge_cosine, hinge_terms
-from hingepair.errors import ArgumentError, choices
+from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.sequences import find_sequence
 from hingepair.steps import (
     FLAT_STEPS,
@@ -157,17 +157,17 @@ def check_outputs(outputs: Any, kind: str = SPATIAL) -> tuple[str, ...]:
         ArgumentError: not a collection of known names.
     """
     if isinstance(outputs, str):
-        raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", outputs)
+        raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", quoted(outputs))
     try:
         names = tuple(dict.fromkeys(outputs))
     except TypeError:
-        raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", outputs) from None
+        raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", quoted(outputs)) from None
     if not names:
         raise ArgumentError("outputs", "at least one name", "none")
     known = outputs_of(kind)
     for name in names:
         if name not in known:
-            raise ArgumentError("outputs", choices(tuple(known)), name)
+            raise ArgumentError("outputs", choices(tuple(known)), quoted(name))
     return names
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,9 @@ from hingepair.state import PlanarState
 class PlanarPair:
     """Two bodies in a plane joined by a pin: R1 + S1 u1 = R2 + S2 u2, phi2 = phi + psi (E11).
 
-    The spatial pair with n = e_z, in two coordinates. Values are copied in and read-only; u1 and u2 may carry
-    leading axes that broadcast against the samples.
+    The spatial pair with n = e_z, in two coordinates. Values are copied in and read-only;
+    `dataclasses.replace(pair, u1=...)` gives a pair with another u1. u1 and u2 may carry leading axes that broadcast
+    against the samples.
 
     Args:
         u1: hinge point from body 1's reference point, body-1 axes [m]; shape (2,) or (..., 2).
@@ -33,7 +34,9 @@ class PlanarPair:
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
 
-    >>> pair = PlanarPair(u1=(1, 0), u2=(-1, 0))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
     >>> pair.forward_kinematics((0, 0, 0, np.pi / 2)).R2.round(12) + 0.0
     array([1., 1.])
     """
@@ -41,7 +44,7 @@ class PlanarPair:
     u1: NDArray[np.float64]
     u2: NDArray[np.float64]
     name: str
-    _constants: Constants
+    _constants: Constants = field(init=False)
 
     def __init__(self, u1: ArrayLike, u2: ArrayLike, name: str = "planar_pair") -> None:
         if not isinstance(name, str) or not name.strip():
@@ -86,7 +89,9 @@ class PlanarPair:
         Raises:
             ArgumentError: an argument cannot be used; names it.
 
-        >>> pair = PlanarPair(u1=(1, 0), u2=(-1, 0))
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
         >>> state = pair.forward_kinematics(np.zeros((5, 4)), np.ones((5, 4)))
         >>> state.v2[0], state.omega2[0]
         (array([1., 4.]), np.float64(2.0))
@@ -97,7 +102,8 @@ class PlanarPair:
     def to_spatial(self) -> HingePair:
         """The same pair in space: n = e_z, and the plane is z = 0.
 
-        >>> PlanarPair(u1=(1, 0), u2=(-1, 0)).to_spatial().n
+        >>> import hingepair as hp
+        >>> hp.PlanarPair(u1=(1, 0), u2=(-1, 0)).to_spatial().n
         array([0., 0., 1.])
         """
         u1, u2 = (np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1) for u in (self.u1, self.u2))

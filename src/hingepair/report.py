@@ -22,6 +22,18 @@ def aligned(lines: Sequence[Sequence[str]], right: Collection[int]) -> list[str]
     ]
 
 
+def left_out(skipped: int, samples: int) -> str:
+    """How many samples were not finite, to go behind a verdict; nothing where all were.
+
+    >>> left_out(1, 20)
+    ' (1 of 20 samples is not finite and was left out)'
+    """
+    if not skipped:
+        return ""
+    be, been = ("is", "was") if skipped == 1 else ("are", "were")
+    return f" ({skipped} of {samples} samples {be} not finite and {been} left out)"
+
+
 def finite_or_none(number: float) -> float | None:
     """The number, or None where JSON has no word for it."""
     return number if math.isfinite(number) else None

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError
-from hingepair.report import aligned, finite_or_none
+from hingepair.errors import ArgumentError, quoted
+from hingepair.report import aligned, finite_or_none, left_out
 
 Float64Array = NDArray[np.float64]
 
-_HEADER = ("residual", "", "largest", "unit", "tolerance", "worst/tolerance", "at sample", "compared", "")
+_HEADER = ("residual", "", "largest", "worst", "unit", "tolerance", "worst/tolerance", "at sample", "compared", "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,10 +23,11 @@ class ResidualCheck:
     Attributes:
         residual: its name.
         label: of the equation, with a prime for each derivative.
-        unit: of largest and tolerance.
-        largest: largest size of all samples: the norm, of the tilt the angle between the axes.
+        unit: of largest, worst and tolerance.
+        largest: largest size of all samples: the norm, of the tilt the angle between the axes (`tilt_angle`).
+        worst: size at the worst sample, which is that with the largest part of its tolerance.
         tolerance: what is allowed at the worst sample.
-        ratio: the largest part of its tolerance that a sample takes; up to 1 passes.
+        ratio: worst / tolerance; up to 1 passes.
         worst_sample: index of that sample; None where nothing was compared.
         samples: how many samples were compared.
         basis: where the tolerance comes from: "given", or the formula of round-off.
@@ -36,6 +37,7 @@ class ResidualCheck:
     label: str
     unit: str
     largest: float
+    worst: float
     tolerance: float
     ratio: float
     worst_sample: tuple[int, ...] | None
@@ -49,9 +51,10 @@ class ResidualCheck:
 
     def _cells(self) -> tuple[str, ...]:
         if self.worst_sample is None:
-            return self.residual, self.label, "-", self.unit, "-", "-", "-", "0", "nothing compared"
+            return self.residual, self.label, "-", "-", self.unit, "-", "-", "-", "0", "nothing compared"
         where = ",".join(map(str, self.worst_sample)) or "-"
-        numbers = f"{self.largest:.2e}", self.unit, f"{self.tolerance:.2e}", f"{self.ratio:.2g}"
+        sizes = f"{self.largest:.2e}", f"{self.worst:.2e}"
+        numbers = *sizes, self.unit, f"{self.tolerance:.2e}", f"{self.ratio:.2g}"
         return self.residual, self.label, *numbers, where, str(self.samples), "ok" if self.ok else "FAILED"
 
 
@@ -65,7 +68,8 @@ class Residuals:
 
     Attributes:
         gap: R1 + S1 u1 - (R2 + S2 u2), world axes; (..., 3) m.
-        tilt: components of the misalignment of the axes, the sine of the angle; (..., 2).
+        tilt: components of the misalignment of the axes, the SINE of the angle: about 0 for an axis that is flipped
+            by pi as well; (..., 2). What the row `tilt` judges is tilt_angle.
         tilt_angle: the angle between S1 n and S2 C^-1 n, in [0, pi]; (...,) rad.
         psi: hinge angle in [-pi, pi], of tilted axes the twist about them; (...,) rad.
         gap_rate: rate of the gap; (..., 3) m/s.
@@ -106,7 +110,7 @@ class Residuals:
     def verdict(self) -> str:
         """The outcome in a line."""
         samples = math.prod(self.shape)
-        beside = f" ({self.skipped} of {samples} samples are not finite and were left out)" if self.skipped else ""
+        beside = left_out(self.skipped, samples)
         failed = [row.residual for row in self.rows if row.samples and not row.ok]
         if failed:
             return f"FAILED: {', '.join(failed)}{beside}"
@@ -129,7 +133,7 @@ class Residuals:
             ArgumentError: the samples have no such axis.
         """
         if isinstance(axis, bool) or not isinstance(axis, int) or not -len(self.shape) <= axis < len(self.shape):
-            raise ArgumentError("axis", f"an axis of samples of shape {self.shape}", axis)
+            raise ArgumentError("axis", f"an axis of samples of shape {self.shape}", quoted(axis))
         psi = np.array(self.psi)
         rows = np.moveaxis(psi, axis, -1)
         for index in np.ndindex(rows.shape[:-1]):
@@ -138,9 +142,10 @@ class Residuals:
         return psi
 
     def __str__(self) -> str:
-        table = aligned([_HEADER, *(row._cells() for row in self.rows)], {2, 4, 5, 6, 7})
+        table = aligned([_HEADER, *(row._cells() for row in self.rows)], {2, 3, 5, 6, 7, 8})
         title = f"{self.name}: two motions against the constraints, u = {self.u:.3g}"
-        bases = [f"tolerance of {row.residual}: {row.basis}" for row in self.rows]
+        angle = {"tilt": " (the angle, tilt_angle)"}
+        bases = [f"tolerance of {row.residual}{angle.get(row.residual, '')}: {row.basis}" for row in self.rows]
         return "\n".join((title, *table, "", *bases, self.verdict))
 
     def __repr__(self) -> str:
@@ -156,6 +161,7 @@ class Residuals:
                 "label": row.label,
                 "unit": row.unit,
                 "largest": finite_or_none(row.largest),
+                "worst": finite_or_none(row.worst),
                 "tolerance": finite_or_none(row.tolerance),
                 "ratio": finite_or_none(row.ratio),
                 "worst_sample": None if row.worst_sample is None else list(row.worst_sample),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hingepair.accuracy import largest, norm, unit_roundoff
 from hingepair.arrays import broadcast_shape, finite_number, read_only
 from hingepair.constraints import TAILS, available, constraint_values
-from hingepair.errors import ArgumentError, choices
+from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluate import Constants
 from hingepair.motion import BodyMotion, motion_arrays
 from hingepair.residual_report import ResidualCheck, Residuals
@@ -34,25 +34,31 @@ class Kind(NamedTuple):
     Attributes:
         label: of the equation.
         unit: of its size.
+        letters: what it takes of either body's motion.
         scale: formula of the scale that round-off is measured in.
         size: the array whose norm is its size.
     """
 
     label: str
     unit: str
+    letters: tuple[str, ...]
     scale: str
     size: str
 
 
 KINDS = {
-    "gap": Kind("E1", "m", "max abs(R) + abs(u1) + abs(u2)", "gap"),
-    "tilt": Kind("E2", "rad", "1", "tilt_angle"),
-    "gap_rate": Kind("E1'", "m/s", "max abs(v) + W1 abs(u1) + W2 abs(u2)", "gap_rate"),
-    "tilt_rate": Kind("E2'", "rad/s", "W1 + W2", "tilt_rate"),
+    "gap": Kind("E1", "m", (), "max abs(R) + abs(u1) + abs(u2)", "gap"),
+    "tilt": Kind("E2", "rad", (), "1", "tilt_angle"),
+    "gap_rate": Kind("E1'", "m/s", ("v", "omega"), "max abs(v) + W1 abs(u1) + W2 abs(u2)", "gap_rate"),
+    "tilt_rate": Kind("E2'", "rad/s", ("omega",), "W1 + W2", "tilt_rate"),
     "gap_acceleration": Kind(
-        "E1''", "m/s^2", "max abs(a) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)", "gap_acceleration"
+        "E1''",
+        "m/s^2",
+        ("v", "omega", "a", "alpha"),
+        "max abs(a) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)",
+        "gap_acceleration",
     ),
-    "tilt_acceleration": Kind("E2''", "rad/s^2", "A1 + A2 + (W1 + W2)^2", "tilt_acceleration"),
+    "tilt_acceleration": Kind("E2''", "rad/s^2", ("omega", "alpha"), "A1 + A2 + (W1 + W2)^2", "tilt_acceleration"),
 }
 """What is judged; W_i = abs(omega_i), A_i = abs(alpha_i), max abs over the components of both bodies."""
 
@@ -65,24 +71,27 @@ def residuals(
     """How far any two motions, measured ones included, are from this hinge (E1, E2 and their derivatives).
 
     Args:
-        pair: the pair.
         body1: the motion of body 1.
         body2: the motion of body 2. Rates are judged where both have omega (and v), accelerations where both
             also have alpha (and a).
         tolerances: largest size that passes, by residual: gap [m], tilt [rad], gap_rate [m/s], tilt_rate
             [rad/s], gap_acceleration [m/s^2], tilt_acceleration [rad/s^2]. Those not named: what round-off
-            explains, 32 u times a scale that is printed.
+            explains, 32 u times a scale that is printed. `tilt` is judged by the angle between the axes,
+            `.tilt_angle`, and not by `.tilt`: its components are sines, about 0 for an axis that is flipped by pi.
 
     Returns:
-        The residuals, psi with its derivatives, `.ok`, `.verdict`; str() is a table. Samples that are not finite
-        are left out and counted.
+        A `hingepair.residual_report.Residuals`: `.ok`, `.verdict`, str() a table, `.to_json()`, `.rows`; the arrays
+        `.gap` (..., 3) m, `.tilt_angle` (...,) rad, `.tilt` (..., 2), `.psi` (...,) rad; where the motions have the
+        rates `.gap_rate` (..., 3) m/s, `.tilt_rate` (..., 2) rad/s, `.psid` (...,) rad/s; and likewise
+        `.gap_acceleration`, `.tilt_acceleration`, `.psidd`. Samples that are not finite are left out and counted.
 
     Raises:
-        ArgumentError: an argument cannot be used; names it.
+        ArgumentError: an argument cannot be used, or a tolerance is of rates that the motions lack; names it.
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> body1, body2 = BodyMotion(R=(0, 0, 0), S=np.eye(3)), BodyMotion(R=(2, 0.001, 0), S=np.eye(3))
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> body1, body2 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), hp.BodyMotion(R=(2, 0.001, 0), S=np.eye(3))
     >>> pair.residuals(body1, body2).verdict
     'FAILED: gap'
     >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
@@ -95,6 +104,8 @@ def residuals(
         letters = (letter for letter in ("R", "S", "v", "omega", "a", "alpha") if getattr(body, letter) is not None)
         given |= motion_arrays(argument, body, *letters)
     allowed = _checked(tolerances)
+    for kind in allowed:
+        _check_given(kind, given)
     shapes = {"body1": body1.shape, "body2": body2.shape}
     shape = broadcast_shape({**shapes, "pair": constants.shape})
     names = available(_ARRAYS, given)
@@ -116,7 +127,7 @@ def _check(
     kind: str, size: Float64Array, scale: Float64Array, known: NDArray[np.bool_], u: float, allowed: dict[str, float]
 ) -> ResidualCheck:
     """One residual judged: its worst sample is the one with the largest part of its tolerance."""
-    label, unit, formula, _ = KINDS[kind]
+    label, unit, _, formula, _ = KINDS[kind]
     given = kind in allowed
     if given:
         tolerance = np.broadcast_to(allowed[kind], size.shape)
@@ -125,7 +136,7 @@ def _check(
             tolerance = ROUNDOFF * np.maximum(np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny)
     basis = "given" if given else f"{ROUNDOFF} u * ({formula})"
     if not known.any():
-        return ResidualCheck(kind, label, unit, 0.0, math.nan, 0.0, None, 0, basis)
+        return ResidualCheck(kind, label, unit, 0.0, 0.0, math.nan, 0.0, None, 0, basis)
     found = np.where(known, np.where(np.isfinite(size), size, np.inf), -np.inf)
     with np.errstate(all="ignore"):
         ratio = np.where(known, found / tolerance, -np.inf)
@@ -136,6 +147,7 @@ def _check(
         label,
         unit,
         float(found.max()),
+        float(found[worst]),
         float(tolerance[worst]),
         float(ratio[worst]),
         where,
@@ -166,12 +178,21 @@ def _scales(pair: Constants, given: dict[str, NDArray[Any]], kinds: list[str]) -
     return {kind: scales[kind] for kind in kinds}
 
 
+def _check_given(kind: str, given: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse the tolerance of a residual that the motions do not tell."""
+    letters = KINDS[kind].letters
+    missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in given]
+    if missing:
+        expected = f"motions with {' and '.join(letters)}, since {kind} needs them"
+        raise ArgumentError(f"tolerances[{kind!r}]", expected, f"no {', '.join(missing)}")
+
+
 def _checked(tolerances: Mapping[str, float] | None) -> dict[str, float]:
     """The tolerances that a user gives, by the residual's name."""
     if tolerances is None:
         return {}
     if not isinstance(tolerances, Mapping):
-        raise ArgumentError("tolerances", "a dict of numbers by residual, such as {'gap': 1e-3}", tolerances)
+        raise ArgumentError("tolerances", "a dict of numbers by residual, such as {'gap': 1e-3}", quoted(tolerances))
     allowed = {}
     for key, value in tolerances.items():
         if key not in KINDS:

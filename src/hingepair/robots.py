@@ -8,13 +8,14 @@ every robot.
 from __future__ import annotations
 
 import functools
+import warnings
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from hingepair.errors import ArgumentError, MissingDependencyError
+from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.urdf import hinge_pair
 from hingepair.urdf_tree import parse_urdf, read_urdf
 
@@ -34,19 +35,24 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
         joint: name of a revolute or continuous joint; a mimic joint is a hinge too.
 
     Returns:
-        The pair, named `robot/joint`.
+        The pair, named `robot/joint`, with the limits and the masses that `from_urdf` would give it: limits None
+        where the joint has none; body1 and body2 each of all links fixed to each other, None where no link has mass
+        or the sum is none that a rigid body can have (of this no warning here).
 
     Raises:
         ArgumentError: no such robot, or more than one.
         URDFError: no such hinge; lists those of the robot.
         MissingDependencyError: example-robot-data is not installed.
 
-    >>> pair = load_robot_hinge("talos_reduced", "arm_left_4_joint")
+    >>> import hingepair as hp
+    >>> pair = hp.load_robot_hinge("talos_reduced", "arm_left_4_joint")
     >>> pair.n.tolist(), pair.u1.tolist()
     ([0.0, 1.0, 0.0], [0.02, 0.0, -0.273])
     """
     tree = parse_urdf(read_urdf(robot_urdf(robot)))
-    return hinge_pair(tree, joint, None, None, name=f"{robot}/{joint}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # its user cannot mend what these robots have of inertias
+        return hinge_pair(tree, joint, None, None, name=f"{robot}/{joint}")
 
 
 def robot_names() -> tuple[str, ...]:
@@ -75,8 +81,8 @@ def robot_urdf(robot: str) -> Path:
     if len(found) == 1:
         return files[found[0]]
     if found:
-        raise ArgumentError("robot", "one robot: " + " or ".join(sorted(found)), robot)
-    raise ArgumentError("robot", _advice(str(robot)), robot)
+        raise ArgumentError("robot", "one robot: " + " or ".join(sorted(found)), quoted(robot))
+    raise ArgumentError("robot", _advice(str(robot)), quoted(robot))
 
 
 def hinge_table(robot: str | None) -> tuple[tuple[str, ...], list[tuple[str | int, ...]]]:

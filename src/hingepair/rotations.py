@@ -26,7 +26,8 @@ def skew(w: ArrayLike) -> FloatArray:
     Returns:
         Shape (..., 3, 3).
 
-    >>> skew((1, 2, 3))
+    >>> import hingepair as hp
+    >>> hp.skew((1, 2, 3))
     array([[ 0., -3.,  2.],
            [ 3.,  0., -1.],
            [-2.,  1.,  0.]])
@@ -51,7 +52,8 @@ def unskew(W: ArrayLike) -> FloatArray:
     Raises:
         ArgumentError: a finite W is not antisymmetric to 1e-9 of its largest element (float32: 1e-5).
 
-    >>> unskew([[0, -3, 2], [3, 0, -1], [-2, 1, 0]])
+    >>> import hingepair as hp
+    >>> hp.unskew([[0, -3, 2], [3, 0, -1], [-2, 1, 0]])
     array([1., 2., 3.])
     """
     matrix = vectors("W", W, 3, 3)
@@ -79,7 +81,9 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
     Raises:
         AxisError: n is zero or not finite.
 
-    >>> rodrigues((0, 0, 1), np.pi / 2).round(12) + 0.0
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> hp.rodrigues((0, 0, 1), np.pi / 2).round(12) + 0.0
     array([[ 0., -1.,  0.],
            [ 1.,  0.,  0.],
            [ 0.,  0.,  1.]])
@@ -99,7 +103,9 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     Returns:
         S; shape (..., 3, 3).
 
-    >>> rotation_exp((0, 0, np.pi / 2)).round(12) + 0.0
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> hp.rotation_exp((0, 0, np.pi / 2)).round(12) + 0.0
     array([[ 0., -1.,  0.],
            [ 1.,  0.,  0.],
            [ 0.,  0.,  1.]])
@@ -131,7 +137,8 @@ def rotation_log(S: ArrayLike) -> FloatArray:
     Raises:
         RotationError: a finite S is no rotation.
 
-    >>> rotation_log([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
+    >>> import hingepair as hp
+    >>> hp.rotation_log([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
     array([0.      , 0.      , 1.570796])
     """
     matrix = vectors("S", S, 3, 3)
@@ -201,7 +208,8 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
     Raises:
         RotationError: a determinant is not positive: a reflection, or a matrix without a nearest rotation.
 
-    >>> project_to_rotation([[2, 0, 0], [0, 3, 0], [0, 0, 1]]) + 0.0
+    >>> import hingepair as hp
+    >>> hp.project_to_rotation([[2, 0, 0], [0, 3, 0], [0, 0, 1]]) + 0.0
     array([[1., 0., 0.],
            [0., 1., 0.],
            [0., 0., 1.]])

@@ -53,7 +53,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.coordinates import Coordinates
-from hingepair.errors import ArgumentError, SceneError, choices
+from hingepair.errors import ArgumentError, SceneError, choices, quoted
 from hingepair.explain import ScenePlan
 from hingepair.expression_motion import ExpressionMotion
 from hingepair.jets import Expr
@@ -221,7 +221,7 @@ class Scene:
             if _level(name) > level:
                 known = tuple(output for output in outputs_of(self.kind) if _level(output) <= level)
                 hint = "; motion.differentiate = true gives the others"
-                raise ArgumentError("outputs", choices(known) + hint, name)
+                raise ArgumentError("outputs", choices(known) + hint, quoted(name))
         return names, level if names is None else max(map(_level, names))
 
     def _by_expressions(self) -> ExpressionMotion:

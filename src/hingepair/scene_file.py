@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from hingepair.arrays import finite_number
-from hingepair.errors import ArgumentError, SceneError, choices
+from hingepair.errors import ArgumentError, SceneError, choices, quoted
 
 MAX_BYTES: Final = 1_000_000
 MAX_KEY_PARTS: Final = 16
@@ -99,7 +99,7 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
     try:
         name = os.fsdecode(os.fspath(path))
     except TypeError:
-        raise SceneError("path", "the path of a scene file", path) from None
+        raise SceneError("path", "the path of a scene file", quoted(path)) from None
     file = name if name.isprintable() and name else repr(name)
     try:
         with Path(name).open("rb") as stream:

@@ -39,7 +39,7 @@ class Sensitivities:
         v2_by_u1: (..., 3, 3) 1/s.
         v2_by_u2: (..., 3, 3) 1/s.
         v2_by_n: (..., 3, 3) m/s.
-        v2_by_psi: (..., 3) m/s.
+        v2_by_psi: (..., 3) m/(s rad).
         omega2_by_n: (..., 3, 3) rad/s.
     """
 
@@ -87,20 +87,23 @@ def sensitivities(pair: HingePair, body1: BodyMotion, psi: ArrayLike, psid: Arra
     """Derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d.
 
     Args:
-        pair: the pair.
         body1: the motion of body 1; of it, S is used, and with psid also omega.
         psi: hinge angle [rad]; shape (...,), broadcasts against body1.
         psid: hinge rate [rad/s]; likewise; needed for v2 and omega2.
 
     Returns:
-        The derivatives, by name.
+        A `hingepair.sensitivities.Sensitivities`, world axes: `d_by_u1`, `d_by_u2` (..., 3, 3), `d_by_n` (..., 3, 3)
+        m, `d_by_psi` (..., 3) m/rad; `S2_by_n` (..., 3, 3, 3), `S2_by_psi` (..., 3, 3); with psid also `v2_by_u1`,
+        `v2_by_u2` (..., 3, 3) 1/s, `v2_by_n` (..., 3, 3) m/s, `v2_by_psi` (..., 3) m/(s rad), `omega2_by_n`
+        (..., 3, 3) rad/s. The last axis is the component of what is varied.
 
     Raises:
         ArgumentError: an argument cannot be used, or body1 has no omega beside psid; names it.
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> pair.sensitivities(BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> pair.sensitivities(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
     array([0., 1., 0.])
     """
     constants = pair._constants

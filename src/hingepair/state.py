@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,8 @@ class _Result:
     def __get__(self, state: _State, owner: type | None = None) -> FloatArray | None:
         if state is None:
             return self
-        return state._array(self.name)
+        found = state._arrays.get(self.name)
+        return state._array(self.name) if found is None else found
 
     def __set__(self, state: _State, value: object) -> None:
         raise AttributeError(f"{self.name}: a {type(state).__name__} cannot be changed")
@@ -65,6 +66,10 @@ class _State:
     def arrays(self) -> dict[str, FloatArray]:
         """What was computed, by name."""
         return {name: array for name in self.outputs if (array := self._array(name)) is not None}
+
+    def __getattr__(self, name: str) -> NoReturn:
+        known = (key for owner in (_State, type(self)) for key in vars(owner) if not key.startswith("_"))
+        raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {', '.join(known)}", name=name, obj=self)
 
     def __repr__(self) -> str:
         names = ", ".join(self.outputs)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from inspect import Signature
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from hingepair import equations as eq
 from hingepair.arrays import check_choice, read_only
 from hingepair.blocks import components_of, evaluate
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.euler import matrix_to_euler
 from hingepair.later import Later
 from hingepair.sequences import SEQUENCES
@@ -24,6 +25,7 @@ class _OfState:
     """The fields of the state as attributes."""
 
     __slots__ = ()
+    __signature__ = Signature()  # `integrate` makes it, of more than its readers need to know
 
     def __getattr__(self, name: str) -> Any:
         state = object.__getattribute__(self, "state")
@@ -57,8 +59,8 @@ class Trajectory(_OfState):
     state: PairState
     method: str
     steps: int
-    _error: Later
-    _psi_error: Later
+    _error: Later = field(repr=False)
+    _psi_error: Later = field(repr=False)
 
     @property
     def error_estimate(self) -> float:
@@ -103,7 +105,7 @@ class Trajectory(_OfState):
         """
         check_choice("sequence", sequence, SEQUENCES)
         if body not in {1, 2}:
-            raise ArgumentError("body", "1 or 2", body)
+            raise ArgumentError("body", "1 or 2", quoted(body))
         S = self.S1 if body == 1 else self.state.S2
         if S is None:
             raise ArgumentError("body", "1, or S2 among the outputs", body)
@@ -129,8 +131,8 @@ class PlanarTrajectory(_OfState):
     state: PlanarState
     method: str
     steps: int
-    _error: Later
-    _psi_error: Later
+    _error: Later = field(repr=False)
+    _psi_error: Later = field(repr=False)
 
     @property
     def error_estimate(self) -> float:

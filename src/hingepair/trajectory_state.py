@@ -27,6 +27,8 @@ _GIVEN: Final = {
     **{"psidd": "psidd", "phi1d": "omega1", "phi1dd": "alpha1"},
 }
 
+_WANTED: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
+
 
 def spatial_state(
     pair: HingePair,
@@ -121,7 +123,9 @@ def _wanted(
     names = check_outputs(outputs, kind) if not isinstance(outputs, tuple) or outputs else ()
     for name in names:
         for missing in sorted(inputs((name,)) - given):
-            raise ArgumentError(_GIVEN[missing], f"a value, since output {name} needs it", None)
+            expected = f"{_WANTED.get(missing, 'a value')}, since output {name} needs it"
+            got = f"no {missing}" if missing in _WANTED else None
+            raise ArgumentError(_GIVEN[missing].partition("[")[0], expected, got)
     return names, inputs(names)
 
 

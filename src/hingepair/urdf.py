@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hingepair.arrays import check_choice
 from hingepair.body import Box, Cylinder, Shape
-from hingepair.errors import URDFError, choices
+from hingepair.errors import URDFError, choices, quoted
 from hingepair.euler import euler_to_matrix, matrix_to_euler
 from hingepair.export_parts import (
     BASE,
@@ -56,8 +56,11 @@ _FOR_MUJOCO = {"fusestatic": "false", "discardvisual": "false"}
 def to_urdf(pair: HingePair, *, base: str = "free") -> str:
     """The pair as URDF text: the same text for the same pair.
 
-    The links are named as the module says; body1's frame is (R1, S1), body2's is (R2, S2). The joint `hinge` is
-    revolute where the pair has limits, else continuous.
+    The link `body1` has the frame (R1, S1). The joint `hinge`, revolute where the pair has limits, else continuous,
+    leads from it to the link `body2_at_hinge`, which has body 2's mass and shapes and its origin at the hinge point;
+    the link `body2`, fixed to that at -u2, has the frame (R2, S2). A revolute joint of URDF must say how strong and
+    how fast it is: effort="1000.0" (N m) and velocity="100.0" (rad/s) are written, which a pair does not know and
+    which should stop nothing.
 
     Args:
         pair: the pair; its limits, body1 and body2 are written where given.
@@ -68,11 +71,10 @@ def to_urdf(pair: HingePair, *, base: str = "free") -> str:
         ArgumentError: an unknown base; the pair's name holds a character that XML cannot.
         ShapeError: u1, u2, n or home differ from sample to sample.
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0), limits=(-1, 1))
-    >>> hinge = parse_urdf(to_urdf(pair)).hinge("hinge")
-    >>> hinge.type, hinge.xyz, hinge.limits
-    ('revolute', (0.5, 0.0, 0.1), (-1.0, 1.0))
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0), limits=(-1, 1))
+    >>> [line.strip() for line in hp.to_urdf(pair).splitlines() if "<limit" in line]
+    ['<limit lower="-1.0" upper="1.0" effort="1000.0" velocity="100.0" />']
     """
     check_choice("base", base, BASES)
     one, two = parts_of(pair)
@@ -112,15 +114,17 @@ def from_urdf(
 
     Returns:
         The pair, named as the joint. Between parent and child link: u1 and home are the joint's origin, u2 = 0.
-        With it come the limits of a revolute joint, and the mass properties of the bodies, each of all links that
-        are rigidly fixed to each other; None where the URDF gives none that a rigid body can have.
+        With it come the limits of a revolute joint (None where lower and upper are equal, as they are where neither
+        is given: URDF takes them for 0), and the mass properties of the bodies, each of all links that are rigidly
+        fixed to each other; None where no link has mass, and, with a warning, where the sum is none that a rigid
+        body can have. Shapes, the limits of effort and velocity, and the robot's name are not read.
 
     Raises:
-        URDFError: no readable URDF, or no such hinge or frame in it; says what would do.
+        URDFError: no readable URDF, limits the wrong way round, or no such hinge or frame; says what would do.
 
-    >>> from hingepair.pair import HingePair
-    >>> pair = HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
-    >>> from_urdf(to_urdf(pair), joint="hinge", body2_frame="body2").u2.tolist()
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
+    >>> hp.from_urdf(hp.to_urdf(pair), joint="hinge", body2_frame="body2").u2.tolist()
     [-0.25, 0.1, 0.0]
     """
     robot = parse_urdf(read_urdf(path_or_text))
@@ -186,7 +190,7 @@ def _fixed_to(robot: Robot, link: str) -> dict[str, Pose]:
 def _chosen(poses: Mapping[str, Pose], link: str, frame: str | None, argument: str) -> Pose:
     wanted = link if frame is None else frame
     if wanted not in poses:
-        raise URDFError(argument, f"a link rigidly fixed to {link!r}: {choices(tuple(poses))}", frame)
+        raise URDFError(argument, f"a link rigidly fixed to {link!r}: {choices(tuple(poses))}", quoted(frame))
     return poses[wanted]
 
 

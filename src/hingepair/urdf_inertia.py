@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -19,17 +20,22 @@ Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
 def combined_body(robot: Robot, poses: Mapping[str, Pose]) -> Body | None:
     """The mass properties of links taken together, in the frame that their poses are given in.
 
-    Links without mass count for nothing. None where no link has mass, or where the sum is nothing that a rigid body
-    can have: not a few robots carry made-up inertias.
+    Links without mass count for nothing. None where no link has mass; and, with a warning, where one has a mass below
+    zero or the sum is nothing that a rigid body can have: not a few robots carry made-up inertias.
     """
-    placed = [(robot.inertials[link], pose) for link, pose in poses.items() if link in robot.inertials]
-    placed = [(inertial, pose) for inertial, pose in placed if inertial.mass != 0]
-    if not placed or min(inertial.mass for inertial, _ in placed) < 0:
+    placed = {link: (robot.inertials[link], pose) for link, pose in poses.items() if link in robot.inertials}
+    heavy = {link: (inertial, pose) for link, (inertial, pose) in placed.items() if inertial.mass != 0}
+    if not heavy:
         return None
     try:
+        for link, (inertial, _) in heavy.items():
+            if inertial.mass < 0:
+                raise ArgumentError(f"mass of {link!r}", "a number above 0", inertial.mass)
         with np.errstate(all="ignore"):  # what overflows is no mass property: Body refuses it
-            return _sum(placed)
-    except ArgumentError:
+            return _sum(list(heavy.values()))
+    except ArgumentError as error:
+        links = ", ".join(map(repr, heavy))
+        warnings.warn(f"the mass properties of the body of {links} are left out: {error}", UserWarning, stacklevel=4)
         return None
 
 

@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hingepair.errors import URDFError, choices
+from hingepair.errors import URDFError, choices, quoted
 
 HINGE_TYPES = ("revolute", "continuous")
 
@@ -94,7 +94,7 @@ class Robot:
             return joint
         known = [hinge.name for hinge in self.hinges()]
         expected = choices(known) if known else "a robot with a revolute or continuous joint"
-        raise URDFError("joint", expected, f"{name!r}, which is {joint.type}" if joint else name)
+        raise URDFError("joint", expected, f"{name!r}, which is {joint.type}" if joint else quoted(name))
 
 
 def read_urdf(path_or_text: str | os.PathLike[str]) -> str | bytes:
@@ -117,7 +117,8 @@ def parse_urdf(text: str | bytes) -> Robot:
 
     Raises:
         URDFError: not XML, a DOCTYPE in it (it could name files or grow without bound), not a robot, a joint
-            without parent or child, a name given twice, a number that is none (named by joint and attribute).
+            without parent or child, a name given twice, limits the wrong way round, a number that is none (named by
+            joint and attribute).
     """
     parser = ET.XMLParser(target=_NoDoctype())
     try:
@@ -171,11 +172,17 @@ def _joint(element: ET.Element) -> Joint:
 
 
 def _limits(element: ET.Element, where: str) -> tuple[float, float] | None:
-    """The limits of a joint; none where they leave nothing to move, which is how URDF reads a range not given."""
+    """The limits of a joint; none where both are 0, which is how URDF reads a range not given.
+
+    Raises:
+        URDFError: lower above upper.
+    """
     limit = element.find("limit")
     if limit is None or element.get("type") == "continuous":
         return None
     lower, upper = (_number(limit, name, f"{where}, limit") for name in ("lower", "upper"))
+    if lower > upper:
+        raise URDFError(f"{where}, limit", "lower below upper", f"lower {lower!r}, upper {upper!r}")
     return (lower, upper) if lower < upper else None
 
 
@@ -207,7 +214,7 @@ def _number(element: ET.Element | None, name: str, where: str) -> float:
         return 0.0
     if _NUMBER.fullmatch(text.strip()) and np.isfinite(float(text)):
         return float(text)
-    raise URDFError(f"{where} {name}", "a finite number", text)
+    raise URDFError(f"{where} {name}", "a finite number", quoted(text))
 
 
 def _triple(element: ET.Element | None, name: str, where: str, default: Triple) -> Triple:
@@ -219,7 +226,7 @@ def _triple(element: ET.Element | None, name: str, where: str, default: Triple) 
         x, y, z = map(float, words)
         if np.isfinite((x, y, z)).all():
             return x, y, z
-    raise URDFError(f"{where} {name}", "three finite numbers", text)
+    raise URDFError(f"{where} {name}", "three finite numbers", quoted(text))
 
 
 def _refuse_twice(kind: str, names: Iterable[str]) -> None:
