@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -221,10 +222,30 @@ def compiled_laws(copy):
     return run_laws(copy, COMPILED_LAWS, "numba or test_compiled")
 
 
+def copied(folder):
+    shutil.copytree(PACKAGE, folder / "hingepair", ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
 @pytest.fixture
 def copy(tmp_path):
-    shutil.copytree(PACKAGE, tmp_path / "hingepair", ignore=shutil.ignore_patterns("__pycache__"))
-    return tmp_path
+    return copied(tmp_path)
+
+
+def laws_against(name, folder):
+    """What the laws say of a copy of the package with a fault."""
+    inject(copied(folder) / "hingepair", (FAULTS | KERNEL_FAULTS)[name])
+    return compiled_laws(folder) if name in KERNEL_FAULTS else numpy_laws(folder)
+
+
+@pytest.fixture(scope="session")
+def verdicts(request, tmp_path_factory):
+    """By fault, what the laws say: futures, of which as many run at once as there are cores."""
+    asked = [item.callspec.params["name"] for item in request.session.items if item.name.startswith("test_fault_is")]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        folders = {name: tmp_path_factory.mktemp("fault") for name in asked}
+        yield {name: pool.submit(laws_against, name, folder) for name, folder in folders.items()}
+        pool.shutdown(cancel_futures=True)
 
 
 @pytest.mark.slow
@@ -246,20 +267,9 @@ def test_fault_still_fits_the_source(name, copy):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FAULTS)
-def test_fault_is_found(name, copy, record_property, capsys):
-    require_found(name, FAULTS[name], numpy_laws, copy, record_property, capsys)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", KERNEL_FAULTS)
-def test_compiled_fault_is_found(name, copy, record_property, capsys):
-    require_found(name, KERNEL_FAULTS[name], compiled_laws, copy, record_property, capsys)
-
-
-def require_found(name, fault, laws, copy, record_property, capsys):
-    inject(copy / "hingepair", fault)
-    code, output = laws(copy)
+@pytest.mark.parametrize("name", FAULTS | KERNEL_FAULTS)
+def test_fault_is_found(name, verdicts, record_property, capsys):
+    code, output = verdicts[name].result()
     assert code == pytest.ExitCode.TESTS_FAILED, f"{name}: the laws did not notice\n{output}"
     killer = re.search(r"^FAILED .*?(\w+\.py::\S+)", output, re.MULTILINE)
     assert killer, output

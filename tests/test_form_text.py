@@ -16,7 +16,7 @@ import hingepair as hp
 from hingepair.cli import main
 from hingepair.form_printers import LATEX, PYTHON, TEXT
 from hingepair.form_text import to_latex, to_python
-from hingepair.plan import OUTPUTS
+from hingepair.plan import outputs_of
 
 MODELS = Path(__file__).parent.parent / "models"
 REFERENCE = MODELS / "reference_3d.toml"
@@ -33,9 +33,10 @@ EXACT_ENOUGH = 128
 @pytest.mark.parametrize("name", ["reference_3d", *SLOW])
 def test_forms_evaluate_to_the_numeric_results(name):
     found = hp.load_scene(MODELS / f"{name}.toml")
-    numbers = found.evaluate(tuple(OUTPUTS))
-    functions = run(to_python(hp.derive(found), tuple(OUTPUTS), found.title))
-    for output in OUTPUTS:
+    outputs = tuple(outputs_of(found.kind))
+    numbers = found.evaluate(outputs)
+    functions = run(to_python(hp.derive(found), outputs, found.title))
+    for output in outputs:
         expected = getattr(numbers, output)
         got = functions[output](numbers.t)
         assert got.shape == expected.shape
