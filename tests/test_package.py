@@ -53,7 +53,7 @@ ORDER = (
     ("accuracy", "residual_report"),
     ("jacobians", "residuals", "sensitivities"),
     ("levers", "pair", "planar"),
-    ("signals", "attitude_steps", "step_control", "euler_route", "scipy_route", "routes", "position"),
+    ("signals", "interpolation_error", "attitude_steps", "step_control", "euler_route", "scipy_route", "routes", "position"),
     ("trajectory", "trajectory_state", "integration"),
     ("expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),
     ("urdf_tree", "pinocchio_twin", "pinocchio", "export_parts", "urdf_inertia", "urdf", "mjcf", "robots"),

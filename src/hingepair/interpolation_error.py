@@ -1,0 +1,141 @@
+"""What an interpolant of samples misses of the integral (E12), interval by interval: from divided differences.
+
+Degree 5 is off by the sixth divided difference times the product of the distances from the six samples, whose integral
+over an interval is known, be the samples even or not. This is all of it where differences fall from order to order. A
+jump, a kink or a bend makes one difference stand out from its neighbours and those of higher order grow; how much of it
+is between two samples cannot be seen, and what it may come to is the largest value of Bernoulli's polynomial of this
+order, over its factorial.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from hingepair.signals import POINTS, Samples, Values
+
+Turn: TypeAlias = Callable[[int, int, Values], Values]
+
+_BLOCK = 65536
+_MARGIN = 12  # samples beside a block that its differences look at
+_NEAR = 8  # intervals whose errors by one kink cancel; those of different kinks add up as chance has it
+_KINKS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
+"""Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1]."""
+
+_MIDDLE = 191 / 84  # of six even samples a step apart: integral of the product over the interval in the middle
+_GROWTH = 1.4  # of differences from order to order, from which on one that stands out is a kink
+_STEEP = 15
+_GAUSS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)
+
+
+def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Values], turn: Turn | None = None) -> float:
+    """The largest sum, up to any instant, of what integrals over the intervals are off; NaN of two samples.
+
+    Args:
+        samples: that are interpolated.
+        probed: some intervals, increasing, and errors of the steps there, which are added.
+        turn: errors (..., n, 3) of the intervals from one to another, in axes in which they add up.
+    """
+    chosen, extra = probed
+    if len(samples.t) < 3:
+        return math.nan
+    columns = extra.reshape(len(chosen), -1).shape[1]
+    carry, squares, worst = np.zeros((1 + len(_KINKS), columns)), np.zeros(1 + len(_KINKS)), 0.0
+    for first, last, missed in _missed(samples):
+        low, high = np.searchsorted(chosen, (first, last))
+        np.subtract.at(missed[0], chosen[low:high] - first, extra.reshape(len(chosen), -1)[low:high])
+        errors = missed if turn is None else turn(first, last, missed)
+        sums = carry[:, None] + np.cumsum(errors, axis=1)
+        worst = float(np.maximum(worst, np.sqrt((sums**2).sum(axis=2)).max()))
+        carry = sums[:, -1]
+        squares += (np.add.reduceat(errors, np.arange(0, last - first, _NEAR), axis=1) ** 2).sum(axis=(1, 2))
+    return float(np.maximum(worst, np.sqrt(squares[1:].max())))
+
+
+def _missed(samples: Samples) -> Iterator[tuple[int, int, Values]]:
+    """Blocks of intervals, from one to another, and what is missed there; shape (1 + kinks, intervals, columns)."""
+    columns = samples.values.reshape(len(samples.t), -1)
+    count = len(samples.t)
+    for first in range(0, count - 1, _BLOCK):
+        last = min(first + _BLOCK, count - 1)
+        low, high = max(0, first - _MARGIN), min(count, last + 1 + _MARGIN)
+        found = _of_block(samples.t[low:high], columns[low:high])
+        yield first, last, found[:, first - low : last - low]
+
+
+def _of_block(t: Values, columns: Values) -> Values:
+    points = min(POINTS, len(t))
+    differences = [columns]
+    for k in range(1, min(POINTS + 1, len(t))):
+        differences.append(np.diff(differences[-1], axis=0) / (t[k:] - t[:-k])[:, None])
+    intervals = np.arange(len(t) - 1)
+    start = np.clip(intervals - (points // 2 - 1), 0, len(t) - points)
+    product = _product(t, start, points)
+    found = np.zeros((1 + len(_KINKS), len(intervals), columns.shape[1]))
+    found[0] = _next(differences, start, points) * product[:, None]
+    if len(t) > POINTS:
+        reach = (np.abs(product) / (_MIDDLE * np.diff(t))) ** (1 / POINTS)
+        for level, (order, most) in enumerate(_KINKS, start=1):
+            found[level] = most * _kinks(differences, order, np.diff(t), reach)
+    return found
+
+
+def _product(t: Values, start: NDArray[np.intp], points: int) -> Values:
+    """The integrals over the intervals of the product of the distances from the samples of the stencil."""
+    h = np.diff(t)
+    times = t[:-1, None] + h[:, None] * (0.5 + 0.5 * _GAUSS[0])
+    product = np.ones_like(times)
+    for j in range(points):
+        product *= times - t[start + j][:, None]
+    found: Values = 0.5 * h * (product @ _GAUSS[1])
+    return found
+
+
+def _next(differences: list[Values], start: NDArray[np.intp], points: int) -> Values:
+    """The divided difference of one sample more than the stencil; where there is none, as the last two go on."""
+    if len(differences) > points:
+        last = len(differences[points]) - 1
+        found: Values = 0.5 * (
+            differences[points][np.maximum(start - 1, 0)] + differences[points][np.minimum(start, last)]
+        )
+        return found
+    top, below = _sizes(differences[-1]).max(), _sizes(differences[-2]).max()
+    found = np.broadcast_to(differences[-1] * (top / below if below else 0.0), (len(start), differences[0].shape[1]))
+    return found
+
+
+def _kinks(differences: list[Values], order: int, h: Values, reach: Values) -> Values:
+    """How far each difference of an order stands out, times h^(order + 1), as far as the sixth ones bear it out."""
+    there = np.clip(np.arange(len(h)) - order // 2, 0, len(differences[order]) - 1)
+    spikes = math.factorial(order) * _standing_out(differences[order])[there]
+    sixth = np.clip(np.arange(len(h)) - POINTS // 2, 0, len(differences[POINTS]) - 1)
+    high = math.factorial(POINTS) * _widest(_sizes(differences[POINTS])[sixth], 2) * reach**POINTS
+    low = _widest(_sizes(spikes), 3) * reach**order
+    growth = np.where(low > 0, high / np.where(low > 0, low, 1.0), 0.0)
+    weight = np.minimum(1.0, (growth ** (1 / (POINTS - order)) / _GROWTH) ** _STEEP)
+    return spikes * (weight * h ** (order + 1))[:, None]
+
+
+def _standing_out(rows: Values) -> Values:
+    """Rows less the median of the five nearest."""
+    a, b, c, d, e = np.moveaxis(sliding_window_view(np.pad(rows, ((2, 2), (0, 0)), mode="reflect"), 5, axis=0), -1, 0)
+    low = np.maximum(np.minimum(a, b), np.minimum(d, e))
+    high = np.minimum(np.maximum(a, b), np.maximum(d, e))
+    found: Values = c - np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), c))
+    return found
+
+
+def _widest(sizes: Values, far: int) -> Values:
+    """The largest of the neighbours up to so far."""
+    found: Values = sliding_window_view(np.pad(sizes, far, mode="edge"), 2 * far + 1).max(axis=-1)
+    return found
+
+
+def _sizes(rows: Values) -> Values:
+    found: Values = np.sqrt((rows**2).sum(axis=-1))
+    return found
