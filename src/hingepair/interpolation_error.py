@@ -28,7 +28,7 @@ _KINKS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
 """Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1]."""
 
 _MIDDLE = 191 / 84  # of six even samples a step apart: integral of the product over the interval in the middle
-_GROWTH = 1.4  # of differences from order to order, from which on one that stands out is a kink
+_GROWTH = 1.65  # of differences from order to order, from which on one that stands out is a kink
 _STEEP = 15
 _GAUSS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)
 
@@ -45,16 +45,18 @@ def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Values], tur
     if len(samples.t) < 3:
         return math.nan
     columns = extra.reshape(len(chosen), -1).shape[1]
-    carry, squares, worst = np.zeros((1 + len(_KINKS), columns)), np.zeros(1 + len(_KINKS)), 0.0
+    carry, worst = np.zeros(columns), 0.0
+    sizes, squares = np.zeros(len(_KINKS)), np.zeros(len(_KINKS))
     for first, last, missed in _missed(samples):
         low, high = np.searchsorted(chosen, (first, last))
-        np.subtract.at(missed[0], chosen[low:high] - first, extra.reshape(len(chosen), -1)[low:high])
+        missed[0, chosen[low:high] - first] -= extra.reshape(len(chosen), -1)[low:high]
         errors = missed if turn is None else turn(first, last, missed)
-        sums = carry[:, None] + np.cumsum(errors, axis=1)
-        worst = float(np.maximum(worst, np.sqrt((sums**2).sum(axis=2)).max()))
-        carry = sums[:, -1]
-        squares += (np.add.reduceat(errors, np.arange(0, last - first, _NEAR), axis=1) ** 2).sum(axis=(1, 2))
-    return float(np.maximum(worst, np.sqrt(squares[1:].max())))
+        sums = carry + np.cumsum(errors[0], axis=0)
+        worst = float(np.maximum(worst, _sizes(sums).max()))
+        carry = sums[-1]
+        near = _sizes(np.add.reduceat(errors[1:], np.arange(0, last - first, _NEAR), axis=1))
+        sizes, squares = sizes + near.sum(axis=1), squares + (near**2).sum(axis=1)
+    return float(np.maximum(worst, np.sqrt(sizes * np.sqrt(squares)).max()))
 
 
 def _missed(samples: Samples) -> Iterator[tuple[int, int, Values]]:
@@ -104,20 +106,23 @@ def _next(differences: list[Values], start: NDArray[np.intp], points: int) -> Va
             differences[points][np.maximum(start - 1, 0)] + differences[points][np.minimum(start, last)]
         )
         return found
-    top, below = _sizes(differences[-1]).max(), _sizes(differences[-2]).max()
-    found = np.broadcast_to(differences[-1] * (top / below if below else 0.0), (len(start), differences[0].shape[1]))
-    return found
+    sizes = np.array([math.factorial(k) * _sizes(rows).max() for k, rows in enumerate(differences)])
+    p, top, below = points - 1, sizes[-1], sizes[-2]
+    if not top > 0:
+        return np.zeros((len(start), differences[0].shape[1]))
+    growth = max((top / sizes[k]) ** (1 / (p - k)) for k in range(1, p))
+    factor = growth * max(top, below * growth) / top / points
+    return np.broadcast_to(factor * differences[-1], (len(start), differences[0].shape[1]))
 
 
 def _kinks(differences: list[Values], order: int, h: Values, reach: Values) -> Values:
     """How far each difference of an order stands out, times h^(order + 1), as far as the sixth ones bear it out."""
     there = np.clip(np.arange(len(h)) - order // 2, 0, len(differences[order]) - 1)
     spikes = math.factorial(order) * _standing_out(differences[order])[there]
-    sixth = np.clip(np.arange(len(h)) - POINTS // 2, 0, len(differences[POINTS]) - 1)
-    high = math.factorial(POINTS) * _widest(_sizes(differences[POINTS])[sixth], 2) * reach**POINTS
-    low = _widest(_sizes(spikes), 3) * reach**order
-    growth = np.where(low > 0, high / np.where(low > 0, low, 1.0), 0.0)
-    weight = np.minimum(1.0, (growth ** (1 / (POINTS - order)) / _GROWTH) ** _STEEP)
+    low, high = (_widest(_sizes(rows)[np.clip(np.arange(len(h)) - far, 0, len(rows) - 1)], 2)
+                 for rows, far in ((differences[4], 2), (differences[6], 3)))
+    growth = np.sqrt(30 * high / np.where(low > 0, low, np.inf)) * reach
+    weight = np.minimum(1.0, (growth / _GROWTH) ** _STEEP)
     return spikes * (weight * h ** (order + 1))[:, None]
 
 
