@@ -28,7 +28,7 @@ _KINKS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
 """Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1]."""
 
 _MIDDLE = 191 / 84  # of six even samples a step apart: integral of the product over the interval in the middle
-_GROWTH = 1.65  # of differences from order to order, from which on one that stands out is a kink
+_GROWTH, _LAST_GROWTH = 1.4, 1.65  # of differences from order to order, from which on one that stands out is a kink
 _STEEP = 15
 _GAUSS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)
 
@@ -116,22 +116,40 @@ def _next(differences: list[Values], start: NDArray[np.intp], points: int) -> Va
 
 
 def _kinks(differences: list[Values], order: int, h: Values, reach: Values) -> Values:
-    """How far each difference of an order stands out, times h^(order + 1), as far as the sixth ones bear it out."""
-    there = np.clip(np.arange(len(h)) - order // 2, 0, len(differences[order]) - 1)
-    spikes = math.factorial(order) * _standing_out(differences[order])[there]
-    low, high = (_widest(_sizes(rows)[np.clip(np.arange(len(h)) - far, 0, len(rows) - 1)], 2)
-                 for rows, far in ((differences[4], 2), (differences[6], 3)))
-    growth = np.sqrt(30 * high / np.where(low > 0, low, np.inf)) * reach
-    weight = np.minimum(1.0, (growth / _GROWTH) ** _STEEP)
+    """How far each difference of an order stands out, times h^(order + 1), as far as higher ones grow upon it."""
+    spikes = math.factorial(order) * _standing_out(differences[order])[_at(order, h)]
+    low = _widest(_sizes(spikes), 3) * reach**order
+    middle, high = (
+        math.factorial(k) * _widest(_sizes(differences[k])[_at(k, h)], 2) * reach**k for k in (POINTS - 2, POINTS)
+    )
+    weight = np.ones(len(h))
+    for below, rise, growth in ((low, POINTS - order, _GROWTH), (middle, 2, _LAST_GROWTH)):
+        found = (high / np.where(below > 0, below, np.inf)) ** (1 / rise)
+        weight = np.minimum(weight, (found / growth) ** _STEEP)
     return spikes * (weight * h ** (order + 1))[:, None]
 
 
+def _at(order: int, h: Values) -> NDArray[np.intp]:
+    """The difference of an order in whose middle each interval is, or the nearest."""
+    return np.clip(np.arange(len(h)) - order // 2, 0, len(h) - order)
+
+
 def _standing_out(rows: Values) -> Values:
-    """Rows less the median of the five nearest."""
-    a, b, c, d, e = np.moveaxis(sliding_window_view(np.pad(rows, ((2, 2), (0, 0)), mode="reflect"), 5, axis=0), -1, 0)
+    """Rows less the median of the five nearest, unless these are spread so much that it means nothing."""
+    near = list(
+        np.moveaxis(sliding_window_view(np.pad(rows, ((2, 2), (0, 0)), mode="reflect"), 5, axis=0), -1, 0)
+    )
+    middle = _median(near)
+    spread = _median([np.abs(row - middle) for row in near])
+    found: Values = rows - np.where(spread > 0.5 * np.abs(middle), 0.0, middle)
+    return found
+
+
+def _median(five: list[Values]) -> Values:
+    a, b, c, d, e = five
     low = np.maximum(np.minimum(a, b), np.minimum(d, e))
     high = np.minimum(np.maximum(a, b), np.maximum(d, e))
-    found: Values = c - np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), c))
+    found: Values = np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), c))
     return found
 
 
