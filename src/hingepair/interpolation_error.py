@@ -106,12 +106,12 @@ def _next(differences: list[Values], start: NDArray[np.intp], points: int) -> Va
             differences[points][np.maximum(start - 1, 0)] + differences[points][np.minimum(start, last)]
         )
         return found
-    sizes = np.array([math.factorial(k) * _sizes(rows).max() for k, rows in enumerate(differences)])
-    p, top, below = points - 1, sizes[-1], sizes[-2]
-    if not top > 0:
+    sizes = [math.factorial(k) * float(_sizes(rows).max()) for k, rows in enumerate(differences)]
+    if not sizes[-1] > 0:
         return np.zeros((len(start), differences[0].shape[1]))
-    growth = max((top / sizes[k]) ** (1 / (p - k)) for k in range(1, p))
-    factor = growth * max(top, below * growth) / top / points
+    pairs = [(j, k) for k in range(2, points) for j in range(1, k) if sizes[j] > 0]
+    growth = max((sizes[k] / sizes[j]) ** (1 / (k - j)) for j, k in pairs)
+    factor = growth * max(1.0, growth * sizes[-2] / sizes[-1]) / points
     return np.broadcast_to(factor * differences[-1], (len(start), differences[0].shape[1]))
 
 
