@@ -34,7 +34,7 @@ _GAUSS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)
 
 
 def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Values], turn: Turn | None = None) -> float:
-    """The largest sum, up to any instant, of what integrals over the intervals are off; NaN of two samples.
+    """The largest sum, up to any instant, of what integrals over the intervals are off; NaN of less than four samples.
 
     Args:
         samples: that are interpolated.
@@ -42,7 +42,7 @@ def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Values], tur
         turn: errors (..., n, 3) of the intervals from one to another, in axes in which they add up.
     """
     chosen, extra = probed
-    if len(samples.t) < 3:
+    if len(samples.t) < 4:
         return math.nan
     columns = extra.reshape(len(chosen), -1).shape[1]
     carry, worst = np.zeros(columns), 0.0
@@ -109,7 +109,7 @@ def _next(differences: list[Values], start: NDArray[np.intp], points: int) -> Va
     sizes = [math.factorial(k) * float(_sizes(rows).max()) for k, rows in enumerate(differences)]
     if not sizes[-1] > 0:
         return np.zeros((len(start), differences[0].shape[1]))
-    pairs = [(j, k) for k in range(2, points) for j in range(1, k) if sizes[j] > 0]
+    pairs = [(j, k) for k in range(2, points) for j in range(1, k) if sizes[j] > 0 and (points < 5 or (k - j) % 2 == 0)]
     growth = max((sizes[k] / sizes[j]) ** (1 / (k - j)) for j, k in pairs)
     factor = growth * max(1.0, growth * sizes[-2] / sizes[-1]) / points
     return np.broadcast_to(factor * differences[-1], (len(start), differences[0].shape[1]))
