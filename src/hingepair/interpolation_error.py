@@ -1,10 +1,13 @@
 """What an interpolant of samples misses of the integral (E12), interval by interval: from divided differences.
 
-Degree 5 is off by the sixth divided difference times the product of the distances from the six samples, whose integral
-over an interval is known, be the samples even or not. This is all of it where differences fall from order to order. A
-jump, a kink or a bend makes one difference stand out from its neighbours and those of higher order grow; how much of it
-is between two samples cannot be seen, and what it may come to is the largest value of Bernoulli's polynomial of this
-order, over its factorial.
+Degree 5 is off by the sixth divided difference times the product of the distances from the six samples, whose
+integral over an interval is known, be the samples even or not. That is all of it where the motion is smooth: from
+order to order the differences fall.
+
+A jump, a kink or a bend makes one difference stand out from its neighbours, and those of higher order grow from there
+on. Where between two samples it is cannot be seen; what it may come to is the largest value of Bernoulli's polynomial
+of its order over the factorial, times the difference. Of many such errors nobody knows whether they add up, as where
+all jumps are at samples, or go as chance has it: their total is taken halfway (the geometric mean).
 """
 
 from __future__ import annotations
@@ -23,18 +26,18 @@ Turn: TypeAlias = Callable[[int, int, Values], Values]
 
 _BLOCK = 65536
 _MARGIN = 12  # samples beside a block that its differences look at
-_NEAR = 8  # intervals whose errors by one kink cancel; those of different kinks add up as chance has it
+_NEAR = 8  # intervals in which errors may belong to one kink and cancel
 _KINKS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
 """Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1]."""
 
 _MIDDLE = 191 / 84  # of six even samples a step apart: integral of the product over the interval in the middle
-_GROWTH, _LAST_GROWTH = 1.4, 1.65  # of differences from order to order, from which on one that stands out is a kink
-_STEEP = 15
+_GROWTH, _LAST_GROWTH = 1.4, 1.65  # of differences from order to order, from where one stands out and at the end
+_STEEP = 15  # power by which less growth counts less: 1 is that of a vibration, six samples a period
 _GAUSS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)
 
 
 def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Values], turn: Turn | None = None) -> float:
-    """The largest sum, up to any instant, of what integrals over the intervals are off; NaN of less than four samples.
+    """The largest sum, up to any instant, of what integrals over the intervals are off; NaN of fewer than 4 samples.
 
     Args:
         samples: that are interpolated.
@@ -107,9 +110,11 @@ def _next(differences: list[Values], start: NDArray[np.intp], points: int) -> Va
         )
         return found
     sizes = [math.factorial(k) * float(_sizes(rows).max()) for k, rows in enumerate(differences)]
-    if not sizes[-1] > 0:
+    if sizes[-1] == 0:
         return np.zeros((len(start), differences[0].shape[1]))
-    pairs = [(j, k) for k in range(2, points) for j in range(1, k) if sizes[j] > 0 and (points < 5 or (k - j) % 2 == 0)]
+    # A motion and its second derivative are large at the same time; four samples have one such pair only.
+    steps = (2, 4) if points > 4 else (1, 2)
+    pairs = [(j, j + up) for up in steps for j in range(1, points - up) if sizes[j] != 0]
     growth = max((sizes[k] / sizes[j]) ** (1 / (k - j)) for j, k in pairs)
     factor = growth * max(1.0, growth * sizes[-2] / sizes[-1]) / points
     return np.broadcast_to(factor * differences[-1], (len(start), differences[0].shape[1]))
@@ -136,9 +141,7 @@ def _at(order: int, h: Values) -> NDArray[np.intp]:
 
 def _standing_out(rows: Values) -> Values:
     """Rows less the median of the five nearest, unless these are spread so much that it means nothing."""
-    near = list(
-        np.moveaxis(sliding_window_view(np.pad(rows, ((2, 2), (0, 0)), mode="reflect"), 5, axis=0), -1, 0)
-    )
+    near = list(np.moveaxis(sliding_window_view(np.pad(rows, ((2, 2), (0, 0)), mode="reflect"), 5, axis=0), -1, 0))
     middle = _median(near)
     spread = _median([np.abs(row - middle) for row in near])
     found: Values = rows - np.where(spread > 0.5 * np.abs(middle), 0.0, middle)
