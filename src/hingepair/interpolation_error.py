@@ -131,7 +131,7 @@ def _kinks(differences: list[Values], order: int, h: Values, reach: Values) -> V
     for below, rise, growth in ((low, POINTS - order, _GROWTH), (middle, 2, _LAST_GROWTH)):
         found = (high / np.where(below > 0, below, np.inf)) ** (1 / rise)
         weight = np.minimum(weight, (found / growth) ** _STEEP)
-    return spikes * (weight * h ** (order + 1))[:, None]
+    return spikes * (weight * h * reach**order)[:, None]
 
 
 def _at(order: int, h: Values) -> NDArray[np.intp]:
