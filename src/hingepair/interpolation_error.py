@@ -104,10 +104,8 @@ def _product(t: Values, start: NDArray[np.intp], points: int) -> Values:
 def _next(differences: list[Values], start: NDArray[np.intp], points: int) -> Values:
     """The divided difference of one sample more than the stencil; where there is none, as the last two go on."""
     if len(differences) > points:
-        last = len(differences[points]) - 1
-        found: Values = 0.5 * (
-            differences[points][np.maximum(start - 1, 0)] + differences[points][np.minimum(start, last)]
-        )
+        left, right = (differences[points][at] for at in _beyond(differences[points], start))
+        found: Values = np.where((_sizes(left) > _sizes(right))[:, None], left, right)
         return found
     sizes = [math.factorial(k) * float(_sizes(rows).max()) for k, rows in enumerate(differences)]
     if sizes[-1] == 0:
@@ -120,12 +118,17 @@ def _next(differences: list[Values], start: NDArray[np.intp], points: int) -> Va
     return np.broadcast_to(factor * differences[-1], (len(start), differences[0].shape[1]))
 
 
+def _beyond(rows: Values, start: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The differences of the stencil and one sample more, before it and after it, if there is one."""
+    return np.maximum(start - 1, 0), np.minimum(start, len(rows) - 1)
+
+
 def _kinks(differences: list[Values], order: int, h: Values, reach: Values) -> Values:
     """How far each difference of an order stands out, times h^(order + 1), as far as higher ones grow upon it."""
     spikes = math.factorial(order) * _standing_out(differences[order])[_at(order, h)]
-    low = _widest(_sizes(spikes), 3) * reach**order
+    low = _widest(_sizes(spikes), 2) * reach**order
     middle, high = (
-        math.factorial(k) * _widest(_sizes(differences[k])[_at(k, h)], 2) * reach**k for k in (POINTS - 2, POINTS)
+        math.factorial(k) * _widest(_sizes(differences[k])[_at(k, h)], 1) * reach**k for k in (POINTS - 2, POINTS)
     )
     weight = np.ones(len(h))
     for below, rise, growth in ((low, POINTS - order, _GROWTH), (middle, 2, _LAST_GROWTH)):
