@@ -128,7 +128,7 @@ def _kinks(differences: list[Values], order: int, h: Values, reach: Values) -> V
     spikes = math.factorial(order) * _standing_out(differences[order])[_at(order, h)]
     low = _widest(_sizes(spikes), 2) * reach**order
     middle, high = (
-        math.factorial(k) * _widest(_sizes(differences[k])[_at(k, h)], 1) * reach**k for k in (POINTS - 2, POINTS)
+        math.factorial(k) * _widest(_sizes(differences[k])[_at(k, h)], far) * reach**k for k, far in ((POINTS - 2, 2), (POINTS, 1))
     )
     weight = np.ones(len(h))
     for below, rise, growth in ((low, POINTS - order, _GROWTH), (middle, 2, _LAST_GROWTH)):
