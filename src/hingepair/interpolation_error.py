@@ -55,15 +55,18 @@ def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Values], tur
         missed[0, chosen[low:high] - first] -= extra.reshape(len(chosen), -1)[low:high]
         errors = missed if turn is None else turn(first, last, missed)
         sums = carry + np.cumsum(errors[0], axis=0)
-        worst = float(np.maximum(worst, _sizes(sums).max()))
+        worst = float(np.maximum(worst, np.maximum(_sizes(sums).max(), _sizes(errors[1]).max())))
         carry = sums[-1]
-        near = _sizes(np.add.reduceat(errors[1:], np.arange(0, last - first, _NEAR), axis=1))
+        near = _sizes(np.add.reduceat(errors[2:], np.arange(0, last - first, _NEAR), axis=1))
         sizes, squares = sizes + near.sum(axis=1), squares + (near**2).sum(axis=1)
     return float(np.maximum(worst, np.sqrt(sizes * np.sqrt(squares)).max()))
 
 
 def _missed(samples: Samples) -> Iterator[tuple[int, int, Values]]:
-    """Blocks of intervals, from one to another, and what is missed there; shape (1 + kinks, intervals, columns)."""
+    """Blocks of intervals, from one to another, and what is missed there; shape (2 + kinks, intervals, columns).
+
+    First by the mean of two sixth differences, whose signs are right; then by the larger, where they belie each other.
+    """
     columns = samples.values.reshape(len(samples.t), -1)
     count = len(samples.t)
     for first in range(0, count - 1, _BLOCK):
@@ -81,11 +84,12 @@ def _of_block(t: Values, columns: Values) -> Values:
     intervals = np.arange(len(t) - 1)
     start = np.clip(intervals - (points // 2 - 1), 0, len(t) - points)
     product = _product(t, start, points)
-    found = np.zeros((1 + len(_KINKS), len(intervals), columns.shape[1]))
-    found[0] = _next(differences, start, points) * product[:, None]
+    found = np.zeros((2 + len(_KINKS), len(intervals), columns.shape[1]))
+    for row, rest in enumerate(_next(differences, start, points)):
+        found[row] = rest * product[:, None]
     if len(t) > POINTS:
         reach = (np.abs(product) / (_MIDDLE * np.diff(t))) ** (1 / POINTS)
-        for level, (order, most) in enumerate(_KINKS, start=1):
+        for level, (order, most) in enumerate(_KINKS, start=2):
             found[level] = most * _kinks(differences, order, np.diff(t), reach)
     return found
 
@@ -101,26 +105,26 @@ def _product(t: Values, start: NDArray[np.intp], points: int) -> Values:
     return found
 
 
-def _next(differences: list[Values], start: NDArray[np.intp], points: int) -> Values:
-    """The divided difference of one sample more than the stencil; where there is none, as the last two go on."""
+def _next(differences: list[Values], start: NDArray[np.intp], points: int) -> tuple[Values, Values]:
+    """The divided difference of the stencil and one sample more, on either side: their mean, and the larger.
+
+    Where there are no more samples, it is as the differences there are go on.
+    """
     if len(differences) > points:
-        left, right = (differences[points][at] for at in _beyond(differences[points], start))
-        found: Values = np.where((_sizes(left) > _sizes(right))[:, None], left, right)
-        return found
+        rows = differences[points]
+        left, right = rows[np.maximum(start - 1, 0)], rows[np.minimum(start, len(rows) - 1)]
+        return 0.5 * (left + right), np.where((_sizes(left) > _sizes(right))[:, None], left, right)
     sizes = [math.factorial(k) * float(_sizes(rows).max()) for k, rows in enumerate(differences)]
     if sizes[-1] == 0:
-        return np.zeros((len(start), differences[0].shape[1]))
+        none = np.zeros((len(start), differences[0].shape[1]))
+        return none, none
     # A motion and its second derivative are large at the same time; four samples have one such pair only.
     steps = (2, 4) if points > 4 else (1, 2)
     pairs = [(j, j + up) for up in steps for j in range(1, points - up) if sizes[j] != 0]
     growth = max((sizes[k] / sizes[j]) ** (1 / (k - j)) for j, k in pairs)
     factor = growth * max(1.0, growth * sizes[-2] / sizes[-1]) / points
-    return np.broadcast_to(factor * differences[-1], (len(start), differences[0].shape[1]))
-
-
-def _beyond(rows: Values, start: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The differences of the stencil and one sample more, before it and after it, if there is one."""
-    return np.maximum(start - 1, 0), np.minimum(start, len(rows) - 1)
+    found = np.broadcast_to(factor * differences[-1], (len(start), differences[0].shape[1]))
+    return found, found
 
 
 def _kinks(differences: list[Values], order: int, h: Values, reach: Values) -> Values:
@@ -128,7 +132,8 @@ def _kinks(differences: list[Values], order: int, h: Values, reach: Values) -> V
     spikes = math.factorial(order) * _standing_out(differences[order])[_at(order, h)]
     low = _widest(_sizes(spikes), 2) * reach**order
     middle, high = (
-        math.factorial(k) * _widest(_sizes(differences[k])[_at(k, h)], far) * reach**k for k, far in ((POINTS - 2, 2), (POINTS, 1))
+        math.factorial(k) * _widest(_sizes(differences[k])[_at(k, h)], far) * reach**k
+        for k, far in ((POINTS - 2, 2), (POINTS, 1))
     )
     weight = np.ones(len(h))
     for below, rise, growth in ((low, POINTS - order, _GROWTH), (middle, 2, _LAST_GROWTH)):

@@ -1,0 +1,227 @@
+"""How far integrals over samples are off: the estimate holds for gaps, too few samples, jumps and kinks.
+
+The law is `true <= 10 * estimate`, and where the motion is smooth `estimate <= 10 * true` as well.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import hingepair as hp
+from hingepair import interpolation_error
+from hingepair.cli import app
+from spins import U
+from states import generator
+
+MODELS = Path(__file__).parent.parent / "models"
+PAIR = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
+FLAT = hp.PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))
+STILL = np.zeros(3)
+GAP = np.r_[np.linspace(0, 4, 401), np.linspace(5, 9, 401)]
+LOG = np.linspace(0, 10, 1001)
+
+
+def tumble(t, frame):
+    """S = Rz(1.7 t) Rx(2.3 t) and its angular velocity."""
+    (cz, sz), (cx, sx), o = (np.cos(1.7 * t), np.sin(1.7 * t)), (np.cos(2.3 * t), np.sin(2.3 * t)), 0 * t
+    S = np.stack([cz, -sz * cx, sz * sx, sz, cz * cx, -cz * sx, o, sx, cx], -1).reshape(-1, 3, 3)
+    world = np.stack([2.3 * cz, 2.3 * sz, 1.7 + o], -1)
+    body = np.stack([2.3 + o, 1.7 * sx, 1.7 * cx], -1)
+    return S, world if frame == "world" else body
+
+
+def tumbling(t, frame, **options):
+    """What is estimated, and the largest angle to the truth, of a pair that tumbles."""
+    S, omega = tumble(t, frame)
+    motion = hp.integrate(PAIR, t, omega, 0.0, S1_0=S[0], frame=frame, outputs=(), **options)
+    off = hp.rotation_log(np.swapaxes(S, -1, -2) @ motion.S1)
+    return motion.error_estimate, float(np.linalg.norm(off, axis=-1).max())
+
+
+def hinge(t, rate, angle):
+    """What is estimated of psi, and how far it is off, from samples of its rate."""
+    motion = hp.integrate(PAIR, t, STILL, rate(t), outputs=())
+    return motion.psi_error_estimate, float(np.abs(motion.psi - (angle(t) - angle(t[:1]))).max())
+
+
+def vibration(hertz, phase, size=5.0):
+    """A rate and its integral."""
+    w = 2 * np.pi * hertz
+    return lambda t: size * np.cos(w * t + phase), lambda t: size * np.sin(w * t + phase) / w
+
+
+def singular(order, at, size, w, phase):
+    """A motion whose rate has a jump (order 0), a kink, a bend at an instant."""
+
+    def rate(t):
+        return np.where(t > at, np.maximum(0.0, t - at) ** order, 0.0) + size * np.cos(w * t + phase)
+
+    def angle(t):
+        return np.maximum(0.0, t - at) ** (order + 1) / (order + 1) + size * np.sin(w * t + phase) / w
+
+    return rate, angle
+
+
+def check(estimate, true, factor=10.0):
+    """Never more than ten times too small; too large by the factor at most."""
+    assert true <= 10 * estimate
+    assert estimate <= factor * max(true, 20 * U)
+
+
+def test_a_gap_is_seen_in_every_kind_of_signal():
+    """A second without samples among those of cos 2t: psi of a pair, of a planar one, and omega in both frames."""
+    rate, exact = np.cos(2 * GAP), np.sin(2 * GAP) / 2
+    check(*hinge(GAP, lambda t: np.cos(2 * t), lambda t: np.sin(2 * t) / 2), factor=2)
+    for frame in ("world", "body"):
+        motion = hp.integrate(PAIR, GAP, np.stack([0 * rate, 0 * rate, rate], -1), 0.0, frame=frame, outputs=())
+        check(motion.error_estimate, np.abs(motion.euler_angles(1)[:, 2] - exact).max(), factor=2)
+        assert motion.psi_error_estimate == 0
+    flat = hp.integrate(FLAT, GAP, rate, -rate, outputs=())
+    check(flat.error_estimate, np.abs(flat.phi - exact).max(), factor=2)
+    check(flat.psi_error_estimate, np.abs(flat.psi + exact).max(), factor=2)
+
+
+@pytest.mark.parametrize("frame", ["world", "body"])
+@pytest.mark.parametrize("count", [1, 5, 10, 30, 100])
+def test_a_log_without_some_of_its_lines(frame, count):
+    for start in (0, 1, 20, 300, 995 - count, 1000 - count):
+        check(*tumbling(np.delete(LOG, slice(start, start + count)), frame))
+
+
+@pytest.mark.parametrize("frame", ["world", "body"])
+@pytest.mark.parametrize("seed", range(4))
+def test_random_instants(frame, seed):
+    draw = generator(140 + seed)
+    check(*tumbling(np.sort(draw.uniform(0, 10, 1000)), frame))
+    check(*tumbling(np.sort(draw.choice(LOG, 700, replace=False)), frame))
+    check(*hinge(np.sort(draw.uniform(0, 10, 1000)), *vibration(0.3, seed)))
+
+
+@pytest.mark.parametrize("hertz", [1, 2, 5, 10, 15, 20, 25, 30, 35, 40, 45])
+def test_vibration_that_the_samples_hardly_follow(hertz):
+    """A hundred samples a second; from three samples a period on the estimate only knows that it is bad."""
+    for phase in (0.0, 0.5, 1.0, 2.0):
+        for count in (101, 1001):
+            t = np.arange(count) / 100
+            check(*hinge(t, *vibration(hertz, phase)), factor=20 if hertz <= 25 else 200)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3], ids=["jump", "kink", "bend", "third"])
+@pytest.mark.parametrize("seed", range(8))
+def test_singular_motion(order, seed):
+    """At a sample or not, alone or on top of a smooth motion, at even and at random instants."""
+    draw = generator(150 + seed)
+    count = int(draw.integers(60, 1200))
+    size, w, phase = draw.choice([0, 0.3, 3]), draw.uniform(0.5, 8), draw.uniform(0, 6)
+    for t in (np.arange(count) / 100, np.sort(draw.uniform(0, count / 100, count))):
+        for at in (draw.uniform(t[0], t[-1]), t[draw.integers(1, count - 1)]):
+            estimate, true = hinge(t, *singular(order, at, size, w, phase))
+            assert true <= 10 * estimate
+
+
+def test_a_jump_is_seen_wherever_it_is():
+    """In the first interval, in the last, and across the blocks that are worked through."""
+    t = np.arange(1000) / 100
+    for at in [*t[:12:2], 5.0, *t[-12::2]]:
+        for inside in (0.0, 0.002, 0.007):
+            estimate, true = hinge(t, *singular(0, at + inside, 0.1, 1.0, 0.0))
+            assert true <= 10 * estimate
+            assert estimate <= 0.01
+
+
+def test_many_jumps():
+    """At samples, where their errors add up, and between them, where they do not: within ten either way."""
+    for period in (0.5, 0.503, 0.4771):
+        steps = hinge(LOG, lambda t, p=period: np.floor(t / p), lambda t, p=period: _stairs(t, p))
+        check(*steps)
+
+
+def _stairs(t, period):
+    whole = np.floor(t / period)
+    return whole * (whole - 1) / 2 * period + whole * (t - whole * period)
+
+
+@pytest.mark.parametrize("count", [4, 5, 6, 7, 8, 10, 15, 31])
+def test_few_samples(count):
+    draw = generator(160 + count)
+    for turns in (0.05, 0.2, 0.5):
+        for phase in draw.uniform(0, 6, 12):
+            t = np.linspace(0, 1, count)
+            estimate, true = hinge(t, *vibration(turns, phase, 1.0))
+            assert true <= 10 * max(estimate, U)
+    if count > 6:
+        check(*tumbling(np.linspace(0, 1, count), "world"))
+
+
+def test_too_few_samples_cannot_tell():
+    for count in (2, 3):
+        t = np.linspace(0, 1, count)
+        motion = hp.integrate(PAIR, t, np.outer(t, STILL), t, outputs=())
+        assert np.isnan([motion.error_estimate, motion.psi_error_estimate]).all()
+        with pytest.raises(hp.ArgumentError, match="tol: expected at least the error that is left, nan rad"):
+            hp.integrate(PAIR, t, STILL, t, tol=1.0, outputs=())
+
+
+def test_polynomials_of_degree_5_are_not_off():
+    """Nor constants: rounding is all that is estimated."""
+    for t in (np.linspace(0, 2, 40), np.cumsum(generator(130).uniform(0.02, 0.1, 30))):
+        estimate, _ = hinge(t, lambda t: 1 + t**5 - t**2, lambda t: t)
+        assert estimate <= 1000 * U
+        assert hinge(t, np.ones_like, lambda t: t)[0] <= 4 * U
+
+
+def test_tolerance_refuses_a_gap_and_keeps_to_it_elsewhere():
+    """Steps are made shorter across a gap; what interpolation misses there stays."""
+    t = np.delete(LOG, slice(300, 400))
+    for frame in ("world", "body"):
+        plain, off = tumbling(t, frame)
+        assert off > 1e-2
+        check(plain, off, factor=2)
+        estimate, true = tumbling(t, frame, tol=2e-3)
+        check(estimate, true, factor=2)
+        assert true <= 2e-3
+        with pytest.raises(hp.ArgumentError, match=r"tol: expected at least the error that is left, 0\.000\d+ rad"):
+            tumbling(t, frame, tol=1e-4)
+    for pair, omega in ((PAIR, STILL), (FLAT, 0.0)):
+        with pytest.raises(hp.ArgumentError, match="tol: expected at least the error that is left"):
+            hp.integrate(pair, GAP, omega, np.cos(2 * GAP), tol=1e-4, outputs=())
+        hp.integrate(pair, GAP, omega, np.cos(2 * GAP), tol=1e-2, outputs=())
+
+
+@pytest.mark.parametrize("frame", ["world", "body"])
+def test_blocks_do_not_show(frame, monkeypatch):
+    """The same estimate, whatever the length of the blocks that samples are worked through in."""
+    t = np.delete(LOG, [100, 101, 102, 500])
+    S, omega = tumble(t, frame)
+    omega[:, 1] += t > 6.123
+    motions = [hp.integrate(PAIR, t, omega, omega[:, 1], S1_0=S[0], frame=frame, outputs=()) for _ in range(2)]
+    whole = motions[0].error_estimate, motions[0].psi_error_estimate
+    monkeypatch.setattr(interpolation_error, "_BLOCK", 40)
+    blocks = motions[1].error_estimate, motions[1].psi_error_estimate
+    np.testing.assert_allclose(blocks, whole, rtol=1e-3)
+
+
+def test_run_shows_what_a_gap_in_a_log_costs(tmp_path):
+    """The gyroscope's log without thirty lines, against the attitude and psi beside it."""
+    lines = (MODELS / "gyro_log.csv").read_text().splitlines(keepends=True)
+    truth = np.loadtxt(MODELS / "gyro_log_truth.csv", delimiter=",", skiprows=1)
+    for start in (1, 200, len(lines) - 40):
+        (tmp_path / "gyro_log.csv").write_text("".join(lines[:start] + lines[start + 30 :]))
+        (tmp_path / "gyro_log.toml").write_text((MODELS / "gyro_log.toml").read_text())
+        given = hp.load_scene(tmp_path / "gyro_log.toml").motion.given
+        kept = np.delete(truth, slice(start - 1, start + 29), axis=0)
+        S = hp.BodyMotion.from_quaternion_xyzw(R=np.zeros(3), quat_xyzw=kept[:, 1:5]).S
+        turns = np.swapaxes(S, -1, -2) @ given.body1.S
+        off = np.linalg.norm(hp.rotation_log(turns @ turns[0].T), axis=-1).max()
+        estimate = hp.load_scene(tmp_path / "gyro_log.toml").motion.error_estimate
+        if start > 1:
+            check(estimate, off)
+            assert off > 1e-8
+        path = str(tmp_path / "gyro_log.toml")
+        assert json.loads(CliRunner().invoke(app, ["run", path, "--json"]).stdout)["error_estimate"] == estimate
+        assert f"error about {estimate:.1g} rad" in CliRunner().invoke(app, ["run", path]).stdout
