@@ -32,6 +32,7 @@ _KINKS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
 
 _MIDDLE = 191 / 84  # of six even samples a step apart: integral of the product over the interval in the middle
 _GROWTH, _LAST_GROWTH = 1.4, 1.65  # of differences from order to order, from where one stands out and at the end
+_GROWTH_AT_ENDS = 1.3  # of the two intervals at either end, where fewer differences reach across a jump
 _STEEP = 15  # power by which less growth counts less: 1 is that of a vibration, six samples a period
 _GAUSS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)
 
@@ -65,7 +66,7 @@ def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Values], tur
 def _missed(samples: Samples) -> Iterator[tuple[int, int, Values]]:
     """Blocks of intervals, from one to another, and what is missed there; shape (2 + kinks, intervals, columns).
 
-    First by the mean of two sixth differences, whose signs are right; then by the larger, where they belie each other.
+    First by the mean of two sixth differences, whose sign is right; then by the larger, lest they belie each other.
     """
     columns = samples.values.reshape(len(samples.t), -1)
     count = len(samples.t)
@@ -138,7 +139,9 @@ def _kinks(differences: list[Values], order: int, h: Values, reach: Values) -> V
     weight = np.ones(len(h))
     for below, rise, growth in ((low, POINTS - order, _GROWTH), (middle, 2, _LAST_GROWTH)):
         found = (high / np.where(below > 0, below, np.inf)) ** (1 / rise)
-        weight = np.minimum(weight, (found / growth) ** _STEEP)
+        asked = np.full(len(h), growth)
+        asked[:2] = asked[-2:] = _GROWTH_AT_ENDS
+        weight = np.minimum(weight, (found / asked) ** _STEEP)
     return spikes * (weight * h * reach**order)[:, None]
 
 
