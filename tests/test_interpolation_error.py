@@ -106,7 +106,7 @@ def test_random_instants(frame, seed):
     [(1, 2), (2, 2), (5, 2), (10, 10), (15, 20), (20, 60), (25, 60), (35, 200), (40, 200), (45, 200)],
 )
 def test_vibration_that_the_samples_hardly_follow(hertz, factor):
-    """A hundred samples a second: with fewer than eight a period the estimate fears jumps, but never says too little."""
+    """A hundred samples a second: with fewer than eight a period the estimate fears jumps, and says too much."""
     for phase in (0.0, 0.5, 1.0, 2.0):
         for count in (101, 1001):
             t = np.arange(count) / 100
@@ -187,7 +187,7 @@ def test_tolerance_refuses_a_gap_and_keeps_to_it_elsewhere():
         estimate, true = tumbling(t, frame, tol=5e-3)
         check(estimate, true, factor=2)
         assert true <= 5e-3
-        with pytest.raises(hp.ArgumentError, match=r"tol: expected at least the error that is left, 0\.000\d+ rad"):
+        with pytest.raises(hp.ArgumentError, match=r"tol: expected at least the error that is left, 0\.00\d+ rad"):
             tumbling(t, frame, tol=1e-4)
     for pair, omega in ((PAIR, STILL), (FLAT, 0.0)):
         with pytest.raises(hp.ArgumentError, match="tol: expected at least the error that is left"):
