@@ -31,9 +31,10 @@ _KINKS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
 """Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1]."""
 
 _MIDDLE = 191 / 84  # of six even samples a step apart: integral of the product over the interval in the middle
-_GROWTH, _LAST_GROWTH = 1.4, 1.65  # of differences from order to order, from where one stands out and at the end
-_GROWTH_AT_ENDS = 1.3  # of the two intervals at either end, where fewer differences reach across a jump
-_STEEP = 15  # power by which less growth counts less: 1 is that of a vibration, six samples a period
+# Differences of a jump, a kink or a bend grow by so much from order to order: from the one that stands out to the
+# sixth, from the fourth to the sixth, and within two intervals of an end, where fewer of them reach across.
+_GROWTH, _LAST_GROWTH, _GROWTH_AT_ENDS = 1.4, 1.65, 1.3
+_STEEP = 15  # power by which less growth counts less; a vibration with six samples a period has 1
 _GAUSS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)
 
 
@@ -66,7 +67,7 @@ def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Values], tur
 def _missed(samples: Samples) -> Iterator[tuple[int, int, Values]]:
     """Blocks of intervals, from one to another, and what is missed there; shape (2 + kinks, intervals, columns).
 
-    First by the mean of two sixth differences, whose sign is right; then by the larger, lest they belie each other.
+    First by the mean of two sixth differences; then by the larger of them, since beside a gap they may cancel.
     """
     columns = samples.values.reshape(len(samples.t), -1)
     count = len(samples.t)
