@@ -102,15 +102,15 @@ def _by_rule(course: Course, omega: Signal, start: Values, steps: Steps, rule: R
 
 
 def _by_euler_angles(course: Course, omega: Signal, start: Values, S1_0: Values) -> Turned:
-    """Steps are halved for all intervals alike until the error is small enough."""
-    counts = np.ones(len(course.t) - 1, np.int64)
+    """Steps are halved for all intervals alike until the error is small enough, or no longer falls (of samples)."""
+    counts, before = np.ones(len(course.t) - 1, np.int64), math.inf
     while True:
         steps = Steps(course.t, counts)
         phi = euler_angles(omega, steps, course.how, matrix_to_euler(S1_0), body=course.body)
         found = _checked(course, omega, start, quaternions_of_euler(phi), steps)
-        if course.tol is None or not found.error() > course.tol or counts.sum() > MOST_STEPS:
+        if course.tol is None or not course.tol < found.error() < 0.9 * before or counts.sum() > MOST_STEPS:
             return found
-        counts = 2 * counts
+        counts, before = 2 * counts, found.error()
 
 
 def _by_scipy(course: Course, omega: Signal, start: Values) -> Turned:

@@ -116,10 +116,6 @@ class Samples:
         """The samples."""
         return self.values
 
-    def thinned(self) -> Samples:
-        """Every second sample, which shows what the others are worth."""
-        return Samples(self.t[::2], self.values[::2])
-
     def _first(self, interval: NDArray[np.intp]) -> NDArray[np.intp]:
         """The first sample of the stencil of an interval."""
         return np.clip(interval - (self.count // 2 - 1), 0, len(self.t) - self.count)

@@ -2,7 +2,7 @@
 
 The errors of the intervals, turned back to the first instant, add up to the error at any later one. They are measured
 on all intervals, or on PROBES of them, spread evenly and shifted each within its part, which stand for the others.
-Samples cannot be had at half the step; there every second one is left out, which makes an error 2^order as large.
+Of samples it is the interpolant that is integrated so; what this misses is added (`interpolation_error`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from hingepair import increments as inc
 from hingepair.attitude_steps import Rule, Steps, increment_quaternions
-from hingepair.signals import POINTS, Samples, Signal, Values
+from hingepair.interpolation_error import largest_error
+from hingepair.signals import Samples, Signal, Values
 
 PROBES: Final = 2048
 MOST_STEPS: Final = 2_000_000
@@ -76,16 +77,17 @@ def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, bo
     """How far the attitudes are off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
     if len(steps.t) < 2:
         return 0.0
+    chosen, weights = probes(steps.t)
+    errors = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, body=body) * weights[:, None]
+    q = quats if body else quats * np.array([1, -1, -1, -1])
     if isinstance(omega, Samples):
-        errors, ends, weights = _thinned_turns(omega, rule, body=body)
-    else:
-        chosen, weights = probes(steps.t)
-        errors = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, body=body)
-        ends = chosen + 1
-    if not len(ends):
-        return math.nan
-    q = quats[ends] * np.array([1, -1, -1, -1]) if not body else quats[ends]
-    total = np.cumsum(_rotate(q, errors) * weights[:, None], axis=0)
+        # In body axes it is S^T that is turned, the other way
+        return largest_error(
+            omega,
+            (chosen, -errors if body else errors),
+            lambda first, last, vectors: _rotate(q[first + 1 : last + 1], vectors),
+        )
+    total = np.cumsum(_rotate(q[chosen + 1], errors), axis=0)
     return float(np.sqrt((total**2).sum(axis=1)).max())
 
 
@@ -94,19 +96,18 @@ def angle_error(psid: Signal, steps: Steps, rule: Rule) -> float:
     """How far psi is off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
     if len(steps.t) < 2:
         return 0.0
+    chosen, weights = probes(steps.t)
+    errors = sum_errors(psid, steps.t, chosen, steps.counts[chosen], rule) * weights
     if isinstance(psid, Samples):
-        errors, weights = _thinned_sums(psid, rule)
-    else:
-        chosen, weights = probes(steps.t)
-        errors = sum_errors(psid, steps.t, chosen, steps.counts[chosen], rule)
-    return float(np.abs(np.cumsum(errors * weights)).max()) if len(errors) else math.nan
+        return largest_error(psid, (chosen, errors))
+    return float(np.abs(np.cumsum(errors)).max())
 
 
 @np.errstate(all="ignore")
 def substeps(
     omega: Signal | None, rates: Sequence[Signal], t: Values, rule: Rule, tol: float | None, *, body: bool = False
 ) -> NDArray[np.int64]:
-    """Steps for each interval that keep the error of attitude and angles below tol, where signals are not samples.
+    """Steps for each interval that keep the error of attitude and angles below tol, but for that of interpolation.
 
     With an error e of an interval in one step, m steps make it e / m^order; the least number of steps in all for a
     sum of errors has m in proportion to e^(1/(order + 1)).
@@ -119,11 +120,10 @@ def substeps(
     counts = ones[chosen]
     for _ in range(_ROUNDS):
         errors = np.zeros(len(chosen))
-        if omega is not None and not isinstance(omega, Samples):
+        if omega is not None:
             errors = np.sqrt((turn_errors(omega, t, chosen, counts, rule, body=body) ** 2).sum(axis=1))
         for rate in rates:
-            if not isinstance(rate, Samples):
-                errors = np.maximum(errors, np.abs(sum_errors(rate, t, chosen, counts, rule)))
+            errors = np.maximum(errors, np.abs(sum_errors(rate, t, chosen, counts, rule)))
         total = (errors * weights).sum()
         if total <= 1.2 * goal or not np.isfinite(total):
             break
@@ -201,41 +201,6 @@ def _four(rows: Values) -> inc.Quaternion:
 def _quadrature(rule: Rule) -> Values:
     weights = {1: [1.0], 2: [0.5, 0.5], 3: [5 / 18, 8 / 18, 5 / 18] if rule.order == 6 else [1 / 6, 4 / 6, 1 / 6]}
     return np.array(weights[len(rule.nodes)])
-
-
-def _thinned_turns(omega: Samples, rule: Rule, *, body: bool) -> tuple[Values, NDArray[np.intp], Values]:
-    """Errors of pairs of intervals, the instants they end at, and how many pairs each stands for."""
-    half, pairs, weights = _pairs(omega)
-    if not len(pairs):
-        return np.empty((0, 3)), pairs, weights
-    t, one = omega.t, np.ones(len(pairs), np.int64)
-    first = _turns(omega, t[pairs], t[pairs + 1], one, rule, body=body)
-    second = _turns(omega, t[pairs + 1], t[pairs + 2], one, rule, body=body)
-    coarse = _turns(half, t[pairs], t[pairs + 2], one, rule, body=body)
-    fine: Any = inc.quaternion_product(second, first)
-    return _apart(coarse, fine) / _gain(half, rule), pairs + 2, weights
-
-
-def _thinned_sums(psid: Samples, rule: Rule) -> tuple[Values, Values]:
-    half, pairs, weights = _pairs(psid)
-    if not len(pairs):
-        return np.empty(0), weights
-    t, one = psid.t, np.ones(len(pairs), np.int64)
-    fine = _sums(psid, t[pairs], t[pairs + 1], one, rule) + _sums(psid, t[pairs + 1], t[pairs + 2], one, rule)
-    return (_sums(half, t[pairs], t[pairs + 2], one, rule) - fine) / _gain(half, rule), weights
-
-
-def _pairs(signal: Samples) -> tuple[Samples, NDArray[np.intp], Values]:
-    """Every second sample, and pairs of intervals that start at one."""
-    half = signal.thinned()
-    if len(half.t) < 2:
-        return half, np.empty(0, np.intp), np.empty(0)
-    chosen, weights = probes(half.t)
-    return half, 2 * chosen, weights
-
-
-def _gain(half: Samples, rule: Rule) -> float:
-    return float(2 ** min(rule.order, half.count, POINTS) - 1)
 
 
 def _apart(coarse: Any, fine: Any) -> Values:

@@ -66,8 +66,10 @@ class Trajectory(_OfState):
     def error_estimate(self) -> float:
         """How far the attitude of body 1 is off at the worst instant [rad], rounding included.
 
-        Worked out when it is first asked for, by steps of half the length (of samples: by leaving out every second);
-        NaN where too few samples cannot tell. Noise in what was given is not part of it.
+        Worked out when it is first asked for, by steps of half the length, and of samples by what interpolation
+        misses: gaps, motion that the samples hardly follow, jumps and kinks, which may be anywhere between two of
+        them. NaN of fewer than four samples. Not part of it: noise in what was given, and what happens in a gap or
+        faster than two samples a period and leaves no trace in the samples.
         """
         return self._error()
 
@@ -138,8 +140,10 @@ class PlanarTrajectory(_OfState):
     def error_estimate(self) -> float:
         """How far phi is off at the worst instant [rad], rounding included.
 
-        Worked out when it is first asked for, by steps of half the length (of samples: by leaving out every second);
-        NaN where too few samples cannot tell. Noise in what was given is not part of it.
+        Worked out when it is first asked for, by steps of half the length, and of samples by what interpolation
+        misses: gaps, motion that the samples hardly follow, jumps and kinks, which may be anywhere between two of
+        them. NaN of fewer than four samples. Not part of it: noise in what was given, and what happens in a gap or
+        faster than two samples a period and leaves no trace in the samples.
         """
         return self._error()
 
