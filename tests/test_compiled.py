@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair import kernel_cache
+from hingepair import compiled, kernel_cache
 from hingepair.kernel_rows import LANES
 from hingepair.plan import OUTPUTS
 from states import coordinates, generator, pair, rotations
@@ -115,6 +115,24 @@ def test_any_layout():
         both(one, change(q), change(qd), change(qdd))
     both(one, q.astype(np.float32), qd)
     both(one, q, qd[0], qdd[:1])
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("shift", [0, 1, 2], ids=["aligned", "one_off", "two_off"])
+def test_outputs_past_the_caches_are_the_same(monkeypatch, shift, dtype):
+    rng = generator(66)
+    one, motion = pair_of(rng), [c.astype(dtype) for c in coordinates(rng, 5 * LANES + 3)]
+    near = one.forward_kinematics(*motion, outputs=NAMES, backend="numba").arrays()
+    monkeypatch.setattr(compiled, "_TOO_MUCH_FOR_CACHES", 0)
+    out = {}
+    for name, array in near.items():
+        room = np.full(array.size + 8, np.nan, dtype)
+        start = -(room.ctypes.data // room.itemsize) % 4 + shift
+        out[name] = room[start : start + array.size].reshape(array.shape)
+    for workers in (1, 2):
+        far = one.forward_kinematics(*motion, outputs=NAMES, out=out, backend="numba", workers=workers).arrays()
+        for name in NAMES:
+            np.testing.assert_array_equal(far[name], near[name])
 
 
 def test_batched_pairs():

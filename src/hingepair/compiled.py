@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hingepair.arrays import Box, boxes
 from hingepair.blocks import Values
 from hingepair.kernel_cache import kernels
-from hingepair.kernel_rows import LANES, ROWS, input_rows, input_sign, operations, output_rows, place
+from hingepair.kernel_rows import LANES, PAST_CACHES, ROWS, input_rows, input_sign, operations, output_rows, place
 from hingepair.plan import Plan
 
 Integers: TypeAlias = NDArray[np.int64]
@@ -24,6 +24,7 @@ FEWEST_A_WORKER = 8192
 """Samples that are worth a thread: a third of a millisecond of work, which is what starting threads takes."""
 
 _SLAB = 6_000_000  # bytes converted at a time, where inputs are of another dtype than the one computed in
+_TOO_MUCH_FOR_CACHES = 2**25  # bytes of output; of fewer, something is still there when the caller looks at them
 _rows_of = functools.lru_cache(maxsize=4096)(input_rows)
 _sign = functools.lru_cache(maxsize=4096)(input_sign)
 _ANGLES = {ROWS["phi"] + i * LANES: f"phi_{axis}" for i, axis in enumerate("xyz")}
@@ -46,7 +47,8 @@ def compute(
         return
     groups = [_constant_as(dtype, group) for group in _input_groups(plan, inputs, dtype)]
     first = {name: output_rows(plan, name)[0] for name in out}
-    targets = [group for name, array in out.items() for group in _groups_of(first[name], array, len(shape))]
+    how = PAST_CACHES if sum(array.nbytes for array in out.values()) >= _TOO_MUCH_FOR_CACHES else 1
+    targets = [group for name, array in out.items() for group in _groups_of(first[name], array, len(shape), how)]
     if all(group.array.dtype == dtype for group in groups):
         _compute(plan, groups, targets, shape, dtype, workers)
         return

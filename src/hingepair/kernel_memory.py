@@ -53,8 +53,11 @@ def _load_block(typing_context: Any, s: Any, row: Any, address: Any) -> Any:
     return types.void(s, types.int64, types.int64), generate
 
 
-def _store_side_by_side(rows: int) -> Any:
-    """A function that writes a register's worth of lanes of so many rows, as vectors or matrices side by side."""
+def _store_side_by_side(rows: int, past: bool) -> Any:
+    """A function that writes a register's worth of lanes of so many rows, as vectors or matrices side by side.
+
+    Past the caches it writes 16 bytes at a time, to an address that is a multiple of them.
+    """
 
     def typed(typing_context: Any, s: Any, row: Any, address: Any) -> Any:
         size = s.dtype.bitwidth // 8
@@ -78,7 +81,15 @@ def _store_side_by_side(rows: int) -> Any:
                 joined, length = [shuffle(a, b, list(range(2 * length))) for a, b in pairs], 2 * length
             order = [j // rows + width * (j % rows) for j in range(rows * width)]
             mixed = shuffle(joined[0], joined[0], order)
-            builder.store(mixed, builder.inttoptr(arguments[2], mixed.type.as_pointer()), align=1)
+            if not past:
+                builder.store(mixed, builder.inttoptr(arguments[2], mixed.type.as_pointer()), align=1)
+                return context.get_dummy_value()
+            start, piece = builder.inttoptr(arguments[2], number.as_pointer()), 16 // size
+            for j in range(0, rows * width, piece):
+                part = shuffle(mixed, mixed, list(range(j, j + piece)))
+                at = builder.bitcast(builder.gep(start, [ir.Constant(i32, j)]), part.type.as_pointer())
+                written = builder.store(part, at, align=16)
+                written.set_metadata("nontemporal", builder.module.add_metadata([ir.Constant(i32, 1)]))
             return context.get_dummy_value()
 
         return types.void(s, types.int64, types.int64), generate
@@ -100,9 +111,22 @@ def _prefetch(typing_context: Any, address: Any) -> Any:
     return types.void(types.int64), generate
 
 
+def _fence(typing_context: Any) -> Any:
+    """What was written past the caches is there for every thread from here on."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.fence("seq_cst")
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
 load: Any = intrinsic(_load)
 store: Any = intrinsic(_store)
 load_block: Any = intrinsic(_load_block)
-store_vectors: Any = intrinsic(_store_side_by_side(3))
-store_matrices: Any = intrinsic(_store_side_by_side(9))
+fence: Any = intrinsic(_fence)
+store_vectors: Any = intrinsic(_store_side_by_side(3, past=False))
+store_matrices: Any = intrinsic(_store_side_by_side(9, past=False))
+store_vectors_past: Any = intrinsic(_store_side_by_side(3, past=True))
+store_matrices_past: Any = intrinsic(_store_side_by_side(9, past=True))
 prefetch: Any = intrinsic(_prefetch)

@@ -13,6 +13,9 @@ import numpy as np
 from hingepair.plan import PLANAR, SPATIAL, Plan, outputs_of
 from hingepair.sequences import find_sequence
 
+PAST_CACHES: Final = 2
+"""In a table of outputs, in place of the sign that inputs have: store past the caches."""
+
 LANES: Final = 32
 """Samples a block: every row of the scratch array holds one component of so many samples."""
 

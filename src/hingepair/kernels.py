@@ -15,8 +15,19 @@ from numba import njit
 
 from hingepair.kernel_flat_steps import flat
 from hingepair.kernel_math import FLAGS
-from hingepair.kernel_memory import REGISTER, load, load_block, prefetch, store, store_matrices, store_vectors
-from hingepair.kernel_rows import LANES, OPERATIONS
+from hingepair.kernel_memory import (
+    REGISTER,
+    fence,
+    load,
+    load_block,
+    prefetch,
+    store,
+    store_matrices,
+    store_matrices_past,
+    store_vectors,
+    store_vectors_past,
+)
+from hingepair.kernel_rows import LANES, OPERATIONS, PAST_CACHES
 from hingepair.kernel_steps import body1, pose2, rates2
 
 _HINGE_TERMS, _TAIT_BRYAN, _PLACE_ALPHA1 = (OPERATIONS.index(n) for n in ("hinge", "tait_bryan", "place_alpha1"))
@@ -72,10 +83,17 @@ def _take(s: Any, inputs: Any, c: int, address: int, stride: int, count: int) ->
 def _give(s: Any, outputs: Any, c: int, address: int, stride: int, count: int) -> None:
     """Store group c."""
     row, components, step = outputs[c, 0], outputs[c, 1], outputs[c, 2]
+    past = outputs[c, 3] == PAST_CACHES and address % 16 == 0
     side_by_side = count == LANES and step == s.itemsize and stride == components * step
-    if side_by_side and components == 3:
+    if side_by_side and components == 3 and past:
+        for k in range(0, LANES, REGISTER // s.itemsize):
+            store_vectors_past(s, row + k, address + k * stride)
+    elif side_by_side and components == 3:
         for k in range(0, LANES, REGISTER // s.itemsize):
             store_vectors(s, row + k, address + k * stride)
+    elif side_by_side and components == 9 and past:
+        for k in range(0, LANES, REGISTER // s.itemsize):
+            store_matrices_past(s, row + k, address + k * stride)
     elif side_by_side and components == 9:
         for k in range(0, LANES, REGISTER // s.itemsize):
             store_matrices(s, row + k, address + k * stride)
@@ -94,7 +112,7 @@ def kernel(s: Any, shape: Any, inputs: Any, outputs: Any, once: Any, each: Any, 
         inputs: of each group of components (row, components, bytes between them, sign, address,
             outer stride, inner stride), all in bytes; shape (count, 7). Of what does not change along the inner axis
             the inner stride is 0.
-        outputs: the same.
+        outputs: the same, but PAST_CACHES in place of the sign where they are too many to stay in the caches.
         once: operations that only need what does not change along the inner axis.
         each: the other operations.
         place: where the axes go: nine of a matrix, three of a vector, and the sign of the sequence.
@@ -114,6 +132,7 @@ def kernel(s: Any, shape: Any, inputs: Any, outputs: Any, once: Any, each: Any, 
             for c in range(len(outputs)):
                 stride = outputs[c, 6]
                 _give(s, outputs, c, outputs[c, 4] + i * outputs[c, 5] + start * stride, stride, count)
+    fence()
 
 
 def one_state(s: Any, values: Any, rows: Any, outputs: Any, operations: Any, place: Any, out: Any) -> None:
