@@ -36,7 +36,7 @@ def short_scene(tmp_path: Path) -> Path:
     return path
 
 
-FAST = ("reference_3d", "reference_2d", "logged_arm")
+FAST = ("reference_2d",)
 
 
 @pytest.mark.parametrize(
@@ -200,11 +200,14 @@ def test_a_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.M
     assert [path.name for path in tmp_path.iterdir()] == ["result.csv"]
 
 
-@pytest.mark.parametrize("command", ["", "run", "check", "urdf", "mjcf"])
+@pytest.mark.parametrize(
+    "command", ["", "run", *(pytest.param(c, marks=pytest.mark.slow) for c in ("check", "urdf", "mjcf"))]
+)
 def test_help_explains(command: str) -> None:
     assert "Usage" in hingepair(*command.split(), "--help").stdout
 
 
+@pytest.mark.slow
 def test_robots_are_listed_with_their_hinges() -> None:
     robots = json.loads(hingepair("robots", "--json").stdout)
     assert {"robot": "talos_reduced", "hinges": 32} in robots
