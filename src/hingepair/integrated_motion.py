@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import ClassVar, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +60,7 @@ class IntegratedMotion:
     given: BodySamples | PlanarSamples
     method: str
     error_estimate: float
+    origin: ClassVar[str] = "integrated from rates"
 
     @property
     def level(self) -> int:

@@ -92,8 +92,8 @@ def integrate(
 ) -> Any:
     """The motion of a pair from the angular velocity of body 1 and the hinge rate (E12).
 
-    omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), samples
-    at t, or a constant. Samples are interpolated by polynomials of degree 5; with `magnus6` this is what strapdown
+    omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), or one
+    value that holds at all of them; samples at t; or a constant. Samples are interpolated by polynomials of degree 5; with `magnus6` this is what strapdown
     navigation knows as multi-sample coning correction (Bortz, Miller, Savage).
 
     `magnus6` (order 6), `magnus4`, `cf4`, `rk4_quaternion` (order 4) and `midpoint` (order 2) make each step from
@@ -106,7 +106,8 @@ def integrate(
         omega1: angular velocity of body 1 [rad/s].
         psid: hinge rate psi' [rad/s].
         R1: reference point of body 1, world axes [m]: constant, a callable of t, or an array (N, 3); or a tuple
-            (R1, v1) or (R1, v1, a1) of such arrays, or a callable that returns one. The origin unless given.
+            (R1, v1) or (R1, v1, a1) of such arrays, or a callable that returns one. The origin unless given. Of
+            points that move without v1 or a1, v2 or a2 is None.
         S1_0: attitude of body 1 at t[0]; shape (3, 3); the identity unless given.
         phi_0: angle of body 1 at t[0] [rad], of a PlanarPair; 0 unless given.
         psi_0: hinge angle at t[0] [rad].
