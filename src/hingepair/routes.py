@@ -20,7 +20,14 @@ from hingepair.later import Later
 from hingepair.rotations import matrix_to_quaternion
 from hingepair.scipy_route import TOLERANCE, quaternions
 from hingepair.signals import Signal, Values
-from hingepair.step_control import MOST_STEPS, angle_error, attitude_error, attitude_rounding, substeps
+from hingepair.step_control import (
+    MOST_STEPS,
+    angle_error,
+    angle_rounding,
+    attitude_error,
+    attitude_rounding,
+    substeps,
+)
 
 METHODS: Final = (*RULES, "euler_angles", "dop853")
 
@@ -81,7 +88,7 @@ def plane_angle(course: Course, name: str, rate: Signal, start: float, steps: St
     values = angles(name, rate, start, steps, rule, loops(course.how, steps))
 
     def error() -> float:
-        return angle_error(rate, steps, rule) + _U * float(np.abs(values).max())
+        return angle_error(rate, steps, rule) + angle_rounding(rate, steps) + _U * float(np.abs(values).max())
 
     return Turned(values, Later(error), steps)
 
@@ -96,7 +103,7 @@ def _by_rule(course: Course, omega: Signal, start: Values, steps: Steps, rule: R
     quats = attitudes(omega, steps, rule, loops(course.how, steps), start, body=course.body)
 
     def error() -> float:
-        return attitude_error(omega, steps, rule, quats, body=course.body) + attitude_rounding(omega, course.t)
+        return attitude_error(omega, steps, rule, quats, body=course.body) + attitude_rounding(omega, steps)
 
     return Turned(quats, Later(error), steps)
 
