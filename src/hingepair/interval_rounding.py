@@ -16,6 +16,7 @@ from hingepair.attitude_steps import RULES, divided
 from hingepair.signals import Constant, Function, Signal, Values
 
 _U = 2.0**-53
+_NODES = 0.25  # outer nodes are rounded in opposite senses, the middle one has less than half of the weight
 _OUTER = RULES["magnus6"].nodes[0], RULES["magnus6"].nodes[-1]
 
 
@@ -49,7 +50,7 @@ def interval_rounding(signal: Signal, start: Values, stop: Values, counts: NDArr
     turned = 0.5 * h * (_length(rates[:, 0]) + _length(rates[:, 1]))
     moved = np.zeros_like(turned)
     if isinstance(signal, Function):
-        moved = np.abs(begin + h) * _length(rates[:, 1] - rates[:, 0])
+        moved = _NODES * np.abs(begin + h) * _length(rates[:, 1] - rates[:, 0])
     first = np.cumsum(counts) - counts
     size = np.add.reduceat(turned, first)
     if (rates == rates[0, 0]).all():

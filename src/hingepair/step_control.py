@@ -33,6 +33,7 @@ _U = 2.0**-53
 _FINEST = 1e-15  # rad: below, rounding is all that is left
 _ROUNDS = 8
 _HUGE = 1e30  # rad, or steps; anything larger is as bad
+_SUM_SURE = 4.0
 _SURE = 2.0  # times the noise of rounding: what is larger has another cause
 _GOLDEN = 0.6180339887498949
 
@@ -99,12 +100,12 @@ def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, bo
     else:
         chosen, weights = probes(steps.t)
         errors, rounding = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, body=body)
-        noise, ends = _sum_of(rounding, weights), chosen + 1
+        noise, ends = _enlarged(rounding, weights), chosen + 1
     if not len(ends):
         return math.nan
     q = quats[ends] * np.array([1, -1, -1, -1]) if not body else quats[ends]
     total = np.cumsum(_rotate(q, errors) * weights[:, None], axis=0)
-    return min(_visible(float(np.sqrt((total**2).sum(axis=1)).max()), noise), math.pi)
+    return min(_unless(float(np.sqrt((total**2).sum(axis=1)).max()), noise), math.pi)
 
 
 @np.errstate(all="ignore")
@@ -118,8 +119,8 @@ def angle_error(psid: Signal, steps: Steps, rule: Rule) -> float:
     else:
         chosen, weights = probes(steps.t)
         errors, rounding = sum_errors(psid, steps.t, chosen, steps.counts[chosen], rule)
-        noise = _sum_of(rounding, weights)
-    return _visible(float(np.abs(np.cumsum(errors * weights)).max()), noise) if len(errors) else math.nan
+        noise = _enlarged(rounding, weights)
+    return _unless(float(np.abs(np.cumsum(errors * weights)).max()), noise) if len(errors) else math.nan
 
 
 @np.errstate(all="ignore")
@@ -210,18 +211,19 @@ def _exact(omega: Signal, rule: Rule) -> bool:
     return isinstance(omega, Constant) and rule is not RULES["rk4_quaternion"]
 
 
+def _unless(error: float, noise: float) -> float:
+    return 0.0 if error <= noise else error
+
+
 def _above(errors: Values, noise: Values) -> Values:
     """The sizes of errors that rounding does not explain, else zero."""
     size = np.abs(errors)
     return np.where(size <= _SURE * noise, 0.0, size)
 
 
-def _sum_of(noise: Values, weights: Values) -> float:
-    return float(np.sqrt(((noise * weights) ** 2).sum()))
-
-
-def _visible(error: float, noise: float) -> float:
-    return 0.0 if error <= _SURE * noise else error
+def _enlarged(noise: Values, weights: Values) -> float:
+    """What rounding makes of a sum over probes, for want of the other intervals, where it would average out."""
+    return _SUM_SURE * float(np.sqrt((noise**2 * (weights**2 - weights)).sum()))
 
 
 def _turns(omega: Signal, start: Values, stop: Values, counts: NDArray[np.int64], rule: Rule, *, body: bool) -> Any:
