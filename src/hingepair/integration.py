@@ -93,8 +93,8 @@ def integrate(
     """The motion of a pair from the angular velocity of body 1 and the hinge rate (E12).
 
     omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), or one
-    value that holds at all of them; samples at t; or a constant. Samples are interpolated by polynomials of degree 5; with `magnus6` this is what strapdown
-    navigation knows as multi-sample coning correction (Bortz, Miller, Savage).
+    value that holds at all of them; samples at t; or a constant. Samples are interpolated by polynomials of degree 5;
+    with `magnus6` this is what strapdown navigation knows as multi-sample coning correction (Bortz, Miller, Savage).
 
     `magnus6` (order 6), `magnus4`, `cf4`, `rk4_quaternion` (order 4) and `midpoint` (order 2) make each step from
     omega1 alone; `euler_angles` integrates phi' = J^-1 omega (E4) by Runge-Kutta steps of order 4; `dop853` is
@@ -113,7 +113,8 @@ def integrate(
         psi_0: hinge angle at t[0] [rad].
         method: one of those above.
         frame: axes of omega1 and alpha1, "world" or "body".
-        tol: largest error of the attitude and of psi at any instant [rad].
+        tol: largest error of the attitude and of psi at any instant [rad]. A callable is looked at in 509 steps or
+            more, spread over the whole time: what is narrower than that may be missed, by `error_estimate` as well.
         alpha1: angular acceleration of body 1 [rad/s^2], where accelerations are wanted.
         psidd: psi'' [rad/s^2], likewise.
         outputs: as for `forward_kinematics`; all of body 2 that the inputs allow unless given; () for none.
@@ -175,7 +176,7 @@ def _in_space(
     point = read_position(np.zeros(3) if R1 is None else R1, t, 3)
     found = space_attitudes(course, omega, psid, start[0])
     hinge = hinge_angles(course, psid, start[1], found.steps)
-    check_reached(course.tol, found.error, hinge.error)
+    check_reached(course.tol, {"omega1": found.error, "psid": hinge.error})
     return Trajectory(
         t=read_only(t),
         quat_wxyz=read_only(found.values),
@@ -210,7 +211,7 @@ def _in_plane(
         plane_angle(course, name, rate, begin, steps, rule)
         for name, rate, begin in zip(("omega1", "psid"), (omega, psid), start, strict=True)
     )
-    check_reached(course.tol, found.error, hinge.error)
+    check_reached(course.tol, {"omega1": found.error, "psid": hinge.error})
     return PlanarTrajectory(
         t=read_only(t),
         phi=read_only(found.values),

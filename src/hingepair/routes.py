@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -150,14 +150,20 @@ def check_tolerance(tol: float | None) -> None:
         raise ArgumentError("tol", "a positive number", tol)
 
 
-def check_reached(tol: float | None, *errors: Later) -> None:
+def check_reached(tol: float | None, errors: Mapping[str, Later]) -> None:
     """Refuse a tolerance that was not reached.
 
+    Args:
+        tol: the tolerance.
+        errors: what each rate leaves, by the rate's name.
+
     Raises:
-        ArgumentError: says what was.
+        ArgumentError: says what is left, and by which rate.
     """
     if tol is None:
         return
-    worst = max((error() for error in errors), key=lambda e: math.inf if math.isnan(e) else e)
+    left = {name: error() for name, error in errors.items()}
+    worst = max(left.values(), key=lambda e: math.inf if math.isnan(e) else e)
     if not worst <= tol:
-        raise ArgumentError("tol", f"at least the error that is left, {worst:.2g} rad", tol)
+        each = ", ".join(f"{name} leaves {error:.2g}" for name, error in left.items())
+        raise ArgumentError("tol", f"at least the error that is left, {worst:.2g} rad ({each})", tol)

@@ -31,7 +31,9 @@ LOOKS: Final = 509
 
 _U = 2.0**-53
 _FINEST = 1e-15  # rad: below, rounding is all that is left
-_ROUNDS = 8
+_ROUNDS = 16
+_COARSE = 1e-3  # rad: errors of intervals from here on do not follow the order of the rule
+_GROWTH = 4.0
 _HUGE = 1e30  # rad, or steps; anything larger is as bad
 _SUM_SURE = 4.0
 _SURE = 2.0  # times the noise of rounding: what is larger has another cause
@@ -162,9 +164,13 @@ def substeps(
 
 
 def _asked(errors: Values, weights: Values, counts: NDArray[np.int64], goal: float, order: int) -> Values:
-    """The steps of intervals that make their errors as large as the goal, in all."""
+    """The steps of intervals that make their errors as large as the goal, in all.
+
+    Errors that large steps make are of no order yet; then more than a few times as many are not asked for at once.
+    """
     shares: Values = (errors * counts.astype(float) ** order) ** (1 / (order + 1))
-    return np.minimum(((shares * weights).sum() / goal) ** (1 / order) * shares, _HUGE)
+    asked: Values = ((shares * weights).sum() / goal) ** (1 / order) * shares
+    return np.minimum(asked, np.where(errors > _COARSE, _GROWTH * counts, _HUGE))
 
 
 def turn_errors(
@@ -223,7 +229,7 @@ def _above(errors: Values, noise: Values) -> Values:
 
 def _enlarged(noise: Values, weights: Values) -> float:
     """What rounding makes of a sum over probes, for want of the other intervals, where it would average out."""
-    return _SUM_SURE * float(np.sqrt((noise**2 * (weights**2 - weights)).sum()))
+    return 2 * _SURE * float(np.sqrt((noise**2 * (weights**2 - weights)).sum()))
 
 
 def _turns(omega: Signal, start: Values, stop: Values, counts: NDArray[np.int64], rule: Rule, *, body: bool) -> Any:
