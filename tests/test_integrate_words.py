@@ -22,9 +22,9 @@ def test_a_callable_of_one_number_is_named():
     for name, given in (("psid", {"psid": math.cos}), ("omega1", {"omega1": lambda t: (math.sin(t), 0, 0)})):
         with pytest.raises(hp.ArgumentError, match=name + wanted):
             hp.integrate(PAIR, T, **{"omega1": (0, 0, 1), "psid": 1.0, **given})
-    with pytest.raises(hp.ArgumentError, match="R1: expected a callable vectorised over t, .* got ValueError: "):
+    with pytest.raises(hp.ArgumentError, match=r"R1: expected a callable vectorised over t, .* got ValueError: "):
         hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=lambda t: (0, 0, 1) if t > 0 else (0, 0, 0))
-    with pytest.raises(hp.AxisError, match="^n: "):
+    with pytest.raises(hp.AxisError, match=r"^n: "):
         hp.integrate(PAIR, T, (0, 0, 1), lambda t: hp.HingePair((1, 0, 0), (1, 0, 0), (0, 0, 0)) and t)
 
 

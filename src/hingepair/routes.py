@@ -20,14 +20,8 @@ from hingepair.later import Later
 from hingepair.rotations import matrix_to_quaternion
 from hingepair.scipy_route import TOLERANCE, quaternions
 from hingepair.signals import Signal, Values
-from hingepair.step_control import (
-    MOST_STEPS,
-    angle_error,
-    angle_rounding,
-    attitude_error,
-    attitude_rounding,
-    substeps,
-)
+from hingepair.step_control import angle_error, angle_rounding, attitude_error, attitude_rounding
+from hingepair.step_counts import MOST_STEPS, substeps
 
 METHODS: Final = (*RULES, "euler_angles", "dop853")
 

@@ -1,4 +1,4 @@
-"""How far the steps are from the truth, and how many there must be (E12): by steps of half the length, on probes.
+"""How far the steps are from the truth (E12): by steps of half the length, or shorter ones, on probes.
 
 The errors of the intervals, turned back to the first instant, add up to the error at any later one. They are measured
 on all intervals, or on PROBES of them, spread evenly and shifted each within its part, which stand for the others.
@@ -8,7 +8,6 @@ Samples cannot be had at half the step; there every second one is left out, whic
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -17,25 +16,17 @@ from numpy.typing import NDArray
 from hingepair import increments as inc
 from hingepair.attitude_steps import RULES, Rule, Steps, divided, increment_quaternions
 from hingepair.interval_rounding import interval_rounding
-from hingepair.signals import POINTS, Constant, Function, Samples, Signal, Values
+from hingepair.signals import POINTS, Constant, Samples, Signal, Values
 
 PROBES: Final = 2048
-MOST_STEPS: Final = 2_000_000
-"""That a tolerance may ask for; where they are not enough, `integrate` says how far they got."""
-
-FEWEST: Final = 16
-"""Steps over the whole time that a tolerance begins with."""
 
 LOOKS: Final = 509
-"""Steps over the whole time that a callable is looked at in, at least, to see what longer ones miss."""
+"""Steps over the whole time that a callable is looked at in, at least, to see what longer ones miss.
+
+What is narrower than one of these, and than half a step, may lie between their nodes and be missed.
+"""
 
 _U = 2.0**-53
-_FINEST = 1e-15  # rad: below, rounding is all that is left
-_ROUNDS = 16
-_COARSE = 1e-3  # rad: errors of intervals from here on do not follow the order of the rule
-_GROWTH = 4.0
-_HUGE = 1e30  # rad, or steps; anything larger is as bad
-_SUM_SURE = 4.0
 _SURE = 2.0  # times the noise of rounding: what is larger has another cause
 _GOLDEN = 0.6180339887498949
 
@@ -94,7 +85,7 @@ def angle_rounding(rate: Signal, steps: Steps) -> float:
 @np.errstate(all="ignore")
 def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, body: bool) -> float:
     """How far the attitudes are off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
-    if len(steps.t) < 2 or _exact(omega, rule):
+    if len(steps.t) < 2 or exact(omega, rule):
         return 0.0
     noise = 0.0
     if isinstance(omega, Samples):
@@ -125,58 +116,10 @@ def angle_error(psid: Signal, steps: Steps, rule: Rule) -> float:
     return _unless(float(np.abs(np.cumsum(errors * weights)).max()), noise) if len(errors) else math.nan
 
 
-@np.errstate(all="ignore")
-def substeps(
-    omega: Signal | None, rates: Sequence[Signal], t: Values, rule: Rule, tol: float | None, *, body: bool = False
-) -> NDArray[np.int64]:
-    """Steps for each interval that keep the error of attitude and angles below tol, where signals are not samples.
-
-    With an error e of an interval in one step, m steps make it e / m^order; the least number of steps in all for a
-    sum of errors has m in proportion to e^(1/(order + 1)).
-    """
-    ones = np.ones(max(0, len(t) - 1), np.int64)
-    turning = omega is not None and not isinstance(omega, Samples) and not _exact(omega, rule)
-    rates = [rate for rate in rates if isinstance(rate, Function)]
-    if tol is None or len(t) < 2 or not (turning or rates):
-        return ones
-    goal = 0.4 * max(tol, _FINEST)
-    chosen, weights = probes(t)
-    counts = _spread(t, chosen, FEWEST)
-    for _ in range(_ROUNDS):
-        errors = np.zeros(len(chosen))
-        if omega is not None and turning:
-            found, noise = turn_errors(omega, t, chosen, counts, rule, body=body)
-            errors = _above(np.sqrt((found**2).sum(axis=1)), noise)
-        for rate in rates:
-            errors = np.maximum(errors, _above(*sum_errors(rate, t, chosen, counts, rule)))
-        total = (errors * weights).sum()
-        if total <= 1.2 * goal or np.isnan(total):
-            break
-        asked = np.maximum(counts, _asked(np.minimum(errors, _HUGE), weights, counts, goal, rule.order))
-        room = MOST_STEPS / (asked * weights).sum()
-        counts = np.maximum(counts, np.ceil(asked * min(room, 1.0)).astype(np.int64))
-        if room < 1:
-            break
-    if len(chosen) == len(ones):
-        return counts
-    after = np.searchsorted(chosen, np.arange(len(ones)))
-    return np.maximum(counts[np.minimum(after, len(chosen) - 1)], counts[np.maximum(after - 1, 0)])
-
-
-def _asked(errors: Values, weights: Values, counts: NDArray[np.int64], goal: float, order: int) -> Values:
-    """The steps of intervals that make their errors as large as the goal, in all.
-
-    Errors that large steps make are of no order yet; then more than a few times as many are not asked for at once.
-    """
-    shares: Values = (errors * counts.astype(float) ** order) ** (1 / (order + 1))
-    asked: Values = ((shares * weights).sum() / goal) ** (1 / order) * shares
-    return np.minimum(asked, np.where(errors > _COARSE, _GROWTH * counts, _HUGE))
-
-
 def turn_errors(
     omega: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule, *, body: bool
 ) -> tuple[Values, Values]:
-    """Errors of some intervals in so many steps, as rotation vectors (P, 3), and how far rounding explains them."""
+    """Errors of some intervals in so many steps, as rotation vectors (P, 3), and what rounding explains of them."""
     ends, finer = (t[chosen], t[chosen + 1]), _finer(t, chosen, counts)
     coarse = _turns(omega, *ends, counts, rule, body=body)
     fine = _turns(omega, *ends, finer * counts, rule, body=body)
@@ -188,31 +131,33 @@ def turn_errors(
 def sum_errors(
     psid: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule
 ) -> tuple[Values, Values]:
-    """Errors of the integrals over some intervals in so many steps, shape (P,), and how far rounding explains them."""
+    """Errors of the integrals over some intervals in so many steps, shape (P,), and what rounding explains."""
     ends, finer = (t[chosen], t[chosen + 1]), _finer(t, chosen, counts)
     coarse, fine = _sums(psid, *ends, counts, rule), _sums(psid, *ends, finer * counts, rule)
     rounding = interval_rounding(psid, *ends, counts)
     return (coarse - fine) * _whole(finer, rule), rounding.noise + _U * np.abs(fine)
 
 
-def _spread(t: Values, chosen: NDArray[np.intp], steps: int) -> NDArray[np.int64]:
+def spread(t: Values, chosen: NDArray[np.intp], steps: int) -> NDArray[np.int64]:
     """Of so many steps over the whole time, spread evenly, those within some intervals; one at least."""
-    parts: NDArray[np.int64] = np.ceil((t[chosen + 1] - t[chosen]) * (steps / (t[-1] - t[0]))).astype(np.int64)
-    return np.maximum(parts, 1)
+    parts = np.ceil((t[chosen + 1] - t[chosen]) * (steps / (t[-1] - t[0])))
+    found: NDArray[np.int64] = np.clip(np.nan_to_num(parts, nan=1.0), 1, steps).astype(np.int64)
+    return found
 
 
 def _finer(t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """By how much the steps are made shorter to see what they miss: twice, or as `LOOKS` asks for."""
-    return np.maximum(2, -(-_spread(t, chosen, LOOKS) // counts))
+    times: NDArray[np.int64] = -(-spread(t, chosen, LOOKS) // counts)
+    return np.maximum(times, 2)
 
 
 def _whole(finer: NDArray[np.int64], rule: Rule) -> Values:
     """The error as a multiple of the difference from what finer steps find."""
-    gain = finer.astype(float) ** rule.order
+    gain: Values = finer.astype(float) ** rule.order
     return gain / (gain - 1)
 
 
-def _exact(omega: Signal, rule: Rule) -> bool:
+def exact(omega: Signal, rule: Rule) -> bool:
     """Whether steps have no truncation: rotations about one axis, but for Runge and Kutta's."""
     return isinstance(omega, Constant) and rule is not RULES["rk4_quaternion"]
 
@@ -221,7 +166,7 @@ def _unless(error: float, noise: float) -> float:
     return 0.0 if error <= noise else error
 
 
-def _above(errors: Values, noise: Values) -> Values:
+def above(errors: Values, noise: Values) -> Values:
     """The sizes of errors that rounding does not explain, else zero."""
     size = np.abs(errors)
     return np.where(size <= _SURE * noise, 0.0, size)
