@@ -160,3 +160,14 @@ def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, m
     left = r"motion.tol: expected .* left, (\S+) rad \(omega1 leaves .*e-1\d, psi_dot leaves \1\), got 1e-11"
     with pytest.raises(hp.SceneError, match=left):
         hp.load_scene(tmp_path / "my.toml")
+
+
+def test_a_pole_is_reported(tmp_path, monkeypatch):
+    """No number of steps follows the attitude through it; that is said, and no error is larger than half a turn."""
+    monkeypatch.setattr(step_counts, "MOST_STEPS", 2000)
+    text = SCENE.replace('"1000*t", 0, 0', '"1e9*t", "cos(t)", 1').replace("sqrt(t)", "1/(t - 0.987)")
+    (tmp_path / "my.toml").write_text(text.format(tol=""))
+    assert 1 <= hp.load_scene(tmp_path / "my.toml").motion.error_estimate <= np.pi
+    (tmp_path / "my.toml").write_text(text.format(tol="tol = 1e-3"))
+    with pytest.raises(hp.SceneError, match=r"motion.tol: .* left, .* rad \(omega1 leaves .*, psi_dot leaves "):
+        hp.load_scene(tmp_path / "my.toml")

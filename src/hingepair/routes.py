@@ -97,7 +97,8 @@ def _by_rule(course: Course, omega: Signal, start: Values, steps: Steps, rule: R
     quats = attitudes(omega, steps, rule, loops(course.how, steps), start, body=course.body)
 
     def error() -> float:
-        return attitude_error(omega, steps, rule, quats, body=course.body) + attitude_rounding(omega, steps)
+        error = attitude_error(omega, steps, rule, quats, body=course.body) + attitude_rounding(omega, steps)
+        return min(error, math.pi)
 
     return Turned(quats, Later(error), steps)
 
@@ -129,7 +130,7 @@ def _checked(course: Course, omega: Signal, start: Values, quats: Values, steps:
         best = _by_rule(course, omega, start, enough, _BEST)
         w, x, y, z = quaternion_product(tuple(quats.T), tuple((best.values * [1, -1, -1, -1]).T))
         apart = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
-        return float(apart.max()) + best.error()
+        return min(float(apart.max()) + best.error(), math.pi)
 
     return Turned(quats, Later(error), steps)
 

@@ -98,7 +98,7 @@ def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, bo
         return math.nan
     q = quats[ends] * np.array([1, -1, -1, -1]) if not body else quats[ends]
     total = np.cumsum(_rotate(q, errors) * weights[:, None], axis=0)
-    return min(_unless(float(np.sqrt((total**2).sum(axis=1)).max()), noise), math.pi)
+    return _unless(float(np.sqrt((total**2).sum(axis=1)).max()), noise)
 
 
 @np.errstate(all="ignore")
