@@ -92,9 +92,9 @@ def integrate(
 ) -> Any:
     """The motion of a pair from the angular velocity of body 1 and the hinge rate (E12).
 
-    omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), or one
-    value that holds at all of them; samples at t; or a constant. Samples are interpolated by polynomials of degree 5;
-    with `magnus6` this is what strapdown navigation knows as multi-sample coning correction (Bortz, Miller, Savage).
+    omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), samples
+    at t, or a constant. Samples are interpolated by polynomials of degree 5; with `magnus6` this is what strapdown
+    navigation knows as multi-sample coning correction (Bortz, Miller, Savage).
 
     `magnus6` (order 6), `magnus4`, `cf4`, `rk4_quaternion` (order 4) and `midpoint` (order 2) make each step from
     omega1 alone; `euler_angles` integrates phi' = J^-1 omega (E4) by Runge-Kutta steps of order 4; `dop853` is
