@@ -12,6 +12,7 @@ import pytest
 import hingepair as hp
 from hingepair import step_counts
 from hingepair.attitude_steps import RULES, divided
+from hingepair.signals import Function
 from reference import DIGITS
 from spins import U
 from states import generator
@@ -37,11 +38,11 @@ def about_x(rate):
     return lambda t: np.stack([rate(t), 0 * t, 0 * t], axis=-1)
 
 
-def true_error(motion, whole):
-    """How far the attitude is off [rad] at the worst instant, whole(t) being the exact angle about x from t[0]."""
-    worst = 0.0
+def true_error(motion, whole, instants=600):
+    """How far the attitude is off [rad] at the worst of some instants; whole(t) is the angle about x from t[0]."""
+    worst, looked = 0.0, np.unique(np.linspace(0, len(motion.t) - 1, instants).astype(int))
     with mpmath.workdps(DIGITS):
-        for t, (w, x, *_) in zip(motion.t.tolist(), motion.quat_wxyz.tolist(), strict=True):
+        for t, (w, x, *_) in zip(motion.t[looked].tolist(), motion.quat_wxyz[looked].tolist(), strict=True):
             half = whole(mpmath.mpf(t)) / 2
             worst = max(worst, abs(float(2 * (x * mpmath.cos(half) - w * mpmath.sin(half)))))
     return worst
@@ -67,6 +68,27 @@ def test_error_estimate_knows_the_rounding_of_instants(late):
     motion = hp.integrate(PAIR, t, about_x(lambda t: 50 * np.cos(10 * (t - late))), 0.0, outputs=())
     true = true_error(motion, lambda s: 5 * (mpmath.sin(10 * (s - late)) - mpmath.sin(10 * (t[0] - late))))
     assert true / 3 <= motion.error_estimate <= 10 * max(true, 20 * U)
+
+
+def test_probes_do_not_enlarge_rounding():
+    """One interval in fifty is looked at; what rounding does to these is not fifty times what it does to all."""
+    t = np.linspace(0, 1e4, 100_001)
+    motion = hp.integrate(PAIR, t, about_x(lambda t: 10 + np.sin(t)), 0.0, outputs=())
+    true = true_error(motion, lambda t: 10 * t + 1 - mpmath.cos(t))
+    assert true / 3 <= motion.error_estimate <= 10 * true
+
+
+def test_steps_do_not_chase_rounding():
+    """What is left of the errors of intervals is rounding, which more steps do not mend."""
+    omega = Function("omega1", about_x(np.exp), (3,))
+    counts = step_counts.substeps(omega, (), np.linspace(0, 10, 3), RULES["magnus6"], 1e-14)
+    assert counts.sum() <= 3000
+    smooth = hp.integrate(PAIR, [0, 1], about_x(np.cos), np.cos, tol=1e-2, outputs=())
+    assert smooth.steps == step_counts.FEWEST
+
+
+def test_no_attitude_is_off_by_more_than_half_a_turn():
+    assert hp.integrate(PAIR, [0, 1e9], (1e9, 0, 0), 0.0, outputs=()).error_estimate == np.pi
 
 
 def test_lengths_of_steps_add_up():
@@ -96,8 +118,8 @@ def test_a_short_pulse_is_seen(method, at):
     blind = hp.integrate(PAIR, [0, 10], rate, 0.0, method=method, outputs=())
     assert whole / 2 <= blind.error_estimate <= 2 * whole
     motion = hp.integrate(PAIR, [0, 10], rate, lambda t: rate(t)[:, 0], tol=1e-6, method=method, outputs=())
-    assert abs(motion.euler_angles(1)[-1, 0] - whole) <= motion.error_estimate <= 1e-6
-    assert abs(motion.psi[-1] - whole) <= motion.psi_error_estimate <= 1e-6
+    assert abs(motion.euler_angles(1)[-1, 0] - whole) <= 3 * motion.error_estimate <= 3e-6
+    assert abs(motion.psi[-1] - whole) <= 3 * motion.psi_error_estimate <= 3e-6
 
 
 def random_rate(random, kinds=9):
