@@ -1,8 +1,8 @@
 """What rounding adds to the integral of a rate over intervals: of the rate, of the angles, and of the instants.
 
-A step that turns by an angle a is rounded by about u a. Its nodes are rounded by about u t, which makes as much as if
-the rate changed by its change over a step, u t / h times. Steps are rounded each in its own way, so that the squares
-add up: over many steps this is far less than u times all that is turned, over few fast ones no less.
+A step that turns by an angle a is rounded by about u a. Its nodes are rounded by about u t, which adds u t times the
+change of the rate over the step. Each step is rounded in its own way, so that the squares add up: over many steps this
+is far less than u times all that is turned, over few fast ones about that.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hingepair.attitude_steps import RULES, divided
 from hingepair.signals import Constant, Function, Signal, Values
 
 _U = 2.0**-53
-_NODES = 0.25  # outer nodes are rounded in opposite senses, the middle one has less than half of the weight
+_NODES = 0.4  # measured; a step's outer nodes are rounded in opposite senses, the middle one counts 4/9
 _OUTER = RULES["magnus6"].nodes[0], RULES["magnus6"].nodes[-1]
 
 
