@@ -1,8 +1,8 @@
 """What rounding adds to the integral of a rate over intervals: of the rate, of the angles, and of the instants.
 
 A step that turns by an angle a is rounded by about u a. Its nodes are rounded by about u t, which adds u t times the
-change of the rate over the step. Each step is rounded in its own way, so that the squares add up: over many steps this
-is far less than u times all that is turned, over few fast ones about that.
+change of the rate over the step. Each step is rounded in its own way, so that the squares add up: over many steps
+this is far less than u times all that is turned, over few fast ones about that.
 """
 
 from __future__ import annotations
