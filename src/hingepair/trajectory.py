@@ -70,8 +70,8 @@ class Trajectory(_OfState):
     def error_estimate(self) -> float:
         """How far the attitude of body 1 is off at the worst instant [rad], rounding included.
 
-        Worked out when it is first asked for, by steps of half the length or less (samples: by leaving out every
-        second); NaN where too few samples cannot tell. Noise in what was given is not part of it.
+        Worked out when it is first asked for, by steps of half the length (of samples: by leaving out every second);
+        NaN where too few samples cannot tell. Noise in what was given is not part of it.
         """
         return self._error()
 
@@ -142,8 +142,8 @@ class PlanarTrajectory(_OfState):
     def error_estimate(self) -> float:
         """How far phi is off at the worst instant [rad], rounding included.
 
-        Worked out when it is first asked for, by steps of half the length or less (samples: by leaving out every
-        second); NaN where too few samples cannot tell. Noise in what was given is not part of it.
+        Worked out when it is first asked for, by steps of half the length (of samples: by leaving out every second);
+        NaN where too few samples cannot tell. Noise in what was given is not part of it.
         """
         return self._error()
 
