@@ -57,7 +57,7 @@ ORDER = (
     ("accuracy", "residual_report"),
     ("jacobians", "residuals", "sensitivities"),
     ("levers", "pair", "planar"),
-    ("signals", "interpolation_error", "attitude_steps", "step_control"),
+    ("signals", "interpolation_error", "attitude_steps", "interval_rounding", "step_control", "step_counts"),
     ("euler_route", "scipy_route", "routes", "position"),
     ("trajectory", "trajectory_state", "integration"),
     ("expressions", "expression_size", "jets", "coordinates", "scene_file", "cross_validation"),

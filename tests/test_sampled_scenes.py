@@ -82,7 +82,7 @@ def test_what_the_file_lacks_is_not_there(tmp_path):
     velocity = scene_of(tmp_path, some(columns, "t", *EULER, *RATES))
     assert velocity.evaluate().state.outputs == ("R2", "S2", "d", "v2", "omega2")
     for name in ("expressions", "coordinates"):
-        with pytest.raises(hp.ArgumentError, match="motion: expected a scene whose motion is expressions"):
+        with pytest.raises(hp.ArgumentError, match="motion: expected a scene whose motion is coordinates as "):
             getattr(velocity, name) if name == "expressions" else velocity.coordinates(0.0)
 
 

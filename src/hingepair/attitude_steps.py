@@ -81,11 +81,24 @@ class Steps(NamedTuple):
         start, stop = self.t[first:last], self.t[first + 1 : last + 1]
         if counts.max() == 1:
             return start, compensated.exact_sum(stop, -start), None
-        ends = np.cumsum(counts)
-        part = np.arange(ends[-1]) - np.repeat(ends - counts, counts)
-        each = tuple(np.repeat(x, counts) for x in (start, stop, counts.astype(float)))
-        h = compensated.pair_quotient(compensated.exact_sum(each[1], -each[0]), each[2])
-        return each[0] + part * h[0], h, ends - 1
+        begin, h, _ = divided(start, stop, counts)
+        return begin, h, np.cumsum(counts) - 1
+
+
+def divided(
+    start: Values, stop: Values, counts: NDArray[np.int64]
+) -> tuple[Values, compensated.Pair, NDArray[np.intp]]:
+    """Starts and lengths (as two doubles) of the steps of intervals, and their numbers within their interval.
+
+    A length is the difference between rounded starts, so that the lengths add up to the interval: a rounded length
+    would be off by as much in all of its steps.
+    """
+    ends = np.cumsum(counts)
+    part = np.arange(ends[-1]) - np.repeat(ends - counts, counts)
+    begin = np.repeat(start, counts) + part * np.repeat((stop - start) / counts, counts)
+    after = np.append(begin[1:], stop[-1])
+    after[ends - 1] = stop
+    return begin, compensated.exact_sum(after, -begin), part
 
 
 class Loops(NamedTuple):

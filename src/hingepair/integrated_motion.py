@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import ClassVar, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from hingepair.attitude_steps import RULES
 from hingepair.backend import choose
 from hingepair.errors import ArgumentError, SceneError
 from hingepair.integration import FRAMES
+from hingepair.later import Later
 from hingepair.motion import BodyMotion
 from hingepair.rotations import check_rotation
 from hingepair.routes import (
@@ -60,6 +61,7 @@ class IntegratedMotion:
     given: BodySamples | PlanarSamples
     method: str
     error_estimate: float
+    origin: ClassVar[str] = "integrated from rates"
 
     @property
     def level(self) -> int:
@@ -97,7 +99,7 @@ def integrated_in_space(
         check_tolerance(tol)
         found = space_attitudes(course, omega, psid, _attitude(table))
         hinge = hinge_angles(course, psid, _number(table, "psi_0"), found.steps)
-        check_reached(tol, found.error, hinge.error)
+        _check_reached(table, tol, found.error, hinge.error)
         error = max(found.error(), hinge.error())
     psi = hinge.values + _since_start(known, "psi")
     S1 = rotations(found.values)
@@ -130,7 +132,7 @@ def integrated_in_plane(
             plane_angle(course, name, rate, _number(table, key), steps, rule)
             for name, rate, key in zip(("omega1", "psi_dot"), rates, ("phi_0", "psi_0"), strict=True)
         )
-        check_reached(tol, phi.error, psi.error)
+        _check_reached(table, tol, phi.error, psi.error)
         error = max(phi.error(), psi.error())
     angles = phi.values + _since_start(known, "phi"), psi.values + _since_start(known, "psi")
     derivatives = (
@@ -139,6 +141,12 @@ def integrated_in_plane(
         (*known["a1"].T, known["alpha1"], known["psidd"]),
     )
     return IntegratedMotion(read_only(t), PlanarSamples(t.size, derivatives), method, error)
+
+
+def _check_reached(table: Table, tol: float | None, turn: Later, hinge: Later) -> None:
+    """Refuse a tolerance that the scene asks for; where it asks for none, what is left is reported, not refused."""
+    if "tol" in table.values:
+        check_reached(tol, {"omega1": turn, "psi_dot": hinge})
 
 
 def _since_start(known: Mapping[str, Float64Array], name: str) -> Float64Array | float:

@@ -107,13 +107,15 @@ def integrate(
         omega1: angular velocity of body 1 [rad/s].
         psid: hinge rate psi' [rad/s].
         R1: reference point of body 1, world axes [m]: constant, a callable of t, or an array (N, 3); or a tuple
-            (R1, v1) or (R1, v1, a1) of such arrays, or a callable that returns one. The origin unless given.
+            (R1, v1) or (R1, v1, a1) of such arrays, or a callable that returns one. The origin unless given. Of
+            points that move without v1 or a1, v2 or a2 is None.
         S1_0: attitude of body 1 at t[0]; shape (3, 3); the identity unless given.
         phi_0: angle of body 1 at t[0] [rad], of a PlanarPair; 0 unless given.
         psi_0: hinge angle at t[0] [rad].
         method: one of those above.
         frame: axes of omega1 and alpha1, "world" or "body".
-        tol: largest error of the attitude and of psi at any instant [rad].
+        tol: largest error of the attitude and of psi at any instant [rad]. A callable is looked at in 509 steps or
+            more, spread over the whole time: what is narrower than that may be missed, by `error_estimate` as well.
         alpha1: angular acceleration of body 1 [rad/s^2], where accelerations are wanted.
         psidd: psi'' [rad/s^2], likewise.
         outputs: as for `forward_kinematics`; all of body 2 that the inputs allow unless given; () for none.
@@ -176,7 +178,7 @@ def _in_space(
     point = read_position(np.zeros(3) if R1 is None else R1, t, 3)
     found = space_attitudes(course, omega, psid, start[0])
     hinge = hinge_angles(course, psid, start[1], found.steps)
-    check_reached(course.tol, found.error, hinge.error)
+    check_reached(course.tol, {"omega1": found.error, "psid": hinge.error})
     return Trajectory(
         t=read_only(t),
         quat_wxyz=read_only(found.values),
@@ -211,7 +213,7 @@ def _in_plane(
         plane_angle(course, name, rate, begin, steps, rule)
         for name, rate, begin in zip(("omega1", "psid"), (omega, psid), start, strict=True)
     )
-    check_reached(course.tol, found.error, hinge.error)
+    check_reached(course.tol, {"omega1": found.error, "psid": hinge.error})
     return PlanarTrajectory(
         t=read_only(t),
         phi=read_only(found.values),

@@ -26,5 +26,10 @@ class Later:
             self._work = None
         return self._number
 
+    @property
+    def known(self) -> bool:
+        """Whether the number has been worked out already."""
+        return self._work is None
+
     def __reduce__(self) -> tuple[type[Later], tuple[None, float]]:
         return Later, (None, self())

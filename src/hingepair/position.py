@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hingepair.arrays import real_array
 from hingepair.errors import ArgumentError, ShapeError
+from hingepair.signals import called
 
 _NAMES = ("R1", "v1", "a1")
 
@@ -27,7 +28,7 @@ def read_position(R1: Any, t: NDArray[np.float64], size: int) -> dict[str, NDArr
     """
     name = "R1"
     if callable(R1):
-        name, R1 = "R1(t)", R1(t)
+        name, R1 = "R1(t)", called("R1", R1, t)
     if isinstance(R1, tuple) and len(R1) <= len(_NAMES) and len(R1) and np.ndim(R1[0]) > 0:
         return {own: _points(f"{name}[{i}]", R1[i], t, size) for i, own in enumerate(_NAMES[: len(R1)])}
     if R1 is None:

@@ -8,7 +8,7 @@ S1_0 = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]  # optional: attitude of body 1 at the 
 psi_0 = 0.2                      # optional, rad
 frame = "body"                   # optional: the axes of omega1, "world" unless given; not in a planar scene
 method = "magnus6"               # optional, as for `integrate`
-tol = 1e-12                      # optional: largest error, rad
+tol = 1e-12                      # optional: largest error, rad; what is not reached is refused
 [motion.constants]               # optional
 w = 1.5
 """
@@ -37,7 +37,7 @@ from hingepair.scene_file import Table
 from hingepair.signals import Function
 
 TOLERANCE: Final = 1e-12
-"""Largest error of the angles unless `tol` is given [rad]."""
+"""Largest error of the angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
 
 _OMEGA: Final = ("omega1[0]", "omega1[1]", "omega1[2]")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,8 +19,9 @@ from hingepair.increments import quaternion_product
 from hingepair.later import Later
 from hingepair.rotations import matrix_to_quaternion
 from hingepair.scipy_route import TOLERANCE, quaternions
-from hingepair.signals import Signal, Values
-from hingepair.step_control import MOST_STEPS, angle_error, attitude_error, attitude_rounding, substeps
+from hingepair.signals import Samples, Signal, Values
+from hingepair.step_control import angle_error, angle_rounding, attitude_error, attitude_rounding
+from hingepair.step_counts import MOST_STEPS, substeps
 
 METHODS: Final = (*RULES, "euler_angles", "dop853")
 
@@ -81,7 +82,7 @@ def plane_angle(course: Course, name: str, rate: Signal, start: float, steps: St
     values = angles(name, rate, start, steps, rule, loops(course.how, steps))
 
     def error() -> float:
-        return angle_error(rate, steps, rule) + _U * float(np.abs(values).max())
+        return angle_error(rate, steps, rule) + angle_rounding(rate, steps) + _U * float(np.abs(values).max())
 
     return Turned(values, Later(error), steps)
 
@@ -96,7 +97,8 @@ def _by_rule(course: Course, omega: Signal, start: Values, steps: Steps, rule: R
     quats = attitudes(omega, steps, rule, loops(course.how, steps), start, body=course.body)
 
     def error() -> float:
-        return attitude_error(omega, steps, rule, quats, body=course.body) + attitude_rounding(omega, course.t)
+        error = attitude_error(omega, steps, rule, quats, body=course.body) + attitude_rounding(omega, steps)
+        return min(error, math.pi)
 
     return Turned(quats, Later(error), steps)
 
@@ -108,7 +110,8 @@ def _by_euler_angles(course: Course, omega: Signal, start: Values, S1_0: Values)
         steps = Steps(course.t, counts)
         phi = euler_angles(omega, steps, course.how, matrix_to_euler(S1_0), body=course.body)
         found = _checked(course, omega, start, quaternions_of_euler(phi), steps)
-        if course.tol is None or not course.tol < found.error() < 0.9 * before or counts.sum() > MOST_STEPS:
+        in_vain = isinstance(omega, Samples) and not found.error() < 0.9 * before
+        if course.tol is None or not found.error() > course.tol or counts.sum() > MOST_STEPS or in_vain:
             return found
         counts, before = 2 * counts, found.error()
 
@@ -128,7 +131,7 @@ def _checked(course: Course, omega: Signal, start: Values, quats: Values, steps:
         best = _by_rule(course, omega, start, enough, _BEST)
         w, x, y, z = quaternion_product(tuple(quats.T), tuple((best.values * [1, -1, -1, -1]).T))
         apart = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
-        return float(apart.max()) + best.error()
+        return min(float(apart.max()) + best.error(), math.pi)
 
     return Turned(quats, Later(error), steps)
 
@@ -143,14 +146,20 @@ def check_tolerance(tol: float | None) -> None:
         raise ArgumentError("tol", "a positive number", tol)
 
 
-def check_reached(tol: float | None, *errors: Later) -> None:
+def check_reached(tol: float | None, errors: Mapping[str, Later]) -> None:
     """Refuse a tolerance that was not reached.
 
+    Args:
+        tol: the tolerance.
+        errors: what each rate leaves, by the rate's name.
+
     Raises:
-        ArgumentError: says what was.
+        ArgumentError: says what is left, and by which rate.
     """
     if tol is None:
         return
-    worst = max((error() for error in errors), key=lambda e: math.inf if math.isnan(e) else e)
+    left = {name: error() for name, error in errors.items()}
+    worst = max(left.values(), key=lambda e: math.inf if math.isnan(e) else e)
     if not worst <= tol:
-        raise ArgumentError("tol", f"at least the error that is left, {worst:.2g} rad", tol)
+        each = ", ".join(f"{name} leaves {error:.2g}" for name, error in left.items())
+        raise ArgumentError("tol", f"at least the error that is left, {worst:.2g} rad ({each})", tol)

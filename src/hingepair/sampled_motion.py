@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ class SampledMotion:
 
     t: Float64Array
     given: CoordinateSamples | BodySamples
+    origin: ClassVar[str] = "samples in a file"
 
     @property
     def level(self) -> int:

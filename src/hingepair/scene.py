@@ -64,6 +64,7 @@ from hingepair.samples import Rows
 from hingepair.scene_file import read_tables
 from hingepair.scene_tables import Motion, read_motion, read_outputs, read_pair, read_planar
 from hingepair.state import PairState, PlanarState
+from hingepair.trajectory import span
 
 if TYPE_CHECKING:
     from hingepair.cross_validation import CrossValidation
@@ -72,7 +73,7 @@ _TABLES = ("title", "planar", "pair", "motion", "time", "outputs")
 _LEVELS = {"v": VELOCITY, "omega": VELOCITY, "a": ACCELERATION, "alpha": ACCELERATION}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SceneResult:
     """A scene evaluated: `t`, `state`, and every attribute of the state (R2, S2, d, v2, ...).
 
@@ -89,6 +90,9 @@ class SceneResult:
             return getattr(self.state, name)
         known = ", ".join(("t", "state", *self.state.outputs))
         raise AttributeError(f"SceneResult has no {name!r}; it has {known}")
+
+    def __repr__(self) -> str:
+        return f"SceneResult({span(self.t)}, state={self.state!r})"
 
     def __dir__(self) -> list[str]:
         return ["t", "state", *(name for name in dir(type(self.state)) if not name.startswith("_"))]
@@ -226,7 +230,8 @@ class Scene:
 
     def _by_expressions(self) -> ExpressionMotion:
         if not isinstance(self.motion, ExpressionMotion):
-            raise ArgumentError("motion", "a scene whose motion is expressions in t", type(self.motion).__name__)
+            wanted = "a scene whose motion is coordinates as expressions in t"
+            raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
         return self.motion
 
 

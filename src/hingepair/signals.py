@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.arrays import real_array
-from hingepair.errors import ArgumentError, ShapeError
+from hingepair.errors import ArgumentError, HingePairError, ShapeError
 
 Values: TypeAlias = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class Function:
             ArgumentError: a value is not finite; names the first time.
         """
         row = np.ravel(times)
-        values = real_array(f"{self.name}(t)", self.function(row))
+        values = real_array(f"{self.name}(t)", called(self.name, self.function, row))
         wanted = row.shape + self.tail
         if values.shape not in {wanted, self.tail}:
             raise ShapeError(f"{self.name}(t)", f"shape {wanted} for t of shape {row.shape}", f"shape {values.shape}")
@@ -151,6 +151,21 @@ def read_signal(name: str, value: Any, t: Values, tail: tuple[int, ...]) -> Sign
         where = f" at index {first}" if array.shape != tail else ""
         raise ArgumentError(name, "finite numbers", f"{array.reshape(-1, *tail)[first]}{where}")
     return Constant(array) if array.shape == tail else Samples(t, array)
+
+
+def called(name: str, function: Callable[[Values], Any], times: Values) -> Any:
+    """What a callable makes of an array of times.
+
+    Raises:
+        ArgumentError: it fails as one made for a single number does; names it.
+    """
+    try:
+        return function(times)
+    except HingePairError:
+        raise
+    except (TypeError, ValueError) as error:
+        wanted = "a callable vectorised over t, which takes an array of times as numpy.cos does and math.cos does not"
+        raise ArgumentError(name, wanted, f"{type(error).__name__}: {error}") from error
 
 
 def _first_not_finite(values: Values) -> int:

@@ -1,4 +1,4 @@
-"""How far the steps are from the truth, and how many there must be (E12): by steps of half the length, on probes.
+"""How far the steps are from the truth (E12): by steps of half the length, or shorter ones, on probes.
 
 The errors of the intervals, turned back to the first instant, add up to the error at any later one. They are measured
 on all intervals, or on PROBES of them, spread evenly and shifted each within its part, which stand for the others.
@@ -8,24 +8,27 @@ Of samples it is the interpolant that is integrated so; what this misses is adde
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair import increments as inc
-from hingepair.attitude_steps import Rule, Steps, increment_quaternions
+from hingepair.attitude_steps import RULES, Rule, Steps, divided, increment_quaternions
 from hingepair.interpolation_error import largest_error
-from hingepair.signals import Samples, Signal, Values
+from hingepair.interval_rounding import interval_rounding
+from hingepair.signals import Constant, Samples, Signal, Values
 
 PROBES: Final = 2048
-MOST_STEPS: Final = 2_000_000
-"""That a tolerance may ask for; where they are not enough, `integrate` says how far they got."""
+
+LOOKS: Final = 509
+"""Steps over the whole time that a callable is looked at in, at least, to see what longer ones miss.
+
+What is narrower than one of these, and than half a step, may lie between their nodes and be missed.
+"""
 
 _U = 2.0**-53
-_FINEST = 1e-15  # rad: below, rounding is all that is left
-_ROUNDS = 8
+_SURE = 2.0  # times the noise of rounding: what is larger has another cause
 _GOLDEN = 0.6180339887498949
 
 
@@ -58,117 +61,125 @@ def probes(t: Values) -> Probes:
 
 
 @np.errstate(all="ignore")
-def attitude_rounding(omega: Signal, t: Values) -> float:
-    """What rounding adds to the attitude [rad]: products of rotations by a radian or so, a random walk of them.
+def attitude_rounding(omega: Signal, steps: Steps) -> float:
+    """What rounding adds to the attitude [rad]: that of the steps, and of products of rotations by a radian or so.
 
-    Where omega never changes, each step rounds alike, and there is nothing random about it.
+    Both are random walks, but for an omega that never changes: then each step rounds alike.
     """
-    if len(t) < 2:
+    if len(steps.t) < 2:
         return 4 * _U
-    chosen, weights = probes(t)
-    values = omega.at(t[chosen])
-    size = np.sqrt((values**2).sum(axis=1))
-    radians = float((size * (t[chosen + 1] - t[chosen]) * weights).sum())
-    return _U * (8 + (radians if (values == values[0]).all() else 4 * math.sqrt(radians)))
+    chosen, weights = probes(steps.t)
+    found = interval_rounding(omega, steps.t[chosen], steps.t[chosen + 1], steps.counts[chosen])
+    products = min(float((found.size * weights).sum()), float(steps.counts.sum()))
+    return _U * 8 + found.added(weights) + (0.0 if found.alike else _U * 4 * math.sqrt(products))
+
+
+@np.errstate(all="ignore")
+def angle_rounding(rate: Signal, steps: Steps) -> float:
+    """What rounding adds to an angle [rad], beside its own last bit; a constant rate is integrated exactly."""
+    if len(steps.t) < 2 or isinstance(rate, Constant):
+        return 0.0
+    chosen, weights = probes(steps.t)
+    return interval_rounding(rate, steps.t[chosen], steps.t[chosen + 1], steps.counts[chosen]).added(weights)
 
 
 @np.errstate(all="ignore")
 def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, body: bool) -> float:
     """How far the attitudes are off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
-    if len(steps.t) < 2:
+    if len(steps.t) < 2 or exact(omega, rule):
         return 0.0
     chosen, weights = probes(steps.t)
-    errors = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, body=body) * weights[:, None]
+    errors, rounding = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, body=body)
     q = quats if body else quats * np.array([1, -1, -1, -1])
     if isinstance(omega, Samples):
+        seen = above(np.sqrt((errors**2).sum(axis=1)), rounding) > 0
+        errors = np.where(seen[:, None], errors, 0.0) * weights[:, None]
         # In body axes it is S^T that is turned, the other way
         return largest_error(
             omega,
             (chosen, -errors if body else errors),
             lambda first, last, vectors: _rotate(q[first + 1 : last + 1], vectors),
         )
-    total = np.cumsum(_rotate(q[chosen + 1], errors), axis=0)
-    return float(np.sqrt((total**2).sum(axis=1)).max())
+    total = np.cumsum(_rotate(q[chosen + 1], errors * weights[:, None]), axis=0)
+    return _unless(float(np.sqrt((total**2).sum(axis=1)).max()), _enlarged(rounding, weights))
 
 
 @np.errstate(all="ignore")
 def angle_error(psid: Signal, steps: Steps, rule: Rule) -> float:
     """How far psi is off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
-    if len(steps.t) < 2:
+    if len(steps.t) < 2 or isinstance(psid, Constant):
         return 0.0
     chosen, weights = probes(steps.t)
-    errors = sum_errors(psid, steps.t, chosen, steps.counts[chosen], rule) * weights
+    errors, rounding = sum_errors(psid, steps.t, chosen, steps.counts[chosen], rule)
     if isinstance(psid, Samples):
-        return largest_error(psid, (chosen, errors))
-    return float(np.abs(np.cumsum(errors)).max())
-
-
-@np.errstate(all="ignore")
-def substeps(
-    omega: Signal | None, rates: Sequence[Signal], t: Values, rule: Rule, tol: float | None, *, body: bool = False
-) -> NDArray[np.int64]:
-    """Steps for each interval that keep the error of attitude and angles below tol, but for that of interpolation.
-
-    With an error e of an interval in one step, m steps make it e / m^order; the least number of steps in all for a
-    sum of errors has m in proportion to e^(1/(order + 1)).
-    """
-    ones = np.ones(max(0, len(t) - 1), np.int64)
-    if tol is None or len(t) < 2:
-        return ones
-    goal = 0.4 * max(tol, _FINEST)
-    chosen, weights = probes(t)
-    counts = ones[chosen]
-    for _ in range(_ROUNDS):
-        errors = np.zeros(len(chosen))
-        if omega is not None:
-            errors = np.sqrt((turn_errors(omega, t, chosen, counts, rule, body=body) ** 2).sum(axis=1))
-        for rate in rates:
-            errors = np.maximum(errors, np.abs(sum_errors(rate, t, chosen, counts, rule)))
-        total = (errors * weights).sum()
-        if total <= 1.2 * goal or not np.isfinite(total):
-            break
-        shares = (errors * counts**rule.order) ** (1 / (rule.order + 1))
-        factor = ((shares * weights).sum() / goal) ** (1 / rule.order)
-        asked = np.maximum(counts, factor * shares)
-        room = MOST_STEPS / (asked * weights).sum()
-        counts = np.maximum(counts, np.ceil(asked * min(room, 1.0)).astype(np.int64))
-        if room < 1:
-            break
-    if len(chosen) == len(ones):
-        return counts
-    after = np.searchsorted(chosen, np.arange(len(ones)))
-    return np.maximum(counts[np.minimum(after, len(chosen) - 1)], counts[np.maximum(after - 1, 0)])
+        return largest_error(psid, (chosen, np.where(above(errors, rounding) > 0, errors, 0.0) * weights))
+    return _unless(float(np.abs(np.cumsum(errors * weights)).max()), _enlarged(rounding, weights))
 
 
 def turn_errors(
     omega: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule, *, body: bool
-) -> Values:
-    """Errors of some intervals in so many steps, as rotation vectors (P, 3); zero below what rounding explains.
-
-    Rounding is that of the interval's angle, and that of t, which moves the nodes.
-    """
-    ends = t[chosen], t[chosen + 1]
+) -> tuple[Values, Values]:
+    """Errors of some intervals in so many steps, as rotation vectors (P, 3), and what rounding explains of them."""
+    ends, finer = (t[chosen], t[chosen + 1]), _finer(t, chosen, counts)
     coarse = _turns(omega, *ends, counts, rule, body=body)
-    fine = _turns(omega, *ends, 2 * counts, rule, body=body)
-    size = 2 * np.arctan2(np.sqrt(fine[1] ** 2 + fine[2] ** 2 + fine[3] ** 2), np.abs(fine[0]))
-    change = np.abs(omega.at(ends[1]) - omega.at(ends[0])).sum(axis=1)
-    found = _apart(coarse, fine) * (2**rule.order / (2**rule.order - 1))
-    noise = _U * (size + np.abs(ends[1]) * change)
-    return np.where((np.abs(found).max(axis=1) > noise)[:, None], found, 0.0)
+    fine = _turns(omega, *ends, finer * counts, rule, body=body)
+    rounding = interval_rounding(omega, *ends, counts)
+    products = np.minimum(rounding.size, 4 * np.sqrt(np.minimum(rounding.size, finer * counts)))
+    return _apart(coarse, fine) * _whole(finer, rule)[:, None], rounding.noise + _U * products
 
 
-def sum_errors(psid: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule) -> Values:
-    """Errors of the integrals over some intervals in so many steps, shape (P,); zero likewise."""
-    ends = t[chosen], t[chosen + 1]
-    coarse, fine = _sums(psid, *ends, counts, rule), _sums(psid, *ends, 2 * counts, rule)
-    found: Values = (coarse - fine) * (2**rule.order / (2**rule.order - 1))
-    change = np.abs(psid.at(ends[1]) - psid.at(ends[0]))
-    return np.where(np.abs(found) > _U * (np.abs(fine) + np.abs(ends[1]) * change), found, 0.0)
+def sum_errors(
+    psid: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule
+) -> tuple[Values, Values]:
+    """Errors of the integrals over some intervals in so many steps, shape (P,), and what rounding explains."""
+    ends, finer = (t[chosen], t[chosen + 1]), _finer(t, chosen, counts)
+    coarse, fine = _sums(psid, *ends, counts, rule), _sums(psid, *ends, finer * counts, rule)
+    rounding = interval_rounding(psid, *ends, counts)
+    return (coarse - fine) * _whole(finer, rule), rounding.noise + _U * np.abs(fine)
+
+
+def spread(t: Values, chosen: NDArray[np.intp], steps: int) -> NDArray[np.int64]:
+    """Of so many steps over the whole time, spread evenly, those within some intervals; one at least."""
+    parts = np.ceil((t[chosen + 1] - t[chosen]) * (steps / (t[-1] - t[0])))
+    found: NDArray[np.int64] = np.clip(np.nan_to_num(parts, nan=1.0), 1, steps).astype(np.int64)
+    return found
+
+
+def _finer(t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """By how much the steps are made shorter to see what they miss: twice, or as `LOOKS` asks for."""
+    times: NDArray[np.int64] = -(-spread(t, chosen, LOOKS) // counts)
+    return np.maximum(times, 2)
+
+
+def _whole(finer: NDArray[np.int64], rule: Rule) -> Values:
+    """The error as a multiple of the difference from what finer steps find."""
+    gain: Values = finer.astype(float) ** rule.order
+    return gain / (gain - 1)
+
+
+def exact(omega: Signal, rule: Rule) -> bool:
+    """Whether steps have no truncation: rotations about one axis, but for Runge and Kutta's."""
+    return isinstance(omega, Constant) and rule is not RULES["rk4_quaternion"]
+
+
+def _unless(error: float, noise: float) -> float:
+    return 0.0 if error <= noise else error
+
+
+def above(errors: Values, noise: Values) -> Values:
+    """The sizes of errors that rounding does not explain, else zero."""
+    size = np.abs(errors)
+    return np.where(size <= _SURE * noise, 0.0, size)
+
+
+def _enlarged(noise: Values, weights: Values) -> float:
+    """What rounding makes of a sum over probes, for want of the other intervals, where it would average out."""
+    return 2 * _SURE * float(np.sqrt((noise**2 * (weights**2 - weights)).sum()))
 
 
 def _turns(omega: Signal, start: Values, stop: Values, counts: NDArray[np.int64], rule: Rule, *, body: bool) -> Any:
     """The rotations over intervals, each in its number of steps: neighbours are multiplied until one is left."""
-    begin, h, part = _split(start, stop, counts)
+    begin, (h, _), part = divided(start, stop, counts)
     q = np.stack(increment_quaternions(omega.nodes(begin, h, rule.nodes), -h if body else h, rule.number))
     while len(part) > len(counts):
         even = np.flatnonzero(part % 2 == 0)
@@ -182,16 +193,9 @@ def _turns(omega: Signal, start: Values, stop: Values, counts: NDArray[np.int64]
 
 def _sums(psid: Signal, start: Values, stop: Values, counts: NDArray[np.int64], rule: Rule) -> Values:
     """The integrals over intervals, each in its number of steps."""
-    begin, h, _ = _split(start, stop, counts)
+    begin, (h, _), _ = divided(start, stop, counts)
     each: Values = h * (psid.nodes(begin, h, rule.nodes) @ _quadrature(rule))
     return np.add.reduceat(each, np.cumsum(counts) - counts)
-
-
-def _split(start: Values, stop: Values, counts: NDArray[np.int64]) -> tuple[Values, Values, NDArray[np.int64]]:
-    """Starts and lengths of the steps of intervals, and their numbers within their interval."""
-    part = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    h = np.repeat((stop - start) / counts, counts)
-    return np.repeat(start, counts) + part * h, h, part
 
 
 def _four(rows: Values) -> inc.Quaternion:

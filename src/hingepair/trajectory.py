@@ -35,12 +35,18 @@ class _OfState:
         known = ", ".join((*(name for name in fields if name[0] != "_"), *state.outputs))
         raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {known}")
 
+    def __repr__(self) -> str:
+        t, method, steps, error = (object.__getattribute__(self, name) for name in ("t", "method", "steps", "_error"))
+        known = f", error_estimate={error():.2g}" if error.known else ""
+        names = ", ".join(object.__getattribute__(self, "state").outputs)
+        return f"{type(self).__name__}({method}, steps={steps}, {span(t)}{known}, outputs=({names}))"
+
     def __dir__(self) -> list[str]:
         state = object.__getattribute__(self, "state")
         return sorted({*object.__dir__(self), *(name for name in dir(type(state)) if not name.startswith("_"))})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Trajectory(_OfState):
     """The motion of a pair that `integrate` found (E12); also has every attribute of its state (R2, S2, v2, ...).
 
@@ -114,7 +120,7 @@ class Trajectory(_OfState):
         return continuous(matrix_to_euler(S, sequence), proper=sequence[0] == sequence[2])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PlanarTrajectory(_OfState):
     """The motion of a planar pair that `integrate` found (E11, E12); also has every attribute of its state.
 
@@ -151,6 +157,15 @@ class PlanarTrajectory(_OfState):
     def psi_error_estimate(self) -> float:
         """The same of psi [rad]."""
         return self._psi_error()
+
+
+def span(t: NDArray[np.float64]) -> str:
+    """How many instants, and from when to when, for a reader.
+
+    >>> span(np.linspace(0, 2, 5))
+    'samples=5, t=0..2'
+    """
+    return f"samples={len(t)}, t={t[0]:g}..{t[-1]:g}" if len(t) else "samples=0"
 
 
 def rotations(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
