@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair import compiled
 from hingepair.accuracy import output_scales
+from hingepair.kernel_rows import LANES
 from states import generator
 
 OUTPUTS = ("R2", "phi2", "d", "v2", "omega2", "a2", "alpha2")
@@ -231,3 +233,17 @@ def test_a_hinge_that_is_not_upright_is_not_flat(n, home):
     unproven = pair.forward_kinematics((0.0, 0.0, 0.0, np.zeros(7), 0.0, 0.5, psi))
     np.testing.assert_allclose(proven.S2, unproven.S2, rtol=0, atol=8 * 2.0**-53)
     np.testing.assert_allclose(proven.d, unproven.d, rtol=0, atol=64 * 2.0**-53)
+
+
+@pytest.mark.parametrize("shift", [0, 1], ids=["aligned", "one_off"])
+def test_outputs_past_the_caches_are_the_same(monkeypatch, shift):
+    rng = generator(907)
+    pair, motion = random_pair(rng), random_motion(rng, 5 * LANES + 3)
+    near = pair.forward_kinematics(*motion, backend="numba").arrays()
+    monkeypatch.setattr(compiled, "_TOO_MUCH_FOR_CACHES", 0)
+    rooms = {name: np.full(array.size + 4, np.nan) for name, array in near.items()}
+    starts = {name: -(room.ctypes.data // 8) % 2 + shift for name, room in rooms.items()}
+    out = {name: rooms[name][starts[name] :][: array.size].reshape(array.shape) for name, array in near.items()}
+    pair.forward_kinematics(*motion, out=out, backend="numba")
+    for name, array in near.items():
+        np.testing.assert_array_equal(out[name], array)
