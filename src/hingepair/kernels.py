@@ -24,8 +24,6 @@ from hingepair.kernel_memory import (
     store,
     store_matrices,
     store_matrices_past,
-    store_pairs,
-    store_pairs_past,
     store_vectors,
     store_vectors_past,
 )
@@ -82,41 +80,27 @@ def _take(s: Any, inputs: Any, c: int, address: int, stride: int, count: int) ->
 
 
 @njit(fastmath=FLAGS, forceinline=True)
-def _give_near(s: Any, row: int, address: int, components: int) -> None:
-    """Store a register's worth of lanes of 2, 3 or 9 components that lie side by side."""
-    if components == 2:
-        store_pairs(s, row, address)
-    elif components == 3:
-        store_vectors(s, row, address)
-    else:
-        store_matrices(s, row, address)
-
-
-@njit(fastmath=FLAGS, forceinline=True)
-def _give_past(s: Any, row: int, address: int, components: int) -> None:
-    """The same, past the caches."""
-    if components == 2:
-        store_pairs_past(s, row, address)
-    elif components == 3:
-        store_vectors_past(s, row, address)
-    else:
-        store_matrices_past(s, row, address)
-
-
-@njit(fastmath=FLAGS, forceinline=True)
 def _give(s: Any, outputs: Any, c: int, address: int, stride: int, count: int) -> None:
     """Store group c."""
     row, components, step = outputs[c, 0], outputs[c, 1], outputs[c, 2]
-    if components == 1 or count != LANES or step != s.itemsize or stride != components * step:
+    past = outputs[c, 3] == PAST_CACHES and address % 16 == 0
+    side_by_side = count == LANES and step == s.itemsize and stride == components * step
+    if side_by_side and components == 3 and past:
+        for k in range(0, LANES, REGISTER // s.itemsize):
+            store_vectors_past(s, row + k, address + k * stride)
+    elif side_by_side and components == 3:
+        for k in range(0, LANES, REGISTER // s.itemsize):
+            store_vectors(s, row + k, address + k * stride)
+    elif side_by_side and components == 9 and past:
+        for k in range(0, LANES, REGISTER // s.itemsize):
+            store_matrices_past(s, row + k, address + k * stride)
+    elif side_by_side and components == 9:
+        for k in range(0, LANES, REGISTER // s.itemsize):
+            store_matrices(s, row + k, address + k * stride)
+    else:
         for i in range(components):
             for k in range(count):
                 store(s, address + k * stride + i * step, s[row + i * LANES + k])
-    elif outputs[c, 3] == PAST_CACHES and address % 16 == 0:
-        for k in range(0, LANES, REGISTER // s.itemsize):
-            _give_past(s, row + k, address + k * stride, components)
-    else:
-        for k in range(0, LANES, REGISTER // s.itemsize):
-            _give_near(s, row + k, address + k * stride, components)
 
 
 def kernel(s: Any, shape: Any, inputs: Any, outputs: Any, once: Any, each: Any, place: Any) -> None:
