@@ -54,7 +54,7 @@ def _load_block(typing_context: Any, s: Any, row: Any, address: Any) -> Any:
 
 
 def _store_side_by_side(rows: int, past: bool) -> Any:
-    """A function that writes a register's worth of lanes of so many rows, as vectors or matrices side by side.
+    """A function that writes a register's worth of lanes of so many rows: pairs, vectors or matrices side by side.
 
     Past the caches it writes 16 bytes at a time, to an address that is a multiple of them.
     """
@@ -125,8 +125,10 @@ load: Any = intrinsic(_load)
 store: Any = intrinsic(_store)
 load_block: Any = intrinsic(_load_block)
 fence: Any = intrinsic(_fence)
+store_pairs: Any = intrinsic(_store_side_by_side(2, past=False))
 store_vectors: Any = intrinsic(_store_side_by_side(3, past=False))
 store_matrices: Any = intrinsic(_store_side_by_side(9, past=False))
+store_pairs_past: Any = intrinsic(_store_side_by_side(2, past=True))
 store_vectors_past: Any = intrinsic(_store_side_by_side(3, past=True))
 store_matrices_past: Any = intrinsic(_store_side_by_side(9, past=True))
 prefetch: Any = intrinsic(_prefetch)

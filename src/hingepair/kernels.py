@@ -24,6 +24,8 @@ from hingepair.kernel_memory import (
     store,
     store_matrices,
     store_matrices_past,
+    store_pairs,
+    store_pairs_past,
     store_vectors,
     store_vectors_past,
 )
@@ -91,6 +93,12 @@ def _give(s: Any, outputs: Any, c: int, address: int, stride: int, count: int) -
     elif side_by_side and components == 3:
         for k in range(0, LANES, REGISTER // s.itemsize):
             store_vectors(s, row + k, address + k * stride)
+    elif side_by_side and components == 2 and past:
+        for k in range(0, LANES, REGISTER // s.itemsize):
+            store_pairs_past(s, row + k, address + k * stride)
+    elif side_by_side and components == 2:
+        for k in range(0, LANES, REGISTER // s.itemsize):
+            store_pairs(s, row + k, address + k * stride)
     elif side_by_side and components == 9 and past:
         for k in range(0, LANES, REGISTER // s.itemsize):
             store_matrices_past(s, row + k, address + k * stride)
