@@ -60,11 +60,6 @@ def gap_rate(v1: Vector, omega1: Vector, r1: Vector, v2: Vector, omega2: Vector,
     return eq.subtract(eq.add(v1, eq.cross(omega1, r1)), eq.add(v2, eq.cross(omega2, r2)))
 
 
-def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
-    """Acceleration of a body's point against its reference point: alpha x r + omega x (omega x r)."""
-    return eq.add(eq.cross(alpha, r), eq.cross(omega, eq.cross(omega, r)))
-
-
 def gap_acceleration(a1: Vector, turned1: Vector, a2: Vector, turned2: Vector) -> Vector:
     """The residual of E1, differentiated twice; turned_i = r_i''."""
     return eq.subtract(eq.add(a1, turned1), eq.add(a2, turned2))

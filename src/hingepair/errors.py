@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 _LONGEST = 120
 
@@ -84,6 +84,14 @@ def shorten(got: object) -> str:
 def quoted(value: object) -> object:
     """A value that came in, for `got`: of a text its repr, since '2' is not 2."""
     return repr(value) if isinstance(value, str) else value
+
+
+def nearest(name: str, known: Collection[str]) -> str:
+    """` (nearest: name)` for a name that was probably misspelt, for messages; nothing where none is near."""
+    import difflib
+
+    near = difflib.get_close_matches(name[:40], known, 1, cutoff=0.5)
+    return f" (nearest: {near[0]})" if near else ""
 
 
 def choices(names: Sequence[str]) -> str:

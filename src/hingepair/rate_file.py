@@ -63,12 +63,9 @@ def _arrays(file: SampleFile, columns: Columns) -> dict[str, Float64Array]:
     """What the file has, by name; a body 1 that stays at the origin where it has no R1."""
     found = {}
     for name, own in _COLUMNS.items():
-        there = [column for column in own if column in columns]
-        for column in own:
-            if column not in columns and (there or name in {"omega1", "psid"}):
-                file.fail(column, f"a column beside {there[0]}" if there else "a column", "no such column")
-        if there:
-            found[name] = np.stack([columns[column] for column in own], axis=-1) if len(own) > 1 else columns[own[0]]
+        array = file.together(columns, own, required=name in {"omega1", "psid"})
+        if array is not None:
+            found[name] = array if len(own) > 1 else array[:, 0]
     for name in ("omega1", "psid"):
         bad = np.argwhere(~np.isfinite(found[name].reshape(len(columns["t"]), -1)))
         if bad.size:

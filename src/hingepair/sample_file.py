@@ -23,7 +23,6 @@ And t should start near 0: seconds since 1970 are rounded to 2.4e-7 s in float64
 from __future__ import annotations
 
 import csv
-import difflib
 import warnings
 import zipfile
 import zlib
@@ -35,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.arrays import real_array
-from hingepair.errors import ArgumentError, MissingDependencyError, SceneError, choices
+from hingepair.errors import ArgumentError, MissingDependencyError, SceneError, choices, nearest
 
 MAX_ROWS: Final = 10_000_000
 MAX_BYTES: Final = 2_000_000_000
@@ -102,14 +101,22 @@ class SampleFile:
             self.fail("", "at least one sample", "none")
         return found
 
+    def together(self, columns: Columns, own: tuple[str, ...], required: bool) -> NDArray[np.float64] | None:
+        """Columns side by side, shape (N, len(own)); None where none of them is there and none need be."""
+        there = [column for column in own if column in columns]
+        if not there and not required:
+            return None
+        for column in own:
+            if column not in columns:
+                self.fail(column, f"a column beside {there[0]}" if there else "a column", "no such column")
+        return np.stack([columns[column] for column in own], axis=-1)
+
     def check_names(self, names: Iterable[str], known: tuple[str, ...]) -> None:
         """Refuse a name that is not known or that comes twice."""
         seen = set()
         for name in names:
             if name not in known:
-                near = difflib.get_close_matches(name[:40], known, 1, cutoff=0.5)
-                hint = f" (nearest: {near[0]})" if near else ""
-                self.fail(repr(name[:40]), choices(known), f"an unknown column{hint}")
+                self.fail(repr(name[:40]), choices(known), f"an unknown column{nearest(name, known)}")
             if name in seen:
                 self.fail(name, "a column once", "a second one")
             seen.add(name)

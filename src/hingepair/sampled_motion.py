@@ -93,7 +93,9 @@ def read_sampled_motion(table: Table, folder: Path) -> SampledMotion:
     if attitude is _QUATERNION and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
     names = (_POSITION, attitude, _HINGE)
-    parts = [[_array(file, columns, name) for name in own] for own in names]
+    parts = [
+        [file.together(columns, ARRAYS.get(name, (name,)), name in {"R1", "psi"}) for name in own] for own in names
+    ]
     if completed:
         parts = [_completed(file, t, own, part) for own, part in zip(names, parts, strict=True)]
     level = _level(file, names, parts)
@@ -127,18 +129,6 @@ def _attitude(file: SampleFile, columns: Columns) -> tuple[str, ...]:
         if column in columns:
             file.fail(column, f"nothing of this kind beside {ARRAYS[own[0]][0]}", "a column")
     return own
-
-
-def _array(file: SampleFile, columns: Columns, name: str) -> Float64Array | None:
-    """Columns side by side, None where none of them is there and none need be."""
-    own = ARRAYS.get(name, (name,))
-    there = [column for column in own if column in columns]
-    if not there and name not in {"R1", "psi"}:
-        return None
-    for column in own:
-        if column not in columns:
-            file.fail(column, f"a column beside {there[0]}" if there else "a column", "no such column")
-    return np.stack([columns[column] for column in own], axis=-1)
 
 
 def _level(file: SampleFile, names: tuple[tuple[str, ...], ...], parts: list[Derivatives]) -> int:

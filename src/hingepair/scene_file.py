@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from hingepair.arrays import finite_number
-from hingepair.errors import ArgumentError, SceneError, choices, quoted
+from hingepair.errors import ArgumentError, SceneError, choices, nearest, quoted
 
 MAX_BYTES: Final = 1_000_000
 MAX_KEY_PARTS: Final = 16
@@ -46,11 +46,7 @@ class Table:
         """Refuse keys that nothing reads, and say which was probably meant."""
         for key in self.values:
             if key not in known:
-                import difflib
-
-                near = difflib.get_close_matches(key[:40], known, 1, cutoff=0.5)
-                hint = f" (nearest: {near[0]})" if near else ""
-                raise SceneError(self.label(key), choices(tuple(known)) + hint, "an unknown key")
+                raise SceneError(self.label(key), choices(tuple(known)) + nearest(key, known), "an unknown key")
 
     def table(self, key: str, *, required: bool = True) -> Table:
         """The table below a key; an empty one where it is absent and need not be there."""

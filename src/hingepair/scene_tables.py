@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from hingepair.errors import ArgumentError, SceneError
 from hingepair.expression_motion import ExpressionMotion, read_expression_motion
@@ -16,6 +17,7 @@ from hingepair.rate_file import read_rate_file
 from hingepair.sampled_motion import SampledMotion, read_sampled_motion
 from hingepair.scene_file import Table
 
+Made = TypeVar("Made")
 Motion: TypeAlias = ExpressionMotion | SampledMotion | IntegratedMotion
 """Knows its instants `t`, its `level`, its `sequence`, and gives `samples(rows, order)`."""
 
@@ -46,10 +48,7 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
         values["limits"] = table.numbers("limits", 2)
     if "name" in table.values:
         values["name"] = table.text("name")
-    try:
-        return HingePair(**values)
-    except ArgumentError as error:
-        raise SceneError(table.label(error.name), error.expected, error.got) from None
+    return _made(table, HingePair, **values)
 
 
 def _planar_pair(table: Table) -> PlanarPair:
@@ -57,18 +56,19 @@ def _planar_pair(table: Table) -> PlanarPair:
     values: dict[str, Any] = {key: table.numbers(key, 2) for key in ("u1", "u2")}
     if "name" in table.values:
         values["name"] = table.text("name")
-    try:
-        return PlanarPair(**values)
-    except ArgumentError as error:
-        raise SceneError(table.label(error.name), error.expected, error.got) from None
+    return _made(table, PlanarPair, **values)
 
 
 def _robot_pair(table: Table) -> HingePair:
     from hingepair.robots import load_robot_hinge
 
-    robot, joint = table.text("robot"), table.text("joint")
+    return _made(table, load_robot_hinge, robot=table.text("robot"), joint=table.text("joint"))
+
+
+def _made(table: Table, make: Callable[..., Made], **values: Any) -> Made:
+    """What is made of the values of a table; an argument that is refused is named as the key that it came from."""
     try:
-        return load_robot_hinge(robot, joint)
+        return make(**values)
     except ArgumentError as error:
         raise SceneError(table.label(error.name), error.expected, error.got) from None
 

@@ -27,6 +27,25 @@ class _OfState:
     __slots__ = ()
     __signature__ = Signature()  # `integrate` makes it, of more than its readers need to know
 
+    _error: Later
+    _psi_error: Later
+
+    @property
+    def error_estimate(self) -> float:
+        """How far the attitude of body 1, or its angle phi, is off at the worst instant [rad], rounding included.
+
+        Worked out when it is first asked for, by steps of half the length, and of samples by what interpolation
+        misses: gaps, motion that the samples hardly follow, jumps and kinks, which may be anywhere between two of
+        them. NaN of fewer than four samples. Not part of it: noise in what was given, and what happens in a gap or
+        faster than two samples a period and leaves no trace in the samples.
+        """
+        return self._error()
+
+    @property
+    def psi_error_estimate(self) -> float:
+        """The same of psi [rad]."""
+        return self._psi_error()
+
     def __getattr__(self, name: str) -> Any:
         state = object.__getattribute__(self, "state")
         if not name.startswith("_") and hasattr(type(state), name):
@@ -67,22 +86,6 @@ class Trajectory(_OfState):
     steps: int
     _error: Later = field(repr=False)
     _psi_error: Later = field(repr=False)
-
-    @property
-    def error_estimate(self) -> float:
-        """How far the attitude of body 1 is off at the worst instant [rad], rounding included.
-
-        Worked out when it is first asked for, by steps of half the length, and of samples by what interpolation
-        misses: gaps, motion that the samples hardly follow, jumps and kinks, which may be anywhere between two of
-        them. NaN of fewer than four samples. Not part of it: noise in what was given, and what happens in a gap or
-        faster than two samples a period and leaves no trace in the samples.
-        """
-        return self._error()
-
-    @property
-    def psi_error_estimate(self) -> float:
-        """The same of psi [rad]."""
-        return self._psi_error()
 
     @property
     def quat_xyzw(self) -> NDArray[np.float64]:
@@ -141,22 +144,6 @@ class PlanarTrajectory(_OfState):
     steps: int
     _error: Later = field(repr=False)
     _psi_error: Later = field(repr=False)
-
-    @property
-    def error_estimate(self) -> float:
-        """How far phi is off at the worst instant [rad], rounding included.
-
-        Worked out when it is first asked for, by steps of half the length, and of samples by what interpolation
-        misses: gaps, motion that the samples hardly follow, jumps and kinks, which may be anywhere between two of
-        them. NaN of fewer than four samples. Not part of it: noise in what was given, and what happens in a gap or
-        faster than two samples a period and leaves no trace in the samples.
-        """
-        return self._error()
-
-    @property
-    def psi_error_estimate(self) -> float:
-        """The same of psi [rad]."""
-        return self._psi_error()
 
 
 def span(t: NDArray[np.float64]) -> str:
