@@ -7,7 +7,7 @@ from collections import defaultdict
 import pytest
 
 import hingepair
-from reference import BOUNDS
+from support.reference import BOUNDS
 
 LEDGER = pytest.StashKey[dict]()
 
@@ -39,12 +39,12 @@ def ledger(request):
 @pytest.fixture(params=["numpy", "numba"])
 def each_backend(request, monkeypatch):
     """Every call that does not name a backend goes to this one."""
-    choose = hingepair.pair.choose
+    choose = hingepair.pair.hinge_pair.choose
 
     def forced(backend, workers):
         return choose(request.param if backend == "auto" else backend, workers)
 
-    monkeypatch.setattr(hingepair.pair, "choose", forced)
+    monkeypatch.setattr(hingepair.pair.hinge_pair, "choose", forced)
     return request.param
 
 

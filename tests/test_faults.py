@@ -20,42 +20,46 @@ PACKAGE = Path(hingepair.__file__).parent
 FAULTS = {
     # equations
     "a sign in E2": (
-        "equations.py",
+        "equations/spatial.py",
         "return add(omega1, scale(axis, psid))",
         "return subtract(omega1, scale(axis, psid))",
     ),
     "Sh transposed in E5": (
-        "equations.py",
+        "equations/spatial.py",
         "return compose(compose(S1, Sh), home)",
         "return compose(compose(S1, transpose(Sh)), home)",
     ),
     "home transposed in E5": (
-        "equations.py",
+        "equations/spatial.py",
         "return compose(compose(S1, Sh), home)",
         "return compose(compose(S1, Sh), transpose(home))",
     ),
     "omega1 x n psi' dropped in E9": (
-        "equations.py",
+        "equations/spatial.py",
         "add(scale(axis, psidd), scale(cross(omega1, axis), psid))",
         "scale(axis, psidd)",
     ),
     "centripetal acceleration dropped in E9": (
-        "equations.py",
+        "equations/spatial.py",
         "return subtract(scale(pull, psid * psid), scale(slide, psidd))",
         "return scale(slide, 0 - psidd)",
     ),
-    "Coriolis acceleration halved in E9": ("equations.py", "scale(slide, 2 * psid)", "scale(slide, psid)"),
-    "a sign in Sx Sy Sz": ("equations.py", "cx * sz + ss * cz", "cx * sz - ss * cz"),
-    "a sign in Sx Sy Sx": ("equations.py", "cc * cz - sx * sz", "cc * cz + sx * sz"),
-    "a sign in J' phi'": ("equations.py", "rates[2] + (turn[2] + phid[0] * y)", "rates[2] + (turn[2] - phid[0] * y)"),
+    "Coriolis acceleration halved in E9": ("equations/spatial.py", "scale(slide, 2 * psid)", "scale(slide, psid)"),
+    "a sign in Sx Sy Sz": ("equations/spatial.py", "cx * sz + ss * cz", "cx * sz - ss * cz"),
+    "a sign in Sx Sy Sx": ("equations/spatial.py", "cc * cz - sx * sz", "cc * cz + sx * sz"),
+    "a sign in J' phi'": (
+        "equations/spatial.py",
+        "rates[2] + (turn[2] + phid[0] * y)",
+        "rates[2] + (turn[2] - phid[0] * y)",
+    ),
     "u1 and u2 swapped": (
-        "levers.py",
+        "pair/levers.py",
         '"u1": numbers[:3], "u2": numbers[3:]',
         '"u1": numbers[3:], "u2": numbers[:3]',
     ),
-    "the hinge turns the lever backwards": ("steps.py", '("n", "arm")', '("arm", "n")'),
+    "the hinge turns the lever backwards": ("evaluation/steps.py", '("n", "arm")', '("arm", "n")'),
     "d computed as R2 - R1": (
-        "steps.py",
+        "evaluation/steps.py",
         """Step("d", eq.offset, ("S1", "along", "swing")),
     Step("R2", eq.position2, ("R1", "d")),
     Step("axis",""",
@@ -66,127 +70,165 @@ FAULTS = {
     ),
     # numbers
     "psi reduced modulo 2 pi in double": (
-        "blocks.py",
+        "numeric/blocks.py",
         "s, c = sine(psi), cosine(psi)",
         "psi = psi % (2 * math.pi)\n    s, c = sine(psi), cosine(psi)",
     ),
-    "1 - cos psi for the versine": ("blocks.py", "np.where(c > 0, s * s / (1 + c), 1 - c)", "1 - c"),
+    "1 - cos psi for the versine": ("numeric/blocks.py", "np.where(c > 0, s * s / (1 + c), 1 - c)", "1 - c"),
     "lengths without scaling": (
-        "lengths.py",
+        "numeric/unit_vectors.py",
         "return tuple(np.ldexp(np.ldexp(component, half), -exponent - half) for component in v), exponent",
         "return v, 0 * exponent + 0 * half",
     ),
     "levers in plain doubles": (
-        "twofold.py",
+        "numeric/twofold.py",
         "error + (self.high * other.low + self.low * other.high)",
         "0.0 * error",
     ),
     # conventions
     "wxyz for xyzw": (
-        "motion.py",
+        "pair/body_motion.py",
         'quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False)',
         'quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=True)',
     ),
     "extrinsic taken for intrinsic": (
-        "sequences.py",
+        "rotations/sequences.py",
         "name.upper()[::-1] if name.islower() else name",
         "name.upper()",
     ),
     "left-handed sequences taken for right-handed": (
-        "sequences.py",
+        "rotations/sequences.py",
         "sign = 1 if (axes[1] - axes[0]) % 3 == 1 else -1",
         "sign = 1",
     ),
     "a sign in J^-1": (
-        "equations.py",
+        "equations/spatial.py",
         "return axes[0] * omega[2] - axes[1] * omega[1]",
         "return axes[0] * omega[2] + axes[1] * omega[1]",
     ),
     "the commutator of magnus4 the other way round": (
-        "increments.py",
+        "integration/increments.py",
         "scale(cross(w1, w2), h * h",
         "scale(cross(w2, w1), h * h",
     ),
-    "a sign in an inner commutator of magnus6": ("increments.py", "-1 / 60)", "1 / 60)"),
-    "the outer commutator of magnus6 dropped": ("increments.py", "scale(outer, 1 / 240)", "scale(outer, 0.0)"),
+    "a sign in an inner commutator of magnus6": ("integration/increments.py", "-1 / 60)", "1 / 60)"),
+    "the outer commutator of magnus6 dropped": (
+        "integration/increments.py",
+        "scale(outer, 1 / 240)",
+        "scale(outer, 0.0)",
+    ),
     "the two exponentials exchanged": (
-        "attitude_steps.py",
+        "integration/attitude_steps.py",
         "inc.quaternion_product(_exp(second), _exp(first))",
         "inc.quaternion_product(_exp(first), _exp(second))",
     ),
     "products in the order of time backwards": (
-        "prefix_product.py",
+        "integration/prefix_product.py",
         "combine(later, tuple(p[:count] for p in earlier))",
         "combine(tuple(p[:count] for p in earlier), later)",
     ),
     "the first angle of a proper sequence half a turn off": (
-        "euler.py",
+        "rotations/euler.py",
         "(order.sign * S[3], -order.sign * S[6])",
         "(S[3], -S[6])",
     ),
-    "lock read off the wrong element": ("euler.py", "(canonical[3], canonical[6])", "(canonical[3], canonical[7])"),
-    "psi turns body 2 of a planar pair backwards": ("planar_equations.py", "s + (c * sine - s", "s - (c * sine - s"),
+    "lock read off the wrong element": (
+        "rotations/euler.py",
+        "(canonical[3], canonical[6])",
+        "(canonical[3], canonical[7])",
+    ),
+    "psi turns body 2 of a planar pair backwards": ("equations/planar.py", "s + (c * sine - s", "s - (c * sine - s"),
     # rotations
     "rotation_log by the arc cosine of the trace": (
-        "rotations.py",
+        "rotations/matrices.py",
         "2 * np.arctan2(length, quat[..., 0]) / length",
         "np.arccos(np.clip((np.trace(matrix, axis1=-2, axis2=-1) - 1) / 2, -1, 1)) / length",
     ),
-    "no pivot in the quaternion of a matrix": ("rotations.py", "pivot = np.argmax(", "pivot = 0 * np.argmax("),
+    "no pivot in the quaternion of a matrix": (
+        "rotations/matrices.py",
+        "pivot = np.argmax(",
+        "pivot = 0 * np.argmax(",
+    ),
     "long rotation vectors cut to a double": (
-        "rotations.py",
+        "rotations/matrices.py",
         "(s + (c * more - s * lack), k + (s * more + c * lack))",
         "(s, k)",
     ),
-    "the nearest rotation as the SVD rounds it": ("rotations.py", "S = _nearer(S, work /", "_nearer(S, work /"),
-    "a reflection accepted": ("rotations.py", 'tolerance) | (out["volume"] < 0)', "tolerance)"),
-    "matrices not checked": ("rotations.py", "2 * TOLERANCE[dtype.itemsize]\n    bad", "9.0\n    bad"),
+    "the nearest rotation as the SVD rounds it": (
+        "rotations/matrices.py",
+        "S = _nearer(S, work /",
+        "_nearer(S, work /",
+    ),
+    "a reflection accepted": ("rotations/matrices.py", 'tolerance) | (out["volume"] < 0)', "tolerance)"),
+    "matrices not checked": ("rotations/matrices.py", "2 * TOLERANCE[dtype.itemsize]\n    bad", "9.0\n    bad"),
     # frames
     "spatial for classical acceleration, going to Pinocchio": (
-        "pinocchio_twin.py",
+        "validation/pinocchio_twin.py",
         "_to_body(S, a - np.cross(omega, v))",
         "_to_body(S, a)",
     ),
     "spatial for classical acceleration, coming back": (
-        "pinocchio.py",
+        "validation/cross_validate.py",
         "pin.getFrameClassicalAcceleration(",
         "pin.getFrameAcceleration(",
     ),
-    "wxyz for xyzw, going to Pinocchio": ("pinocchio_twin.py", "np.roll(quat_wxyz, -1, axis=-1)", "quat_wxyz"),
-    "free-flyer velocity in world axes": ("pinocchio_twin.py", "_joined(_to_body(S, v), _to", "_joined(v, _to"),
-    "u2 not turned by home in Pinocchio's frame": ("pinocchio_twin.py", "-(home @ pair.u2)", "-np.array(pair.u2)"),
+    "wxyz for xyzw, going to Pinocchio": (
+        "validation/pinocchio_twin.py",
+        "np.roll(quat_wxyz, -1, axis=-1)",
+        "quat_wxyz",
+    ),
+    "free-flyer velocity in world axes": (
+        "validation/pinocchio_twin.py",
+        "_joined(_to_body(S, v), _to",
+        "_joined(v, _to",
+    ),
+    "u2 not turned by home in Pinocchio's frame": (
+        "validation/pinocchio_twin.py",
+        "-(home @ pair.u2)",
+        "-np.array(pair.u2)",
+    ),
 }
 
 # Faults of what is compiled alone: killed by the compiled laws, from a kernel cache of their own.
 KERNEL_FAULTS = {
-    "cosine's sign by sine's quadrant": ("kernel_math.py", "((quadrant + 1) & 2)", "(quadrant & 2)"),
-    "pi/2 in one part": ("kernel_math.py", "6.123233995736766e-17", "0.0"),
+    "cosine's sign by sine's quadrant": ("evaluation/kernel_math.py", "((quadrant + 1) & 2)", "(quadrant & 2)"),
+    "pi/2 in one part": ("evaluation/kernel_math.py", "6.123233995736766e-17", "0.0"),
     "1 - cos psi for the versine, compiled": (
-        "kernel_math.py",
+        "evaluation/kernel_math.py",
         "drop if (quadrant & 3) == 0 else 1.0 - cos",
         "1.0 - cos",
     ),
-    "far angles not repaired": ("kernel_math.py", "far |= not abs(x) <= _REACH", "far |= abs(x) > 1e307"),
-    "everything may be reordered": ("kernel_math.py", 'FLAGS = {"contract", "nsz"}', "FLAGS = True"),
+    "far angles not repaired": ("evaluation/kernel_math.py", "far |= not abs(x) <= _REACH", "far |= abs(x) > 1e307"),
+    "everything may be reordered": ("evaluation/kernel_math.py", 'FLAGS = {"contract", "nsz"}', "FLAGS = True"),
     "psi'' for psi' in a step": (
-        "kernel_steps.py",
+        "evaluation/kernel_steps.py",
         "eq.velocity2(v1, omega1, d, slide, s[_PSID + k])",
         "eq.velocity2(v1, omega1, d, slide, s[_PSIDD + k])",
     ),
     "components of a vector stored in another order": (
-        "kernel_memory.py",
+        "evaluation/kernel_memory.py",
         "width * (j % rows)",
         "width * ((j + 1) % rows)",
     ),
-    "renamed axes without their sign": ("kernel_steps.py", "= sign * s[_SPARE", "= s[_SPARE"),
-    "extrinsic angles in the order of the letters": ("kernel_rows.py", "rows[::-1] if backward else rows", "rows"),
+    "renamed axes without their sign": ("evaluation/kernel_steps.py", "= sign * s[_SPARE", "= s[_SPARE"),
+    "extrinsic angles in the order of the letters": (
+        "evaluation/kernel_rows.py",
+        "rows[::-1] if backward else rows",
+        "rows",
+    ),
 }
 
 LAWS = (
-    *("test_laws.py", "test_accuracy.py", "test_shapes.py", "test_rotation_laws.py", "test_rotation_bounds.py"),
-    *("test_border.py", "test_levers.py", "test_integrate.py"),
+    *(
+        "pair/test_laws.py",
+        "pair/test_accuracy.py",
+        "evaluation/test_shapes.py",
+        "rotations/test_rotation_laws.py",
+        "rotations/test_rotation_bounds.py",
+    ),
+    *("pair/test_border.py", "pair/test_levers.py", "integration/test_integrate.py"),
 )
-COMPILED_LAWS = ("test_compiled.py", "test_accuracy.py")
+COMPILED_LAWS = ("evaluation/test_compiled.py", "pair/test_accuracy.py")
 
 
 def inject(package, fault):

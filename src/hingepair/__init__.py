@@ -13,7 +13,6 @@ array([0.75, 0.  , 0.  ])
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from hingepair.attitude_rates import angular_velocity, angular_velocity_from_samples
 from hingepair.errors import (
     ArgumentError,
     AxisError,
@@ -26,11 +25,13 @@ from hingepair.errors import (
     ShapeError,
     URDFError,
 )
-from hingepair.euler import euler_rate_matrix, euler_rates, euler_to_matrix, matrix_to_euler
-from hingepair.motion import BodyMotion
-from hingepair.pair import HingePair
-from hingepair.planar import PlanarPair
-from hingepair.rotations import (
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.planar_pair import PlanarPair
+from hingepair.pair.states import PairState, PlanarState
+from hingepair.rotations.angular_velocity import angular_velocity, angular_velocity_from_samples
+from hingepair.rotations.euler import euler_rate_matrix, euler_rates, euler_to_matrix, matrix_to_euler
+from hingepair.rotations.matrices import (
     project_to_rotation,
     rodrigues,
     rotation_exp,
@@ -38,19 +39,18 @@ from hingepair.rotations import (
     skew,
     unskew,
 )
-from hingepair.state import PairState, PlanarState
 
 if TYPE_CHECKING:
-    from hingepair.body import Body, Box, Cylinder, Sphere
-    from hingepair.closed_forms import derive
-    from hingepair.euler_motion import euler_kinematics
-    from hingepair.integration import integrate
-    from hingepair.mjcf import to_mjcf
-    from hingepair.pinocchio import cross_validate, cross_validate_from_body1, to_pinocchio
-    from hingepair.robots import load_robot_hinge
-    from hingepair.scene import load_scene
-    from hingepair.trajectory import PlanarTrajectory, Trajectory
-    from hingepair.urdf import from_urdf, to_urdf
+    from hingepair.formats.mjcf import to_mjcf
+    from hingepair.formats.robots import load_robot_hinge
+    from hingepair.formats.urdf import from_urdf, to_urdf
+    from hingepair.integration.integrate import integrate
+    from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
+    from hingepair.pair.body import Body, Box, Cylinder, Sphere
+    from hingepair.rotations.euler_motion import euler_kinematics
+    from hingepair.scenes.scene import load_scene
+    from hingepair.symbolic.closed_forms import derive
+    from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1, to_pinocchio
 
 __version__ = "0.1.0"
 
@@ -102,23 +102,23 @@ __all__ = [
 ]
 
 _LATER = {
-    "Body": "body",
-    "Box": "body",
-    "Cylinder": "body",
-    "PlanarTrajectory": "trajectory",
-    "Trajectory": "trajectory",
-    "cross_validate": "pinocchio",
-    "cross_validate_from_body1": "pinocchio",
-    "derive": "closed_forms",
-    "euler_kinematics": "euler_motion",
-    "from_urdf": "urdf",
-    "integrate": "integration",
-    "load_robot_hinge": "robots",
-    "load_scene": "scene",
-    "Sphere": "body",
-    "to_mjcf": "mjcf",
-    "to_pinocchio": "pinocchio",
-    "to_urdf": "urdf",
+    "Body": "pair.body",
+    "Box": "pair.body",
+    "Cylinder": "pair.body",
+    "PlanarTrajectory": "integration.trajectory",
+    "Trajectory": "integration.trajectory",
+    "cross_validate": "validation.cross_validate",
+    "cross_validate_from_body1": "validation.cross_validate",
+    "derive": "symbolic.closed_forms",
+    "euler_kinematics": "rotations.euler_motion",
+    "from_urdf": "formats.urdf",
+    "integrate": "integration.integrate",
+    "load_robot_hinge": "formats.robots",
+    "load_scene": "scenes.scene",
+    "Sphere": "pair.body",
+    "to_mjcf": "formats.mjcf",
+    "to_pinocchio": "validation.cross_validate",
+    "to_urdf": "formats.urdf",
 }
 
 

@@ -1,0 +1,226 @@
+"""The command line: `hingepair run|check|derive|urdf|mjcf SCENE`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from hingepair.cli import summary
+from hingepair.cli.bench import app as bench_app
+from hingepair.cli.derive import derive
+from hingepair.errors import ArgumentError, HingePairError
+from hingepair.evaluation.plan import OUTPUTS, PLANAR_OUTPUTS
+from hingepair.formats.results import check_ending, save, write_whole
+from hingepair.numeric.tables import finite_or_none
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.scenes.scene import load_scene
+
+if TYPE_CHECKING:
+    from hingepair.scenes.scene import Scene
+
+MOST_CHECKED = 10_001
+"""Instants that `check` takes through Pinocchio at most, evenly spread: about a second."""
+
+app = typer.Typer(
+    name="hingepair",
+    help="Two rigid bodies joined by a hinge: everything about body 2 from the motion of body 1 and the hinge angle.",
+    epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+app.add_typer(bench_app, name="bench")
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
+TextFile = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write to FILE instead of standard output.")
+]
+FixedBase = Annotated[bool, typer.Option("--fixed-base", help="Body 1 stands still in the world.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+
+
+def main() -> None:
+    """Run the command line; an error of ours is one line on standard error and exit code 2."""
+    try:
+        app()
+    except HingePairError as error:
+        print(f"hingepair: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    show_version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    if show_version:
+        print(f"hingepair {version('hingepair')}")
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    scene_file: SceneFile,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write all instants to FILE (.npz or .csv).")
+    ] = None,
+    outputs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help=f"What to compute, of {', '.join(OUTPUTS)}; in the plane of {', '.join(PLANAR_OUTPUTS)}.",
+        ),
+    ] = None,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Say what is computed, what is skipped, and why.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Compute the motion of body 2 and show what came out."""
+    if out is not None:
+        check_ending(out)
+    scene = load_scene(scene_file)
+    names = None if outputs is None else [name.strip() for name in outputs.split(",") if name.strip()]
+    result = scene.evaluate(names)
+    residuals = summary.residuals(scene)
+    written = None if out is None else save(out, result.t, result.state.arrays())
+    if as_json:
+        found = {
+            **_facts(scene),
+            "not_finite": summary.not_finite(result),
+            "outputs": summary.as_json(result),
+            "residuals": {
+                r.label: {"largest": finite_or_none(r.largest), "in_u_scale": finite_or_none(r.ratio)}
+                for r in residuals
+            },
+            "file": None if written is None else str(written),
+            **({"plan": asdict(scene.plan(names))} if explain else {}),
+        }
+        print(json.dumps(found, indent=2, allow_nan=False))
+        return
+    console = _console()
+    _head(console, scene)
+    if explain:
+        console.print(str(scene.plan(names)))
+    console.print(summary.table(result))
+    lost = summary.not_finite(result)
+    if lost:
+        others = (
+            "ranges and residuals are those of the others" if lost < len(result.t) else "there is nothing to show"
+        )
+        console.print(f"{lost} of {len(result.t)} instants are not finite; {others}")
+    for r in residuals if lost < len(result.t) else ():
+        console.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
+    console.print(
+        f"written: {written}" if written else "nothing written (--out FILE.npz or FILE.csv writes all instants)"
+    )
+
+
+@app.command()
+def check(scene_file: SceneFile, as_json: Json = False) -> None:
+    """Compute the scene by the equations and by Pinocchio, and compare (pose, velocities, accelerations)."""
+    scene = load_scene(scene_file)
+    report = scene.cross_validate(MOST_CHECKED)
+    if as_json:
+        print(report.to_json())
+    else:
+        console = _console()
+        _head(console, scene)
+        if report.samples < scene.samples:
+            console.print(f"{report.samples} of the {scene.samples} instants are compared, evenly spread")
+        print(report)
+    raise typer.Exit(0 if report.ok else 1)
+
+
+app.command()(derive)
+
+
+@app.command()
+def urdf(
+    scene_file: SceneFile,
+    out: TextFile = None,
+    fixed_base: FixedBase = False,
+    floating_base: Annotated[
+        bool, typer.Option("--floating-base", help="Body 1 hangs on a floating joint from a link `world`.")
+    ] = False,
+) -> None:
+    """Write the pair as a URDF robot; its base is free to get a root joint from the loader."""
+    from hingepair.formats.urdf import to_urdf
+
+    if fixed_base and floating_base:
+        raise ArgumentError("--fixed-base", "this or --floating-base", "both")
+    base = "fixed" if fixed_base else "floating" if floating_base else "free"
+    _give(to_urdf(load_scene(scene_file).space, base=base), out)
+
+
+@app.command()
+def mjcf(scene_file: SceneFile, out: TextFile = None, fixed_base: FixedBase = False) -> None:
+    """Write the pair as a MuJoCo model (MJCF): a free joint and a hinge."""
+    from hingepair.formats.mjcf import to_mjcf
+
+    _give(to_mjcf(load_scene(scene_file).space, base="fixed" if fixed_base else "free"), out)
+
+
+@app.command()
+def robots(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Show the hinges of this robot.")] = None,
+    as_json: Json = False,
+) -> None:
+    """List the robots whose hinges a scene may name, or the hinges of one."""
+    from hingepair.formats.robots import hinge_table
+
+    columns, rows = hinge_table(name)
+    if as_json:
+        print(json.dumps([dict(zip(columns, row, strict=True)) for row in rows], indent=2))
+        return
+    from rich import box
+    from rich.table import Table
+
+    table = Table(*columns, box=box.SIMPLE_HEAD)
+    for row in rows:
+        table.add_row(*map(str, row))
+    _console().print(table)
+
+
+def _give(text: str, out: Path | None) -> None:
+    if out is None:
+        print(text, end="")
+        return
+    write_whole(out, lambda file: file.write(text.encode()))
+    _console().print(f"written: {out}")
+
+
+def _facts(scene: Scene) -> dict[str, object]:
+    return {
+        "scene": str(scene.path),
+        "title": scene.title,
+        "samples": scene.samples,
+        "start": scene.start,
+        "stop": scene.stop,
+        "sequence": scene.sequence,
+        "error_estimate": finite_or_none(getattr(scene.motion, "error_estimate", 0.0)),
+        "pair": {key: getattr(scene.space, key).tolist() for key in ("u1", "u2", "n", "home")},
+    }
+
+
+def _head(console: Console, scene: Scene) -> None:
+    if scene.title:
+        console.print(scene.title, style="bold")
+    pair = scene.pair
+    own = ("u1", "u2", "n") if isinstance(pair, HingePair) else ("u1", "u2")
+    vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in own)
+    console.print(f"{' '.join(pair.name.split())}: {vectors}")
+    instants = f"{scene.samples} instant{'s' * (scene.samples != 1)}, t = {scene.start:g} to {scene.stop:g} s"
+    console.print(f"{instants}; {scene.motion.turning}")
+
+
+def _console() -> Console:
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    return console if console.is_terminal else Console(highlight=False, markup=False, soft_wrap=True, width=100)

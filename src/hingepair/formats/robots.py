@@ -1,0 +1,140 @@
+"""The robots of the package example-robot-data, and their hinges as pairs.
+
+A robot is named by its URDF's file stem, `talos_reduced`. Where two files share a stem, the name is
+`folder/stem`, the folder being the robot's own: `anymal_c_simple_description/anymal`. That form is understood for
+every robot.
+"""
+
+from __future__ import annotations
+
+import functools
+import warnings
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from hingepair.errors import ArgumentError, MissingDependencyError, quoted
+from hingepair.formats.urdf import hinge_pair
+from hingepair.formats.urdf_tree import parse_urdf, read_urdf
+
+if TYPE_CHECKING:
+    from hingepair.pair.hinge_pair import HingePair
+
+PACKAGE = "example-robot-data"
+
+
+def load_robot_hinge(robot: str, joint: str) -> HingePair:
+    """One hinge of a robot of example-robot-data as a pair.
+
+    Parent link is body 1, child link body 2; u1 and home are the joint's origin, u2 = 0.
+
+    Args:
+        robot: the URDF's file stem, or `folder/stem`.
+        joint: name of a revolute or continuous joint; a mimic joint is a hinge too.
+
+    Returns:
+        The pair, named `robot/joint`, with the limits and the masses that `from_urdf` would give it: limits None
+        where the joint has none; body1 and body2 each of all links fixed to each other, None where no link has mass
+        or the sum is none that a rigid body can have (of this no warning here).
+
+    Raises:
+        ArgumentError: no such robot, or more than one.
+        URDFError: no such hinge; lists those of the robot.
+        MissingDependencyError: example-robot-data is not installed.
+
+    >>> import hingepair as hp
+    >>> pair = hp.load_robot_hinge("talos_reduced", "arm_left_4_joint")
+    >>> pair.n.tolist(), pair.u1.tolist()
+    ([0.0, 1.0, 0.0], [0.02, 0.0, -0.273])
+    """
+    tree = parse_urdf(read_urdf(robot_urdf(robot)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # its user cannot mend what these robots have of inertias
+        return hinge_pair(tree, joint, None, None, name=f"{robot}/{joint}")
+
+
+def robot_names() -> tuple[str, ...]:
+    """The robots' names, sorted: the stem where it is unique, else `folder/stem`.
+
+    Raises:
+        MissingDependencyError: example-robot-data is not installed.
+    """
+    files = _files()
+    count = Counter(_stem(name) for name in files)
+    return tuple(sorted(_stem(name) if count[_stem(name)] == 1 else name for name in files))
+
+
+def robot_urdf(robot: str) -> Path:
+    """The path of a robot's URDF.
+
+    Raises:
+        ArgumentError: no such robot, or more than one.
+        MissingDependencyError: example-robot-data is not installed.
+
+    >>> robot_urdf("anymal_c_simple_description/anymal").name
+    'anymal.urdf'
+    """
+    files = _files()
+    found = [name for name in files if robot in (name, _stem(name))]
+    if len(found) == 1:
+        return files[found[0]]
+    if found:
+        raise ArgumentError("robot", "one robot: " + " or ".join(sorted(found)), quoted(robot))
+    raise ArgumentError("robot", _advice(str(robot)), quoted(robot))
+
+
+def hinge_table(robot: str | None) -> tuple[tuple[str, ...], list[tuple[str | int, ...]]]:
+    """Headings and rows: the robots and how many hinges each has; or the hinges of one robot.
+
+    Raises:
+        ArgumentError: no such robot, or more than one.
+        MissingDependencyError: example-robot-data is not installed.
+    """
+    if robot is None:
+        trees = {name: parse_urdf(read_urdf(robot_urdf(name))) for name in robot_names()}
+        return ("robot", "hinges"), [(name, len(tree.hinges())) for name, tree in trees.items()]
+    hinges = parse_urdf(read_urdf(robot_urdf(robot))).hinges()
+    rows: list[tuple[str | int, ...]] = [(h.name, h.type, h.parent, h.child, h.mimic or "") for h in hinges]
+    return ("joint", "type", "parent link (body 1)", "child link (body 2)", "follows"), rows
+
+
+def _advice(robot: str) -> str:
+    import difflib
+
+    names = robot_names()
+    lower = {name.lower(): name for name in names}
+    near = [name for key, name in lower.items() if robot and (robot.lower() in key or key in robot.lower())]
+    near += [lower[key] for key in difflib.get_close_matches(robot.lower(), lower, n=5) if lower[key] not in near]
+    hint = f", such as {', '.join(near[:5])}" if near else " (hingepair robots lists them)"
+    return f"one of the {len(names)} robots of {PACKAGE}{hint}"
+
+
+def _stem(name: str) -> str:
+    return name.rpartition("/")[2]
+
+
+@functools.cache
+def _files() -> Mapping[str, Path]:
+    """`folder/stem` -> path of every URDF below robots/ of the installed package.
+
+    The package holds data only, and where its installer put them is for its own list of files to say.
+    """
+    import importlib.metadata
+
+    try:
+        distribution = importlib.metadata.distribution(PACKAGE)
+    except importlib.metadata.PackageNotFoundError:
+        raise MissingDependencyError(
+            "robot", f"the package {PACKAGE} (pip install 'hingepair[robots]')", "none installed"
+        ) from None
+    found: dict[str, Path] = {}
+    for file in distribution.files or ():
+        if file.suffix != ".urdf" or "robots" not in file.parts:
+            continue
+        inside = PurePosixPath(*file.parts[file.parts.index("robots") + 1 :])
+        found[f"{inside.parts[0]}/{inside.stem}"] = Path(str(distribution.locate_file(file)))
+    if not found:
+        raise MissingDependencyError("robot", f"{PACKAGE} with its robots", "none of its files listed")
+    return MappingProxyType(found)

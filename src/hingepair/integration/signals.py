@@ -1,0 +1,194 @@
+"""What is given as a function of time: a constant, a callable, or samples at the instants.
+
+Samples are interpolated by the polynomial of degree 5 through the six nearest (through all, where there are fewer),
+which keeps order 6 of an integral over them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.errors import ArgumentError, HingePairError, ShapeError
+from hingepair.numeric.arrays import real_array
+
+Values: TypeAlias = NDArray[np.float64]
+
+POINTS: Final = 6
+"""Samples that an interpolating polynomial goes through."""
+
+_JITTER = 8  # units in the last place of t: instants this close to even ones are even
+
+
+class Constant:
+    """The same value at every time."""
+
+    def __init__(self, value: Values) -> None:
+        self.value = value
+
+    def at(self, times: Values) -> Values:
+        """The values at times of any shape."""
+        return np.broadcast_to(self.value, times.shape + self.value.shape)
+
+    instants = at
+
+    def nodes(self, start: Values, _: Values, c: tuple[float, ...]) -> Values:
+        """The values at the nodes of steps; shape (steps, nodes, ...)."""
+        return np.broadcast_to(self.value, (len(start), len(c), *self.value.shape))
+
+
+class Function:
+    """A callable of an array of times."""
+
+    def __init__(self, name: str, function: Callable[[Values], Any], tail: tuple[int, ...]) -> None:
+        self.name = name
+        self.function = function
+        self.tail = tail
+
+    def at(self, times: Values) -> Values:
+        """The values at times of any shape; the callable sees them in a row.
+
+        Raises:
+            ShapeError, DtypeError: the callable returns something else than one value for each time.
+            ArgumentError: a value is not finite; names the first time.
+        """
+        row = np.ravel(times)
+        values = real_array(f"{self.name}(t)", called(self.name, self.function, row))
+        wanted = row.shape + self.tail
+        if values.shape not in {wanted, self.tail}:
+            raise ShapeError(f"{self.name}(t)", f"shape {wanted} for t of shape {row.shape}", f"shape {values.shape}")
+        values = np.broadcast_to(values, wanted).astype(np.float64, copy=False)
+        if not np.isfinite(values).all():
+            first = _first_not_finite(values)
+            raise ArgumentError(f"{self.name}(t)", "finite numbers", f"{values[first]} at t = {float(row[first])!r}")
+        return values.reshape(times.shape + self.tail)
+
+    instants = at
+
+    def nodes(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
+        """The values at the nodes start + c h of steps; shape (steps, nodes, ...)."""
+        return self.at(start[:, None] + h[:, None] * np.array(c))
+
+
+class Samples:
+    """Values at the instants, and between them a polynomial through those nearby."""
+
+    def __init__(self, t: Values, values: Values) -> None:
+        self.t = t
+        self.values = values
+        self.count = min(POINTS, len(t))
+        self.even = _even_step(t)
+
+    def at(self, times: Values) -> Values:
+        """The values at times of any shape."""
+        interval = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, max(0, len(self.t) - 2))
+        stencil = self._first(interval)[..., None] + np.arange(self.count)
+        found: Values = np.einsum("...j,...jk->...k", _weights(self.t[stencil], times), self._columns()[stencil])
+        return found.reshape(times.shape + self.values.shape[1:])
+
+    def nodes(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
+        """The values at the nodes start + c h of steps; shape (steps, nodes, ...).
+
+        Where the steps are those between the samples, and the samples even, the weights are those of the middle
+        of a stencil, but for the few steps at either end.
+        """
+        first = int(np.searchsorted(self.t, start[0]))
+        inner = slice(max(2, first), min(first + len(h), len(self.t) - 3))
+        steps_are_samples = np.array_equal(self.t[first : first + len(h)], start)
+        if self.even is None or self.count < POINTS or inner.stop <= inner.start or not steps_are_samples:
+            return self.at(start[:, None] + h[:, None] * np.array(c))
+        weights = _weights(np.arange(-2.0, 4.0) * self.even, np.array(c) * self.even)
+        columns = self._columns()
+        found = np.empty((len(h), len(c), columns.shape[1]))
+        low, high = inner.start - first, inner.stop - first
+        near = columns[inner.start - 2 : inner.stop + 3]
+        for node, own in enumerate(weights):
+            found[low:high, node] = sum(w * near[j : j + high - low] for j, w in enumerate(own))
+        for edge in (slice(0, low), slice(high, len(h))):
+            times = start[edge, None] + h[edge, None] * np.array(c)
+            found[edge] = self.at(times).reshape(*times.shape, columns.shape[1])
+        return found.reshape(len(h), len(c), *self.values.shape[1:])
+
+    def instants(self, _: Values) -> Values:
+        """The samples."""
+        return self.values
+
+    def _first(self, interval: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The first sample of the stencil of an interval."""
+        return np.clip(interval - (self.count // 2 - 1), 0, len(self.t) - self.count)
+
+    def _columns(self) -> Values:
+        return self.values.reshape(len(self.values), -1)
+
+
+Signal: TypeAlias = Constant | Function | Samples
+
+
+def read_signal(name: str, value: Any, t: Values, tail: tuple[int, ...]) -> Signal:
+    """What was given as a signal.
+
+    Args:
+        name: of the argument.
+        value: a callable of t; one value of shape `tail`; or samples, of shape t.shape + tail.
+        t: the instants, shape (N,).
+        tail: shape of one value.
+
+    Raises:
+        ShapeError, DtypeError: it is none of these.
+        ArgumentError: a number is not finite; names the index of the first.
+    """
+    if callable(value):
+        return Function(name, value, tail)
+    array = real_array(name, value).astype(np.float64)
+    if array.shape not in {tail, t.shape + tail}:
+        shapes = f"a callable, a constant of shape {tail}, or samples of shape {t.shape + tail}"
+        raise ShapeError(name, shapes, f"shape {array.shape}")
+    if not np.isfinite(array).all():
+        first = _first_not_finite(array.reshape(-1, *tail))
+        where = f" at index {first}" if array.shape != tail else ""
+        raise ArgumentError(name, "finite numbers", f"{array.reshape(-1, *tail)[first]}{where}")
+    return Constant(array) if array.shape == tail else Samples(t, array)
+
+
+def called(name: str, function: Callable[[Values], Any], times: Values) -> Any:
+    """What a callable makes of an array of times.
+
+    Raises:
+        ArgumentError: it fails as one made for a single number does; names it.
+    """
+    try:
+        return function(times)
+    except HingePairError:
+        raise
+    except (TypeError, ValueError) as error:
+        wanted = "a callable vectorised over t, which takes an array of times as numpy.cos does and math.cos does not"
+        raise ArgumentError(name, wanted, f"{type(error).__name__}: {error}") from error
+
+
+def _first_not_finite(values: Values) -> int:
+    bad = ~np.isfinite(values)
+    return int(np.argmax(bad.reshape(len(values), -1).any(axis=1)))
+
+
+def _even_step(t: Values) -> float | None:
+    """The step between instants that are even but for the rounding of t."""
+    if len(t) < 2:
+        return None
+    h = (t[-1] - t[0]) / (len(t) - 1)
+    jitter = _JITTER * np.spacing(max(abs(t[0]), abs(t[-1])))
+    return float(h) if np.abs(np.diff(t) - h).max() <= jitter else None
+
+
+def _weights(points: Values, times: Values) -> Values:
+    """Lagrange's weights of the points (..., n) for times (...); shape (..., n)."""
+    n = points.shape[-1]
+    apart = times[..., None] - points
+    weights = np.ones(np.broadcast_shapes(apart.shape, points.shape))
+    for j in range(n):
+        for i in range(n):
+            if i != j:
+                weights[..., j] *= apart[..., i] / (points[..., j] - points[..., i])
+    return weights

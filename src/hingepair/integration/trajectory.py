@@ -1,0 +1,192 @@
+"""What integration gives: the attitudes and the hinge angle at the instants, and the state of the pair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from inspect import Signature
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.equations import spatial as eq
+from hingepair.errors import ArgumentError, quoted
+from hingepair.integration.later import Later
+from hingepair.numeric.arrays import check_choice, read_only
+from hingepair.numeric.blocks import components_of, evaluate
+from hingepair.pair.states import PairState, PlanarState
+from hingepair.rotations.euler import matrix_to_euler
+from hingepair.rotations.sequences import SEQUENCES
+
+_TURN = 2 * np.pi
+
+
+class _OfState:
+    """The fields of the state as attributes."""
+
+    __slots__ = ()
+    __signature__ = Signature()  # `integrate` makes it, of more than its readers need to know
+
+    _error: Later
+    _psi_error: Later
+
+    @property
+    def error_estimate(self) -> float:
+        """How far the attitude of body 1, or its angle phi, is off at the worst instant [rad], rounding included.
+
+        Worked out when it is first asked for, by steps of half the length, and of samples by what interpolation
+        misses: gaps, motion that the samples hardly follow, jumps and kinks, which may be anywhere between two of
+        them. NaN of fewer than four samples. Not part of it: noise in what was given, and what happens in a gap or
+        faster than two samples a period and leaves no trace in the samples.
+        """
+        return self._error()
+
+    @property
+    def psi_error_estimate(self) -> float:
+        """The same of psi [rad]."""
+        return self._psi_error()
+
+    def __getattr__(self, name: str) -> Any:
+        state = object.__getattribute__(self, "state")
+        if not name.startswith("_") and hasattr(type(state), name):
+            return getattr(state, name)
+        fields = type(self).__dataclass_fields__  # type: ignore[attr-defined]
+        known = ", ".join((*(name for name in fields if name[0] != "_"), *state.outputs))
+        raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {known}")
+
+    def __repr__(self) -> str:
+        t, method, steps, error = (object.__getattribute__(self, name) for name in ("t", "method", "steps", "_error"))
+        known = f", error_estimate={error():.2g}" if error.known else ""
+        names = ", ".join(object.__getattribute__(self, "state").outputs)
+        return f"{type(self).__name__}({method}, steps={steps}, {span(t)}{known}, outputs=({names}))"
+
+    def __dir__(self) -> list[str]:
+        state = object.__getattribute__(self, "state")
+        return sorted({*object.__dir__(self), *(name for name in dir(type(state)) if not name.startswith("_"))})
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Trajectory(_OfState):
+    """The motion of a pair that `integrate` found (E12); also has every attribute of its state (R2, S2, v2, ...).
+
+    Attributes:
+        t: the instants [s]; shape (N,).
+        quat_wxyz: attitude of body 1, body to world, unit quaternions without a jump of sign; shape (N, 4).
+        psi: hinge angle [rad]; shape (N,).
+        state: the PairState at the instants.
+        method: the method.
+        steps: how many steps were made; 0 where SciPy chose them.
+    """
+
+    t: NDArray[np.float64]
+    quat_wxyz: NDArray[np.float64]
+    psi: NDArray[np.float64]
+    state: PairState
+    method: str
+    steps: int
+    _error: Later = field(repr=False)
+    _psi_error: Later = field(repr=False)
+
+    @property
+    def quat_xyzw(self) -> NDArray[np.float64]:
+        """Attitude of body 1 with the scalar last; shape (N, 4)."""
+        return np.roll(self.quat_wxyz, -1, axis=-1)
+
+    @property
+    def S1(self) -> NDArray[Any]:
+        """Rotation of body 1, body to world; shape (N, 3, 3)."""
+        found = self.state.S1
+        return read_only(rotations(self.quat_wxyz)) if found is None else found
+
+    def euler_angles(self, body: int, sequence: str = "XYZ") -> NDArray[np.float64]:
+        """Euler angles phi_1(t) or phi_2(t), continuous in time, through gimbal lock too.
+
+        Of the two triples that give the same attitude, and of their whole turns, each instant has those nearest to
+        the instant before: instants must be close enough for less than half a turn between them.
+
+        Args:
+            body: 1 or 2; the second needs S2 among the outputs.
+            sequence: one of 24, as SciPy writes them; angles in the order of its letters.
+
+        Returns:
+            Angles [rad]; shape (N, 3).
+
+        Raises:
+            ArgumentError: another body, an unknown sequence, or S2 was not computed.
+        """
+        check_choice("sequence", sequence, SEQUENCES)
+        if body not in {1, 2}:
+            raise ArgumentError("body", "1 or 2", quoted(body))
+        S = self.S1 if body == 1 else self.state.S2
+        if S is None:
+            raise ArgumentError("body", "1, or S2 among the outputs", body)
+        return continuous(matrix_to_euler(S, sequence), proper=sequence[0] == sequence[2])
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PlanarTrajectory(_OfState):
+    """The motion of a planar pair that `integrate` found (E11, E12); also has every attribute of its state.
+
+    Attributes:
+        t: the instants [s]; shape (N,).
+        phi: angle of body 1 [rad]; shape (N,). That of body 2 is `phi2`.
+        psi: hinge angle [rad]; shape (N,).
+        state: the PlanarState at the instants.
+        method: the method.
+        steps: how many steps were made.
+    """
+
+    t: NDArray[np.float64]
+    phi: NDArray[np.float64]
+    psi: NDArray[np.float64]
+    state: PlanarState
+    method: str
+    steps: int
+    _error: Later = field(repr=False)
+    _psi_error: Later = field(repr=False)
+
+
+def span(t: NDArray[np.float64]) -> str:
+    """How many instants, and from when to when, for a reader.
+
+    >>> span(np.linspace(0, 2, 5))
+    'samples=5, t=0..2'
+    """
+    return f"samples={len(t)}, t={t[0]:g}..{t[-1]:g}" if len(t) else "samples=0"
+
+
+def rotations(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The matrices of unit quaternions, shape (N, 3, 3), orthonormal to 4 u."""
+    parts = {"q": components_of(quat_wxyz)}
+    return evaluate(lambda v: _mended(eq.quaternion_attitude(v["q"])), parts, (3, 3), np.dtype(np.float64))
+
+
+def _mended(S: eq.Matrix) -> eq.Matrix:
+    """S + S (I - S^T S) / 2: S without what rounding made of its lengths and right angles; it is not turned."""
+    x, y, z = S[0::3], S[1::3], S[2::3]
+    a, b, c = (0.5 - 0.5 * eq.dot(column, column) for column in (x, y, z))
+    d, e, f = (-0.5 * eq.dot(*columns) for columns in ((x, y), (y, z), (z, x)))
+    rest = eq.compose(S, (a, d, f, d, b, e, f, e, c))
+    return tuple(s + r for s, r in zip(S, rest, strict=True))
+
+
+def continuous(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
+    """Euler angles (N, 3) made continuous.
+
+    (a, b, c) and (a + pi, pi - b, c + pi), or (a + pi, -b, c + pi) where the first axis comes back, are one attitude.
+    Both members of a pair of neighbours can be exchanged without changing how far they are apart, so that only the
+    exchanges between neighbours are decided, all at once.
+    """
+    other = np.stack([phi[:, 0] + np.pi, (0.0 if proper else np.pi) - phi[:, 1], phi[:, 2] + np.pi], axis=-1)
+    stay, change = (np.abs(_within_half(kind[1:] - phi[:-1])).sum(axis=1) for kind in (phi, other))
+    changed = np.concatenate([[0], np.cumsum(change < stay)]) % 2 == 1
+    chosen = np.where(changed[:, None], other, phi)
+    steps = chosen[1:] - chosen[:-1]
+    whole = np.round((_within_half(steps) - steps) / _TURN)
+    chosen[1:] += _TURN * np.cumsum(whole, axis=0)
+    return chosen
+
+
+def _within_half(angle: NDArray[Any]) -> NDArray[Any]:
+    """The angle less its whole turns."""
+    return angle - _TURN * np.round(angle / _TURN)

@@ -1,0 +1,171 @@
+"""The NumPy backend: a function of components, run over the samples in blocks that fit the cache."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.numeric.arrays import Box, Component, boxes, broadcast_shape, load, scalar_component
+
+Components: TypeAlias = tuple[Component, ...]
+Values: TypeAlias = dict[str, Any]  # by name: a component, or the tuple of components of a vector or matrix
+
+BLOCK = 4096
+"""Samples a block: 32 kB a component, so that what a block computes on the way stays in the cache."""
+
+
+def components_of(array: NDArray[Any], rank: int = 1) -> Components:
+    """The components of vectors (rank 1) or matrices (rank 2, row by row), as views."""
+    if rank == 2:
+        rows, columns = array.shape[-2:]
+        return tuple(array[..., i, j] for i in range(rows) for j in range(columns))
+    return tuple(array[..., i] for i in range(array.shape[-1]))
+
+
+def numbers(components: Components) -> Components:
+    """Components of no axes as Python floats, the others as they are."""
+    return tuple(float(c) if c.ndim == 0 else c for c in components)
+
+
+def compute(
+    function: Callable[[Values], Mapping[str, Any]],
+    inputs: Values,
+    out: Mapping[str, NDArray[Any]],
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    workers: int = 1,
+) -> None:
+    """Write function(inputs) into the arrays of `out`, which have the shape of the samples and then their own.
+
+    `function` takes and returns components by name. A component of one element reaches it as a number, so that
+    what depends on such alone costs nothing per sample, and a single sample costs no array at all.
+    """
+    values = {name: _each(group, lambda c: _number_or_array(c, dtype)) for name, group in inputs.items()}
+    moving = {name: group for name, group in values.items() if _holds_array(group)}
+    targets = {name: _flat(array, len(shape)) for name, array in out.items()}
+
+    def work(some: Iterable[Box]) -> None:
+        with np.errstate(all="ignore"):
+            for box in some:
+                part = functools.partial(load, box=box, dtype=dtype)
+                own = {name: _each(group, part) for name, group in moving.items()}
+                _store(function({**values, **own}), targets, box)
+
+    if not moving:
+        with np.errstate(all="ignore"):
+            _store(function(values), targets, ())
+        return
+    pieces = list(boxes(shape, BLOCK))
+    workers = min(workers, len(pieces))
+    if workers <= 1:
+        work(pieces)
+    else:
+        from concurrent.futures import ThreadPoolExecutor
+
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(work, (pieces[i::workers] for i in range(workers))))
+
+
+def evaluate(
+    function: Callable[[Values], Any], inputs: Values, tail: tuple[int, ...], dtype: np.dtype[Any]
+) -> NDArray[Any]:
+    """One new array of function(inputs), for all samples; `tail` is the result's own shape.
+
+    Raises:
+        ShapeError: the inputs do not broadcast.
+    """
+    groups = {name: group if isinstance(group, tuple) else (group,) for name, group in inputs.items()}
+    shape = broadcast_shape({name: np.broadcast_shapes(*(c.shape for c in g)) for name, g in groups.items()})
+    return tabulate(lambda values: {"result": function(values)}, inputs, {"result": tail}, shape, dtype)["result"]
+
+
+def tabulate(
+    function: Callable[[Values], Mapping[str, Any]],
+    inputs: Values,
+    tails: Mapping[str, tuple[int, ...]],
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+) -> dict[str, NDArray[Any]]:
+    """New arrays of what function(inputs) holds, for all samples; `tails` are the results' own shapes, by name."""
+    out = {name: np.empty((*shape, *tail), dtype) for name, tail in tails.items()}
+    compute(function, inputs, out, shape, dtype)
+    return out
+
+
+def sine(x: Component) -> Component:
+    """The sine of a float, a NumPy scalar or an array; NaN where x is infinite."""
+    if type(x) is float:
+        try:
+            return math.sin(x)
+        except ValueError:
+            return math.nan
+    return np.sin(x)
+
+
+def cosine(x: Component) -> Component:
+    """The cosine of a float, a NumPy scalar or an array; NaN where x is infinite."""
+    if type(x) is float:
+        try:
+            return math.cos(x)
+        except ValueError:
+            return math.nan
+    return np.cos(x)
+
+
+def angle_terms(phi: Components) -> Components:
+    """(sin, cos) of each of three angles, one after the other."""
+    x, y, z = phi
+    return sine(x), cosine(x), sine(y), cosine(y), sine(z), cosine(z)
+
+
+def turn_terms(phi1: Component) -> Components:
+    """(sin, cos) of one angle."""
+    return sine(phi1), cosine(phi1)
+
+
+def hinge_terms(psi: Component) -> Components:
+    """(sin psi, 1 - cos psi, cos psi); 1 - cos psi as sin^2 / (1 + cos) where that keeps its digits, at small psi."""
+    s, c = sine(psi), cosine(psi)
+    if isinstance(c, np.ndarray):
+        return s, np.where(c > 0, s * s / (1 + c), 1 - c), c
+    return s, s * s / (1 + c) if c > 0 else 1 - c, c
+
+
+def hinge_cosine(hinge: Components) -> Component:
+    """The cosine out of `hinge_terms`."""
+    return hinge[2]
+
+
+def _each(group: Any, change: Callable[[Component], Component]) -> Any:
+    return tuple(map(change, group)) if isinstance(group, tuple) else change(group)
+
+
+def _holds_array(group: Any) -> bool:
+    return any(isinstance(c, np.ndarray) for c in (group if isinstance(group, tuple) else (group,)))
+
+
+def _number_or_array(component: Component, dtype: np.dtype[Any]) -> Component:
+    if isinstance(component, np.ndarray) and component.size != 1:
+        return component
+    return scalar_component(component, dtype)
+
+
+def _flat(array: NDArray[Any], sample_axes: int) -> Any:
+    """The output array as the equations return it: one array, or a tuple of component views."""
+    rank = array.ndim - sample_axes
+    return components_of(array, rank) if rank else array
+
+
+def _store(results: Mapping[str, Any], targets: Mapping[str, Any], box: Box) -> None:
+    for name, target in targets.items():
+        result = results[name]
+        if isinstance(target, tuple):
+            for view, component in zip(target, result, strict=True):
+                view[box] = component
+        else:
+            target[box] = result

@@ -1,0 +1,196 @@
+"""What the exports know of a body beyond the pair: its mass properties and the shapes that a viewer draws."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError, quoted
+from hingepair.numeric.arrays import finite_number, one_constant, read_only
+from hingepair.numeric.unit_vectors import unit_axis
+
+_GYRATION_SQUARED = 0.01  # m^2, of a body whose inertia is not given
+
+_ROUND_OFF = 64 * 2.0**-53  # of the largest moment: eigenvalues of a given matrix, or of a product R I R^T
+_ASYMMETRY = 1e-9  # of the largest element, as for rotations: what passes is made symmetric
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Box:
+    """A box, its edges along the body's axes.
+
+    Args:
+        size: lengths of its edges along x, y and z, each above zero [m]; shape (3,).
+        center: its centre from the body's reference point, body axes [m]; shape (3,).
+
+    Raises:
+        ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
+
+    >>> import hingepair as hp
+    >>> hp.Box(size=(1, 2, 3))
+    Box(size=[1.0, 2.0, 3.0], center=[0.0, 0.0, 0.0])
+    """
+
+    size: NDArray[np.float64]
+    center: NDArray[np.float64]
+
+    def __init__(self, size: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        edges = one_constant("size", size, 3)
+        if not (edges > 0).all():
+            raise ArgumentError("size", "three lengths above 0", size)
+        _freeze(self, size=edges, center=one_constant("center", center, 3))
+
+    def __repr__(self) -> str:
+        return _show(self, "size", "center")
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Cylinder:
+    """A cylinder of any direction.
+
+    Args:
+        radius: above zero [m].
+        length: along its axis, above zero [m].
+        center: its centre from the body's reference point, body axes [m]; shape (3,).
+        axis: its direction, body axes; of any length; kept at unit length; shape (3,).
+
+    Raises:
+        ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
+
+    >>> import hingepair as hp
+    >>> hp.Cylinder(radius=0.1, length=2, axis=(0, 3, 0)).axis.tolist()
+    [0.0, 1.0, 0.0]
+    """
+
+    radius: float
+    length: float
+    center: NDArray[np.float64]
+    axis: NDArray[np.float64]
+
+    def __init__(
+        self,
+        radius: float,
+        length: float,
+        center: ArrayLike = (0.0, 0.0, 0.0),
+        axis: ArrayLike = (0.0, 0.0, 1.0),
+    ) -> None:
+        direction = read_only(unit_axis("axis", one_constant("axis", axis, 3)))
+        values = {"radius": _positive("radius", radius), "length": _positive("length", length)}
+        _freeze(self, **values, center=one_constant("center", center, 3), axis=direction)
+
+    def __repr__(self) -> str:
+        return _show(self, "radius", "length", "center", "axis")
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Sphere:
+    """A sphere.
+
+    Args:
+        radius: above zero [m].
+        center: its centre from the body's reference point, body axes [m]; shape (3,).
+
+    Raises:
+        ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
+
+    >>> import hingepair as hp
+    >>> hp.Sphere(radius=0.5)
+    Sphere(radius=0.5, center=[0.0, 0.0, 0.0])
+    """
+
+    radius: float
+    center: NDArray[np.float64]
+
+    def __init__(self, radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        _freeze(self, radius=_positive("radius", radius), center=one_constant("center", center, 3))
+
+    def __repr__(self) -> str:
+        return _show(self, "radius", "center")
+
+
+Shape: TypeAlias = Box | Cylinder | Sphere
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Body:
+    """Mass properties and shapes of one body, for `to_urdf` and `to_mjcf`; the kinematics do not depend on them.
+
+    Args:
+        mass: above zero [kg].
+        center_of_mass: from the body's reference point, body axes [m]; shape (3,).
+        inertia: about the centre of mass, body axes [kg m^2]; shape (3, 3), symmetric, its principal moments above
+            zero and none above the sum of the other two. Unless given, that of a radius of gyration of 0.1 m.
+        shapes: what a viewer draws: of Box, Cylinder, Sphere. Unless given, an arm to the hinge and half a hinge.
+
+    Raises:
+        ArgumentError: a value is not finite, has the wrong shape, or no rigid body has it; names the argument.
+
+    >>> import hingepair as hp
+    >>> hp.Body(mass=2, center_of_mass=(0.1, 0, 0)).inertia.diagonal().round(6).tolist()
+    [0.02, 0.02, 0.02]
+    """
+
+    mass: float
+    center_of_mass: NDArray[np.float64]
+    inertia: NDArray[np.float64]
+    shapes: tuple[Shape, ...]
+
+    def __init__(
+        self,
+        mass: float = 1.0,
+        center_of_mass: ArrayLike = (0.0, 0.0, 0.0),
+        inertia: ArrayLike | None = None,
+        shapes: Iterable[Shape] = (),
+    ) -> None:
+        value = _positive("mass", mass)
+        tensor = value * _GYRATION_SQUARED * np.eye(3) if inertia is None else one_constant("inertia", inertia, 3, 3)
+        if not isinstance(shapes, Iterable):
+            raise ArgumentError("shapes", "a sequence of Box, Cylinder and Sphere", quoted(shapes))
+        drawn = tuple(shapes)
+        for shape in drawn:
+            if not isinstance(shape, Shape):
+                raise ArgumentError("shapes", "Box, Cylinder or Sphere", quoted(shape))
+        centre = one_constant("center_of_mass", center_of_mass, 3)
+        _freeze(self, mass=value, center_of_mass=centre, inertia=_checked_inertia(tensor), shapes=drawn)
+
+    def __repr__(self) -> str:
+        return _show(self, "mass", "center_of_mass", "inertia", *(["shapes"] if self.shapes else []))
+
+
+def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The inertia, exactly symmetric, if a rigid body can have it."""
+    size = float(np.abs(inertia).max())
+    if size == 0:
+        raise ArgumentError("inertia", "principal moments above 0", inertia)
+    scaled = inertia / size
+    if np.abs(scaled - scaled.T).max() > _ASYMMETRY:
+        raise ArgumentError("inertia", "a symmetric matrix", inertia)
+    small, middle, large = map(float, np.linalg.eigvalsh((scaled + scaled.T) / 2))
+    if small <= 0:
+        raise ArgumentError("inertia", "principal moments above 0", [m * size for m in (small, middle, large)])
+    if small + middle < large - _ROUND_OFF * large:
+        expected = "no principal moment above the sum of the other two"
+        raise ArgumentError("inertia", expected, [m * size for m in (small, middle, large)])
+    return read_only(inertia / 2 + inertia.T / 2)
+
+
+def _positive(name: str, value: object) -> float:
+    number = finite_number(name, value)
+    if number <= 0:
+        raise ArgumentError(name, "a number above 0", value)
+    return number
+
+
+def _freeze(value: object, **fields: Any) -> None:
+    for name, field in fields.items():
+        object.__setattr__(value, name, field)
+
+
+def _show(value: object, *names: str) -> str:
+    fields = ((name, getattr(value, name)) for name in names)
+    shown = (f"{name}={field.tolist() if isinstance(field, np.ndarray) else field!r}" for name, field in fields)
+    return f"{type(value).__name__}({', '.join(shown)})"

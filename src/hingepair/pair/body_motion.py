@@ -1,0 +1,195 @@
+"""What goes in: the motion of a body whose attitude is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError, quoted
+from hingepair.numeric.arrays import broadcast_shape, read_only, vectors
+from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class BodyMotion:
+    """Position, attitude and their derivatives of one body, at one sample or many; world axes, classical.
+
+    Arrays are not copied: they are seen through read-only views. Their leading shapes broadcast.
+
+    Args:
+        R: reference point [m]; shape (..., 3).
+        S: rotation, body to world; shape (..., 3, 3).
+        v: velocity of the reference point [m/s]; shape (..., 3).
+        omega: angular velocity [rad/s]; shape (..., 3).
+        a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
+        alpha: angular acceleration [rad/s^2]; shape (..., 3).
+
+    Attributes:
+        shape: the common leading shape.
+
+    Raises:
+        RotationError: a finite S is further from a rotation than 1e-9 (float32: 1e-5).
+        ShapeError, DtypeError: an array cannot be used.
+
+    >>> import hingepair as hp
+    >>> hp.BodyMotion(R=((0, 0, 0), (1, 0, 0)), S=((1, 0, 0), (0, 1, 0), (0, 0, 1))).shape
+    (2,)
+    """
+
+    R: NDArray[Any]
+    S: NDArray[Any]
+    v: NDArray[Any] | None
+    omega: NDArray[Any] | None
+    a: NDArray[Any] | None
+    alpha: NDArray[Any] | None
+    shape: tuple[int, ...] = field(init=False)
+
+    def __init__(
+        self,
+        *,
+        R: ArrayLike,
+        S: ArrayLike,
+        v: ArrayLike | None = None,
+        omega: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        alpha: ArrayLike | None = None,
+    ) -> None:
+        attitude = vectors("S", S, 3, 3)
+        check_rotation("S", attitude)
+        self._set({"R": R, "S": attitude, "v": v, "omega": omega, "a": a, "alpha": alpha})
+
+    @classmethod
+    def _trusted(cls, **arrays: NDArray[Any] | None) -> BodyMotion:
+        """The motion with an attitude that is known to be a rotation."""
+        motion = cls.__new__(cls)
+        motion._set(arrays)
+        return motion
+
+    def _set(self, given: Mapping[str, Any]) -> None:
+        shapes = {}
+        for name, value in given.items():
+            tail = (3, 3) if name == "S" else (3,)
+            array = None if value is None else read_only(vectors(name, value, *tail))
+            object.__setattr__(self, name, array)
+            if array is not None:
+                shapes[name] = array.shape[: array.ndim - len(tail)]
+        object.__setattr__(self, "shape", broadcast_shape(shapes))
+
+    @classmethod
+    def from_quaternion_xyzw(
+        cls,
+        *,
+        R: ArrayLike,
+        quat_xyzw: ArrayLike,
+        v: ArrayLike | None = None,
+        omega: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        alpha: ArrayLike | None = None,
+    ) -> BodyMotion:
+        """The motion with the attitude of quaternions, scalar last (Pinocchio, SciPy, ROS), of any length but zero.
+
+        They are normalised; S is right to 6 u.
+
+        Args:
+            R: reference point [m]; shape (..., 3).
+            quat_xyzw: body to world; shape (..., 4).
+            v: velocity of the reference point [m/s]; shape (..., 3).
+            omega: angular velocity [rad/s]; shape (..., 3).
+            a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
+            alpha: angular acceleration [rad/s^2]; shape (..., 3).
+
+        Raises:
+            RotationError: a quaternion is zero.
+
+        >>> import hingepair as hp
+        >>> hp.BodyMotion.from_quaternion_xyzw(R=(0, 0, 0), quat_xyzw=(0, 0, 0, 2)).S
+        array([[1., 0., 0.],
+               [0., 1., 0.],
+               [0., 0., 1.]])
+        """
+        S = quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False)
+        return cls(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+
+    @classmethod
+    def from_quaternion_wxyz(
+        cls,
+        *,
+        R: ArrayLike,
+        quat_wxyz: ArrayLike,
+        v: ArrayLike | None = None,
+        omega: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        alpha: ArrayLike | None = None,
+    ) -> BodyMotion:
+        """The motion with the attitude of quaternions, scalar first (MuJoCo), of any length but zero.
+
+        They are normalised; S is right to 6 u.
+
+        Args:
+            R: reference point [m]; shape (..., 3).
+            quat_wxyz: body to world; shape (..., 4).
+            v: velocity of the reference point [m/s]; shape (..., 3).
+            omega: angular velocity [rad/s]; shape (..., 3).
+            a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
+            alpha: angular acceleration [rad/s^2]; shape (..., 3).
+
+        Raises:
+            RotationError: a quaternion is zero.
+
+        >>> import hingepair as hp
+        >>> hp.BodyMotion.from_quaternion_wxyz(R=(0, 0, 0), quat_wxyz=(2, 0, 0, 0)).S
+        array([[1., 0., 0.],
+               [0., 1., 0.],
+               [0., 0., 1.]])
+        """
+        S = quaternion_to_matrix("quat_wxyz", quat_wxyz, scalar_first=True)
+        return cls(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+
+    @classmethod
+    def from_rotvec(
+        cls,
+        *,
+        R: ArrayLike,
+        rotvec: ArrayLike,
+        v: ArrayLike | None = None,
+        omega: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        alpha: ArrayLike | None = None,
+    ) -> BodyMotion:
+        """The motion with the attitude of rotation vectors, axis times angle.
+
+        S is right to 6 u, up to an angle of 1e15.
+
+        Args:
+            R: reference point [m]; shape (..., 3).
+            rotvec: body to world [rad]; shape (..., 3).
+            v: velocity of the reference point [m/s]; shape (..., 3).
+            omega: angular velocity [rad/s]; shape (..., 3).
+            a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
+            alpha: angular acceleration [rad/s^2]; shape (..., 3).
+
+        >>> import hingepair as hp
+        >>> hp.BodyMotion.from_rotvec(R=(0, 0, 0), rotvec=(0, 0, 3.141592653589793)).S.round(12) + 0.0
+        array([[-1.,  0.,  0.],
+               [ 0., -1.,  0.],
+               [ 0.,  0.,  1.]])
+        """
+        return cls(R=R, S=rotation_exp(rotvec), v=v, omega=omega, a=a, alpha=alpha)
+
+
+def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
+    """Some arrays of a body, by its argument's name: of "body1", R is R1.
+
+    Raises:
+        ArgumentError: it is no BodyMotion, or lacks one of them; names the argument.
+    """
+    if not isinstance(body, BodyMotion):
+        raise ArgumentError(name, "a BodyMotion", quoted(body))
+    arrays = {f"{letter}{name[-1]}": getattr(body, letter) for letter in letters}
+    for letter, array in zip(letters, arrays.values(), strict=True):
+        if array is None:
+            raise ArgumentError(f"{name}.{letter}", "a value, since it is needed here", None)
+    return arrays

@@ -1,0 +1,213 @@
+"""The constraints E1 and E2 of two motions, by name: residuals, derivatives, Jacobian and bias, the hinge's angle."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.equations import constraints as ce
+from hingepair.equations import spatial as eq
+from hingepair.evaluation.plan import needed_steps
+from hingepair.evaluation.steps import ARM_STEPS, Step
+from hingepair.numeric.arrays import FloatArray
+from hingepair.numeric.blocks import Components, Values, components_of, numbers
+from hingepair.pair.body_motion import BodyMotion, motion_arrays
+from hingepair.pair.evaluate import Constants, follow_steps
+
+if TYPE_CHECKING:
+    from hingepair.pair.hinge_pair import HingePair
+
+TAILS = {
+    "gap": (3,),
+    "tilt": (2,),
+    "tilt_angle": (),
+    "psi": (),
+    "gap_rate": (3,),
+    "tilt_rate": (2,),
+    "slip": (3,),
+    "psid": (),
+    "gap_acceleration": (3,),
+    "tilt_acceleration": (2,),
+    "psidd": (),
+    "constraint_jacobian": (5, 12),
+    "constraint_bias": (5,),
+}
+"""What can be had, and the shape of one sample of it."""
+
+
+def _together(*parts: Any) -> tuple[Any, ...]:
+    return parts
+
+
+def _joined(gap: Components, tilt: Components) -> Components:
+    return (*gap, *tilt)
+
+
+def _twist(turn: Components) -> Any:
+    return np.arctan2(turn[0], turn[1])
+
+
+def _tilt_angle(tilt: Components, h1: eq.Vector, h2: eq.Vector) -> Any:
+    return np.arctan2(np.hypot(tilt[0], tilt[1]), eq.dot(h1, h2))
+
+
+def _quotient(parts: Components) -> Any:
+    return np.divide(parts[0], parts[1])
+
+
+STEPS = (
+    *ARM_STEPS,
+    Step("h1", eq.rotate, ("S1", "n")),
+    Step("e1_in_world", eq.rotate, ("S1", "e1")),
+    Step("e2_in_world", eq.rotate, ("S1", "e2")),
+    # Across h1 to the last bit, also where the S1 given is a rotation to nine digits only: no tilt of S1's own.
+    Step("f1", eq.cross, ("e2_in_world", "h1")),
+    Step("f2", eq.cross, ("h1", "e1_in_world")),
+    Step("f", _together, ("f1", "f2")),
+    Step("g1", eq.rotate, ("S2", "e1_in_2")),
+    Step("g2", eq.rotate, ("S2", "e2_in_2")),
+    Step("h2", eq.rotate, ("S2", "n_in_2")),
+    Step("h", _together, ("h1", "h2")),
+    Step("gap", eq.hinge_gap, ("R1", "r1", "R2", "r2")),
+    Step("tilt", ce.tilt, ("f1", "f2", "h2")),
+    Step("tilt_angle", _tilt_angle, ("tilt", "h1", "h2")),
+    Step("turn", ce.hinge_turn, ("f", "g1", "g2")),
+    Step("psi", _twist, ("turn",)),
+    Step("tilt_axes", ce.tilt_axes, ("f1", "f2", "h2")),
+    Step("constraint_jacobian", ce.constraint_jacobian, ("r1", "r2", "tilt_axes")),
+    Step("slip", ce.slip, ("omega1", "omega2", "h2", "psid_given")),
+    Step("spin", ce.relative, ("omega1", "omega2")),
+    Step("omegas", _together, ("omega1", "omega2")),
+    Step("gap_rate", ce.gap_rate, ("v1", "omega1", "r1", "v2", "omega2", "r2")),
+    Step("tilt_rate", ce.along, ("tilt_axes", "spin")),
+    Step("psid_parts", ce.hinge_rate, ("h1", "h2", "spin")),
+    Step("psid", _quotient, ("psid_parts",)),
+    Step("gap_bias", ce.gap_bias, ("omega1", "r1", "omega2", "r2")),
+    Step("tilt_bias", ce.tilt_bias, ("f", "h2", "omega1", "omega2", "spin")),
+    Step("constraint_bias", _joined, ("gap_bias", "tilt_bias")),
+    Step("turned1", eq.point_acceleration, ("omega1", "alpha1", "r1")),
+    Step("turned2", eq.point_acceleration, ("omega2", "alpha2", "r2")),
+    Step("gap_acceleration", ce.gap_acceleration, ("a1", "turned1", "a2", "turned2")),
+    Step("relative_alpha", ce.relative, ("alpha1", "alpha2")),
+    Step("tilt_acceleration", ce.tilt_acceleration, ("tilt_axes", "relative_alpha", "tilt_bias")),
+    Step("psidd_parts", ce.hinge_acceleration, ("h", "omegas", "spin", "relative_alpha", "psid")),
+    Step("psidd", _quotient, ("psidd_parts",)),
+)
+"""The constraints and all that follows from them, in the order in which it is computed."""
+
+_FRAMES = ("u1", "u2", "n", "e1", "e2", "e1_in_2", "e2_in_2", "n_in_2")
+
+
+def constraint_jacobian(pair: HingePair, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
+    """The constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2).
+
+    The constraints are gap (E1, world axes) and tilt, the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2,
+    where e1 is the axis of body 1 furthest from n, made perpendicular to it, and e2 = n x e1. G is their exact
+    derivative, on the constraint and off it: (gap', tilt') = G @ (v1, omega1, v2, omega2).
+
+    Args:
+        body1: the motion of body 1; of it, S is used.
+        body2: the motion of body 2; likewise.
+
+    Returns:
+        G, world axes; shape (..., 5, 12).
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> body = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+    >>> (pair.constraint_jacobian(body, body) @ (0, 0, 0, 0, 0, 1, 0, 4, 0, 0, 0, 3)).tolist()
+    [0.0, 0.0, 0.0, 0.0, 0.0]
+    """
+    values = {**motion_arrays("body1", body1, "S"), **motion_arrays("body2", body2, "S")}
+    return constraint_values(pair._constants, ("constraint_jacobian",), values, _shapes(body1, body2))[
+        "constraint_jacobian"
+    ]
+
+
+def constraint_bias(pair: HingePair, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
+    """What velocities alone add to the constraints' second derivative (E1, E2).
+
+    (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, and zero for motions of the pair.
+
+    Args:
+        body1: the motion of body 1; of it, S and omega are used.
+        body2: the motion of body 2; likewise.
+
+    Returns:
+        The bias, world axes; shape (..., 5).
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> body1 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
+    >>> body2 = hp.BodyMotion(R=(2, 0, 0), S=np.eye(3), omega=(0, 0, 2))
+    >>> pair.constraint_bias(body1, body2).tolist()
+    [-4.0, 0.0, 0.0, 0.0, 0.0]
+    """
+    values = {**motion_arrays("body1", body1, "S", "omega"), **motion_arrays("body2", body2, "S", "omega")}
+    return constraint_values(pair._constants, ("constraint_bias",), values, _shapes(body1, body2))["constraint_bias"]
+
+
+def constraint_values(
+    pair: Constants,
+    names: Iterable[str],
+    values: Values,
+    shapes: Mapping[str, tuple[int, ...]],
+    dtype: np.dtype[Any] | None = None,
+) -> dict[str, NDArray[Any]]:
+    """Some of TAILS at all samples.
+
+    Args:
+        pair: the pair's constants.
+        names: out of TAILS.
+        values: arrays of the two motions by name.
+        shapes: of the samples, by argument.
+        dtype: to compute in; unless given, that of the motions.
+    """
+    return follow_steps(STEPS, {name: TAILS[name] for name in names}, with_hinge_frames(pair), values, shapes, dtype)
+
+
+def available(names: Iterable[str], given: Iterable[str]) -> tuple[str, ...]:
+    """Those of the names that can be had from the arrays given."""
+    known = {*given, *_FRAMES}
+    return tuple(name for name in names if needed_steps(STEPS, (name,))[1] <= known)
+
+
+def with_hinge_frames(pair: Constants) -> Constants:
+    """The pair's constants, and the hinge's frame (e1, e2, n) in the axes of body 1 and of body 2.
+
+    e1 is the axis of body 1 that is furthest from n, made perpendicular to it; e2 = n x e1. Body 2 has them turned by
+    C^-1: by C^T a home that is a rotation to nine digits only would be seen as a tilt.
+    """
+    home = pair.values.get("home")
+    if pair.single:
+        frames = _frames_of_one(pair.values["n"], home)
+    else:
+        frames = _frames(pair.arrays["n"], None if home is None else pair.arrays["home"])
+    return Constants({**pair.values, **frames}, pair.arrays, pair.shape)
+
+
+@functools.lru_cache(maxsize=256)
+def _frames_of_one(n: tuple[float, ...], home: tuple[float, ...] | None) -> Values:
+    return _frames(np.array(n), None if home is None else np.array(home))
+
+
+def _frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Values:
+    first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
+    first = first - n * (n * first).sum(axis=-1, keepdims=True)
+    first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))
+    own = other = {"e1": first, "e2": np.cross(n, first), "n": n}
+    if home is not None:
+        back = np.linalg.inv(home.reshape(*home.shape[:-1], 3, 3))
+        other = {name: (back @ vector[..., None])[..., 0] for name, vector in own.items()}
+    named = {**own, **{f"{name}_in_2": vector for name, vector in other.items()}}
+    return {name: numbers(components_of(vector)) for name, vector in named.items()}
+
+
+def _shapes(body1: BodyMotion, body2: BodyMotion) -> dict[str, tuple[int, ...]]:
+    return {"body1": body1.shape, "body2": body2.shape}

@@ -1,0 +1,297 @@
+"""From what a caller gives to what a plan takes, and from a plan to a state: shared by all kinds of pairs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Set
+from typing import Any, NamedTuple, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices, quoted
+from hingepair.evaluation.backend import How
+from hingepair.evaluation.plan import (
+    SPATIAL,
+    Plan,
+    check_outputs,
+    default_outputs,
+    make_plan,
+    needed_steps,
+    outputs_of,
+)
+from hingepair.evaluation.steps import Step
+from hingepair.numeric.arrays import broadcast_shape, real_array, result_dtype, vectors
+from hingepair.numeric.blocks import Components, Values, components_of, compute, tabulate
+from hingepair.pair.states import PairState, PlanarState, layout_of
+
+Outputs: TypeAlias = Iterable[str] | None
+Out: TypeAlias = Mapping[str, NDArray[Any]] | None
+
+_COUNTS = {4: "four", 7: "seven"}
+StateT = TypeVar("StateT", PairState, PlanarState)
+
+
+class Constants(NamedTuple):
+    """What a pair brings: u1, u2 and n, and home where it is not the identity, by component.
+
+    Attributes:
+        values: components by name; floats where the pair is one.
+        arrays: the same as arrays, with the components last.
+        shape: leading shape of the pair; () for one pair.
+    """
+
+    values: Values
+    arrays: Values
+    shape: tuple[int, ...]
+
+    @property
+    def single(self) -> bool:
+        """Whether it is one pair."""
+        return self.shape == ()
+
+
+class Coordinates(NamedTuple):
+    """The coordinates and their derivatives as they were given.
+
+    Attributes:
+        parts: q, qd, qdd, as far as given: tuples of components, or arrays with the components last.
+        single: whether they are one state in Python floats.
+    """
+
+    parts: Mapping[str, Components | NDArray[Any]]
+    single: bool
+
+
+def read_coordinates(q: Any, qd: Any, qdd: Any, count: int) -> Coordinates:
+    """The coordinates, of which there are so many, as plans take them."""
+    if qdd is not None and qd is None:
+        raise ArgumentError("qd", "the first derivatives beside the second", None)
+    if q is None:
+        raise ArgumentError("q", "coordinates", None)
+    given = {"q": q} if qd is None else {"q": q, "qd": qd} if qdd is None else {"q": q, "qd": qd, "qdd": qdd}
+    floats = _floats(given, count)
+    if floats is not None:
+        return Coordinates(floats, True)
+    return Coordinates({name: coordinates(name, value, count) for name, value in given.items()}, False)
+
+
+def leading_shapes(given: Coordinates) -> dict[str, tuple[int, ...]]:
+    """The shapes of the samples of q, qd, qdd."""
+    shapes = {}
+    for name, part in given.parts.items():
+        if isinstance(part, np.ndarray):
+            shapes[name] = part.shape[:-1]
+        else:
+            shapes[name] = broadcast_shape({f"{name}[{i}]": np.shape(c) for i, c in enumerate(part)})
+    return shapes
+
+
+def component(name: str, value: Any) -> Any:
+    """One coordinate: a Python number stays one, so that it follows the dtype of the arrays beside it."""
+    return float(value) if _is_number(value) else real_array(name, value)
+
+
+def _is_number(value: Any) -> bool:
+    """A Python number that a float can hold."""
+    return type(value) is float or (type(value) is int and value.bit_length() < 1024)
+
+
+def wanted(outputs: Outputs, out: Out, level: int, kind: str = SPATIAL) -> tuple[str, ...]:
+    """What to compute: the names asked for, or the level's defaults and whatever `out` has room for."""
+    if out is not None and not isinstance(out, Mapping):
+        raise ArgumentError("out", "a dict of arrays by output name", quoted(out))
+    if outputs is None and not out:
+        return default_outputs(level, kind)
+    room = tuple(out or ())
+    for name in room:
+        if name not in outputs_of(kind):
+            raise ArgumentError("out", choices(tuple(outputs_of(kind))), quoted(name))
+    if outputs is None:
+        return tuple(dict.fromkeys((*default_outputs(level, kind), *room)))
+    names = check_outputs(outputs, kind)
+    for name in room:
+        if name not in names:
+            raise ArgumentError("out", f"arrays for nothing but the outputs named ({', '.join(names)})", quoted(name))
+    return names
+
+
+def plan_for(
+    names: tuple[str, ...],
+    form: tuple[str | None, bool],
+    given: Set[str],
+    sources: Mapping[str, str],
+    kind: str = SPATIAL,
+) -> Plan:
+    """The plan for some outputs, if what is given suffices.
+
+    Args:
+        names: the outputs.
+        form: Euler sequence, and whether there is a home.
+        given: names of what is given.
+        sources: by name of an input, the argument that it comes from.
+        kind: of the plan.
+    """
+    sequence, home = form
+    plan = make_plan(names, sequence, home, kind=kind)
+    if plan.inputs <= given:
+        return plan
+    for name in names:
+        for missing in sorted(make_plan((name,), sequence, home, kind=kind).inputs - given):
+            raise ArgumentError(sources[missing], f"a value, since output {name} needs it", None)
+    return plan
+
+
+def evaluate_one(state: type[StateT], plan: Plan, values: Values, out: Out, how: How) -> StateT:
+    """One state in Python floats: no array but the one that holds the results, and those of `out`."""
+    if how.compiles_one():
+        from hingepair.evaluation.compiled import one_state
+
+        found = one_state(plan, values)
+    else:
+        plan.run(values)
+        numbers: list[float] = []
+        for name in plan.outputs:
+            value = values[name]
+            if type(value) is tuple:
+                numbers.extend(value)
+            else:
+                numbers.append(value)
+        found = np.array(numbers)
+    layout = layout_of(plan.outputs, plan.kind)
+    if out is None:
+        return state._of_one(found, layout)
+    known, arrays = outputs_of(plan.kind), {name: found[part] for name, part in layout.items()}
+    rooms = {name: _room(f"out[{name!r}]", room, known[name].tail, found.dtype) for name, room in out.items()}
+    _check_apart(out, {})
+    for name, room in rooms.items():
+        room[...] = arrays[name].reshape(room.shape)
+    return state({name: rooms.get(name, array.reshape(known[name].tail)) for name, array in arrays.items()}, ())
+
+
+def evaluate(
+    state: type[StateT],
+    plan: Plan,
+    pair: Constants,
+    values: Values,
+    shapes: Mapping[str, tuple[int, ...]],
+    out: Out,
+    how: How,
+) -> StateT:
+    """The state at all samples.
+
+    Args:
+        state: what it is called.
+        plan: what to compute.
+        pair: the pair's constants.
+        values: the plan's other inputs by name.
+        shapes: of the samples, by argument.
+        out: arrays to write into, by output.
+        how: backend and threads.
+    """
+    dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
+    shape: tuple[int, ...] = broadcast_shape({**shapes, "pair": pair.shape})
+    known = outputs_of(plan.kind)
+    arrays: dict[str, NDArray[Any]] = {}
+    for name in plan.outputs:
+        size = shape + known[name].tail
+        given = out is not None and name in out
+        arrays[name] = _room(f"out[{name!r}]", out[name], size, dtype) if out and given else np.empty(size, dtype)
+    if out is not None:
+        _check_apart(out, values)
+    if how.compiles(math.prod(shape)):
+        from hingepair.evaluation.compiled import compute as compute_compiled
+
+        compute_compiled(plan, {**pair.arrays, **values}, arrays, shape, dtype, how.workers)
+    else:
+        groups = {name: group for name, group in {**pair.values, **values}.items() if name in plan.inputs}
+        parts = {name: _components(name, group) for name, group in groups.items()}
+        compute(plan.run, parts, arrays, shape, dtype, how.workers)
+    return state(arrays, shape)
+
+
+def follow_steps(
+    steps: Iterable[Step],
+    tails: Mapping[str, tuple[int, ...]],
+    pair: Constants,
+    values: Values,
+    shapes: Mapping[str, tuple[int, ...]],
+    dtype: np.dtype[Any] | None = None,
+) -> dict[str, NDArray[Any]]:
+    """New arrays of some results of steps at all samples, in NumPy.
+
+    Args:
+        steps: where the results come from, in order.
+        tails: shape of one sample of each result, by name.
+        pair: the pair's constants.
+        values: the other inputs by name; those that the results do not need are left alone.
+        shapes: of the samples, by argument.
+        dtype: to compute in; unless given, that of the other inputs.
+    """
+    taken, inputs = needed_steps(steps, tails)
+    plan = Plan(tuple(tails), taken, inputs, (), None, True, SPATIAL)
+    if dtype is None:
+        dtype = result_dtype(c for g in values.values() for c in (g if isinstance(g, tuple) else (g,)))
+    parts = {name: _components(name, group) for name, group in {**pair.values, **values}.items() if name in inputs}
+    return tabulate(plan.run, parts, tails, broadcast_shape({**shapes, "pair": pair.shape}), dtype)
+
+
+def coordinates(name: str, value: Any, count: int) -> Components | NDArray[Any]:
+    """A tuple of broadcastable coordinates, or one array with the coordinates last."""
+    if isinstance(value, tuple) and len(value) == count:
+        return tuple(component(f"{name}[{i}]", part) for i, part in enumerate(value))
+    try:
+        return vectors(name, value, count)
+    except ShapeError as error:
+        expected = f"{error.expected}, or a tuple of {_COUNTS[count]} coordinates"
+        raise ShapeError(name, expected, error.got) from None
+
+
+def _floats(given: Mapping[str, Any], count: int) -> dict[str, Components] | None:
+    """The coordinates as Python floats, where each of q, qd, qdd is one state in float64."""
+    parts = {}
+    for name, value in given.items():
+        if type(value) is np.ndarray and value.shape == (count,) and value.dtype.char == "d":
+            parts[name] = tuple(value.tolist())
+        elif type(value) is tuple and len(value) == count and all(map(_is_number, value)):
+            parts[name] = tuple(map(float, value))
+        else:
+            return None
+    return parts
+
+
+def _components(name: str, group: Any) -> Any:
+    """A group as the equations take it: a component, or a tuple of components."""
+    if not isinstance(group, np.ndarray) or name.startswith(("psi", "phi1")):
+        return group
+    rank = 2 if name in {"S1", "S2"} else 1
+    if group.ndim == rank and group.dtype.char == "d":
+        return tuple(group.ravel().tolist())
+    return components_of(group, rank)
+
+
+def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    if not isinstance(array, np.ndarray):
+        raise ArgumentError(name, "an array to write into", quoted(array))
+    if array.shape != shape:
+        raise ShapeError(name, f"shape {shape}", f"shape {array.shape}")
+    if array.dtype != dtype:
+        raise DtypeError(name, f"dtype {dtype.name}", f"dtype {array.dtype}")
+    if not array.flags.writeable:
+        raise ArgumentError(name, "a writable array", "a read-only one")
+    return array
+
+
+def _check_apart(out: Mapping[str, NDArray[Any]], groups: Values) -> None:
+    """Refuse an output that lies over an input or over another output: blocks would read what they wrote."""
+    taken = [
+        (name, c)
+        for name, group in groups.items()
+        for c in (group if isinstance(group, tuple) else (group,))
+        if isinstance(c, np.ndarray)
+    ]
+    for name, array in out.items():
+        for other, c in taken:
+            if np.may_share_memory(array, c) and np.shares_memory(array, c):
+                raise ArgumentError(f"out[{name!r}]", "memory of its own", f"an array that overlaps {other}")
+        taken.append((f"out[{name!r}]", array))

@@ -1,0 +1,263 @@
+"""The pair: two bodies, where the hinge sits in each, and its axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.evaluation.backend import choose
+from hingepair.numeric.arrays import broadcast_shape, constant, one_constant, read_only
+from hingepair.numeric.blocks import components_of, numbers
+from hingepair.numeric.unit_vectors import unit_axis
+from hingepair.pair import forward_kinematics as kinematics
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.evaluate import Constants, Out, Outputs
+from hingepair.pair.levers import levers
+from hingepair.pair.states import PairState
+from hingepair.rotations.matrices import check_rotation
+
+if TYPE_CHECKING:
+    from hingepair.pair import constraints, jacobians, residuals, sensitivities
+    from hingepair.pair.body import Body
+    from hingepair.pair.planar_pair import PlanarPair
+
+
+class _MethodOf:
+    """A method that is a function of the same name in another module, imported when it is first asked for."""
+
+    def __init__(self, module: str) -> None:
+        self.module = module
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, pair: HingePair | None, owner: type) -> Any:
+        function = getattr(import_module(f"hingepair.{self.module}"), self.name)
+        setattr(HingePair, self.name, function)
+        return getattr(owner if pair is None else pair, self.name)
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class HingePair:
+    """Two rigid bodies joined by a hinge: R1 + S1 u1 = R2 + S2 u2 (E1), turning apart about n only (E2).
+
+    Values are copied in and read-only; `dataclasses.replace(pair, u1=...)` gives a pair with another u1. u1, u2, n
+    and home may carry leading axes that broadcast against the samples: then each sample has a pair of its own.
+
+    Args:
+        u1: hinge point from body 1's reference point, body-1 axes [m]; shape (3,) or (..., 3).
+        u2: hinge point from body 2's reference point, body-2 axes [m]; shape (3,) or (..., 3).
+        n: hinge axis, body-1 axes; any non-zero length; kept at unit length.
+        home: rotation of body 2 relative to body 1 at psi = 0 (C in E5); identity unless given; shape (3, 3).
+        name: what the pair is called in exports and messages.
+        limits: least and greatest hinge angle, for exports [rad]; shape (2,); forward_kinematics takes any angle.
+        body1: mass properties and shapes of body 1, for exports.
+        body2: those of body 2.
+
+    Raises:
+        ArgumentError: a value is not finite or has the wrong shape; names the argument.
+        AxisError: n is zero.
+        RotationError: home is further from a rotation than 1e-9.
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 2))
+    >>> pair.n
+    array([0., 0., 1.])
+    >>> pair.forward_kinematics((0, 0, 0, 0, 0, 0, np.pi)).R2.round(12) + 0.0
+    array([0., 0., 0.])
+    """
+
+    u1: NDArray[np.float64]
+    u2: NDArray[np.float64]
+    n: NDArray[np.float64]
+    home: NDArray[np.float64]
+    name: str
+    limits: tuple[float, float] | None
+    body1: Body | None
+    body2: Body | None
+    _constants: Constants = field(init=False)
+
+    def __init__(
+        self,
+        u1: ArrayLike,
+        u2: ArrayLike,
+        n: ArrayLike,
+        home: ArrayLike | None = None,
+        name: str = "hinge_pair",
+        limits: ArrayLike | None = None,
+        body1: Body | None = None,
+        body2: Body | None = None,
+    ) -> None:
+        if not isinstance(name, str) or not name.strip():
+            raise ArgumentError("name", "a text that is not empty", repr(name))
+        rotation = constant("home", np.eye(3) if home is None else home, 3, 3)
+        check_rotation("home", rotation)
+        vectors = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3), "n": read_only(unit_axis("n", n))}
+        shape = broadcast_shape({**{key: v.shape[:-1] for key, v in vectors.items()}, "home": rotation.shape[:-2]})
+        parts = levers(vectors["u1"], vectors["u2"], n, rotation)
+        values = {key: numbers(components_of(vector)) for key, vector in (vectors | parts).items()}
+        if not np.array_equal(rotation, np.broadcast_to(np.eye(3), rotation.shape)):
+            values["home"] = numbers(components_of(rotation, 2))
+        arrays = {**vectors, **parts, "home": rotation.reshape(*rotation.shape[:-2], 9)}
+        constants = Constants(values, arrays, shape)
+        bodies = {"body1": _checked_body("body1", body1), "body2": _checked_body("body2", body2)}
+        for_exports = {"limits": _checked_limits(limits), **bodies}
+        values_of = {**vectors, "home": rotation, "name": name, **for_exports, "_constants": constants}
+        for key, value in values_of.items():
+            object.__setattr__(self, key, value)
+
+    def __repr__(self) -> str:
+        parts = (f"{key}={getattr(self, key).tolist()}" for key in ("u1", "u2", "n", "home"))
+        given = ((key, getattr(self, key)) for key in ("limits", "body1", "body2"))
+        extras = "".join(f", {key}={value!r}" for key, value in given if value is not None)
+        return f"HingePair({', '.join(parts)}, name={self.name!r}{extras})"
+
+    def forward_kinematics(
+        self,
+        q: ArrayLike | tuple[Any, ...],
+        qd: ArrayLike | tuple[Any, ...] | None = None,
+        qdd: ArrayLike | tuple[Any, ...] | None = None,
+        *,
+        outputs: Outputs = None,
+        out: Out = None,
+        sequence: str = "XYZ",
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> PairState:
+        """Body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi) (E1-E10).
+
+        The level follows the inputs: q alone gives the pose, qd adds velocities, qdd accelerations.
+
+        Args:
+            q: coordinates [m, rad]; one array of shape (..., 7), or a tuple of seven that broadcast, in which
+                scalars are known constants.
+            qd: their time derivatives, in the same form.
+            qdd: their second time derivatives, in the same form.
+            outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1: exactly these
+                are computed. Unless given, all of body 2 that the inputs allow.
+            out: arrays by output name, written in place; of the samples' shape and the dtype computed in.
+            sequence: the Euler sequence of body 1, one of 24 as SciPy writes them; phi_x, phi_y and phi_z are the
+                angles of its first, second and third letter.
+            workers: threads; -1 for one on every core.
+            backend: "numpy", "numba" (compiled), or "auto": compiled where it pays (README, "Speed").
+
+        Returns:
+            The state. float32 where all arrays given are float32, else float64.
+
+        Raises:
+            ArgumentError: an argument cannot be used; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> state = pair.forward_kinematics(np.zeros((5, 7)), np.ones((5, 7)))
+        >>> state.v2[0]
+        array([ 1.,  4., -1.])
+        """
+        how = choose(backend, workers)
+        return kinematics.from_coordinates(self._constants, q, qd, qdd, outputs, out, sequence, how)
+
+    def forward_kinematics_from_body1(
+        self,
+        body1: BodyMotion,
+        psi: ArrayLike,
+        psid: ArrayLike | None = None,
+        psidd: ArrayLike | None = None,
+        *,
+        outputs: Outputs = None,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> PairState:
+        """Body 2 from the motion of body 1 and the hinge angle (E1, E2, E5-E9): no Euler angles.
+
+        Args:
+            body1: the motion of body 1, with as many derivatives as the outputs need.
+            psi: hinge angle, right hand about n [rad]; shape (...,), broadcasts against body1.
+            psid: its time derivative [rad/s].
+            psidd: its second time derivative [rad/s^2].
+            outputs: as for forward_kinematics.
+            out: as for forward_kinematics.
+            workers: as for forward_kinematics.
+            backend: as for forward_kinematics.
+
+        Returns:
+            The state; its level follows psi, psid, psidd.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or body1 lacks what an output needs; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> pair.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
+        array([2., 0., 0.])
+        """
+        how = choose(backend, workers)
+        return kinematics.from_body1(self._constants, body1, psi, psid, psidd, outputs, out, how)
+
+    # Not loaded by `import hingepair`; a type checker sees the functions themselves.
+    if TYPE_CHECKING:
+        residuals = residuals.residuals
+        jacobian = jacobians.jacobian
+        acceleration_bias = jacobians.acceleration_bias
+        coordinate_jacobian = jacobians.coordinate_jacobian
+        coordinate_jacobian_rate = jacobians.coordinate_jacobian_rate
+        sensitivities = sensitivities.sensitivities
+        constraint_jacobian = constraints.constraint_jacobian
+        constraint_bias = constraints.constraint_bias
+    else:
+        residuals = _MethodOf("pair.residuals")
+        jacobian = _MethodOf("pair.jacobians")
+        acceleration_bias = _MethodOf("pair.jacobians")
+        coordinate_jacobian = _MethodOf("pair.jacobians")
+        coordinate_jacobian_rate = _MethodOf("pair.jacobians")
+        sensitivities = _MethodOf("pair.sensitivities")
+        constraint_jacobian = _MethodOf("pair.constraints")
+        constraint_bias = _MethodOf("pair.constraints")
+
+
+def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
+    if limits is None:
+        return None
+    both = one_constant("limits", limits, 2)
+    if not both[0] < both[1]:
+        raise ArgumentError("limits", "(lower, upper) with lower < upper", limits)
+    return float(both[0]), float(both[1])
+
+
+def _checked_body(name: str, body: Body | None) -> Body | None:
+    if body is None:
+        return None
+    from hingepair.pair.body import Body
+
+    if not isinstance(body, Body):
+        raise ArgumentError(name, "a Body", quoted(body))
+    return body
+
+
+def check_pair(pair: object) -> None:
+    """Refuse what is no pair.
+
+    Raises:
+        ArgumentError: names the argument `pair`.
+    """
+    if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
+        raise ArgumentError("pair", "a HingePair", quoted(pair))
+
+
+def check_one(pair: HingePair | PlanarPair) -> None:
+    """Refuse a pair that differs from sample to sample.
+
+    Raises:
+        ShapeError: u1, u2, n or home have leading axes.
+    """
+    if not pair._constants.single:
+        expected = f"one pair, such as {type(pair).__name__}(u1[i], ...)"
+        raise ShapeError("pair", expected, f"pairs of shape {pair._constants.shape}")

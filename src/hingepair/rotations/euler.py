@@ -1,0 +1,206 @@
+"""Euler angles and attitudes (E10), Euler-angle rates and angular velocity (E4), of all 24 sequences.
+
+Angles stand in the order of the sequence's letters, as SciPy writes them: upper case turns about the body's own
+axes (intrinsic), lower case about the world's (extrinsic). "XYZ" is E10.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, TypeAlias, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.equations import spatial as eq
+from hingepair.errors import GimbalLockError
+from hingepair.numeric.arrays import FloatArray, broadcast_shape, check_choice, result_dtype, vectors
+from hingepair.numeric.blocks import Values, angle_terms, components_of, compute, evaluate
+from hingepair.rotations.matrices import check_rotation
+from hingepair.rotations.sequences import Sequence, find_sequence, nine
+
+LOCK = 1e-12
+"""Nearer gimbal lock than this (abs(cos phi_y) or abs(sin phi_y)), fewer than four digits of the rates are left."""
+
+AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
+
+
+def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
+    """Rotation matrices of Euler angles (E10), to 6 u in every component.
+
+    Args:
+        phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
+        sequence: one of 24; upper case intrinsic, lower case extrinsic.
+
+    Returns:
+        S, body to world; shape (..., 3, 3).
+
+    Raises:
+        ArgumentError: phi or sequence cannot be used.
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> hp.euler_to_matrix((0, 0, np.pi / 2)).round(12) + 0.0
+    array([[ 0., -1.,  0.],
+           [ 1.,  0.,  0.],
+           [ 0.,  0.,  1.]])
+    """
+    order = find_sequence(sequence)
+    angles = vectors("phi", phi, 3)
+
+    def attitude(values: Values) -> eq.Matrix:
+        return order.attitude(angle_terms(order.angles(values["phi"])))
+
+    return evaluate(attitude, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
+
+
+@overload
+def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[False] = False) -> FloatArray: ...
+
+
+@overload
+def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[True]) -> AnglesAndLock: ...
+
+
+def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
+    """Euler angles of rotation matrices (E10 solved for phi).
+
+    The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis comes back; the others in [-pi, pi].
+    At gimbal lock only a sum or difference of the outer angles is defined, and there is no convention for either:
+    round-off decides how it is shared out (`with_lock` tells where). What holds is that the angles of a rotation S
+    give S back to 6 u in every component, at lock too.
+
+    Args:
+        S: body to world; shape (..., 3, 3).
+        sequence: one of 24; upper case intrinsic, lower case extrinsic.
+        with_lock: also return where gimbal lock is, by the measure of `euler_rates`.
+
+    Returns:
+        Angles in the order of the letters [rad]; shape (..., 3). With `with_lock`: (angles, locked); shape (...,).
+
+    Raises:
+        RotationError: a finite S is no rotation.
+
+    >>> import hingepair as hp
+    >>> hp.matrix_to_euler([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
+    array([0.      , 0.      , 1.570796])
+    >>> phi, locked = hp.matrix_to_euler([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], with_lock=True)
+    >>> phi.round(6) + 0.0, bool(locked)
+    (array([0.      , 1.570796, 0.      ]), True)
+    """
+    order = find_sequence(sequence)
+    matrix = vectors("S", S, 3, 3)
+    check_rotation("S", matrix)
+    back = [order.place.index(i) for i in range(3)]
+
+    def angles(values: Values) -> Values:
+        given = values["S"]
+        canonical = nine(given[3 * i + j] for i in back for j in back)
+        phi = order.angles(_canonical_angles(order, canonical))
+        opening = (canonical[3], canonical[6]) if order.proper else (canonical[5], canonical[8])
+        return {"phi": phi, "lock": np.hypot(*opening)}
+
+    dtype, shape = result_dtype((matrix,)), matrix.shape[:-2]
+    out = {"phi": np.empty((*shape, 3), dtype), "lock": np.empty(shape, dtype)}
+    compute(angles, {"S": components_of(matrix, 2)}, out, shape, dtype)
+    return (out["phi"], np.asarray(out["lock"] < LOCK)) if with_lock else out["phi"]
+
+
+def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
+    """The matrix J of omega = J phi' (E4), omega in world axes.
+
+    Args:
+        phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
+        sequence: one of 24; upper case intrinsic, lower case extrinsic.
+
+    Returns:
+        J; shape (..., 3, 3).
+
+    >>> import hingepair as hp
+    >>> hp.euler_rate_matrix((0, 0, 0)).round(12) + 0.0
+    array([[1., 0., 0.],
+           [0., 1., 0.],
+           [0., 0., 1.]])
+    """
+    order = find_sequence(sequence)
+    angles = vectors("phi", phi, 3)
+
+    def rate_matrix(values: Values) -> eq.Matrix:
+        axes = order.axes(angle_terms(order.angles(values["phi"])))
+        x, y, z = order.columns(axes)
+        return eq.transpose((*x, *y, *z))
+
+    return evaluate(rate_matrix, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
+
+
+def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_lock: str = "raise") -> FloatArray:
+    """Euler-angle rates of an angular velocity: phi' = J^-1 omega (E4).
+
+    Args:
+        phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
+        omega: angular velocity, world axes [rad/s]; shape (..., 3).
+        sequence: one of 24; upper case intrinsic, lower case extrinsic.
+        at_lock: at gimbal lock (cos phi_y, or sin phi_y where the first axis comes back, below 1e-12), "raise", or
+            give the "least_squares" rates: the smallest phi' whose J phi' is nearest to omega.
+
+    Returns:
+        phi'; shape (..., 3).
+
+    Raises:
+        GimbalLockError: J has no inverse at some sample, and at_lock is "raise".
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> hp.euler_rates((0, np.pi / 2, 0), (1, 0, 0), at_lock="least_squares").round(6) + 0.0
+    array([0.5, 0. , 0.5])
+    """
+    check_choice("at_lock", at_lock, ("raise", "least_squares"))
+    order = find_sequence(sequence)
+    angles, velocity = vectors("phi", phi, 3), vectors("omega", omega, 3)
+    shape = broadcast_shape({"phi": angles.shape[:-1], "omega": velocity.shape[:-1]})
+    dtype = result_dtype((angles, velocity))
+    out = {"phid": np.empty((*shape, 3), dtype), "lock": np.empty(shape, dtype)}
+
+    def rates(values: Values) -> Values:
+        trig = angle_terms(order.angles(values["phi"]))
+        phid = order.angles(canonical_rates(order, trig, values["omega"]))
+        return {"phid": phid, "lock": trig[2] if order.proper else trig[3]}
+
+    compute(rates, {"phi": components_of(angles), "omega": components_of(velocity)}, out, shape, dtype)
+    locked = np.abs(out["lock"]) < LOCK
+    if locked.any():
+        if at_lock == "raise":
+            first = np.unravel_index(int(np.argmax(locked)), shape)
+            where = f" at sample {tuple(map(int, first))}" if shape else ""
+            middle = float(np.broadcast_to(angles[..., 1], shape)[first])
+            expected = "angles away from gimbal lock, or at_lock='least_squares'"
+            raise GimbalLockError("phi", expected, f"lock of {sequence}, middle angle {middle:.6g}{where}")
+        J = euler_rate_matrix(np.broadcast_to(angles, (*shape, 3))[locked], sequence).astype(np.float64)
+        given = np.broadcast_to(velocity, (*shape, 3))[locked]
+        out["phid"][locked] = (np.linalg.pinv(J, rcond=1e-9) @ given[..., None])[..., 0]
+    return out["phid"]
+
+
+def canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
+    """J^-1 omega in canonical angles (E4)."""
+    axes = order.axes(trig)
+    x, y, z = (omega[order.place.index(i)] for i in range(3))
+    if order.sign < 0:
+        x, y, z = -x, -y, -z
+    across = eq.euler_rate_along(axes, (x, y, z))
+    third = -np.divide(across, trig[2]) if order.proper else np.divide(across, trig[3])
+    return eq.euler_rates1(axes, (x, y, z), third)
+
+
+def _canonical_angles(order: Sequence, S: eq.Matrix) -> eq.Vector:
+    """Angles of Sx Sy Sz or Sx Sy Sx: the outer first angle, then the others with it turned back out of S.
+
+    Of the two first angles of Sx Sy Sx, half a turn apart, the sign of the sequence picks the one that makes the
+    middle angle positive in the order of the letters.
+    """
+    opposite, adjacent = (order.sign * S[3], -order.sign * S[6]) if order.proper else (-S[5], S[8])
+    first = np.arctan2(opposite, adjacent + 0.0)  # of zeros of any sign: 0
+    s, c = np.sin(first), np.cos(first)
+    level = c * S[3] + s * S[6], c * S[4] + s * S[7], c * S[5] + s * S[8]
+    if order.proper:
+        return first, np.arctan2(s * S[3] - c * S[6], S[0]), np.arctan2(-level[2], level[1])
+    return first, np.arctan2(S[2], c * S[8] - s * S[5]), np.arctan2(level[0], level[1])

@@ -1,0 +1,273 @@
+"""Rotations: matrices, axes and angles, rotation vectors, quaternions (E3, E6)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.equations import spatial as eq
+from hingepair.errors import ArgumentError, RotationError
+from hingepair.numeric.arrays import FloatArray, real_array, result_dtype, vectors
+from hingepair.numeric.blocks import Values, components_of, compute, evaluate, hinge_terms
+from hingepair.numeric.unit_vectors import direction, polar, unit_axis
+
+TOLERANCE = {4: 1e-5, 8: 1e-9}
+"""How far a given matrix may be from a rotation, by the bytes of its numbers."""
+
+
+def skew(w: ArrayLike) -> FloatArray:
+    """The matrix [w]x, for which [w]x u = w x u.
+
+    Args:
+        w: vectors; shape (..., 3).
+
+    Returns:
+        Shape (..., 3, 3).
+
+    >>> import hingepair as hp
+    >>> hp.skew((1, 2, 3))
+    array([[ 0., -3.,  2.],
+           [ 3.,  0., -1.],
+           [-2.,  1.,  0.]])
+    """
+    vector = vectors("w", w, 3)
+    matrix = np.zeros((*vector.shape, 3), result_dtype((vector,)))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrix[..., k, j] = vector[..., i]
+        matrix[..., j, k] = -matrix[..., k, j]
+    return matrix
+
+
+def unskew(W: ArrayLike) -> FloatArray:
+    """The vector w of a matrix [w]x.
+
+    Args:
+        W: antisymmetric matrices; shape (..., 3, 3).
+
+    Returns:
+        Shape (..., 3).
+
+    Raises:
+        ArgumentError: a finite W is not antisymmetric to 1e-9 of its largest element (float32: 1e-5).
+
+    >>> import hingepair as hp
+    >>> hp.unskew([[0, -3, 2], [3, 0, -1], [-2, 1, 0]])
+    array([1., 2., 3.])
+    """
+    matrix = vectors("W", W, 3, 3)
+    dtype = result_dtype((matrix,))
+    matrix = matrix.astype(dtype, copy=False)
+    with np.errstate(all="ignore"):
+        rest = np.abs(matrix + np.swapaxes(matrix, -1, -2)).max(axis=(-2, -1), initial=0.0)
+        size = np.abs(matrix).max(axis=(-2, -1), initial=0.0)
+        bad = np.isfinite(size) & (rest > 2 * TOLERANCE[dtype.itemsize] * size)
+    if np.any(bad):
+        raise ArgumentError("W", "antisymmetric matrices", f"W + W^T up to {np.max(rest[bad]):.3g}")
+    return evaluate(lambda v: eq.unskew(v["W"]), {"W": components_of(matrix, 2)}, (3,), dtype)
+
+
+def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
+    """Rotation about an axis (E6): of body 2 against body 1 about the hinge axis.
+
+    Args:
+        n: axis, body-1 axes; shape (..., 3); any non-zero length.
+        psi: angle, right hand about n [rad]; shape (...,), broadcasts against n.
+
+    Returns:
+        Sh; shape (..., 3, 3).
+
+    Raises:
+        AxisError: n is zero or not finite.
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> hp.rodrigues((0, 0, 1), np.pi / 2).round(12) + 0.0
+    array([[ 0., -1.,  0.],
+           [ 1.,  0.,  0.],
+           [ 0.,  0.,  1.]])
+    """
+    axis, angle = real_array("n", n), real_array("psi", psi)
+    inputs = {"n": components_of(unit_axis("n", axis)), "psi": angle}
+    dtype = result_dtype((axis, angle))
+    return evaluate(lambda v: eq.hinge_rotation(v["n"], hinge_terms(v["psi"])), inputs, (3, 3), dtype)
+
+
+def rotation_exp(rotvec: ArrayLike) -> FloatArray:
+    """The rotation of a rotation vector, axis times angle (E6), to 6 u in every component up to an angle of 1e15.
+
+    Args:
+        rotvec: rotation vectors [rad]; shape (..., 3).
+
+    Returns:
+        S; shape (..., 3, 3).
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> hp.rotation_exp((0, 0, np.pi / 2)).round(12) + 0.0
+    array([[ 0., -1.,  0.],
+           [ 1.,  0.,  0.],
+           [ 0.,  0.,  1.]])
+    """
+    vector = vectors("rotvec", rotvec, 3)
+
+    def rotation(values: Values) -> eq.Matrix:
+        axis, angle, rest = polar(values["rotvec"])
+        s, k, c = hinge_terms(angle)
+        x, y, z = axis
+        more, lack, _ = hinge_terms(rest)  # of the part of the angle that one double cannot hold
+        return eq.hinge_rotation((x, y, z), (s + (c * more - s * lack), k + (s * more + c * lack)))
+
+    S = evaluate(rotation, {"rotvec": components_of(vector)}, (3, 3), np.dtype(np.float64))
+    return S.astype(result_dtype((vector,)), copy=False)
+
+
+def rotation_log(S: ArrayLike) -> FloatArray:
+    """The rotation vector of a rotation, axis times angle, the angle in [0, pi] (E6 solved for n psi).
+
+    To 6 u times the angle, for all angles: what `rotation_exp` made of a rotation vector comes back to this.
+
+    Args:
+        S: rotations; shape (..., 3, 3).
+
+    Returns:
+        Rotation vectors [rad]; shape (..., 3). At an angle of pi the sign of the axis is free; one is chosen.
+
+    Raises:
+        RotationError: a finite S is no rotation.
+
+    >>> import hingepair as hp
+    >>> hp.rotation_log([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
+    array([0.      , 0.      , 1.570796])
+    """
+    matrix = vectors("S", S, 3, 3)
+    check_rotation("S", matrix)
+    rotvec: FloatArray = rotation_vector(matrix.astype(np.float64, copy=False))
+    return rotvec.astype(result_dtype((matrix,)), copy=False)
+
+
+def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotation vectors of matrices that are known to be rotations."""
+    quat = matrix_to_quaternion(S)
+    vector = quat[..., 1:]
+    with np.errstate(all="ignore"):
+        length = np.hypot(np.hypot(vector[..., 0], vector[..., 1]), vector[..., 2])
+        factor = np.where(length > 0, 2 * np.arctan2(length, quat[..., 0]) / length, 2 / quat[..., 0])
+        return np.asarray(vector * factor[..., None])
+
+
+def matrix_to_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Quaternions (w, x, y, z) of rotations, w >= 0, of a length between 2 and 4: not normalised.
+
+    Four times the outer product of the unit quaternion with itself is linear in S. Its row with the largest diagonal
+    element is the quaternion times a number that is never small, so nothing cancels, near 0 and pi included.
+    """
+    outer = np.empty((*S.shape[:-2], 4, 4))
+    xx, yy, zz = S[..., 0, 0], S[..., 1, 1], S[..., 2, 2]
+    with np.errstate(all="ignore"):
+        for i, diagonal in enumerate(
+            (1 + (xx + yy + zz), 1 + (xx - yy - zz), 1 + (yy - zz - xx), 1 + (zz - xx - yy))
+        ):
+            outer[..., i, i] = diagonal
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            outer[..., 0, i + 1] = outer[..., i + 1, 0] = S[..., k, j] - S[..., j, k]
+            outer[..., j + 1, k + 1] = outer[..., k + 1, j + 1] = S[..., j, k] + S[..., k, j]
+    pivot = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
+    quat = np.take_along_axis(outer, pivot[..., None, None], axis=-2)[..., 0, :]
+    return np.where(quat[..., :1] < 0, -quat, quat)
+
+
+def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> FloatArray:
+    """Rotations of quaternions of any length but zero; NaN where a quaternion is not finite.
+
+    Raises:
+        RotationError: a quaternion is zero.
+    """
+    given = vectors(name, quat, 4)
+    if np.any((given == 0).all(axis=-1)):
+        raise RotationError(name, "non-zero quaternions", "a zero quaternion")
+    parts = components_of(given)
+    order = parts if scalar_first else (parts[3], *parts[:3])
+    S = evaluate(lambda v: eq.quaternion_attitude(direction(v["q"])), {"q": order}, (3, 3), np.dtype(np.float64))
+    return S.astype(result_dtype((given,)), copy=False)
+
+
+def project_to_rotation(M: ArrayLike) -> FloatArray:
+    """The rotation nearest to a matrix (the orthogonal factor of its polar decomposition).
+
+    To 6 u where M is within 1e-2 of a rotation; else the error grows with the largest singular value over the sum of
+    the two smallest.
+
+    Args:
+        M: matrices with a positive determinant; shape (..., 3, 3).
+
+    Returns:
+        Rotations; shape (..., 3, 3); NaN where M is not finite.
+
+    Raises:
+        RotationError: a determinant is not positive: a reflection, or a matrix without a nearest rotation.
+
+    >>> import hingepair as hp
+    >>> hp.project_to_rotation([[2, 0, 0], [0, 3, 0], [0, 0, 1]]) + 0.0
+    array([[1., 0., 0.],
+           [0., 1., 0.],
+           [0., 0., 1.]])
+    """
+    matrix = vectors("M", M, 3, 3)
+    work = matrix.astype(np.float64)
+    finite = np.isfinite(work).all(axis=(-2, -1))
+    work[~finite] = np.eye(3)
+    size = np.abs(work).max(axis=(-2, -1), keepdims=True, initial=0.0)
+    left, singular, right = np.linalg.svd(work / np.where(size > 0, size, 1.0))
+    S = left @ right
+    bad = (singular[..., 2] <= 1e-14 * singular[..., 0]) | (np.linalg.det(S) < 0)
+    if np.any(bad):
+        raise RotationError("M", "matrices with a positive determinant", f"{int(np.sum(bad))} of {bad.size} without")
+    S = _nearer(S, work / np.where(size > 0, size, 1.0))
+    S = 0.5 * (S @ (3 * np.eye(3) - np.swapaxes(S, -1, -2) @ S))
+    S[~finite] = np.nan
+    nearest: FloatArray = S.astype(result_dtype((matrix,)), copy=False)
+    return nearest
+
+
+def _nearer(S: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
+    """S turned so that S^T M is symmetric, which it is for the nearest rotation: mends what the SVD rounds."""
+    A = np.swapaxes(S, -1, -2) @ M
+    w = np.stack([A[..., k, j] - A[..., j, k] for _, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))], axis=-1)
+    inertia = np.trace(A, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - (A + np.swapaxes(A, -1, -2)) / 2
+    turn = np.linalg.solve(inertia, w[..., None])[..., 0]
+    return S + S @ skew(turn)
+
+
+def check_rotation(name: str, S: NDArray[Any]) -> None:
+    """Refuse a finite matrix that is further from a rotation than TOLERANCE; non-finite ones pass.
+
+    Raises:
+        RotationError: names the argument, and project_to_rotation.
+    """
+    dtype = result_dtype((S,))
+    shape = S.shape[:-2]
+    out = {"error": np.empty(shape, dtype), "volume": np.empty(shape, dtype)}
+    compute(_orthonormality, {"S": components_of(S, 2)}, out, shape, dtype)
+    tolerance = 2 * TOLERANCE[dtype.itemsize]
+    bad = (out["error"] > tolerance) | (out["volume"] < 0)
+    if not np.any(bad):
+        return
+    bad &= np.isfinite(S).all(axis=(-2, -1))
+    if np.any(bad):
+        if np.any(bad & (out["volume"] < 0)):
+            got = "a reflection (determinant below 0)"
+        else:
+            got = f"S^T S off the identity by {np.max(out['error'][bad]):.3g}"
+        wanted = f"rotations to within {tolerance / 2:g} (project_to_rotation gives the nearest)"
+        raise RotationError(name, wanted, got)
+
+
+def _orthonormality(values: Values) -> Values:
+    S = values["S"]
+    x, y, z = S[0:3], S[3:6], S[6:9]
+    error: Any = 0.0
+    for a, b, expected in ((x, x, 1), (y, y, 1), (z, z, 1), (x, y, 0), (y, z, 0), (z, x, 0)):
+        error = np.maximum(error, np.abs(eq.dot(a, b) - expected))
+    return {"error": error, "volume": eq.dot(x, eq.cross(y, z))}

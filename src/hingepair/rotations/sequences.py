@@ -1,0 +1,119 @@
+"""The 24 Euler sequences, each as the equations of one canonical sequence with its axes renamed (E4, E10).
+
+Angles stand in the order of the sequence's letters, as SciPy writes them: upper case turns about the body's own
+axes (intrinsic), lower case about the world's (extrinsic). "XYZ" is E10.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+from hingepair.equations import spatial as eq
+from hingepair.errors import ArgumentError
+from hingepair.numeric.arrays import check_choice
+
+_INTRINSIC = tuple(
+    "".join(letters) for letters in itertools.product("XYZ", repeat=3) if letters[0] != letters[1] != letters[2]
+)
+SEQUENCES = (*_INTRINSIC, *(name.lower() for name in _INTRINSIC))
+
+
+@dataclass(frozen=True, slots=True)
+class Sequence:
+    """One Euler sequence as a renaming of Sx Sy Sz or Sx Sy Sx.
+
+    An extrinsic sequence is the intrinsic one with letters and angles reversed. Renaming the axes keeps the
+    equations, but for the sign of every angle where the renaming changes the handedness.
+
+    Attributes:
+        name: the three letters.
+        proper: the first axis comes back as the third (Sx Sy Sx).
+        backward: the angles are taken in reverse order.
+        place: for world axis i, its canonical axis.
+        sign: of the canonical angles, +1 or -1.
+    """
+
+    name: str
+    proper: bool
+    backward: bool
+    place: tuple[int, int, int]
+    sign: int
+
+    def angles(self, phi: eq.Vector) -> eq.Vector:
+        """The canonical angles (or their rates) of angles (or rates) in the order of the letters, and back."""
+        x, y, z = phi
+        if self.backward:
+            x, z = z, x
+        return (x, y, z) if self.sign > 0 else (-x, -y, -z)
+
+    def attitude(self, trig: tuple[Any, ...]) -> eq.Matrix:
+        """S of the sines and cosines of the canonical angles (E10)."""
+        S = eq.proper_euler_attitude(trig) if self.proper else eq.tait_bryan_attitude(trig)
+        return nine(S[3 * i + j] for i in self.place for j in self.place)
+
+    def axes(self, trig: tuple[Any, ...]) -> tuple[Any, ...]:
+        """The columns of the canonical J (E4)."""
+        return eq.proper_euler_axes(trig) if self.proper else eq.tait_bryan_axes(trig)
+
+    def angular_velocity(self, axes: tuple[Any, ...], phid: eq.Vector) -> eq.Vector:
+        """Omega = J phi' (E4), of the canonical columns of J and the rates in the order of the letters."""
+        return self.vector(eq.angular_velocity1(axes, self.angles(phid)))
+
+    def angular_acceleration(self, axes: tuple[Any, ...], phid: eq.Vector, phidd: eq.Vector) -> eq.Vector:
+        """Alpha = J phi'' + J' phi' (E4 differentiated), likewise."""
+        return self.vector(eq.angular_acceleration1(axes, self.angles(phid), self.angles(phidd)))
+
+    def columns(self, axes: tuple[Any, ...]) -> tuple[eq.Vector, ...]:
+        """The columns of J, world axes, in the order of the letters."""
+        return self._in_order(eq.euler_axes(axes))
+
+    def column_rates(self, axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
+        """The columns of J', likewise, of the rates in the order of the letters."""
+        rates = eq.euler_axes_rates(axes, self.angles(phid))
+        # A renaming that changes the handedness turns J(phi) into J(-phi), and with it the sign of the rates only.
+        return self._in_order(rates)
+
+    def _in_order(self, canonical: tuple[eq.Vector, ...]) -> tuple[eq.Vector, ...]:
+        columns = canonical[::-1] if self.backward else canonical
+        return tuple((c[self.place[0]], c[self.place[1]], c[self.place[2]]) for c in columns)
+
+    def vector(self, canonical: eq.Vector) -> eq.Vector:
+        """An angular velocity or acceleration in world axes, from canonical axes."""
+        x, y, z = (canonical[i] for i in self.place)
+        return (x, y, z) if self.sign > 0 else (-x, -y, -z)
+
+
+def find_sequence(name: str) -> Sequence:
+    """The sequence of this name.
+
+    Raises:
+        ArgumentError: no such sequence.
+
+    >>> find_sequence("zyx").backward
+    True
+    """
+    if not isinstance(name, str):
+        raise ArgumentError("sequence", "three letters such as 'XYZ' or 'zyx'", name)
+    return _sequence(name)
+
+
+@functools.cache
+def _sequence(name: str) -> Sequence:
+    check_choice("sequence", name, SEQUENCES)
+    letters = name.upper()[::-1] if name.islower() else name
+    axes = ["XYZ".index(letter) for letter in letters]
+    proper = axes[0] == axes[2]
+    if proper:
+        axes[2] = 3 - axes[0] - axes[1]
+    sign = 1 if (axes[1] - axes[0]) % 3 == 1 else -1
+    place = (axes.index(0), axes.index(1), axes.index(2))
+    return Sequence(name, proper, name.islower(), place, sign)
+
+
+def nine(entries: Any) -> eq.Matrix:
+    """Entries as a matrix."""
+    a, b, c, d, e, f, g, h, i = entries
+    return a, b, c, d, e, f, g, h, i

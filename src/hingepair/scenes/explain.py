@@ -1,0 +1,94 @@
+"""What a scene computes and what it leaves out, in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hingepair.evaluation.plan import FLAT, Plan
+
+_MEANING = {
+    "hinge": "sine, versine and cosine of psi",
+    "cosine": "cosine of psi, out of hinge",
+    "angles": "Euler angles in canonical order",
+    "trig": "sines and cosines of phi",
+    "S1": "attitude of body 1 (E10)",
+    "axes": "axes of the Euler rates (E4)",
+    "omega1": "angular velocity of body 1 (E4)",
+    "alpha1": "angular acceleration of body 1 (E4)",
+    "Sh": "hinge rotation (E6)",
+    "S2": "attitude of body 2 (E5)",
+    "r1": "hinge point from body 1's reference point, S1 u1",
+    "r2": "hinge point from body 2's reference point, S2 u2",
+    "arm": "hinge point from body 2's reference point at psi = 0, C u2",
+    "around": "change of C u2 with psi",
+    "across": "what the hinge turns of C u2",
+    "along": "what the hinge leaves of u1 - C u2",
+    "swing": "what the hinge turns of C u2, in body 1's axes (E6)",
+    "slide": "change of S2 u2 with psi",
+    "reach": "swing in world axes",
+    "pull": "swing in world axes, which points away from the axis",
+    "relative": "acceleration that the hinge alone makes (E9)",
+    "d": "offset of the reference points (E7)",
+    "R2": "position of body 2 (E7)",
+    "turn1": "sine and cosine of the angle of body 1 (E11)",
+    "turn2": "sine and cosine of the angle of body 2 (E11)",
+    "phi2": "angle of body 2 (E11)",
+    "axis": "hinge axis in world axes, S1 n",
+    "omega2": "angular velocity of body 2 (E2)",
+    "v2": "velocity of body 2 (E8)",
+    "alpha2": "angular acceleration of body 2 (E9)",
+    "a2": "acceleration of body 2 (E9)",
+}
+_DERIVATIVES = ("first", "second")
+
+
+@dataclass(frozen=True, slots=True)
+class ScenePlan:
+    """The plan of a scene.
+
+    Attributes:
+        outputs: what comes out.
+        computed: the steps on the way, in order, each with whether it is taken once or for each instant.
+        skipped: what is left out, and why.
+    """
+
+    outputs: tuple[str, ...]
+    computed: tuple[tuple[str, str], ...]
+    skipped: tuple[tuple[str, str], ...]
+
+    def __str__(self) -> str:
+        lines = [f"outputs: {', '.join(self.outputs)}", "computed:"]
+        lines += [
+            f"  {name:<10}{_MEANING[name]}{' - once' if often == 'once' else ''}" for name, often in self.computed
+        ]
+        lines += ["skipped:", *(f"  {what}: {why}" for what, why in self.skipped)] if self.skipped else []
+        return "\n".join(lines)
+
+
+def explain(plan: Plan, order: int, level: int, constant: frozenset[str]) -> ScenePlan:
+    """The plan in words.
+
+    Args:
+        plan: the steps of the outputs.
+        order: of the highest derivative of the coordinates that is computed.
+        level: of the highest derivative that the motion has.
+        constant: which coordinates, and which inputs of the plan, do not depend on t.
+    """
+    still, computed = set(constant) | {"u1", "u2", "n", "home", "along", "across", "around"}, []
+    for step in plan.steps:
+        once = still.issuperset(step.arguments)
+        still |= {step.result} if once else set()
+        computed.append((step.result, "once" if once else "each"))
+    reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
+    skipped = [(f"{_DERIVATIVES[i]} derivatives of the coordinates", reasons[i]) for i in range(order, 2)]
+    if plan.kind == FLAT:
+        skipped.append(("rotations about x and y", "constants prove that all turns are about z"))
+    skipped += [(_MEANING[name], "no output needs it") for name in plan.skipped]
+    if plan.sequence is None:
+        skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
+    if not plan.home and any(step.result == "S2" for step in plan.steps):
+        skipped.append(("the product with C", "home is the identity"))
+    for name in ("phi_x", "phi_y", "phi_z", "psi"):
+        if name in constant and any(step.result in {"trig", "hinge"} for step in plan.steps):
+            skipped.append((f"sine and cosine of {name} at each instant", f"{name} is constant"))
+    return ScenePlan(plan.outputs, tuple(computed), tuple(skipped))

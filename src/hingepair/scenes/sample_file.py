@@ -1,0 +1,258 @@
+"""Samples of a motion in a file: columns by name, from .csv, .npz or .parquet.
+
+| what | columns | the same as one array, shape (N, ...), in .npz |
+|---|---|---|
+| instants, increasing, s | t | t |
+| position of body 1, m | x, y, z | R1 |
+| attitude: Euler angles, rad, in the order of the sequence's letters | phi_x, phi_y, phi_z | phi |
+| or a quaternion, body to world, of any length but 0 | qx, qy, qz, qw (qw the scalar) | quat_xyzw or quat_wxyz |
+| hinge angle, rad | psi | psi |
+| velocity and acceleration of body 1, world axes | v1_x, ..., a1_x, ... | v1, a1 |
+| rates of Euler angles | phid_x, ..., phidd_x, ... | phid, phidd |
+| with a quaternion: angular velocity and acceleration, world axes | omega1_x, ..., alpha1_x, ... | omega1, alpha1 |
+| rates of psi | psid, psidd | psid, psidd |
+| all seven coordinates and their derivatives | | q, qd, qdd |
+
+Other columns are refused: a misspelt one would be missed. A .csv file starts with a line of column names; commas
+separate, points are decimal, `nan` is what is not known. Rates and accelerations are there for all of position,
+attitude and hinge, or for none, unless they are to be found by differentiating. Then angles must turn by less than pi
+from one sample to the next; their jumps by 2 pi do no harm.
+And t should start near 0: seconds since 1970 are rounded to 2.4e-7 s in float64, which shows in rates.
+"""
+
+from __future__ import annotations
+
+import csv
+import warnings
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, Final, NoReturn, TextIO, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.errors import ArgumentError, MissingDependencyError, SceneError, choices, nearest
+from hingepair.numeric.arrays import real_array
+
+MAX_ROWS: Final = 10_000_000
+MAX_BYTES: Final = 2_000_000_000
+_MAX_HEADER: Final = 10_000
+
+Columns: TypeAlias = dict[str, NDArray[np.float64]]
+
+
+def _xyz(name: str) -> tuple[str, ...]:
+    return tuple(f"{name}_{axis}" for axis in "xyz")
+
+
+ARRAYS: Final[dict[str, tuple[str, ...]]] = {
+    "R1": ("x", "y", "z"),
+    "quat_xyzw": ("qx", "qy", "qz", "qw"),
+    "quat_wxyz": ("qw", "qx", "qy", "qz"),
+    **{name: _xyz(name) for name in ("phi", "phid", "phidd", "v1", "a1", "omega1", "alpha1")},
+    "q": ("x", "y", "z", *_xyz("phi"), "psi"),
+    "qd": (*_xyz("v1"), *_xyz("phid"), "psid"),
+    "qdd": (*_xyz("a1"), *_xyz("phidd"), "psidd"),
+}
+"""Array -> its columns."""
+
+COLUMNS: Final = tuple(dict.fromkeys(("t", *(c for own in ARRAYS.values() for c in own), "psi")))
+
+
+class SampleFile:
+    """A file of samples, and its name in messages."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.name = str(path) if str(path).isprintable() else repr(str(path))
+
+    def fail(self, column: str, expected: str, got: object) -> NoReturn:
+        """Refuse a column; or the file, where the name is empty."""
+        raise SceneError(f"{self.name}: {column}" if column else self.name, expected, got) from None
+
+    def columns(self) -> Columns:
+        """The columns by name, all of one length, which is not 0.
+
+        Raises:
+            SceneError: the file, or a column, cannot be used; names both.
+            MissingDependencyError: the file is a .parquet and pyarrow is not installed.
+        """
+        read = _READERS.get(self.path.suffix.lower())
+        if read is None:
+            self.fail("", f"a file name that ends in {', '.join(_READERS)}", self.path.suffix or "no ending")
+        try:
+            size = self.path.stat().st_size if self.path.is_file() else None
+            if size is None:
+                self.fail("", "a file of samples that can be read", "no such file")
+            if size > MAX_BYTES:
+                self.fail("", f"at most {MAX_BYTES} bytes", size)
+            found = read(self)
+        except (OSError, EOFError, NotImplementedError, RuntimeError, zlib.error, zipfile.BadZipFile) as error:
+            self.fail(
+                "", f"a {self.path.suffix} file that can be read", getattr(error, "strerror", None) or str(error)
+            )
+        counts = {column.size for column in found.values()}
+        if len(counts) > 1:
+            lengths = ", ".join(f"{name}: {column.size}" for name, column in found.items())
+            self.fail("", "columns of one length", lengths)
+        if counts in (set(), {0}):
+            self.fail("", "at least one sample", "none")
+        return found
+
+    def together(self, columns: Columns, own: tuple[str, ...], required: bool) -> NDArray[np.float64] | None:
+        """Columns side by side, shape (N, len(own)); None where none of them is there and none need be."""
+        there = [column for column in own if column in columns]
+        if not there and not required:
+            return None
+        for column in own:
+            if column not in columns:
+                self.fail(column, f"a column beside {there[0]}" if there else "a column", "no such column")
+        return np.stack([columns[column] for column in own], axis=-1)
+
+    def check_names(self, names: Iterable[str], known: tuple[str, ...]) -> None:
+        """Refuse a name that is not known or that comes twice."""
+        seen = set()
+        for name in names:
+            if name not in known:
+                self.fail(repr(name[:40]), choices(known), f"an unknown column{nearest(name, known)}")
+            if name in seen:
+                self.fail(name, "a column once", "a second one")
+            seen.add(name)
+
+    def check_rows(self, count: int) -> None:
+        """Refuse too many samples."""
+        if count > MAX_ROWS:
+            self.fail("", f"at most {MAX_ROWS} samples", count)
+
+
+def _read_csv(file: SampleFile) -> Columns:
+    try:
+        with file.path.open(encoding="utf-8-sig", newline="") as stream:
+            names = _header(file, stream)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # no rows: an error of ours
+                rows = np.loadtxt(stream, delimiter=",", comments=None, ndmin=2, quotechar='"', max_rows=MAX_ROWS + 1)
+    except SceneError:
+        raise
+    except ValueError as error:
+        _fail_at_row(file, str(error))
+    if rows.size and rows.shape[1] != len(names):
+        _fail_at_row(file, f"{rows.shape[1]} fields")
+    file.check_rows(len(rows))
+    return {name: np.ascontiguousarray(rows[:, i]) if rows.size else np.empty(0) for i, name in enumerate(names)}
+
+
+def _header(file: SampleFile, stream: TextIO) -> list[str]:
+    line = stream.readline(_MAX_HEADER)
+    if len(line) == _MAX_HEADER:
+        file.fail("", "a first line of column names", "a longer line")
+    if ";" in line or "\t" in line:
+        file.fail("", "columns separated by commas, and decimal points", line)
+    names = [name.strip() for name in next(csv.reader([line]), [])]
+    if not names:
+        file.fail("", "a first line of column names", "an empty line")
+    file.check_names(names, COLUMNS)
+    return names
+
+
+def _fail_at_row(file: SampleFile, reason: str) -> NoReturn:
+    """Find the row that could not be read, and say where it is."""
+    with file.path.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
+        names = _header(file, stream)
+        reader = csv.reader(stream)
+        try:
+            for row in reader:
+                line = reader.line_num + 1
+                if row and len(row) != len(names):
+                    expected = f"{len(names)} fields, separated by commas, with decimal points"
+                    file.fail(f"line {line}", expected, f"{len(row)} fields")
+                for name, text in zip(names, row, strict=False):
+                    if not _is_number(text):
+                        file.fail(f"line {line}: {name}", "a number (nan where there is none)", repr(text[:40]))
+        except csv.Error as error:
+            reason = str(error)
+    file.fail("", "rows of numbers", reason)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_npz(file: SampleFile) -> Columns:
+    with zipfile.ZipFile(file.path) as archive:
+        members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        names = [info.filename.removesuffix(".npy") for info in archive.infolist()]
+        file.check_names(names, tuple(dict.fromkeys((*ARRAYS, *COLUMNS))))
+        found: Columns = {}
+        for name, member in members.items():
+            try:
+                array = _read_array(file, archive, member, name)
+            except SceneError:
+                raise
+            except (ValueError, TypeError, KeyError, SyntaxError) as error:
+                file.fail(name, "an array of real numbers (float64, float32 or integers)", str(error))
+            own = dict(zip(ARRAYS[name], array.T, strict=True)) if name in ARRAYS else {name: array}
+            for column, values in own.items():
+                if column in found:
+                    file.fail(name, f"{column} once", "a second one")
+                found[column] = np.ascontiguousarray(values, dtype=np.float64)
+    return found
+
+
+def _read_array(file: SampleFile, archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> NDArray[Any]:
+    """One array, its header checked before anything of its size is allocated; nothing is unpickled."""
+    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    with archive.open(member) as stream:
+        shape, _, dtype = read_header[np.lib.format.read_magic(stream)](stream)
+    try:
+        real_array(name, np.empty(0, dtype))
+    except ArgumentError as error:
+        file.fail(name, error.expected, dtype.name)
+    tail = (len(ARRAYS[name]),) if name in ARRAYS else ()
+    if shape[1:] != tail or len(shape) != 1 + len(tail):
+        file.fail(name, f"shape (N, {tail[0]})" if tail else "shape (N,)", f"shape {shape}")
+    file.check_rows(shape[0])
+    with archive.open(member) as stream:
+        return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
+
+
+def _read_parquet(file: SampleFile) -> Columns:
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError as error:
+        raise MissingDependencyError(
+            file.name, "PyArrow (pip install '.[parquet]' in the project's folder)", str(error)
+        ) from None
+    try:
+        with pq.ParquetFile(file.path) as table:
+            file.check_rows(table.metadata.num_rows)
+            schema = table.schema_arrow
+            file.check_names(schema.names, COLUMNS)
+            for field in schema:
+                if not (pa.types.is_floating(field.type) or pa.types.is_integer(field.type)):
+                    file.fail(field.name, "a column of numbers", str(field.type))
+            columns = table.read()
+            return {name: _numbers(columns[name].cast(pa.float64(), safe=False)) for name in schema.names}
+    except SceneError:
+        raise
+    except (pa.ArrowException, ValueError, KeyError) as error:
+        file.fail("", "a .parquet file that can be read", str(error))
+
+
+def _numbers(column: Any) -> NDArray[np.float64]:
+    """The numbers of a column; NaN where there is none."""
+    return np.array(column.to_numpy(), dtype=np.float64)
+
+
+_READERS: Final[dict[str, Callable[[SampleFile], Columns]]] = {
+    ".csv": _read_csv,
+    ".npz": _read_npz,
+    ".parquet": _read_parquet,
+}

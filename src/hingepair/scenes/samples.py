@@ -1,0 +1,248 @@
+"""What determines the motion of a pair at some instants: its coordinates, or body 1's motion and the hinge angle.
+
+Each kind answers the same calls, so that what computes, explains or checks a scene need not know which it has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.evaluation.plan import PLANAR, default_outputs, make_plan
+from hingepair.numeric.blocks import Values
+from hingepair.pair.accuracy import euler_rate_sizes, given_rate_sizes
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.forward_kinematics import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS, flattened
+from hingepair.pair.states import PairState, PlanarState
+from hingepair.rotations.matrices import rotation_exp
+from hingepair.scenes.explain import ScenePlan, explain
+from hingepair.symbolic.coordinates import Coordinates
+
+if TYPE_CHECKING:
+    from hingepair.pair.hinge_pair import HingePair
+    from hingepair.pair.planar_pair import PlanarPair
+    from hingepair.validation.report import CrossValidation
+
+Float64Array: TypeAlias = NDArray[np.float64]
+Rows: TypeAlias = slice | NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoordinateSamples:
+    """The seven coordinates and as many derivatives as are known.
+
+    Attributes:
+        count: number of instants.
+        derivatives: (q[, qd[, qdd]]), tuples of seven: arrays of shape (count,), floats for what does not change.
+        sequence: Euler sequence of body 1.
+    """
+
+    count: int
+    derivatives: Coordinates
+    sequence: str
+
+    @property
+    def level(self) -> int:
+        """The highest derivative that is known."""
+        return len(self.derivatives) - 1
+
+    def part(self, rows: Rows, order: int) -> CoordinateSamples:
+        """Some of the instants, with the derivatives up to an order."""
+        return CoordinateSamples(_count(self.count, rows), _part(self.derivatives, rows, order), self.sequence)
+
+    def forward_kinematics(self, pair: HingePair, outputs: tuple[str, ...] | None) -> PairState:
+        """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
+        return pair.forward_kinematics(
+            *_of_many(self.derivatives, self.count), outputs=outputs, sequence=self.sequence
+        )
+
+    def plan(self, pair: HingePair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
+        """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
+        values: Values = {}
+        for parts, seven in zip(PARTS.values(), self.derivatives, strict=False):
+            values |= dict(zip(parts, (seven[:3], seven[3:6], seven[6]), strict=True))
+        names = outputs or default_outputs(self.level)
+        plan = make_plan(names, self.sequence, "home" in pair._constants.values)
+        plan, values = flattened(plan, pair._constants, values)
+        return explain(plan, self.level, level, _constant(values, COORDINATES, self.derivatives[0]))
+
+    def cross_validate(self, pair: HingePair) -> CrossValidation:
+        """The equations against Pinocchio."""
+        from hingepair.validation.cross_validate import cross_validate
+
+        return cross_validate(pair, *self.derivatives, sequence=self.sequence)
+
+    def bodies(self, pair: HingePair) -> dict[str, NDArray[Any]]:
+        """R1, S1, R2, S2, and omega1, omega2 where rates are known."""
+        names = ("R1", "S1", "R2", "S2", *(("omega1", "omega2") if self.level else ()))
+        return self.forward_kinematics(pair, names).arrays()
+
+    def rates(self) -> tuple[Float64Array, Float64Array]:
+        """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
+        qd = [np.broadcast_to(np.asarray(value, dtype=np.float64), (self.count,)) for value in self.derivatives[1]]
+        W1, _ = euler_rate_sizes(np.stack(qd[3:6], axis=-1))
+        return np.asarray(W1), qd[6]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodySamples:
+    """The motion of body 1 by its attitude, and the hinge angle, with as many derivatives as are known.
+
+    Attributes:
+        body1: shape (count,); with v and omega where psi' is there, a and alpha where psi'' is.
+        hinge: (psi[, psi'[, psi'']]); shape (count,) each.
+    """
+
+    body1: BodyMotion
+    hinge: tuple[Float64Array, ...]
+
+    @property
+    def level(self) -> int:
+        """The highest derivative that is known."""
+        return len(self.hinge) - 1
+
+    def part(self, rows: Rows, order: int) -> BodySamples:
+        """Some of the instants, with the derivatives up to an order."""
+        letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * order + 2]
+        arrays = {letter: array[rows] for letter in letters if (array := getattr(self.body1, letter)) is not None}
+        return BodySamples(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
+
+    def forward_kinematics(self, pair: HingePair, outputs: tuple[str, ...] | None) -> PairState:
+        """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
+        return pair.forward_kinematics_from_body1(self.body1, *self.hinge, outputs=outputs)
+
+    def plan(self, pair: HingePair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
+        """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
+        names = outputs or default_outputs(self.level)
+        plan = make_plan(names, None, "home" in pair._constants.values)
+        return explain(plan, self.level, level, frozenset())
+
+    def cross_validate(self, pair: HingePair) -> CrossValidation:
+        """The equations against Pinocchio."""
+        from hingepair.validation.cross_validate import cross_validate_from_body1
+
+        return cross_validate_from_body1(pair, self.body1, *self.hinge)
+
+    def bodies(self, pair: HingePair) -> dict[str, NDArray[Any]]:
+        """R1, S1, R2, S2, and omega1, omega2 where rates are known."""
+        names = ("R1", "S1", "R2", "S2", *(("omega1", "omega2") if self.level else ()))
+        return self.forward_kinematics(pair, names).arrays()
+
+    def rates(self) -> tuple[Float64Array, Float64Array]:
+        """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
+        W1, _ = given_rate_sizes(self.body1.omega)
+        return np.asarray(W1), self.hinge[1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanarSamples:
+    """The four coordinates of a planar pair and as many derivatives as are known.
+
+    Attributes:
+        count: number of instants.
+        derivatives: (q[, qd[, qdd]]), tuples of four: arrays of shape (count,), floats for what does not change.
+    """
+
+    count: int
+    derivatives: Coordinates
+
+    @property
+    def level(self) -> int:
+        """The highest derivative that is known."""
+        return len(self.derivatives) - 1
+
+    def part(self, rows: Rows, order: int) -> PlanarSamples:
+        """Some of the instants, with the derivatives up to an order."""
+        return PlanarSamples(_count(self.count, rows), _part(self.derivatives, rows, order))
+
+    def forward_kinematics(self, pair: PlanarPair, outputs: tuple[str, ...] | None) -> PlanarState:
+        """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
+        return pair.forward_kinematics(*_of_many(self.derivatives, self.count), outputs=outputs)
+
+    def plan(self, _: PlanarPair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
+        """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
+        values: Values = {}
+        for parts, four in zip(PLANAR_PARTS.values(), self.derivatives, strict=False):
+            values |= dict(zip(parts, (four[:2], four[2], four[3]), strict=True))
+        plan = make_plan(outputs or default_outputs(self.level, PLANAR), None, False, kind=PLANAR)
+        return explain(plan, self.level, level, _constant(values, PLANAR_COORDINATES, self.derivatives[0]))
+
+    def cross_validate(self, pair: PlanarPair) -> CrossValidation:
+        """The equations against Pinocchio."""
+        from hingepair.validation.cross_validate import cross_validate
+
+        return cross_validate(pair, *self.derivatives)
+
+    def bodies(self, pair: PlanarPair) -> dict[str, NDArray[Any]]:
+        """R1, S1, R2, S2, and omega1, omega2 where rates are known, of the pair in space."""
+        x, y, phi, _ = (np.broadcast_to(np.asarray(value, float), (self.count,)) for value in self.derivatives[0])
+        state, zero = self.forward_kinematics(pair, None), np.zeros(self.count)
+        found = {
+            "R1": np.stack((x, y, zero), axis=-1),
+            "S1": rotation_exp(np.stack((zero, zero, phi), axis=-1)),
+            "R2": np.concatenate((np.asarray(state.R2), zero[:, None]), axis=-1),
+            "S2": rotation_exp(np.stack((zero, zero, np.asarray(state.phi2)), axis=-1)),
+        }
+        if self.level:
+            W1 = np.broadcast_to(np.asarray(self.derivatives[1][2], float), (self.count,))
+            found["omega1"] = np.stack((zero, zero, W1), axis=-1)
+            found["omega2"] = np.stack((zero, zero, np.asarray(state.omega2)), axis=-1)
+        return found
+
+    def rates(self) -> tuple[Float64Array, Float64Array]:
+        """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
+        _, _, phid, psid = (np.broadcast_to(np.asarray(value, float), (self.count,)) for value in self.derivatives[1])
+        return np.abs(phid), psid
+
+
+class Samples(Protocol):
+    """What each kind of samples answers, of the pair that its scene has."""
+
+    @property
+    def level(self) -> int:
+        """The highest derivative that is known."""
+
+    def forward_kinematics(self, pair: Any, outputs: tuple[str, ...] | None, /) -> PairState | PlanarState:
+        """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
+
+    def plan(self, pair: Any, outputs: tuple[str, ...] | None, level: int, /) -> ScenePlan:
+        """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
+
+    def cross_validate(self, pair: Any, /) -> CrossValidation:
+        """The equations against Pinocchio."""
+
+    def bodies(self, pair: Any, /) -> dict[str, NDArray[Any]]:
+        """R1, S1, R2, S2, and omega1, omega2 where rates are known, in space."""
+
+    def rates(self) -> tuple[Float64Array, Float64Array]:
+        """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
+
+
+def _of_many(derivatives: Coordinates, count: int) -> Coordinates:
+    """The derivatives, at least one coordinate as an array, so that they are those of so many instants."""
+    q, *rates = derivatives
+    return derivatives if any(isinstance(c, np.ndarray) for c in q) else ((np.full(count, q[0]), *q[1:]), *rates)
+
+
+def _part(derivatives: Coordinates, rows: Rows, order: int) -> Coordinates:
+    return tuple(
+        tuple(value[rows] if isinstance(value, np.ndarray) else value for value in seven)
+        for seven in derivatives[: order + 1]
+    )
+
+
+def _constant(values: Values, names: tuple[str, ...], q: tuple[Any, ...]) -> frozenset[str]:
+    """Which inputs of a plan, and which coordinates, do not change."""
+    inputs = {name for name, group in values.items() if not _varies(group)}
+    return frozenset(inputs | {name for name, value in zip(names, q, strict=True) if not _varies(value)})
+
+
+def _varies(group: Any) -> bool:
+    return any(isinstance(value, np.ndarray) for value in (group if isinstance(group, tuple) else (group,)))
+
+
+def _count(count: int, rows: Rows) -> int:
+    return len(range(*rows.indices(count))) if isinstance(rows, slice) else rows.size

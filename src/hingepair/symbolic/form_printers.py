@@ -1,0 +1,249 @@
+"""SymPy expressions as plain text, as LaTeX and as NumPy source."""
+
+from __future__ import annotations
+
+import contextlib
+import decimal
+from collections.abc import Callable, Iterable
+from typing import Any, Final, TypeAlias
+
+import sympy
+from sympy.core.function import AppliedUndef
+from sympy.printing.latex import LatexPrinter
+from sympy.printing.numpy import NumPyPrinter
+from sympy.printing.precedence import PRECEDENCE
+from sympy.printing.str import StrPrinter
+
+from hingepair.symbolic.jets import Expr
+
+_READABLE: Final = 1_000  # the largest denominator that is read more easily than a decimal number
+_LONGEST: Final = 10**6
+_EXACT: Final = 2**53  # integers below are floats without rounding
+_GREEK = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ"}  # noqa: RUF001
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+Write: TypeAlias = Callable[[Expr], str]
+
+
+def joined(terms: Iterable[Expr], write: Write) -> str:
+    """A sum with its terms in their order; derivatives of functions of t are x', x''."""
+    text = ""
+    for term in lettered(terms, "'"):
+        negative = term.as_coeff_Mul()[0].is_negative
+        sign = (" - " if text else "-") if negative else " + " if text else ""
+        text += sign + write(-term if negative else term)
+    return text
+
+
+def lettered(exprs: Iterable[Expr], mark: str) -> list[Expr]:
+    """Expressions with a symbol for each function of t and for its derivatives: psi, psi', psi'' with the mark '."""
+    found = list(exprs)
+    letters = {}
+    for function in set().union(*(expr.atoms(AppliedUndef) for expr in found)):
+        for order in range(3):
+            name = f"{function.func.__name__}{mark * order}"
+            letters[function.diff(*function.args * order) if order else function] = sympy.Symbol(name, real=True)
+    return [expr.xreplace(letters) for expr in found]
+
+
+def latex_name(name: str) -> str:
+    r"""A letter with its index and its dots: `phi_x'` is \dot{\phi}_{x}, `u1_x` is u_{1,x}.
+
+    >>> latex_name("phi_x'"), latex_name("u1_x")
+    ('\\dot{\\phi}_{x}', 'u_{1,x}')
+    """
+    bare = name.rstrip("'")
+    letter, _, index = bare.partition("_")
+    if letter[-1:].isdigit():
+        letter, index = letter[:-1], ",".join(filter(None, (letter[-1], index)))
+    letter = f"\\{letter}" if letter in _GREEK else letter
+    dots = len(name) - len(bare)
+    dotted = f"\\{'d' * dots}ot{{{letter}}}" if dots else letter
+    return f"{dotted}_{{{index}}}" if index else dotted
+
+
+def _decimal(value: Expr) -> str | None:
+    """A rational number as a decimal, where a fraction would be harder to read."""
+    if value.q <= _READABLE and abs(value.p) < _EXACT:
+        return None
+    power = sympy.multiplicity(2, value.q), sympy.multiplicity(5, value.q)
+    terminates = value.q == 2 ** power[0] * 5 ** power[1]
+    return _rounded(value) if terminates or max(abs(value.p), value.q) > _LONGEST else None
+
+
+def _rounded(value: Expr) -> str:
+    """A rational number to 17 digits; past the range of floats too."""
+    with contextlib.suppress(OverflowError):
+        number = int(value.p) / int(value.q)
+        if number:
+            return repr(number)
+    with decimal.localcontext(prec=17):
+        return f"{(decimal.Decimal(int(value.p)) / decimal.Decimal(int(value.q))).normalize():e}"
+
+
+def _is_simple(angle: Expr) -> bool:
+    """Whether an angle is t, 3t or a letter."""
+    coefficient, rest = angle.as_coeff_Mul()
+    return bool(rest.is_Symbol and coefficient.is_Integer and coefficient > 0)
+
+
+def _is_inverse(factor: Expr) -> bool:
+    return bool(factor.is_Pow and factor.exp.is_number and factor.exp.is_negative)
+
+
+def _is_root(power: Expr) -> bool:
+    return bool(power.exp == sympy.Rational(1, 2))
+
+
+class _NumPyPrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
+    """NumPy source whose long numbers are floats: as Python integers they could overflow."""
+
+    def _print_Rational(self, expr: Expr) -> str:
+        if max(abs(expr.p), expr.q) >= _EXACT:
+            return _rounded(expr)
+        return f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p)
+
+    _print_Integer = _print_Rational  # noqa: N815
+
+    def _print_DiracDelta(self, expr: Expr) -> str:
+        """The derivative of a step: 0, and NaN at the step, where there is none."""
+        return f"numpy.where({self._print(expr.args[0])} == 0, numpy.nan, 0.0)"
+
+
+class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
+    r"""LaTeX with fractions before what they multiply: \frac{5}{2} \sin 2 t."""
+
+    def _print_Symbol(self, expr: Expr, **_: Any) -> str:
+        return latex_name(expr.name)
+
+    def _print_Rational(self, expr: Expr) -> str:
+        shown = _decimal(expr)
+        if shown is None:
+            sign = "-" if expr.p < 0 else ""
+            return f"{sign}\\frac{{{abs(expr.p)}}}{{{expr.q}}}" if expr.q != 1 else str(expr.p)
+        mantissa, _, exponent = shown.partition("e")
+        return f"{mantissa} \\cdot 10^{{{int(exponent)}}}" if exponent else mantissa
+
+    _print_Integer = _print_Rational  # noqa: N815
+
+    def _print_Function(self, expr: Expr, exp: str | None = None) -> str:
+        if exp is None and isinstance(expr, sympy.sin | sympy.cos) and _is_simple(expr.args[0]):
+            return f"\\{expr.func.__name__} {self._print(expr.args[0])}"
+        return str(super()._print_Function(expr, exp))
+
+    def _print_Mul(self, expr: Expr) -> str:
+        coefficient, rest = expr.as_coeff_Mul(rational=True)
+        fraction = any(map(_is_inverse, sympy.Mul.make_args(rest)))
+        if fraction or (coefficient.q == 1 and abs(coefficient) < _EXACT):
+            return str(super()._print_Mul(expr))
+        shown = self._print(rest)
+        return f"{self._print(coefficient)} " + (f"\\left({shown}\\right)" if rest.is_Add else shown)
+
+
+class _TextPrinter(StrPrinter):  # type: ignore[misc]
+    """Plain text as a paper has it: `5/2 sin 3t cos t`, `t²`, `√2`, `x/(1 + t²)`."""
+
+    tight = False  # within powers and fractions, where functions need brackets
+
+    def _print_Symbol(self, expr: Expr) -> str:
+        letter, mark, index = expr.name.partition("_")
+        bare = letter.rstrip("'")
+        return f"{_GREEK.get(bare, bare)}{letter[len(bare) :]}{mark}{index}"
+
+    def _print_Rational(self, expr: Expr) -> str:
+        return _decimal(expr) or (f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p))
+
+    _print_Integer = _print_Rational  # noqa: N815
+
+    def _print_Pi(self, _: Expr) -> str:
+        return "π"
+
+    def _print_Exp1(self, _: Expr) -> str:
+        return "e"
+
+    def _print_Add(self, expr: Expr, order: Any = None) -> str:  # noqa: ARG002
+        return joined(in_order(expr), self._print)
+
+    def _print_Function(self, expr: Expr) -> str:
+        outer, self.tight = self.tight, False
+        arguments = ", ".join(map(self._print, expr.args))
+        self.tight = outer
+        name = expr.func.__name__
+        plain = isinstance(expr, sympy.sin | sympy.cos) and _is_simple(expr.args[0]) and not self.tight
+        return f"{name} {arguments}" if plain else f"{name}({arguments})"
+
+    _print_ExpBase = _print_Function  # noqa: N815
+
+    def _print_Pow(self, expr: Expr, rational: bool = False) -> str:  # noqa: ARG002
+        if _is_inverse(expr):
+            return self._print_Mul(expr)
+        base = self._bracketed(expr.base)
+        if _is_root(expr):
+            return f"√{base}"
+        if expr.exp.is_Integer:
+            return base + str(expr.exp).translate(_SUPERSCRIPTS)
+        return f"{base}^{self._bracketed(expr.exp)}"
+
+    def _print_Mul(self, expr: Expr) -> str:
+        coefficient, rest = expr.as_coeff_Mul(rational=True)
+        factors = sympy.Mul.make_args(rest)
+        over = sorted((f for f in factors if not _is_inverse(f) and f != 1), key=_rank)
+        under = [1 / f for f in factors if _is_inverse(f)]
+        sign, size = "-" if coefficient.is_negative else "", abs(coefficient)
+        if not under:
+            close = size.is_Integer and size < _EXACT and over[0].is_Symbol and len(over[0].name) == 1
+            number = "" if size == 1 else self._print(size) + " " * (not close)
+            return sign + number + " ".join(self._factor(f) for f in over)
+        if _decimal(size) is None:
+            top, bottom = sympy.Integer(size.p), sympy.Integer(size.q)
+        else:
+            top, bottom = size, sympy.S.One
+        above = [self._print(top)] * (top != 1 or not over) + [self._part(f) for f in over]
+        below = [self._print(bottom)] * (bottom != 1) + [self._part(f) for f in under]
+        return f"{sign}{' '.join(above)}/{below[0] if len(below) == 1 else '(' + ' '.join(below) + ')'}"
+
+    def _factor(self, expr: Expr) -> str:
+        return str(self.parenthesize(expr, PRECEDENCE["Mul"]))
+
+    def _part(self, expr: Expr) -> str:
+        return str(self._print(expr)) if expr.is_Pow and _is_root(expr) else self._bracketed(expr)
+
+    def _bracketed(self, expr: Expr) -> str:
+        """What a power or a fraction may be made of."""
+        outer, self.tight = self.tight, True
+        text = self._print(expr)
+        self.tight = outer
+        whole = expr.is_Symbol or expr.is_Function or (expr.is_Integer and expr >= 0) or expr.is_NumberSymbol
+        power = expr.is_Pow and expr.exp.is_Integer and expr.exp > 0
+        return text if whole or power else f"({text})"
+
+
+def count_letters(expr: Expr, known: dict[Expr, int]) -> int:
+    """How often letters stand in an expression; x(t) and its derivatives are letters, numbers are none."""
+    if expr not in known:
+        if not expr.args or expr.is_Derivative or isinstance(expr, AppliedUndef):
+            known[expr] = 0 if expr.is_number else 1
+        else:
+            known[expr] = sum(count_letters(part, known) for part in expr.args)
+    return known[expr]
+
+
+def in_order(expr: Expr) -> tuple[Expr, ...]:
+    """The terms of a sum that has no order of its own: those with a minus sign last, short ones first."""
+    known: dict[Expr, int] = {}
+
+    def key(term: Expr) -> tuple[bool, int]:
+        return bool(term.as_coeff_Mul()[0].is_negative), count_letters(term, known)
+
+    return tuple(sorted(expr.as_ordered_terms(), key=key))
+
+
+def _rank(factor: Expr) -> tuple[bool, bool, Any]:
+    """Letters, then sums, then functions."""
+    base = factor.base if factor.is_Pow else factor
+    return bool(base.is_Function), bool(base.is_Add), factor.sort_key()
+
+
+TEXT: Write = _TextPrinter().doprint
+LATEX: Write = _LatexPrinter({"order": "none"}).doprint
+PYTHON: Write = _NumPyPrinter({"allow_unknown_functions": False}).doprint

@@ -1,0 +1,213 @@
+"""The same pair in Pinocchio: a free-flyer and a revolute joint.
+
+Pinocchio's coordinates of the pair:
+
+    q = [R1, quat_xyzw(S1), psi]
+    v = [S1^T v1, S1^T omega1, psi']                        the free-flyer's velocity is in body 1's axes
+    a = [S1^T (a1 - omega1 x v1), S1^T alpha1, psi'']       and its acceleration the spatial one
+
+Body 2 is the frame "body2"; read its velocity and classical acceleration in LOCAL_WORLD_ALIGNED.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError, MissingDependencyError
+from hingepair.numeric.arrays import broadcast_shape, real_array, vectors
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.hinge_pair import HingePair, check_one, check_pair
+from hingepair.rotations.matrices import matrix_to_quaternion
+
+Float64Array = NDArray[np.float64]
+Motion = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PinocchioTwin:
+    """The pair as a Pinocchio model, and the way there and back.
+
+    Attributes:
+        model: free-flyer "root_joint", then the revolute joint "hinge"; frames "body1" and "body2"; inertias and
+            limits where the pair has them.
+        data: its scratch memory.
+        body2_frame: index of the frame "body2", whose placement is (S2, R2).
+    """
+
+    model: Any
+    data: Any
+    body2_frame: int
+
+    def configuration(self, body1: BodyMotion, psi: ArrayLike) -> Float64Array:
+        """Pinocchio's q; shape (..., 8).
+
+        Args:
+            body1: its R [m] and S; leading shape (...,).
+            psi: hinge angle [rad]; shape (...,).
+
+        Raises:
+            ArgumentError: body1 lacks R or S.
+        """
+        quat_wxyz = matrix_to_quaternion(_given(body1, "S"))
+        with np.errstate(invalid="ignore"):
+            quat_wxyz = quat_wxyz / np.sqrt((quat_wxyz * quat_wxyz).sum(axis=-1, keepdims=True))
+        return _joined(_given(body1, "R"), np.roll(quat_wxyz, -1, axis=-1), _column("psi", psi))
+
+    def velocity(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Float64Array:
+        """Pinocchio's v; shape (..., 7).
+
+        Args:
+            body1: its S, v [m/s] and omega [rad/s], world axes; leading shape (...,).
+            psi: hinge angle [rad]; shape (...,).
+            psid: hinge rate [rad/s]; shape (...,).
+
+        Raises:
+            ArgumentError: body1 lacks S, v or omega.
+        """
+        S, v, omega = (_given(body1, name) for name in ("S", "v", "omega"))
+        return _joined(_to_body(S, v), _to_body(S, omega), _column("psid", psid), like=_column("psi", psi))
+
+    def acceleration(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike) -> Float64Array:
+        """Pinocchio's a, which is the spatial acceleration; shape (..., 7).
+
+        Args:
+            body1: its S, v [m/s], omega [rad/s], a [m/s^2] and alpha [rad/s^2], world axes; leading shape (...,).
+            psi: hinge angle [rad]; shape (...,).
+            psid: hinge rate [rad/s]; shape (...,).
+            psidd: hinge acceleration [rad/s^2]; shape (...,).
+
+        Raises:
+            ArgumentError: body1 lacks S, v, omega, a or alpha.
+        """
+        S, v, omega, a, alpha = (_given(body1, name) for name in ("S", "v", "omega", "a", "alpha"))
+        with np.errstate(over="ignore", invalid="ignore"):
+            spatial = _to_body(S, a - np.cross(omega, v))
+        like = _column("psi", psi) + _column("psid", psid)
+        return _joined(spatial, _to_body(S, alpha), _column("psidd", psidd), like=like)
+
+    def motion(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> Motion:
+        """The way back: body 1's motion and the hinge's, of Pinocchio's coordinates.
+
+        Args:
+            q: configuration; shape (..., 8); its quaternion may have any length but zero.
+            v: velocity; shape (..., 7).
+            a: spatial acceleration; shape (..., 7); needs v.
+
+        Returns:
+            (body1, psi, psid, psidd), world axes, accelerations classical; None for what was not given.
+
+        Raises:
+            ArgumentError: an argument of another shape, a quaternion of zero, or a without v.
+        """
+        q = vectors("q", q, 8).astype(np.float64)
+        if v is None:
+            if a is not None:
+                raise ArgumentError("v", "the velocity that belongs to a", None)
+            return BodyMotion.from_quaternion_xyzw(R=q[..., :3], quat_xyzw=q[..., 3:7]), q[..., 7], None, None
+        S = np.asarray(BodyMotion.from_quaternion_xyzw(R=q[..., :3], quat_xyzw=q[..., 3:7]).S)
+        v = vectors("v", v, 7).astype(np.float64)
+        v1, omega1 = _to_world(S, v[..., :3]), _to_world(S, v[..., 3:6])
+        if a is None:
+            return BodyMotion(R=q[..., :3], S=S, v=v1, omega=omega1), q[..., 7], v[..., 6], None
+        a = vectors("a", a, 7).astype(np.float64)
+        with np.errstate(over="ignore", invalid="ignore"):
+            a1 = _to_world(S, a[..., :3]) + np.cross(omega1, v1)
+        body1 = BodyMotion(R=q[..., :3], S=S, v=v1, omega=omega1, a=a1, alpha=_to_world(S, a[..., 3:6]))
+        return body1, q[..., 7], v[..., 6], a[..., 6]
+
+
+def to_pinocchio(pair: HingePair) -> PinocchioTwin:
+    """The pair as a Pinocchio model: a free-flyer, a revolute joint about n at u1, body 2's frame at (C, -C u2).
+
+    Masses and limits are in the model where the pair has them: body1, body2 and limits unless given weigh nothing
+    and stop nowhere, which is enough for kinematics; dynamics needs both bodies. Shapes are not (`to_urdf` has them).
+
+    Args:
+        pair: one pair, without leading axes.
+
+    Returns:
+        A `hingepair.pinocchio.PinocchioTwin`: `.model`, `.data`, `.body2_frame` (the frame whose placement is
+        (S2, R2)); `.configuration(body1, psi)` is Pinocchio's q, shape (..., 8), `.velocity(body1, psi, psid)` its v,
+        (..., 7), `.acceleration(body1, psi, psid, psidd)` its a, (..., 7), and `.motion(q, v, a)` the way back.
+
+    Raises:
+        MissingDependencyError: Pinocchio is not installed.
+        ShapeError: u1, u2, n or home differ from sample to sample.
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> twin = hp.to_pinocchio(hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0)))
+    >>> body1 = hp.BodyMotion(R=(1, 2, 3), S=np.eye(3))
+    >>> twin.configuration(body1, psi=0.5).tolist()
+    [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 0.5]
+    """
+    check_pair(pair)
+    check_one(pair)
+    pin = import_pinocchio("to_pinocchio")
+    model = pin.Model()
+    model.name = pair.name
+    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    hinge = model.addJoint(
+        root, pin.JointModelRevoluteUnaligned(np.array(pair.n)), pin.SE3(np.eye(3), np.array(pair.u1)), "hinge"
+    )
+    home = np.array(pair.home)
+    model.addFrame(pin.Frame("body1", root, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    placement = pin.SE3(home, -(home @ pair.u2))
+    body2 = model.addFrame(pin.Frame("body2", hinge, placement, pin.FrameType.OP_FRAME))
+    for joint, body, frame in ((root, pair.body1, pin.SE3.Identity()), (hinge, pair.body2, placement)):
+        if body is not None:
+            inertia = pin.Inertia(body.mass, np.array(body.center_of_mass), np.array(body.inertia))
+            model.appendBodyToJoint(joint, inertia, frame)
+    if pair.limits is not None:
+        model.lowerPositionLimit[-1], model.upperPositionLimit[-1] = pair.limits
+    return PinocchioTwin(model, model.createData(), int(body2))
+
+
+def import_pinocchio(wanted_by: str) -> Any:
+    """The module pinocchio, imported now.
+
+    Raises:
+        MissingDependencyError: it is not installed, or another package has its name.
+    """
+    try:
+        import pinocchio
+    except ImportError as error:
+        raise MissingDependencyError(wanted_by, "Pinocchio (pip install 'pin>=4.1,<5')", str(error)) from None
+    if not hasattr(pinocchio, "JointModelFreeFlyer"):
+        found = f"another package named pinocchio at {pinocchio.__file__}"
+        raise MissingDependencyError(wanted_by, "Pinocchio (pip install 'pin>=4.1,<5')", found)
+    return pinocchio
+
+
+def _given(body1: BodyMotion, name: str) -> Float64Array:
+    value = getattr(body1, name)
+    if value is None:
+        raise ArgumentError("body1", f"a motion with {name}", "one without")
+    return np.asarray(value, dtype=np.float64)
+
+
+def _column(name: str, value: ArrayLike) -> Float64Array:
+    return real_array(name, value).astype(np.float64)[..., None]
+
+
+def _to_body(S: Float64Array, vector: Float64Array) -> Float64Array:
+    """S^T times the vector."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray((S * vector[..., None]).sum(axis=-2))
+
+
+def _to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
+    """S times the vector."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray((S * vector[..., None, :]).sum(axis=-1))
+
+
+def _joined(*parts: Float64Array, like: Float64Array | None = None) -> Float64Array:
+    """The parts side by side, broadcast over their leading axes (and those of `like`)."""
+    named = {str(i): part.shape[:-1] for i, part in enumerate((*parts, *(() if like is None else (like,))))}
+    shape = broadcast_shape(named)
+    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1)

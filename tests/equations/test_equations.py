@@ -1,0 +1,146 @@
+"""The equations are written once: the same functions over floats, NumPy, SymPy, mpmath and compiled code agree."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from types import FunctionType
+
+import mpmath
+import numpy as np
+import pytest
+import sympy
+
+from hingepair.equations import spatial as eq
+
+U = 2.0**-53
+GROUPS = {"R1": 3, "v1": 3, "a1": 3, "phi": 3, "phid": 3, "phidd": 3, "u1": 3, "u2": 3, "n": 3, "home": 9, "psi": 3}
+SIZE = sum(GROUPS.values())
+KINDS = ["tait_bryan", "proper_euler"]
+
+
+def everything(numbers, sin, cos, kind):
+    """All outputs of all levels as one flat list, from the flat numbers that GROUPS describes."""
+    parts, start = {}, 0
+    for name, count in GROUPS.items():
+        parts[name] = tuple(numbers[start : start + count])
+        start += count
+    R1, v1, a1, phi, phid, phidd, u1, u2, n, home, (psi, psid, psidd) = parts.values()
+    trig = tuple(f(x) for x in phi for f in (sin, cos))
+    half = sin(psi / 2)
+    S1 = getattr(eq, f"{kind}_attitude")(trig)
+    axes = getattr(eq, f"{kind}_axes")(trig)
+    omega1 = eq.angular_velocity1(axes, phid)
+    alpha1 = eq.angular_acceleration1(axes, phid, phidd)
+    S2 = eq.attitude2(S1, eq.hinge_rotation(n, (sin(psi), 2 * half * half)), home)
+    r1, r2, axis = eq.rotate(S1, u1), eq.rotate(S2, u2), eq.rotate(S1, n)
+    hinge = (sin(psi), 2 * half * half)
+    arm = eq.rotate(home, u2)
+    around = eq.cross(n, arm)
+    across = eq.cross(around, n)
+    swing = eq.swing(across, around, hinge, eq.cosine(hinge))
+    d = eq.offset(S1, eq.along(u1, arm, across), swing)
+    slide, reach = eq.slide(S1, across, around, hinge, cos(psi)), eq.rotate(S1, swing)
+    R2 = eq.position2(R1, d)
+    omega2 = eq.angular_velocity2(omega1, axis, psid)
+    v2 = eq.velocity2(v1, omega1, d, slide, psid)
+    alpha2 = eq.angular_acceleration2(alpha1, omega1, axis, psid, psidd)
+    relative = eq.relative_acceleration(slide, reach, psid, psidd)
+    a2 = eq.acceleration2(a1, omega1, alpha1, d, slide, psid, relative)
+    gap = eq.hinge_gap(R1, r1, R2, r2)
+    return [*S1, *S2, *d, *R2, *omega1, *omega2, *v2, *alpha1, *alpha2, *a2, *gap, *eq.transpose(S2), eq.dot(u1, u2)]
+
+
+def samples(count, seed=20):
+    numbers = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, SIZE))
+    axis = slice(sum(GROUPS[k] for k in list(GROUPS)[:8]), None)
+    n = numbers[:, axis][:, :3]
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    return numbers
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def case(request):
+    """The kind of sequence, the samples, and what 40-digit numbers give for them."""
+    numbers = samples(40)
+    with mpmath.workdps(40):
+        rows = [everything([mpmath.mpf(x) for x in row], mpmath.sin, mpmath.cos, request.param) for row in numbers]
+        truth = np.array([[float(x) for x in row] for row in rows])
+    return request.param, numbers, truth
+
+
+# Every term has a size below 30 here (rates below 2 each, squared, times lever arms below 2 sqrt 3).
+TOLERANCE = 6 * U * 30
+
+
+def test_floats_agree_with_forty_digits(case):
+    kind, numbers, truth = case
+    got = [everything(row, math.sin, math.cos, kind) for row in numbers.tolist()]
+    assert all(type(x) is float for x in got[0])
+    assert abs(np.array(got) - truth).max() <= TOLERANCE
+
+
+def test_component_arrays_agree_with_forty_digits(case):
+    kind, numbers, truth = case
+    got = everything(numbers.T, np.sin, np.cos, kind)
+    assert abs(np.array(got).T - truth).max() <= TOLERANCE
+
+
+def test_symbols_agree_with_forty_digits(case):
+    kind, numbers, truth = case
+    symbols = sympy.symbols(f"x:{SIZE}", real=True)
+    expressions = everything(symbols, sympy.sin, sympy.cos, kind)
+    assert all(isinstance(x, sympy.Expr) for x in expressions)
+    compiled = sympy.lambdify([symbols], expressions, modules="math", cse=True)
+    got = [compiled(row) for row in numbers.tolist()]
+    assert abs(np.array(got) - truth).max() <= TOLERANCE
+
+
+def test_one_changed_sign_changes_every_kind_of_number(case, monkeypatch):
+    """If one kind of number had its own copy of E2 it would not notice."""
+    kind, numbers, truth = case
+    monkeypatch.setattr(eq, "angular_velocity2", lambda omega1, axis, psid: eq.subtract(omega1, eq.scale(axis, psid)))
+    symbols = sympy.symbols(f"x:{SIZE}", real=True)
+    compiled = sympy.lambdify([symbols], everything(symbols, sympy.sin, sympy.cos, kind), modules="math", cse=True)
+    row = numbers[0].tolist()
+    kinds = {
+        "float": everything(row, math.sin, math.cos, kind),
+        "array": [x[0] for x in everything(numbers[:1].T, np.sin, np.cos, kind)],
+        "mpmath": everything([mpmath.mpf(x) for x in row], mpmath.sin, mpmath.cos, kind),
+        "symbol": compiled(row),
+    }
+    for name, got in kinds.items():
+        assert max(abs(float(x) - y) for x, y in zip(got, truth[0], strict=True)) > 1e-3, name
+
+
+def compiled_equations():
+    """Copies of the equations that call compiled copies of one another; the module itself is left as it is."""
+    import numba
+
+    names = {}
+    for name, function in inspect.getmembers(eq, inspect.isfunction):
+        names[name] = numba.njit(FunctionType(function.__code__, names, name))
+    return names
+
+
+def test_the_equations_compile():
+    """No Python object hides in them: Numba compiles them unchanged and they agree with Python."""
+    fast = compiled_equations()
+    numbers = np.random.default_rng(3).uniform(-1.0, 1.0, 40).tolist()
+    v = [tuple(numbers[3 * i : 3 * i + 3]) for i in range(8)]
+    S, T = tuple(numbers[:9]), tuple(numbers[9:18])
+    calls = {
+        "hinge_rotation": (v[0], (numbers[3], numbers[4])),
+        "attitude2": (S, T, tuple(numbers[18:27])),
+        "angular_acceleration1": (tuple(numbers[:5]), v[2], v[3]),
+        "angular_acceleration2": (v[0], v[1], v[2], numbers[9], numbers[10]),
+        "swing": (v[0], v[1], (numbers[3], numbers[4]), numbers[5]),
+        "slide": (S, v[0], v[1], (numbers[3], numbers[4]), numbers[5]),
+        "relative_acceleration": (v[0], v[1], numbers[9], numbers[10]),
+        "acceleration2": (v[0], v[1], v[2], v[3], v[4], numbers[9], v[6]),
+        "tait_bryan_attitude": (tuple(numbers[:6]),),
+        "rotate": (S, v[5]),
+    }
+    for name, arguments in calls.items():
+        got, expected = fast[name](*arguments), getattr(eq, name)(*arguments)
+        assert max(abs(x - y) for x, y in zip(got, expected, strict=True)) <= 16 * U, name

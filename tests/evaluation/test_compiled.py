@@ -1,0 +1,332 @@
+"""The compiled backend: equal to NumPy wherever it is used, safe in threads, never stale, and never in the way."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.evaluation import compiled, kernel_cache
+from hingepair.evaluation.kernel_rows import LANES
+from hingepair.evaluation.plan import OUTPUTS
+from support.states import coordinates, generator, pair, rotations
+
+U = 2.0**-53
+NAMES = tuple(OUTPUTS)
+
+
+def pair_of(rng, home=True):
+    u1, u2, n, C = pair(rng, home)
+    return hp.HingePair(u1=u1, u2=u2, n=n, home=C)
+
+
+def both(one, *motion, **options):
+    """The state by NumPy and by the compiled kernels, after they were seen to agree."""
+    a, b = (one.forward_kinematics(*motion, backend=backend, **options) for backend in ("numpy", "numba"))
+    assert a.outputs == b.outputs
+    assert a.shape == b.shape
+    for name in a.outputs:
+        x, y = getattr(a, name), getattr(b, name)
+        assert x.dtype == y.dtype
+        np.testing.assert_array_equal(np.isnan(x), np.isnan(y))
+        size = np.nanmax(np.abs(x), initial=1.0)
+        assert np.nanmax(np.abs(x.astype(float) - y), initial=0.0) <= 40 * np.finfo(x.dtype).eps * size, name
+    return a, b
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("home", [False, True], ids=["no_home", "home"])
+@pytest.mark.parametrize("sequence", ["XYZ", "ZYX", "zyx", "XZY", "ZXZ", "yzy", "YXY", "xyx"])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_every_sequence_and_dtype(sequence, home, dtype):
+    rng = generator(60)
+    motion = [c.astype(dtype) for c in coordinates(rng, 50)]
+    for level in (1, 2, 3):
+        both(pair_of(rng, home), *motion[:level], sequence=sequence)
+    both(pair_of(rng, home), *motion, sequence=sequence, outputs=NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_output_alone(name):
+    rng = generator(61)
+    both(pair_of(rng), *coordinates(rng, 20), outputs=(name,))
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("count", [1, 2, LANES - 1, LANES, LANES + 1, 3 * LANES, 1000])
+def test_every_count_around_the_block(count):
+    rng = generator(62)
+    one, motion = pair_of(rng), coordinates(rng, count)
+    room = np.full((count + 2, 3), 7.0)
+    state = one.forward_kinematics(*motion, backend="numba", out={"R2": room[1:-1]})
+    both(one, *motion)
+    np.testing.assert_array_equal(room[1:-1], state.R2)
+    assert (room[[0, -1]] == 7.0).all()
+
+
+def test_given_attitude():
+    rng = generator(63)
+    one, R, S = pair_of(rng), rng.normal(size=(40, 3)), rotations(rng, 40)
+    v, omega, a, alpha = rng.normal(size=(4, 40, 3))
+    psi, psid, psidd = rng.normal(size=(3, 40))
+    body1 = hp.BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+    found = [one.forward_kinematics_from_body1(body1, psi, psid, psidd, backend=b) for b in ("numpy", "numba")]
+    for name in found[0].outputs:
+        np.testing.assert_allclose(*(getattr(f, name) for f in found), rtol=0, atol=200 * U)
+    turned = hp.BodyMotion(R=R, S=np.asfortranarray(S), v=v, omega=omega, a=a, alpha=alpha)
+    again = one.forward_kinematics_from_body1(turned, psi, psid, psidd, backend="numba")
+    np.testing.assert_array_equal(again.S2, found[1].S2)
+
+
+def test_tuples_of_anything_that_broadcasts():
+    rng = generator(64)
+    one, t = pair_of(rng), rng.normal(size=300)
+    both(one, (t, 1, 0.5, t, 0.25, np.float64(2), t), (1.0, 0.0, t, 1, 2, 3, t))
+    both(one, (t[:, None], t[:7], 0.5, 0.1, t[:7], t[:, None], 1), outputs=NAMES[:3])
+    both(one, (t[:5, None, None], 1, t[:4, None], 0, t[:6], 0, 0.5))
+    both(one, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, t))
+    both(one, (t[:1], 0.2, 0.3, t[:1, None], 0.5, 0.6, 0.7), (0.0, t[:1], 1, 2, 3, 4, 5))
+    both(one, (0.1, 0.2, 0.3, t, 0.5, 0.6, 0.7), (1, 2, 3, 4, 5, 6, 7), (1, 2, 3, 4, 5, 6, t), outputs=NAMES)
+
+
+def test_any_layout():
+    rng = generator(65)
+    one = pair_of(rng)
+    q, qd, qdd = coordinates(rng, 24)
+    for change in (
+        np.asfortranarray,
+        lambda c: c[::-2],
+        lambda c: c.reshape(2, 3, 4, 7).transpose(2, 0, 1, 3),
+        lambda c: c.astype(">f8"),
+        lambda c: np.round(c).astype(np.int16),
+        lambda c: np.broadcast_to(c, (3, 24, 7)),
+        lambda c: c[:0],
+        lambda c: c.reshape(24, 1, 7),
+        lambda c: np.frombuffer(b"x" + c.tobytes(), offset=1).reshape(24, 7),
+    ):
+        both(one, change(q), change(qd), change(qdd))
+    both(one, q.astype(np.float32), qd)
+    both(one, q, qd[0], qdd[:1])
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("shift", [0, 1, 2], ids=["aligned", "one_off", "two_off"])
+def test_outputs_past_the_caches_are_the_same(monkeypatch, shift, dtype):
+    rng = generator(66)
+    one, motion = pair_of(rng), [c.astype(dtype) for c in coordinates(rng, 5 * LANES + 3)]
+    near = one.forward_kinematics(*motion, outputs=NAMES, backend="numba").arrays()
+    monkeypatch.setattr(compiled, "_TOO_MUCH_FOR_CACHES", 0)
+    out = {}
+    for name, array in near.items():
+        room = np.full(array.size + 8, np.nan, dtype)
+        start = -(room.ctypes.data // room.itemsize) % 4 + shift
+        out[name] = room[start : start + array.size].reshape(array.shape)
+    for workers in (1, 2):
+        far = one.forward_kinematics(*motion, outputs=NAMES, out=out, backend="numba", workers=workers).arrays()
+        for name in NAMES:
+            np.testing.assert_array_equal(far[name], near[name])
+
+
+def test_batched_pairs():
+    rng = generator(66)
+    u1, u2, n = rng.normal(size=(3, 5, 1, 3))
+    home = rotations(rng, 5)[:, None]
+    many = hp.HingePair(u1=u1, u2=u2, n=n, home=home)
+    motion = coordinates(rng, 37)
+    _, found = both(many, *motion, outputs=NAMES)
+    assert found.shape == (5, 37)
+    for i in range(5):
+        one = hp.HingePair(u1=u1[i, 0], u2=u2[i, 0], n=n[i, 0], home=home[i, 0])
+        alone = one.forward_kinematics(*motion, outputs=NAMES, backend="numba")
+        for name in NAMES:
+            np.testing.assert_array_equal(getattr(found, name)[i], getattr(alone, name))
+
+
+@pytest.mark.law
+def test_far_angles_and_no_numbers_stay_in_their_lane():
+    rng = generator(67)
+    one, (q, qd, qdd) = pair_of(rng), coordinates(rng, 64)
+    clean = one.forward_kinematics(q, qd, qdd, backend="numba")
+    spoiled = q.copy()
+    spoiled[3, 3], spoiled[17, 6], spoiled[18, 4], spoiled[40, 0] = np.nan, np.inf, 1e300, np.nan
+    found = both(one, spoiled, qd, qdd)[1]
+    others = np.setdiff1d(np.arange(64), [3, 17, 18, 40])
+    for name in clean.outputs:
+        np.testing.assert_array_equal(getattr(found, name)[others], getattr(clean, name)[others])
+    assert np.isnan(found.S2[17]).any()
+    assert np.isfinite(found.a2[18]).all()
+
+
+@pytest.mark.law
+@pytest.mark.slow
+def test_sine_and_cosine_to_one_and_a_half_ulp():
+    from numba import njit
+
+    from hingepair.evaluation.kernel_math import sines
+
+    @njit
+    def run(x, out):
+        s = np.empty(4 * LANES)
+        for start in range(0, x.size, LANES):
+            s[:LANES] = x[start : start + LANES]
+            sines(s, 0, LANES)
+            out[start : start + LANES] = s[LANES:].reshape(3, LANES).T
+
+    rng = generator(68)
+    x = np.concatenate([
+        rng.uniform(-4, 4, 250), rng.uniform(-1e6, 1e6, 250), np.arange(1, 201) * (np.pi / 2),
+        10.0 ** rng.uniform(-300, 0, 200), 10.0 ** rng.uniform(6, 300, 100), [0.0, 1e6, -1e6, 5e-324] * 4,
+    ])  # fmt: skip
+    x = x[: x.size // LANES * LANES]
+    out = np.empty((x.size, 3))
+    run(x, out)
+    with mpmath.workprec(1200):
+        for v, got in zip(map(float, x), out.tolist(), strict=True):
+            half = mpmath.sin(mpmath.mpf(v) / 2)
+            for value, exact, bound in zip(
+                got, (mpmath.sin(v), mpmath.cos(v), 2 * half**2), (1.5, 1.5, 2.5), strict=True
+            ):
+                assert abs(value - exact) <= bound * np.spacing(abs(float(exact))) + 5e-324, v
+
+
+@pytest.mark.parametrize("backend", ["numpy", "numba"])
+def test_workers_change_nothing(backend):
+    rng = generator(69)
+    one, motion = pair_of(rng), coordinates(rng, 40_011)
+    alone = one.forward_kinematics(*motion, backend=backend)
+    for workers in (2, 3, -1):
+        found = one.forward_kinematics(*motion, backend=backend, workers=workers)
+        for name in found.outputs:
+            np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
+
+
+def test_threads_that_call_at_once_do_not_mix():
+    rng = generator(70)
+    jobs = [(pair_of(rng), coordinates(rng, 20_000)) for _ in range(6)]
+    expected = [one.forward_kinematics(*motion, backend="numba").a2 for one, motion in jobs]
+    wrong: list[int] = []
+
+    def work(i):
+        one, motion = jobs[i]
+        for k in range(15):
+            found = one.forward_kinematics(*motion, backend="numba", workers=1 + k % 2).a2
+            if not np.array_equal(found, expected[i]):
+                wrong.append(i)
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(len(jobs))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert wrong == []
+
+
+@pytest.mark.parametrize("workers", [0, -2, 1.5, "2", True, None])
+def test_bad_workers(workers):
+    with pytest.raises(hp.ArgumentError, match="workers"):
+        pair_of(generator(71)).forward_kinematics(np.zeros(7), workers=workers)
+
+
+def test_bad_backend():
+    with pytest.raises(hp.ArgumentError, match="backend"):
+        pair_of(generator(71)).forward_kinematics(np.zeros(7), backend="cuda")
+
+
+def run(code, **environment):
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env=os.environ | environment, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+PROBE = """
+import sys, warnings
+import numpy as np
+{before}
+import hingepair as hp
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    pair = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1))
+    for _ in range(3):
+        R2 = pair.forward_kinematics(np.ones((200_000, 7)), {options}).R2
+print(hp.__file__, "numba" in sys.modules, len(caught), repr(float(R2[-1, 0])))
+"""
+
+
+def test_auto_loads_numba_only_for_many_samples():
+    few = PROBE.replace("200_000", "2_000").format(before="", options="")
+    assert run(few).split()[1:3] == ["False", "0"]
+    assert run(PROBE.format(before="", options="")).split()[1:3] == ["True", "0"]
+
+
+@pytest.mark.slow
+def test_a_cache_that_cannot_be_written_is_one_warning(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    out = run(PROBE.format(before="", options="backend='numba'"), NUMBA_CACHE_DIR=str(blocked)).split()
+    assert out[1:3] == ["True", "1"]
+
+
+def test_without_numba_auto_computes_with_numpy():
+    before = "sys.modules['numba'] = None; import importlib.util; find = importlib.util.find_spec\n"
+    before += "importlib.util.find_spec = lambda name, *a: None if name == 'numba' else find(name, *a)"
+    out = run(PROBE.format(before=before, options="")).split()
+    assert int(out[2]) <= 1
+    code = PROBE.format(before=before, options="backend='numba'")
+    attempt = "    try: pair.forward_kinematics(np.ones(7), backend='numba')\n"
+    attempt += "    except hp.MissingDependencyError as e: print(e); raise SystemExit\n"
+    code = code.replace("    for _", attempt + "    for _")
+    assert "numba" in run(code)
+
+
+@pytest.mark.slow
+def test_a_changed_equation_is_not_answered_from_the_cache(tmp_path):
+    """A sign flipped in `equations` reaches floats, NumPy, the compiled kernels and SymPy."""
+    copy = tmp_path / "hingepair"
+    shutil.copytree(Path(hp.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    source = copy / "equations.py"
+    text = source.read_text()
+    old = "return add(R1, d)"
+    assert text.count(old) == 1
+    source.write_text(text.replace(old, "return subtract(R1, d)"))
+    code = """
+import numpy as np, sympy, hingepair as hp
+from hingepair.equations import spatial as eq
+pair = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1))
+print(hp.__file__, pair.forward_kinematics(np.zeros(7), backend="numpy").R2[0],
+      pair.forward_kinematics(np.zeros((9, 7)), backend="numpy").R2[4, 0],
+      pair.forward_kinematics(np.zeros((9, 7)), backend="numba").R2[4, 0],
+      pair.forward_kinematics(np.zeros(7), backend="numba").R2[0],
+      eq.position2(sympy.symbols("a b c"), (1, 0, 0))[0] - sympy.Symbol("a"))
+"""
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    genuine, flipped = run(code, **cache).split(), run(code, PYTHONPATH=str(tmp_path), **cache).split()
+    assert str(tmp_path) in flipped[0]
+    assert str(tmp_path) not in genuine[0]
+    assert [float(x) for x in genuine[1:]] == [1.0] * 5
+    assert [float(x) for x in flipped[1:]] == [-1.0] * 5
+    assert len(list((tmp_path / "cache" / "hingepair").iterdir())) == 2
+
+
+def test_two_kernels_serve_everything():
+    rng = generator(72)
+    one, motion = pair_of(rng), coordinates(rng, 30)
+    for sequence in ("XYZ", "zxz"):
+        for level in (1, 2, 3):
+            one.forward_kinematics(*motion[:level], backend="numba", sequence=sequence)
+            one.forward_kinematics(
+                *(c.astype(np.float32) for c in motion[:level]), backend="numba", sequence=sequence
+            )
+            one.forward_kinematics(*(c[0] for c in motion[:level]), backend="numba", sequence=sequence)
+    compiled = kernel_cache.kernels()
+    assert [len(compiled.kernel.signatures), len(compiled.one_state.signatures)] == [2, 1]

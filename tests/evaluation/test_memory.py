@@ -1,0 +1,102 @@
+"""Peak memory: inputs, outputs and 10 MB, whatever the backend, the dtype, the layout and the number of threads."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.states import generator
+
+pytestmark = pytest.mark.slow
+
+SAMPLES = 1_000_000
+ROOM = 10_000_000
+
+
+def rows(motion):
+    return motion
+
+
+def columns(motion):
+    return tuple(tuple(np.ascontiguousarray(c[:, i]) for i in range(7)) for c in motion)
+
+
+def partly_constant(motion):
+    return tuple((*(c[:, i] for i in range(3)), 0.1, 0.2, *(c[:, i] for i in (5, 6))) for c in motion)
+
+
+def strided(motion):
+    return tuple(np.repeat(c, 2, axis=1)[:, ::2] for c in motion)
+
+
+def fortran(motion):
+    return tuple(np.asfortranarray(c) for c in motion)
+
+
+def mixed(motion):
+    return (motion[0].astype(np.float32), *motion[1:])
+
+
+def as_dtype(dtype):
+    def convert(motion):
+        return tuple((100 * c if np.dtype(dtype).kind == "i" else c).astype(dtype) for c in motion)
+
+    convert.__name__ = np.dtype(dtype).str
+    return convert
+
+
+def two_axes(motion):
+    return tuple(c.reshape(1000, -1, 7) for c in motion)
+
+
+def broadcast(motion):
+    return (motion[0], *(c[0] for c in motion[1:]))
+
+
+FOREIGN = as_dtype(">f8")
+FORMS = (FOREIGN, rows, columns, partly_constant, strided, fortran, mixed, two_axes, broadcast)
+FORMS += tuple(map(as_dtype, (np.float32, ">f4", np.int64, np.int32)))
+
+
+def extra(call):
+    """Bytes at the highest point of a call beyond what was there and what it returns."""
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        tracemalloc.reset_peak()
+        state = call()
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    return peak - before - sum(array.nbytes for array in state.arrays().values())
+
+
+LEVELS = ("pose", "velocity", "acceleration")
+CASES = [(form, "acceleration", 1) for form in FORMS] + [(rows, level, 1) for level in LEVELS[:2]]
+CASES += [(form, level, 2) for form in (rows, columns, FOREIGN) for level in LEVELS[::2]]
+
+
+@pytest.mark.parametrize(("form", "level", "workers"), CASES, ids=lambda c: getattr(c, "__name__", str(c)))
+@pytest.mark.parametrize("backend", ["numpy", "numba"])
+def test_coordinates_take_inputs_outputs_and_ten_megabytes(backend, form, level, workers):
+    parts = LEVELS.index(level) + 1
+    pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
+    pair.forward_kinematics(np.zeros((2, 7)), backend=backend)  # loads what it needs
+    motion = form(tuple(generator(90).normal(size=(parts, SAMPLES, 7))))
+    assert extra(lambda: pair.forward_kinematics(*motion, backend=backend, workers=workers)) <= ROOM
+
+
+@pytest.mark.parametrize(("dtype", "workers"), [(np.float64, 2), (np.float32, 1), (">f8", 1), (">f8", 2)])
+@pytest.mark.parametrize("backend", ["numpy", "numba"])
+def test_given_attitudes_take_inputs_outputs_and_ten_megabytes(backend, dtype, workers):
+    pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
+    S1 = np.broadcast_to(np.eye(3), (SAMPLES, 3, 3)).astype(dtype)
+    vectors = [generator(91).normal(size=(SAMPLES, 3)).astype(dtype) for _ in range(5)]
+    body1 = hp.BodyMotion(**dict(zip(("R", "v", "omega", "a", "alpha"), vectors, strict=True)), S=S1)
+    psi = generator(92).normal(size=(3, SAMPLES)).astype(dtype)
+    pair.forward_kinematics(np.zeros((2, 7)), backend=backend)
+    call = pair.forward_kinematics_from_body1
+    assert extra(lambda: call(body1, *psi, backend=backend, workers=workers)) <= ROOM

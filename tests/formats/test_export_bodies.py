@@ -1,0 +1,179 @@
+"""What URDF and MJCF say of the bodies: masses, shapes and names reach the simulators, and come back."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from test_simulators import WRITERS, corner_pair
+
+import hingepair as hp
+from hingepair.formats.export_parts import BODY1, BODY2, BODY2_AT_HINGE, HINGE
+from hingepair.rotations.matrices import rotation_exp
+from support import states
+
+U = 2.0**-53
+EIGEN = 2.0**-38  # of the largest moment: MuJoCo stops turning principal axes when 1e-12 from them
+
+
+# ---------------------------------------------------------------- mass properties
+
+
+def random_body(rng, flat=False):
+    turn, (a, b) = rotation_exp(3 * rng.normal(size=3)), rng.uniform(0.1, 1, 2)
+    c = a + b if flat else rng.uniform(abs(a - b), a + b)
+    return hp.Body(10 ** rng.uniform(-2, 2), rng.normal(size=3), turn @ np.diag([a, b, c]) @ turn.T)
+
+
+def laden_pair(k, flat=False):
+    rng = states.generator(87, k)
+    return corner_pair(k, body1=random_body(rng, flat), body2=random_body(rng, flat))
+
+
+@pytest.mark.parametrize("k", range(6))
+def test_pinocchio_reads_the_mass_properties(k):
+    pair = laden_pair(k)
+    model = pin.buildModelFromXML(hp.to_urdf(pair), pin.JointModelFreeFlyer())
+    for joint, body, origin in ((1, pair.body1, 0), (2, pair.body2, pair.u2)):
+        read = model.inertias[joint]
+        assert read.mass == body.mass
+        assert np.abs(read.lever - (body.center_of_mass - origin)).max() <= 16 * U * 4
+        assert np.abs(read.inertia - body.inertia).max() <= 16 * U * np.abs(body.inertia).max()
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+@pytest.mark.parametrize("k", range(6))
+def test_mujoco_reads_the_mass_properties(k, write):
+    import mujoco
+
+    pair = laden_pair(k)
+    model = mujoco.MjModel.from_xml_string(write(pair))
+    for name, body, origin in ((BODY1, pair.body1, 0), (BODY2_AT_HINGE, pair.body2, pair.u2)):
+        read = model.body(name)
+        turn = np.empty(9)
+        mujoco.mju_quat2Mat(turn, read.iquat)
+        turn = turn.reshape(3, 3)
+        assert read.mass == body.mass
+        assert np.abs(read.ipos - (body.center_of_mass - origin)).max() <= 16 * U * 4
+        inertia = turn @ np.diag(read.inertia) @ turn.T
+        assert np.abs(inertia - body.inertia).max() <= EIGEN * np.abs(body.inertia).max()
+
+
+def test_flat_bodies_survive_the_simulators():
+    import mujoco
+
+    for k in range(30):
+        pair = laden_pair(k, flat=True)
+        for write in WRITERS.values():
+            assert mujoco.MjModel.from_xml_string(write(pair)).nbody == 4
+
+
+def test_masses_and_limits_are_read_back():
+    for k in range(20):
+        pair = laden_pair(k)
+        back = hp.from_urdf(hp.to_urdf(pair), HINGE, body2_frame=BODY2)
+        for one, two, origin in ((pair.body1, back.body1, 0), (pair.body2, back.body2, pair.u2)):
+            assert two.mass == one.mass
+            lengths = np.linalg.norm(one.center_of_mass) + np.linalg.norm(origin)
+            assert np.abs(two.center_of_mass - one.center_of_mass).max() <= 4 * U * lengths
+            assert np.abs(two.inertia - one.inertia).max() <= 4 * U * np.abs(one.inertia).max()
+
+
+# ---------------------------------------------------------------- shapes
+
+
+def geoms(text):
+    """Type, size, place and direction of everything MuJoCo draws, body by body."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(text)
+    model.opt.gravity[:] = 0
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    assert not (model.geom_contype | model.geom_conaffinity).any()
+    return model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3)[:, :, 2]
+
+
+@pytest.mark.parametrize("k", range(8))
+def test_both_formats_draw_the_same(k):
+    pair = corner_pair(k)
+    for one, two in zip(geoms(hp.to_urdf(pair)), geoms(hp.to_mjcf(pair)), strict=True):
+        assert np.abs(one - two).max() <= 64 * U * 10
+
+
+def test_rods_lead_from_the_reference_points_to_the_hinge():
+    pair = corner_pair(7)
+    kind, size, place, axis = geoms(hp.to_mjcf(pair))
+    state = pair.forward_kinematics((0,) * 7)
+    for rod, start in ((1, np.zeros(3)), (4, state.R2)):
+        ends = place[rod] + np.outer((-1, 1), size[rod, 1] * axis[rod])
+        assert np.abs(ends - (start, pair.u1)).max() <= 64 * U * 10
+    for knuckle in (2, 5):
+        assert np.abs(place[knuckle] - pair.u1).max() <= 16 * U * 10
+        assert np.abs(np.cross(axis[knuckle], pair.n)).max() <= 16 * U
+    assert list(kind) == [6, 5, 5, 6, 5, 5]
+
+
+def test_shapes_that_were_given_are_drawn_instead():
+    shapes = (hp.Box((0.1, 0.2, 0.3), (1, 2, 3)), hp.Sphere(0.5, (0, 1, 0)), hp.Cylinder(0.1, 0.4, axis=(1, 1, 0)))
+    pair = corner_pair(2, home=None, body2=hp.Body(shapes=shapes), body1=hp.Body(shapes=[hp.Sphere(1)]))
+    for text in (hp.to_urdf(pair), hp.to_mjcf(pair)):
+        kind, size, place, _ = geoms(text)
+        assert list(kind) == [2, 6, 2, 5]
+        assert np.array_equal(size[1], (0.05, 0.1, 0.15))
+        assert np.abs(place[1] - pair.u1 + pair.u2 - (1, 2, 3)).max() <= 16 * U * 10
+
+
+@pytest.mark.parametrize("u1", [0.0, 1e-300, 1e-12, 1e3], ids=str)
+def test_arms_of_no_or_any_length_are_drawn(u1):
+    pair = hp.HingePair((u1, 0, 0), (0, 0, u1), (0, 0, 1))
+    for text in (hp.to_urdf(pair), hp.to_mjcf(pair)):
+        assert np.isfinite(geoms(text)[1]).all()
+
+
+@pytest.mark.parametrize("u1", [1e12, 1e307], ids=str)
+def test_what_no_viewer_can_show_is_still_written(u1):
+    pair = hp.HingePair((u1, 0, 0), (0, 0, u1), (0, 0, 1))
+    assert pin.buildModelFromXML(hp.to_urdf(pair)).jointPlacements[1].translation[0] == u1
+    assert [float(length) for length in re.findall('length="(.*?)"', hp.to_urdf(pair))] == [0.3, 0.15]
+
+
+# ---------------------------------------------------------------- text
+
+ODD_NAMES = {"xml": "<&\"'> ", "space": "a\nb\tc", "unicode": "Ärmchen ☃"}
+
+
+@pytest.mark.parametrize("name", ODD_NAMES.values(), ids=ODD_NAMES)
+def test_names_are_escaped_for_mujoco(name):
+    import mujoco
+
+    text = hp.to_mjcf(corner_pair(1, name=name))
+    assert ET.fromstring(text).get("model") == name
+    assert mujoco.MjModel.from_xml_string(text).nbody == 4
+
+
+@pytest.mark.parametrize("write", [hp.to_urdf, hp.to_mjcf])
+def test_what_cannot_be_written_is_refused(write):
+    with pytest.raises(hp.ShapeError, match="pair: expected one pair"):
+        write(hp.HingePair(u1=(1, 0, 0), u2=np.ones((2, 3)), n=(0, 0, 1)))
+    with pytest.raises(hp.ArgumentError, match="name: expected characters that XML can hold"):
+        write(corner_pair(0, name="\x1b"))
+    with pytest.raises(hp.ArgumentError, match="pair: expected a HingePair"):
+        write(7)
+
+
+@pytest.mark.parametrize("base", ["free", "floating", "fixed"])
+def test_check_urdf_accepts_it(base, tmp_path):
+    file = tmp_path / "pair.urdf"
+    file.write_text(hp.to_urdf(laden_pair(4), base=base), encoding="utf-8")
+    program = Path(sys.executable).parent / "check_urdf"
+    done = subprocess.run([program, file], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Successfully Parsed XML" in done.stdout
+    assert BODY2 in done.stdout

@@ -1,0 +1,216 @@
+"""MuJoCo, Pinocchio and yourdfpy read what is written, and move it as the pair says."""
+
+from __future__ import annotations
+
+import io
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from test_urdf import pinocchio_of_urdf
+
+import hingepair as hp
+from hingepair.formats.export_parts import BODY1, BODY2, HINGE
+from hingepair.pair.accuracy import error_ratios, given_rate_sizes, output_scales
+from hingepair.rotations.euler import euler_to_matrix
+from support import states
+
+U = 2.0**-53
+OUTPUTS = ("R2", "S2", "v2", "omega2", "a2", "alpha2")
+
+
+def corner_pair(k, **change):
+    """Axes along coordinates, a hair off them, or of any direction; homes of any kind, a third at pitch +-90."""
+    rng = states.generator(84, k)
+    u1, u2, n, home = states.pair(rng, home=k % 4 > 0)
+    if k % 3 == 2:
+        off = rng.choice([0.0, 1e-16, 1e-12, 1e-9, 1e-8, 1e-6]) * rng.normal()
+        outer = rng.choice([0.0, math.pi, math.pi / 2, rng.uniform(-3, 3)], 2)
+        home = euler_to_matrix((outer[0], rng.choice([-1, 1]) * math.pi / 2 + off, outer[1]), "xyz")
+    if k % 5 < 2:
+        n = np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
+        n = n + rng.choice([0.0, 1e-170, 1e-17, 1e-14, 1e-12, 1e-9]) * rng.normal(size=3)
+    return hp.HingePair(**{"u1": u1, "u2": u2, "n": n, "home": home, "name": f"pair {k}"} | change)
+
+
+def motion_of(k, count=2):
+    rng = states.generator(85, k)
+    names = ("R", "S", "v", "omega", "a", "alpha")
+    return hp.BodyMotion(**dict(zip(names, states.body1(rng, count), strict=True))), rng.normal(size=(3, count))
+
+
+def ratios_of(pair, body1, hinge, found, *, arms_in_world=False):
+    """Differences to the pair's own answer, in units of u * scale.
+
+    MuJoCo takes velocities from the model's centre of mass: arms in world axes, as long as R1 and rounded like it.
+    """
+    state = pair.forward_kinematics_from_body1(body1, *hinge)
+    W1, A1 = given_rate_sizes(body1.omega, body1.alpha)
+    sizes = {"R1": body1.R, "v1": body1.v, "a1": body1.a, "W1": W1, "A1": A1, "psid": hinge[1], "psidd": hinge[2]}
+    scales = output_scales(u1=pair.u1, u2=pair.u2, pinocchio=True, **sizes)
+    if arms_in_world:
+        scales["v2"] = scales["v2"] + (W1 + np.abs(hinge[1])) * np.abs(body1.R).max(axis=-1)
+    return {name: error_ratios(name, getattr(state, name), found[name], scales[name])[1].max() for name in OUTPUTS}
+
+
+def in_mujoco(text, body1, hinge):
+    """Motion of the body `body2` in the model that MuJoCo makes of the text."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(text)
+    model.opt.gravity[:] = 0
+    data, body = mujoco.MjData(model), model.body(BODY2).id
+    frame = mujoco.mjtObj.mjOBJ_XBODY
+    found = {name: [] for name in OUTPUTS}
+    for i, (psi, psid, psidd) in enumerate(hinge.T):
+        S = body1.S[i]
+        quat_xyzw = pin.Quaternion(S).coeffs()
+        data.qpos[:] = (*body1.R[i], quat_xyzw[3], *quat_xyzw[:3], psi)
+        data.qvel[:] = (*body1.v[i], *(S.T @ body1.omega[i]), psid)
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        data.qacc[:] = (*body1.a[i], *(S.T @ body1.alpha[i]), psidd)
+        mujoco.mj_rnePostConstraint(model, data)
+        twist, rate = np.empty((2, 6))
+        mujoco.mj_objectVelocity(model, data, frame, body, twist, 0)
+        mujoco.mj_objectAcceleration(model, data, frame, body, rate, 0)
+        place = (data.xpos[body].copy(), data.xmat[body].reshape(3, 3).copy())
+        for name, value in zip(OUTPUTS, (*place, twist[3:], twist[:3], rate[3:], rate[:3]), strict=True):
+            found[name].append(value)
+    return {name: np.array(values) for name, values in found.items()}
+
+
+WRITERS = {"mjcf": hp.to_mjcf, "urdf": lambda pair: hp.to_urdf(pair, base="floating")}
+COUNTS = [pytest.param(range(20), id="20"), pytest.param(range(20, 1000), id="1000", marks=pytest.mark.slow)]
+
+
+# ---------------------------------------------------------------- motion
+
+
+@pytest.mark.parametrize("ks", COUNTS)
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_mujoco_moves_body2_as_the_pair_does(write, ks):
+    for k in ks:
+        pair, motion = corner_pair(k), motion_of(k)
+        ratios = ratios_of(pair, *motion, in_mujoco(write(pair), *motion), arms_in_world=True)
+        assert max(ratios.values()) <= 16, (k, ratios)
+
+
+@pytest.mark.parametrize("aside", [1e-13, 9e-13, 1.5e-12, 3e-12])
+def test_an_axis_a_hair_off_a_coordinate_axis_is_not_rounded_to_it(aside):
+    """Pinocchio takes what is within 1e-12 of x, y or z for that."""
+    for k in range(3):
+        pair, (body1, hinge) = corner_pair(k, home=None, n=np.roll((1, aside, -aside), k)), motion_of(k)
+        ratios = ratios_of(pair, body1, hinge, pinocchio_of_urdf(pair, body1, *hinge))
+        assert max(ratios.values()) <= 16, ratios
+
+
+@pytest.mark.slow
+def test_pinocchio_moves_body2_as_a_thousand_pairs_do():
+    for k in range(1000):
+        pair, (body1, hinge) = corner_pair(k), motion_of(k)
+        ratios = ratios_of(pair, body1, hinge, pinocchio_of_urdf(pair, body1, *hinge))
+        assert max(ratios.values()) <= 16, (k, ratios)
+
+
+@pytest.mark.slow
+def test_a_thousand_pairs_are_read_back():
+    for k in range(1000):
+        pair = corner_pair(k, limits=(-1, k / 7))
+        back = hp.from_urdf(hp.to_urdf(pair), HINGE, body2_frame=BODY2)
+        assert np.array_equal(back.u1, pair.u1)
+        assert np.array_equal(back.u2, pair.u2)
+        assert np.abs(back.home - pair.home).max() <= 16 * U, k
+        assert np.abs(back.n - pair.n).max() <= 16 * U, k
+        assert back.limits == pair.limits
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("base", ["free", "floating", "fixed"])
+def test_yourdfpy_sees_the_same_pose(base):
+    import yourdfpy
+
+    for k in range(30):
+        pair = corner_pair(k, limits=(-4, 4) if k % 2 else None)
+        robot = yourdfpy.URDF.load(io.BytesIO(hp.to_urdf(pair, base=base).encode()))
+        assert robot.actuated_joint_names[-1] == HINGE
+        psi = states.generator(86, k).uniform(-3, 3)
+        robot.update_cfg({HINGE: psi})
+        seen = robot.get_transform(BODY2, BODY1)
+        state = pair.forward_kinematics((0, 0, 0, 0, 0, 0, psi))
+        size = np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
+        assert np.abs(seen[:3, :3] - state.S2).max() <= 16 * U
+        assert np.abs(seen[:3, 3] - state.R2).max() <= 16 * U * size
+
+
+# ---------------------------------------------------------------- the base
+
+
+def configuration_sizes(text):
+    import mujoco
+
+    pinocchio = pin.buildModelFromXML(text)
+    return pinocchio.nq, pinocchio.nv, mujoco.MjModel.from_xml_string(text).nq
+
+
+def test_the_base_is_what_was_asked_for():
+    import mujoco
+
+    pair = corner_pair(3, limits=(-1, 1))
+    assert configuration_sizes(hp.to_urdf(pair)) == (1, 1, 1)
+    assert configuration_sizes(hp.to_urdf(pair, base="fixed")) == (1, 1, 1)
+    assert configuration_sizes(hp.to_urdf(pair, base="floating")) == (8, 7, 8)
+    assert pin.buildModelFromXML(hp.to_urdf(pair), pin.JointModelFreeFlyer()).nq == 8
+    assert mujoco.MjModel.from_xml_string(hp.to_mjcf(pair)).nq == 8
+    assert mujoco.MjModel.from_xml_string(hp.to_mjcf(pair, base="fixed")).nq == 1
+
+
+def test_a_floating_joint_under_world_is_a_free_base():
+    pair, (body1, hinge) = corner_pair(4, limits=(-9, 9)), motion_of(4)
+    model = pin.buildModelFromXML(hp.to_urdf(pair, base="floating"))
+    data = model.createData()
+    state = pair.forward_kinematics_from_body1(body1, hinge[0])
+    for i, psi in enumerate(hinge[0]):
+        pin.framesForwardKinematics(model, data, np.r_[body1.R[i], pin.Quaternion(body1.S[i]).coeffs(), psi])
+        place = data.oMf[model.getFrameId(BODY2)]
+        size = np.abs(body1.R[i]).max() + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
+        assert np.abs(place.translation - state.R2[i]).max() <= 16 * U * size
+        assert np.abs(place.rotation - state.S2[i]).max() <= 16 * U
+
+
+@pytest.mark.parametrize("write", [hp.to_urdf, hp.to_mjcf])
+def test_a_fixed_base_stands_at_the_origin(write):
+    import mujoco
+
+    pair = corner_pair(5)
+    model = mujoco.MjModel.from_xml_string(write(pair, base="fixed"))
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.8
+    mujoco.mj_kinematics(model, data)
+    state = pair.forward_kinematics((0, 0, 0, 0, 0, 0, 0.8))
+    size = np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
+    assert np.abs(data.body(BODY2).xpos - state.R2).max() <= 16 * U * size
+    assert np.abs(data.body(BODY2).xmat.reshape(3, 3) - state.S2).max() <= 16 * U
+    assert np.array_equal(data.body(BODY1).xpos, (0, 0, 0))
+
+
+def test_an_unknown_base_is_refused():
+    with pytest.raises(hp.ArgumentError, match="base: expected one of free, floating, fixed, got"):
+        hp.to_urdf(corner_pair(0), base="world")
+    with pytest.raises(hp.ArgumentError, match="base: expected one of free, fixed, got"):
+        hp.to_mjcf(corner_pair(0), base="floating")
+
+
+def test_limits_reach_the_simulators():
+    import mujoco
+
+    pair = corner_pair(1, limits=(-0.1, 1 / 3))
+    model = pin.buildModelFromXML(hp.to_urdf(pair))
+    assert (model.lowerPositionLimit[0], model.upperPositionLimit[0]) == pair.limits
+    for text in (hp.to_urdf(pair), hp.to_mjcf(pair)):
+        joint = mujoco.MjModel.from_xml_string(text).joint(HINGE)
+        assert joint.limited == 1
+        assert tuple(joint.range) == pair.limits
+    for text in (hp.to_urdf(corner_pair(1)), hp.to_mjcf(corner_pair(1))):
+        assert mujoco.MjModel.from_xml_string(text).joint(HINGE).limited == 0

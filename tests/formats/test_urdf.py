@@ -1,0 +1,255 @@
+"""URDF: Pinocchio reads the pair's URDF as the same pair, and what is read back is what was written."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from hingepair.errors import ArgumentError, ShapeError
+from hingepair.formats.urdf import from_urdf, parse_urdf, to_urdf
+from hingepair.pair.accuracy import error_ratios, given_rate_sizes, output_scales
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.rotations.euler import euler_to_matrix
+from hingepair.validation.cross_validate import to_pinocchio
+from support import states
+
+U = 2.0**-53
+ARM = """
+<robot name="arm">
+  <link name="base"/> <link name="upper"/> <link name="lower"/> <link name="hand"/> <link name="tool"/>
+  <link name="camera"/>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/> <child link="upper"/> <origin xyz="0 0 1" rpy="0.1 -0.2 0.3"/> <axis xyz="0 0 2"/>
+    <limit effort="1" velocity="1" lower="-1" upper="1"/>
+  </joint>
+  <joint name="elbow" type="continuous"> <parent link="upper"/> <child link="lower"/> <origin xyz="1 2 3"/> </joint>
+  <joint name="follower" type="revolute">
+    <parent link="lower"/> <child link="hand"/> <axis xyz="0 1e-200 0"/> <mimic joint="elbow"/>
+    <limit effort="1" velocity="1"/>
+  </joint>
+  <joint name="slide" type="prismatic"> <parent link="hand"/> <child link="tool"/> <axis xyz="0 0 1"/>
+    <limit effort="1" velocity="1" lower="-1" upper="1"/>
+  </joint>
+  <joint name="weld" type="fixed">
+    <parent link="upper"/> <child link="camera"/> <origin xyz="0.5 -0.5 0.25" rpy="0.4 0.5 -0.6"/>
+  </joint>
+</robot>
+"""
+
+
+def pair_of(constants, **change):
+    u1, u2, n, home = constants
+    return HingePair(**{"u1": u1, "u2": u2, "n": n, "home": home} | change)
+
+
+def random_pair(k):
+    """Axes along coordinates or of any direction; homes of any kind, a third of them near pitch +-90 degrees."""
+    rng = states.generator(80, k)
+    u1, u2, n, home = states.pair(rng, home=k % 3 > 0)
+    if k % 3 == 2:
+        off = rng.choice([0.0, 1e-16, 1e-9, 1e-6]) * rng.normal()
+        home = euler_to_matrix(
+            (*rng.uniform(-3, 3, 1), rng.choice([-1, 1]) * math.pi / 2 + off, rng.uniform(-3, 3)), "xyz"
+        )
+    if k % 5 == 0:
+        n = np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
+    return HingePair(u1=u1, u2=u2, n=n, home=home, name=f"pair {k}")
+
+
+def pinocchio_of_urdf(pair, body1, psi, psid, psidd):
+    """Frame body2's motion by the model that Pinocchio makes of the URDF: nq = 7 + 2 (cos psi, sin psi)."""
+    model = pin.buildModelFromXML(to_urdf(pair), pin.JointModelFreeFlyer())
+    assert (model.nq, model.nv, model.joints[2].nq) == (9, 7, 2)
+    data, frame = model.createData(), model.getFrameId("body2")
+    twin = to_pinocchio(pair)
+    q, v, a = (
+        twin.configuration(body1, psi),
+        twin.velocity(body1, psi, psid),
+        twin.acceleration(body1, psi, psid, psidd),
+    )
+    found = {name: [] for name in ("R2", "S2", "v2", "omega2", "a2", "alpha2")}
+    for i, angle in enumerate(psi):
+        pin.forwardKinematics(model, data, np.r_[q[i, :7], math.cos(angle), math.sin(angle)], v[i], a[i])
+        place = pin.updateFramePlacement(model, data, frame)
+        twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        classical = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        values = (place.translation, place.rotation, twist.linear, twist.angular, classical.linear, classical.angular)
+        for name, value in zip(found, values, strict=True):
+            found[name].append(value.copy())
+    return {name: np.array(values) for name, values in found.items()}
+
+
+# ---------------------------------------------------------------- written
+
+
+@pytest.mark.law
+def test_pinocchio_reads_the_same_pair_from_urdf():
+    for k in range(60):
+        rng, pair = states.generator(81, k), random_pair(k)
+        R, S, v, omega, a, alpha = states.body1(rng, 5)
+        body1 = BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+        hinge = rng.normal(size=(3, 5)) * (2, 1, 1)[k % 3]
+        state = pair.forward_kinematics_from_body1(body1, *hinge)
+        W1, A1 = given_rate_sizes(omega, alpha)
+        scales = output_scales(
+            u1=pair.u1, u2=pair.u2, R1=R, v1=v, a1=a, W1=W1, A1=A1, psid=hinge[1], psidd=hinge[2], pinocchio=True
+        )
+        for name, expected in pinocchio_of_urdf(pair, body1, *hinge).items():
+            _, ratio = error_ratios(name, getattr(state, name), expected, scales[name])
+            assert ratio.max() <= 16, (k, name, ratio.max())
+
+
+def test_what_was_written_is_read_back():
+    for k in range(100):
+        pair = random_pair(k)
+        back = from_urdf(to_urdf(pair), "hinge", body2_frame="body2")
+        assert np.array_equal(back.u1, pair.u1)
+        assert np.array_equal(back.u2, pair.u2)
+        assert np.abs(back.home - pair.home).max() <= 16 * U, k
+        assert np.abs(back.n - pair.n).max() <= 16 * U, k
+
+
+def test_the_text_is_deterministic_and_holds_every_digit():
+    pair = HingePair(u1=(1 / 3, 1e-300, 2e10), u2=(-0.1, 0, math.pi), n=(1, 2, 3))
+    text = to_urdf(pair)
+    assert text == to_urdf(pair)
+    assert 'xyz="0.3333333333333333 1e-300 20000000000.0"' in text
+    assert 'xyz="0.1 0.0 -3.141592653589793"' in text
+    assert "-0.0 " not in text
+    assert '-0.0"' not in text
+
+
+def test_the_joint_is_continuous_and_the_inertias_are_valid():
+    root = ET.fromstring(to_urdf(random_pair(1)))
+    assert [joint.get("type") for joint in root.findall("joint")] == ["continuous", "fixed"]
+    assert {link.get("name") for link in root.findall("link")} == {"body1", "body2_at_hinge", "body2"}
+    inertials = root.findall("link/inertial")
+    centres = [inertial.find("origin").get("xyz") for inertial in inertials]
+    assert centres == ["0.0 0.0 0.0", root.findall("joint")[1].find("origin").get("xyz")]
+    for inertial in inertials:
+        moments = {key: float(value) for key, value in inertial.find("inertia").attrib.items()}
+        assert set(moments) == {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"}
+        assert moments["ixx"] + moments["iyy"] >= moments["izz"] > 0
+        assert float(inertial.find("mass").get("value")) > 0
+
+
+NAMES = {"xml": "<&\"'> ", "space": "a\nb\tc", "unicode": "Ärmchen ☃ \U0001f9be", "long": "x" * 5000}
+
+
+@pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
+def test_names_are_escaped(name):
+    text = to_urdf(pair_of(states.pair(states.generator(82)), name=name))
+    assert parse_urdf(text).name == name
+    assert pin.buildModelFromXML(text, pin.JointModelFreeFlyer()).nv == 7
+
+
+@pytest.mark.parametrize("name", ["a\x00b", "\x1b", "\ud800", "\ufffe"], ids=ascii)
+def test_a_name_that_xml_cannot_hold_is_refused(name):
+    with pytest.raises(ArgumentError, match="name: expected characters that XML can hold"):
+        to_urdf(pair_of(states.pair(states.generator(82)), name=name))
+
+
+def test_a_pair_that_varies_from_sample_to_sample_has_no_urdf():
+    with pytest.raises(ShapeError, match="pair: expected one pair"):
+        to_urdf(HingePair(u1=(1, 0, 0), u2=np.ones((2, 3)), n=(0, 0, 1)))
+
+
+# ---------------------------------------------------------------- read
+
+
+def test_a_joint_is_read_as_parent_and_child_link():
+    pair = from_urdf(ARM, "shoulder")
+    home = pin.rpy.rpyToMatrix(0.1, -0.2, 0.3)
+    assert np.array_equal(pair.u1, (0, 0, 1))
+    assert np.array_equal(pair.u2, (0, 0, 0))
+    assert np.abs(pair.home - home).max() <= 8 * U
+    assert np.abs(pair.n - home[:, 2]).max() <= 8 * U
+    assert pair.name == "shoulder"
+
+
+def test_origin_and_axis_have_defaults():
+    pair = from_urdf(ARM, "elbow")
+    assert np.array_equal(pair.n, (1, 0, 0))
+    assert np.array_equal(pair.home, np.eye(3))
+    assert np.array_equal(pair.u1, (1, 2, 3))
+
+
+def test_a_mimic_joint_is_a_hinge_and_any_axis_is_normalised():
+    assert np.array_equal(from_urdf(ARM, "follower").n, (0, 1, 0))
+    assert parse_urdf(ARM).joints["follower"].mimic == "elbow"
+    assert [joint.name for joint in parse_urdf(ARM).hinges()] == ["shoulder", "elbow", "follower"]
+
+
+def test_a_file_is_read_like_its_text(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM, encoding="utf-8")
+    for source in (path, str(path), ARM, "\ufeff" + ARM, "\n  " + ARM):
+        assert repr(from_urdf(source, "shoulder")) == repr(from_urdf(ARM, "shoulder"))
+
+
+def test_a_file_in_another_encoding_is_read(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(b'<?xml version="1.0" encoding="iso-8859-1"?>' + ARM.replace("arm", "Ärmchen").encode("latin1"))
+    assert parse_urdf(path.read_bytes()).name == "Ärmchen"
+    assert from_urdf(path, "elbow").name == "elbow"
+
+
+@pytest.mark.parametrize(("body1", "body2"), [("camera", None), (None, "camera"), ("upper", "lower")])
+def test_frames_may_be_links_rigidly_fixed_to_the_joint(body1, body2):
+    """Up and down the tree: camera is fixed to upper, the parent of elbow and the child of shoulder."""
+    joint = "shoulder" if body2 == "camera" else "elbow"
+    pair = from_urdf(ARM, joint, body1_frame=body1, body2_frame=body2)
+    model = pin.buildModelFromXML(ARM.replace('<mimic joint="elbow"/>', ""), pin.JointModelFreeFlyer())
+    data, q = model.createData(), pin.neutral(model)
+    parent, child = body1 or "base", body2 or "lower"
+    for psi in (0.0, 0.7, -2.0):
+        at = model.joints[model.getJointId(joint)].idx_q
+        q[at : at + 2] = (math.cos(psi), math.sin(psi)) if joint == "elbow" else (psi, q[at + 1])
+        pin.framesForwardKinematics(model, data, q)
+        one, two = (data.oMf[model.getFrameId(name)] for name in (parent, child))
+        state = pair.forward_kinematics_from_body1(BodyMotion(R=one.translation, S=one.rotation), psi)
+        assert np.abs(state.R2 - two.translation).max() <= 32 * U * 10
+        assert np.abs(state.S2 - two.rotation).max() <= 32 * U
+
+
+def welded_robot(rng):
+    """Side and top fixed to middle, middle to parent, which carries the hinge; child carries near, near far."""
+    stem = ("top", "middle", "parent", "child", "near", "far")
+    joints = [*pairwise(stem), ("middle", "side")]
+    parts = [f'<link name="{link}"/>' for link in (*stem, "side")]
+    for one, two in joints:
+        xyz, rpy = (" ".join(map(repr, row.tolist())) for row in rng.uniform(-3, 3, (2, 3)))
+        kind = "continuous" if two == "child" else "fixed"
+        parts.append(
+            f'<joint name="{two}_joint" type="{kind}"><parent link="{one}"/><child link="{two}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="1 -2 3"/></joint>'
+        )
+    return f'<robot name="welded">{"".join(parts)}</robot>'
+
+
+@pytest.mark.parametrize("body2", ["child", "near", "far"])
+@pytest.mark.parametrize("body1", ["parent", "middle", "side", "top"])
+def test_frames_are_found_along_fixed_joints_up_and_down(body1, body2):
+    text = welded_robot(states.generator(83))
+    pair = from_urdf(text, "child_joint", body1_frame=body1, body2_frame=body2)
+    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, np.r_[np.zeros(6), 1.0, math.cos(0.7), math.sin(0.7)])
+    one, two = (data.oMf[model.getFrameId(name, pin.FrameType.BODY)] for name in (body1, body2))
+    state = pair.forward_kinematics_from_body1(BodyMotion(R=one.translation, S=one.rotation), 0.7)
+    offsets = 6 * np.linalg.norm((3, 3, 3))
+    assert np.abs(state.R2 - two.translation).max() <= 16 * U * offsets
+    assert np.abs(state.S2 - two.rotation).max() <= 6 * 16 * U
+
+
+@pytest.mark.parametrize("length", ["5e-324", "1e-200", "1e200", "1.7e308"])
+def test_an_axis_of_any_length_is_normalised(length):
+    unit = from_urdf(ARM.replace("0 0 2", "1 1 1"), "shoulder").n
+    pair = from_urdf(ARM.replace("0 0 2", f"{length} {length} {length}"), "shoulder")
+    assert np.abs(pair.n - unit).max() <= 4 * U

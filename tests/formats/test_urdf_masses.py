@@ -1,0 +1,151 @@
+"""Limits and mass properties that a URDF gives: those of all links fixed to each other, as Pinocchio adds them up."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from test_urdf import ARM, welded_robot
+
+from hingepair.errors import URDFError
+from hingepair.formats.robots import load_robot_hinge, robot_names, robot_urdf
+from hingepair.formats.urdf import from_urdf, hinge_pair, parse_urdf, read_urdf
+from hingepair.rotations.matrices import rotation_exp
+from support import states
+
+U = 2.0**-53
+
+
+def inertial(rng):
+    turn, (a, b) = rotation_exp(3 * rng.normal(size=3)), rng.uniform(0.1, 1, 2)
+    tensor = turn @ np.diag([a, b, rng.uniform(abs(a - b), a + b)]) @ turn.T
+    xyz, rpy = (" ".join(map(repr, row.tolist())) for row in rng.uniform(-3, 3, (2, 3)))
+    moments = "".join(f' i{"xyz"[i]}{"xyz"[j]}="{float(tensor[i, j])!r}"' for i in range(3) for j in range(i, 3))
+    mass = float(rng.uniform(0.1, 10))
+    return f'<inertial><origin xyz="{xyz}" rpy="{rpy}"/><mass value="{mass!r}"/><inertia{moments}/></inertial>'
+
+
+def laden_robot(seed):
+    rng = states.generator(seed)
+    return re.sub(r'<link name="(\w+)"/>', lambda m: f'<link name="{m[1]}">{inertial(rng)}</link>', welded_robot(rng))
+
+
+@pytest.mark.parametrize("frames", [("parent", "child"), ("top", "far"), ("side", "near")], ids="-".join)
+def test_links_fixed_to_each_other_are_one_body(frames):
+    text = laden_robot(88)
+    pair = from_urdf(text, "child_joint", *frames)
+    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    for name, body, joint in zip(frames, (pair.body1, pair.body2), (1, 2), strict=True):
+        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
+        expected = frame.placement.actInv(model.inertias[joint])
+        assert abs(body.mass - expected.mass) <= 4 * U * expected.mass
+        assert np.abs(body.center_of_mass - expected.lever).max() <= 32 * U * 12
+        assert np.abs(body.inertia - expected.inertia).max() <= 64 * U * expected.mass * 12**2
+
+
+def test_limits_are_read_where_they_leave_a_range():
+    assert from_urdf(ARM, "shoulder").limits == (-1.0, 1.0)
+    assert from_urdf(ARM, "elbow").limits is None
+    assert from_urdf(ARM, "follower").limits is None  # lower and upper not given: both 0, says URDF
+    assert from_urdf(ARM.replace('lower="-1" upper="1"', 'upper="0.5"'), "shoulder").limits == (0.0, 0.5)
+    backwards = ARM.replace('lower="-1" upper="1"', 'lower="1" upper="-1"')
+    with pytest.raises(
+        URDFError, match=r"joint 'shoulder', limit: expected lower below upper, got lower 1\.0, upper -1"
+    ):
+        from_urdf(backwards, "shoulder")
+
+
+def with_inertial(link, mass, moments, origin="0 0 0"):
+    inside = (
+        f'<inertial><origin xyz="{origin}"/><mass value="{mass}"/>'
+        f'<inertia ixx="{moments[0]}" iyy="{moments[1]}" izz="{moments[2]}"/></inertial>'
+    )
+    return ARM.replace(f'<link name="{link}"/>', f'<link name="{link}">{inside}</link>')
+
+
+def test_a_link_alone_is_read_to_the_bit():
+    body = from_urdf(with_inertial("lower", 0.3, (0.1, 0.2, 0.25), "0.1 0.2 0.3"), "elbow").body2
+    assert body.mass == 0.3
+    assert np.array_equal(body.center_of_mass, (0.1, 0.2, 0.3))
+    assert np.array_equal(body.inertia, np.diag([0.1, 0.2, 0.25]))
+    assert from_urdf(ARM, "elbow").body1 is None
+
+
+@pytest.mark.parametrize(
+    ("mass", "moments"), [(1, (1, 1, 3)), (1, (0, 0, 0)), (-1, (1, 1, 1)), (0, (1, 1, 1))], ids=str
+)
+def test_what_no_rigid_body_has_is_left_out(mass, moments):
+    text = with_inertial("upper", mass, moments)
+    if mass == 0:
+        assert from_urdf(text, "elbow").body1 is None
+        return
+    with pytest.warns(UserWarning, match="mass properties of the body of 'upper' are left out: (inertia|mass)"):
+        assert from_urdf(text, "elbow").body1 is None
+
+
+def test_masses_that_cancel_are_left_out():
+    text = with_inertial("upper", 1, (1, 1, 1))
+    inside = re.search("<inertial>.*</inertial>", text)[0].replace('value="1"', 'value="-1"')
+    text = text.replace('<link name="camera"/>', f'<link name="camera">{inside}</link>')
+    assert 'value="-1"' in text
+    with pytest.warns(UserWarning, match="mass of 'camera': expected a number above 0, got -1"):
+        assert from_urdf(text, "elbow").body1 is None
+
+
+def test_masses_that_overflow_together_are_left_out():
+    inside = re.search("<inertial>.*</inertial>", with_inertial("upper", "1e308", (1, 1, 1), "1e200 0 0"))[0]
+    text = re.sub('<link name="(upper|camera)"/>', rf'<link name="\1">{inside}</link>', ARM)
+    assert text.count("1e308") == 2
+    with pytest.warns(UserWarning, match="of 'upper', 'camera' are left out"):
+        assert from_urdf(text, "elbow").body1 is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            'mass value="1"',
+            'mass value="heavy"',
+            "link 'lower', inertial value: expected a finite number, got 'heavy'",
+        ),
+        ('ixx="1"', 'ixx="nan"', "link 'lower', inertial ixx: expected a finite number"),
+        ('<inertial><origin xyz="0 0 0"', '<inertial><origin xyz="0 0"', "link 'lower', inertial, origin xyz"),
+        ('upper="1"', 'upper="1e999"', "joint 'shoulder', limit upper: expected a finite number"),
+        ('lower="-1"', 'lower="${-pi}"', "joint 'shoulder', limit lower: expected a finite number"),
+    ],
+)
+def test_numbers_that_are_none_are_refused_by_name(old, new, message):
+    text = with_inertial("lower", 1, (1, 1, 1))
+    assert old in text
+    with pytest.raises(URDFError) as raised:
+        from_urdf(text.replace(old, new), "elbow")
+    assert str(raised.value).startswith(message)
+
+
+def test_the_elbow_of_talos_brings_its_limits_and_masses():
+    pair = load_robot_hinge("talos_reduced", "arm_left_4_joint")
+    model = pin.buildModelFromUrdf(str(robot_urdf("talos_reduced")), pin.JointModelFreeFlyer())
+    joint = model.getJointId("arm_left_4_joint")
+    at = model.joints[joint].idx_q
+    assert pair.limits == (model.lowerPositionLimit[at], model.upperPositionLimit[at])
+    for body, inertia in ((pair.body1, model.inertias[model.parents[joint]]), (pair.body2, model.inertias[joint])):
+        assert math.isclose(body.mass, inertia.mass, rel_tol=4 * U)
+        assert np.abs(body.center_of_mass - inertia.lever).max() <= 16 * U
+        assert np.abs(body.inertia - inertia.inertia).max() <= 16 * U * np.abs(inertia.inertia).max()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:the mass properties")
+def test_most_hinges_of_real_robots_have_limits_and_masses():
+    pairs = []
+    for name in robot_names():
+        robot = parse_urdf(read_urdf(robot_urdf(name)))
+        pairs += [hinge_pair(robot, hinge.name, None, None, name=hinge.name) for hinge in robot.hinges()]
+    limited = sum(pair.limits is not None for pair in pairs)
+    laden = sum(pair.body1 is not None and pair.body2 is not None for pair in pairs)
+    print(f"{len(pairs)} hinges: {limited} with limits, {laden} with the masses of both bodies")
+    assert limited > len(pairs) / 2
+    assert laden > len(pairs) / 2

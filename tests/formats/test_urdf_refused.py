@@ -1,0 +1,113 @@
+"""URDF that cannot be used is refused, by an error that says where and what would do."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from test_urdf import ARM
+
+from hingepair.errors import HingePairError, URDFError
+from hingepair.formats.urdf import from_urdf, parse_urdf
+
+
+@pytest.mark.parametrize("joint", ["weld", "slide", "knee", "", None])
+def test_what_is_no_hinge_is_refused_with_those_that_are(joint):
+    with pytest.raises(URDFError, match="joint: expected one of shoulder, elbow, follower, got"):
+        from_urdf(ARM, joint)
+
+
+def test_a_robot_without_hinges_says_so():
+    with pytest.raises(URDFError, match="a robot with a revolute or continuous joint"):
+        from_urdf("<robot name='r'><link name='a'/></robot>", "knee")
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        ({"body1_frame": "lower"}, "body1_frame: expected a link rigidly fixed to 'upper': one of upper, camera"),
+        ({"body2_frame": "nowhere"}, "body2_frame: expected a link rigidly fixed to 'lower': one of lower"),
+    ],
+)
+def test_a_frame_that_is_not_fixed_is_refused(frames, message):
+    with pytest.raises(URDFError, match=message):
+        from_urdf(ARM, "elbow", **frames)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('xyz="1 2 3"', 'xyz="1 2"', "joint 'elbow', origin xyz: expected three finite numbers, got '1 2'"),
+        ('xyz="1 2 3"', 'xyz="1 2 3 4"', "joint 'elbow', origin xyz"),
+        ('xyz="1 2 3"', 'xyz="1,5 2 3"', "joint 'elbow', origin xyz"),
+        ('xyz="1 2 3"', 'xyz="1 2 nan"', "joint 'elbow', origin xyz"),
+        ('xyz="1 2 3"', 'xyz="1 2 1e999"', "joint 'elbow', origin xyz"),
+        ('xyz="1 2 3"', 'xyz="1_0 2 3"', "joint 'elbow', origin xyz"),
+        ('xyz="1 2 3"', 'xyz=""', "joint 'elbow', origin xyz"),
+        ('xyz="1 2 3"', 'xyz="٣ 2 3"', "joint 'elbow', origin xyz"),
+        ('rpy="0.1 -0.2 0.3"', 'rpy="${pi} 0 0"', "joint 'shoulder', origin rpy"),
+        ('xyz="0 0 2"', 'xyz="0 0 x"', "joint 'shoulder', axis xyz"),
+        ('xyz="0 0 2"', 'xyz="0 0 0"', "joint 'shoulder', axis xyz: expected a non-zero axis"),
+        ('<parent link="base"/>', "", "joint 'shoulder': expected a <parent>"),
+        ('<child link="upper"/>', "<child/>", "joint 'shoulder', child: expected an attribute link"),
+        ('name="elbow"', 'name="shoulder"', "joint: expected each name once, got 'shoulder' twice"),
+        ('name="elbow"', "", "joint: expected an attribute name"),
+        ('<link name="lower"/>', '<link name="upper"/>', "link: expected each name once"),
+        ('<child link="lower"/>', '<child link="upper"/>', "child link: expected each name once"),
+        ("robot", "model", "URDF: expected the element <robot>, got <model>"),
+    ],
+)
+def test_a_malformed_urdf_is_refused_by_name(old, new, message):
+    assert old in ARM
+    with pytest.raises(URDFError) as raised:
+        from_urdf(ARM.replace(old, new), "shoulder")
+    assert str(raised.value).startswith(message)
+    assert isinstance(raised.value, ValueError)
+
+
+BOMB = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10 if i else "ha"}">' for i in range(30))
+HOSTILE = {
+    "doctype": '<!DOCTYPE robot><robot name="r"/>',
+    "entity bomb": f'<?xml version="1.0"?><!DOCTYPE r [{BOMB}]><robot name="r">&l29;</robot>',
+    "quadratic": f'<!DOCTYPE r [<!ENTITY a "{"a" * 50_000}">]><robot name="{"&a;" * 20_000}"/>',
+    "file": '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]><robot name="r">&x;</robot>',
+    "remote dtd": '<!DOCTYPE robot SYSTEM "http://localhost:1/x.dtd"><robot name="r"/>',
+    "undeclared entity": '<robot name="r">&x;</robot>',
+    "truncated": ARM.strip()[:200],
+    "two roots": ARM + ARM,
+    "deep": "<robot>" * 100_000,
+    "empty element": "<",
+    "surrogate": '<robot name="\ud800"/>',
+    "nul": '<robot name="\x00"/>',
+}
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
+def test_hostile_xml_is_refused_quickly(text):
+    start = time.perf_counter()
+    with pytest.raises(URDFError, match=r"^URDF: "):
+        from_urdf(text, "knee")
+    assert time.perf_counter() - start < 2
+
+
+@pytest.mark.parametrize("name", ["doctype", "entity bomb", "quadratic", "file", "remote dtd"])
+def test_a_doctype_is_refused_for_what_it_is(name):
+    with pytest.raises(URDFError, match="without a DOCTYPE"):
+        parse_urdf(HOSTILE[name])
+
+
+NO_URDF = [b"", b"\xff\xfe<", b"not xml", b'<?xml version="1.0" encoding="no-such"?><robot/>', b"\x00" * 100]
+
+
+@pytest.mark.parametrize("content", NO_URDF, ids=ascii)
+def test_a_file_that_is_no_urdf_is_refused(tmp_path, content):
+    path = tmp_path / "x.urdf"
+    path.write_bytes(content)
+    with pytest.raises(URDFError, match=r"^URDF: expected XML"):
+        from_urdf(path, "knee")
+
+
+@pytest.mark.parametrize("source", ["", "no/such.urdf", "a\x00b", None, 3.5], ids=ascii)
+def test_a_file_that_cannot_be_read_is_refused(source):
+    with pytest.raises(HingePairError, match="path_or_text: expected a readable file or URDF text"):
+        from_urdf(source, "knee")

@@ -1,0 +1,197 @@
+"""Integration (E12): orders, accuracy, and that the ways to say the same thing agree."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.integration.attitude_steps import RULES, SLAB
+from hingepair.integration.increments import quaternion_product, runge_kutta4
+from hingepair.integration.prefix_product import RADIX, scan
+from support.reference import DIGITS
+from support.spins import REFERENCE, SPINS, TURNED, U
+from support.states import generator, rotations
+
+PAIR = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5), home=rotations(generator(120), 1)[0])
+ORDERS = {"magnus6": 6, "magnus4": 4, "cf4": 4, "midpoint": 2, "rk4_quaternion": 4, "euler_angles": 4}
+BACKENDS = ("numpy", "numba")
+spins = pytest.mark.parametrize("spin", SPINS.values(), ids=SPINS)
+backends = pytest.mark.parametrize("backend", BACKENDS)
+
+
+def instants(stop, h):
+    return np.linspace(0, stop, round(stop / h) + 1)
+
+
+def attitudes(spin, t, **options):
+    return hp.integrate(PAIR, t, spin.omega, 1.0, S1_0=spin.S1_0, outputs=(), **options)
+
+
+@pytest.mark.law
+@pytest.mark.parametrize(
+    ("name", "method"), [(name, m) for name in SPINS for m in ORDERS if (name, m) != ("reference", "euler_angles")]
+)
+def test_error_falls_with_the_order_of_the_method(name, method):
+    """A wrong sign or weight of any commutator costs an order."""
+    spin = SPINS[name]
+    h = 0.05 if method == "magnus6" else 0.02
+    errors = []
+    for step in (h, h / 2):
+        t = instants(1.0, step)
+        errors.append(spin.error(t, attitudes(spin, t, method=method).S1))
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(ORDERS[method], abs=0.2)
+
+
+@pytest.mark.law
+@spins
+@pytest.mark.parametrize(
+    ("method", "h", "bound"), [("magnus6", 0.01, 2e-11), ("magnus6", 0.002, 3e-14), ("cf4", 0.001, 3e-12)]
+)
+def test_promised_accuracy(spin, method, h, bound):
+    t = instants(10.0, h)
+    assert spin.error(t, attitudes(spin, t, method=method).S1) <= bound
+
+
+def test_rk4_is_the_classical_step():
+    """Q' = omega q / 2 by the textbook, with matrices; normalised, since only then it is a rotation."""
+    for omegas in generator(123).normal(size=(20, 3, 3)):
+        A = [np.array([[0, -x, -y, -z], [x, 0, -z, y], [y, z, 0, -x], [z, -y, x, 0]]) / 2 for x, y, z in omegas]
+        h, q = 0.7, np.array([1.0, 0, 0, 0])
+        k1 = A[0] @ q
+        k2 = A[1] @ (q + h / 2 * k1)
+        k3 = A[1] @ (q + h / 2 * k2)
+        k4 = A[2] @ (q + h * k3)
+        q = q + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        found = np.array(runge_kutta4(*map(tuple, omegas.tolist()), h))
+        np.testing.assert_allclose(found, q, rtol=0, atol=4 * U)
+
+
+def test_euler_angles_are_exact_where_they_are_linear():
+    t = instants(1.5, 0.01)
+    motion = attitudes(REFERENCE, t, method="euler_angles")
+    assert REFERENCE.error(t, motion.S1) <= 100 * U
+    assert motion.error_estimate <= 200 * U
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("method", [*ORDERS, "dop853"])
+def test_body_axes_are_world_axes_turned(method):
+    """S' = [omega]x S and S' = S [S^T omega]x are one motion, of the same accuracy."""
+    t = instants(0.9, 0.01)
+    options = {"S1_0": TURNED.S1_0, "frame": "body", "method": method, "outputs": ("omega1",)}
+    motion = hp.integrate(PAIR, t, TURNED.body_omega, 1.0, **options)
+    error = TURNED.error(t, motion.S1)
+    assert error <= {"midpoint": 2e-3, "magnus6": 2e-11, "dop853": 2e-11}.get(method, 5e-6)
+    assert error / 10 <= motion.error_estimate <= 10 * error
+    np.testing.assert_allclose(motion.omega1, TURNED.omega(t), rtol=0, atol=20 * error)
+    tol = 1e-5 if method == "midpoint" else 1e-10
+    sharp = hp.integrate(PAIR, t[::10], TURNED.body_omega, 1.0, tol=tol, **options)
+    assert TURNED.error(t[::10], sharp.S1) <= tol
+
+
+@pytest.mark.parametrize(("size", "bound"), [(1.0, 100), (1e-2, 8)])
+def test_the_tree_is_the_product_in_order(size, bound):
+    """All products of the first factors against one multiplication after the other, in the order of time.
+
+    Of small rotations the rounding is as small, but for that of the few products that make large ones of them.
+    """
+    factors = generator(121).normal(size=(4, 3 * RADIX**3 + 37))
+    factors[1:] *= size
+    factors[0] += 1 / size
+    factors /= np.sqrt((factors**2).sum(axis=0))
+    rows = factors.copy()
+    scan(tuple(rows), quaternion_product)
+    rows /= np.sqrt((rows**2).sum(axis=0))
+    product = np.array([1.0, 0, 0, 0], dtype=np.longdouble)
+    for k, factor in enumerate(factors.T):
+        product = _times(factor.astype(np.longdouble), product)
+        product /= np.sqrt((product**2).sum())
+        assert np.abs(product - rows[:, k]).max() <= bound * U
+
+
+def _times(p, q):
+    a, b, c, d = p
+    w, x, y, z = q
+    return np.array([
+        a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y, a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+    ])  # fmt: skip
+
+
+@pytest.mark.slow
+@backends
+def test_psi_is_a_compensated_sum(backend):
+    """Psi = t + 0.3 sin t to 2u of psi, over several slabs."""
+    t = np.linspace(0, 50, 2 * SLAB + 5)
+    motion = hp.integrate(PAIR, t, 0 * t[:3], lambda s: 1 + 0.3 * np.cos(s), psi_0=0.1, outputs=(), backend=backend)
+    with mpmath.workdps(DIGITS):
+        for i in np.linspace(0, len(t) - 1, 400).astype(int):
+            exact = mpmath.mpf(0.1) + mpmath.mpf(t[i]) + mpmath.mpf(3) / 10 * mpmath.sin(mpmath.mpf(t[i]))
+            assert abs(motion.psi[i] - exact) <= 1.1 * U * abs(exact)
+    assert motion.psi_error_estimate <= 2 * U * 50
+
+
+@backends
+def test_attitudes_are_rotations_to_4u(backend):
+    t = np.linspace(0, 10, SLAB + 100)
+    S = attitudes(TURNED, t, backend=backend).S1.astype(np.longdouble)
+    gap = np.abs(np.einsum("nji,njk->nik", S, S) - np.eye(3))
+    assert gap.max() <= 4 * U
+
+
+@backends
+@pytest.mark.parametrize("method", RULES)
+def test_backends_agree(method, backend):
+    t = np.sort(generator(122).uniform(0, 2, RADIX**3 + 30))
+    plain = attitudes(TURNED, t, method=method, backend="numpy")
+    other = attitudes(TURNED, t, method=method, backend=backend)
+    np.testing.assert_allclose(plain.quat_wxyz, other.quat_wxyz, rtol=0, atol=30 * U)
+
+
+@pytest.mark.law
+def test_state_is_that_of_the_coordinates():
+    """Everything about body 2 as forward_kinematics has it from Euler angles."""
+    t = instants(1.5, 0.005)
+    full = PAIR.forward_kinematics(
+        (3 * t, t**2, 1.0, 3 * t, t, 5 * t, np.sin(t)),
+        (3.0, 2 * t, 0.0, 3.0, 1.0, 5.0, np.cos(t)),
+        (0.0, 2.0, 0.0, 0.0, 0.0, 0.0, -np.sin(t)),
+    )
+    one = 1 + 0 * t
+    R1 = np.stack([3 * t, t**2, one], -1), np.stack([3 * one, 2 * t, 0 * t], -1), np.array([0, 2.0, 0])
+    motion = hp.integrate(PAIR, t, REFERENCE.omega, np.cos, R1=R1, alpha1=REFERENCE.alpha, psidd=lambda s: -np.sin(s))
+    assert motion.state.outputs == ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2")
+    for name in motion.state.outputs:
+        size = np.abs(getattr(full, name)).max()
+        np.testing.assert_allclose(getattr(motion, name), getattr(full, name), rtol=0, atol=2e-12 * (1 + size))
+    phi2 = hp.euler_to_matrix(motion.euler_angles(2, "ZYX"), "ZYX")
+    np.testing.assert_allclose(phi2, motion.S2, rtol=0, atol=20 * U)
+
+
+def test_euler_angles_stay_continuous_through_lock():
+    """phi_y = t goes through pi/2 and on; matrix_to_euler alone would jump."""
+    t = instants(10.0, 0.01)
+    phi = attitudes(REFERENCE, t).euler_angles(1)
+    np.testing.assert_allclose(phi, np.stack([3 * t, t, 5 * t], -1), rtol=0, atol=1e-7)
+    proper = attitudes(REFERENCE, t).euler_angles(1, "ZXZ")
+    assert np.abs(np.diff(proper, axis=0)).max() < 1
+
+
+@pytest.mark.law
+def test_planar_pair_is_two_integrals():
+    """phi_1 = int omega, phi_2 = int (omega + psi'), and the rest as PlanarPair has it (E11)."""
+    pair = hp.PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))
+    t = instants(3.0, 0.01)
+    motion = hp.integrate(pair, t, np.cos, np.sin, R1=(1.0, 2.0), phi_0=0.5, psi_0=-1.0)
+    np.testing.assert_allclose(motion.phi, 0.5 + np.sin(t), rtol=0, atol=3 * U)
+    np.testing.assert_allclose(motion.psi, -np.cos(t), rtol=0, atol=3 * U)
+    assert motion.error_estimate <= 4 * U
+    q, qd = (1.0, 2.0, motion.phi, motion.psi), (0.0, 0.0, np.cos(t), np.sin(t))
+    expected = pair.forward_kinematics(q, qd)
+    assert motion.state.outputs == expected.outputs
+    for name in expected.outputs:
+        np.testing.assert_allclose(getattr(motion, name), getattr(expected, name), rtol=0, atol=8 * U)

@@ -1,0 +1,277 @@
+"""What may be given to `integrate`, how far its own estimate of the error can be trusted, and what it refuses."""
+
+from __future__ import annotations
+
+import inspect
+import pickle
+
+import mpmath
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.integration.attitude_steps import RULES
+from hingepair.integration.step_control import PROBES
+from support.reference import DIGITS
+from support.spins import REFERENCE, SPINS, TURNED, U, angle
+from support.states import generator
+
+PAIR = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
+FLAT = hp.PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))
+T = np.linspace(0, 1, 101)
+spins = pytest.mark.parametrize("spin", SPINS.values(), ids=SPINS)
+
+
+def attitudes(spin, t, given=None, **options):
+    omega = spin.omega if given is None else given
+    return hp.integrate(PAIR, t, omega, 1.0, S1_0=spin.S1_0, outputs=(), **options)
+
+
+@pytest.mark.law
+@spins
+@pytest.mark.parametrize("even", [True, False], ids=["even", "uneven"])
+def test_samples_keep_order_6(spin, even):
+    """Polynomials of degree 5 through six samples: halving the step makes the error 64 times smaller."""
+    errors = []
+    for count in (100, 200):
+        t = np.linspace(0, 1, count + 1)
+        t = t if even else t + 0.3 * (t * (1 - t))
+        errors.append(spin.error(t, attitudes(spin, t, spin.omega(t)).S1))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(6, abs=0.5)
+    assert errors[1] < 1e-12
+
+
+def test_samples_are_interpolated_exactly_where_they_are_polynomials():
+    """Omega about one axis, of degree 5: the angle is its integral, at either end too, even or not."""
+    t = np.cumsum(generator(130).uniform(0.02, 0.1, 30))
+    for times in (t, np.linspace(0, 2, 40)):
+        rate = np.stack([0 * times, 0 * times, 1 + times**5 - times**2], axis=-1)
+        motion = hp.integrate(PAIR, times, rate, rate[:, 2], outputs=())
+        exact = times + times**6 / 6 - times**3 / 3
+        exact -= exact[0]
+        np.testing.assert_allclose(motion.psi, exact, rtol=0, atol=40 * U * exact[-1])
+        turned = motion.euler_angles(1)[:, 2]
+        np.testing.assert_allclose(turned, exact, rtol=0, atol=1000 * U * exact[-1])
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 6])
+def test_few_samples_go_through_one_polynomial(count):
+    t = np.linspace(0, 0.5, count)
+    motion = hp.integrate(PAIR, t, np.stack([t ** (count - 1), 0 * t, 0 * t], -1), 2 * t, outputs=())
+    np.testing.assert_allclose(motion.psi, t**2, rtol=0, atol=4 * U)
+    np.testing.assert_allclose(motion.euler_angles(1)[:, 0], t**count / count, rtol=0, atol=20 * U)
+
+
+@spins
+@pytest.mark.parametrize("kind", ["callable", "samples"])
+@pytest.mark.parametrize("method", [*RULES, "euler_angles", "dop853"])
+def test_error_estimate_is_honest(spin, kind, method):
+    """Within a factor of 10 of the true error, or both at the level of rounding."""
+    for count in (25, 120):
+        t = np.linspace(0, 1, count + 1)
+        motion = attitudes(spin, t, spin.omega(t) if kind == "samples" else None, method=method)
+        true = spin.error(t, motion.S1, instants=8)
+        assert motion.error_estimate <= 10 * max(true, 20 * U)
+        assert true <= 10 * motion.error_estimate
+
+
+@pytest.mark.parametrize("shift", range(3))
+def test_error_estimate_is_honest_on_probes(shift):
+    """More intervals than probes; nearly all of the error is in one long interval, wherever that is."""
+    t = np.concatenate([np.linspace(0, 1, 2 * PROBES + shift), np.linspace(1.1, 1.2, PROBES)])
+    motion = attitudes(TURNED, t)
+    true = TURNED.error(t, motion.S1)
+    assert true / 2 <= motion.error_estimate <= 2 * true
+    assert true > 1e-10
+
+
+@spins
+@pytest.mark.parametrize("method", [*RULES, "euler_angles", "dop853"])
+def test_tolerance_is_kept_by_substeps(spin, method):
+    t = np.array([0, 0.01, 0.1, 0.6, 1.0])
+    tol = 1e-4 if method == "midpoint" else 1e-9
+    motion = hp.integrate(PAIR, t, spin.omega, np.exp, S1_0=spin.S1_0, tol=tol, method=method, outputs=())
+    assert spin.error(t, motion.S1, instants=4) <= motion.error_estimate * 1.01 <= tol * 1.01
+    assert np.abs(motion.psi - np.expm1(t)).max() <= tol
+    assert motion.steps <= {"magnus6": 80, "dop853": 0}.get(method, 600)
+
+
+def test_tolerance_out_of_reach_says_what_is_left():
+    with pytest.raises(hp.ArgumentError, match=r"tol: expected at least the error that is left, \d"):
+        attitudes(REFERENCE, T, tol=1e-17)
+    with pytest.raises(hp.ArgumentError, match="tol: expected at least"):
+        attitudes(REFERENCE, T, REFERENCE.omega(T), tol=1e-14)
+    motion = attitudes(REFERENCE, T[::4], tol=1e-13)
+    assert motion.steps > len(T[::4]) - 1
+    assert REFERENCE.error(T[::4], motion.S1) <= 1e-13
+
+
+def test_angular_velocity_may_jump_where_a_tolerance_is_asked():
+    """A step in omega inside an interval: many substeps there, few elsewhere; the estimate is good to a factor."""
+
+    def omega(t):
+        return np.stack([np.where(t < 0.4567, 1.0, 2.0), 0 * t, 0 * t], axis=-1)
+
+    motion = hp.integrate(PAIR, T, omega, 0.0, tol=1e-5, outputs=())
+    exact = T + np.maximum(0, T - 0.4567)
+    np.testing.assert_allclose(motion.euler_angles(1)[:, 0], exact, rtol=0, atol=1e-4)
+    assert motion.steps < 50_000
+
+
+def test_constant_rates():
+    motion = hp.integrate(PAIR, T, (0, 0, 2.0), 3, psi_0=-1)
+    np.testing.assert_allclose(motion.psi, 3 * T - 1, rtol=0, atol=3 * U)
+    np.testing.assert_allclose(motion.S1, hp.rodrigues((0, 0, 1), 2 * T), rtol=0, atol=8 * U)
+    still = motion.omega2 - motion.S1 @ PAIR.n * 3
+    np.testing.assert_allclose(still, np.broadcast_to((0, 0, 2.0), (101, 3)), rtol=0, atol=40 * U)
+
+
+def test_one_instant():
+    motion = hp.integrate(PAIR, [2.0], TURNED.omega, np.cos, S1_0=TURNED.S1_0, psi_0=0.5)
+    assert angle(motion.S1[0], TURNED.Q) <= 8 * U
+    assert (motion.psi, motion.psi_error_estimate) == (0.5, 0.5 * U)
+    for method in ("euler_angles", "dop853"):
+        np.testing.assert_allclose(attitudes(TURNED, [0.0], method=method).S1[0], TURNED.S1_0, rtol=0, atol=8 * U)
+
+
+def test_outputs_follow_what_is_known():
+    n = len(T)
+    point = np.zeros((n, 3))
+    still = hp.integrate(PAIR, T, (0, 0, 1), 1.0)
+    assert still.state.outputs == ("R2", "S2", "d", "v2", "omega2")
+    moving = hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=point)
+    assert moving.state.outputs == ("R2", "S2", "d", "omega2")
+    assert hp.integrate(PAIR, T, (0, 0, 1), 1.0, outputs=()).state.outputs == ()
+    with pytest.raises(hp.ArgumentError, match=r"R1: expected \(R1, v1\) .* since output v2 needs it, got no v1"):
+        hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=lambda _: point, outputs=("v2",))
+    with pytest.raises(hp.ArgumentError, match="alpha1: expected a value, since output alpha2 needs it"):
+        hp.integrate(PAIR, T, (0, 0, 1), 1.0, psidd=0.0, outputs=("alpha2",))
+    flat = hp.integrate(FLAT, T, 1.0, 1.0, R1=np.zeros((n, 2)), alpha1=0.0, psidd=0.0)
+    assert flat.state.outputs == ("R2", "phi2", "d", "omega2", "alpha2")
+    assert flat.a2 is None
+    with pytest.raises(AttributeError, match="it has t, quat_wxyz, psi"):
+        _ = still.R3
+
+
+def test_body_2_keeps_the_hinge_point():
+    motion = hp.integrate(PAIR, T, TURNED.omega, np.cos, R1=np.stack([T, T**2, T**3], -1), outputs=("R1", "R2", "S2"))
+    gap = motion.R1 + motion.S1 @ PAIR.u1 - motion.R2 - motion.S2 @ PAIR.u2
+    assert np.abs(gap).max() <= 20 * U
+
+
+def _with_nan(shape, index):
+    values = np.ones(shape)
+    values[index] = np.nan
+    return values
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"omega1": _with_nan((101, 3), (17, 1))},
+            r"omega1: expected finite numbers, got \[.*nan.*\] at index 17",
+        ),
+        ({"psid": _with_nan(101, 5)}, "psid: expected finite numbers, got nan at index 5"),
+        ({"psid": np.inf}, "psid: expected finite numbers, got inf"),
+        (
+            {"psid": lambda t: np.where(t > 0.5, np.nan, t)},
+            r"psid\(t\): expected finite numbers, got nan at t = 0.5",
+        ),
+        ({"omega1": lambda t: np.ones((3, len(t)))}, r"omega1\(t\): expected shape \(\d+, 3\) for t of shape"),
+        ({"omega1": np.ones((100, 3))}, r"omega1: expected a callable, a constant of shape \(3,\), or samples of"),
+        ({"omega1": None}, "omega1: expected a callable, a constant, or samples at t, got None"),
+        ({"psid": 1j}, "psid: expected real numbers"),
+        ({"t": [0, 1, 1]}, "t: expected instants that increase, got 1.0 after 1.0 at index 2"),
+        ({"t": [0, np.nan, 1]}, "t: expected finite instants, got nan at index 1"),
+        ({"t": []}, r"t: expected shape \(N,\)"),
+        ({"t": 1.0}, r"t: expected shape \(N,\)"),
+        ({"omega1": (0, 0, 1e200)}, "omega1: expected angles of each step that have a sine, got overflow between"),
+        ({"psid": 1e308, "t": 10 * T}, "psid: expected a rate whose integral is finite, got overflow between the"),
+        ({"psid": lambda t: 1e308 * (t > 5), "t": 10 * T}, "overflow between the instants 50 and 51"),
+        ({"method": "euler"}, "method: expected one of magnus6, magnus4, cf4"),
+        ({"frame": "hinge"}, "frame: expected one of world, body"),
+        ({"tol": 0.0}, "tol: expected a positive number"),
+        ({"tol": "fine"}, "tol: expected a finite number"),
+        ({"psi_0": np.nan}, "psi_0: expected a finite number"),
+        ({"S1_0": 2 * np.eye(3)}, "S1_0: expected rotations"),
+        ({"S1_0": np.ones((2, 3, 3))}, "S1_0: expected shape"),
+        ({"R1": np.zeros((100, 3))}, r"R1: expected shape \(3,\) or \(101, 3\)"),
+        ({"R1": (np.zeros((101, 3)), np.zeros(2))}, r"R1\[1\]: expected shape"),
+        ({"R1": lambda _: None}, r"R1\(t\): expected a point"),
+        ({"phi_0": 1.0}, "phi_0: expected nothing beside a HingePair"),
+        ({"pair": FLAT, "omega1": 1.0, "S1_0": np.eye(3)}, "S1_0: expected nothing beside a PlanarPair"),
+        ({"pair": FLAT, "omega1": 1.0, "frame": "body"}, "frame: expected one of world"),
+        ({"pair": FLAT, "omega1": 1.0, "method": "dop853"}, "method: expected one of magnus6"),
+        ({"pair": None}, "pair: expected a HingePair"),
+        ({"outputs": ("R3",)}, "outputs: expected one of"),
+        ({"backend": "cuda"}, "backend: expected one of"),
+    ],
+)
+def test_what_cannot_be_used_is_named(change, message):
+    arguments = {"pair": PAIR, "t": T, "omega1": (0, 0, 1), "psid": 1.0, **change}
+    with pytest.raises(hp.ArgumentError, match=message):
+        hp.integrate(**arguments)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "numba"])
+def test_euler_angles_stop_before_lock(backend):
+    """Turned so that phi_y reaches pi/2: no silent loss of digits, and the time is named."""
+    start = hp.euler_to_matrix((0.2, 1.5, 0.3))
+    with pytest.raises(hp.GimbalLockError, match=r"'euler_angles' with phi_y = 1.5\d* .*at t = 0.0"):
+        hp.integrate(PAIR, T, (0.5, 5.0, 0.4), 0.0, S1_0=start, method="euler_angles", outputs=(), backend=backend)
+
+
+def test_inputs_are_left_alone():
+    t, omega, psid = T.copy(), TURNED.omega(T), np.cos(T)
+    for array in (t, omega, psid):
+        array.flags.writeable = False
+    motion = hp.integrate(PAIR, t, omega, psid)
+    assert not any(array.flags.writeable for array in (motion.t, motion.quat_wxyz, motion.psi, motion.S1))
+    same = hp.integrate(PAIR, list(t), omega.astype(">f8")[::-1][::-1], psid.tolist())
+    np.testing.assert_array_equal(same.quat_wxyz, motion.quat_wxyz)
+    np.testing.assert_array_equal(np.roll(motion.quat_xyzw, 1, axis=-1), motion.quat_wxyz)
+
+
+def test_trajectories_are_values():
+    """Frozen, and pickled with their estimates, though what they came from is a lambda; nothing private is shown."""
+    motion = hp.integrate(PAIR, T, lambda t: TURNED.omega(1 * t), 1.0)
+    again = pickle.loads(pickle.dumps(motion))
+    assert again.error_estimate == motion.error_estimate > 0
+    assert "_error" not in repr(motion) + str(inspect.signature(hp.Trajectory))
+    np.testing.assert_array_equal(again.R2, motion.R2)
+    for name in ("t", "psi"):
+        with pytest.raises(AttributeError):
+            setattr(motion, name, 1.0)
+
+
+def test_error_estimate_knows_that_equal_steps_round_alike():
+    """A constant omega over thousands of radians: rounding adds up, and the estimate says so."""
+    t = np.linspace(0, 3000, 200_001)
+    motion = hp.integrate(PAIR, t, (1.1, -2.3, 0.7), 0.0, outputs=())
+    with mpmath.workdps(DIGITS):
+        w = [mpmath.mpf(x) for x in (1.1, -2.3, 0.7)]
+        size = mpmath.sqrt(sum(x * x for x in w))
+        exact = [mpmath.cos(1500 * size), *(x / size * mpmath.sin(1500 * size) for x in w)]
+        q = [mpmath.mpf(float(x)) for x in motion.quat_wxyz[-1]]
+        sine = mpmath.sqrt(sum((q[i] * exact[0] - q[0] * exact[i]) ** 2 for i in (1, 2, 3)))
+    true = float(2 * sine)
+    assert true / 10 <= motion.error_estimate <= 10 * true
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SPINS)
+def test_ten_million_steps_do_not_drift(name):
+    """Attitude to 2e-14 rad and psi to 2u at every instant looked at: truncation is far below."""
+    spin, count = SPINS[name], 10**7
+    t = np.linspace(0, 10, count + 1)
+    motion = hp.integrate(
+        PAIR, t, spin.omega, lambda s: 1 + 0.3 * np.cos(s), S1_0=spin.S1_0, psi_0=0.1, outputs=(), backend="numba"
+    )
+    for i in generator(131).integers(1, count + 1, 300):
+        S = hp.BodyMotion.from_quaternion_wxyz(R=(0, 0, 0), quat_wxyz=motion.quat_wxyz[i]).S
+        assert angle(S, spin.exact(t[i])) <= 2e-14
+        with mpmath.workdps(DIGITS):
+            exact = mpmath.mpf(0.1) + mpmath.mpf(t[i]) + mpmath.mpf(3) / 10 * mpmath.sin(mpmath.mpf(t[i]))
+            assert abs(motion.psi[i] - exact) <= 2 * U * abs(exact)
+    assert motion.error_estimate <= 2e-14

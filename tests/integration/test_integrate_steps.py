@@ -1,0 +1,204 @@
+"""How many steps `integrate` makes of a callable, what it overlooks, and what rounding leaves of fast motion."""
+
+from __future__ import annotations
+
+import contextlib
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.integration import step_counts
+from hingepair.integration.attitude_steps import RULES, divided
+from hingepair.integration.signals import Function
+from support.reference import DIGITS
+from support.spins import U
+from support.states import generator
+
+PAIR = hp.HingePair(u1=(0.3, -0.2, 0.5), u2=(0.1, 0.7, -0.4), n=(1, 2, -2))
+SCENE = """
+[pair]
+u1 = [0.3, -0.2, 0.5]
+u2 = [0.1, 0.7, -0.4]
+n = [1, 2, -2]
+[motion]
+omega1 = ["1000*t", 0, 0]
+psi_dot = "sqrt(t)"
+{tol}
+[time]
+start = 0
+stop = 10
+samples = 3
+"""
+
+
+def about_x(rate):
+    return lambda t: np.stack([rate(t), 0 * t, 0 * t], axis=-1)
+
+
+def true_error(motion, whole, instants=600):
+    """How far the attitude is off [rad] at the worst of some instants; whole(t) is the angle about x from t[0]."""
+    worst, looked = 0.0, np.unique(np.linspace(0, len(motion.t) - 1, instants).astype(int))
+    with mpmath.workdps(DIGITS):
+        for t, (w, x, *_) in zip(motion.t[looked].tolist(), motion.quat_wxyz[looked].tolist(), strict=True):
+            half = whole(mpmath.mpf(t)) / 2
+            worst = max(worst, abs(float(2 * (x * mpmath.cos(half) - w * mpmath.sin(half)))))
+    return worst
+
+
+@pytest.mark.parametrize(("samples", "tol"), [(2, 1e-11), (11, 1e-11), (101, 5e-12), (1001, None), (5001, None)])
+def test_error_estimate_knows_the_rounding_of_fast_motion(samples, tol):
+    """22026 rad, the fastest of them at last: u times that is what can be had."""
+    t = np.linspace(0, 10, samples)
+    motion = hp.integrate(PAIR, t, about_x(np.exp), np.exp, tol=tol, outputs=())
+    true = true_error(motion, lambda t: mpmath.exp(t) - 1)
+    assert true <= (tol or 2 * U * np.exp(10))
+    assert true / 3 <= motion.error_estimate <= 10 * true
+    with mpmath.workdps(DIGITS):
+        off = max(abs(float(psi - mpmath.expm1(s))) for psi, s in zip(motion.psi.tolist(), t.tolist(), strict=True))
+    assert off / 2 <= motion.psi_error_estimate <= 30 * off
+
+
+@pytest.mark.parametrize("count", [600, 20_000])
+@pytest.mark.parametrize("late", [0.0, 1e4])
+def test_error_estimate_knows_the_rounding_of_instants(late, count):
+    """Nodes are rounded in proportion to t, the more the later they are, on probes too."""
+    t = late + np.cumsum(generator(160).uniform(0.3, 1.5, count) * (2 / count))
+    rates = about_x(lambda t: 50 * np.cos(10 * (t - late))), lambda t: 50 * np.cos(10 * (t - late))
+    motion = hp.integrate(PAIR, t, *rates, outputs=())
+
+    def exact(s):
+        return 5 * (mpmath.sin(10 * (s - late)) - mpmath.sin(10 * (t[0] - late)))
+
+    true = true_error(motion, exact)
+    assert true / 3 <= motion.error_estimate <= 10 * max(true, 20 * U)
+    with mpmath.workdps(DIGITS):
+        off = max(abs(float(motion.psi[i] - exact(mpmath.mpf(t[i])))) for i in range(0, count, count // 300))
+    assert off / 3 <= motion.psi_error_estimate <= 10 * max(off, 20 * U)
+
+
+def test_probes_do_not_enlarge_rounding():
+    """One interval in fifty is looked at; what rounding does to these is not fifty times what it does to all."""
+    t = np.linspace(0, 1e4, 100_001)
+    motion = hp.integrate(PAIR, t, about_x(lambda t: 10 + np.sin(t)), 0.0, outputs=())
+    true = true_error(motion, lambda t: 10 * t + 1 - mpmath.cos(t))
+    assert true / 3 <= motion.error_estimate <= 10 * true
+
+
+def test_steps_do_not_chase_rounding():
+    """What is left of the errors of intervals is rounding, which more steps do not mend."""
+    omega = Function("omega1", about_x(np.exp), (3,))
+    counts = step_counts.substeps(omega, (), np.linspace(0, 10, 3), RULES["magnus6"], 1e-14)
+    assert counts.sum() <= 3000
+    smooth = hp.integrate(PAIR, [0, 1], about_x(np.cos), np.cos, tol=1e-2, outputs=())
+    assert smooth.steps == 16
+
+
+def test_no_attitude_is_off_by_more_than_half_a_turn():
+    assert hp.integrate(PAIR, [0, 1e9], (1e9, 0, 0), 0.0, outputs=()).error_estimate == np.pi
+
+
+def test_lengths_of_steps_add_up():
+    """Exactly: no length is rounded alike in all steps of an interval."""
+    start = np.array([0.1, 1 / 3, 10.7])
+    stop, counts = np.array([1 / 3, 10.7, 1e4]), np.array([7, 1, 1000])
+    begin, (h, low), part = divided(start, stop, counts)
+    assert [begin[i] for i in (0, 7, 8)] == start.tolist()
+    assert part.tolist() == [*range(7), 0, *range(1000)]
+    for first, last, length in ((0, 7, (0.1, 1 / 3)), (7, 8, (1 / 3, 10.7)), (8, 1008, (10.7, 1e4))):
+        whole = sum(Fraction(float(x)) for x in (*h[first:last], *low[first:last]))
+        assert whole == Fraction(length[1]) - Fraction(length[0])
+    assert (h > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("method", "at"),
+    [
+        *((m, at) for at in generator(161).uniform(0.5, 9.5, 4).tolist() for m in ("magnus6", "cf4")),
+        ("euler_angles", 3.3),
+    ],
+)
+def test_a_short_pulse_is_seen(method, at):
+    """Of a thousandth of the time; in two instants, and without a tolerance the estimate says it is not followed."""
+    rate = about_x(lambda t: 100 * np.exp(-((t - at) ** 2) / 1e-4))
+    whole = np.sqrt(np.pi)
+    blind = hp.integrate(PAIR, [0, 10], rate, 0.0, method=method, outputs=())
+    assert whole / 2 <= blind.error_estimate <= 2 * whole
+    motion = hp.integrate(PAIR, [0, 10], rate, lambda t: rate(t)[:, 0], tol=1e-6, method=method, outputs=())
+    assert abs(motion.euler_angles(1)[-1, 0] - whole) <= 3 * motion.error_estimate <= 3e-6
+    assert abs(motion.psi[-1] - whole) <= 3 * motion.psi_error_estimate <= 3e-6
+
+
+def random_rate(random, kinds=9):
+    """A rate of any size, smooth or not, and not always finite."""
+    size, speed = 10 ** random.uniform(-3, 7), 10 ** random.uniform(-2, 3)
+    rates = (
+        lambda t: size * np.sin(speed * t), lambda t: size * np.sqrt(np.abs(t)), lambda t: size * t**3,
+        lambda t: size * np.exp(-((speed * t) ** 2)), lambda t: size / (t + 0.37), lambda t: size * (t > 0.5),
+        lambda t: size + 0 * t, lambda t: size * np.exp(np.minimum(speed * t, 400)), lambda t: 1e200 * t,
+    )  # fmt: skip
+    return rates[random.integers(kinds)]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_steps_are_counted_for_any_rate(seed, monkeypatch):
+    """Spans from 1e-3 to 1e6, 1 to 100 instants: steps within the bound, or one of our errors."""
+    monkeypatch.setattr(step_counts, "MOST_STEPS", 5000)
+    random = generator(162 + seed)
+    rates = [random_rate(random) for _ in range(4)]
+    stop = 10 ** random.uniform(-3, 6)
+    t = np.linspace(random.choice([0, -1, 1000]), 1000 + stop, random.integers(1, 101))
+    method = random.choice(list(RULES))
+    with contextlib.suppress(hp.ArgumentError), np.errstate(all="ignore"):
+        motion = hp.integrate(
+            PAIR, t, lambda s: np.stack([r(s) for r in rates[:3]], -1), rates[3], method=method, tol=1e-3, outputs=()
+        )
+        assert len(t) - 1 <= motion.steps <= 5000 + len(t)
+        assert max(motion.error_estimate, motion.psi_error_estimate) <= 1e-3
+
+
+@pytest.mark.parametrize(
+    ("omega", "psid", "stop", "samples"),
+    [
+        (lambda t: (np.sin(t), 0.5 * np.cos(2 * t), 1 + 0.2 * t), lambda t: 2 * np.cos(3 * t), 100, 2),
+        (lambda t: (np.sin(t), 0.5 * np.cos(2 * t), 1 + 0.2 * t), lambda t: 2 * np.cos(3 * t), 300, 11),
+        (lambda t: (np.sin(t), np.cos(t), 1 + 0 * t), lambda t: np.sin(3 * t), 1000, 11),
+    ],
+)
+def test_long_times_need_only_many_steps(omega, psid, stop, samples):
+    """The first steps turn by tens of radians, which says nothing about how many there must be."""
+    t = np.linspace(0, stop, samples)
+    motion = hp.integrate(PAIR, t, lambda s: np.stack(omega(s), axis=-1), psid, tol=1e-9, outputs=())
+    assert motion.steps <= 300 * stop
+    fine = np.linspace(0, stop, 100 * stop + 1)
+    other = hp.integrate(PAIR, fine, lambda s: np.stack(omega(s), axis=-1), psid, outputs=())
+    same = other.quat_wxyz[:: 100 * stop // (samples - 1)]
+    apart = np.minimum(*(np.abs(motion.quat_wxyz - sign * same).max(axis=1) for sign in (1, -1)))
+    assert apart.max() <= 1e-9 + other.error_estimate
+
+
+def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, monkeypatch):
+    """And then says that psi_dot, whose slope is infinite at t = 0, is what leaves so much."""
+    monkeypatch.setattr(step_counts, "MOST_STEPS", 2000)
+    (tmp_path / "my.toml").write_text(SCENE.format(tol=""))
+    scene = hp.load_scene(tmp_path / "my.toml")
+    off = abs(scene.motion.given.hinge[0][-1] - 10**1.5 / 1.5)
+    assert 1e-10 <= off / 3 <= scene.motion.error_estimate <= 3 * off
+    assert "error about" in scene.motion.turning
+    (tmp_path / "my.toml").write_text(SCENE.format(tol="tol = 1e-11"))
+    left = r"motion.tol: expected .* left, (\S+) rad \(omega1 leaves .*e-1\d, psi_dot leaves \1\), got 1e-11"
+    with pytest.raises(hp.SceneError, match=left):
+        hp.load_scene(tmp_path / "my.toml")
+
+
+def test_a_pole_is_reported(tmp_path, monkeypatch):
+    """No number of steps follows the attitude through it; that is said, and no error is larger than half a turn."""
+    monkeypatch.setattr(step_counts, "MOST_STEPS", 2000)
+    text = SCENE.replace('"1000*t", 0, 0', '"1e9*t", "cos(t)", 1').replace("sqrt(t)", "1/(t - 0.987)")
+    (tmp_path / "my.toml").write_text(text.format(tol=""))
+    assert 1 <= hp.load_scene(tmp_path / "my.toml").motion.error_estimate <= np.pi
+    (tmp_path / "my.toml").write_text(text.format(tol="tol = 1e-3"))
+    with pytest.raises(hp.SceneError, match=r"motion.tol: .* left, .* rad \(omega1 leaves .*, psi_dot leaves "):
+        hp.load_scene(tmp_path / "my.toml")

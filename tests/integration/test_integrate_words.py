@@ -1,0 +1,67 @@
+"""What `integrate`, its results and integrated scenes say of themselves, and of what they cannot use."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.spins import U
+
+MODELS = Path(__file__).parents[2] / "models"
+PAIR = hp.HingePair(u1=(0.3, -0.2, 0.5), u2=(0.1, 0.7, -0.4), n=(1, 2, -2))
+T = np.linspace(0, 1, 11)
+
+
+def test_a_callable_of_one_number_is_named():
+    """math.cos takes no array; what is a HingePairError inside a callable passes as it is."""
+    wanted = r": expected a callable vectorised over t, .* got TypeError: "
+    for name, given in (("psid", {"psid": math.cos}), ("omega1", {"omega1": lambda t: (math.sin(t), 0, 0)})):
+        with pytest.raises(hp.ArgumentError, match=name + wanted):
+            hp.integrate(PAIR, T, **{"omega1": (0, 0, 1), "psid": 1.0, **given})
+    with pytest.raises(hp.ArgumentError, match=r"R1: expected a callable vectorised over t, .* got ValueError: "):
+        hp.integrate(PAIR, T, (0, 0, 1), 1.0, R1=lambda t: (0, 0, 1) if t > 0 else (0, 0, 0))
+    with pytest.raises(hp.AxisError, match=r"^n: "):
+        hp.integrate(PAIR, T, (0, 0, 1), lambda t: hp.HingePair((1, 0, 0), (1, 0, 0), (0, 0, 0)) and t)
+
+
+def test_a_callable_may_return_one_value_for_all_times():
+    motion = hp.integrate(PAIR, T, lambda _: (1.0, 2.0, 3.0), lambda _: 0.5)
+    same = hp.integrate(PAIR, T, (1.0, 2.0, 3.0), 0.5)
+    np.testing.assert_allclose(motion.S2, same.S2, rtol=0, atol=8 * U)
+
+
+def test_results_are_short_to_read():
+    """No arrays; the estimate of the error only once it is known, since it costs as much as the integration."""
+    motion = hp.integrate(PAIR, T, (0, 0, 1), np.cos, outputs=("R2", "S2"))
+    assert repr(motion) == "Trajectory(magnus6, steps=10, samples=11, t=0..1, outputs=(R2, S2))"
+    known = f"error_estimate={motion.error_estimate:.2g}, "
+    assert repr(motion) == f"Trajectory(magnus6, steps=10, samples=11, t=0..1, {known}outputs=(R2, S2))"
+    flat = hp.integrate(hp.PlanarPair((1, 0), (0, 1)), T, 1.0, np.cos, outputs=())
+    assert repr(flat) == "PlanarTrajectory(magnus6, steps=10, samples=11, t=0..1, outputs=())"
+    result = hp.load_scene(MODELS / "reference_3d.toml").evaluate(("R2",))
+    assert repr(result) == (
+        f"SceneResult(samples={len(result.t)}, t={result.t[0]:g}..{result.t[-1]:g}, state={result.state!r})"
+    )
+
+
+@pytest.mark.parametrize(
+    ("model", "origin"), [("spinning_satellite", "integrated from rates"), ("gyro_log", "integrated from rates")]
+)
+def test_scenes_that_have_no_coordinates_say_what_they_have(model, origin):
+    with pytest.raises(hp.ArgumentError) as caught:
+        hp.derive(hp.load_scene(MODELS / f"{model}.toml"))
+    wanted = "a scene whose motion is coordinates as expressions in t"
+    assert str(caught.value) == f"motion: expected {wanted}, got one whose motion is {origin}"
+
+
+def test_scenes_of_samples_say_so(tmp_path):
+    (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n0,0,0,0,0,0,0,0\n1,0,0,0,0,0,0,1\n")
+    (tmp_path / "my.toml").write_text(
+        '[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\n[motion]\nfile = "log.csv"\n'
+    )
+    with pytest.raises(hp.ArgumentError, match="got one whose motion is samples in a file"):
+        _ = hp.load_scene(tmp_path / "my.toml").expressions

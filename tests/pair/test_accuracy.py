@@ -1,0 +1,249 @@
+"""The accuracy contract (README, "Accuracy") against the 60-digit reference; errors in units of u * scale."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support import reference, states
+from support.reference import BOUNDS, ORDINARY, OUTPUTS
+
+pytestmark = pytest.mark.usefixtures("each_backend")
+
+HARD = states.hard_states()
+
+
+def hinge_pair(constants):
+    u1, u2, n, home = constants
+    return hp.HingePair(u1=u1, u2=u2, n=n, home=home)
+
+
+def require(truth, found, ledger, way, bounds=ORDINARY):
+    """Every output within its bound, for every sample; the worst goes into the table at the end."""
+    worst = {name: ledger(way, name, truth.errors(name, found[name])) for name in OUTPUTS}
+    late = {name: value for name, value in worst.items() if not value <= bounds[name]}
+    assert not late, f"beyond the promise, in units of u * scale: {late}"
+
+
+def outputs_of(state):
+    return {name: getattr(state, name) for name in OUTPUTS}
+
+
+def batch(pair, motion, **options):
+    return outputs_of(pair.forward_kinematics(*motion, outputs=OUTPUTS, **options))
+
+
+def one_by_one(pair, motion, **options):
+    found = [batch(pair, [c[i] for c in motion], **options) for i in range(len(motion[0]))]
+    return {name: np.stack([f[name] for f in found]) for name in OUTPUTS}
+
+
+@pytest.fixture(scope="module")
+def random_states():
+    """200 states of 20 pairs, with their truth; thousands more in test_bounds.py."""
+    cases = []
+    for k in range(20):
+        rng = states.generator(1, k)
+        constants, motion = states.pair(rng, home=k % 4 > 0), states.coordinates(rng, 10)
+        cases.append((hinge_pair(constants), motion, reference.from_euler(constants, *motion)))
+    return cases
+
+
+@pytest.mark.parametrize("way", [batch, one_by_one])
+def test_random_states(random_states, ledger, way):
+    for pair, motion, truth in random_states:
+        require(truth, way(pair, motion), ledger, way.__name__)
+
+
+@pytest.mark.law
+def test_random_states_of_one_pair(ledger):
+    rng = states.generator(2)
+    constants, motion = states.pair(rng), states.coordinates(rng, 40)
+    truth, pair = reference.from_euler(constants, *motion), hinge_pair(constants)
+    require(truth, batch(pair, motion), ledger, "batch")
+    require(truth, one_by_one(pair, motion), ledger, "one_by_one")
+
+
+@pytest.mark.parametrize("sequence", ["ZYX", "zyx", "XZY", "ZXZ", "zxz", "YXY", "xyz", "yzy"])
+def test_other_sequences(sequence, ledger):
+    rng = states.generator(3)
+    constants, motion = states.pair(rng), states.coordinates(rng, 25)
+    truth, pair = reference.from_euler(constants, *motion, sequence=sequence), hinge_pair(constants)
+    require(truth, batch(pair, motion, sequence=sequence), ledger, "sequences")
+    require(truth, one_by_one(pair, motion, sequence=sequence), ledger, "sequences")
+
+
+def test_only_the_hinge_moves(ledger):
+    """Body 1 does not turn and u1 = 0: the scale holds the hinge's terms alone and nothing dilutes their rounding."""
+    rng = states.generator(11)
+    constants, (q, qd, qdd) = states.pair(rng, home=False), states.coordinates(rng, 60)
+    constants = (np.zeros(3), *constants[1:])
+    q[:, :3], qd[:, :6], qdd[:, :6] = 0, 0, 0
+    truth = reference.from_euler(constants, q, qd, qdd)
+    found = batch(hinge_pair(constants), (q, qd, qdd))
+    require(truth, found, ledger, "hinge alone", BOUNDS)
+
+
+def test_reference_example(ledger):
+    motion = states.reference_example(np.linspace(0.0, 10.0, 41))
+    truth, pair = reference.from_euler(states.REFERENCE_PAIR, *motion), hinge_pair(states.REFERENCE_PAIR)
+    require(truth, batch(pair, motion), ledger, "example")
+    require(truth, one_by_one(pair, motion), ledger, "example")
+
+
+@pytest.mark.parametrize("kind", ["matrix", "quaternion"])
+def test_given_attitude(kind, ledger):
+    rng = states.generator(4)
+    constants, pieces = states.pair(rng), list(states.body1(rng, 60))
+    psi, psid, psidd = rng.normal(size=(3, 60))
+    pair, names = hinge_pair(constants), ("v", "omega", "a", "alpha")
+    motion = dict(zip(names, pieces[2:], strict=True))
+    if kind == "matrix":
+        body1 = hp.BodyMotion(R=pieces[0], S=pieces[1], **motion)
+    else:
+        quat = rng.normal(size=(60, 4)) * 10 ** rng.uniform(-3, 3, (60, 1))
+        pieces[1] = reference.attitude_of_quaternion(quat)
+        body1 = hp.BodyMotion.from_quaternion_xyzw(R=pieces[0], quat_xyzw=quat, **motion)
+    truth = reference.from_attitude(constants, pieces, psi, psid, psidd)
+    state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd, outputs=OUTPUTS)
+    found = {name: np.array(x) for name, x in outputs_of(state).items()}
+    require(truth, found, ledger, kind)
+    for i in range(20):
+        alone = hp.BodyMotion(R=body1.R[i], S=body1.S[i], **{k: v[i] for k, v in motion.items()})
+        state = pair.forward_kinematics_from_body1(alone, psi[i], psid[i], psidd[i], outputs=OUTPUTS)
+        for name in OUTPUTS:
+            found[name][i] = getattr(state, name)
+    require(truth, found, ledger, kind)
+
+
+@pytest.mark.parametrize("way", [batch, one_by_one])
+def test_float32_states(way, ledger):
+    rng = states.generator(5)
+    constants = [None if c is None else np.float32(c) for c in states.pair(rng, home=False)]
+    motion = [c.astype(np.float32) for c in states.coordinates(rng, 100)]
+    found = way(hinge_pair(constants), motion)
+    assert {x.dtype for x in found.values()} == {np.dtype(np.float32)}
+    require(reference.from_euler(constants, *motion), found, ledger, "float32")
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, id=name.replace(" ", "_")) for name in HARD])
+def test_hard_state(name, ledger):
+    """Alone, and in a batch whose other samples are ordinary."""
+    constants, *motion = HARD[name]
+    assert len(HARD) + len(states.hard_attitudes()) >= 60
+    neighbours = states.coordinates(states.generator(6), 2)
+    motion = [np.stack([a[0], c, a[1]]) for a, c in zip(neighbours, motion, strict=True)]
+    truth, pair = reference.from_euler(constants, *motion), hinge_pair(constants)
+    require(truth, batch(pair, motion), ledger, "hard", BOUNDS)
+    require(truth, one_by_one(pair, motion), ledger, "hard", BOUNDS)
+
+
+GIVEN = states.hard_attitudes()
+_TRUTH_OF = {
+    "quat_xyzw": reference.attitude_of_quaternion,
+    "quat_wxyz": lambda quat: reference.attitude_of_quaternion(np.roll(quat, -1, axis=-1)),
+    "rotvec": reference.attitude_of_rotvec,
+    "S": reference.exactly,
+}
+_MAKERS = {
+    "quat_xyzw": hp.BodyMotion.from_quaternion_xyzw,
+    "quat_wxyz": hp.BodyMotion.from_quaternion_wxyz,
+    "rotvec": hp.BodyMotion.from_rotvec,
+    "S": hp.BodyMotion,
+}
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, id=name.replace(" ", "_")) for name in GIVEN])
+def test_hard_attitude(name, ledger):
+    """Given from outside, alone and between ordinary ones."""
+    kind, numbers = GIVEN[name]
+    rng = states.generator(13)
+    constants, pieces = states.pair(rng), list(states.body1(rng, 3))
+    ordinary = {"quat_xyzw": rng.normal(size=(3, 4)), "rotvec": rng.normal(size=(3, 3)), "S": pieces[1]}
+    given = np.array(ordinary["quat_xyzw" if kind == "quat_wxyz" else kind])
+    given[1] = numbers
+    pieces[1] = _TRUTH_OF[kind](given)
+    psi, psid, psidd = rng.normal(size=(3, 3))
+    truth, pair = reference.from_attitude(constants, pieces, psi, psid, psidd), hinge_pair(constants)
+    names = ("R", "v", "omega", "a", "alpha")
+    rest = dict(zip(names, (pieces[0], *pieces[2:]), strict=True))
+    state = pair.forward_kinematics_from_body1(
+        _MAKERS[kind](**{kind: given}, **rest), psi, psid, psidd, outputs=OUTPUTS
+    )
+    require(truth, outputs_of(state), ledger, "hard", BOUNDS)
+    alone = [_MAKERS[kind](**{kind: given[i]}, **{k: c[i] for k, c in rest.items()}) for i in range(3)]
+    found = [
+        outputs_of(pair.forward_kinematics_from_body1(body1, psi[i], psid[i], psidd[i], outputs=OUTPUTS))
+        for i, body1 in enumerate(alone)
+    ]
+    together = {key: np.stack([f[key] for f in found]) for key in OUTPUTS}
+    require(truth, together, ledger, "hard", BOUNDS)
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("name", ["psi=1e+16", "R1=1e+08", "all_angles_1e+300"])
+def test_hard_state_law(name, ledger):
+    test_hard_state(name.replace("_", " "), ledger)
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("psi", [1e-160, 1e-12, 1e-9, 1e-8, 1e-6, 1e-3, 0.1])
+def test_small_turn_keeps_its_digits(psi):
+    """Sh - I, component by component, relatively: 1 - cos psi would have no digit left at 1e-9."""
+    axis = np.array([1.0, 1.0, 0.0])
+    Sh = hp.rodrigues(axis, psi)
+    with mpmath.workdps(2 * 160 + 60):
+        half = mpmath.sin(mpmath.mpf(psi) / 2) ** 2
+        sine = mpmath.sin(mpmath.mpf(psi)) / mpmath.sqrt(2)
+        expected = {(0, 1): half, (1, 0): half, (0, 2): sine, (2, 0): -sine, (1, 2): -sine, (2, 1): sine}
+        for place, value in expected.items():
+            floor = mpmath.mpf(2) ** -1074  # 1 - cos 1e-160 is subnormal
+            assert abs(mpmath.mpf(float(Sh[place])) - value) <= 6 * mpmath.mpf(2) ** -53 * abs(value) + floor, place
+
+
+@pytest.mark.law
+def test_small_turn_through_the_pair():
+    """The same digits arrive in S2 when nothing else turns."""
+    pair = hp.HingePair(u1=(1, 2, 3), u2=(3, 2, 1), n=(1, 1, 0))
+    S2 = pair.forward_kinematics((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.array([1e-9, 1e-7, 1e-5]))).S2
+    for S, psi in zip(S2, (1e-9, 1e-7, 1e-5), strict=True):
+        exact = np.sin(psi / 2) ** 2
+        assert abs(S[0, 1] - exact) <= 16 * 2.0**-53 * exact
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("place", range(7))
+def test_a_sample_that_is_no_number_stays_in_its_sample(bad, place, ledger):
+    rng = states.generator(10)
+    constants, motion = states.pair(rng), states.coordinates(rng, 4)
+    motion[0][2, place] = bad
+    found = batch(hinge_pair(constants), motion)
+    clean = [np.delete(c, 2, axis=0) for c in motion]
+    truth = reference.from_euler(constants, *clean)
+    require(truth, {name: np.delete(x, 2, axis=0) for name, x in found.items()}, ledger, "beside NaN")
+    assert not np.isfinite(found["R2"][2]).all()
+    assert place < 3 or not np.isfinite(found["S2"][2]).all()
+    alone = batch(hinge_pair(constants), [c[2] for c in motion])
+    assert not np.isfinite(alone["R2"]).all()
+
+
+def test_the_reference_agrees_with_itself():
+    """Two independent ways through the oracle, and omega1 of the reference example in closed form."""
+    t = np.linspace(0.0, 10.0, 11)
+    q, qd, qdd = states.reference_example(t)
+    truth = reference.from_euler(states.REFERENCE_PAIR, q, qd, qdd)
+    x, y = q[:, 3].astype(object) + mpmath.mpf(0), q[:, 4].astype(object) + mpmath.mpf(0)
+    with mpmath.workdps(reference.DIGITS):
+        for i in range(len(t)):
+            cx, sx, cy, sy = mpmath.cos(x[i]), mpmath.sin(x[i]), mpmath.cos(y[i]), mpmath.sin(y[i])
+            exact = (3 + 5 * sy, cx - 5 * sx * cy, sx + 5 * cx * cy)
+            for got, expected in zip(truth.values["omega1"][i], exact, strict=True):
+                assert abs(got - expected) < mpmath.mpf(10) ** -55
+    body1 = (q[:, :3], truth.values["S1"], qd[:, :3], truth.values["omega1"], qdd[:, :3], truth.values["alpha1"])
+    again = reference.from_attitude(states.REFERENCE_PAIR, body1, q[:, 6], qd[:, 6], qdd[:, 6])
+    for name in OUTPUTS:
+        scale = 1 + float(abs(truth.values[name]).max())
+        # omega1 and alpha1 were rounded to doubles on the way.
+        assert float(abs(truth.values[name] - again.values[name]).max()) <= 64 * 2.0**-53 * scale, name

@@ -1,0 +1,126 @@
+"""Mass properties, shapes and limits: what no body or hinge can have is refused; the kinematics ignore the rest."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.rotations.matrices import rotation_exp
+from support import states
+
+U = 2.0**-53
+
+
+def turned(moments, rotvec=(0.4, -1.1, 2.0)):
+    turn = rotation_exp(rotvec)
+    return turn @ np.diag(moments) @ turn.T
+
+
+@pytest.mark.parametrize(
+    "moments", [(1, 1, 1), (1, 2, 2.5), (1e-9, 1, 1), (1, 2, 3), (1, 1, 2), (1e200, 2e200, 2e200)]
+)
+def test_an_inertia_that_a_rigid_body_can_have_is_kept(moments):
+    given = turned(moments)
+    inertia = hp.Body(inertia=given).inertia
+    assert np.abs(inertia - given).max() <= 2 * U * max(moments)
+    assert np.array_equal(inertia, inertia.T)
+
+
+def test_without_an_inertia_the_radius_of_gyration_is_a_tenth_of_a_metre():
+    assert np.array_equal(hp.Body(mass=3).inertia, 0.03 * np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mass": 0}, "mass: expected a number above 0, got 0"),
+        ({"mass": -1.0}, "mass: expected a number above 0"),
+        ({"mass": math.inf}, "mass: expected a finite number"),
+        ({"mass": "1"}, "mass: expected a finite number"),
+        ({"center_of_mass": (0, 0)}, "center_of_mass: expected shape"),
+        ({"center_of_mass": np.zeros((2, 3))}, "center_of_mass: expected shape"),
+        ({"center_of_mass": (0, math.nan, 0)}, "center_of_mass: expected finite numbers"),
+        ({"inertia": np.eye(2)}, "inertia: expected shape"),
+        ({"inertia": np.zeros((2, 3, 3))}, "inertia: expected shape"),
+        ({"inertia": np.zeros((3, 3))}, "inertia: expected principal moments above 0"),
+        ({"inertia": np.diag([1, 1, -1])}, "inertia: expected principal moments above 0"),
+        ({"inertia": np.diag([0, 1, 1])}, "inertia: expected principal moments above 0"),
+        ({"inertia": [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]}, "inertia: expected a symmetric matrix"),
+        (
+            {"inertia": np.diag([1, 1, 2.0001])},
+            "inertia: expected no principal moment above the sum of the other two",
+        ),
+        ({"inertia": turned((1, 2, 3 + 1e-12))}, "inertia: expected no principal moment above the sum"),
+        ({"shapes": ("box",)}, "shapes: expected Box, Cylinder or Sphere, got 'box'"),
+        ({"shapes": hp.Sphere(1)}, "shapes: expected a sequence of Box, Cylinder and Sphere"),
+    ],
+)
+def test_what_no_rigid_body_has_is_refused_by_name(change, message):
+    with pytest.raises(hp.ArgumentError, match="^" + message.replace("(", r"\(")):
+        hp.Body(**change)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: hp.Box(size=(1, 0, 1)), "size: expected three lengths above 0"),
+        (lambda: hp.Box(size=1), "size: expected shape"),
+        (lambda: hp.Sphere(radius=-1), "radius: expected a number above 0"),
+        (lambda: hp.Sphere(radius=1, center=(0, 0)), "center: expected shape"),
+        (lambda: hp.Cylinder(radius=1, length=0), "length: expected a number above 0"),
+        (lambda: hp.Cylinder(radius=1, length=1, axis=(0, 0, 0)), "axis: expected a non-zero axis"),
+        (lambda: hp.Cylinder(radius=1, length=1, axis=np.ones((2, 3))), "axis: expected shape"),
+    ],
+)
+def test_a_shape_without_extent_is_refused_by_name(make, message):
+    with pytest.raises(hp.ArgumentError, match=f"^{message}"):
+        make()
+
+
+@pytest.mark.parametrize(
+    "limits", [(1, -1), (1, 1), (0, math.inf), (math.nan, 1), (1,), (1, 2, 3), 1, ((0, 1), (0, 1))], ids=str
+)
+def test_limits_that_leave_no_range_are_refused(limits):
+    with pytest.raises(hp.ArgumentError, match=r"^limits: expected"):
+        hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), limits=limits)
+
+
+@pytest.mark.parametrize("name", ["body1", "body2"])
+def test_what_is_no_body_is_refused(name):
+    with pytest.raises(hp.ArgumentError, match=f"^{name}: expected a Body, got 2.5"):
+        hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), **{name: 2.5})
+
+
+@pytest.mark.law
+def test_limits_and_bodies_do_not_touch_the_kinematics():
+    u1, u2, n, home = states.pair(states.generator(90))
+    q, qd, qdd = states.coordinates(states.generator(91), 5)
+    q[0, 6] = 3.0
+    plain = hp.HingePair(u1, u2, n, home).forward_kinematics(q, qd, qdd)
+    laden = hp.HingePair(u1, u2, n, home, limits=(-0.1, 0.1), body1=hp.Body(mass=5), body2=hp.Body(mass=7))
+    for name, value in laden.forward_kinematics(q, qd, qdd).arrays().items():
+        assert np.array_equal(value, getattr(plain, name))
+
+
+def test_the_representation_is_the_call_that_makes_it():
+    shapes = (hp.Box((1, 2, 3), (4, 5, 6)), hp.Cylinder(1, 2, (0, 0, 1), (0, 3, 4)), hp.Sphere(2))
+    body = hp.Body(2, (1, 2, 3), np.diag([2, 3, 4]), shapes)
+    pair = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), name="arm", limits=(-1, 2), body1=body)
+    assert repr(eval(repr(pair), vars(hp))) == repr(pair)
+    assert "limits=(-1.0, 2.0), body1=Body(mass=2.0" in repr(pair)
+    assert "body2" not in repr(pair)
+    assert "limits" not in repr(hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+
+
+def test_what_is_given_is_copied_and_read_only():
+    inertia = np.eye(3)
+    body = hp.Body(inertia=inertia)
+    inertia[0, 0] = 7
+    assert body.inertia[0, 0] == 1
+    with pytest.raises(ValueError, match="read-only"):
+        body.inertia[0, 0] = 2
+    with pytest.raises(AttributeError):
+        body.mass = 2

@@ -1,0 +1,310 @@
+"""What crosses the border, as properties of values (Hypothesis): any shape, layout, type; NaN; what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+import hingepair as hp
+from support.reference import OUTPUTS, UNIT, euler_scales
+from support.states import generator, rotations
+
+pytestmark = pytest.mark.usefixtures("each_backend")
+
+U = 2.0**-53
+PAIR = (
+    np.array([0.5, -0.2, 0.1]),
+    np.array([-0.25, 0.1, 0.3]),
+    np.array([1.0, -2.0, 3.0]),
+    rotations(generator(70), 1)[0],
+)
+ONE = hp.HingePair(u1=PAIR[0], u2=PAIR[1], n=PAIR[2], home=PAIR[3])
+TAIL = {name: (3, 3) if name.startswith("S") else (3,) for name in OUTPUTS}
+few = settings(
+    max_examples=20, derandomize=True, deadline=None, database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)  # fmt: skip
+
+NUMBERS = st.floats(-100.0, 100.0)
+SHAPES = hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=3)
+
+
+def read_only(a):
+    a = a.copy()
+    a.flags.writeable = False
+    return a
+
+
+def strided(a):
+    wide = np.full(tuple(2 * n for n in a.shape), np.nan, a.dtype)
+    wide[(slice(None, None, 2),) * a.ndim] = a
+    return wide[(slice(None, None, 2),) * a.ndim]
+
+
+def unaligned(a):
+    raw = np.zeros(a.nbytes + 1, np.uint8)
+    view = raw[1:].view(a.dtype).reshape(a.shape)
+    view[...] = a
+    return view
+
+
+LAYOUTS = {
+    "plain": lambda a: a.copy(),
+    "fortran": np.asfortranarray,
+    "strided": strided,
+    "reversed": lambda a: np.ascontiguousarray(a[..., ::-1])[..., ::-1],
+    "read_only": read_only,
+    "big_endian": lambda a: a.astype(a.dtype.newbyteorder(">")),
+    "unaligned": unaligned,
+    "transposed": lambda a: np.ascontiguousarray(a.T).T,
+}
+layouts = st.sampled_from(list(LAYOUTS))
+moving = SHAPES.flatmap(lambda shape: st.tuples(*[hnp.arrays(np.float64, (*shape, 7), elements=NUMBERS)] * 3))
+
+
+def scales_of(motion):
+    flat = [np.asarray(c, float).reshape(-1, 7) for c in motion]
+    return euler_scales(PAIR, *flat)
+
+
+def require(found, expected, scales, ulps, keep=slice(None)):
+    for name in OUTPUTS:
+        got, want = (np.asarray(getattr(s, name)) for s in (found, expected))
+        assert got.shape == want.shape, name
+        count = int(np.prod(TAIL[name]))
+        rows = got.reshape(-1, count).astype(float) - want.reshape(-1, count)
+        allowed = ulps * UNIT[got.dtype] * scales[name] + np.finfo(got.dtype).tiny
+        assert np.all(abs(rows).max(axis=-1, initial=0.0)[keep] <= np.broadcast_to(allowed, len(rows))[keep]), name
+
+
+@few
+@given(moving, st.tuples(layouts, layouts, layouts))
+def test_any_shape_and_layout(motion, names):
+    expected = ONE.forward_kinematics(*motion, outputs=OUTPUTS)
+    mine = [LAYOUTS[name](c) for name, c in zip(names, motion, strict=True)]
+    found = ONE.forward_kinematics(*mine, outputs=OUTPUTS)
+    shape = motion[0].shape[:-1]
+    assert all(getattr(found, name).shape == (*shape, *TAIL[name]) for name in OUTPUTS)
+    require(found, expected, scales_of(motion), 2)
+    assert all(np.array_equal(c, m) for c, m in zip(motion, mine, strict=True))
+    with pytest.raises(ValueError, match="read-only"):
+        found.R2[...] = 0
+
+
+@few
+@given(moving, st.sampled_from(["<f4", ">f4", "<i8", "<i4", ">i2", "<u2", "|i1"]))
+def test_types(motion, dtype):
+    """float32 stays; integers and foreign byte orders are as good as what they hold."""
+    cast = [c.astype(dtype) for c in (np.abs(m) if dtype[1] == "u" else m for m in motion)]
+    native = np.float32 if dtype.endswith("f4") else np.float64
+    found = ONE.forward_kinematics(*cast, outputs=OUTPUTS)
+    assert {getattr(found, name).dtype for name in OUTPUTS} == {np.dtype(native)}
+    same = [c.astype(native) for c in cast]
+    require(found, ONE.forward_kinematics(*same, outputs=OUTPUTS), scales_of(same), 2)
+
+
+@few
+@given(
+    st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=7, max_size=7),
+    st.lists(st.integers(0, 3), min_size=7, max_size=7),
+)
+def test_seven_that_broadcast(values, forms):
+    """A number, a 0-d array, a column, a row: the tuple of seven is the array that they broadcast to."""
+    make = (
+        lambda v: v[0],
+        lambda v: np.array(v[0]),
+        lambda v: np.array(v)[:, None],
+        lambda v: np.array(v[:2]),
+    )
+    q = tuple(make[form](value) for form, value in zip(forms, values, strict=True))
+    packed = np.stack(np.broadcast_arrays(*(np.asarray(x, float) for x in q)), axis=-1)
+    rest = np.zeros(7)
+    found = ONE.forward_kinematics(q, rest, rest, outputs=OUTPUTS)
+    expected = ONE.forward_kinematics(packed, rest, rest, outputs=OUTPUTS)
+    require(found, expected, scales_of((packed, 0 * packed, 0 * packed)), 2)
+
+
+@few
+@given(hnp.arrays(np.float64, (3, 5, 7), elements=NUMBERS))
+def test_batch_equals_single(motion):
+    expected = ONE.forward_kinematics(*motion, outputs=OUTPUTS)
+    alone = [ONE.forward_kinematics(*motion[:, i], outputs=OUTPUTS) for i in range(5)]
+    stacked = type("Stacked", (), {name: np.stack([getattr(s, name) for s in alone]) for name in OUTPUTS})
+    require(stacked, expected, scales_of(motion), 2)
+
+
+@few
+@given(
+    hnp.arrays(np.float64, (3, 6, 7), elements=NUMBERS),
+    st.lists(st.tuples(st.integers(0, 2), st.integers(0, 5), st.integers(0, 6)), min_size=1, max_size=4),
+    st.sampled_from([np.nan, np.inf, -np.inf]),
+)
+def test_what_is_no_number_stays_in_its_sample(motion, places, bad):
+    clean = ONE.forward_kinematics(*motion, outputs=OUTPUTS)
+    dirty = motion.copy()
+    for place in places:
+        dirty[place] = bad
+    found = ONE.forward_kinematics(*dirty, outputs=OUTPUTS)
+    untouched = sorted(set(range(6)) - {sample for _, sample, _ in places})
+    require(found, clean, scales_of(motion), 2, keep=untouched)
+    for level, sample, column in places:
+        output = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"))[column > 2][level]
+        assert not np.isfinite(getattr(found, output)[sample]).all(), (level, column)
+
+
+@few
+@given(st.integers(0, 4), st.tuples(st.integers(0, 2), st.integers(0, 2)), st.sampled_from([np.nan, np.inf]))
+def test_a_given_attitude_that_is_no_number_poisons_its_own_sample(sample, place, bad):
+    S = rotations(generator(71), 5)
+    dirty = S.copy()
+    dirty[(sample, *place)] = bad
+    clean, found = (ONE.forward_kinematics_from_body1(hp.BodyMotion(R=np.zeros(3), S=s), 0.5) for s in (S, dirty))
+    others = [i for i in range(5) if i != sample]
+    assert np.array_equal(found.R2[others], clean.R2[others])
+    assert not np.isfinite(found.S2[sample]).all()
+
+
+@few
+@given(hnp.arrays(np.float64, 3, elements=st.floats(-1.0, 1.0)), st.integers(-1000, 1000))
+def test_an_axis_has_no_length(axis, exponent):
+    """Times a power of two: the very same pair; and n is of unit length, whatever came."""
+    largest = abs(axis).max()
+    if largest < 1e-3 or (abs(axis)[axis != 0] < 1e-3).any():
+        axis = np.array([0.3, -0.4, 0.5])
+    pairs = [hp.HingePair(u1=PAIR[0], u2=PAIR[1], n=n) for n in (axis, np.ldexp(axis, exponent))]
+    q, qd = np.linspace(-1.0, 1.0, 7), np.linspace(2.0, -1.0, 7)
+    one, other = (p.forward_kinematics(q, qd) for p in pairs)
+    assert np.array_equal(pairs[0].n, pairs[1].n)
+    assert np.array_equal(one.v2, other.v2)
+    assert np.array_equal(one.omega2, other.omega2)
+    assert abs(np.linalg.norm(pairs[1].n) - 1) <= 2 * U
+    assert abs(np.swapaxes(one.S2, -1, -2) @ one.S2 - np.eye(3)).max() <= 24 * U
+
+
+@few
+@given(
+    st.integers(1, 3), st.sets(st.sampled_from(["u1", "u2", "n", "home"])),
+    hnp.arrays(np.float64, (3, 2, 7), elements=NUMBERS), st.integers(0, 99),
+)  # fmt: skip
+def test_pairs_that_vary(count, varying, motion, key):
+    """Constants with a leading axis, each on its own, are so many pairs."""
+    rng = generator(73, key)
+    own = {"u1": rng.normal(size=(count, 3)), "u2": rng.normal(size=(count, 3)), "n": rng.normal(size=(count, 3))}
+    own["home"] = rotations(rng, count)
+    shaped = {k: v[:, None] if k in varying else v[0] for k, v in own.items()}
+    found = hp.HingePair(**shaped).forward_kinematics(*motion, outputs=OUTPUTS)
+    pairs = count if varying else 1
+    for i in range(pairs):
+        constants = {k: v[i] if k in varying else v[0] for k, v in own.items()}
+        expected = hp.HingePair(**constants).forward_kinematics(*motion, outputs=OUTPUTS)
+        scales = euler_scales(tuple(constants.values()), *motion)
+        mine = {name: np.asarray(getattr(found, name)) for name in OUTPUTS}
+        assert all(x.shape == ((count, 2) if varying else (2,)) + TAIL[name] for name, x in mine.items())
+        require(type("One", (), {k: x[i] if varying else x for k, x in mine.items()}), expected, scales, 2)
+
+
+@few
+@given(st.integers(0, 3), st.integers(0, 2), st.sampled_from([np.nan, np.inf, -np.inf]))
+def test_attitudes_of_other_forms(sample, place, bad):
+    """A quaternion or rotation vector that is no number poisons its own sample; a quaternion of zero is refused."""
+    rng, R = generator(74), np.zeros(3)
+    forms = (
+        (hp.BodyMotion.from_quaternion_xyzw, "quat_xyzw", rng.normal(size=(4, 4))),
+        (hp.BodyMotion.from_quaternion_wxyz, "quat_wxyz", rng.normal(size=(4, 4))),
+        (hp.BodyMotion.from_rotvec, "rotvec", rng.normal(size=(4, 3))),
+    )
+    for make, name, numbers in forms:
+        dirty = numbers.copy()
+        dirty[sample, place] = bad
+        clean, found = (np.asarray(make(R=R, **{name: x}).S) for x in (numbers, dirty))
+        others = [i for i in range(4) if i != sample]
+        assert np.array_equal(found[others], clean[others])
+        assert not np.isfinite(found[sample]).all()
+        if name != "rotvec":
+            dirty[sample] = 0.0
+            with pytest.raises(hp.RotationError) as caught:
+                make(R=R, **{name: dirty})
+            assert caught.value.name == name
+
+
+@pytest.mark.law
+@few
+@given(st.floats(0.0, 2e-10), st.floats(1e-8, 0.5), hnp.arrays(np.float64, (3, 3), elements=st.floats(-1.0, 1.0)))
+def test_how_far_from_a_rotation(honest, bad, noise):
+    """Round-off and honest data pass; what is further off is refused, with the way out named; a reflection too."""
+    S = rotations(generator(72), 1)[0]
+    hp.BodyMotion(R=np.zeros(3), S=S + honest * noise)
+    hp.HingePair(u1=PAIR[0], u2=PAIR[1], n=PAIR[2], home=S + honest * noise)
+    stretched = S * (1 + bad)
+    for refused in (stretched, -S, S[::-1]):
+        with pytest.raises(hp.RotationError, match=r"S: .*project_to_rotation"):
+            hp.BodyMotion(R=np.zeros(3), S=refused)
+        with pytest.raises(hp.RotationError, match=r"home: .*project_to_rotation"):
+            hp.HingePair(u1=PAIR[0], u2=PAIR[1], n=PAIR[2], home=refused)
+    hp.BodyMotion(R=np.zeros(3), S=hp.project_to_rotation(stretched))
+    for reflection in (-S, S[::-1]):
+        with pytest.raises(hp.RotationError, match="M: "):
+            hp.project_to_rotation(reflection)
+
+
+MASKED = object()
+
+
+def filled(shape, x):
+    return np.ma.masked_array(np.ones(shape), mask=True) if x is MASKED else np.full(shape, x)
+
+
+REST = {"R": np.zeros(3)}
+CALLS = {
+    "q": lambda x: ONE.forward_kinematics(filled(7, x)),
+    "qd": lambda x: ONE.forward_kinematics(np.zeros(7), filled(7, x)),
+    "qdd": lambda x: ONE.forward_kinematics(np.zeros(7), np.zeros(7), filled((2, 7), x)),
+    "q[3]": lambda x: ONE.forward_kinematics((0.0, 0.0, 0.0, filled(2, x), 0.0, 0.0, 0.0)),
+    "psi": lambda x: ONE.forward_kinematics_from_body1(hp.BodyMotion(S=np.eye(3), **REST), filled(1, x)),
+    "R": lambda x: hp.BodyMotion(R=filled(3, x), S=np.eye(3)),
+    "S": lambda x: hp.BodyMotion(S=filled((3, 3), x), **REST),
+    "omega": lambda x: hp.BodyMotion(S=np.eye(3), omega=filled(3, x), **REST),
+    "quat_xyzw": lambda x: hp.BodyMotion.from_quaternion_xyzw(quat_xyzw=filled(4, x), **REST),
+    "quat_wxyz": lambda x: hp.BodyMotion.from_quaternion_wxyz(quat_wxyz=filled(4, x), **REST),
+    "rotvec": lambda x: hp.rotation_exp(filled(3, x)),
+    "phi": lambda x: hp.euler_to_matrix(filled(3, x)),
+    "M": lambda x: hp.project_to_rotation(filled((3, 3), x)),
+    "u1": lambda x: hp.HingePair(u1=filled(3, x), u2=PAIR[1], n=PAIR[2]),
+    "u2": lambda x: hp.HingePair(u1=PAIR[0], u2=filled(3, x), n=PAIR[2]),
+    "n": lambda x: hp.HingePair(u1=PAIR[0], u2=PAIR[1], n=filled(3, x)),
+    "home": lambda x: hp.HingePair(u1=PAIR[0], u2=PAIR[1], n=PAIR[2], home=filled((3, 3), x)),
+}
+FOREIGN = {
+    "complex": 1j, "object": None, "text": "1", "bool": True, "float16": np.float16(1),
+    "longdouble": np.longdouble(1), "mask": MASKED,
+    "date": np.datetime64("2024-01-01"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.parametrize("kind", FOREIGN)
+def test_numbers_of_another_kind_are_refused_by_name(name, kind):
+    with pytest.raises(hp.DtypeError) as caught:
+        CALLS[name](FOREIGN[kind])
+    assert caught.value.name == name
+
+
+@pytest.mark.parametrize("name", ["u1", "u2", "n", "home"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_constants_are_finite(name, bad):
+    with pytest.raises(ValueError, match=f"^{name}: ") as caught:
+        CALLS[name](bad)
+    assert caught.value.name == name
+
+
+def test_values_compare_as_objects():
+    """The generated == of a dataclass would ask an array for its truth."""
+    body1 = hp.BodyMotion(S=np.eye(3), **REST)
+    other = hp.HingePair(u1=PAIR[0], u2=PAIR[1], n=PAIR[2])
+    assert ONE == ONE  # noqa: PLR0124
+    assert body1 == body1  # noqa: PLR0124
+    assert other != ONE
+    assert len({ONE, other, body1}) == 3

@@ -1,0 +1,61 @@
+"""The hinge angle and its derivatives, recovered from two motions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.hinged import bodies, made, only
+from support.states import coordinates, generator
+from support.states import pair as random_pair
+
+U = 2.0**-53
+
+
+def angle_between(a, b):
+    """The difference without multiples of 2 pi, in float64."""
+    gap = np.asarray(a) - b
+    return abs(gap - 2 * np.pi * np.round(gap / (2 * np.pi)))
+
+
+def test_psi_comes_back_from_every_angle():
+    """Log-spaced away from 0 and from pi, to 8u: S1 and S2 hold no more."""
+    away = 10.0 ** -np.arange(0, 18)
+    psi = np.concatenate([[0.0, np.pi, -np.pi], away, -away, np.pi - away, away - np.pi, np.linspace(-3.1, 3.1, 40)])
+    for key, home in ((0, None), (1, random_pair(generator(85, 9))[3])):
+        q = coordinates(generator(90), len(psi))[0]
+        q[:, 6] = psi
+        pair = made(key, home=home)
+        found = pair.residuals(*(only(b, "R", "S") for b in bodies(pair, (q, q, q))))
+        assert angle_between(found.psi, psi).max() <= 12 * U
+        assert abs(found.psi).max() <= np.pi
+
+
+def test_rates_and_accelerations_of_psi_come_back():
+    pair, motion = made(), coordinates(generator(91), 200)
+    found = pair.residuals(*bodies(pair, motion))
+    W = abs(motion[1][:, 3:]).sum(axis=-1)
+    A = abs(motion[2][:, 3:]).sum(axis=-1) + W * W
+    assert np.all(abs(found.psid - motion[1][:, 6]) <= 12 * U * W)
+    assert np.all(abs(found.psidd - motion[2][:, 6]) <= 12 * U * A)
+
+
+def test_psi_unwraps_along_time():
+    pair, t = made(), np.linspace(0, 10, 400)
+    q = coordinates(generator(99), 400)[0]
+    q[:, 6] = 10 * t - 3
+    poses = [only(b, "R", "S") for b in bodies(pair, (q, q, q))]
+    found = pair.residuals(*poses)
+    assert abs(found.unwrapped_psi() - q[:, 6]).max() <= 64 * U * 100
+    S = np.array(poses[1].S)
+    S[40] = np.nan
+    holed = pair.residuals(poses[0], hp.BodyMotion(R=poses[1].R, S=S)).unwrapped_psi()
+    assert np.flatnonzero(np.isnan(holed)).tolist() == [40]
+    assert np.nanmax(abs(holed - q[:, 6])) <= 64 * U * 100
+    both = hp.BodyMotion(R=0 * S[:, None, 0], S=np.stack([poses[1].S] * 2, axis=1))
+    pairs = pair.residuals(hp.BodyMotion(R=0 * S[:, None, 0], S=poses[0].S[:, None]), both)
+    assert np.array_equal(pairs.unwrapped_psi(axis=0)[:, 1], found.unwrapped_psi())
+    for axis in (1, -2, True, "t"):
+        with pytest.raises(hp.ArgumentError, match="axis: expected an axis of samples"):
+            found.unwrapped_psi(axis)

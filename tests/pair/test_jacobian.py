@@ -1,0 +1,171 @@
+"""Jacobians of body 2 and their rates: against the motion itself, Pinocchio, and differences in time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hingepair as hp
+from hingepair.rotations.sequences import SEQUENCES
+from hingepair.validation.cross_validate import to_pinocchio
+from support.states import body1 as random_body1
+from support.states import coordinates, generator, hard_states
+from support.states import pair as random_pair
+
+U = 2.0**-53
+COUNT = 40
+
+
+def made(key, **changes):
+    constants = dict(zip(("u1", "u2", "n", "home"), random_pair(generator(70, key)), strict=True)) | changes
+    return hp.HingePair(**constants)
+
+
+def moving(key, count=COUNT):
+    rng = generator(71, key)
+    R, S, v, omega, a, alpha = random_body1(rng, count)
+    return hp.BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha), *rng.normal(size=(3, count))
+
+
+def lever(pair):
+    return sum(math.hypot(*u) for u in (pair.u1.tolist(), pair.u2.tolist()))
+
+
+def size(pair, body1, psid):
+    """abs(v1) + W lever, W: the scale of (v2, omega2)."""
+    W = np.linalg.norm(body1.omega, axis=-1) + abs(psid)
+    return np.stack([np.linalg.norm(body1.v, axis=-1) + W * lever(pair)] * 3 + [W] * 3, axis=-1)
+
+
+PAIRS = {"home": {}, "no_home": {"home": None}, "axis_z": {"n": (0, 0, 5)}, "u2_zero": {"u2": (0, 0, 0)}}
+
+
+@pytest.mark.parametrize("kind", PAIRS)
+def test_velocity_is_the_jacobian_times_the_velocities(kind):
+    pair, (body1, psi, psid, _) = made(1, **PAIRS[kind]), moving(1)
+    state = pair.forward_kinematics_from_body1(body1, psi, psid)
+    given = np.concatenate([body1.v, body1.omega, psid[:, None]], axis=-1)
+    found = (pair.jacobian(body1, psi) @ given[..., None])[..., 0]
+    expected = np.concatenate([state.v2, state.omega2], axis=-1)
+    assert np.all(abs(found - expected) <= 12 * U * size(pair, body1, psid))
+
+
+@pytest.mark.parametrize("kind", PAIRS)
+def test_acceleration_is_the_jacobian_times_the_accelerations_and_the_bias(kind):
+    pair, (body1, psi, psid, psidd) = made(2, **PAIRS[kind]), moving(2)
+    state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd)
+    given = np.concatenate([body1.a, body1.alpha, psidd[:, None]], axis=-1)
+    found = (pair.jacobian(body1, psi) @ given[..., None])[..., 0] + pair.acceleration_bias(body1, psi, psid)
+    expected = np.concatenate([state.a2, state.alpha2], axis=-1)
+    W = np.linalg.norm(body1.omega, axis=-1) + abs(psid)
+    A = np.linalg.norm(body1.alpha, axis=-1) + abs(psidd) + W * W
+    scale = np.stack([np.linalg.norm(body1.a, axis=-1) + 2 * A * lever(pair)] * 3 + [A] * 3, axis=-1)
+    assert np.all(abs(found - expected) <= 16 * U * scale)
+
+
+def test_jacobian_and_bias_are_those_of_pinocchio():
+    """Pinocchio's free-flyer velocity is in body 1's axes: Jac = J X, Jac' = J' X + J X', X = (S1^T, S1^T, 1)."""
+    pair, (body1, psi, psid, _) = made(3), moving(3)
+    twin = to_pinocchio(pair)
+    q, v = twin.configuration(body1, psi), twin.velocity(body1, psi, psid)
+    found, bias = pair.jacobian(body1, psi), pair.acceleration_bias(body1, psi, psid)
+    for i in range(COUNT):
+        pin.computeJointJacobiansTimeVariation(twin.model, twin.data, q[i], v[i])
+        pin.updateFramePlacements(twin.model, twin.data)
+        frame = twin.model, twin.data, twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
+        J, J_dot = pin.getFrameJacobian(*frame), pin.getFrameJacobianTimeVariation(*frame)
+        S, omega = body1.S[i], body1.omega[i]
+        X, X_dot = np.eye(7), np.zeros((7, 7))
+        X[:3, :3] = X[3:6, 3:6] = S.T
+        X_dot[:3, :3] = X_dot[3:6, 3:6] = -S.T @ pin.skew(omega)
+        assert abs(found[i] - J @ X).max() <= 32 * U * (1 + lever(pair) + abs(body1.R[i]).max())
+        given = np.concatenate([body1.v[i], omega, [psid[i]]])
+        W = np.linalg.norm(omega) + abs(psid[i])
+        scale = W * W * (1 + lever(pair) + abs(body1.R[i]).max()) + W * np.linalg.norm(body1.v[i])
+        assert abs(bias[i] - (J_dot @ X + J @ X_dot) @ given).max() <= 64 * U * scale
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_coordinate_jacobian_gives_velocity_and_acceleration(sequence):
+    pair, (q, qd, qdd) = made(4), coordinates(generator(72), COUNT)
+    state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
+    Jq = pair.coordinate_jacobian(q, sequence=sequence)
+    Jq_rate = pair.coordinate_jacobian_rate(q, qd, sequence=sequence)
+    W = abs(qd[:, 3:]).sum(axis=-1)
+    A = abs(qdd[:, 3:]).sum(axis=-1) + W * W
+    for found, names, sizes, linear in (
+        (Jq @ qd[..., None], ("v2", "omega2"), W, qd),
+        (Jq @ qdd[..., None] + Jq_rate @ qd[..., None], ("a2", "alpha2"), A, qdd),
+    ):
+        expected = np.concatenate([getattr(state, name) for name in names], axis=-1)
+        scale = abs(linear[:, :3]).max(axis=-1) + 2 * sizes * (1 + lever(pair))
+        assert np.all(abs(found[..., 0] - expected).max(axis=-1) <= 16 * U * scale)
+
+
+@pytest.mark.parametrize("sequence", ["XYZ", "ZYX", "ZXZ", "yzx", "yxy"])
+def test_coordinate_jacobian_rate_is_the_difference_in_time(sequence):
+    """Column by column: a product with qd would not see an error that qd does not excite."""
+    pair, (q, qd, _) = made(5), coordinates(generator(73), COUNT)
+    found = pair.coordinate_jacobian_rate(q, qd, sequence=sequence)
+    h = 1 / 256
+    steps = {k: pair.coordinate_jacobian(q + k * h * qd, sequence=sequence) for k in (-3, -2, -1, 1, 2, 3)}
+    outer = 9 * (steps[2] - steps[-2]) - (steps[3] - steps[-3])
+    difference = (45 * (steps[1] - steps[-1]) - outer) / (60 * h)
+    W = abs(qd[:, 3:]).sum(axis=-1)
+    truncation, roundoff = (W * h) ** 7 / 100 / h, 256 * U / h
+    gap = abs(found - difference).max(axis=(-2, -1))
+    assert np.all(gap <= (truncation + roundoff) * (1 + lever(pair)))
+
+
+def test_jacobians_of_hard_states_follow_the_motion():
+    """Tiny and huge angles, lock, far away: Jq qd is v2 and omega2 wherever forward_kinematics has them."""
+    for name, (constants, q, qd, _) in hard_states().items():
+        pair = hp.HingePair(**dict(zip(("u1", "u2", "n", "home"), constants, strict=True)))
+        state = pair.forward_kinematics(q, qd)
+        found = pair.coordinate_jacobian(q) @ qd
+        W = abs(qd[3:]).sum()
+        assert np.all(abs(found[:3] - state.v2) <= 16 * U * (abs(qd[:3]).max() + W * lever(pair))), name
+        assert np.all(abs(found[3:] - state.omega2) <= 16 * U * W), name
+
+
+def test_shapes_dtypes_and_samples_apart():
+    pair, (body1, psi, psid, _) = made(6), moving(6, 6)
+    one = hp.BodyMotion(R=body1.R[2], S=body1.S[2], omega=body1.omega[2])
+    grid = hp.BodyMotion(R=np.zeros(3), S=body1.S.reshape(2, 3, 3, 3), omega=body1.omega.reshape(2, 3, 3))
+    jac, bias = pair.jacobian(body1, psi), pair.acceleration_bias(body1, psi, psid)
+    assert np.array_equal(pair.jacobian(grid, psi.reshape(2, 3)).reshape(6, 6, 7), jac)
+    assert abs(pair.jacobian(one, float(psi[2])) - jac[2]).max() <= 4 * U * (1 + lever(pair))
+    assert pair.acceleration_bias(one, psi, 0.5).shape == (6, 6)
+    assert abs(pair.acceleration_bias(one, psi[2], psid[2]) - bias[2]).max() <= 64 * U * (1 + lever(pair))
+    single = hp.BodyMotion(R=np.zeros(3, np.float32), S=np.eye(3, dtype=np.float32), omega=np.ones(3, np.float32))
+    assert pair.jacobian(single, np.float32(1)).dtype == np.float32
+    assert pair.acceleration_bias(single, np.float32(1), np.float32(1)).dtype == np.float32
+    S = np.array(body1.S)
+    S[3] = np.nan
+    holed = pair.jacobian(hp.BodyMotion(R=body1.R, S=S), psi)
+    keep = np.arange(6) != 3
+    assert np.array_equal(holed[keep], jac[keep])
+    assert np.isnan(holed[3, :3, 3:]).sum() >= 9
+    many = hp.HingePair(u1=np.ones((4, 1, 3)), u2=(0, 0, 1), n=(1, 0, 0))
+    assert many.jacobian(body1, psi).shape == (4, 6, 6, 7)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda pair, _: pair.jacobian("body", 0.0), "body1: expected a BodyMotion"),
+        (lambda pair, body1: pair.jacobian(body1, "x"), "psi: expected real numbers"),
+        (lambda pair, body1: pair.jacobian(body1, np.zeros((3, 1, 5))), "psi: expected leading shape"),
+        (lambda pair, body1: pair.acceleration_bias(body1, 0.0, 0.0), "body1.omega: expected a value"),
+        (lambda pair, _: pair.coordinate_jacobian(np.zeros(6)), "q: expected shape"),
+        (lambda pair, _: pair.coordinate_jacobian(np.zeros(7), sequence="XXZ"), "sequence: expected one of"),
+        (lambda pair, _: pair.coordinate_jacobian_rate(np.zeros(7), None), "qd: expected the coordinates' rates"),
+    ],
+)
+def test_errors_name_the_argument(call, message):
+    body1 = hp.BodyMotion(R=(0, 0, 0), S=np.broadcast_to(np.eye(3), (2, 3, 3)))
+    with pytest.raises(hp.ArgumentError, match=message):
+        call(made(7), body1)

@@ -1,0 +1,281 @@
+"""Laws of the hinge pair on seeded random states; tolerances in units of u * scale (README, "Accuracy")."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.validation.cross_validate import cross_validate
+from support.reference import OUTPUTS, euler_scales
+from support.states import REFERENCE_PAIR, coordinates, generator, pair, reference_example, rotations
+
+U = 2.0**-53
+COUNT = 60
+KINDS = {
+    "general": {},
+    "no_home": {"home": None},
+    "axis_x": {"n": np.array([1.0, 0.0, 0.0])},
+    "axis_minus_y": {"n": np.array([0.0, -2.0, 0.0])},
+    "u1_zero": {"u1": np.zeros(3)},
+    "u2_zero": {"u2": np.zeros(3), "home": None},
+}
+
+
+class Case:
+    """A pair, a motion, all outputs and their scales."""
+
+    def __init__(self, kind):
+        rng = generator(30, list(KINDS).index(kind))
+        constants = dict(zip(("u1", "u2", "n", "home"), pair(rng), strict=True)) | KINDS[kind]
+        self.constants, self.rng = constants, rng
+        self.pair = hp.HingePair(**constants)
+        self.motion = coordinates(rng, COUNT)
+        self.scales = euler_scales(tuple(constants.values()), *self.motion)
+        self.state = self.pair.forward_kinematics(*self.motion, outputs=OUTPUTS)
+        self.n = constants["n"] / np.linalg.norm(constants["n"])
+        self.home = np.eye(3) if constants["home"] is None else constants["home"]
+        self.psi, self.psid, self.psidd = (c[:, 6] for c in self.motion)
+
+    def body1(self):
+        R1, v1, a1 = (c[:, :3] for c in self.motion)
+        s = self.state
+        return hp.BodyMotion(R=R1, S=s.S1, v=v1, omega=s.omega1, a=a1, alpha=s.alpha1)
+
+    def require(self, name, got, expected, ulps):
+        """Equal to so many u * scale of an output, sample by sample."""
+        gap = abs(np.asarray(got) - np.asarray(expected)).reshape(COUNT, -1).max(axis=-1)
+        assert np.all(gap <= ulps * U * self.scales[name]), (name, float((gap / (U * self.scales[name])).max()))
+
+
+@pytest.fixture(scope="module", params=list(KINDS))
+def case(request):
+    return Case(request.param)
+
+
+def turned(S, u):
+    return (np.asarray(S) @ np.asarray(u)[..., None])[..., 0]
+
+
+@pytest.mark.law
+def test_hinge_point_is_shared(case):
+    """E1 and E7, and d is what lies between the reference points."""
+    s, R1 = case.state, case.motion[0][:, :3]
+    r1, r2 = turned(s.S1, case.constants["u1"]), turned(s.S2, case.constants["u2"])
+    case.require("d", s.d, r1 - r2, 12)
+    case.require("R2", R1 + r1, s.R2 + r2, 16)
+    case.require("R2", R1 + s.d, s.R2, 4)
+
+
+@pytest.mark.law
+def test_hinge_point_moves_as_one(case):
+    """E8, E9: velocity and classical acceleration of the hinge point are the same on both bodies."""
+    s, (_, v1, a1) = case.state, (c[:, :3] for c in case.motion)
+    r1, r2 = turned(s.S1, case.constants["u1"]), turned(s.S2, case.constants["u2"])
+    case.require("v2", v1 + np.cross(s.omega1, r1), s.v2 + np.cross(s.omega2, r2), 24)
+    a = [np.cross(al, r) + np.cross(om, np.cross(om, r)) for om, al, r in zip(
+        (s.omega1, s.omega2), (s.alpha1, s.alpha2), (r1, r2), strict=True)]  # fmt: skip
+    case.require("a2", a1 + a[0], s.a2 + a[1], 24)
+
+
+@pytest.mark.law
+def test_a_matrix_of_nine_digits_keeps_the_hinge_together(case):
+    """What is given is a rotation to 1e-10 only: E1, E8 and E9 hold to round-off all the same."""
+    S = case.body1().S + 1e-10 * case.rng.normal(size=(COUNT, 3, 3))
+    body1 = hp.BodyMotion(S=S, **{name: getattr(case.body1(), name) for name in ("R", "v", "omega", "a", "alpha")})
+    for backend in ("numpy", "numba"):
+        s = case.pair.forward_kinematics_from_body1(body1, case.psi, case.psid, case.psidd, backend=backend)
+        r1, r2 = turned(S, case.constants["u1"]), turned(s.S2, case.constants["u2"])
+        case.require("d", s.d, r1 - r2, 12)
+        case.require("v2", body1.v + np.cross(body1.omega, r1), s.v2 + np.cross(s.omega2, r2), 24)
+        a = [np.cross(al, r) + np.cross(om, np.cross(om, r)) for om, al, r in zip(
+            (body1.omega, s.omega2), (body1.alpha, s.alpha2), (r1, r2), strict=True)]  # fmt: skip
+        case.require("a2", body1.a + a[0], s.a2 + a[1], 32)
+
+
+@pytest.mark.law
+def test_bodies_turn_apart_about_the_hinge_axis_only(case):
+    """E2, and the axis S1 n = S2 C^T n is fixed in both bodies."""
+    s, axis = case.state, turned(case.state.S1, case.n)
+    apart = s.omega2 - s.omega1
+    case.require("omega2", np.cross(apart, axis), 0.0, 16)
+    case.require("omega2", apart, axis * case.psid[:, None], 16)
+    case.require("S2", turned(s.S2, case.home.T @ case.n), axis, 32)
+
+
+@pytest.mark.law
+def test_relative_attitude_is_the_hinge_rotation(case):
+    """E5: S1^T S2 C^T turns about n by psi, right hand."""
+    s = case.state
+    Sh = np.swapaxes(s.S1, -1, -2) @ s.S2 @ case.home.T
+    across = np.cross(case.n, np.roll(case.n, 1) + np.array([0.3, -0.2, 0.5]))
+    across /= np.linalg.norm(across)
+    moved = Sh @ across
+    case.require("S2", moved @ across, np.cos(case.psi), 48)
+    case.require("S2", moved @ np.cross(case.n, across), np.sin(case.psi), 48)
+
+
+@pytest.mark.law
+def test_attitude_is_a_rotation(case):
+    for S in (case.state.S1, case.state.S2):
+        case.require("S2", S @ np.swapaxes(S, -1, -2), np.broadcast_to(np.eye(3), S.shape), 24)
+        assert np.all(np.linalg.det(S) > 0)
+
+
+@pytest.mark.law
+def test_given_attitude_gives_the_same(case):
+    """The way through BodyMotion against the way through Euler angles."""
+    again = case.pair.forward_kinematics_from_body1(case.body1(), case.psi, case.psid, case.psidd, outputs=OUTPUTS)
+    for name in OUTPUTS:
+        case.require(name, getattr(again, name), getattr(case.state, name), 16)
+
+
+@pytest.mark.law
+def test_turned_and_shifted_scene(case):
+    """Turn and shift everything: body 2 turns and shifts along."""
+    Q, b = rotations(case.rng, 1)[0], case.rng.normal(size=3)
+    body1, s = case.body1(), case.state
+    moved = hp.BodyMotion(
+        R=body1.R @ Q.T + b, S=Q @ body1.S, v=body1.v @ Q.T, omega=body1.omega @ Q.T, a=body1.a @ Q.T,
+        alpha=body1.alpha @ Q.T,
+    )  # fmt: skip
+    got = case.pair.forward_kinematics_from_body1(moved, case.psi, case.psid, case.psidd)
+    case.require("S2", got.S2, Q @ s.S2, 48)
+    size = 1 + abs(b).max() / np.abs(case.scales["R2"]).min()
+    case.require("R2", got.R2, s.R2 @ Q.T + b, 48 * size)
+    for name in ("d", "v2", "omega2", "a2", "alpha2"):
+        case.require(name, getattr(got, name), getattr(s, name) @ Q.T, 48)
+
+
+@pytest.mark.law
+def test_bodies_swapped(case):
+    """From body 2, with n' = -C^T n and C' = C^T, the same hinge leads back to body 1."""
+    C, s = case.home, case.state
+    back = hp.HingePair(u1=case.constants["u2"], u2=case.constants["u1"], n=-C.T @ case.constants["n"], home=C.T)
+    body2 = hp.BodyMotion(R=s.R2, S=s.S2, v=s.v2, omega=s.omega2, a=s.a2, alpha=s.alpha2)
+    got = back.forward_kinematics_from_body1(body2, case.psi, case.psid, case.psidd)
+    body1 = case.body1()
+    expected = {"R2": body1.R, "S2": body1.S, "v2": body1.v, "omega2": body1.omega, "a2": body1.a}
+    for name, value in (expected | {"alpha2": body1.alpha, "d": -np.asarray(s.d)}).items():
+        case.require(name, getattr(got, name), value, 64)
+
+
+@pytest.mark.law
+def test_time_reversed(case):
+    """The film run backwards: the same poses and accelerations, the velocities turned about."""
+    q, qd, qdd = case.motion
+    got = case.pair.forward_kinematics(q, -qd, qdd)
+    for name, sign in {"R2": 1, "S2": 1, "d": 1, "v2": -1, "omega2": -1, "a2": 1, "alpha2": 1}.items():
+        case.require(name, getattr(got, name), sign * np.asarray(getattr(case.state, name)), 16)
+
+
+@pytest.mark.law
+def test_axis_reversed(case):
+    """About -n by -psi is about n by psi."""
+    turned_about = hp.HingePair(**(case.constants | {"n": -case.constants["n"]}))
+    motion = [np.concatenate([c[:, :6], -c[:, 6:]], axis=-1) for c in case.motion]
+    got = turned_about.forward_kinematics(*motion)
+    for name in ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2"):
+        case.require(name, getattr(got, name), getattr(case.state, name), 16)
+
+
+@pytest.mark.law
+def test_one_more_turn_changes_nothing(case):
+    q = case.motion[0].copy()
+    q[:, 6] += 2 * np.pi
+    got = case.pair.forward_kinematics(q, *case.motion[1:])
+    for name in ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2"):
+        case.require(name, getattr(got, name), getattr(case.state, name), 40)
+
+
+@pytest.mark.law
+def test_rates_are_the_derivatives(case):
+    """v2, omega2, a2, alpha2 against differences of R2, S2, v2, omega2, extrapolated by Richardson to h^6."""
+    q, qd, qdd = (c.copy() for c in case.motion)
+    q[:, :3] /= 10
+
+    def at(t):
+        s = case.pair.forward_kinematics(q + t * qd + t * t / 2 * qdd, qd + t * qdd, qdd)
+        return {name: np.asarray(getattr(s, name)) for name in ("R2", "S2", "v2", "omega2")}
+
+    h = 2.0**-5
+    steps = [(h, at(h), at(-h)), (h / 2, at(h / 2), at(-h / 2)), (h / 4, at(h / 4), at(-h / 4))]
+    rate = {}
+    for name in ("R2", "S2", "v2", "omega2"):
+        rough = [(plus[name] - minus[name]) / (2 * k) for k, plus, minus in steps]
+        better = [(4 * rough[i + 1] - rough[i]) / 3 for i in range(2)]
+        rate[name] = (16 * better[1] - better[0]) / 15
+    s = case.pair.forward_kinematics(q, qd, qdd)
+    W = rate["S2"] @ np.swapaxes(s.S2, -1, -2)
+    omega2 = np.stack([W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]], axis=-1) / 2
+    found = {"v2": rate["R2"], "omega2": omega2, "a2": rate["v2"], "alpha2": rate["omega2"]}
+    W2 = case.scales["omega2"] + 1
+    for name, value in found.items():
+        # What h^6 leaves out grows with the seventh power of the rates; what u leaves grows with 1/h.
+        limit = (256 / h * U + 0.1 * (h * W2 / 4) ** 6 * W2) * (case.scales[name] + case.scales["R2"] + 1)
+        gap = abs(value - getattr(s, name)).max(axis=-1)
+        assert np.all(gap <= limit), (name, float((gap / limit).max()))
+
+
+@pytest.mark.law
+def test_closed_form_of_the_reference_example():
+    t = np.linspace(0.0, 10.0, 10_001)
+    u1, u2, n, _ = REFERENCE_PAIR
+    q, qd, _ = reference_example(t)
+    omega1 = hp.HingePair(u1=u1, u2=u2, n=n).forward_kinematics(q, qd, outputs=("omega1",)).omega1
+    s, c = np.sin, np.cos
+    exact = np.stack([
+        3 + 5 * s(t), c(3 * t) - 2.5 * s(2 * t) - 2.5 * s(4 * t), s(3 * t) + 2.5 * c(4 * t) + 2.5 * c(2 * t)
+    ], axis=-1)  # fmt: skip
+    assert abs(omega1 - exact).max() <= 16 * U * 9
+
+
+@pytest.mark.law
+def test_planar_pair():
+    """E11: about e_z the angles add, and R2 follows in the plane."""
+    rng = generator(31)
+    ux1, uy1, ux2, uy2 = rng.normal(size=4)
+    x, y, phi, psi, dphi, dpsi = rng.normal(size=(6, COUNT))
+    flat = hp.HingePair(u1=(ux1, uy1, 0), u2=(ux2, uy2, 0), n=(0, 0, 1))
+    s = flat.forward_kinematics((x, y, 0.0, 0.0, 0.0, phi, psi), (0.0, 0.0, 0.0, 0.0, 0.0, dphi, dpsi))
+    c1, s1, c2, s2 = np.cos(phi), np.sin(phi), np.cos(phi + psi), np.sin(phi + psi)
+    R2 = x + c1 * ux1 - s1 * uy1 - c2 * ux2 + s2 * uy2, y + s1 * ux1 + c1 * uy1 - s2 * ux2 - c2 * uy2
+    zero = np.zeros(COUNT)
+    scale = np.maximum(abs(x), abs(y)) + np.hypot(ux1, uy1) + np.hypot(ux2, uy2)
+    assert np.all(abs(s.R2 - np.stack([*R2, zero], axis=-1)).max(axis=-1) <= 16 * U * scale)
+    omega2 = np.stack([zero, zero, dphi + dpsi], axis=-1)
+    assert np.all(abs(s.omega2 - omega2).max(axis=-1) <= 4 * U * (abs(dphi) + abs(dpsi)))
+    assert np.all(abs(s.S2[:, 0, 0] - c2) <= 16 * U)
+    assert np.all(abs(s.S2[:, 1, 0] - s2) <= 16 * U)
+
+
+@pytest.mark.law
+def test_turn_about_x_alone():
+    """S = Sx(phi) gives omega = (phi', 0, 0), exactly."""
+    phi, dphi = generator(32).normal(size=(2, COUNT))
+    one = hp.HingePair(u1=(1, 2, 3), u2=(3, 2, 1), n=(0, 1, 0))
+    q, qd = ((0.0, 0.0, 0.0, x, 0.0, 0.0, 0.0) for x in (phi, dphi))
+    s = one.forward_kinematics(q, qd, outputs=("omega1", "S1"))
+    assert np.array_equal(s.omega1, np.stack([dphi, 0 * dphi, 0 * dphi], axis=-1))
+    assert np.all(abs(s.S1[:, 2, 1] - np.sin(phi)) <= 2 * U)
+
+
+@pytest.mark.law
+def test_hinge_alone_moves_body_2():
+    """With body 1 at rest, R2 runs on a circle about the hinge axis and v2 = S1 (n x -Sh u2) psi'."""
+    one = hp.HingePair(u1=(0, 0, 0), u2=(-1, 0, 0), n=(0, 0, 3))
+    psi, psid = np.array([0.0, 0.5, 2.0, -3.0]), np.array([1.0, 2.0, -1.0, 3.0])
+    s = one.forward_kinematics((0.0,) * 6 + (psi,), (0.0,) * 6 + (psid,), (0.0,) * 7)
+    x, y, zero = np.cos(psi), np.sin(psi), 0 * psi
+    for got, expected in (
+        (s.R2, (x, y, zero)), (s.v2, (-y * psid, x * psid, zero)), (s.a2, (-x * psid**2, -y * psid**2, zero)),
+        (s.omega2, (zero, zero, psid)), (s.alpha2, (zero, zero, zero)),
+    ):  # fmt: skip
+        assert abs(got - np.stack(expected, axis=-1)).max() <= 8 * U * 9
+
+
+@pytest.mark.law
+def test_pinocchio_says_the_same(case):
+    """Another engine, driven through its own conventions (README)."""
+    report = cross_validate(case.pair, *case.motion)
+    assert report.ok, str(report)

@@ -1,0 +1,107 @@
+"""The pair as a value: one of its constants changed, and what cannot be used refused in our own words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.states import generator
+from support.states import pair as random_pair
+
+U = 2.0**-53
+EVERYTHING = {"name": "knee", "limits": (-1, 2), "body1": hp.Body(2.0), "body2": hp.Body(3.0)}
+
+
+def made(key=0, **changes):
+    return hp.HingePair(
+        **dict(zip(("u1", "u2", "n", "home"), random_pair(generator(98, key)), strict=True)) | changes
+    )
+
+
+def test_one_constant_is_replaced_and_computed_with():
+    pair, other = made(**EVERYTHING), made(1)
+    for name in ("u1", "u2", "n", "home"):
+        changed = replace(pair, **{name: getattr(other, name)})
+        expected = hp.HingePair(
+            **{key: getattr(other if key == name else pair, key) for key in ("u1", "u2", "n", "home")}
+        )
+        assert np.array_equal(getattr(changed, name), getattr(expected, name))
+        q = np.linspace(-1, 1, 7)
+        assert np.array_equal(changed.forward_kinematics(q).R2, expected.forward_kinematics(q).R2)
+        assert (changed.name, changed.limits) == ("knee", (-1, 2))
+        assert (changed.body1, changed.body2) == (pair.body1, pair.body2)
+    assert replace(pair, limits=None).limits is None
+    with pytest.raises(hp.ArgumentError, match="u1: expected finite numbers"):
+        replace(pair, u1=(0, 0, np.nan))
+
+
+def test_values_are_replaced_in_the_plane_and_of_a_motion():
+    flat = replace(hp.PlanarPair(u1=(1, 0), u2=(-1, 0), name="flat"), u1=(2, 0))
+    assert flat.forward_kinematics((0, 0, 0, 0)).R2.tolist() == [3.0, 0.0]
+    assert flat.name == "flat"
+    motion = replace(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), R=np.ones((5, 3)))
+    assert motion.shape == (5,)
+
+
+@pytest.mark.parametrize(
+    ("shapes", "message"),
+    [
+        ({"u2": (4, 3)}, r"u2: expected leading shape that broadcasts with \(5,\), got shape \(4,\)"),
+        ({"n": (2, 3)}, r"n: expected leading shape that broadcasts with \(5,\), got shape \(2,\)"),
+        ({"home": (4, 3, 3)}, r"home: expected leading shape that broadcasts with \(5,\), got shape \(4,\)"),
+    ],
+)
+def test_leading_axes_that_do_not_fit_are_named(shapes, message):
+    ones = {"u2": np.ones(3), "n": np.ones(3), "home": np.eye(3)}
+    arrays = {name: np.broadcast_to(one, shapes.get(name, one.shape)) for name, one in ones.items()}
+    with pytest.raises(hp.ShapeError, match=message):
+        hp.HingePair(u1=np.zeros((5, 3)), **arrays)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: hp.Body(1, (0, 0, 0), (1, 1, 1)), r"inertia: expected shape \(3, 3\), got shape \(3,\)"),
+        (lambda: hp.Body("2"), "mass: expected a finite number, got '2'"),
+        (lambda: hp.Box(1), r"size: expected shape \(3,\), got shape \(\)"),
+        (lambda: hp.Sphere(1, center=np.zeros((2, 3))), r"center: expected shape \(3,\), got shape \(2, 3\)"),
+        (lambda: made(limits=1), r"limits: expected shape \(2,\), got shape \(\)"),
+        (lambda: made(limits=[(0, 1)]), r"limits: expected shape \(2,\), got shape \(1, 2\)"),
+        (
+            lambda: made(u1=[(1, 2, 3), (1, 2)]),
+            "u1: expected an array, or lists that make one, got a list that makes none$",
+        ),
+        (lambda: hp.to_urdf(made(name="a\x01")), r"name: expected characters that XML can hold, got 'a\\x01'$"),
+        (lambda: hp.to_urdf("pair"), "pair: expected a HingePair, got 'pair'"),
+        (
+            lambda: hp.euler_rates(np.array(((0, 0, 0), (0, np.pi / 2, 0))), np.ones(3)),
+            r"phi: .*, got lock of XYZ, middle angle 1\.5708 at sample \(1,\)$",
+        ),
+    ],
+)
+def test_messages_say_what_was_expected_and_what_came(call, message):
+    with pytest.raises(hp.ArgumentError, match=message):
+        call()
+
+
+@pytest.mark.parametrize("backend", ["numpy", "numba"])
+def test_steps_too_long_are_not_called_lock_alone(backend):
+    t, start = np.linspace(0, 4, 5), hp.euler_to_matrix((0, 0.746, 0))
+    with pytest.raises(
+        hp.GimbalLockError, match=r"or shorter steps, got .* phi_y = 0\.746 at t = 0 and more than 1 rad in 1 s"
+    ):
+        hp.integrate(made(), t, (0.5, 1.5, 2.0), 0.0, S1_0=start, method="euler_angles", outputs=(), backend=backend)
+
+
+def test_a_state_lists_what_it_has():
+    q = np.zeros(7)
+    for state, names in (
+        (made().forward_kinematics(q), "outputs, arrays, shape, R2, S2, d, v2, omega2, a2, alpha2, R1, S1"),
+        (hp.PlanarPair((1, 0), (1, 0)).forward_kinematics(q[:4]), "outputs, arrays, shape, R2, phi2, d, v2, omega2"),
+    ):
+        with pytest.raises(AttributeError, match=f"{type(state).__name__} has no 'r2'; it has {names}"):
+            _ = state.r2
+        assert not hasattr(state, "r2")

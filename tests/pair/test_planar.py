@@ -1,0 +1,249 @@
+"""The planar pair (E11): equal to the spatial pair and to Pinocchio; motion proven flat is the same motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.evaluation import compiled
+from hingepair.evaluation.kernel_rows import LANES
+from hingepair.pair.accuracy import output_scales
+from support.states import generator
+
+OUTPUTS = ("R2", "phi2", "d", "v2", "omega2", "a2", "alpha2")
+BACKENDS = ("numpy", "numba")
+ULPS = 8  # in units of u * scale, the promise of a planar pair against the spatial one
+SPATIAL_NAMES = ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "R1", "S1", "v1", "omega1", "a1", "alpha1")
+
+
+def random_pair(rng, leading=()):
+    return hp.PlanarPair(u1=rng.normal(size=(*leading, 2)), u2=rng.normal(size=(*leading, 2)))
+
+
+def random_motion(rng, *shape):
+    """q, qd, qdd of many sizes; shape (..., 4) each."""
+    return [rng.normal(size=(*shape, 4)) * 10.0 ** rng.uniform(-3, 3, size=(*shape, 1)) for _ in range(3)]
+
+
+def in_space(four):
+    """The seven coordinates (x, y, z, phi_x, phi_y, phi_z, psi) of (x, y, phi, psi)."""
+    x, y, phi, psi = np.moveaxis(np.asarray(four), -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([x, y, zero, zero, zero, phi, psi], axis=-1)
+
+
+def scales(pair, q, qd, qdd):
+    W1 = np.abs(qd[..., 2])
+    return output_scales(
+        u1=pair.u1, u2=pair.u2, R1=q[..., :2], v1=qd[..., :2], a1=qdd[..., :2],
+        W1=W1, A1=np.abs(qdd[..., 2]) + W1**2, psid=qd[..., 3], psidd=qdd[..., 3],
+    )  # fmt: skip
+
+
+def off(found, true, scale, dtype=np.float64):
+    """The largest difference in units of u * scale."""
+    error = np.abs(np.asarray(found, float) - true)
+    error = error.reshape(*np.shape(scale), -1).max(axis=-1)
+    return float((error / (scale * np.finfo(dtype).eps / 2)).max())
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("leading", [(), (5, 1)], ids=["one_pair", "five_pairs"])
+def test_equal_to_the_pair_in_space(backend, leading):
+    rng = generator(900)
+    pair, motion = random_pair(rng, leading), random_motion(rng, 200)
+    flat = pair.forward_kinematics(*motion, backend=backend)
+    space = pair.to_spatial().forward_kinematics(*map(in_space, motion), backend="numpy")
+    scale = scales(pair, *motion)
+    assert flat.outputs == OUTPUTS
+    assert flat.shape == space.shape == (*leading[:1], 200)
+    for name in ("R2", "d", "v2", "a2"):
+        assert off(getattr(flat, name), getattr(space, name)[..., :2], scale[name]) <= ULPS, name
+        assert not getattr(space, name)[..., 2].any()
+    for name in ("omega2", "alpha2"):
+        assert off(getattr(flat, name), getattr(space, name)[..., 2], scale[name] + np.zeros(flat.shape)) <= ULPS, (
+            name
+        )
+    phi2 = np.arctan2(space.S2[..., 1, 0], space.S2[..., 0, 0])
+    apart = np.exp(1j * flat.phi2) - np.exp(1j * phi2)
+    assert np.abs(apart).max() <= ULPS * 2.0**-53 * np.abs(motion[0][..., 2:]).sum(axis=-1).max()
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_equal_to_pinocchios_planar_joint(backend):
+    import pinocchio as pin
+
+    rng = generator(901)
+    pair, (q, qd, qdd) = random_pair(rng), random_motion(rng, 50)
+    model = pin.Model()
+    first = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "body1")
+    second = model.addJoint(first, pin.JointModelRZ(), pin.SE3(np.eye(3), np.r_[pair.u1, 0]), "hinge")
+    frame = model.addFrame(pin.Frame("body2", second, 0, pin.SE3(np.eye(3), np.r_[-pair.u2, 0]), pin.OP_FRAME))
+    data, state, scale = (
+        model.createData(),
+        pair.forward_kinematics(q, qd, qdd, backend=backend),
+        scales(pair, q, qd, qdd),
+    )
+    for i in range(len(q)):
+        c, s = np.cos(q[i, 2]), np.sin(q[i, 2])
+        turn = np.array([[c, s], [-s, c]])  # world to body: the joint's velocities stand in body axes
+        spin = qd[i, 2] * np.array([[0, 1], [-1, 0]])
+        v, a = turn @ qd[i, :2], turn @ qdd[i, :2] + spin @ turn @ qd[i, :2]
+        configuration = np.r_[q[i, :2], c, s, q[i, 3]]
+        pin.forwardKinematics(model, data, configuration, np.r_[v, qd[i, 2:]], np.r_[a, qdd[i, 2:]])
+        pin.updateFramePlacements(model, data)
+        world = pin.LOCAL_WORLD_ALIGNED
+        velocity = pin.getFrameVelocity(model, data, frame, world)
+        acceleration = pin.getFrameClassicalAcceleration(model, data, frame, world)
+        speed = np.abs(qd[i, :2]).max() * (np.abs(qd[i, 2:]).sum() + abs(qd[i, 2]))
+        both_round, classical = 16, scale["a2"][i] + speed  # Pinocchio goes through spatial accelerations
+        assert off(state.R2[i], data.oMf[frame].translation[:2], scale["R2"][i]) <= both_round
+        assert off(state.v2[i], velocity.linear[:2], scale["v2"][i]) <= both_round
+        assert off(state.omega2[i], velocity.angular[2], scale["omega2"][i]) <= both_round
+        assert off(state.a2[i], acceleration.linear[:2], classical) <= both_round
+        assert off(state.alpha2[i], acceleration.angular[2], scale["alpha2"][i]) <= both_round
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_forms_of_input_agree(backend, dtype):
+    rng = generator(902)
+    pair = random_pair(rng)
+    motion = [rng.normal(size=(70, 4)).astype(dtype) for _ in range(3)]
+    whole = pair.forward_kinematics(*motion, backend=backend)
+    columns = pair.forward_kinematics(*(tuple(np.ascontiguousarray(c) for c in m.T) for m in motion), backend=backend)
+    out = {name: np.full_like(getattr(whole, name), np.nan) for name in OUTPUTS}
+    pair.forward_kinematics(*motion, out=out, workers=2, backend=backend)
+    exact = pair.forward_kinematics(*(m.astype(np.float64) for m in motion), backend=backend)
+    for name in OUTPUTS:
+        found = getattr(whole, name)
+        assert found.dtype == dtype
+        np.testing.assert_array_equal(found, getattr(columns, name))
+        np.testing.assert_array_equal(found, out[name])
+        assert np.abs(found - getattr(exact, name)).max() <= 40 * np.finfo(dtype).eps
+        for i in (0, 69):
+            one = getattr(pair.forward_kinematics(*(m[i] for m in motion), backend=backend), name)
+            assert one.shape == found.shape[1:]
+            assert np.abs(one - found[i]).max() <= 8 * np.finfo(dtype).eps
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_outputs_named_are_what_comes(name):
+    pair, motion = random_pair(generator(903)), random_motion(generator(904), 3)
+    state = pair.forward_kinematics(*motion, outputs=(name,))
+    assert state.outputs == (name,)
+    np.testing.assert_array_equal(getattr(state, name), getattr(pair.forward_kinematics(*motion), name))
+    assert pair.forward_kinematics(motion[0]).outputs == ("R2", "phi2", "d")
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda p: p.forward_kinematics(np.zeros((5, 7))), r"q: expected .*4"),
+        (lambda p: p.forward_kinematics(np.zeros(4), outputs=("S2",)), r"outputs: expected .*phi2.*S2"),
+        (lambda p: p.forward_kinematics(np.zeros(4), outputs=("v2",)), r"v2"),
+        (lambda p: p.forward_kinematics(np.zeros(4), None, np.zeros(4)), r"qd: expected"),
+        (lambda _: hp.PlanarPair(u1=(1, 0, 0), u2=(1, 0)), r"u1: expected .*2"),
+        (lambda _: hp.PlanarPair(u1=(1, 0), u2=(np.nan, 0)), r"u2: expected"),
+        (lambda _: hp.PlanarPair(u1=(1, 0), u2=(1, 0), name=" "), r"name: expected"),
+    ],
+)
+def test_refused(call, message):
+    with pytest.raises(hp.ArgumentError, match=message):
+        call(hp.PlanarPair(u1=(1, 0), u2=(-1, 0)))
+
+
+def test_is_a_value():
+    pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0), name="legs")
+    assert repr(pair) == "PlanarPair(u1=[1.0, 0.0], u2=[-1.0, 0.0], name='legs')"
+    with pytest.raises(ValueError, match="read-only"):
+        pair.u1[0] = 2
+    with pytest.raises(AttributeError):
+        pair.u1 = (0, 0)
+    spatial = pair.to_spatial()
+    assert (spatial.u1.tolist(), spatial.n.tolist(), spatial.name) == ([1, 0, 0], [0, 0, 1], "legs")
+
+
+def upright(rng, backend, *, sequence, n, home):
+    """Motion about z alone: with constants that prove it, and with arrays of zeros that do not."""
+    pair = hp.HingePair(u1=rng.normal(size=3), u2=rng.normal(size=3), n=(0, 0, n), home=home)
+    zero, index = np.zeros(50), sequence.lower().index("z")
+
+    def seven(still):
+        angles = [still, still, still]
+        angles[index] = rng.normal(size=50)
+        return (*rng.normal(size=(3, 50)), *angles, rng.normal(size=50))
+
+    proven = [seven(0.0) for _ in range(3)]
+    unproven = [tuple(zero if isinstance(c, float) else c for c in part) for part in proven]
+    run = [
+        pair.forward_kinematics(*motion, outputs=SPATIAL_NAMES, sequence=sequence, backend=backend)
+        for motion in (proven, unproven)
+    ]
+    return pair, proven, run
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("sequence", ["XYZ", "ZYX", "zyx", "YZX"])
+@pytest.mark.parametrize("n", [1, -2])
+@pytest.mark.parametrize("turn", [0.0, 0.7], ids=["no_home", "home"])
+def test_motion_proven_flat_is_the_same_motion(backend, sequence, n, turn):
+    rng = generator(905)
+    home = hp.rodrigues((0, 0, 1), turn) if turn else None
+    pair, (q, qd, qdd), (flat, full) = upright(rng, backend, sequence=sequence, n=n, home=home)
+    index = sequence.lower().index("z")
+    W1 = np.abs(qd[3 + index])
+    scale = output_scales(
+        u1=pair.u1, u2=pair.u2, R1=np.stack(q[:3], -1), v1=np.stack(qd[:3], -1), a1=np.stack(qdd[:3], -1),
+        W1=W1, A1=np.abs(qdd[3 + index]) + W1**2, psid=qd[6], psidd=qdd[6],
+    ) | dict.fromkeys(("R1", "v1", "a1"), np.ones(50))  # fmt: skip
+    for name in SPATIAL_NAMES:
+        size = np.broadcast_to(scale[name], (50,))
+        assert off(getattr(flat, name), getattr(full, name), size) <= 2 * ULPS, name
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize(("sequence", "tilted"), [("XYZ", 3), ("XYZ", 4), ("ZYX", 4), ("ZYX", 5)])
+def test_one_constant_that_tilts_is_not_flat(order, sequence, tilted):
+    rng = generator(906)
+    pair = hp.HingePair(u1=rng.normal(size=3), u2=rng.normal(size=3), n=(0, 0, 1))
+    turning = 3 + sequence.lower().index("z")
+    still = [[0.0] * 7 for _ in range(3)]
+    for part in still:
+        part[turning] = 0.5
+    still[order][tilted] = 0.25
+    columns = [tuple(np.full(3, c) for c in part) for part in still]
+    columns[0] = (*columns[0][:6], rng.normal(size=3))
+    proven = [(*still[0][:6], columns[0][6]), *(tuple(part) for part in still[1:])]
+    for backend in BACKENDS:
+        a, b = (pair.forward_kinematics(*m, sequence=sequence, backend=backend) for m in (proven, columns))
+        for name in a.outputs:
+            np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=0, atol=64 * 2.0**-53)
+
+
+@pytest.mark.parametrize("n", [(0, 1e-9, 1), (1, 0, 0)])
+@pytest.mark.parametrize("home", [None, hp.rodrigues((1, 0, 0), 0.5)], ids=["no_home", "home"])
+def test_a_hinge_that_is_not_upright_is_not_flat(n, home):
+    pair = hp.HingePair(u1=(1, 2, 3), u2=(3, 2, 1), n=n, home=home)
+    psi = np.linspace(-3, 3, 7)
+    proven = pair.forward_kinematics((0.0, 0.0, 0.0, 0.0, 0.0, 0.5, psi))
+    unproven = pair.forward_kinematics((0.0, 0.0, 0.0, np.zeros(7), 0.0, 0.5, psi))
+    np.testing.assert_allclose(proven.S2, unproven.S2, rtol=0, atol=8 * 2.0**-53)
+    np.testing.assert_allclose(proven.d, unproven.d, rtol=0, atol=64 * 2.0**-53)
+
+
+@pytest.mark.parametrize("shift", [0, 1], ids=["aligned", "one_off"])
+def test_outputs_past_the_caches_are_the_same(monkeypatch, shift):
+    rng = generator(907)
+    pair, motion = random_pair(rng), random_motion(rng, 5 * LANES + 3)
+    near = pair.forward_kinematics(*motion, backend="numba").arrays()
+    monkeypatch.setattr(compiled, "_TOO_MUCH_FOR_CACHES", 0)
+    rooms = {name: np.full(array.size + 4, np.nan) for name, array in near.items()}
+    starts = {name: -(room.ctypes.data // 8) % 2 + shift for name, room in rooms.items()}
+    out = {name: rooms[name][starts[name] :][: array.size].reshape(array.shape) for name, array in near.items()}
+    pair.forward_kinematics(*motion, out=out, backend="numba")
+    for name, array in near.items():
+        np.testing.assert_array_equal(out[name], array)

@@ -1,0 +1,294 @@
+"""Residuals judged: motion of the library passes, a hundred times its round-off fails; measured data, reports."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hingepair as hp
+from hingepair.validation.cross_validate import to_pinocchio
+from support.hinged import LETTERS, bodies, made, only
+from support.states import coordinates, generator, hard_states
+from support.states import pair as random_pair
+
+U = {np.float64: 2.0**-53, np.float32: 2.0**-24}
+KINDS = ("gap", "tilt", "gap_rate", "tilt_rate", "gap_acceleration", "tilt_acceleration")
+VARIANTS = {
+    "general": ({}, {}),
+    "no_home": ({"home": None}, {}),
+    "u1_zero": ({"u1": np.zeros(3)}, {}),
+    "far": ({}, {0: 1e8}),
+    "lock": ({}, {4: math.pi / 2}),
+    "home_of_nine_digits": ({"home": np.round(random_pair(generator(85))[3], 9)}, {}),
+}
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32], ids=["f64", "f32"])
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("backend", ["numpy", "numba"])
+def test_motion_of_the_library_passes(variant, dtype, backend):
+    """With a factor of four to spare."""
+    changes, fixed = VARIANTS[variant]
+    motion = [c.astype(dtype) for c in coordinates(generator(86), 300)]
+    for index, value in fixed.items():
+        motion[0][:, index] = value
+    found = made(**changes).residuals(*bodies(made(**changes), motion, backend))
+    assert found.ok, str(found)
+    assert found.u == U[dtype]
+    assert max(row.ratio for row in found.rows) < 0.25
+    assert [row.residual for row in found.rows] == list(KINDS)
+
+
+def test_hard_states_pass():
+    for name, (constants, *motion) in hard_states().items():
+        pair = hp.HingePair(**dict(zip(("u1", "u2", "n", "home"), constants, strict=True)))
+        found = pair.residuals(*bodies(pair, motion))
+        assert found.ok, f"{name}\n{found}"
+
+
+def test_an_attitude_of_nine_digits_passes():
+    """S1 as given is a rotation to 5e-10 only; what the pair makes of it is as close to the hinge as ever."""
+    pair, (q, qd, qdd) = made(), coordinates(generator(87), 100)
+    S = np.round(hp.euler_to_matrix(q[:, 3:6]), 9)
+    body1 = hp.BodyMotion(R=q[:, :3], S=S, v=qd[:, :3], omega=qd[:, 3:6], a=qdd[:, :3], alpha=qdd[:, 3:6])
+    s = pair.forward_kinematics_from_body1(body1, q[:, 6], qd[:, 6], qdd[:, 6])
+    body2 = hp.BodyMotion(**{letter: getattr(s, name) for letter, name in LETTERS.items()})
+    assert pair.residuals(body1, body2).ok
+
+
+def test_motion_of_pinocchio_passes():
+    pair, motion = made(), coordinates(generator(88), 50)
+    body1, _ = bodies(pair, motion)
+    psi, psid, psidd = (c[:, 6] for c in motion)
+    twin = to_pinocchio(pair)
+    found = {letter: [] for letter in LETTERS}
+    inputs = (
+        twin.configuration(body1, psi),
+        twin.velocity(body1, psi, psid),
+        twin.acceleration(body1, psi, psid, psidd),
+    )
+    for sample in zip(*inputs, strict=True):
+        pin.forwardKinematics(twin.model, twin.data, *sample)
+        place = pin.updateFramePlacement(twin.model, twin.data, twin.body2_frame)
+        frame = twin.model, twin.data, twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
+        rate, change = pin.getFrameVelocity(*frame), pin.getFrameClassicalAcceleration(*frame)
+        row = (place.translation, place.rotation, rate.linear, rate.angular, change.linear, change.angular)
+        for values, value in zip(found.values(), row, strict=True):
+            values.append(value.copy())
+    report = pair.residuals(body1, hp.BodyMotion(**{k: np.array(v) for k, v in found.items()}))
+    assert report.ok, str(report)
+
+
+def sizes(pair, body1, body2):
+    """The scales that the report names, one per sample."""
+    norm = np.linalg.norm
+    W, A = ([norm(getattr(b, k), axis=-1) for b in (body1, body2)] for k in ("omega", "alpha"))
+    u1, u2 = norm(pair.u1), norm(pair.u2)
+
+    def both(letter):
+        return np.maximum(*(abs(getattr(b, letter)).max(axis=-1) for b in (body1, body2)))
+
+    return {
+        "R": both("R") + u1 + u2,
+        "S": 1 + 0 * W[0],
+        "v": both("v") + W[0] * u1 + W[1] * u2,
+        "omega": W[0] + W[1],
+        "a": both("a") + (A[0] + W[0] ** 2) * u1 + (A[1] + W[1] ** 2) * u2,
+        "alpha": A[0] + A[1] + (W[0] + W[1]) ** 2,
+    }
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32], ids=["f64", "f32"])
+@pytest.mark.parametrize(("letter", "kind"), list(zip(LETTERS, KINDS, strict=True)))
+def test_a_hundred_times_round_off_fails(letter, kind, dtype):
+    """One sample of many is moved by 100 u * scale, in each direction that the hinge does not allow."""
+    pair, motion = made(), [c.astype(dtype) for c in coordinates(generator(89), 40)]
+    body1, body2 = bodies(pair, motion)
+    step = 100 * U[dtype] * sizes(pair, body1, body2)[letter][17]
+    axis = body1.S[17] @ pair.n
+    first = np.cross(axis, np.eye(3)[np.argmin(abs(axis))])
+    across = [first / np.linalg.norm(first), np.cross(axis, first) / np.linalg.norm(first)]
+    for direction in np.eye(3) if letter in "Rva" else across:
+        value = np.array(getattr(body2, letter))
+        if letter == "S":
+            value[17] = hp.rotation_exp(direction * step) @ value[17]
+        else:
+            value[17] += direction * step
+        found = pair.residuals(body1, bodies(pair, motion, **{letter: value})[1])
+        failed = {row.residual: row for row in found.rows if not row.ok}
+        assert kind in failed
+        assert failed[kind].worst_sample == (17,)
+        assert not found.ok
+        assert 1.5 < failed[kind].ratio < 6
+
+
+def test_an_axis_the_other_way_round_is_a_tilt_of_pi():
+    """The tilt's components vanish there; its angle does not."""
+    pair = hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 0, 1))
+    found = pair.residuals(
+        hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), hp.BodyMotion(R=np.zeros(3), S=np.diag((1, -1, -1)))
+    )
+    assert (found.tilt_angle, found.ok) == (np.pi, False)
+
+
+# ---------------------------------------------------------------- what the inputs allow
+
+
+@pytest.mark.parametrize(
+    ("letters", "kinds", "angles"),
+    [
+        ("R S", KINDS[:2], ("psi",)),
+        ("R S omega", (*KINDS[:2], "tilt_rate"), ("psi", "psid")),
+        ("R S v omega", KINDS[:4], ("psi", "psid")),
+        ("R S omega alpha", (*KINDS[:2], "tilt_rate", "tilt_acceleration"), ("psi", "psid", "psidd")),
+        ("R S v a", KINDS[:2], ("psi",)),
+    ],
+    ids=str,
+)
+def test_what_both_motions_hold_is_judged(letters, kinds, angles):
+    pair, motion = made(), coordinates(generator(92), 5)
+    body1, body2 = bodies(pair, motion)
+    for pair_of in ((only(body1, *letters.split()), body2), (body1, only(body2, *letters.split()))):
+        found = pair.residuals(*pair_of)
+        assert tuple(row.residual for row in found.rows) == kinds
+        assert {name for name in (*KINDS, "psi", "psid", "psidd") if getattr(found, name) is not None} == {
+            *kinds,
+            *angles,
+        }
+        assert found.ok
+
+
+def test_measured_motion_passes_with_tolerances_of_its_own():
+    pair, motion = made(), coordinates(generator(93), 50)
+    rng = generator(94)
+    body1, clean = bodies(pair, motion)
+    S = hp.rotation_exp(rng.normal(size=(50, 3)) * 1e-4) @ clean.S
+    _, body2 = bodies(pair, motion, R=clean.R + rng.normal(size=(50, 3)) * 1e-4, S=S)
+    poses = only(body1, "R", "S"), only(body2, "R", "S")
+    assert not pair.residuals(*poses).ok
+    assert pair.residuals(*poses, tolerances={"gap": 2e-3, "tilt": 1e-3}).ok
+    half = pair.residuals(*poses, tolerances={"gap": 2e-3})
+    assert [row.ok for row in half.rows] == [True, False]
+    assert [row.basis for row in half.rows] == ["given", "32 u * (1)"]
+    size = np.linalg.norm(half.gap, axis=-1)
+    assert half.rows[0].worst_sample == (int(np.argmax(size)),)
+    assert abs(half.rows[0].ratio - size.max() / 2e-3) <= 4 * U[np.float64]
+    assert abs(np.linalg.norm(half.tilt, axis=-1) - np.sin(half.tilt_angle)).max() <= 8 * U[np.float64]
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "message"),
+    [
+        ({"gaps": 1.0}, "tolerances: expected one of gap, tilt, gap_rate"),
+        ({"gap": 0.0}, r"tolerances\['gap'\]: expected a positive number \[m\]"),
+        ({"tilt": math.nan}, r"tolerances\['tilt'\]: expected a finite number"),
+        ({"tilt": "1e-3"}, r"tolerances\['tilt'\]: expected a finite number"),
+        (1e-3, "tolerances: expected a dict"),
+    ],
+)
+def test_tolerances_that_cannot_be_used_are_refused(tolerances, message):
+    pair = made()
+    with pytest.raises(hp.ArgumentError, match=message):
+        pair.residuals(*bodies(pair, coordinates(generator(95), 2)), tolerances=tolerances)
+
+
+@pytest.mark.parametrize(
+    ("letters", "kind", "missing"),
+    [
+        ((), "gap_rate", r"v and omega, .* got no body1\.v, body1\.omega, body2\.v, body2\.omega"),
+        (("omega",), "gap_rate", r"v and omega, .* got no body1\.v, body2\.v"),
+        ((), "tilt_rate", r"omega, .* got no body1\.omega, body2\.omega"),
+        (("v", "omega", "alpha"), "gap_acceleration", r"got no body1\.a, body2\.a"),
+        (("omega",), "tilt_acceleration", r"got no body1\.alpha, body2\.alpha"),
+    ],
+)
+def test_a_tolerance_that_nothing_is_judged_by_is_refused(letters, kind, missing):
+    pair = made()
+    motions = [only(body, "R", "S", *letters) for body in bodies(pair, coordinates(generator(95), 2))]
+    with pytest.raises(hp.ArgumentError, match=rf"tolerances\['{kind}'\]: expected motions with .*{missing}"):
+        pair.residuals(*motions, tolerances={kind: 1e-9})
+
+
+def test_the_numbers_of_a_row_are_of_one_sample():
+    """The first sample has the larger gap, and far away the larger tolerance; the second is the worst."""
+    R, apart = np.array(((1e12, 0, 0), (0, 0, 0))), np.array(((0.0, 1e-3, 0), (0, 1e-4, 0)))
+    pair = hp.HingePair((1, 0, 0), (1, 0, 0), (0, 0, 1))
+    found = pair.residuals(*(hp.BodyMotion(R=r, S=np.eye(3)) for r in (R, R + apart)))
+    row = found.rows[0]
+    assert (row.worst_sample, row.largest, row.worst) == ((1,), 1e-3, 1e-4)
+    assert row.ratio == row.worst / row.tolerance
+    assert json.loads(found.to_json())["rows"][0]["worst"] == row.worst
+
+
+def test_the_least_precise_array_sets_the_tolerance():
+    pair, motion = made(), coordinates(generator(103), 20)
+    body1, body2 = bodies(pair, motion)
+    coarse = hp.BodyMotion(R=body2.R.astype(np.float32), S=body2.S)
+    assert not pair.residuals(body1, hp.BodyMotion(R=coarse.R.astype(float), S=body2.S)).ok
+    found = pair.residuals(body1, coarse)
+    assert (found.ok, found.u, found.gap.dtype) == (True, U[np.float32], np.float64)
+
+
+def test_errors_name_the_body():
+    pair, body = made(), hp.BodyMotion(R=np.zeros((2, 3)), S=np.eye(3))
+    with pytest.raises(hp.ArgumentError, match="body2: expected a BodyMotion"):
+        pair.residuals(body, np.eye(3))
+    with pytest.raises(hp.ShapeError, match="body2: expected leading shape"):
+        pair.residuals(body, hp.BodyMotion(R=np.zeros((3, 3)), S=np.eye(3)))
+
+
+# ---------------------------------------------------------------- samples apart, reports
+
+
+@pytest.mark.parametrize("letter", LETTERS)
+@pytest.mark.parametrize("hole", [math.nan, math.inf])
+def test_a_hole_stays_in_its_sample_and_is_counted(letter, hole):
+    pair, motion = made(), coordinates(generator(96), 6)
+    body1, body2 = bodies(pair, motion)
+    value = np.array(getattr(body2, letter))
+    value[2] = hole
+    found = pair.residuals(body1, bodies(pair, motion, **{letter: value})[1])
+    whole = pair.residuals(body1, body2)
+    keep = np.arange(6) != 2
+    for name in (*KINDS, "psi", "psid", "psidd"):
+        assert np.array_equal(getattr(found, name)[keep], getattr(whole, name)[keep]), name
+    assert (found.ok, found.skipped) == (True, 1)
+    assert "(1 of 6 samples is not finite and was left out)" in found.verdict
+    assert min(row.samples for row in found.rows) == 5
+
+
+def test_nothing_compared_is_not_ok():
+    pair, motion = made(), coordinates(generator(97), 3)
+    body1, body2 = bodies(pair, motion, R=np.full((3, 3), np.nan))
+    found = pair.residuals(body1, body2)
+    assert not found.ok
+    assert found.verdict.startswith("NOTHING COMPARED: no finite sample of gap")
+    empty = pair.residuals(*bodies(pair, [c[:0] for c in motion]))
+    assert (empty.ok, empty.shape, empty.psi.shape) == (False, (0,), (0,))
+
+
+def test_report_reads_and_parses():
+    pair, motion = made(name="elbow"), [c.reshape(2, 3, 7) for c in coordinates(generator(98), 6)]
+    body1, body2 = bodies(pair, motion)
+    good = pair.residuals(body1, body2)
+    assert str(good).splitlines()[0] == "elbow: two motions against the constraints, u = 1.11e-16"
+    assert str(good).splitlines()[-1] == "PASSED: 6 residuals of 6 samples within tolerance"
+    R = np.array(body2.R)
+    R[1, 2, 0] += 1e-3
+    bad = pair.residuals(body1, bodies(pair, motion, R=R)[1])
+    assert bad.verdict == "FAILED: gap"
+    assert any(line.startswith("gap ") and "1.00e-03" in line and " 1,2 " in line for line in str(bad).splitlines())
+    report = json.loads(bad.to_json())
+    assert (report["ok"], report["rows"][0]["worst_sample"], report["rows"][0]["ok"]) == (False, [1, 2], False)
+    assert repr(bad) == "Residuals(shape=(2, 3), FAILED: gap)"
+    one = pair.residuals(*bodies(pair, [c[0, 0] for c in motion]))
+    assert one.ok
+    assert one.psi.shape == ()
+    with pytest.raises(AttributeError):
+        one.shape = (3,)
+    with pytest.raises(ValueError, match="read-only"):
+        good.gap[...] = 0

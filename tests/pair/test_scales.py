@@ -1,0 +1,68 @@
+"""The scales of the accuracy contract, and errors in their units."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hingepair.pair.accuracy import BOUNDS, SCALES, error_ratios, euler_rate_sizes, given_rate_sizes, output_scales
+
+
+def test_scales_are_those_of_the_contract():
+    given = {"u1": (3, 4, 0), "u2": (0, 0, -2), "R1": (1, -7, 2), "v1": (0.5, 0, -3), "a1": (11, 0, -13)}
+    found = output_scales(**given, W1=2.0, A1=17.0, psid=-3.0, psidd=-19.0)
+    W2, A2 = 5.0, 17 + 19 + 2 * 3.0
+    expected = {
+        "S1": 1,
+        "S2": 1,
+        "d": 7,
+        "R2": 14,
+        "omega1": 2,
+        "omega2": W2,
+        "v2": 3 + 2 * 5 + W2 * 2,
+        "alpha1": 17,
+        "alpha2": A2,
+        "a2": 13 + (17 + 4) * 5 + (A2 + W2**2) * 2,
+    }
+    assert {name: float(value) for name, value in found.items()} == expected
+    assert set(expected) == set(BOUNDS) == set(SCALES)
+    spatial = output_scales(**given, W1=2.0, A1=17.0, psid=-3.0, psidd=-19.0, pinocchio=True)
+    assert spatial["a2"] == expected["a2"] + (2 + 5) * 3 + 2 * 5 * 5
+    assert spatial["alpha2"] == A2 + 9
+
+
+def test_scales_need_what_they_are_made_of():
+    assert set(output_scales(u1=(1, 0, 0), u2=(0, 1, 0))) == {"S1", "S2", "d"}
+    without_v1 = output_scales(u1=(1, 0, 0), u2=(0, 1, 0), a1=(0, 0, 1), W1=1, A1=1, psid=1, psidd=1, pinocchio=True)
+    assert set(without_v1) == {"S1", "S2", "d", "omega1", "omega2", "alpha1", "alpha2"}
+
+
+def test_rate_sizes_of_angles_and_of_given_attitude():
+    W1, A1 = euler_rate_sizes([[1, -2, 2]], [[0, 0, -3]])
+    assert (W1.tolist(), A1.tolist()) == ([5.0], [28.0])
+    W1, A1 = given_rate_sizes([[3, 0, -4]], [[0, 5, -12]])
+    assert (W1.tolist(), A1.tolist()) == ([5.0], [13.0])
+    assert euler_rate_sizes(None) == given_rate_sizes(None) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("got", "expected", "scale", "ratio"),
+    [
+        (1 + 2**-52, 1.0, 1.0, 2.0),
+        (1 + 2**-52, 1.0, 4.0, 0.5),
+        (0.0, 0.0, 0.0, 0.0),
+        (1e-300, 0.0, 0.0, math.inf),
+        (math.nan, 1.0, 1.0, math.inf),
+        (math.inf, 1.0, 1.0, math.inf),
+        (1.0, math.nan, 1.0, math.nan),
+        (1.0, 1.0, math.inf, math.nan),
+    ],
+)
+def test_errors_in_units_of_roundoff(got, expected, scale, ratio):
+    _, found = error_ratios("v2", (0, got, 0), (0, expected, 0), scale)
+    if ratio == math.inf:
+        assert found > 1e6
+    else:
+        assert np.array_equal(found, ratio, equal_nan=True)

@@ -1,0 +1,216 @@
+"""Angular velocity from S' and from samples of S (E3), and derivatives of samples on any instants."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.numeric.finite_differences import check_instants, differentiate, stencils, unwrap
+from support.states import generator, rotations
+
+U = 2.0**-53
+ORDERS = (2, 4, 6, 8)
+
+
+def omega1_of(t):
+    return np.stack(
+        [
+            3 + 5 * np.sin(t),
+            np.cos(3 * t) - 2.5 * np.sin(2 * t) - 2.5 * np.sin(4 * t),
+            np.sin(3 * t) + 2.5 * np.cos(4 * t) + 2.5 * np.cos(2 * t),
+        ],
+        axis=-1,
+    )
+
+
+def alpha1_of(t):
+    return np.stack(
+        [
+            5 * np.cos(t),
+            -3 * np.sin(3 * t) - 5 * np.cos(2 * t) - 10 * np.cos(4 * t),
+            3 * np.cos(3 * t) - 10 * np.sin(4 * t) - 5 * np.sin(2 * t),
+        ],
+        axis=-1,
+    )
+
+
+def reference(t):
+    return hp.euler_to_matrix(np.stack([3 * t, t, 5 * t], axis=-1))
+
+
+def uneven(count, seed=0):
+    return np.cumsum(generator(80, seed).uniform(0.5, 1.5, count))
+
+
+@pytest.mark.law
+def test_reference_example_at_a_millisecond():
+    t = np.arange(10_001) * 1e-3
+    omega, alpha = hp.angular_velocity_from_samples(t, reference(t), with_alpha=True)
+    assert abs(omega - omega1_of(t)).max() <= 2e-11
+    assert abs(alpha - alpha1_of(t)).max() <= 1e-7
+    assert np.array_equal(omega, hp.angular_velocity_from_samples(t, reference(t)))
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_error_falls_with_the_order(order):
+    """On uneven instants too; at the ends, where the neighbours are on one side, with the same order."""
+    steps = uneven(21, order) / 21
+    errors = []
+    for span in (0.06 * order, 0.03 * order):
+        t = 1 + span * steps
+        found = hp.angular_velocity_from_samples(t, reference(t), order, with_alpha=True)
+        exact = (omega1_of(t), alpha1_of(t))
+        errors.append([abs(a - b).max(axis=-1)[rows].max() for a, b in zip(found, exact, strict=True) for rows in
+                       (slice(order // 2, -order // 2), slice(0, order // 2), slice(-order // 2, None))])  # fmt: skip
+    observed = np.log2(np.array(errors[0]) / errors[1])
+    assert (observed[:3] > order - 0.5).all(), observed
+    assert (observed[3:] > order - 1.5).all(), observed
+
+
+@pytest.mark.law
+def test_a_steady_turn_is_exact_to_round_off():
+    axis = np.array([0.6, 0.0, -0.8])
+    t = 1e6 + np.arange(40) / 64  # differences are exact
+    S = hp.rotation_exp(((t - t[0]) * 3)[:, None] * axis) @ rotations(generator(81), 1)[0]
+    for order in ORDERS:
+        omega, alpha = hp.angular_velocity_from_samples(t, S, order, with_alpha=True)
+        assert abs(omega - 3 * axis).max() <= 64 * 64 * U * 4  # attitudes to 4 u, at 64 samples a second
+        assert abs(alpha).max() <= 64**2 * 256 * U * 4
+
+
+def test_noise_gain_is_that_of_the_docstring():
+    """Weights on independent noise: the sum of their squares."""
+    rows = re.findall(r"^ +(\d) +([\d.]+) +([\d.]+)$", hp.angular_velocity_from_samples.__doc__, re.MULTILINE)
+    assert [int(row[0]) for row in rows] == list(ORDERS)
+    for order, *stated in rows:
+        gain = np.empty(40)
+        for own, _, first, _ in stencils(np.arange(40.0) / 8, int(order)):
+            gain[own] = np.sqrt((first**2).sum(axis=-1)) / 8
+        assert [f"{gain[20]:.2g}", f"{gain[0]:.2g}"] == [f"{float(text):.2g}" for text in stated]
+        assert gain[-1] == pytest.approx(gain[0], rel=1e-12)
+
+
+def test_measured_noise_follows_the_stated_gain():
+    rng = generator(82)
+    t, sigma = np.arange(4_000) * 0.01, 1e-5
+    S = hp.rotation_exp(sigma * rng.normal(size=(4_000, 3))) @ reference(t)
+    for order, gain in ((2, 0.71), (6, 1.1)):
+        clean = hp.angular_velocity_from_samples(t, reference(t), order)
+        noise = (hp.angular_velocity_from_samples(t, S, order) - clean)[10:-10]
+        assert noise.std() == pytest.approx(gain * sigma / 0.01, rel=0.05)
+
+
+def test_a_lost_sample_costs_its_stencil_and_nothing_else():
+    t = np.arange(60) * 0.01
+    S = reference(t)
+    whole = hp.angular_velocity_from_samples(t, S)
+    S[30, 1, 2] = np.nan
+    omega = hp.angular_velocity_from_samples(t, S)
+    lost = np.isnan(omega).any(axis=-1)
+    assert np.flatnonzero(lost).tolist() == list(range(27, 34))
+    assert np.isnan(omega[lost]).all()
+    assert np.array_equal(omega[~lost], whole[~lost])
+    S[30] = np.inf
+    assert np.array_equal(np.isnan(hp.angular_velocity_from_samples(t, S)).any(axis=-1), lost)
+
+
+def test_leading_axes_are_many_attitudes_at_the_same_instants():
+    t = uneven(30) * 0.01
+    S = np.stack([reference(t), np.swapaxes(reference(t), -1, -2), reference(t + 1)]).reshape(3, 1, 30, 3, 3)
+    omega, alpha = hp.angular_velocity_from_samples(t, S, 4, with_alpha=True)
+    assert omega.shape == alpha.shape == (3, 1, 30, 3)
+    for i in range(3):
+        assert np.array_equal(omega[i, 0], hp.angular_velocity_from_samples(t, S[i, 0], 4))
+    assert hp.angular_velocity_from_samples(t, S[:0]).shape == (0, 1, 30, 3)
+
+
+def test_blocks_do_not_show(monkeypatch):
+    t = uneven(100) * 0.01
+    whole = hp.angular_velocity_from_samples(t, reference(t))
+    monkeypatch.setattr("hingepair.numeric.finite_differences._BLOCK", 7)
+    assert np.array_equal(hp.angular_velocity_from_samples(t, reference(t)), whole)
+
+
+def test_few_samples_and_single_precision():
+    t = np.arange(7) * 0.01
+    assert abs(hp.angular_velocity_from_samples(t, reference(t)) - omega1_of(t)).max() <= 1e-7
+    single = hp.angular_velocity_from_samples(t.astype(np.float32), reference(t).astype(np.float32))
+    assert single.dtype == np.float32
+    assert abs(single - omega1_of(t)).max() <= 2.0**-24 * 30 / 0.01
+    assert hp.angular_velocity_from_samples(range(9), np.broadcast_to(np.eye(3), (9, 3, 3))).tolist() == [[0] * 3] * 9
+
+
+T = np.arange(20) / 100
+REFUSED = {
+    "too few": ((T[:6], reference(T[:6])), "t: expected shape"),
+    "two axes": ((T[:, None], reference(T)), "t: expected shape"),
+    "t stands still": ((np.minimum(T, 0.1), reference(T)), "at index 11"),
+    "t goes back": ((-T, reference(T)), "at index 1"),
+    "t is nan": ((np.where(T == 0.05, np.nan, T), reference(T)), "nan at index 5"),
+    "t is inf": ((np.where(T == 0.19, np.inf, T), reference(T)), "inf at index 19"),
+    "t is complex": ((T + 0j, reference(T)), "t: expected real"),
+    "another length": ((T, reference(T)[1:]), "S: expected shape"),
+    "one matrix": ((T, np.eye(3)), "S: expected shape"),
+    "no rotation": ((T, 2 * reference(T)), "project_to_rotation"),
+    "odd order": ((T, reference(T), 5), "order: expected one of 2, 4, 6, 8"),
+    "order is true": ((T, reference(T), True), "order"),
+    "turns too far": ((T * 30, reference(T * 30)), r"S: expected .* rad at index"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), REFUSED.values(), ids=REFUSED)
+def test_refused_with_the_name_of_the_argument(arguments, message):
+    with pytest.raises(hp.ArgumentError, match=message):
+        hp.angular_velocity_from_samples(*arguments)
+
+
+def test_a_turn_just_below_the_limit_is_right():
+    t = np.arange(10.0)
+    for turn in (0.39, 0.77):  # the first sample's last neighbour is 6 steps away
+        S = hp.rotation_exp(t[:, None] * (0, turn, 0))
+        if turn * 6 < np.pi:
+            assert abs(hp.angular_velocity_from_samples(t, S, 2) - (0, turn, 0)).max() <= 64 * U
+        else:
+            with pytest.raises(hp.ArgumentError, match="less than pi"):
+                hp.angular_velocity_from_samples(t, S, 2)
+
+
+@pytest.mark.law
+def test_defect_is_the_symmetric_part():
+    rng = generator(83)
+    S, w = rotations(rng, 30), rng.normal(size=(30, 3))
+    symmetric = rng.normal(size=(30, 3, 3))
+    symmetric += np.swapaxes(symmetric, -1, -2)
+    omega, defect = hp.angular_velocity(S, (hp.skew(w) + symmetric) @ S, with_defect=True)
+    assert abs(omega - w).max() <= 32 * U * abs(w).max() * 4
+    assert abs(defect - abs(symmetric).max(axis=(-2, -1))).max() <= 64 * U * abs(symmetric).max()
+    clean, none = hp.angular_velocity(S, hp.skew(w) @ S, with_defect=True)
+    assert none.max() <= 16 * U * abs(w).max()
+    assert np.array_equal(clean, hp.angular_velocity(S, hp.skew(w) @ S))
+    S[3, 0, 0] = np.nan
+    _, lost = hp.angular_velocity(S, hp.skew(w) @ S, with_defect=True)
+    assert np.flatnonzero(np.isnan(lost)).tolist() == [3]
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_polynomials_of_the_degree_are_differentiated_exactly(order):
+    t = 100 + uneven(30, order)
+    c = generator(84).normal(size=order + 1)
+    x = (t - t.mean()) / 20
+    poly = np.polynomial.Polynomial(c)
+    first, second = differentiate(t, 1e3 + poly(x), order)
+    assert abs(first - poly.deriv()(x) / 20).max() <= 1e3 * U * 64
+    assert abs(second - poly.deriv(2)(x) / 400).max() <= 1e3 * U * 512
+    with pytest.raises(hp.ShapeError):
+        check_instants("t", t[:order], order)
+
+
+def test_unwrapped_angles_are_the_same_without_jumps():
+    angle = 30 * np.sin(np.linspace(-2, 3, 300))
+    wrapped = np.arctan2(np.sin(angle), np.cos(angle))
+    back = unwrap(wrapped)
+    assert abs(back - back[0] - (angle - angle[0])).max() <= 16 * U * 50
+    assert np.array_equal(unwrap(angle), angle)

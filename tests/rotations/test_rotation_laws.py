@@ -1,0 +1,96 @@
+"""Rotations against SciPy's: quaternions in both orders, and all 24 Euler sequences there and back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import hingepair as hp
+from hingepair.rotations.sequences import SEQUENCES
+from support.states import generator
+
+U = 2.0**-53
+
+
+@pytest.fixture(scope="module")
+def quats():
+    """Quaternions of any length, the identity and half turns among them."""
+    rng = generator(50)
+    return np.concatenate([rng.normal(size=(40, 4)) * 10 ** rng.uniform(-3, 3, (40, 1)), np.eye(4), -np.eye(4)])
+
+
+@pytest.mark.law
+def test_quaternion_orders(quats):
+    expected = Rotation.from_quat(quats).as_matrix()
+    R = np.zeros((len(quats), 3))
+    xyzw = hp.BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=quats)
+    wxyz = hp.BodyMotion.from_quaternion_wxyz(R=R, quat_wxyz=np.roll(quats, 1, axis=-1))
+    assert abs(xyzw.S - expected).max() <= 16 * U
+    assert abs(wxyz.S - expected).max() <= 16 * U
+    assert np.array_equal(xyzw.S, wxyz.S)
+
+
+@pytest.mark.law
+def test_rotation_vectors():
+    rotvec = generator(51).normal(size=(40, 3)) * 10 ** generator(52).uniform(-12, 0.4, (40, 1))
+    S = Rotation.from_rotvec(rotvec).as_matrix()
+    assert abs(hp.rotation_exp(rotvec) - S).max() <= 16 * U
+    assert abs(hp.BodyMotion.from_rotvec(R=np.zeros((40, 3)), rotvec=rotvec).S - S).max() <= 16 * U
+    short = rotvec[np.linalg.norm(rotvec, axis=-1) < np.pi]
+    back = hp.rotation_log(hp.rotation_exp(short))
+    assert np.all(abs(back - short).max(axis=-1) <= 32 * U)
+
+
+def test_there_are_24_sequences():
+    assert len(set(SEQUENCES)) == 24
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_sequence_means_what_scipy_says(sequence):
+    phi = generator(53).uniform(-np.pi, np.pi, (50, 3))
+    expected = Rotation.from_euler(sequence, phi).as_matrix()
+    S = hp.euler_to_matrix(phi, sequence)
+    assert abs(S - expected).max() <= 16 * U
+    one = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1))
+    q = np.concatenate([np.zeros((50, 3)), phi, np.zeros((50, 1))], axis=-1)
+    assert abs(one.forward_kinematics(q, sequence=sequence, outputs=("S1",)).S1 - expected).max() <= 16 * U
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_angles_come_back(sequence):
+    """Angles in the standard range come back themselves; at gimbal lock they give the same attitude."""
+    proper = sequence[0] == sequence[2]
+    middle = (0.1, np.pi - 0.1) if proper else (0.1 - np.pi / 2, np.pi / 2 - 0.1)
+    rng = generator(54)
+    phi = rng.uniform(-np.pi, np.pi, (50, 3))
+    phi[:, 1] = rng.uniform(*middle, 50)
+    back = hp.matrix_to_euler(hp.euler_to_matrix(phi, sequence), sequence)
+    assert abs(back - phi).max() <= 32 * U / 0.1
+    expected = Rotation.from_matrix(hp.euler_to_matrix(phi, sequence)).as_euler(sequence)
+    assert abs(back - expected).max() <= 64 * U / 0.1
+    for lock in (0.0, np.pi) if proper else (np.pi / 2, -np.pi / 2):
+        for off in (0.0, 1e-9, 1e-12, 1e-160):
+            phi[:, 1] = lock - np.copysign(off, lock - 1e-9)
+            S = hp.euler_to_matrix(phi, sequence)
+            again = hp.euler_to_matrix(hp.matrix_to_euler(S, sequence), sequence)
+            assert abs(again - S).max() <= 32 * U, (lock, off)
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_rates_of_a_sequence(sequence):
+    """omega1 of the pair is J phi', and euler_rates takes it back to phi'."""
+    proper = sequence[0] == sequence[2]
+    rng = generator(55)
+    phi, phid = rng.uniform(-np.pi, np.pi, (50, 3)), rng.normal(size=(50, 3))
+    phi[:, 1] = rng.uniform(0.3, 1.2, 50) + (0.2 if proper else 0.0)
+    one = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1))
+    q, qd = (np.concatenate([np.zeros((50, 3)), x, np.zeros((50, 1))], axis=-1) for x in (phi, phid))
+    omega1 = one.forward_kinematics(q, qd, sequence=sequence, outputs=("omega1",)).omega1
+    J = hp.euler_rate_matrix(phi, sequence)
+    W1 = abs(phid).sum(axis=-1)
+    assert np.all(abs((J @ phid[..., None])[..., 0] - omega1).max(axis=-1) <= 8 * U * W1)
+    assert np.all(abs(hp.euler_rates(phi, omega1, sequence) - phid).max(axis=-1) <= 64 * U * W1)

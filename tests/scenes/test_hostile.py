@@ -1,0 +1,45 @@
+"""Hostile texts: scenes, expressions and URDF, thousands of them under limits of memory and time.
+
+Only a result or an error of the library may come out. The texts are made from seeds (hostile.py), so that a finding
+can be looked at again: `python tests/hostile.py KIND SEED 1 10`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import hingepair as hp
+from support import hostile
+
+SCRIPT = Path(hostile.__file__)
+FEW = {"expression": 60, "scene": 12, "urdf": 150}
+MANY = {"expression": 12_000, "scene": 3_000, "urdf": 20_000}
+LIMIT = 10  # seconds a text
+
+
+@pytest.mark.parametrize("kind", FEW)
+def test_a_few_hostile_texts(kind):
+    found, refused = hostile.findings(kind, 10**6, FEW[kind], LIMIT)
+    assert not found
+    assert refused > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", MANY)
+def test_many_hostile_texts(kind):
+    """In a process of its own with 3 GiB of addresses: what hangs, crashes or eats memory is found out."""
+    environment = dict(os.environ, PYTHONPATH=str(Path(hp.__file__).parents[1]), PYTHONWARNINGS="error")
+    command = [sys.executable, str(SCRIPT), kind, "0", str(MANY[kind]), str(LIMIT)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=900, check=False)
+    assert done.returncode == 0, (done.returncode, done.stderr[-2000:])
+    *found, last = map(json.loads, done.stdout.splitlines())
+    assert not found
+    assert last["done"] == MANY[kind]
+    assert 0.2 * MANY[kind] < last["refused"] < MANY[kind]
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,255 @@
+"""Scenes whose attitude is integrated from rates (E12): expressions and logs, and what is wrong with them, named."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import hingepair as hp
+from hingepair.cli.main import app
+from hingepair.symbolic.antiderivative import antiderivative
+from hingepair.symbolic.expressions import parse
+from hingepair.symbolic.jets import time_symbol
+from support.spins import U
+
+MODELS = Path(__file__).parents[2] / "models"
+
+PAIR = """
+[pair]
+u1 = [0.5, 0.2, 0.1]
+u2 = [-0.25, 0.1, 0.3]
+n = [1, 0, 0]
+"""
+TIME = """
+[time]
+start = 0
+stop = 2
+samples = 41
+"""
+REFERENCE = """
+[motion]
+omega1 = ["3 + 5*sin(t)", "cos(3*t) - 5/2*sin(2*t) - 5/2*sin(4*t)", "sin(3*t) + 5/2*cos(4*t) + 5/2*cos(2*t)"]
+psi_dot = 10
+x = "3*t"
+y = "3*t"
+z = "3*t"
+"""
+GOOD = PAIR + REFERENCE + TIME
+FLAT = """
+planar = true
+[pair]
+u1 = [0.5, 0.2]
+u2 = [-0.25, 0.1]
+[motion]
+omega1 = "cos(t)"
+psi_dot = "t*sin(2*t)"
+x = "0.5*t"
+phi_0 = 0.3
+psi_0 = -1
+"""
+LOG = "t,omega1_x,omega1_y,omega1_z,psid\n" + "".join(f"{k / 10},0,0,{1 + k / 10},2\n" for k in range(12))
+LOGGED = PAIR + '[motion]\nfile = "log.csv"\nintegrate = true\n'
+
+
+def scene_of(folder, text, log=None):
+    (folder / "my.toml").write_text(text)
+    if log is not None:
+        (folder / "log.csv").write_text(log)
+    return hp.load_scene(folder / "my.toml")
+
+
+def test_rates_give_the_motion_that_has_them(tmp_path):
+    """The reference example by its angular velocity, everything about body 2 to the tolerance of the scene."""
+    result = scene_of(tmp_path, GOOD).evaluate()
+    t = result.t
+    pair = hp.HingePair((0.5, 0.2, 0.1), (-0.25, 0.1, 0.3), (1, 0, 0))
+    expected = pair.forward_kinematics(
+        (3 * t, 3 * t, 3 * t, 3 * t, t, 5 * t, 10 * t), (3.0, 3.0, 3.0, 3.0, 1.0, 5.0, 10.0), (0.0,) * 7
+    )
+    assert result.state.outputs == expected.outputs
+    for name, array in expected.arrays().items():
+        size = 1 + np.abs(array).max()
+        np.testing.assert_allclose(getattr(result, name), array, rtol=0, atol=3e-12 * size)
+
+
+def test_a_scene_is_what_integrate_makes_of_it():
+    """frame, S1_0, psi_0 and accelerations of models/spinning_satellite.toml, by hand."""
+    scene = hp.load_scene(MODELS / "spinning_satellite.toml")
+
+    def omega(t):
+        return np.stack([0.3 * np.cos(1.1 * t), 0.3 * np.sin(1.1 * t), 2.5 * (1 - np.exp(-t / 8))], axis=-1)
+
+    def alpha(t):
+        return np.stack([-0.33 * np.sin(1.1 * t), 0.33 * np.cos(1.1 * t), 2.5 / 8 * np.exp(-t / 8)], axis=-1)
+
+    t = scene.times()
+    motion = hp.integrate(
+        scene.pair, t, omega, lambda t: 0.3 * np.sin(0.4 * t) + 0.05 * t * np.exp(-t), psi_0=-0.4, frame="body",
+        S1_0=[[0, -1, 0], [1, 0, 0], [0, 0, 1]], alpha1=alpha,
+        psidd=lambda t: 0.12 * np.cos(0.4 * t) + 0.05 * (1 - t) * np.exp(-t),
+        R1=(np.stack([0.01 * t, 0 * t, 0 * t], -1), np.array([0.01, 0, 0]), np.zeros(3)),
+    )  # fmt: skip
+    for name, array in scene.evaluate().state.arrays().items():
+        np.testing.assert_allclose(array, getattr(motion, name), rtol=0, atol=1e-13 * (1 + np.abs(array).max()))
+
+
+def test_planar_rates_are_two_integrals(tmp_path):
+    result = scene_of(tmp_path, FLAT + TIME).evaluate()
+    t = result.t
+    phi, psi = 0.3 + np.sin(t), -1 + np.sin(2 * t) / 4 - t * np.cos(2 * t) / 2
+    psid = t * np.sin(2 * t)
+    expected = hp.PlanarPair((0.5, 0.2), (-0.25, 0.1)).forward_kinematics(
+        (0.5 * t, 0.0, phi, psi),
+        (0.5, 0.0, np.cos(t), psid),
+        (0.0, 0.0, -np.sin(t), np.sin(2 * t) + 2 * t * np.cos(2 * t)),
+    )
+    assert result.state.outputs == expected.outputs
+    for name, array in expected.arrays().items():
+        np.testing.assert_allclose(getattr(result, name), array, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("rate", ["t**2 - 3", "2*cos(3*t) + 1", "exp(-t/4) - sin(0.5 - 2*t)", "7", "pi*t**5/3"])
+def test_antiderivatives_are_exact_where_a_rule_knows_them(rate, tmp_path):
+    expr = parse("rate", rate, {})
+    whole = antiderivative(expr)
+    assert (whole.diff(time_symbol()) - expr).simplify() == 0
+    scene = scene_of(tmp_path, GOOD.replace("psi_dot = 10", f'psi_dot = "{rate}"\npsi_0 = 0.5'))
+    psi = scene.motion.given.hinge[0]
+    for t, found in zip(scene.times()[::10], psi[::10], strict=True):
+        exact = 0.5 + float((whole.subs(time_symbol(), t) - whole.subs(time_symbol(), 0)).evalf(30))
+        assert abs(found - exact) <= 8 * U * (1 + abs(exact))
+
+
+@pytest.mark.parametrize("rate", ["tan(t)", "t*sin(t)", "sin(t**2)", "1/t", "sqrt(t)", "sin(t)**2", "exp(sin(t))"])
+def test_no_rule_no_antiderivative(rate):
+    assert antiderivative(parse("rate", rate, {})) is None
+
+
+def test_rates_without_an_antiderivative_are_summed(tmp_path):
+    scene = scene_of(tmp_path, GOOD.replace("psi_dot = 10", 'psi_dot = "2*t*cos(t**2)"'))
+    np.testing.assert_allclose(scene.motion.given.hinge[0], np.sin(scene.times() ** 2), rtol=0, atol=1e-12)
+
+
+def test_the_gyro_log_is_what_its_script_makes(tmp_path):
+    spec = importlib.util.spec_from_file_location("make_gyro_log", MODELS / "make_gyro_log.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    script.main(tmp_path)
+    for name in ("gyro_log.csv", "gyro_log_truth.csv"):
+        assert (tmp_path / name).read_bytes() == (MODELS / name).read_bytes()
+        assert (MODELS / name).stat().st_size < 100_000
+
+
+def test_the_gyro_log_gives_the_attitude_beside_it():
+    """And the estimate says how far off it is."""
+    scene = hp.load_scene(MODELS / "gyro_log.toml")
+    truth = np.loadtxt(MODELS / "gyro_log_truth.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(scene.times(), truth[:, 0])
+    S = hp.BodyMotion.from_quaternion_xyzw(R=np.zeros(3), quat_xyzw=truth[:, 1:5]).S
+    off = np.linalg.norm(hp.rotation_log(np.swapaxes(S, -1, -2) @ scene.motion.given.body1.S), axis=-1).max()
+    assert off < 1e-10
+    assert off / 10 <= scene.motion.error_estimate <= 10 * off
+    np.testing.assert_allclose(scene.motion.given.hinge[0], truth[:, 5], rtol=0, atol=1e-10)
+    slope = np.gradient(scene.motion.given.body1.omega, scene.times(), axis=0)[5:-5]
+    np.testing.assert_allclose(scene.motion.given.body1.alpha[5:-5], slope, rtol=0, atol=0.02)
+
+
+def test_the_level_follows_the_log(tmp_path):
+    plain = scene_of(tmp_path, LOGGED, LOG)
+    assert plain.evaluate().state.outputs == ("R2", "S2", "d", "v2", "omega2")
+    turned = 1.1 + 1.1**2 / 2
+    np.testing.assert_allclose(plain.evaluate(("S1",)).S1[-1], hp.rodrigues((0, 0, 1), turned), rtol=0, atol=20 * U)
+    full = scene_of(tmp_path, LOGGED + "differentiate = true\n")
+    np.testing.assert_allclose(full.evaluate(("alpha1",)).alpha1, [[0, 0, 1]] * 12, rtol=0, atol=1e-12)
+    head, *rows = LOG.splitlines()
+    moving = "\n".join(
+        [
+            head.replace("t,", "t,x,y,z,"),
+            *(f"{k / 10},{k / 10},0,1{row[row.index(',') :]}" for k, row in enumerate(rows)),
+        ]
+    )
+    with pytest.raises(hp.SceneError, match=re.escape("v1_x: expected a column beside x (or differentiate = true)")):
+        scene_of(tmp_path, LOGGED, moving)
+    moved = scene_of(tmp_path, LOGGED + "differentiate = true\n", moving).evaluate(("v1", "R1"))
+    np.testing.assert_allclose(moved.v1, [[1, 0, 0]] * 12, rtol=0, atol=1e-13)
+    head, *rows = moving.splitlines()
+    head = head.replace(",omega1_x", ",v1_x,v1_y,v1_z,omega1_x")
+    velocities = "\n".join([head, *(_with_velocity(row, k / 5) for k, row in enumerate(rows))])
+    again = scene_of(tmp_path, LOGGED + "differentiate = true\n", velocities).evaluate(("v1", "a1"))
+    np.testing.assert_array_equal(again.v1[:, 0], np.arange(12) / 5)
+    np.testing.assert_allclose(again.a1, [[2, 0, 0]] * 12, rtol=0, atol=1e-12)
+
+
+def _with_velocity(row, speed):
+    cells = row.split(",")
+    return ",".join([*cells[:4], str(speed), "0", "0", *cells[4:]])
+
+
+def test_run_says_how_far_the_integration_is_off(tmp_path):
+    scene_of(tmp_path, LOGGED, LOG)
+    path = str(tmp_path / "my.toml")
+    found = json.loads(CliRunner().invoke(app, ["run", path, "--json"]).stdout)
+    assert 0 < found["error_estimate"] < 1e-12
+    assert "integrated by magnus6, error about" in CliRunner().invoke(app, ["run", path]).stdout
+    scene_of(tmp_path, LOGGED, "\n".join(LOG.splitlines()[:3]) + "\n")
+    assert "error unknown" in CliRunner().invoke(app, ["run", path]).stdout
+    assert json.loads(CliRunner().invoke(app, ["run", path, "--json"]).stdout)["error_estimate"] is None
+    assert CliRunner().invoke(app, ["check", path]).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("psi_dot = 10\n", "", "motion.psi_dot: expected a finite number or an expression in t, got nothing"),
+        ('omega1 = ["3 + 5*sin(t)",', "omega1 = [", "motion.omega1: expected three numbers or expressions in t"),
+        ('"3 + 5*sin(t)"', '"3 + sine(t)"', r"motion.omega1\[0\]: unknown name|motion.omega1\[0\]: .*sine"),
+        ('"3 + 5*sin(t)"', '"log(t - 1)"', r"motion.omega1: expected finite numbers, got .*nan.* at t = 0\."),
+        ("psi_dot = 10\n", 'psi_dot = "sqrt(1 - t)"\n', "motion.psi_dot: expected finite numbers, got nan at t = 1"),
+        ("psi_dot = 10\n", 'psi_dot = 10\nframe = "hinge"\n', "motion.frame: expected one of world, body"),
+        ("psi_dot = 10\n", 'psi_dot = 10\nmethod = "euler"\n', "motion.method: expected one of magnus6"),
+        ("psi_dot = 10\n", "psi_dot = 10\ntol = 1e-17\n", "left, .* rad \\(omega1 leaves .*, psi_dot leaves"),
+        ("psi_dot = 10\n", "psi_dot = 10\ntol = 0\n", "motion.tol: expected a positive number"),
+        ("stop = 2", "stop = 1e300", "motion.omega1"),
+        ('"3 + 5*sin(t)"', "1e200", "motion.omega1: expected angles of each step that have a sine"),
+        ("psi_dot = 10\n", "psi_dot = 10\nphi_x = 1\n", "motion.phi_x: expected one of"),
+        ("psi_dot = 10\n", "psi_dot = 10\nS1_0 = 3\n", "motion.S1_0: expected 3 lists of 3 finite numbers"),
+        ("psi_dot = 10\n", "psi_dot = 10\nS1_0 = [[2,0,0],[0,1,0],[0,0,1]]\n", "motion.S1_0: expected rotations"),
+        ("psi_dot = 10\n", 'psi_dot = 10\npsi_0 = "1"\n', "motion.psi_0: expected a finite number"),
+    ],
+)
+def test_what_is_wrong_with_expressions_is_named(tmp_path, old, new, message):
+    assert old in GOOD
+    with pytest.raises(hp.SceneError, match=message):
+        scene_of(tmp_path, GOOD.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("extra", "log", "message"),
+    [
+        ('integrate = "yes"', LOG, "motion.integrate: expected true or false"),
+        ("differentiate = 1", LOG, "motion.differentiate: expected true or false"),
+        ("tol = 1e-9", LOG, "motion.tol: expected one of"),
+        ("", LOG.replace(",psid", ",psidd"), "log.csv: psid: expected a column, got no such column"),
+        ("", LOG.replace("omega1_z", "alpha1_z"), "log.csv: omega1_z: expected a column beside omega1_x"),
+        ("", LOG.replace("psid", "psi"), "log.csv: psi: expected columns of rates and of R1"),
+        ("", LOG.replace("t,", "v1_x,", 1), "log.csv: t: expected a column"),
+        ("", LOG.replace("0.3,0,", "0.3,nan,"), "log.csv: omega1_x: expected finite numbers, to be integrated"),
+        ("", LOG.replace("0.3,", "0.1,"), "log.csv: t: expected instants that increase"),
+    ],
+)
+def test_what_is_wrong_with_a_log_is_named(tmp_path, extra, log, message):
+    text = LOGGED if "integrate" not in extra else LOGGED.replace("integrate = true\n", "")
+    with pytest.raises(hp.SceneError, match=message):
+        scene_of(tmp_path, text + extra + "\n", log)
+
+
+def test_planar_scenes_refuse_what_is_of_space(tmp_path):
+    for line, key in (('frame = "body"', "frame"), ("S1_0 = 1", "S1_0"), ('method = "dop853"', "method")):
+        with pytest.raises(hp.SceneError, match=rf"motion\.{key}: expected one of"):
+            scene_of(tmp_path, FLAT + line + TIME)

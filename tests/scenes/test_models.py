@@ -1,0 +1,51 @@
+"""models/: what stands there is what the program writes today, and its README's code runs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+
+U = 2.0**-53
+MODELS = Path(__file__).parents[2] / "models"
+README = (MODELS / "README.md").read_text()
+BLOCKS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+SCENES = sorted(MODELS.glob("*.toml"))
+EXPORTS = {".urdf": hp.to_urdf, ".xml": hp.to_mjcf}
+NUMBER = re.compile(r"-?\d+\.\d+(?:e[-+]?\d+)?")
+
+
+@pytest.mark.parametrize("ending", EXPORTS)
+@pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
+def test_the_exports_are_fresh(scene, ending):
+    """To the letter, and to the last bits of each number: machines differ in these (atan2, fused multiply-add)."""
+    stored = scene.with_suffix(ending).read_text(encoding="utf-8")
+    fresh = EXPORTS[ending](hp.load_scene(scene).space)
+    assert NUMBER.sub("#", stored) == NUMBER.sub("#", fresh), "stale: see models/README.md"
+    one, two = (np.array([float(n) for n in NUMBER.findall(text)]) for text in (stored, fresh))
+    assert (np.abs(one - two) <= 8 * U * np.maximum(1, np.abs(two))).all(), "stale: see models/README.md"
+
+
+def test_every_export_has_its_scene_and_every_scene_its_line():
+    stems = {scene.stem for scene in SCENES}
+    for ending in EXPORTS:
+        assert {path.stem for path in MODELS.glob(f"*{ending}")} == stems
+    for stem in stems:
+        assert f"| `{stem}` |" in README
+
+
+@pytest.mark.parametrize("simulator", ["pinocchio", "mujoco"])
+def test_the_readme_opens_them(simulator, monkeypatch):
+    (code,) = (block for block in BLOCKS if f"import {simulator}" in block)
+    monkeypatch.chdir(MODELS.parent)
+    names = {}
+    exec(code, names)
+    model, data = names["model"], names["data"]
+    found = data.body("body2").xpos if simulator == "mujoco" else data.oMf[model.getFrameId("body2")].translation
+    pair = hp.load_scene("models/reference_3d.toml").space
+    size = np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
+    assert np.abs(found - pair.forward_kinematics((0, 0, 0, 0, 0, 0, 0.5)).R2).max() <= 16 * U * size

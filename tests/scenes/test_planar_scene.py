@@ -1,0 +1,172 @@
+"""Scenes in the plane: `planar = true`, and scenes whose constants prove that all turns are about z."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import hingepair as hp
+from hingepair.cli import summary
+from hingepair.cli.main import app
+
+MODELS = Path(__file__).parents[2] / "models"
+
+PLANAR = """
+planar = true
+[pair]
+u1 = [0.5, 0.2]
+u2 = [-0.25, 0.1]
+name = "legs"
+[motion]
+x = "3*t"
+y = 0.5
+phi = "0.3*t**2"
+psi = "sin(t)"
+[time]
+start = 0
+stop = 2
+samples = 21
+"""
+
+SPATIAL = """
+[pair]
+u1 = [0.5, 0.2, 0]
+u2 = [-0.25, 0.1, 0]
+n = [0, 0, 2]
+[motion]
+x = "3*t"
+y = 0.5
+z = 0
+phi_x = 0
+phi_y = 0
+phi_z = "0.3*t**2"
+psi = "sin(t)"
+[time]
+start = 0
+stop = 2
+samples = 21
+"""
+
+
+def scene_of(tmp_path, text):
+    path = tmp_path / "my.toml"
+    path.write_text(text)
+    return hp.load_scene(path)
+
+
+def test_is_the_scene_in_space(tmp_path):
+    flat, space = scene_of(tmp_path, PLANAR).evaluate(), scene_of(tmp_path, SPATIAL).evaluate()
+    assert isinstance(flat.state, hp.PlanarState)
+    for name in ("R2", "d", "v2", "a2"):
+        np.testing.assert_allclose(getattr(flat, name), getattr(space, name)[:, :2], rtol=0, atol=64 * 2.0**-53)
+    for name in ("omega2", "alpha2"):
+        np.testing.assert_allclose(getattr(flat, name), getattr(space, name)[:, 2], rtol=0, atol=64 * 2.0**-53)
+
+
+def test_names_its_own_coordinates_and_outputs(tmp_path):
+    scene = scene_of(tmp_path, PLANAR + '[outputs]\nnames = ["phi2", "R2"]\n')
+    assert list(scene.expressions) == ["x", "y", "phi", "psi"]
+    result = scene.evaluate()
+    assert result.state.outputs == ("phi2", "R2")
+    assert {"phi2", "R2"} <= set(dir(result))
+    assert "S2" not in dir(result)
+    np.testing.assert_array_equal(result.phi2, 0.3 * result.t**2 + np.sin(result.t))
+    assert repr(scene.pair) == "PlanarPair(u1=[0.5, 0.2], u2=[-0.25, 0.1], name='legs')"
+    assert (scene.space.n.tolist(), scene.space.name) == ([0, 0, 1], "legs")
+
+
+def test_nothing_moves_and_there_are_still_all_instants(tmp_path):
+    still = PLANAR.replace('"3*t"', "3").replace('"0.3*t**2"', "0.25").replace('"sin(t)"', "0.5")
+    assert scene_of(tmp_path, still).evaluate().R2.shape == (21, 2)
+
+
+def test_checked_against_pinocchio_and_its_constraints(tmp_path):
+    scene = scene_of(tmp_path, PLANAR)
+    report = scene.cross_validate()
+    assert report.ok
+    assert [row.output for row in report.rows] == ["R2", "phi2", "d", "v2", "omega2", "a2", "alpha2"]
+    assert "in the plane" in str(report)
+    for residual in summary.residuals(scene):
+        assert residual.ratio <= 8
+
+
+def test_a_wrong_planar_pair_fails_its_check(monkeypatch):
+    pair, q = hp.PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1)), np.linspace(0, 3, 40).reshape(10, 4)
+    assert hp.cross_validate(pair, q, q, q).ok
+    moved = hp.HingePair(u1=(0.5, 0.2 + 1e-12, 0), u2=(-0.25, 0.1, 0), n=(0, 0, 1))
+    monkeypatch.setattr(hp.PlanarPair, "to_spatial", lambda _: moved)
+    assert "FAILED" in str(hp.cross_validate(pair, q, q, q))
+
+
+def test_command_line(tmp_path):
+    path = tmp_path / "my.toml"
+    path.write_text(PLANAR)
+    run = CliRunner().invoke(app, ["run", str(path), "--json", "-o", str(tmp_path / "out.csv")])
+    facts = json.loads(run.stdout)
+    assert list(facts["outputs"]) == [
+        "R2_x",
+        "R2_y",
+        "phi2",
+        "d_x",
+        "d_y",
+        "v2_x",
+        "v2_y",
+        "omega2",
+        "a2_x",
+        "a2_y",
+        "alpha2",
+    ]
+    rows = list(csv.reader((tmp_path / "out.csv").read_text().splitlines()))
+    assert rows[0] == ["t", *facts["outputs"]]
+    assert float(rows[-1][3]) == 0.3 * 4 + np.sin(2)
+    assert "in the plane z = 0" in CliRunner().invoke(app, ["run", str(path)]).stdout
+    robot = CliRunner().invoke(app, ["urdf", str(path)]).stdout
+    back = hp.from_urdf(robot, joint="hinge", body2_frame="body2")
+    np.testing.assert_allclose(back.u2, (-0.25, 0.1, 0), rtol=0, atol=1e-16)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("planar = true", "planar = 1", r"planar: expected true or false, got 1"),
+        ("u1 = [0.5, 0.2]", "u1 = [0.5, 0.2, 0]", r"pair\.u1: expected .*2"),
+        ('name = "legs"', "n = [0, 0, 1]", r"pair\.n"),
+        ('phi = "0.3*t**2"', 'phi_z = "0.3*t**2"', r"motion\.phi"),
+        ('x = "3*t"', 'x = "3*t"\nsequence = "XYZ"', r"motion\.sequence"),
+        ("[time]", '[outputs]\nnames = ["S2"]\n[time]', r"outputs\.names: expected one of R2, phi2"),
+    ],
+)
+def test_refused(tmp_path, old, new, message):
+    assert old in PLANAR
+    with pytest.raises(hp.SceneError, match=message):
+        scene_of(tmp_path, PLANAR.replace(old, new))
+
+
+def test_log_files_are_not_of_the_plane(tmp_path):
+    text = PLANAR.split("[motion]", maxsplit=1)[0] + '[motion]\nfile = "log.csv"\n'
+    with pytest.raises(hp.SceneError, match=r"motion\.file: .*planar"):
+        scene_of(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "flat"),
+    [
+        ("n = [0, 0, 2]", "n = [0, 0, -1]", True),
+        ("phi_x = 0", "phi_x = 0.1", False),
+        ("phi_y = 0", 'phi_y = "0*t"', True),
+        ("phi_y = 0", 'phi_y = "1e-9*t"', False),
+        ("n = [0, 0, 2]", "n = [0, 1e-9, 2]", False),
+        ("n = [0, 0, 2]", "n = [0, 0, 2]\nhome = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]", True),
+        ("n = [0, 0, 2]", "n = [0, 0, 2]\nhome = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]", False),
+    ],
+)
+def test_plan_says_whether_constants_prove_motion_flat(tmp_path, old, new, flat):
+    assert old in SPATIAL
+    plan = scene_of(tmp_path, SPATIAL.replace(old, new)).plan()
+    assert any(why.startswith("constants prove") for _, why in plan.skipped) is flat
+    assert any(name == "turn1" for name, _ in plan.computed) is flat

@@ -1,0 +1,176 @@
+"""Files of samples that cannot be used: each refused in one line that names the file and the column."""
+
+from __future__ import annotations
+
+import csv
+import io
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.sampled import BODY, EULER, SCENE, logged, moving, scene_of, some, write
+
+GOOD = some(moving(), "t", *EULER)
+
+
+def text_of(columns):
+    stream = io.StringIO()
+    csv.writer(stream).writerows([list(columns), *zip(*(c.tolist() for c in columns.values()), strict=True)])
+    return stream.getvalue()
+
+
+def changed(**columns):
+    return {name: value for name, value in (GOOD | columns).items() if value is not None}
+
+
+def with_value(name, index, value):
+    column = GOOD[name].copy()
+    column[index] = value
+    return changed(**{name: column})
+
+
+LINES = text_of(GOOD).splitlines()
+REFUSED_CSV = {
+    "empty file": ("", "", "log.csv: expected a first line of column names"),
+    "no rows": (LINES[0] + "\n", "", "log.csv: expected at least one sample"),
+    "no header": ("\n".join(LINES[1:]), "", "an unknown column"),
+    "ragged": ("\n".join([*LINES[:4], LINES[4] + ",1", *LINES[5:]]), "", "line 5: expected 8 fields"),
+    "short row": ("\n".join([*LINES[:4], "1,2", *LINES[5:]]), "", "line 5: expected 8 fields"),
+    "decimal commas": ("\n".join([LINES[0], *(line.replace(".", ",") for line in LINES[1:])]), "", "decimal points"),
+    "semicolons": (text_of(GOOD).replace(",", ";"), "", "separated by commas"),
+    "empty cell": (
+        "\n".join([*LINES[:2], LINES[2].rpartition(",")[0] + ",", *LINES[3:]]),
+        "",
+        "line 3: psi: expected a",
+    ),
+    "words": ("\n".join([*LINES[:2], "a" + LINES[2], *LINES[3:]]), "", "line 3: t: expected a number"),
+    "unknown column": (changed(phi_w=GOOD["psi"]), "", "'phi_w': expected one of"),
+    "column twice": (LINES[0].replace("y", "x", 1) + "\n" + LINES[1], "", "log.csv: x: expected a column once"),
+    "no t": (changed(t=None), "", "log.csv: t: expected a column"),
+    "no psi": (changed(psi=None), "", "log.csv: psi: expected a column"),
+    "no position": (changed(x=None, y=None, z=None), "", "log.csv: x: expected a column"),
+    "half a position": (changed(y=None), "", "y: expected a column beside x"),
+    "no attitude": (changed(phi_x=None, phi_y=None, phi_z=None), "", "phi_x: expected columns phi_x"),
+    "two attitudes": (changed(qx=GOOD["x"]), "", "qx: expected nothing of this kind beside phi_x"),
+    "omega1 beside angles": (changed(omega1_x=GOOD["x"]), "", "omega1_x: expected nothing"),
+    "only psid": (changed(psid=GOOD["psi"]), "", "v1_x: expected a column, beside rates"),
+    "seconds alone": (changed(psidd=GOOD["psi"]), "", "v1_x: expected a column, beside rates"),
+    "t is nan": (with_value("t", 5, np.nan), "", "log.csv: t: expected finite instants, got nan at index 5"),
+    "t stands": (with_value("t", 5, GOOD["t"][4]), "", "at index 5"),
+    "nan differentiated": (with_value("phi_y", 7, np.nan), "differentiate = true\n", "phi_y: .* nan at sample 7"),
+    "too few": ({k: v[:6] for k, v in GOOD.items()}, "differentiate = true\n", "at least 7 samples"),
+    "zero quaternion": (
+        {name: np.zeros(3) for name in BODY} | {"t": np.arange(3)},
+        "",
+        "zero quaternion at sample 0",
+    ),
+    "turns too far": (
+        {name: np.zeros(9) for name in BODY}
+        | {"t": np.arange(9), "qx": np.sin(np.arange(9)), "qw": np.cos(np.arange(9))},
+        "differentiate = true\n",
+        "qx, qy, qz, qw: expected samples that turn by less than pi",
+    ),
+    "sequence of quaternions": (some(logged(9), *BODY), 'sequence = "XYZ"\n', "motion.sequence: expected nothing"),
+    "sequence": (GOOD, 'sequence = "XXY"\n', "motion.sequence"),
+    "time beside": (GOOD, "[time]\nstart = 0\nstop = 1\nsamples = 3\n", "my.toml: time: expected no such table"),
+    "not a flag": (GOOD, "differentiate = 1\n", "motion.differentiate: expected true or false"),
+    "expression beside": (GOOD, 'x = "t"\n', "motion.x: expected one of file"),
+    "not UTF-8": (b"t,x\xff\n1,2\n", "", "log.csv"),
+    "long header": ("t" * 20_000, "", "first line of column names"),
+}
+
+
+@pytest.mark.parametrize(("columns", "more", "message"), REFUSED_CSV.values(), ids=REFUSED_CSV)
+def test_refused_in_one_line_that_names_file_and_column(tmp_path, columns, more, message):
+    with pytest.raises(hp.SceneError, match=message) as caught:
+        scene_of(tmp_path, columns, more)
+    assert "\n" not in str(caught.value)
+    assert str(tmp_path) in str(caught.value)
+
+
+class Trap:
+    """What must never be unpickled."""
+
+    def __reduce__(self):
+        return (exec, ("raise SystemExit('code from a file ran')",))
+
+
+REFUSED_NPZ = {
+    "pickle": ({"t": np.array([Trap()], dtype=object)}, "t: expected real numbers"),
+    "complex": ({"t": np.zeros(3, complex)}, "t: expected real numbers"),
+    "half precision": ({"t": np.zeros(3, np.float16)}, "t: expected real numbers"),
+    "text": ({"t": np.array(["1"])}, "t: expected real numbers"),
+    "unknown array": ({"time": np.arange(3)}, "'time': expected one of"),
+    "scalar": ({"t": np.array(1.0)}, r"t: expected shape \(N,\)"),
+    "transposed": ({"R1": np.zeros((3, 9))}, r"R1: expected shape \(N, 3\)"),
+    "lengths": ({"t": np.arange(3), "psi": np.arange(4)}, "columns of one length, got t: 3, psi: 4"),
+    "both ways": ({"R1": np.zeros((3, 3)), "x": np.zeros(3)}, "x: expected x once"),
+    "empty": ({"t": np.empty(0)}, "at least one sample"),
+}
+
+
+@pytest.mark.parametrize(("arrays", "message"), REFUSED_NPZ.values(), ids=REFUSED_NPZ)
+def test_arrays_refused(tmp_path, arrays, message):
+    np.savez(tmp_path / "made.npz", **arrays)
+    with pytest.raises(hp.SceneError, match=message):
+        scene_of(tmp_path, (tmp_path / "made.npz").read_bytes(), name="log.npz")
+
+
+def test_sizes_are_refused_before_anything_is_allocated(tmp_path, monkeypatch):
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (10**13,)})
+    with zipfile.ZipFile(tmp_path / "log.npz", "w") as archive:
+        archive.writestr("t.npy", header.getvalue())
+    with pytest.raises(hp.SceneError, match="at most 10000000 samples, got 10000000000000"):
+        scene_of(tmp_path, (tmp_path / "log.npz").read_bytes(), name="log.npz")
+    for name in ("log.csv", "log.npz", "log.parquet"):
+        with monkeypatch.context() as patch:
+            patch.setattr("hingepair.scenes.sample_file.MAX_ROWS", 11)
+            with pytest.raises(hp.SceneError, match="at most 11 samples, got 12"):
+                scene_of(tmp_path, GOOD, name=name)
+            patch.setattr("hingepair.scenes.sample_file.MAX_BYTES", 100)
+            with pytest.raises(hp.SceneError, match="at most 100 bytes"):
+                scene_of(tmp_path, GOOD, name=name)
+
+
+@pytest.mark.parametrize("name", ["log.npz", "log.parquet"])
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"PAR1junkPAR1", b"text"])
+def test_no_such_format(tmp_path, name, content):
+    with pytest.raises(hp.SceneError, match=name):
+        scene_of(tmp_path, content, name=name)
+
+
+def test_a_file_cut_short(tmp_path):
+    for name in ("log.npz", "log.parquet"):
+        write(tmp_path / name, GOOD)
+        whole = (tmp_path / name).read_bytes()
+        for length in (len(whole) // 3, len(whole) - 3):
+            with pytest.raises(hp.SceneError, match=name):
+                scene_of(tmp_path, whole[:length], name=name)
+
+
+def test_parquet_nulls_are_lost_numbers_and_words_are_refused(tmp_path):
+    columns = {name: column.tolist() for name, column in GOOD.items()}
+    columns["y"][2] = None
+    result = scene_of(tmp_path, columns, name="log.parquet").evaluate()
+    assert np.flatnonzero(np.isnan(result.R2[:, 1])).tolist() == [2]
+    columns["y"] = ["1.5"] * 12
+    with pytest.raises(hp.SceneError, match="y: expected a column of numbers, got string"):
+        scene_of(tmp_path, columns, name="log.parquet")
+
+
+def test_parquet_without_pyarrow_says_what_to_install(tmp_path, monkeypatch):
+    scene_of(tmp_path, GOOD, name="log.parquet")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(hp.MissingDependencyError, match=r"\.\[parquet\]"):
+        hp.load_scene(tmp_path / "my.toml")
+
+
+@pytest.mark.parametrize("name", ["log.txt", "log", "none.csv", "."])
+def test_no_such_file(tmp_path, name):
+    (tmp_path / "my.toml").write_text(SCENE.format(file=name))
+    with pytest.raises(hp.SceneError, match=r"a file (name that ends in|of samples)"):
+        hp.load_scene(tmp_path / "my.toml")

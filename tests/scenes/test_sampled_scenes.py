@@ -1,0 +1,204 @@
+"""Scenes whose motion is samples in a file: what they say, and what they find by differentiating."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import hingepair as hp
+from hingepair.cli.main import app
+from hingepair.scenes.scene import SceneResult
+from support.sampled import BODY, EULER, RATES, SECOND, logged, moving, scene_of, some
+from support.states import generator
+
+U = 2.0**-53
+MODELS = Path(__file__).parents[2] / "models"
+
+
+def same(result, state):
+    assert result.state.outputs == state.outputs
+    for name, expected in state.arrays().items():
+        np.testing.assert_allclose(getattr(result, name), expected, rtol=0, atol=16 * U * abs(expected).max())
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.npz", "log.parquet", "LOG.CSV"])
+def test_columns_are_the_coordinates(tmp_path, name):
+    columns = moving()
+    scene = scene_of(tmp_path, columns, 'sequence = "ZXZ"\n', name)
+    given = [np.stack([columns[c] for c in names], axis=-1) for names in (EULER, RATES, SECOND)]
+    same(scene.evaluate(), scene.pair.forward_kinematics(*given, sequence="ZXZ"))
+    assert np.array_equal(scene.times(), columns["t"])
+    assert (scene.samples, scene.start, scene.stop) == (12, columns["t"][0], columns["t"][-1])
+    assert scene.cross_validate().ok
+    assert scene.cross_validate(5).samples == 5
+
+
+def test_stacked_arrays_are_the_columns_side_by_side(tmp_path):
+    columns = moving()
+    q, qd, qdd = (np.stack([columns[c] for c in names], axis=-1) for names in (EULER, RATES, SECOND))
+    one = scene_of(tmp_path, columns).evaluate()
+    parts = {"t": columns["t"], "R1": q[:, :3], "phi": q[:, 3:6], "psi": q[:, 6], "v1": qd[:, :3]}
+    parts |= {"phid": qd[:, 3:6], "psid": qd[:, 6], "a1": qdd[:, :3], "phidd": qdd[:, 3:6], "psidd": qdd[:, 6]}
+    for arrays in ({"t": columns["t"], "q": q, "qd": qd, "qdd": qdd}, parts):
+        result = scene_of(tmp_path, arrays, name="log.npz").evaluate()
+        assert all(np.array_equal(a, getattr(result, name)) for name, a in one.state.arrays().items())
+
+
+@pytest.mark.parametrize("order", ["columns", "quat_xyzw", "quat_wxyz"])
+def test_quaternions_go_the_way_of_given_attitudes(tmp_path, order):
+    rng = generator(92)
+    R, omega, v, a, alpha = rng.normal(size=(5, 9, 3))
+    quat, psi = rng.normal(size=(9, 4)), rng.normal(size=(3, 9))
+    arrays = {"t": np.arange(9) / 4, "R1": R, "v1": v, "a1": a, "omega1": omega, "alpha1": alpha}
+    arrays |= {"psi": psi[0], "psid": psi[1], "psidd": psi[2]}
+    if order == "columns":
+        arrays |= dict(zip(("qx", "qy", "qz", "qw"), quat.T, strict=True))
+    else:
+        arrays[order] = quat if order == "quat_xyzw" else np.roll(quat, 1, axis=-1)
+    scene = scene_of(tmp_path, arrays, name="log.npz")
+    body1 = hp.BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=quat, v=v, omega=omega, a=a, alpha=alpha)
+    same(scene.evaluate(), scene.pair.forward_kinematics_from_body1(body1, *psi))
+    assert scene.sequence is None
+    assert scene.cross_validate().ok
+    assert scene.plan().outputs == scene.evaluate().state.outputs
+    assert "the attitude of body 1 is given" in str(scene.plan())
+    assert ("first derivatives of the coordinates", "no output needs them") in scene.plan(("R2",)).skipped
+
+
+def test_what_the_file_lacks_is_not_there(tmp_path):
+    columns = moving()
+    pose = scene_of(tmp_path, some(columns, "t", *EULER))
+    assert pose.evaluate().state.outputs == ("R2", "S2", "d")
+    assert pose.evaluate().v2 is None
+    assert ("first derivatives of the coordinates", "the motion does not give them") in pose.plan().skipped
+    with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of R2, S2, d, R1, S1; .*differentiate.* 'v2'"):
+        pose.evaluate(("R2", "v2"))
+    with pytest.raises(hp.SceneError, match=r"my\.toml: outputs\.names: .* got 'omega1'"):
+        scene_of(tmp_path, some(columns, "t", *EULER), '[outputs]\nnames = ["omega1"]\n')
+    velocity = scene_of(tmp_path, some(columns, "t", *EULER, *RATES))
+    assert velocity.evaluate().state.outputs == ("R2", "S2", "d", "v2", "omega2")
+    for name in ("expressions", "coordinates"):
+        with pytest.raises(hp.ArgumentError, match="motion: expected a scene whose motion is coordinates as "):
+            getattr(velocity, name) if name == "expressions" else velocity.coordinates(0.0)
+
+
+def test_a_number_that_is_lost_stays_lost_in_its_sample(tmp_path):
+    columns = moving()
+    columns["phi_y"][4] = np.nan
+    columns["psid"][7] = np.inf
+    result = scene_of(tmp_path, columns).evaluate()
+    assert np.flatnonzero(~np.isfinite(result.R2).all(axis=-1)).tolist() == [4]
+    assert np.flatnonzero(~np.isfinite(result.v2).all(axis=-1)).tolist() == [4, 7]
+    body = some(logged(30), *BODY)
+    body["qz"][3] = np.nan
+    scene = scene_of(tmp_path, body)
+    assert np.flatnonzero(~np.isfinite(scene.evaluate().S2).all(axis=(-2, -1))).tolist() == [3]
+    assert scene.cross_validate().skipped == 1
+
+
+def test_columns_that_never_change_cost_nothing_at_each_instant(tmp_path):
+    columns = moving() | {name: np.zeros(12) for name in (*EULER[3:5], *RATES[3:5], *SECOND[3:5])}
+    scene = scene_of(tmp_path, columns)
+    assert "sine and cosine of phi_x at each instant: phi_x is constant" in str(scene.plan())
+    still = {name: np.full(5, 0.5) for name in EULER} | {"t": np.arange(5.0)}
+    result = scene_of(tmp_path, still).evaluate()
+    assert result.R2.shape == (5, 3)
+    assert not np.ptp(result.R2, axis=0).any()
+
+
+# ---------------------------------------------------------------- differentiate = true
+
+
+ARM = """
+[pair]
+u1 = [0.3, 0, -0.02]
+u2 = [-0.12, 0, 0.01]
+n = [0, 1, 0]
+[motion]
+x = "0.3*sin(t)"
+y = "0.2*cos(0.7*t)"
+z = "1 + 0.1*sin(1.3*t)"
+phi_x = "0.5*sin(t)"
+phi_y = "0.3*sin(1.3*t) - 0.4"
+phi_z = "0.2*cos(t)"
+psi = "0.8 + 0.6*sin(1.7*t)"
+sequence = "ZYX"
+[time]
+start = 0
+stop = 4
+samples = 201
+"""
+POSE = dict.fromkeys(("R2", "S2", "d"), 16 * U)
+MIDDLE = POSE | {"v2": 3e-11, "omega2": 3e-11, "a2": 3e-10, "alpha2": 3e-10}
+ENDS = POSE | {"v2": 1e-8, "omega2": 1e-8, "a2": 1e-6, "alpha2": 1e-6}
+"""Truncation: (1.7 * 0.02)^6 times the constant of the stencil, 1/140 in the middle and 2.3 at the ends."""
+
+
+def close(result, truth):
+    for errors, rows in ((MIDDLE, slice(3, -3)), (ENDS, slice(None))):
+        for name, error in errors.items():
+            assert abs(getattr(result, name) - getattr(truth, name))[rows].max() <= error, name
+
+
+def test_the_log_of_the_model_is_what_its_comment_says():
+    with (MODELS / "logged_arm.csv").open() as file:
+        header, *rows = csv.reader(file)
+    found = np.array(rows, dtype=float)
+    expected = some(logged(201), *BODY)
+    assert tuple(header) == BODY
+    assert abs(found - np.stack(list(expected.values()), axis=-1)).max() <= 8 * U
+    assert all(repr(float(text)) == text for row in rows for text in row)
+    assert (MODELS / "logged_arm.csv").stat().st_size < 60_000
+
+
+@pytest.mark.parametrize("kind", ["quaternions", "Euler angles", "wrapped angles", "rates given"])
+def test_derivatives_found_are_those_of_the_motion(tmp_path, kind):
+    (tmp_path / "arm.toml").write_text(ARM)
+    truth = hp.load_scene(tmp_path / "arm.toml").evaluate((*ENDS, "omega1", "v1"))
+    columns = logged(201)
+    euler = some(columns, "t", *EULER)
+    if kind == "quaternions":
+        model = hp.load_scene(MODELS / "logged_arm.toml")
+        close(model.evaluate(), truth)
+        return
+    more = 'sequence = "ZYX"\n'
+    if kind == "wrapped angles":
+        euler |= {name: np.mod(euler[name], 2 * np.pi) for name in (*EULER[3:6], "psi")}
+        assert np.ptp(euler["phi_x"]) > 6
+    if kind == "rates given":  # of which the second derivatives are found, at half the noise
+        euler = some(columns, *BODY)
+        for i, axis in enumerate("xyz"):
+            euler |= {f"omega1_{axis}": truth.omega1[:, i], f"v1_{axis}": truth.v1[:, i]}
+        more = ""
+    scene = scene_of(tmp_path, euler, more + "differentiate = true\n")
+    pair = hp.load_scene(tmp_path / "arm.toml").pair
+    close(
+        SceneResult(scene.times(), scene.motion.samples(slice(None), 2).forward_kinematics(pair, None)),
+        truth,
+    )
+
+
+def test_given_derivatives_are_kept(tmp_path):
+    columns = moving(20)
+    kept = scene_of(tmp_path, columns, "differentiate = true\n").evaluate()
+    assert np.array_equal(kept.a2, scene_of(tmp_path, columns).evaluate().a2)
+    some_kept = scene_of(tmp_path, some(columns, "t", *EULER, *RATES[:3]), "differentiate = true\n")
+    found = some_kept.evaluate(("v1", "omega1"))
+    assert np.array_equal(found.v1, np.stack([columns[name] for name in RATES[:3]], axis=-1))
+
+
+def test_commands_work_on_a_pose_only_log(tmp_path):
+    scene_of(tmp_path, some(logged(30), *BODY))
+    scene = str(tmp_path / "my.toml")
+    found = json.loads(CliRunner().invoke(app, ["run", scene, "--json"]).stdout)
+    assert found["residuals"].keys() == {"E1"}
+    assert found["sequence"] is None
+    assert "attitude as quaternions" in CliRunner().invoke(app, ["run", scene, "--explain"]).stdout
+    done = CliRunner().invoke(app, ["check", scene, "--json"])
+    assert done.exit_code == 0
+    assert [row["output"] for row in json.loads(done.stdout)["rows"]] == ["R2", "S2", "d"]

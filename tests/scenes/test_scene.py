@@ -1,0 +1,288 @@
+"""Scenes: files to motions, closed forms, and every malformed file refused in one line."""
+
+from __future__ import annotations
+
+import pickle
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.scenes.scene import Scene
+
+U = 2.0**-53
+MODELS = Path(__file__).parents[2] / "models"
+
+GOOD = """
+[pair]
+u1 = [0.5, 0.2, 0.1]
+u2 = [-0.25, 0.1, 0.3]
+n = [1, 0, 0]
+[motion]
+x = "3*t"
+y = 0.5
+z = "w*t**2"
+phi_x = "0.1*t"
+phi_y = "0.2*sin(t)"
+phi_z = 0
+psi = "pi*t"
+[motion.constants]
+w = 2
+[time]
+start = 0
+stop = 2
+samples = 21
+"""
+
+
+def scene_of(tmp_path: Path, text: str | bytes) -> Scene:
+    path = tmp_path / "my.toml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return hp.load_scene(path)
+
+
+def test_reference_example_equals_the_library_by_hand() -> None:
+    scene = hp.load_scene(MODELS / "reference_3d.toml")
+    result = scene.evaluate()
+    t = np.linspace(0, 10, 10_001)
+    q = np.stack([3 * t, 3 * t, 3 * t, 3 * t, t, 5 * t, 10 * t], axis=-1)
+    qd = np.array([3.0, 3, 3, 3, 1, 5, 10])
+    state = hp.HingePair((0.5, 0.2, 0.1), (-0.25, 0.1, 0.3), (1, 0, 0)).forward_kinematics(q, qd, np.zeros(7))
+    np.testing.assert_array_equal(result.t, t)
+    for name, expected in state.arrays().items():
+        np.testing.assert_allclose(getattr(result, name), expected, rtol=0, atol=8 * U * np.abs(expected).max())
+
+
+def test_reference_example_meets_its_closed_form() -> None:
+    result = hp.load_scene(MODELS / "reference_3d.toml").evaluate(("omega1",))
+    t = result.t
+    assert t.shape == (10_001,)
+    expected = np.stack(
+        [
+            3 + 5 * np.sin(t),
+            np.cos(3 * t) - 2.5 * np.sin(2 * t) - 2.5 * np.sin(4 * t),
+            np.sin(3 * t) + 2.5 * np.cos(4 * t) + 2.5 * np.cos(2 * t),
+        ],
+        axis=-1,
+    )
+    W1 = 3 + 1 + 5
+    assert np.abs(result.omega1 - expected).max() <= 16 * U * W1
+    assert result.R2 is None
+
+
+def test_planar_example_meets_its_closed_form() -> None:
+    scene = hp.load_scene(MODELS / "reference_2d.toml")
+    result = scene.evaluate()
+    (x, y, phi1, psi), (_, _, phi1d, psid), _ = scene.coordinates(result.t)
+    (ux1, uy1), (ux2, uy2) = scene.pair.u1, scene.pair.u2
+    c1, s1, c2, s2 = np.cos(phi1), np.sin(phi1), np.cos(phi1 + psi), np.sin(phi1 + psi)
+    expected = np.stack(
+        [x + c1 * ux1 - s1 * uy1 - c2 * ux2 + s2 * uy2, y + s1 * ux1 + c1 * uy1 - s2 * ux2 - c2 * uy2], axis=-1
+    )
+    scale = np.maximum(abs(x), abs(y)) + np.hypot(ux1, uy1) + np.hypot(ux2, uy2)
+    angles = np.abs(phi1) + np.abs(psi)  # phi_1 + psi is rounded in the closed form, up to its own last bit
+    assert (np.abs(result.R2 - expected).max(axis=-1) <= (8 + angles) * U * scale).all()
+    np.testing.assert_array_equal(result.phi2, phi1 + psi)
+    np.testing.assert_allclose(result.omega2, phi1d + psid, rtol=0, atol=3 * U * 10)
+
+
+def test_derivatives_reach_the_state(tmp_path: Path) -> None:
+    result = scene_of(tmp_path, GOOD).evaluate(("v1", "a1", "R1"))
+    t = result.t
+    np.testing.assert_allclose(result.R1, np.stack([3 * t, 0 * t + 0.5, 2 * t**2], -1), rtol=4 * U)
+    np.testing.assert_allclose(result.v1, np.stack([0 * t + 3, 0 * t, 4 * t], -1), rtol=4 * U)
+    np.testing.assert_allclose(result.a1, np.broadcast_to((0.0, 0.0, 4.0), (21, 3)), rtol=4 * U)
+
+
+def test_default_outputs_are_all_of_body_2(tmp_path: Path) -> None:
+    assert scene_of(tmp_path, GOOD).evaluate().state.outputs == ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2")
+
+
+def test_outputs_of_the_file_are_those_computed(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, GOOD + '[outputs]\nnames = ["R2", "omega1"]\n')
+    assert scene.evaluate().state.outputs == ("R2", "omega1")
+    assert scene.evaluate(("d",)).state.outputs == ("d",)
+
+
+def test_sequence_names_the_angles_in_order(tmp_path: Path) -> None:
+    from scipy.spatial.transform import Rotation
+
+    scene = scene_of(tmp_path, GOOD.replace("[motion]\n", '[motion]\nsequence = "ZYX"\n'))
+    result = scene.evaluate(("S1",))
+    angles = np.stack([0.1 * result.t, 0.2 * np.sin(result.t), 0 * result.t], axis=-1)
+    np.testing.assert_allclose(result.S1, Rotation.from_euler("ZYX", angles).as_matrix(), rtol=0, atol=16 * U)
+
+
+def test_a_scene_at_rest_and_of_one_sample(tmp_path: Path) -> None:
+    text = re.sub(r'= "[^"]*"', "= 0.25", GOOD).replace("samples = 21", "samples = 1").replace("stop = 2", "stop = 0")
+    result = scene_of(tmp_path, text).evaluate()
+    assert result.R2.shape == (1, 3)
+    assert (result.v2 == 0).all()
+
+
+def test_limits(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, GOOD.replace("[motion]\n", "limits = [-1, 2.5]\n[motion]\n"))
+    assert scene.pair.limits == (-1.0, 2.5)
+    assert scene.evaluate().R2.shape == (scene.samples, 3)
+
+
+def test_home_and_robot(tmp_path: Path) -> None:
+    home = "home = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]\n"
+    assert scene_of(tmp_path, GOOD.replace("[motion]\n", home + "[motion]\n")).pair.home[0, 2] == 1
+    robot = 'robot = "talos_reduced"\njoint = "arm_left_4_joint"\n'
+    pair = scene_of(tmp_path, re.sub(r"u1.*\nu2.*\nn .*\n", robot, GOOD)).pair
+    assert not pair.u2.any()
+
+
+def change(old: str, new: str) -> str:
+    assert GOOD.count(old) == 1, old
+    return GOOD.replace(old, new)
+
+
+MALFORMED = {
+    "not TOML": ("[pair", "TOML"),
+    "empty": ("", "time"),
+    "unknown table": (GOOD + "[tme]\na = 1\n", "tme"),
+    "unknown key": (change("psi =", "psy ="), "motion.psy"),
+    "unknown pair key": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nu3 = [0, 0, 0]"), "pair.u3"),
+    "missing psi": (change('psi = "pi*t"\n', ""), "motion.psi"),
+    "missing u1": (change("u1 = [0.5, 0.2, 0.1]\n", ""), "pair.u1"),
+    "missing stop": (change("stop = 2\n", ""), "time.stop"),
+    "missing table": (change("[time]", "[times]"), "times"),
+    "text for vector": (change("u1 = [0.5, 0.2, 0.1]", 'u1 = "0.5"'), "pair.u1"),
+    "two components": (change("u1 = [0.5, 0.2, 0.1]", "u1 = [0.5, 0.2]"), "pair.u1"),
+    "bool component": (change("u1 = [0.5, 0.2, 0.1]", "u1 = [true, 0, 0]"), "pair.u1"),
+    "nan component": (change("u1 = [0.5, 0.2, 0.1]", "u1 = [nan, 0, 0]"), "pair.u1"),
+    "zero axis": (change("n = [1, 0, 0]", "n = [0, 0, 0]"), "pair.n"),
+    "no rotation": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = [[2,0,0],[0,1,0],[0,0,1]]"), "pair.home"),
+    "bool coordinate": (change("y = 0.5", "y = true"), "motion.y"),
+    "inf coordinate": (change("y = 0.5", "y = inf"), "motion.y"),
+    "huge coordinate": (change("y = 0.5", "y = 1e999"), "motion.y"),
+    "list coordinate": (change("y = 0.5", "y = [1]"), "motion.y"),
+    "unknown name": (change('psi = "pi*t"', 'psi = "sine(t)"'), "unknown name 'sine'"),
+    "sequence": (change("[motion]\n", '[motion]\nsequence = "XXY"\n'), "motion.sequence"),
+    "sequence type": (change("[motion]\n", "[motion]\nsequence = 3\n"), "motion.sequence"),
+    "constant shadows": (change("w = 2", "w = 2\nsin = 3"), "motion.constants.sin"),
+    "constant text": (change("w = 2", 'w = "2"'), "motion.constants.w"),
+    "constant inf": (change("w = 2", "w = inf"), "motion.constants.w"),
+    "no samples": (change("samples = 21", "samples = 0"), "time.samples"),
+    "float samples": (change("samples = 21", "samples = 1e12"), "time.samples"),
+    "too many samples": (change("samples = 21", "samples = 1000000000000"), "time.samples"),
+    "backwards": (change("stop = 2", "stop = -1"), "time.stop"),
+    "nan time": (change("stop = 2", "stop = nan"), "time.stop"),
+    "unknown output": (GOOD + '[outputs]\nnames = ["R3"]\n', "outputs.names"),
+    "output text": (GOOD + '[outputs]\nnames = "R2"\n', "outputs.names"),
+    "robot and u1": (change("n = [1, 0, 0]", 'n = [1, 0, 0]\nrobot = "a1"\njoint = "b"'), "pair.u1"),
+    "key of two lines": (GOOD + '[outputs]\n"a\\nb" = 1\n', "outputs"),
+    "imaginary motion": (change('psi = "pi*t"', 'psi = "(-2)**t"'), "motion.psi"),
+    "span past floats": (change("start = 0\nstop = 2", "start = -1e308\nstop = 1e308"), "time.stop"),
+    "matrix of lists": (change("n = [1, 0, 0]", "n = [[1, 0, 0]]"), "pair.n"),
+    "limits of three": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nlimits = [1, 2, 3]"), "pair.limits"),
+    "limits the wrong way round": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nlimits = [2, 1]"), "pair.limits"),
+    "home of two rows": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = [[1,0,0],[0,1,0]]"), "pair.home"),
+    "joint alone": (change("n = [1, 0, 0]", 'n = [1, 0, 0]\njoint = "a"'), "pair.u1"),
+    "pair is a number": ("pair = 3\n" + GOOD.replace("[pair]", "[time2]"), "time2"),
+    "empty title": ('title = " "\n' + GOOD, "title"),
+    "no outputs": (GOOD + "[outputs]\nnames = []\n", "outputs.names"),
+    "long dotted keys": ("\n".join("a." * 2_000 + f"k{i} = 1" for i in range(200)), "16 parts"),
+    "not UTF-8": (b"\xff\xfe", "UTF-8"),
+    "large file": (b"# " + b"x" * 1_100_000, "bytes"),
+    "deep": ("a = " + "[" * 50_000, "TOML"),
+    "long key": ("a" + ".a" * 100_000 + " = 1", "my.toml"),
+}
+
+
+@pytest.mark.parametrize(("text", "word"), MALFORMED.values(), ids=MALFORMED)
+def test_malformed_is_refused_in_one_line(tmp_path: Path, text: str | bytes, word: str) -> None:
+    with pytest.raises(hp.SceneError) as caught:
+        scene_of(tmp_path, text)
+    message = str(caught.value)
+    assert "my.toml" in message
+    assert word in message
+    assert "\n" not in message
+    assert ("expected" in message and "got" in message) or "known: " in message
+
+
+def test_the_good_scene_is_good(tmp_path: Path) -> None:
+    assert np.isfinite(scene_of(tmp_path, GOOD).evaluate().a2).all()
+
+
+@pytest.mark.parametrize(
+    "robot", ["robot = 'no_such_robot'\njoint = 'a'\n", "robot = 'talos_reduced'\njoint = 'a'\n"]
+)
+def test_unknown_robot_names_the_key(tmp_path: Path, robot: str) -> None:
+    with pytest.raises(hp.SceneError, match=r"my\.toml: pair\.(robot|joint)"):
+        scene_of(tmp_path, re.sub(r"u1.*\nu2.*\nn .*\n", robot, GOOD))
+
+
+@pytest.mark.parametrize("model", sorted(MODELS.glob("*.toml")), ids=lambda path: path.stem)
+def test_models_say_what_they_are_and_move(model: Path) -> None:
+    text = model.read_text()
+    scene = hp.load_scene(model)
+    assert text.startswith("#")
+    assert len(scene.title.split()) > 5
+    result = scene.evaluate()
+    assert all(np.isfinite(array).all() for array in result.state.arrays().values())
+    bodies = scene.motion.samples(slice(None), 1).bodies(scene.pair)
+    assert np.ptp(np.einsum("nij,nik->njk", bodies["S1"], bodies["S2"]), axis=0).max() > 0.01
+
+
+def test_panel_swings_from_the_side_to_straight_out() -> None:
+    result = hp.load_scene(MODELS / "satellite_panel.toml").evaluate(("S1", "d"))
+    in_body_1 = np.einsum("nji,nj->ni", result.S1, result.d)
+    np.testing.assert_allclose(in_body_1[0], (0.5, 0, -0.6), atol=1e-4)
+    np.testing.assert_allclose(in_body_1[-1], (1.5, 0, 0.4), atol=1e-4)
+
+
+def test_wheels_of_truck_and_trailer_hardly_slip() -> None:
+    result = hp.load_scene(MODELS / "truck_trailer.toml").evaluate(("S1", "v1", "S2", "v2"))
+    for S, v, most in ((result.S1, result.v1, 1e-12), (result.S2, result.v2, 0.1)):
+        assert np.abs(np.einsum("ni,ni->n", v, S[:, :, 1])).max() <= most  # m/s, at 20 m/s
+
+
+def test_only_the_derivatives_that_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = hp.load_scene(MODELS / "truck_trailer.toml")
+    given = []
+    original = hp.HingePair.forward_kinematics
+    monkeypatch.setattr(
+        hp.HingePair, "forward_kinematics", lambda *args, **kw: given.append(len(args)) or original(*args, **kw)
+    )
+    for outputs in (("R2", "S1"), ("omega1", "d"), ("alpha2",), None):
+        scene.evaluate(outputs)
+    assert given == [2, 3, 4, 4]
+
+
+def test_result_says_what_it_has(tmp_path: Path) -> None:
+    result = scene_of(tmp_path, GOOD).evaluate(("R2",))
+    assert result.state.R2 is result.R2
+    with pytest.raises(AttributeError, match=r"R3.*t, state, R2"):
+        _ = result.R3
+    with pytest.raises(AttributeError):
+        result.t = 0
+    assert pickle.loads(pickle.dumps(result)).R2.tolist() == result.R2.tolist()
+
+
+@pytest.mark.parametrize("path", ["", "no/such.toml", ".", "nul\0.toml", 3, None])
+def test_unreadable_path(path: object) -> None:
+    with pytest.raises(hp.SceneError):
+        hp.load_scene(path)
+
+
+def test_the_plan_says_what_is_skipped_and_why(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, GOOD)
+    full = str(scene.plan())
+    assert scene.plan().outputs == scene.evaluate().state.outputs
+    assert "sine and cosine of phi_z at each instant: phi_z is constant" in full
+    assert "the product with C: home is the identity" in full
+    assert "no output needs" not in full
+    only = scene.plan(("S1",))
+    assert [name for name, _ in only.computed] == ["trig", "S1"]
+    assert ("first derivatives of the coordinates", "no output needs them") in only.skipped
+    assert ("attitude of body 2 (E5)", "no output needs it") in only.skipped
+    turned = GOOD.replace('"0.1*t"', "0.3").replace('"0.2*sin(t)"', "0.2")
+    steps = dict(scene_of(tmp_path, turned).plan().computed)
+    assert (steps["S1"], steps["omega1"], steps["S2"]) == ("once", "once", "each")
+    with pytest.raises(hp.ArgumentError, match="outputs"):
+        scene.plan(("R9",))

@@ -1,0 +1,28 @@
+"""Both bodies of a hinge pair's motion, as the library computes them."""
+
+from __future__ import annotations
+
+import hingepair as hp
+from support.states import generator
+from support.states import pair as random_pair
+
+LETTERS = {"R": "R2", "S": "S2", "v": "v2", "omega": "omega2", "a": "a2", "alpha": "alpha2"}
+OUTPUTS = ("S1", "omega1", "alpha1", *LETTERS.values())
+
+
+def made(key=0, **changes):
+    constants = dict(zip(("u1", "u2", "n", "home"), random_pair(generator(85, key)), strict=True)) | changes
+    return hp.HingePair(**constants)
+
+
+def bodies(pair, motion, backend="numpy", **changes):
+    """Both bodies of a motion as the library computes it; changes replace arrays of body 2."""
+    q, qd, qdd = motion
+    s = pair.forward_kinematics(q, qd, qdd, outputs=OUTPUTS, backend=backend)
+    own = {"R": q[..., :3], "v": qd[..., :3], "a": qdd[..., :3], "S": s.S1, "omega": s.omega1, "alpha": s.alpha1}
+    other = {letter: getattr(s, name) for letter, name in LETTERS.items()} | changes
+    return hp.BodyMotion(**own), hp.BodyMotion(**other)
+
+
+def only(body, *letters):
+    return hp.BodyMotion(**{letter: getattr(body, letter) for letter in letters})

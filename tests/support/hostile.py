@@ -1,0 +1,215 @@
+"""Hostile texts, made from seeds, and what the library does with them; run as a script under limits.
+
+    python hostile.py KIND FIRST COUNT SECONDS
+
+prints one line of JSON for each text that brought anything but a result or an error of the library, and one at the
+end: {"done": COUNT, "refused": how many}.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import random
+import signal
+import string
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+import hingepair as hp
+
+MODELS = Path(__file__).parents[2] / "models"
+FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "tanh", "exp", "log", "sqrt")
+ODD = (
+    "0", "1", "-1", "t", "pi", "e", "1e308", "1e999", "-1e-999", "9**9**9", "nan", "inf", "1_0", "0x10", "1j", "''",
+    "[]", "()", "t.real", "t[0]", "lambda: t", "__import__('os').system('true')", "().__class__.__mro__",
+    "t if t else 0", "x:=1", "*t", "0/0", "1/0", "10**10**10", "0**-1", "log(0)", "sqrt(-1)", "(-8)**(1/3)",
+    "t**t**t", "e**e**e**t", "2**0.1234567", "1" * 400, "0." + "3" * 300, "((((((((((t))))))))))",
+    "-" * 300 + "t", "\u0661", "\u03c0", "\x00",
+    "t\n", "#", "\\", "sin", "sin()", "sin(t, t)", "atan2(t)", "sin(x=t)", "True", "None", "t//2", "t%2", "t@t", "~t",
+    "t<<3", "t==t", "t and t", "f'{t}'", "\ud7ff", "\U0001d70b", "exp(exp(exp(exp(t))))",
+    "tan(tan(tan(tan(tan(t)))))",
+)  # fmt: skip
+VALUES = (
+    "1e999", "-1e999", "nan", "inf", "-0.0", "1e-320", "9" * 400, "1_000", "0x1F", "true", '""', "[]", "[[]]", "{}",
+    "[1, 2]", "[1, 2, 3, 4]", "[nan, 0, 0]", "[0, 0, 0]", '["a", "b", "c"]', "[1e200, 1e-200, 0]", "[[1, 0], [0, 1]]",
+    "1979-05-27", '"""', "'''", "\\u0000", "10000000", "1000000000000", "-5", "0", '"9**9**9"', '"t**t**t"',
+    "[" * 200, "{a = " * 60,
+)  # fmt: skip
+
+
+def expression(rng):
+    """A random expression: grown from the grammar, then some of its characters changed."""
+
+    def grow(depth):
+        kind = rng.random()
+        if depth == 0 or kind < 0.2:
+            return rng.choice((*ODD[:5], "t", "t", "2", "0.1", "3/7", rng.choice(ODD)))
+        if kind < 0.6:
+            return f"{grow(depth - 1)} {rng.choice(('+', '-', '*', '/', '**', '**'))} {grow(depth - 1)}"
+        if kind < 0.9:
+            return f"{rng.choice(FUNCTIONS)}({grow(depth - 1)})"
+        return f"({grow(depth - 1)}){'' if rng.random() < 0.7 else rng.choice(ODD)}"
+
+    text = grow(rng.randint(1, 7))
+    if rng.random() < 0.1:
+        text = rng.choice(("+", "*", "**", "-", " + t*")).join([text[:40]] * rng.randint(2, 3000))
+    return changed(rng, text, ODD) if rng.random() < 0.4 else text
+
+
+def changed(rng, text, pieces):
+    """The text with a few cuts, repeats, swaps, odd pieces and stray characters."""
+    for _ in range(rng.randint(1, 4)):
+        i, j = sorted(rng.randrange(len(text) + 1) for _ in range(2))
+        j = min(j, i + rng.choice((1, 3, 20, 200)))
+        head, part, tail = text[:i], text[i:j], text[j:]
+        piece, stray = rng.choice(pieces), rng.choice(string.printable + "\x00\x7f\u00e9\u2028\ufeff")
+        middles = ("", part * rng.choice((2, 3, 51)), piece, piece + part, stray)
+        text = head + rng.choice(middles) + tail
+        text = text[:200_000]
+    return text
+
+
+def scene(rng):
+    """A scene of the models, with a value replaced, lines moved about, or characters changed."""
+    lines = rng.choice([path.read_text(encoding="utf-8") for path in sorted(MODELS.glob("*.toml"))]).splitlines()
+    for _ in range(rng.randint(1, 3)):
+        i = rng.randrange(len(lines))
+        key, equals, _ = lines[i].partition("=")
+        what = rng.random()
+        if equals and what < 0.45:
+            value = json.dumps(expression(rng)) if rng.random() < 0.4 else rng.choice(VALUES)
+            lines[i] = f"{key}= {value}"
+        elif what < 0.55:
+            lines.pop(i)
+        elif what < 0.65:
+            lines.insert(rng.randrange(len(lines)), lines[i])
+        elif what < 0.75:
+            lines.insert(i, f"{rng.choice(('psi', 'file', 'a' * 2000, '.'.join('a' * 300), 'constants.e', 'x'))} = 1")
+        if not lines:
+            break
+    text = "\n".join(lines)
+    return changed(rng, text, VALUES) if rng.random() < 0.3 else text
+
+
+ROBOT = """<?xml version="1.0"?>
+<robot name="r">
+  <link name="base"/><link name="arm"/><link name="hand"/><link name="tip"/>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="arm"/>
+    <origin xyz="0 0 1" rpy="0.1 -1.5707963267948966 0.3"/><axis xyz="0 1 1"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="wrist" type="continuous"><parent link="arm"/><child link="hand"/>
+    <origin xyz="0.5 0 0"/><axis xyz="1 0 0"/><mimic joint="shoulder"/></joint>
+  <joint name="weld" type="fixed"><parent link="hand"/><child link="tip"/><origin xyz="0 0 0.1"/></joint>
+</robot>
+"""
+TAGS = (
+    "<joint", "</joint>", "<link name='x'/>", "<axis xyz='0 0 0'/>", "<axis xyz='nan 0 1'/>", "xyz='1 2'", "1e999",
+    "nan", "0x1", "1,5", "<!DOCTYPE r [<!ENTITY a 'aa'>]>", "<!ENTITY x SYSTEM 'file:///etc/passwd'>", "&a;", "&#0;",
+    "<![CDATA[", "<a>" * 500, "</robot>", "<robot>", "name=''", "type='prismatic'", "type='floating'", "base",
+    "tip", "shoulder", "\x00", "<?xml version='1.0' encoding='utf-16'?>", "<!--", "-->", "9" * 500,
+    "<xacro:include filename='x'/>",
+)  # fmt: skip
+
+
+def urdf(rng):
+    """A small robot, changed."""
+    return changed(rng, ROBOT, TAGS)
+
+
+def use_expression(rng, _):
+    from hingepair.symbolic.coordinates import compile_coordinates
+    from hingepair.symbolic.expressions import parse
+
+    text = expression(rng)
+    yield text
+    part = parse("motion.psi", text, {"k": 0.5})
+    compile_coordinates((part,))(np.array([-1.0, 0.0, 1e-9, 0.5, 1e6]))
+
+
+def use_scene(rng, folder):
+    text = scene(rng)
+    yield text
+    path = Path(folder) / "scene.toml"
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    loaded = hp.load_scene(path)
+    str(loaded.plan())
+    if loaded.times().size <= 20_000:
+        loaded.evaluate()
+
+
+def use_urdf(rng, _):
+    text = urdf(rng)
+    yield text
+    joint = rng.choice(("shoulder", "wrist", "weld", "knee", ""))
+    frames = rng.choice((None, "base", "arm", "tip", "hand", "nowhere"))
+    hp.from_urdf(text, joint=joint, body2_frame=frames)
+
+
+USES = {"expression": use_expression, "scene": use_scene, "urdf": use_urdf}
+
+
+def attempt(kind, seed, folder, seconds):
+    """(what is wrong or None, whether it was refused, the text)."""
+    steps = USES[kind](random.Random(f"{kind} {seed}"), folder)
+    text = next(steps)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            for _ in steps:
+                pass
+    except hp.HingePairError as error:
+        return (None if str(error).strip() else "an empty message"), True, text
+    except BaseException as error:
+        return f"{type(error).__name__}: {error}"[:300], False, text
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    return None, False, text
+
+
+class Late(BaseException):
+    """The text took longer than it may."""
+
+
+@contextlib.contextmanager
+def alarms():
+    def late(*_):
+        raise Late
+
+    before = signal.signal(signal.SIGALRM, late)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGALRM, before)
+
+
+def findings(kind, first, count, seconds):
+    """What goes wrong with so many texts, as (seed, what, text); and how many were refused."""
+    found, refused = [], 0
+    with tempfile.TemporaryDirectory() as folder, alarms():
+        for seed in range(first, first + count):
+            wrong, was_refused, text = attempt(kind, seed, folder, seconds)
+            refused += was_refused
+            if wrong:
+                found.append((seed, wrong, text[:400]))
+    return found, refused
+
+
+def main():
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))
+    kind, first, count, seconds = sys.argv[1], *map(int, sys.argv[2:5])
+    found, refused = findings(kind, first, count, seconds)
+    for seed, wrong, text in found:
+        print(json.dumps({"seed": seed, "wrong": wrong, "text": text}))
+    print(json.dumps({"done": count, "refused": refused}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,264 @@
+"""Closed forms: what derive gives is what physics.vector derives, what papers have, and what the numbers are."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy
+from sympy.physics.vector import Point, ReferenceFrame
+
+import hingepair as hp
+from hingepair.evaluation.plan import LEVER_STEPS, OUTPUTS, make_plan
+from hingepair.symbolic import closed_forms
+from hingepair.symbolic.coordinates import exact
+from hingepair.symbolic.form_inputs import exact_axis
+from hingepair.symbolic.form_text import to_text
+
+MODELS = Path(__file__).parents[2] / "models"
+INSTANTS = (sympy.Rational(1, 3), sympy.Rational(7, 5))
+T = sympy.Symbol("t", real=True)
+DIGITS = 30
+
+
+def scene(tmp_path, name="reference_3d", **changes):
+    """A model with some lines changed."""
+    lines = (MODELS / f"{name}.toml").read_text().splitlines()
+    for key, value in changes.items():
+        found = [i for i, line in enumerate(lines) if line.startswith(f"{key} = ")]
+        if found:
+            lines[found[0]] = f"{key} = {value}"
+        else:
+            lines.insert(lines.index("[pair]") + 1, f"{key} = {value}")
+    path = tmp_path / "scene.toml"
+    path.write_text("\n".join(lines))
+    return hp.load_scene(path)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return hp.derive(hp.load_scene(MODELS / "reference_3d.toml"))
+
+
+def at(matrix, instant):
+    return sympy.Matrix(matrix).subs(T, instant).evalf(DIGITS)
+
+
+def largest(matrix):
+    return max(abs(entry) for entry in matrix)
+
+
+def test_omega1_of_the_reference_example_reads_as_its_source_has_it(reference):
+    assert to_text(reference, ["omega1"]).splitlines() == [
+        "omega1_x = 3 + 5 sin t",
+        "omega1_y = cos 3t - 5/2 sin 2t - 5/2 sin 4t",
+        "omega1_z = sin 3t + 5/2 cos 4t + 5/2 cos 2t",
+    ]
+
+
+def test_a_turn_about_one_axis_has_the_rate_of_its_angle(tmp_path):
+    """The second worked case: S = Sx(phi) gives omega = (phi', 0, 0)."""
+    found = scene(tmp_path, phi_x='"sin(t)**2 + exp(-t/3)"', phi_y=0, phi_z=0)
+    rate = found.expressions["phi_x"].diff(T)
+    assert [sympy.simplify(part) for part in hp.derive(found).omega1 - sympy.Matrix([rate, 0, 0])] == [0, 0, 0]
+    letters = hp.derive(hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)))
+    still = {f: 0 for f in letters.omega1.atoms(sympy.core.function.AppliedUndef) if f.func.__name__ != "phi_x"}
+    assert tuple(letters.omega1.subs(still).doit()) == (letters.S1[0, 0].subs(still) * rate_of("phi_x"), 0, 0)
+
+
+def rate_of(name):
+    return sympy.Function(name, real=True)(T).diff(T)
+
+
+def test_a_planar_pair_gives_e11():
+    pair = hp.PlanarPair(u1=(0.5, 0.25), u2=(-0.25, 0.1))
+    assert to_text(hp.derive(pair, ("u1", "u2")), ["R2", "v2", "phi2", "omega2", "alpha2"]).splitlines() == [
+        "R2_x = x + u1_x cos φ - u1_y sin φ - u2_x cos(φ + ψ) + u2_y sin(φ + ψ)",
+        "R2_y = y + u1_x sin φ + u1_y cos φ - u2_x sin(φ + ψ) - u2_y cos(φ + ψ)",
+        "v2_x = x' + (φ' + ψ') (u2_x sin(φ + ψ) + u2_y cos(φ + ψ)) - φ' (u1_x sin φ + u1_y cos φ)",
+        "v2_y = y' + φ' (u1_x cos φ - u1_y sin φ) - (φ' + ψ') (u2_x cos(φ + ψ) - u2_y sin(φ + ψ))",
+        "phi2 = φ + ψ",
+        "omega2 = φ' + ψ'",
+        "alpha2 = φ'' + ψ''",
+    ]
+
+
+def test_a_scene_in_the_plane_gives_e11():
+    plane = hp.load_scene(MODELS / "reference_2d.toml")
+    forms = hp.derive(plane, ("u1", "u2"))
+    x, y, phi, psi = plane.expressions.values()
+    ux1, uy1, ux2, uy2 = sympy.symbols("u1_x u1_y u2_x u2_y", real=True)
+    (s1, c1), (s2, c2) = ((sympy.sin(a), sympy.cos(a)) for a in (phi, phi + psi))
+    e11 = [x + c1 * ux1 - s1 * uy1 - c2 * ux2 + s2 * uy2, y + s1 * ux1 + c1 * uy1 - s2 * ux2 - c2 * uy2]
+    assert list(forms.R2) == e11
+    assert sympy.expand(forms.omega2 - phi.diff(T) - psi.diff(T)) == 0
+
+
+def physics_vector(found):
+    """Body 2 by SymPy's own mechanics: frames turned one after the other, points carried along."""
+    t = sympy.physics.vector.dynamicsymbols._t
+    motion = [expr.subs(T, t) for expr in found.expressions.values()]
+    world, body1, turned, body2 = map(ReferenceFrame, ("N", "A", "H", "B"))
+    body1.orient_body_fixed(world, motion[3:6], found.sequence)
+    pair = found.pair
+    turned.orient_axis(body1, vector(exact_axis(pair.n.tolist()), body1), motion[6])
+    home = sympy.Matrix(3, 3, [exact(value) for value in pair.home.ravel().tolist()])
+    body2.orient_explicit(turned, home)
+    origin, point1, hinge, point2 = map(Point, ("O", "P", "Q", "R"))
+    origin.set_vel(world, 0)
+    point1.set_pos(origin, vector(motion[:3], world))
+    point1.set_vel(world, point1.pos_from(origin).dt(world))
+    hinge.set_pos(point1, vector([exact(value) for value in pair.u1.tolist()], body1))
+    point2.set_pos(hinge, -vector([exact(value) for value in pair.u2.tolist()], body2))
+    hinge.v2pt_theory(point1, world, body1)
+    point2.v2pt_theory(hinge, world, body2)
+    point1.set_acc(world, point1.vel(world).dt(world))
+    hinge.a2pt_theory(point1, world, body1)
+    point2.a2pt_theory(hinge, world, body2)
+    vectors = {
+        "R1": point1.pos_from(origin),
+        "R2": point2.pos_from(origin),
+        "d": point2.pos_from(point1),
+        "v1": point1.vel(world),
+        "v2": point2.vel(world),
+        "a1": point1.acc(world),
+        "a2": point2.acc(world),
+        "omega1": body1.ang_vel_in(world),
+        "omega2": body2.ang_vel_in(world),
+        "alpha1": body1.ang_acc_in(world),
+        "alpha2": body2.ang_acc_in(world),
+    }
+    found = {name: value.to_matrix(world) for name, value in vectors.items()}
+    found |= {"S1": world.dcm(body1), "S2": world.dcm(body2)}
+    return {name: matrix.subs(t, T) for name, matrix in found.items()}
+
+
+def vector(parts, frame):
+    return parts[0] * frame.x + parts[1] * frame.y + parts[2] * frame.z
+
+
+HOME = "[[0, 0.6, -0.8], [0, 0.8, 0.6], [1, 0, 0]]"
+ORACLE = {
+    "reference": {},
+    "home, axis across": {"home": HOME, "n": "[1, -2, 2]"},
+    "ZXZ": {"home": HOME, "n": "[1, 1, 0]", "sequence": '"ZXZ"', "psi": '"t**2 + sin(t)"'},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", ORACLE.values(), ids=ORACLE)
+def test_every_form_is_that_of_sympys_own_mechanics(changes, tmp_path):
+    lines = dict(changes)
+    sequence = lines.pop("sequence", None)
+    found = scene(tmp_path, **lines)
+    if sequence:
+        path = tmp_path / "scene.toml"
+        path.write_text(path.read_text().replace("[motion] ", f"[motion]\nsequence = {sequence}\n#"))
+        found = hp.load_scene(path)
+        assert found.sequence == "ZXZ"
+    forms, truth = hp.derive(found), physics_vector(found)
+    assert set(truth) == set(forms.names)
+    for (name, expected), instant in itertools.product(truth.items(), INSTANTS):
+        value = at(expected, instant)
+        assert largest(at(getattr(forms, name), instant) - value) <= 10 ** (5 - DIGITS) * (1 + largest(value)), name
+
+
+@pytest.mark.parametrize(("name", "rate"), [("R1", "v1"), ("v1", "a1"), ("R2", "v2"), ("v2", "a2")])
+def test_rates_are_derivatives(reference, name, rate):
+    """E8, E9, by SymPy's diff of the whole form."""
+    difference = getattr(reference, name).diff(T) - getattr(reference, rate)
+    for instant in INSTANTS:
+        assert largest(at(difference, instant)) <= 10 ** (5 - DIGITS)
+
+
+@pytest.mark.parametrize("body", ["1", "2"])
+def test_omega_is_that_of_the_attitude(reference, body):
+    """E3: S' S^T = [omega]x; and alpha = omega'."""
+    S, omega, alpha = (getattr(reference, name + body) for name in ("S", "omega", "alpha"))
+    x, y, z = omega
+    skew = sympy.Matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    for instant in INSTANTS:
+        assert largest(at(S.diff(T), instant) * at(S, instant).T - at(skew, instant)) <= 10 ** (5 - DIGITS)
+        assert largest(at(omega.diff(T) - alpha, instant)) <= 10 ** (5 - DIGITS)
+
+
+def test_forms_run_the_same_equations_as_numbers():
+    """No step but the sines and cosines is another function."""
+    for name in OUTPUTS:
+        numeric = {step.result: step for step in (*LEVER_STEPS, *make_plan((name,)).steps)}
+        for kind in (closed_forms._EXPRESSIONS, closed_forms._SUMS):
+            steps = make_plan((name,), "XYZ", True, kind).steps
+            own = {step.result for step in steps if step != numeric[step.result]}
+            assert own <= {"trig", "hinge", "cosine"}
+
+
+@pytest.mark.parametrize(
+    ("n", "expected"),
+    [
+        ((1, 1, 0), (sympy.sqrt(2) / 2, sympy.sqrt(2) / 2, 0)),
+        ((0, 0, -3), (0, 0, -1)),
+        ((2, -1, 2), (sympy.Rational(2, 3), -sympy.Rational(1, 3), sympy.Rational(2, 3))),
+        ((1, 2, 3), tuple(i / sympy.sqrt(14) for i in (1, 2, 3))),
+        ((0.6, 0, 0.8), (sympy.Rational(3, 5), 0, sympy.Rational(4, 5))),
+    ],
+    ids=str,
+)
+def test_axes_are_recognised(n, expected):
+    assert exact_axis(hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=n).n.tolist()) == expected
+
+
+def test_an_axis_that_is_none_of_these_is_what_it_is():
+    n = hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0.3141, -0.59, 0.26535)).n.tolist()
+    assert [float(c) for c in exact_axis(n)] == n
+    assert all(c.is_Rational for c in exact_axis(n))
+
+
+def test_only_what_is_looked_at_is_derived_and_once():
+    forms = hp.derive(hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)))
+    assert isinstance(forms.S1, sympy.ImmutableMatrix)
+    assert {"S2", "omega1", "a2"}.isdisjoint(forms._forms.best)
+    first = forms._forms.best["S1"]
+    assert forms.S2.shape == (3, 3)
+    assert forms._forms.best["S1"] is first
+
+
+BATCH = {"u1": np.zeros((2, 3)), "u2": (0, 0, 0), "n": (1, 0, 0)}
+ONE = {"u1": (0, 0, 0), "u2": (0, 0, 0), "n": (1, 0, 0)}
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda: hp.derive("scene.toml"), "scene_or_pair"),
+        (lambda: hp.derive(hp.HingePair(**BATCH)), "pair"),
+        (lambda: hp.derive(hp.HingePair(**ONE), "u1"), "symbolic"),
+        (lambda: hp.derive(hp.HingePair(**ONE), ("home",)), "symbolic"),
+        (lambda: hp.derive(hp.PlanarPair((0, 0), (0, 0)), ("n",)), "symbolic"),
+        (lambda: hp.derive(hp.HingePair(**ONE)).terms("phi2"), "outputs"),
+    ],
+)
+def test_what_cannot_be_derived_is_named(call, name):
+    with pytest.raises(hp.ArgumentError) as caught:
+        call()
+    assert caught.value.name == name
+
+
+def test_unknown_attributes_are_attribute_errors():
+    forms = hp.derive(hp.HingePair(**ONE))
+    with pytest.raises(AttributeError, match="phi2"):
+        _ = forms.phi2
+    with pytest.raises(AttributeError):
+        forms.t = 1
+    assert {"R2", "t"} <= set(dir(forms))
+
+
+def test_a_form_nobody_could_read_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(closed_forms, "MAX_LETTERS", 100)
+    with pytest.raises(hp.ArgumentError, match="at most 100 letters"):
+        _ = hp.derive(hp.HingePair(u1=(1, 2, 3), u2=(3, 1, 2), n=(1, 1, 0))).a2
+    found = scene(tmp_path, phi_x='"sin(sin(sin(t)))"')
+    monkeypatch.setattr("hingepair.symbolic.form_inputs._MAX_LETTERS", 5)
+    with pytest.raises(hp.ArgumentError, match=r"motion\.phi_x"):
+        hp.derive(found)

@@ -1,0 +1,264 @@
+"""Expressions of scenes: what they mean, that they keep their digits, and that hostile ones are refused in time."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+import time
+
+import mpmath
+import numpy as np
+import pytest
+import sympy
+
+from hingepair import ArgumentError, SceneError
+from hingepair.symbolic.coordinates import compile_coordinates
+from hingepair.symbolic.expressions import FUNCTIONS, constant_name_fault, parse
+from hingepair.symbolic.jets import time_symbol
+
+U = 2.0**-53
+T = np.linspace(0.1, 0.9, 41)
+
+MEANINGS = {
+    "3*t": lambda t: 3 * t,
+    "-t**2": lambda t: -(t**2),
+    "2**-t": lambda t: 2.0**-t,
+    "1 - 2 - t": lambda t: -1 - t,
+    "8/t/2": lambda t: 4 / t,
+    "t - (1 - t)": lambda t: 2 * t - 1,
+    "--t": lambda t: t,
+    "+t": lambda t: t,
+    "pi*t + tau + e": lambda t: math.pi * t + math.tau + math.e,
+    "w*t": lambda t: 1.5 * t,
+    "1.25e1*t": lambda t: 12.5 * t,
+    "atan2(t, 1 + t)": lambda t: np.arctan2(t, 1 + t),
+    "sin(t)*cos(t) + tan(t)": lambda t: np.sin(t) * np.cos(t) + np.tan(t),
+    "asin(t) + acos(t) + atan(t)": lambda t: np.pi / 2 + np.arctan(t),
+    "sinh(t) + cosh(t) - exp(t)": lambda t: 0 * t,
+    "tanh(t) + asinh(t) + acosh(1 + t) + atanh(t)": lambda t: (
+        np.tanh(t) + np.arcsinh(t) + np.arccosh(1 + t) + np.arctanh(t)
+    ),
+    "log(t) + sqrt(t)": lambda t: np.log(t) + np.sqrt(t),
+    "\n t +\n 1 ": lambda t: t + 1,
+}
+
+
+@pytest.mark.parametrize("text", MEANINGS)
+def test_text_means_what_it_says(text: str) -> None:
+    ((value,),) = compile_coordinates([parse("x", text, {"w": 1.5})], order=0)(T)
+    np.testing.assert_allclose(value, MEANINGS[text](T), rtol=64 * U, atol=64 * U)
+
+
+@pytest.mark.parametrize(
+    "text", ["sin(3*t)*exp(-0.1*t)", "0.1*t**3 + 0.7*cos(1.1*t)", "tanh((t - 0.3)/0.2)", "atan(2*t)/(1 + t**2)"]
+)
+def test_derivatives_are_exact(text: str) -> None:
+    values, first, second = compile_coordinates([parse("x", text)])(T)
+    with mpmath.workdps(40):
+        names = {"sin": mpmath.sin, "cos": mpmath.cos, "exp": mpmath.exp, "tanh": mpmath.tanh, "atan": mpmath.atan}
+        # The same text with every decimal number as an exact fraction, evaluated by mpmath in the test alone.
+        exact = re.sub(r"(\d\.\d)", r"q('\1')", text)
+        code = compile(exact, "test", "eval")
+
+        def truth(t: mpmath.mpf) -> mpmath.mpf:
+            return eval(code, {**names, "t": t, "q": mpmath.mpf})
+
+        for k, found in enumerate((values, first, second)):
+            expected = [float(mpmath.diff(truth, mpmath.mpf(float(t)), k)) for t in T[::10]]
+            np.testing.assert_allclose(found[0][::10], expected, rtol=2e-15, atol=2e-14)
+
+
+def test_what_does_not_move_is_a_number() -> None:
+    q, qd, qdd = compile_coordinates([parse("x", "3*t"), parse("y", "sqrt(2)/2"), parse("z", "t**2")])(T)
+    assert [type(value) for value in (*q, *qd, *qdd)] == [
+        np.ndarray, float, np.ndarray, float, float, np.ndarray, float, float, float,
+    ]  # fmt: skip
+    assert abs(q[1] - math.sqrt(0.5)) <= U
+    assert qd[:2] == (3.0, 0.0)
+    assert qdd[2] == 2.0
+
+
+def test_decimal_numbers_are_exact() -> None:
+    assert str(parse("x", "0.1*3")) == "3/10"
+    assert str(parse("x", "w", {"w": 0.1})) == "1/10"
+
+
+def test_no_real_value_is_nan_in_its_own_sample() -> None:
+    (value,), _, _ = compile_coordinates([parse("x", "sqrt(t)")])(np.array([-1.0, 4.0]))
+    assert math.isnan(value[0])
+    assert value[1] == 2.0
+
+
+REFUSED = {
+    "empty": "",
+    "blank": "   ",
+    "unknown name": "sine(t)",
+    "unknown constant": "a*t",
+    "no call": "sin",
+    "called number": "2(t)",
+    "called name": "pi(t)",
+    "arguments": "sin(t, t)",
+    "no argument": "sin()",
+    "keyword": "sin(x=t)",
+    "star": "sin(*t)",
+    "attribute": "t.real",
+    "dunder": "().__class__",
+    "import": "__import__('os').system('true')",
+    "string": "'t'",
+    "lambda": "lambda: t",
+    "walrus": "(a := t)",
+    "comparison": "t < 1",
+    "boolean": "True",
+    "none": "None",
+    "subscript": "t[0]",
+    "list": "[t]",
+    "tuple": "t, t",
+    "conditional": "t if t else t",
+    "modulo": "t % 2",
+    "floor": "t // 2",
+    "complex": "1j*t",
+    "caret": "t^2",
+    "NUL": "t\0",
+    "unfinished": "sin(t",
+    "two expressions": "t; t",
+    "zero division": "1/0",
+    "log of zero": "log(0)",
+    "root of minus one": "sqrt(-1)",
+    "too large": "1e999",
+    "huge exponent": "1e999999999",
+    "tower": "9**9**9",
+    "tower 2": "9**99**99",
+    "tower 3": "((9**99)**99)**99",
+    "digits": "1" * 9_999,
+    "long": "t+" * 5_001 + "t",
+    "many terms": "t+" * 4_000 + "t",
+    "minus signs": "-" * 100_000 + "t",
+    "brackets": "(" * 3_000 + "t" + ")" * 3_000,
+    "nested": "sin(" * 300 + "t" + ")" * 300,
+    "nested products": "t*sin(" * 49 + "t" + ")" * 49,
+    "powers": "t**" * 300 + "t",
+    "tiny power of a number": "6**1e-300",
+    "tiny power of t": "tanh((3.95*t)**1e-300)",
+    "power of a sum with a huge number": "sinh(asin(exp((-1e5)**(1e300 - t))))",
+    "power that log hides": "exp(-1e300*log(2))",
+    "power of tau": "tau**(atan2(t, 2) - 94*sqrt(1e300))",
+    "power of a logarithm": "sin(tanh(sqrt(log(sqrt(1e5)))**(pi - 1e300 + t)))",
+    "asin of cos of 1e300": "asin(cos(1e300))",
+    "t cancels in a tower": "exp(exp(exp(10*t/t)))",
+    "infinity in a divisor": "1/(1/(t - t))",
+    "exponential growth": "(" * 40 + "t" + ")**99" * 40,
+    "unicode": "\N{MATHEMATICAL BOLD SMALL T}",
+}
+
+
+@pytest.mark.parametrize("text", REFUSED.values(), ids=REFUSED)
+def test_refused_in_one_line_and_in_time(text: str) -> None:
+    start = time.perf_counter()
+    with pytest.raises(SceneError) as caught:
+        parse("motion.psi", text)
+    assert str(caught.value).startswith("motion.psi: ")
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
+    assert time.perf_counter() - start < 20  # a hang, not a speed, is what this looks for
+
+
+def test_unknown_name_says_where_and_what_is_known() -> None:
+    with pytest.raises(SceneError) as caught:
+        parse("motion.psi", "1 + sine(t)")
+    message = str(caught.value)
+    assert message.startswith("motion.psi: unknown name 'sine' at column 5; known: sin, cos, tan")
+    assert all(name in message for name in FUNCTIONS)
+
+
+# With plain SymPy derivatives, or with SymPy's atan2 of constants, each of these takes minutes or all memory.
+SLOW_IN_SYMPY = (
+    "tanh(asin((1e300 + tau + sin(t))**2))",
+    "tanh(asin((1e100 + tau + sin(t))**100/1e300))",
+    pytest.param("asinh(cosh(tan(1e300) - asin(t)**(-100)))", marks=pytest.mark.slow),
+    "cosh((100/e - pi)**(t + 1e5 - t/t))",
+    "atan2(tau/e, atan2(-(e*(pi/0.0951)), atan2(asinh(tan(e)), sinh(log(1e-300)))))",
+    "atanh(atan2(atan2(tau, atan2(1e-300, pi)*(1e5 + e)), acos(t)))",
+)
+
+
+@pytest.mark.parametrize("text", SLOW_IN_SYMPY)
+def test_answered_in_time(text: str) -> None:
+    start = time.perf_counter()
+    with contextlib.suppress(ArgumentError):
+        compile_coordinates([parse("x", text)])(T)
+    assert time.perf_counter() - start < 20
+
+
+@pytest.mark.parametrize("text", ["sqrt(10**31 + 7)*t", "sin(10**30) + t", "(10**22)**t", "t/(7*10**30 + 1)"])
+def test_large_numbers_are_evaluated(text: str) -> None:
+    for values in compile_coordinates([parse("x", text)])(T):
+        assert np.isfinite(values[0]).all()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *(f"{name}(0.3 + t/3)" for name in FUNCTIONS if name not in {"atan2", "acosh"}),
+        "acosh(2 + sin(t))",
+        "atan2(sin(t), 2 - t)",
+        "atan2(t, t + 1)**2",
+        "atan2(2*t, 2*t)*t",
+        "t**t",
+        "(1 + t)**(0.5 - t)",
+        "2**sin(t)",
+        "t**2.5/(1 + t)**3",
+        "pi*sin(sqrt(2)*t)*exp(-t/pi)*cos(t)",
+        "log(1 + t**2)*tanh(t - 0.3)",
+    ],
+)
+def test_chain_rule_agrees_with_the_derivative_of_the_whole(text: str) -> None:
+    expr = parse("x", text)
+    symbol = time_symbol()
+    for k, (found,) in enumerate(compile_coordinates([expr])(T[::8])):
+        whole = expr.diff(symbol, k) if k else expr
+        with mpmath.workdps(40):
+            expected = [float(sympy.lambdify(symbol, whole, "mpmath")(mpmath.mpf(float(t)))) for t in T[::8]]
+        np.testing.assert_allclose(found, expected, rtol=64 * U, atol=64 * U * max(1.0, np.abs(expected).max()))
+
+
+def test_kinks_are_nan_in_their_own_sample() -> None:
+    value, first, second = compile_coordinates([parse("x", "sqrt(t**2)")])(np.array([-2.0, 0.0, 3.0]))
+    assert value[0].tolist() == [2.0, 0.0, 3.0]
+    np.testing.assert_array_equal(first[0], [-1.0, np.nan, 1.0])
+    np.testing.assert_array_equal(second[0], [0.0, np.nan, 0.0])
+
+
+@pytest.mark.parametrize("text", ["(-2)**t", "0**t", "sqrt(-exp(t))", "1e300*t*1e300", "exp(400)*t*exp(400)"])
+def test_what_is_never_real_or_finite_is_refused(text: str) -> None:
+    with pytest.raises(ArgumentError, match=r"expressions\[0\]: expected"):
+        compile_coordinates([parse("x", text)])
+
+
+def test_shape_of_the_instants_is_kept() -> None:
+    compiled = compile_coordinates([parse("x", "t**2")])
+    assert compiled(np.zeros((2, 3)))[0][0].shape == (2, 3)
+    assert compiled(np.zeros((0,)))[0][0].shape == (0,)
+    assert type(compiled(3)[0][0]) is float
+    long = np.linspace(0, 1, 5_001)  # more than two blocks
+    np.testing.assert_array_equal(compiled(long)[0][0], long**2)
+
+
+@pytest.mark.parametrize("name", ["t", "pi", "sin", "lambda", "a b", "1a", "", "\N{GREEK SMALL LETTER OMEGA}"])
+def test_names_that_constants_cannot_have(name: str) -> None:
+    assert constant_name_fault(name)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        " + ".join(f"{k}.5*sin({k}*t)" for k in range(1, 201)),
+        "+".join(["t"] * 1_000),
+        "sin(" * 12 + "t" + ")" * 12,
+        "*".join(f"cos({k}*t)" for k in range(1, 12)),
+    ],
+    ids=["fourier", "sum", "nested", "product"],
+)
+def test_large_but_honest_is_accepted(text: str) -> None:
+    for values in compile_coordinates([parse("x", text)])(T):
+        assert np.isfinite(values[0]).all()

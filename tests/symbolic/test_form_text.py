@@ -1,0 +1,213 @@
+"""Closed forms as text: the Python computes what the numbers are, the LaTeX parses, the command line writes both."""
+
+from __future__ import annotations
+
+import ast
+import json
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy
+
+import hingepair as hp
+from hingepair.cli.main import main
+from hingepair.evaluation.plan import outputs_of
+from hingepair.symbolic.form_printers import LATEX, PYTHON, TEXT
+from hingepair.symbolic.form_text import to_latex, to_python
+
+MODELS = Path(__file__).parents[2] / "models"
+REFERENCE = MODELS / "reference_3d.toml"
+U = 2.0**-53
+t, y = sympy.symbols("t y", real=True)
+
+
+OTHERS = ("reference_2d", "truck_trailer", "satellite_panel", "talos_elbow")
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in OTHERS]
+EXACT_ENOUGH = 128
+"""In units of u times the largest value of the output: angles up to 200 rad and sums of 40 terms are rounded."""
+
+
+@pytest.mark.parametrize("name", ["reference_3d", *SLOW])
+def test_forms_evaluate_to_the_numeric_results(name):
+    found = hp.load_scene(MODELS / f"{name}.toml")
+    outputs = tuple(outputs_of(found.kind))
+    numbers = found.evaluate(outputs)
+    functions = run(to_python(hp.derive(found), outputs, found.title))
+    for output in outputs:
+        expected = getattr(numbers, output)
+        got = functions[output](numbers.t)
+        assert got.shape == expected.shape
+        assert abs(got - expected).max() <= EXACT_ENOUGH * U * (abs(expected).max() or 1), output
+
+
+def run(source):
+    """The functions of a module that may use nothing but NumPy."""
+    namespace = {}
+    exec(compile(source, "forms", "exec"), namespace)
+    return namespace
+
+
+@pytest.mark.parametrize("symbolic", [(), ("u1", "u2", "n")], ids=["numbers", "letters"])
+@pytest.mark.parametrize("planar", [pytest.param(False, marks=pytest.mark.slow), True], ids=["space", "plane"])
+def test_any_motion_of_a_pair_evaluates_to_the_numeric_results(planar, symbolic):
+    """Of a bare pair: functions of the coordinates and their rates, and of the letters that stayed."""
+    rng = np.random.default_rng(7)
+    size, names = (4, ("x", "y", "phi", "psi")) if planar else (7, closed_names())
+    q, qd, qdd = rng.uniform(-2, 2, (3, 20, size))
+    if planar:
+        pair, symbolic = hp.PlanarPair(u1=(0.5, 0.25), u2=(-0.25, 0.1)), symbolic[:2]
+    else:
+        pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(0.3, -0.7, 0.2), home=HOME_MATRIX)
+    forms = hp.derive(pair, symbolic)
+    known = {f"{name}{'d' * i}": part[:, j] for i, part in enumerate((q, qd, qdd)) for j, name in enumerate(names)}
+    known |= {
+        f"{key}_{axis}": value for key in symbolic for axis, value in zip("xyz", getattr(pair, key), strict=False)
+    }
+    functions = run(to_python(forms, forms.names))
+    state = pair.forward_kinematics(q, qd, qdd, outputs=forms.names)
+    for output in forms.names:
+        function = functions[output]
+        got = function(*(known[key] for key in function.__code__.co_varnames[: function.__code__.co_argcount]))
+        expected = getattr(state, output)
+        assert got.shape == expected.shape
+        assert abs(got - expected).max() <= EXACT_ENOUGH * U * abs(expected).max(), output
+
+
+HOME_MATRIX = ((0, 0.6, -0.8), (0, 0.8, 0.6), (1, 0, 0))
+
+
+def closed_names():
+    return ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
+
+
+TEXTS = {
+    5 * sympy.sin(2 * t) / 2: "5/2 sin 2t",
+    sympy.sin(t) * sympy.cos(3 * t) * t: "t sin t cos 3t",
+    sympy.sin(t / 2) ** 2: "sin(1/2 t)²",
+    sympy.cos(t) ** 2 * 3: "3 cos(t)²",
+    3 * t: "3t",
+    -3 * t * y: "-3t y",
+    sympy.sqrt(2) * t / 2: "1/2 √2 t",
+    t**11 + sympy.pi: "π + t¹¹",
+    t ** sympy.Rational(1, 3): "t^(1/3)",
+    -7 * sympy.sinh(t) / (90 * sympy.cosh(t) ** 2): "-7 sinh(t)/(90 cosh(t)²)",
+    1 / t: "1/t",
+    sympy.exp(-t / 20) * (1 - t): "(1 - t) exp(-1/20 t)",
+    1 / (t * sympy.sqrt(y)): "1/(t √y)",
+    sympy.Rational(11068, 10**7) * t: "0.0011068 t",
+    sympy.Rational(1, 3000) * t: "1/3000 t",
+    sympy.Integer(10) ** 600 * t: "1e+600 t",
+    sympy.Symbol("phi_x''") * sympy.Symbol("u1_x"): "φ_x'' u1_x",
+    sympy.sin(t + y) * (t + y): "(t + y) sin(t + y)",
+    (t + y) ** 2: "(t + y)²",
+    sympy.E ** sympy.Integer(2) * sympy.E: "exp(3)",
+}
+
+
+@pytest.mark.parametrize(("expr", "text"), TEXTS.items(), ids=TEXTS.values())
+def test_text_reads_as_a_paper_has_it(expr, text):
+    assert TEXT(expr) == text
+
+
+def test_latex_has_fractions_before_what_they_multiply():
+    assert LATEX(5 * sympy.sin(2 * t) / 2) == r"\frac{5}{2} \sin 2 t"
+    assert LATEX(sympy.Rational(11068, 10**7) * t) == "0.0011068 t"
+    assert LATEX(sympy.Integer(10) ** 600 * t) == r"1 \cdot 10^{600} t"
+
+
+ACROSS = {"u1": (1, 2, 3), "u2": (0.1, 0, 0), "n": (1, 1, 0)}
+
+
+@pytest.mark.slow
+def test_latex_parses():
+    """By the parser of Matplotlib, which knows this much of LaTeX; braces and environment apart from it."""
+    from matplotlib.mathtext import MathTextParser
+
+    motions = hp.load_scene(MODELS / "truck_trailer.toml"), hp.PlanarPair((1, 2), (3, 4)), hp.HingePair(**ACROSS)
+    for forms in (hp.derive(value, ("u1", "u2")) for value in motions):
+        first, *rows, last = to_latex(forms, ("R2", "omega2")).splitlines()
+        assert (first.split()[0], last) == (r"\begin{align*}", r"\end{align*}")
+        assert [row.endswith(r" \\") for row in rows] == [True] * (len(rows) - 1) + [False]
+        for row in rows:
+            left, right = row.removesuffix(r"\\").split("&=")
+            MathTextParser("agg").parse(f"${left} = {right}$")
+
+
+def test_python_is_numpy_only_and_vectorised():
+    forms = hp.derive(hp.load_scene(REFERENCE), ("u1",))
+    source = to_python(forms, ("S2", "R2", "v1"), 'a "title" \\ of\n two lines')
+    assert ast.get_docstring(ast.parse(source)) == "Closed forms: a title  of two lines."
+    imported = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Import | ast.ImportFrom)]
+    assert [ast.unparse(node) for node in imported] == ["import numpy"]
+    functions = run(source)
+    assert functions["S2"]([[0, 1, 2]]).shape == (1, 3, 3, 3)
+    assert functions["R2"](1, 0.5, np.zeros((2, 1)), [1, 2, 3]).shape == (2, 3, 3)
+    assert functions["v1"](0).tolist() == [3, 3, 3]
+    assert functions["v1"](np.zeros(4)).tolist() == [[3, 3, 3]] * 4
+
+
+def test_python_has_no_integer_that_numpy_cannot_take():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for expr in (sympy.Integer(10) ** 600 * t, sympy.Rational(1, 10**600) * t, sympy.DiracDelta(t)):
+            assert np.shape(eval(PYTHON(expr), {"numpy": np, "t": np.ones(2)})) == (2,)
+
+
+def derived(monkeypatch, capsys, *arguments):
+    """What the command prints; its exit code."""
+    monkeypatch.setattr(sys, "argv", ["hingepair", "derive", *map(str, arguments)])
+    with pytest.raises(SystemExit) as done:
+        main()
+    return capsys.readouterr(), done.value.code
+
+
+def test_the_command_prints_the_source_s_omega1(monkeypatch, capsys):
+    out = derived(monkeypatch, capsys, REFERENCE)[0].out
+    assert "omega1_y = cos 3t - 5/2 sin 2t - 5/2 sin 4t\n" in out
+    assert {line.split("_")[0] for line in out.splitlines()} == {"omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2"}
+
+
+def test_the_command_s_formats_are_the_same_forms(monkeypatch, capsys):
+    forms = hp.derive(hp.load_scene(REFERENCE), ("u1",))
+    chosen = (REFERENCE, "--outputs", "R1,R2", "--symbolic", "u1")
+    texts = {
+        form: derived(monkeypatch, capsys, *chosen, *form.split())[0].out
+        for form in ("", "--unicode", "--latex", "--python", "--json")
+    }
+    assert texts[""] == texts["--unicode"]
+    assert texts[""].startswith("R1_x = 3t\n")
+    assert texts["--latex"] == to_latex(forms, ("R1", "R2"))
+    assert texts["--python"] == to_python(forms, ("R1", "R2"), hp.load_scene(REFERENCE).title)
+    assert json.loads(texts["--json"])["R2_x"] == str(forms.R2[0])
+
+
+def test_the_command_writes_a_file(monkeypatch, capsys, tmp_path):
+    target = tmp_path / "forms.py"
+    shown, code = derived(monkeypatch, capsys, REFERENCE, "--python", "--outputs", "omega1", "-o", target)
+    assert (shown.out, code) == (f"written: {target}\n", 0)
+    assert run(target.read_text())["omega1"](0.0).tolist() == [3.0, 1.0, 5.0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        (("--latex", "--python"), "format"),
+        (("--outputs", "omega3"), "outputs"),
+        (("--outputs", ""), "outputs"),
+        (("--symbolic", "u3"), "symbolic"),
+    ],
+)
+def test_the_command_names_what_is_wrong(monkeypatch, capsys, arguments, name):
+    shown, code = derived(monkeypatch, capsys, REFERENCE, *arguments)
+    assert (code, shown.out) == (2, "")
+    assert shown.err.startswith(f"hingepair: {name}: expected ")
+
+
+def test_the_outputs_of_the_scene_are_derived(monkeypatch, capsys, tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(REFERENCE.read_text() + '\n[outputs]\nnames = ["alpha1"]\n')
+    shown, _ = derived(monkeypatch, capsys, path)
+    assert [line.split(" = ")[0] for line in shown.out.splitlines()] == ["alpha1_x", "alpha1_y", "alpha1_z"]

@@ -1,0 +1,300 @@
+"""The cross-validation passes what is right and nothing else, and its report says so."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from test_pinocchio import pair_of
+
+from hingepair.pair.accuracy import SCALES
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.rotations.sequences import SEQUENCES
+from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
+from support import states
+
+HARD = states.hard_states()
+
+
+# ---------------------------------------------------------------- what is right passes
+
+
+@pytest.mark.law
+def test_random_pairs_agree_with_pinocchio():
+    for k in range(15):
+        rng = states.generator(55, k)
+        report = cross_validate(pair_of(states.pair(rng, home=k % 3 > 0)), *states.coordinates(rng, 20))
+        assert report.ok, report
+
+
+@pytest.mark.law
+def test_given_attitudes_agree_with_pinocchio():
+    for k in range(10):
+        rng = states.generator(54, k)
+        pair = pair_of(states.pair(rng))
+        R, S, *rest = states.body1(rng, 20)
+        v, omega, a, alpha = (rate * 10 ** rng.uniform(-4, 4) for rate in rest)
+        R[3, 1] = np.nan
+        body1 = BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+        hinge = rng.uniform(-3, 3, (3, 20))
+        for count in (1, 2, 3):
+            report = cross_validate_from_body1(pair, body1, *hinge[:count])
+            assert report.ok, report
+            assert (len(report.rows), report.skipped, report.sequence) == (2 * count + 1, 1, None)
+    assert "attitude given" in str(report)
+    assert cross_validate_from_body1(pair, body1, 0.5, 1.0).ok
+    wrong = BodyMotion(R=R, S=S, v=v, omega=omega * (1 + 1e-6), a=a, alpha=alpha)
+    state = pair.forward_kinematics_from_body1(wrong, *hinge)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(HingePair, "forward_kinematics_from_body1", lambda *_: state)
+        failed = [row.output for row in cross_validate_from_body1(pair, body1, *hinge).rows if not row.ok]
+    assert "omega2" in failed
+
+
+def test_lengths_and_rates_of_any_size_agree_with_pinocchio():
+    """Each over twelve orders of magnitude, or zero: every term of a scale is the largest once."""
+    for k in range(40):
+        rng = states.generator(49, k)
+        u1, u2, n, home = states.pair(rng)
+        lengths = 10.0 ** rng.uniform(-6, 6, 2) * (rng.random(2) > 0.2)
+        q, qd, qdd = states.coordinates(rng, 10)
+        rates = 10.0 ** rng.uniform(-6, 6, (2, 10, 7)) * (rng.random((2, 10, 7)) > 0.3)
+        report = cross_validate(
+            pair_of((u1 * lengths[0], u2 * lengths[1], n, home)), q, qd * rates[0], qdd * rates[1]
+        )
+        assert report.ok, report
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_every_sequence_agrees_with_pinocchio(sequence):
+    rng = states.generator(56)
+    report = cross_validate(pair_of(states.pair(rng)), *states.coordinates(rng, 20), sequence=sequence)
+    assert report.ok, report
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_hard_states_agree_with_pinocchio(name):
+    constants, *motion = HARD[name]
+    report = cross_validate(pair_of(constants), *motion)
+    assert report.ok, report
+
+
+def test_d_stays_good_far_from_the_origin():
+    rng = states.generator(57)
+    q, qd, qdd = states.coordinates(rng, 50)
+    q[:, :3] *= 1e7
+    report = cross_validate(pair_of(states.pair(rng)), q, qd, qdd)
+    assert report.ok, report
+    assert next(row for row in report.rows if row.output == "d").max_error < 1e-14
+
+
+def test_the_reference_example_agrees_with_pinocchio():
+    motion = states.reference_example(np.linspace(0, 10, 201))
+    report = cross_validate(pair_of(states.REFERENCE_PAIR), *motion)
+    assert report.ok, report
+
+
+def test_single_precision_is_measured_by_its_own_roundoff():
+    rng = states.generator(58)
+    motion = [c.astype(np.float32) for c in states.coordinates(rng, 30)]
+    report = cross_validate(pair_of(states.pair(rng)), *motion)
+    assert report.u == 2.0**-24
+    assert report.ok, report
+
+
+@pytest.mark.parametrize(
+    ("levels", "outputs"),
+    [
+        (1, ["R2", "S2", "d"]),
+        (2, ["R2", "S2", "d", "v2", "omega2"]),
+        (3, ["R2", "S2", "d", "v2", "omega2", "a2", "alpha2"]),
+    ],
+)
+def test_the_level_follows_the_inputs(levels, outputs):
+    rng = states.generator(59)
+    report = cross_validate(pair_of(states.pair(rng)), *states.coordinates(rng, 3)[:levels])
+    assert [row.output for row in report.rows] == outputs
+    assert report.ok
+
+
+def test_coordinates_may_be_seven_that_broadcast():
+    t = np.linspace(0, 1, 11)
+    pair = pair_of(states.REFERENCE_PAIR)
+    q, qd = (t, 0.0, 0, 3 * t, t, 5 * t, 10 * t), (1.0, 0, 0, 3, 1, 5, 10)
+    report = cross_validate(pair, q, qd)
+    assert (report.ok, report.shape) == (True, (11,))
+
+
+# ---------------------------------------------------------------- what is wrong fails
+
+
+class Faulty:
+    """A pair whose results went through a fault."""
+
+    def __init__(self, pair, fault):
+        self.pair, self.fault = pair, fault
+        self.u1, self.u2, self.n, self.home, self.name = pair.u1, pair.u2, pair.n, pair.home, "faulty"
+        self.limits, self.body1, self.body2, self._constants = None, None, None, pair._constants
+
+    def forward_kinematics(self, q, qd, qdd, **options):
+        state = self.pair.forward_kinematics(
+            q, qd, qdd, outputs=("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "omega1", "R1"), **options
+        )
+        found = dict(state.arrays())
+        found |= self.fault(self.pair, found, q, qd, qdd)
+        return type("State", (), found)
+
+
+def other_pair(**change):
+    def fault(pair, _found, q, qd, qdd):
+        parts = {"u1": pair.u1, "u2": pair.u2, "n": pair.n, "home": pair.home}
+        wrong = HingePair(**parts | {name: parts[source] for name, source in change.items()})
+        return wrong.forward_kinematics(q, qd, qdd).arrays()
+
+    return fault
+
+
+def other_motion(change):
+    def fault(pair, _found, q, qd, qdd):
+        return pair.forward_kinematics(*change(q.copy(), qd.copy(), qdd.copy())).arrays()
+
+    return fault
+
+
+def minus_psid(q, qd, qdd):
+    qd[:, 6] *= -1
+    return q, qd, qdd
+
+
+def reduced_psi(q, qd, qdd):
+    q[:, 6] %= 2 * np.pi
+    return q, qd, qdd
+
+
+FAULTS = {
+    "u1 and u2 swapped": (other_pair(u1="u2", u2="u1"), {"R2", "d", "v2", "a2"}),
+    "sign in E2": (other_motion(minus_psid), {"v2", "omega2", "a2", "alpha2"}),
+    "psi reduced in double": (other_motion(reduced_psi), {"S2", "d", "v2", "a2"}),
+    "S2 transposed": (lambda _p, found, *_m: {"S2": found["S2"].swapaxes(-1, -2)}, {"S2"}),
+    "spatial for classical acceleration": (
+        lambda _p, found, *_m: {"a2": found["a2"] - np.cross(found["omega2"], found["v2"])},
+        {"a2"},
+    ),
+    "omega1 x n psi' dropped": (
+        lambda _p, found, *_m: {"alpha2": found["alpha2"] - np.cross(found["omega1"], found["omega2"])},
+        {"alpha2"},
+    ),
+    "d as R2 - R1": (lambda _p, found, *_m: {"d": found["R2"] - found["R1"]}, {"d"}),
+    "single precision in v2": (lambda _p, found, *_m: {"v2": found["v2"].astype(np.float32)}, {"v2"}),
+    "one sample NaN": (
+        lambda _p, found, *_m: {"omega2": np.where(np.arange(30)[:, None] == 7, np.nan, found["omega2"])},
+        {"omega2"},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_found(name):
+    fault, outputs = FAULTS[name]
+    rng = states.generator(60)
+    q, qd, qdd = states.coordinates(rng, 30)
+    q[:, :3] += 1e8
+    q[:, 6] += 1e5
+    pair = pair_of(states.pair(rng))
+    assert cross_validate(pair, q, qd, qdd).ok
+    report = cross_validate(Faulty(pair, fault), q, qd, qdd)
+    assert not report.ok
+    failed = {row.output for row in report.rows if not row.ok}
+    assert outputs <= failed if len(outputs) > 1 else outputs == failed, report
+    assert str(report).splitlines()[-1].startswith("FAILED: ")
+
+
+def test_the_worst_sample_is_named():
+    rng = states.generator(61)
+    motion = [c.reshape(5, 6, 7) for c in states.coordinates(rng, 30)]
+
+    def fault(_pair, found, *_motion):
+        v2 = found["v2"].copy()
+        v2[3, 4, 1] += 1e-3
+        return {"v2": v2}
+
+    row = next(
+        row for row in cross_validate(Faulty(pair_of(states.pair(rng)), fault), *motion).rows if row.output == "v2"
+    )
+    assert row.worst_sample == (3, 4)
+    assert row.max_error == pytest.approx(1e-3)
+    assert not row.ok
+
+
+# ---------------------------------------------------------------- the report
+
+
+def test_the_table_shows_errors_scales_and_the_verdict():
+    rng = states.generator(62)
+    report = cross_validate(pair_of(states.pair(rng)), *states.coordinates(rng, 10))
+    text = str(report)
+    title, header, *lines, verdict = text.splitlines()
+    rows, scales = lines[:7], lines[8:]
+    assert "u*scale" in header
+    assert "tested" in title
+    assert "XYZ" in title
+    assert [row.split()[0] for row in rows] == ["R2", "S2", "d", "v2", "omega2", "a2", "alpha2"]
+    for row, scale in zip(rows, scales, strict=True):
+        name = row.split()[0]
+        assert scale.startswith(f"scale of {name}: {SCALES[name]}")
+        assert row.endswith(" ok")
+    assert "(W1 + W2) max abs(v1) + W1 W2 abs(u1)" in next(line for line in scales if " a2:" in line)
+    assert verdict == "PASSED: 7 outputs of 10 samples within 16 u*scale of Pinocchio"
+
+
+def test_json_holds_the_report():
+    rng = states.generator(63)
+    report = cross_validate(pair_of(states.pair(rng)), *states.coordinates(rng, 10))
+    found = json.loads(report.to_json())
+    assert (found["ok"], found["samples"], found["compared"], found["skipped"]) == (True, 10, 10, 0)
+    assert [row["output"] for row in found["rows"]] == [row.output for row in report.rows]
+    assert found["rows"][0]["max_ratio"] == report.rows[0].max_ratio
+    assert found["rows"][0]["bound"] == 16
+
+
+def test_json_has_no_number_that_json_does_not_know():
+    rng = states.generator(64)
+    faulty = Faulty(pair_of(states.pair(rng)), lambda _p, found, *_m: {"R2": found["R2"] * np.inf})
+    report = cross_validate(faulty, *states.coordinates(rng, 5))
+
+    def refuse(literal):
+        raise AssertionError(literal)
+
+    found = json.loads(report.to_json(), parse_constant=refuse)
+    assert found["rows"][0]["max_error"] is None
+    assert not found["ok"]
+    assert not found["rows"][0]["ok"]
+
+
+def test_nothing_compared_is_no_pass():
+    pair = pair_of(states.REFERENCE_PAIR)
+    for q in (np.empty((0, 7)), np.full((3, 7), np.nan)):
+        report = cross_validate(pair, q, q, q)
+        assert not report.ok
+        assert report.compared == 0
+        assert str(report).splitlines()[-1].startswith("NOTHING COMPARED")
+        assert json.loads(report.to_json())["compared"] == 0
+
+
+def test_samples_that_are_not_finite_are_counted_and_left_out():
+    rng = states.generator(65)
+    q, qd, qdd = states.coordinates(rng, 10)
+    q[2, 0], qd[5, 6], qdd[7, 3] = np.nan, np.inf, -np.inf
+    report = cross_validate(pair_of(states.pair(rng)), q, qd, qdd)
+    assert (report.ok, report.skipped, report.compared) == (True, 3, 7)
+    assert "3 of 10 samples are not finite" in str(report)
+    assert json.loads(report.to_json())["skipped"] == 3
+
+
+def test_one_state_is_one_sample():
+    rng = states.generator(66)
+    report = cross_validate(pair_of(states.pair(rng)), *(c[0] for c in states.coordinates(rng, 1)))
+    assert (report.ok, report.shape, report.samples) == (True, (), 1)
+    assert "1 sample " in str(report)

@@ -1,0 +1,155 @@
+"""The pair's twin in Pinocchio, and the way there and back."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from hingepair.errors import ArgumentError, MissingDependencyError, ShapeError
+from hingepair.formats.urdf import to_urdf
+from hingepair.pair.body import Body
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.symbolic.closed_forms import derive
+from hingepair.validation.cross_validate import cross_validate, to_pinocchio
+from support import states
+
+U = 2.0**-53
+
+
+def pair_of(constants):
+    u1, u2, n, home = constants
+    return HingePair(u1=u1, u2=u2, n=n, home=home, name="tested")
+
+
+def body1_of(rng, *shape):
+    R, S, v, omega, a, alpha = (
+        array.reshape(*shape, *array.shape[1:]) for array in states.body1(rng, math.prod(shape))
+    )
+    return BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+
+
+# ---------------------------------------------------------------- the twin
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (50,), (4, 5), (0,)], ids=str)
+def test_coordinates_come_back_from_pinocchio(shape):
+    rng = states.generator(50)
+    twin = to_pinocchio(pair_of(states.pair(rng)))
+    body1, (psi, psid, psidd) = body1_of(rng, *shape), rng.normal(size=(3, *shape))
+    q, v, a = (
+        twin.configuration(body1, psi),
+        twin.velocity(body1, psi, psid),
+        twin.acceleration(body1, psi, psid, psidd),
+    )
+    assert (q.shape, v.shape, a.shape) == ((*shape, 8), (*shape, 7), (*shape, 7))
+    back, *hinge = twin.motion(q, v, a)
+    size = (
+        1
+        + np.abs(body1.a)
+        + np.linalg.norm(body1.omega, axis=-1, keepdims=True) * np.abs(body1.v).max(axis=-1, keepdims=True, initial=0)
+    )
+    assert np.array_equal(back.R, body1.R)
+    assert np.all(np.abs(back.S - body1.S) <= 8 * U)
+    for name in ("v", "omega", "alpha"):
+        given = getattr(body1, name)
+        scale = np.linalg.norm(given, axis=-1, keepdims=True)
+        assert np.all(np.abs(getattr(back, name) - given) <= 16 * U * scale), name
+    assert np.all(np.abs(back.a - body1.a) <= 32 * U * np.linalg.norm(size, axis=-1, keepdims=True))
+    for got, given in zip(hinge, (psi, psid, psidd), strict=True):
+        assert np.array_equal(got, given)
+
+
+def test_what_was_not_given_does_not_come_back():
+    rng = states.generator(51)
+    twin, body1 = to_pinocchio(pair_of(states.pair(rng))), body1_of(rng)
+    q, v = twin.configuration(body1, 0.3), twin.velocity(body1, 0.3, 2.0)
+    pose, velocity = twin.motion(q), twin.motion(q, v)
+    assert (pose[0].v, pose[0].a, pose[2], pose[3]) == (None, None, None, None)
+    assert (velocity[0].a, velocity[2], velocity[3]) == (None, 2.0, None)
+    with pytest.raises(ArgumentError, match="v: expected the velocity that belongs to a"):
+        twin.motion(q, None, v)
+    with pytest.raises(ArgumentError, match="body1: expected a motion with v"):
+        twin.velocity(BodyMotion(R=body1.R, S=body1.S), 0.0, 0.0)
+
+
+def test_the_quaternion_is_unit_for_every_attitude():
+    """Half turns, where the scalar part vanishes, and attitudes next to the identity; every pivot is used."""
+    turns = [np.diag(d) for d in ((1.0, 1, 1), (1.0, -1, -1), (-1.0, 1, -1), (-1.0, -1, 1))]
+    tiny = [pin.exp3(np.array(w) * size) for size in (1e-9, 1e-160, 3.1415926) for w in np.eye(3)]
+    S = np.concatenate([turns, tiny, states.rotations(states.generator(52), 200)])
+    twin = to_pinocchio(HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)))
+    q = twin.configuration(BodyMotion(R=np.zeros(3), S=S), 0.0)
+    for row, expected in zip(q, S, strict=True):
+        assert abs(np.linalg.norm(row[3:7]) - 1) <= 4 * U
+        assert np.abs(pin.Quaternion(row[3:7]).toRotationMatrix() - expected).max() <= 8 * U
+
+
+def test_pinocchio_quaternions_of_any_length_are_normalised():
+    rng = states.generator(53)
+    twin, body1 = to_pinocchio(pair_of(states.pair(rng))), body1_of(rng)
+    q = twin.configuration(body1, 0.0)
+    q[3:7] *= -1e-3
+    assert np.abs(twin.motion(q)[0].S - body1.S).max() <= 8 * U
+
+
+def test_the_twin_is_a_free_flyer_and_a_hinge():
+    twin = to_pinocchio(pair_of(states.pair(states.generator(54))))
+    assert (twin.model.nq, twin.model.nv, twin.model.name) == (8, 7, "tested")
+    assert twin.model.frames[twin.body2_frame].name == "body2"
+    assert twin.model.frames[twin.body2_frame].type == pin.FrameType.OP_FRAME
+
+
+@pytest.mark.parametrize("name", ["u1", "u2", "n", "home"])
+def test_a_pair_that_varies_from_sample_to_sample_has_no_twin(name):
+    constants = dict(zip(("u1", "u2", "n", "home"), states.pair(states.generator(54)), strict=True))
+    constants[name] = np.stack([constants[name]] * 3)
+    expected = r"pair: expected one pair, such as HingePair\(u1\[i\], \.\.\.\), got pairs of shape \(3,\)"
+    for export in (to_pinocchio, to_urdf, derive):
+        with pytest.raises(ShapeError, match=expected):
+            export(HingePair(**constants))
+
+
+def test_the_twin_has_the_masses_and_limits_of_the_urdf():
+    """Inertia of the coordinates and forces that hold the bodies still: the same from either text or twin."""
+    u1, u2, n, home = states.pair(states.generator(57))
+    bodies = [Body(m, (0.1, m, -0.2), np.diag((m, 2 * m, 2.5 * m))) for m in (2.0, 3.0)]
+    pair = HingePair(u1, u2, n, home, limits=(-1, 0.5), body1=bodies[0], body2=bodies[1])
+    twin, model = to_pinocchio(pair).model, pin.buildModelFromXML(to_urdf(pair), pin.JointModelFreeFlyer())
+    q = np.array([0.1, 0.2, 0.3, 0.5, -0.5, 0.5, 0.5, 0.4])
+    for call in (pin.crba, pin.computeGeneralizedGravity):
+        expected, found = (call(m, m.createData(), q) for m in (model, twin))
+        assert np.abs(found - expected).max() <= 64 * U * np.abs(expected).max()
+    assert (twin.lowerPositionLimit[-1], twin.upperPositionLimit[-1]) == pair.limits
+    assert not any(inertia.mass for inertia in to_pinocchio(HingePair(u1, u2, n)).model.inertias)
+
+
+# ---------------------------------------------------------------- the package around it
+
+
+@pytest.mark.parametrize("module", [None, sys])
+def test_a_missing_pinocchio_is_said(monkeypatch, module):
+    monkeypatch.setitem(sys.modules, "pinocchio", module)
+    monkeypatch.setattr(sys, "__file__", "elsewhere", raising=False)
+    pair = pair_of(states.REFERENCE_PAIR)
+    with pytest.raises(MissingDependencyError, match="pip install 'pin"):
+        to_pinocchio(pair)
+    with pytest.raises(ImportError, match="pip install 'pin"):
+        cross_validate(pair, np.zeros(7))
+
+
+def test_pinocchio_is_imported_only_when_it_is_used():
+    module = "hingepair.validation.cross_validate"
+    code = f"import sys, {module} as m; assert m.to_pinocchio; assert 'pinocchio' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("call", [to_pinocchio, to_urdf, lambda x: cross_validate(x, np.zeros(7))])
+def test_what_is_no_pair_is_refused(call):
+    with pytest.raises(ArgumentError, match="pair: expected a HingePair"):
+        call(np.zeros(7))
