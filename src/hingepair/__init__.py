@@ -41,9 +41,10 @@ from hingepair.rotations.matrices import (
 )
 
 if TYPE_CHECKING:
-    from hingepair.formats.mjcf import to_mjcf
+    from hingepair.formats.mjcf_writer import to_mjcf
     from hingepair.formats.robots import load_robot_hinge
-    from hingepair.formats.urdf import from_urdf, to_urdf
+    from hingepair.formats.urdf_reader import from_urdf
+    from hingepair.formats.urdf_writer import to_urdf
     from hingepair.integration.integrate import integrate
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
@@ -111,14 +112,14 @@ _LATER = {
     "cross_validate_from_body1": "validation.cross_validate",
     "derive": "symbolic.closed_forms",
     "euler_kinematics": "rotations.euler_motion",
-    "from_urdf": "formats.urdf",
+    "from_urdf": "formats.urdf_reader",
     "integrate": "integration.integrate",
     "load_robot_hinge": "formats.robots",
     "load_scene": "scenes.scene",
     "Sphere": "pair.body",
-    "to_mjcf": "formats.mjcf",
+    "to_mjcf": "formats.mjcf_writer",
     "to_pinocchio": "validation.cross_validate",
-    "to_urdf": "formats.urdf",
+    "to_urdf": "formats.urdf_writer",
 }
 
 

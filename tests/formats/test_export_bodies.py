@@ -14,7 +14,7 @@ import pytest
 from test_simulators import WRITERS, corner_pair
 
 import hingepair as hp
-from hingepair.formats.export_parts import BODY1, BODY2, BODY2_AT_HINGE, HINGE
+from hingepair.formats.model_parts import BODY1, BODY2, BODY2_AT_HINGE, HINGE
 from hingepair.rotations.matrices import rotation_exp
 from support import states
 

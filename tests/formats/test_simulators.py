@@ -11,7 +11,7 @@ import pytest
 from test_urdf import pinocchio_of_urdf
 
 import hingepair as hp
-from hingepair.formats.export_parts import BODY1, BODY2, HINGE
+from hingepair.formats.model_parts import BODY1, BODY2, HINGE
 from hingepair.pair.accuracy import error_ratios, given_rate_sizes, output_scales
 from hingepair.rotations.euler import euler_to_matrix
 from support import states

@@ -11,7 +11,9 @@ import pinocchio as pin
 import pytest
 
 from hingepair.errors import ArgumentError, ShapeError
-from hingepair.formats.urdf import from_urdf, parse_urdf, to_urdf
+from hingepair.formats.urdf_file import parse_urdf
+from hingepair.formats.urdf_reader import from_urdf
+from hingepair.formats.urdf_writer import to_urdf
 from hingepair.pair.accuracy import error_ratios, given_rate_sizes, output_scales
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair

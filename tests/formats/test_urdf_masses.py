@@ -12,7 +12,8 @@ from test_urdf import ARM, welded_robot
 
 from hingepair.errors import URDFError
 from hingepair.formats.robots import load_robot_hinge, robot_names, robot_urdf
-from hingepair.formats.urdf import from_urdf, hinge_pair, parse_urdf, read_urdf
+from hingepair.formats.urdf_file import parse_urdf, read_urdf
+from hingepair.formats.urdf_reader import from_urdf, hinge_pair
 from hingepair.rotations.matrices import rotation_exp
 from support import states
 

@@ -8,7 +8,8 @@ import pytest
 from test_urdf import ARM
 
 from hingepair.errors import HingePairError, URDFError
-from hingepair.formats.urdf import from_urdf, parse_urdf
+from hingepair.formats.urdf_file import parse_urdf
+from hingepair.formats.urdf_reader import from_urdf
 
 
 @pytest.mark.parametrize("joint", ["weld", "slide", "knee", "", None])

@@ -152,7 +152,7 @@ def urdf(
     ] = False,
 ) -> None:
     """Write the pair as a URDF robot; its base is free to get a root joint from the loader."""
-    from hingepair.formats.urdf import to_urdf
+    from hingepair.formats.urdf_writer import to_urdf
 
     if fixed_base and floating_base:
         raise ArgumentError("--fixed-base", "this or --floating-base", "both")
@@ -163,7 +163,7 @@ def urdf(
 @app.command()
 def mjcf(scene_file: SceneFile, out: TextFile = None, fixed_base: FixedBase = False) -> None:
     """Write the pair as a MuJoCo model (MJCF): a free joint and a hinge."""
-    from hingepair.formats.mjcf import to_mjcf
+    from hingepair.formats.mjcf_writer import to_mjcf
 
     _give(to_mjcf(load_scene(scene_file).space, base="fixed" if fixed_base else "free"), out)
 

@@ -16,8 +16,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.formats.urdf import hinge_pair
-from hingepair.formats.urdf_tree import parse_urdf, read_urdf
+from hingepair.formats.urdf_file import parse_urdf, read_urdf
+from hingepair.formats.urdf_reader import hinge_pair
 
 if TYPE_CHECKING:
     from hingepair.pair.hinge_pair import HingePair

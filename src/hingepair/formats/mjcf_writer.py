@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 
-from hingepair.formats.export_parts import (
+from hingepair.formats.model_parts import (
     BASE,
     BODY1,
     BODY2,

@@ -1,0 +1,158 @@
+"""URDF: any hinge of a robot read as a hinge pair.
+
+A body is all links that are rigidly fixed to each other, taken together; the joint's child link has its origin at the
+hinge point.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.errors import ArgumentError, URDFError, choices, quoted
+from hingepair.formats.urdf_file import Inertial, Robot, parse_urdf, read_urdf
+from hingepair.pair.body import Body
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.rotations.euler import euler_to_matrix
+
+Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Rotation and origin of a frame, in the axes of another."""
+
+
+def from_urdf(
+    path_or_text: str | os.PathLike[str], joint: str, body1_frame: str | None = None, body2_frame: str | None = None
+) -> HingePair:
+    """One hinge of a URDF as a pair.
+
+    Args:
+        path_or_text: a file's path, or the URDF itself (text that starts with "<").
+        joint: name of a revolute or continuous joint; a mimic joint is a hinge too.
+        body1_frame: link whose frame is (R1, S1): the joint's parent link, or one rigidly fixed to it.
+        body2_frame: link whose frame is (R2, S2): the joint's child link, or one rigidly fixed to it.
+
+    Returns:
+        The pair, named as the joint. Between parent and child link: u1 and home are the joint's origin, u2 = 0.
+        With it come the limits of a revolute joint (None where lower and upper are equal, as they are where neither
+        is given: URDF takes them for 0), and the mass properties of the bodies, each of all links that are rigidly
+        fixed to each other; None where no link has mass, and, with a warning, where the sum is none that a rigid
+        body can have. Shapes, the limits of effort and velocity, and the robot's name are not read.
+
+    Raises:
+        URDFError: no readable URDF, limits the wrong way round, or no such hinge or frame; says what would do.
+
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
+    >>> hp.from_urdf(hp.to_urdf(pair), joint="hinge", body2_frame="body2").u2.tolist()
+    [-0.25, 0.1, 0.0]
+    """
+    robot = parse_urdf(read_urdf(path_or_text))
+    return hinge_pair(robot, joint, body1_frame, body2_frame, name=joint)
+
+
+def hinge_pair(robot: Robot, joint: str, body1_frame: str | None, body2_frame: str | None, *, name: str) -> HingePair:
+    """The pair of `from_urdf`, of a robot already parsed.
+
+    Raises:
+        URDFError: no such hinge or frame, or an axis of zero.
+    """
+    hinge = robot.hinge(joint)
+    if not any(hinge.axis):
+        raise URDFError(f"joint {joint!r}, axis xyz", "a non-zero axis", hinge.axis)
+    poses1, poses2 = _fixed_to(robot, hinge.parent), _fixed_to(robot, hinge.child)
+    frame1, point1 = _chosen(poses1, hinge.parent, body1_frame, "body1_frame")
+    frame2, point2 = _chosen(poses2, hinge.child, body2_frame, "body2_frame")
+    home = frame1.T @ euler_to_matrix(hinge.rpy, "xyz")
+    size = max(map(abs, hinge.axis))
+    n = home @ (np.array(hinge.axis) / size)
+    u1 = frame1.T @ (np.array(hinge.xyz) - point1)
+    return HingePair(
+        u1=u1 + 0.0,
+        u2=0.0 - frame2.T @ point2,
+        n=n + 0.0,
+        home=home @ frame2 + 0.0,
+        name=name,
+        limits=hinge.limits,
+        body1=_combined_body(robot, _seen_from(poses1, frame1, point1)),
+        body2=_combined_body(robot, _seen_from(poses2, frame2, point2)),
+    )
+
+
+def _fixed_to(robot: Robot, link: str) -> dict[str, Pose]:
+    """Rotation and origin of every link that is rigidly fixed to a link, in the axes of that link."""
+    fixed = [joint for joint in robot.joints.values() if joint.type == "fixed"]
+    rotations = euler_to_matrix(np.array([joint.rpy for joint in fixed]).reshape(-1, 3), "xyz")
+    neighbours = defaultdict(list)
+    for joint, rotation in zip(fixed, rotations, strict=True):
+        neighbours[joint.parent].append((joint, rotation))
+        neighbours[joint.child].append((joint, rotation))
+    poses: dict[str, Pose] = {link: (np.eye(3), np.zeros(3))}
+    waiting = [link]
+    with np.errstate(all="ignore"):  # an origin of 1e308 is HingePair's to refuse, where it is needed
+        while waiting:
+            here = waiting.pop()
+            outer, start = poses[here]
+            for joint, rotation in neighbours[here]:
+                there = joint.child if joint.parent == here else joint.parent
+                if there in poses:
+                    continue
+                origin = np.array(joint.xyz)
+                if there == joint.child:
+                    poses[there] = outer @ rotation, start + outer @ origin
+                else:
+                    outwards = outer @ rotation.T
+                    poses[there] = outwards, start - outwards @ origin
+                waiting.append(there)
+    return poses
+
+
+def _chosen(poses: Mapping[str, Pose], link: str, frame: str | None, argument: str) -> Pose:
+    wanted = link if frame is None else frame
+    if wanted not in poses:
+        raise URDFError(argument, f"a link rigidly fixed to {link!r}: {choices(tuple(poses))}", quoted(frame))
+    return poses[wanted]
+
+
+def _seen_from(poses: Mapping[str, Pose], axes: NDArray[np.float64], point: NDArray[np.float64]) -> dict[str, Pose]:
+    """Poses in a frame that is itself given by its axes and origin."""
+    return {link: (axes.T @ rotation, axes.T @ (origin - point)) for link, (rotation, origin) in poses.items()}
+
+
+def _combined_body(robot: Robot, poses: Mapping[str, Pose]) -> Body | None:
+    """The mass properties of links taken together, in the frame that their poses are given in.
+
+    Links without mass count for nothing. None where no link has mass; and, with a warning, where one has a mass below
+    zero or the sum is nothing that a rigid body can have: not a few robots carry made-up inertias.
+    """
+    placed = {link: (robot.inertials[link], pose) for link, pose in poses.items() if link in robot.inertials}
+    heavy = {link: (inertial, pose) for link, (inertial, pose) in placed.items() if inertial.mass != 0}
+    if not heavy:
+        return None
+    try:
+        for link, (inertial, _) in heavy.items():
+            if inertial.mass < 0:
+                raise ArgumentError(f"mass of {link!r}", "a number above 0", inertial.mass)
+        with np.errstate(all="ignore"):  # what overflows is no mass property: Body refuses it
+            return _sum(list(heavy.values()))
+    except ArgumentError as error:
+        links = ", ".join(map(repr, heavy))
+        warnings.warn(f"the mass properties of the body of {links} are left out: {error}", UserWarning, stacklevel=4)
+        return None
+
+
+def _sum(placed: Sequence[tuple[Inertial, Pose]]) -> Body:
+    total = sum(inertial.mass for inertial, _ in placed)
+    centres = [origin + rotation @ np.array(inertial.xyz) for inertial, (rotation, origin) in placed]
+    centre = np.sum([i.mass / total * c for (i, _), c in zip(placed, centres, strict=True)], axis=0)
+    inertia = np.zeros((3, 3))
+    for (inertial, (rotation, _)), point in zip(placed, centres, strict=True):
+        xx, xy, xz, yy, yz, zz = inertial.moments
+        axes = rotation @ euler_to_matrix(inertial.rpy, "xyz")
+        arm = point - centre
+        inertia += axes @ np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))) @ axes.T
+        inertia += inertial.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return Body(mass=total, center_of_mass=centre + 0.0, inertia=inertia)
