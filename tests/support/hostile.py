@@ -122,8 +122,8 @@ def urdf(rng):
 
 
 def use_expression(rng, _):
-    from hingepair.symbolic.coordinates import compile_coordinates
     from hingepair.symbolic.expressions import parse
+    from hingepair.symbolic.time_functions import compile_coordinates
 
     text = expression(rng)
     yield text

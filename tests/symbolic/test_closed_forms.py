@@ -13,9 +13,9 @@ from sympy.physics.vector import Point, ReferenceFrame
 import hingepair as hp
 from hingepair.evaluation.plan import LEVER_STEPS, OUTPUTS, make_plan
 from hingepair.symbolic import closed_forms
-from hingepair.symbolic.coordinates import exact
 from hingepair.symbolic.form_inputs import exact_axis
-from hingepair.symbolic.form_text import to_text
+from hingepair.symbolic.listings import to_text
+from hingepair.symbolic.time_functions import exact
 
 MODELS = Path(__file__).parents[2] / "models"
 INSTANTS = (sympy.Rational(1, 3), sympy.Rational(7, 5))

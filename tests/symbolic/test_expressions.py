@@ -13,9 +13,9 @@ import pytest
 import sympy
 
 from hingepair import ArgumentError, SceneError
-from hingepair.symbolic.coordinates import compile_coordinates
 from hingepair.symbolic.expressions import FUNCTIONS, constant_name_fault, parse
 from hingepair.symbolic.jets import time_symbol
+from hingepair.symbolic.time_functions import compile_coordinates
 
 U = 2.0**-53
 T = np.linspace(0.1, 0.9, 41)

@@ -34,7 +34,7 @@ def derive(
     if unicode + latex + python + as_json > 1:
         raise ArgumentError("format", "one of --unicode, --latex, --python, --json", "several")
     from hingepair.evaluation.plan import ACCELERATION, PLANAR, check_outputs, default_outputs
-    from hingepair.symbolic import form_text
+    from hingepair.symbolic import listings
     from hingepair.symbolic.closed_forms import derive as closed_forms
 
     scene = load_scene(scene_file)
@@ -42,13 +42,13 @@ def derive(
     names = check_outputs(_names(outputs), scene.kind) if outputs is not None else scene.outputs or usual
     forms = closed_forms(scene, _names(symbolic))
     if latex:
-        text = form_text.to_latex(forms, names)
+        text = listings.to_latex(forms, names)
     elif python:
-        text = form_text.to_python(forms, names, scene.title)
+        text = listings.to_python(forms, names, scene.title)
     elif as_json:
-        text = json.dumps(form_text.to_sympy(forms, names), indent=2) + "\n"
+        text = json.dumps(listings.to_sympy(forms, names), indent=2) + "\n"
     else:
-        text = form_text.to_text(forms, names)
+        text = listings.to_text(forms, names)
     if out is None:
         print(text, end="")
         return

@@ -18,7 +18,7 @@ from hingepair.pair.constraints import constraint_values
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from hingepair.scenes.samples import Samples
+    from hingepair.scenes.known_motion import Samples
     from hingepair.scenes.scene import Scene, SceneResult
 
 _SLAB = 65536

@@ -15,10 +15,10 @@ from hingepair.evaluation.plan import ACCELERATION
 from hingepair.numeric.arrays import read_only
 from hingepair.pair.forward_kinematics import COORDINATES, PLANAR_COORDINATES
 from hingepair.rotations.sequences import find_sequence
-from hingepair.scenes.samples import CoordinateSamples, PlanarSamples, Rows, Samples
-from hingepair.scenes.scene_file import Table
-from hingepair.symbolic.coordinates import Coordinates, check_real, compile_coordinates, exact
+from hingepair.scenes.known_motion import CoordinateSamples, PlanarSamples, Rows, Samples
+from hingepair.scenes.tables import Table
 from hingepair.symbolic.jets import Expr
+from hingepair.symbolic.time_functions import Coordinates, check_real, compile_coordinates, exact
 
 MAX_SAMPLES: Final = 10_000_000
 

@@ -32,8 +32,8 @@ from hingepair.integration.trajectory_state import turned
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import check_rotation
-from hingepair.scenes.samples import BodySamples, PlanarSamples, Rows, Samples
-from hingepair.scenes.scene_file import Table
+from hingepair.scenes.known_motion import BodySamples, PlanarSamples, Rows, Samples
+from hingepair.scenes.tables import Table
 
 Float64Array: TypeAlias = NDArray[np.float64]
 

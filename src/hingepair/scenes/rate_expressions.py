@@ -31,10 +31,10 @@ from hingepair.scenes.integrated_motion import (
     integrated_in_plane,
     integrated_in_space,
 )
-from hingepair.scenes.scene_file import Table
+from hingepair.scenes.tables import Table
 from hingepair.symbolic.antiderivative import antiderivative
-from hingepair.symbolic.coordinates import Coordinates, compile_coordinates, exact
 from hingepair.symbolic.jets import Expr
+from hingepair.symbolic.time_functions import Coordinates, compile_coordinates, exact
 
 TOLERANCE: Final = 1e-12
 """Largest error of the angles that is aimed at unless `tol` is given [rad]; what is left is reported."""

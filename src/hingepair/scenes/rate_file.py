@@ -2,9 +2,9 @@
 
 [motion]
 file = "gyro.csv"                # columns t, omega1_x, omega1_y, omega1_z, psid; as far as known also x, v1_x, a1_x,
-integrate = true                 # ..., alpha1_x, ..., psidd (`hingepair.sample_file`); R1 = 0 without x, y, z
+integrate = true                 # ..., alpha1_x, ..., psidd (`hingepair.scenes.log_file`); R1 = 0 without x, y, z
 differentiate = true             # optional: find the derivatives that the file lacks
-S1_0 = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]  # optional; and psi_0, frame, method as in `hingepair.rate_expressions`
+S1_0 = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]  # optional; psi_0, frame, method as in `scenes.rate_expressions`
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from hingepair.errors import ArgumentError
 from hingepair.integration.signals import Samples
 from hingepair.numeric.finite_differences import check_instants, differentiate
 from hingepair.scenes.integrated_motion import START, Float64Array, IntegratedMotion, integrated_in_space
-from hingepair.scenes.sample_file import ARRAYS, Columns, SampleFile
-from hingepair.scenes.scene_file import Table
+from hingepair.scenes.log_file import ARRAYS, Columns, SampleFile
+from hingepair.scenes.tables import Table
 
 ORDER: Final = 6
 """Of the derivatives of samples."""

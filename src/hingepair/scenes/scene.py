@@ -30,7 +30,7 @@ names = ["R2", "omega2"]
 Scenes in the plane z = 0 begin with `planar = true`: [pair] has u1 and u2 of two numbers each, and a name; [motion]
 has x, y, phi (the angle of body 1), psi; the outputs are those of a PlanarPair.
 
-Instead of expressions, the motion may be samples in a file, whose columns `hingepair.sample_file` describes:
+Instead of expressions, the motion may be samples in a file, whose columns `hingepair.scenes.log_file` describes:
 
 [motion]
 file = "log.csv"              # or .npz, .parquet; relative to the scene file; the instants are its column t
@@ -38,7 +38,7 @@ differentiate = true          # optional: find the derivatives that the file lac
 sequence = "XYZ"              # optional: of Euler angles
 
 Or it may be integrated (E12) from the angular velocity of body 1 and the hinge rate, as expressions `omega1` and
-`psi_dot` or as samples: `hingepair.rate_expressions` and `hingepair.rate_file` have the layouts.
+`psi_dot` or as samples: `hingepair.scenes.rate_expressions` and `hingepair.scenes.rate_file` have the layouts.
 """
 
 from __future__ import annotations
@@ -60,11 +60,11 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.scenes.explain import ScenePlan
 from hingepair.scenes.expression_motion import ExpressionMotion
-from hingepair.scenes.samples import Rows
-from hingepair.scenes.scene_file import read_tables
-from hingepair.scenes.scene_tables import Motion, read_motion, read_outputs, read_pair, read_planar
-from hingepair.symbolic.coordinates import Coordinates
+from hingepair.scenes.known_motion import Rows
+from hingepair.scenes.pair_table import Motion, read_motion, read_outputs, read_pair, read_planar
+from hingepair.scenes.tables import read_tables
 from hingepair.symbolic.jets import Expr
+from hingepair.symbolic.time_functions import Coordinates
 
 if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
@@ -236,7 +236,7 @@ class Scene:
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
-    """Read a scene from a TOML file; the layout stands at the top of `hingepair.scene`.
+    """Read a scene from a TOML file; the layout stands at the top of `hingepair.scenes.scene`.
 
     Raises:
         SceneError: the file cannot be read as a scene; names file, table and key, in one line.

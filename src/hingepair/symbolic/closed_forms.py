@@ -26,8 +26,8 @@ from hingepair.symbolic.form_inputs import (
     constant_inputs,
     motion_inputs,
 )
-from hingepair.symbolic.form_printers import count_letters, in_order
 from hingepair.symbolic.jets import Expr, time_symbol
+from hingepair.symbolic.printers import count_letters, in_order
 from hingepair.symbolic.trig_sums import TooManyTermsError, TrigSum, cosine, cosine_sum, sine, sine_sum, trig_sum
 
 Terms: TypeAlias = tuple[Expr, ...]

@@ -18,8 +18,8 @@ from typing import Final, NamedTuple, NoReturn
 
 from hingepair.errors import SceneError
 from hingepair.symbolic import expression_size as size
-from hingepair.symbolic.coordinates import exact
 from hingepair.symbolic.jets import SYMPY_ERRORS, Expr, constant_value, time_symbol
+from hingepair.symbolic.time_functions import exact
 
 FUNCTIONS: Final = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),

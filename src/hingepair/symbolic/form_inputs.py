@@ -13,9 +13,9 @@ from hingepair.evaluation.plan import PLANAR
 from hingepair.pair.forward_kinematics import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.symbolic.coordinates import exact
-from hingepair.symbolic.form_printers import count_letters
 from hingepair.symbolic.jets import SYMPY_ERRORS, Expr, Jet, JetProgram, time_symbol
+from hingepair.symbolic.printers import count_letters
+from hingepair.symbolic.time_functions import exact
 
 SYMBOLIC = ("u1", "u2", "n")
 """What can stay a letter."""

@@ -19,7 +19,7 @@ from hingepair.pair.forward_kinematics import COORDINATES, PARTS, PLANAR_COORDIN
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.explain import ScenePlan, explain
-from hingepair.symbolic.coordinates import Coordinates
+from hingepair.symbolic.time_functions import Coordinates
 
 if TYPE_CHECKING:
     from hingepair.pair.hinge_pair import HingePair

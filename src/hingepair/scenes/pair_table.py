@@ -12,10 +12,10 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.expression_motion import ExpressionMotion, read_expression_motion
 from hingepair.scenes.integrated_motion import IntegratedMotion
+from hingepair.scenes.logged_motion import SampledMotion, read_sampled_motion
 from hingepair.scenes.rate_expressions import read_rate_expressions
 from hingepair.scenes.rate_file import read_rate_file
-from hingepair.scenes.sampled_motion import SampledMotion, read_sampled_motion
-from hingepair.scenes.scene_file import Table
+from hingepair.scenes.tables import Table
 
 Made = TypeVar("Made")
 Motion: TypeAlias = ExpressionMotion | SampledMotion | IntegratedMotion

@@ -16,9 +16,9 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.scenes.expression_motion import read_sequence
-from hingepair.scenes.sample_file import ARRAYS, Columns, SampleFile
-from hingepair.scenes.samples import BodySamples, CoordinateSamples, Rows, Samples
-from hingepair.scenes.scene_file import Table
+from hingepair.scenes.known_motion import BodySamples, CoordinateSamples, Rows, Samples
+from hingepair.scenes.log_file import ARRAYS, Columns, SampleFile
+from hingepair.scenes.tables import Table
 
 ORDER = 6
 """Of the derivatives in the step between samples."""

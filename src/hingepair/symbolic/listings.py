@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import sympy
 
 from hingepair.symbolic.closed_forms import Derivation
-from hingepair.symbolic.form_printers import LATEX, PYTHON, TEXT, joined, latex_name, lettered
 from hingepair.symbolic.jets import Expr
+from hingepair.symbolic.printers import LATEX, PYTHON, TEXT, joined, latex_name, lettered
 
 _UNITS = {"R": "m", "d": "m", "v": "m/s", "omega": "rad/s", "a": "m/s^2", "alpha": "rad/s^2", "phi": "rad"}
 

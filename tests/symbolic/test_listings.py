@@ -15,8 +15,8 @@ import sympy
 import hingepair as hp
 from hingepair.cli.main import main
 from hingepair.evaluation.plan import outputs_of
-from hingepair.symbolic.form_printers import LATEX, PYTHON, TEXT
-from hingepair.symbolic.form_text import to_latex, to_python
+from hingepair.symbolic.listings import to_latex, to_python
+from hingepair.symbolic.printers import LATEX, PYTHON, TEXT
 
 MODELS = Path(__file__).parents[2] / "models"
 REFERENCE = MODELS / "reference_3d.toml"

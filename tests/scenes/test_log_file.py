@@ -128,10 +128,10 @@ def test_sizes_are_refused_before_anything_is_allocated(tmp_path, monkeypatch):
         scene_of(tmp_path, (tmp_path / "log.npz").read_bytes(), name="log.npz")
     for name in ("log.csv", "log.npz", "log.parquet"):
         with monkeypatch.context() as patch:
-            patch.setattr("hingepair.scenes.sample_file.MAX_ROWS", 11)
+            patch.setattr("hingepair.scenes.log_file.MAX_ROWS", 11)
             with pytest.raises(hp.SceneError, match="at most 11 samples, got 12"):
                 scene_of(tmp_path, GOOD, name=name)
-            patch.setattr("hingepair.scenes.sample_file.MAX_BYTES", 100)
+            patch.setattr("hingepair.scenes.log_file.MAX_BYTES", 100)
             with pytest.raises(hp.SceneError, match="at most 100 bytes"):
                 scene_of(tmp_path, GOOD, name=name)
 
