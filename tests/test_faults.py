@@ -53,7 +53,7 @@ FAULTS = {
         "rates[2] + (turn[2] - phid[0] * y)",
     ),
     "u1 and u2 swapped": (
-        "pair/levers.py",
+        "pair/constants.py",
         '"u1": numbers[:3], "u2": numbers[3:]',
         '"u1": numbers[3:], "u2": numbers[:3]',
     ),

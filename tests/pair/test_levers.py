@@ -26,7 +26,7 @@ def test_levers_are_rounded_once(case):
     sizes, rng = CASES[case], generator(80)
     u1, u2, n = (rng.normal(size=(40, 3)) * size for size in sizes)
     home = rotations(rng, 40)
-    found = hp.HingePair(u1=u1, u2=u2, n=n, home=home)._constants.arrays
+    found = hp.HingePair(u1=u1, u2=u2, n=n, home=home).constants.arrays
     with mpmath.workdps(DIGITS):
         axis, arm = unit(n), (exactly(home) @ exactly(u2)[..., None])[..., 0]
         dot = (axis * arm).sum(axis=-1, keepdims=True)

@@ -103,7 +103,7 @@ def _worst(scene: Scene, samples: Samples) -> NDArray[np.float64]:
     W1, psid = samples.rates() if samples.level else (None, None)
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
     names, rate = (("gap",), {}) if psid is None else (("gap", "slip"), {"psid_given": psid})
-    measured = constraint_values(pair._constants, names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})
+    measured = constraint_values(pair.constants, names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})
     found = []
     for name, residual in zip(("R2", "omega2"), measured.values(), strict=False):
         error, ratio = error_ratios(name, residual, np.zeros_like(residual), scales[name])

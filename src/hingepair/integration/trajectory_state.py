@@ -15,7 +15,8 @@ from hingepair.integration.signals import Signal, Values
 from hingepair.integration.trajectory import rotations
 from hingepair.numeric.blocks import components_of, evaluate
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.evaluate import Constants, Outputs
+from hingepair.pair.constants import Constants
+from hingepair.pair.evaluate import Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
@@ -55,7 +56,7 @@ def spatial_state(
         body: whether omega1 and alpha1 are in body axes.
         backend: as for `forward_kinematics`.
     """
-    names, needed = _wanted(pair._constants, outputs, rates, point, SPATIAL)
+    names, needed = _wanted(pair.constants, outputs, rates, point, SPATIAL)
     if not names:
         return PairState({}, t.shape)
     known: dict[str, Any] = {name: point[name] for name in ("R1", "v1", "a1") if name in needed}
@@ -86,7 +87,7 @@ def planar_state(
     backend: str,
 ) -> PlanarState:
     """The state of a planar pair at the instants; angles = (phi, psi)."""
-    names, needed = _wanted(pair._constants, outputs, rates, point, PLANAR)
+    names, needed = _wanted(pair.constants, outputs, rates, point, PLANAR)
     if not names:
         return PlanarState({}, t.shape)
     zero = np.zeros(2)

@@ -16,7 +16,8 @@ from hingepair.evaluation.steps import ARM_STEPS, Step
 from hingepair.numeric.arrays import FloatArray
 from hingepair.numeric.blocks import Components, Values, components_of, numbers
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.evaluate import Constants, follow_steps
+from hingepair.pair.constants import Constants
+from hingepair.pair.evaluate import follow_steps
 
 if TYPE_CHECKING:
     from hingepair.pair.hinge_pair import HingePair
@@ -124,7 +125,7 @@ def constraint_jacobian(pair: HingePair, body1: BodyMotion, body2: BodyMotion) -
     [0.0, 0.0, 0.0, 0.0, 0.0]
     """
     values = {**motion_arrays("body1", body1, "S"), **motion_arrays("body2", body2, "S")}
-    return constraint_values(pair._constants, ("constraint_jacobian",), values, _shapes(body1, body2))[
+    return constraint_values(pair.constants, ("constraint_jacobian",), values, _shapes(body1, body2))[
         "constraint_jacobian"
     ]
 
@@ -150,7 +151,7 @@ def constraint_bias(pair: HingePair, body1: BodyMotion, body2: BodyMotion) -> Fl
     [-4.0, 0.0, 0.0, 0.0, 0.0]
     """
     values = {**motion_arrays("body1", body1, "S", "omega"), **motion_arrays("body2", body2, "S", "omega")}
-    return constraint_values(pair._constants, ("constraint_bias",), values, _shapes(body1, body2))["constraint_bias"]
+    return constraint_values(pair.constants, ("constraint_bias",), values, _shapes(body1, body2))["constraint_bias"]
 
 
 def constraint_values(

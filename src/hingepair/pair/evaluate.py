@@ -23,6 +23,7 @@ from hingepair.evaluation.plan import (
 from hingepair.evaluation.steps import Step
 from hingepair.numeric.arrays import broadcast_shape, real_array, result_dtype, vectors
 from hingepair.numeric.blocks import Components, Values, components_of, compute, tabulate
+from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState, layout_of
 
 Outputs: TypeAlias = Iterable[str] | None
@@ -30,25 +31,6 @@ Out: TypeAlias = Mapping[str, NDArray[Any]] | None
 
 _COUNTS = {4: "four", 7: "seven"}
 StateT = TypeVar("StateT", PairState, PlanarState)
-
-
-class Constants(NamedTuple):
-    """What a pair brings: u1, u2 and n, and home where it is not the identity, by component.
-
-    Attributes:
-        values: components by name; floats where the pair is one.
-        arrays: the same as arrays, with the components last.
-        shape: leading shape of the pair; () for one pair.
-    """
-
-    values: Values
-    arrays: Values
-    shape: tuple[int, ...]
-
-    @property
-    def single(self) -> bool:
-        """Whether it is one pair."""
-        return self.shape == ()
 
 
 class Coordinates(NamedTuple):

@@ -11,8 +11,8 @@ from hingepair.evaluation.backend import How
 from hingepair.evaluation.plan import FLAT, PLANAR, Plan, default_outputs, make_plan
 from hingepair.numeric.blocks import Values
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import (
-    Constants,
     Coordinates,
     Out,
     Outputs,

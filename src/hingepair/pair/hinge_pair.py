@@ -16,8 +16,8 @@ from hingepair.numeric.blocks import components_of, numbers
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.evaluate import Constants, Out, Outputs
-from hingepair.pair.levers import levers
+from hingepair.pair.constants import Constants, levers
+from hingepair.pair.evaluate import Out, Outputs
 from hingepair.pair.states import PairState
 from hingepair.rotations.matrices import check_rotation
 
@@ -81,7 +81,7 @@ class HingePair:
     limits: tuple[float, float] | None
     body1: Body | None
     body2: Body | None
-    _constants: Constants = field(init=False)
+    constants: Constants = field(init=False)
 
     def __init__(
         self,
@@ -108,7 +108,7 @@ class HingePair:
         constants = Constants(values, arrays, shape)
         bodies = {"body1": _checked_body("body1", body1), "body2": _checked_body("body2", body2)}
         for_exports = {"limits": _checked_limits(limits), **bodies}
-        values_of = {**vectors, "home": rotation, "name": name, **for_exports, "_constants": constants}
+        values_of = {**vectors, "home": rotation, "name": name, **for_exports, "constants": constants}
         for key, value in values_of.items():
             object.__setattr__(self, key, value)
 
@@ -161,7 +161,7 @@ class HingePair:
         array([ 1.,  4., -1.])
         """
         how = choose(backend, workers)
-        return kinematics.from_coordinates(self._constants, q, qd, qdd, outputs, out, sequence, how)
+        return kinematics.from_coordinates(self.constants, q, qd, qdd, outputs, out, sequence, how)
 
     def forward_kinematics_from_body1(
         self,
@@ -200,7 +200,7 @@ class HingePair:
         array([2., 0., 0.])
         """
         how = choose(backend, workers)
-        return kinematics.from_body1(self._constants, body1, psi, psid, psidd, outputs, out, how)
+        return kinematics.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, how)
 
     # Not loaded by `import hingepair`; a type checker sees the functions themselves.
     if TYPE_CHECKING:
@@ -258,6 +258,6 @@ def check_one(pair: HingePair | PlanarPair) -> None:
     Raises:
         ShapeError: u1, u2, n or home have leading axes.
     """
-    if not pair._constants.single:
+    if not pair.constants.single:
         expected = f"one pair, such as {type(pair).__name__}(u1[i], ...)"
-        raise ShapeError("pair", expected, f"pairs of shape {pair._constants.shape}")
+        raise ShapeError("pair", expected, f"pairs of shape {pair.constants.shape}")

@@ -14,7 +14,8 @@ from hingepair.evaluation.steps import ARM_STEPS, Step
 from hingepair.numeric.arrays import FloatArray
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.evaluate import Constants, component, follow_steps, leading_shapes, read_coordinates
+from hingepair.pair.constants import Constants
+from hingepair.pair.evaluate import component, follow_steps, leading_shapes, read_coordinates
 from hingepair.rotations.sequences import find_sequence
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def jacobian(pair: HingePair, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
     array([0., 4., 0., 0., 0., 3.])
     """
-    constants = pair._constants
+    constants = pair.constants
     values = {**motion_arrays("body1", body1, "S"), "psi": component("psi", psi)}
     shapes = {"body1": body1.shape, "psi": np.shape(psi)}
     world = Step("turns", lambda: by.WORLD, ())
@@ -103,7 +104,7 @@ def coordinate_jacobian(pair: HingePair, q: ArrayLike | tuple[Any, ...], *, sequ
     >>> pair.coordinate_jacobian(np.zeros(7)) @ (0, 0, 0, 0, 0, 1, 2)
     array([0., 4., 0., 0., 0., 3.])
     """
-    return _by_coordinates(pair._constants, "jacobian", q, None, sequence)
+    return _by_coordinates(pair.constants, "jacobian", q, None, sequence)
 
 
 def coordinate_jacobian_rate(
@@ -128,7 +129,7 @@ def coordinate_jacobian_rate(
     """
     if qd is None:
         raise ArgumentError("qd", "the coordinates' rates", None)
-    return _by_coordinates(pair._constants, "jacobian_rate", q, qd, sequence)
+    return _by_coordinates(pair.constants, "jacobian_rate", q, qd, sequence)
 
 
 def _by_coordinates(pair: Constants, result: str, q: Any, qd: Any, sequence: str) -> FloatArray:

@@ -13,7 +13,8 @@ from hingepair.evaluation.backend import choose
 from hingepair.numeric.arrays import broadcast_shape, constant
 from hingepair.numeric.blocks import components_of, numbers
 from hingepair.pair import forward_kinematics as kinematics
-from hingepair.pair.evaluate import Constants, Out, Outputs
+from hingepair.pair.constants import Constants
+from hingepair.pair.evaluate import Out, Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.states import PlanarState
 
@@ -44,7 +45,7 @@ class PlanarPair:
     u1: NDArray[np.float64]
     u2: NDArray[np.float64]
     name: str
-    _constants: Constants = field(init=False)
+    constants: Constants = field(init=False)
 
     def __init__(self, u1: ArrayLike, u2: ArrayLike, name: str = "planar_pair") -> None:
         if not isinstance(name, str) or not name.strip():
@@ -52,7 +53,7 @@ class PlanarPair:
         arrays = {"u1": constant("u1", u1, 2), "u2": constant("u2", u2, 2)}
         values = {key: numbers(components_of(array)) for key, array in arrays.items()}
         shape = broadcast_shape({key: array.shape[:-1] for key, array in arrays.items()})
-        for key, value in {**arrays, "name": name, "_constants": Constants(values, arrays, shape)}.items():
+        for key, value in {**arrays, "name": name, "constants": Constants(values, arrays, shape)}.items():
             object.__setattr__(self, key, value)
 
     def __repr__(self) -> str:
@@ -97,7 +98,7 @@ class PlanarPair:
         (array([1., 4.]), np.float64(2.0))
         """
         how = choose(backend, workers)
-        return kinematics.planar_from_coordinates(self._constants, q, qd, qdd, outputs, out, how)
+        return kinematics.planar_from_coordinates(self.constants, q, qd, qdd, outputs, out, how)
 
     def to_spatial(self) -> HingePair:
         """The same pair in space: n = e_z, and the plane is z = 0.

@@ -13,8 +13,8 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.arrays import broadcast_shape, finite_number, read_only
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
+from hingepair.pair.constants import Constants
 from hingepair.pair.constraints import TAILS, available, constraint_values
-from hingepair.pair.evaluate import Constants
 from hingepair.pair.residual_report import ResidualCheck, Residuals
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def residuals(
     >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
     True
     """
-    constants = pair._constants
+    constants = pair.constants
     given: dict[str, NDArray[Any]] = {}
     for argument, body in (("body1", body1), ("body2", body2)):
         motion_arrays(argument, body)

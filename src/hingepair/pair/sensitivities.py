@@ -106,7 +106,7 @@ def sensitivities(pair: HingePair, body1: BodyMotion, psi: ArrayLike, psid: Arra
     >>> pair.sensitivities(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
     array([0., 1., 0.])
     """
-    constants = pair._constants
+    constants = pair.constants
     values: dict[str, Any] = {**motion_arrays("body1", body1, "S"), "psi": component("psi", psi)}
     shapes = {"body1": body1.shape, "psi": np.shape(psi)}
     tails: dict[str, tuple[int, ...]] = {**_POSE}

@@ -65,8 +65,8 @@ class CoordinateSamples:
         for parts, seven in zip(PARTS.values(), self.derivatives, strict=False):
             values |= dict(zip(parts, (seven[:3], seven[3:6], seven[6]), strict=True))
         names = outputs or default_outputs(self.level)
-        plan = make_plan(names, self.sequence, "home" in pair._constants.values)
-        plan, values = flattened(plan, pair._constants, values)
+        plan = make_plan(names, self.sequence, "home" in pair.constants.values)
+        plan, values = flattened(plan, pair.constants, values)
         return explain(plan, self.level, level, _constant(values, COORDINATES, self.derivatives[0]))
 
     def cross_validate(self, pair: HingePair) -> CrossValidation:
@@ -117,7 +117,7 @@ class BodySamples:
     def plan(self, pair: HingePair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
         """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
         names = outputs or default_outputs(self.level)
-        plan = make_plan(names, None, "home" in pair._constants.values)
+        plan = make_plan(names, None, "home" in pair.constants.values)
         return explain(plan, self.level, level, frozenset())
 
     def cross_validate(self, pair: HingePair) -> CrossValidation:

@@ -86,9 +86,9 @@ def constant_inputs(pair: HingePair | PlanarPair, symbolic: tuple[str, ...]) -> 
     """u1, u2, n and home as exact numbers or letters."""
     found: dict[str, Any] = {}
     for key in ("u1", "u2", "n", "home"):
-        if key not in pair._constants.values:
+        if key not in pair.constants.values:
             continue
-        value = pair._constants.values[key]
+        value = pair.constants.values[key]
         if key in symbolic:
             found[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
         else:

@@ -1,19 +1,38 @@
-"""What the hinge turns of the levers u1 and u2, and what it leaves: constants of a pair, right to the last bit."""
+"""What a pair brings to every call: u1, u2, n, home, and the levers that the hinge turns or leaves, by component."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.evaluation.steps import LEVER_STEPS
 from hingepair.numeric.arrays import vectors
-from hingepair.numeric.blocks import components_of
+from hingepair.numeric.blocks import Values, components_of
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import by_power_of_two, exact_direction
 
 LEVERS = ("along", "across", "around")
+
+
+class Constants(NamedTuple):
+    """What a pair brings: u1, u2 and n, and home where it is not the identity, by component.
+
+    Attributes:
+        values: components by name; floats where the pair is one.
+        arrays: the same as arrays, with the components last.
+        shape: leading shape of the pair; () for one pair.
+    """
+
+    values: Values
+    arrays: Values
+    shape: tuple[int, ...]
+
+    @property
+    def single(self) -> bool:
+        """Whether it is one pair."""
+        return self.shape == ()
 
 
 def levers(u1: NDArray[Any], u2: NDArray[Any], n: ArrayLike, home: NDArray[Any]) -> dict[str, NDArray[np.float64]]:
