@@ -13,6 +13,7 @@ from support.reference import BOUNDS, ORDINARY, OUTPUTS
 pytestmark = pytest.mark.usefixtures("each_backend")
 
 HARD = states.hard_states()
+IMMENSE = states.immense_rates()
 
 
 def hinge_pair(constants):
@@ -138,6 +139,22 @@ def test_hard_state(name, ledger):
     truth, pair = reference.from_euler(constants, *motion), hinge_pair(constants)
     require(truth, batch(pair, motion), ledger, "hard", BOUNDS)
     require(truth, one_by_one(pair, motion), ledger, "hard", BOUNDS)
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("name", IMMENSE)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_no_square_of_a_rate_is_formed_alone(name, dtype, ledger):
+    """psi'^2 leaves the range of numbers where a2 and its scale do not."""
+    (u1, u2, n, home), *motion = IMMENSE[name]
+    if dtype is np.float32:  # 1e308 becomes 1e38 or so
+        u1, u2, *motion = (np.sign(x) * abs(x) ** np.float64(0.122) for x in (u1, u2, *motion))
+        u1, u2, n, home = (x.astype(dtype) for x in (u1, u2, n, np.eye(3)))
+    motion = [c[None].astype(dtype) for c in motion]
+    truth, pair = reference.from_euler((u1, u2, n, home), *motion), hinge_pair((u1, u2, n, home))
+    assert all(float(scale[0]) < 1e308 for scale in truth.scales.values())
+    require(truth, batch(pair, motion), ledger, "immense", BOUNDS)
+    require(truth, one_by_one(pair, motion), ledger, "immense", BOUNDS)
 
 
 GIVEN = states.hard_attitudes()

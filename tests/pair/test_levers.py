@@ -16,6 +16,8 @@ CASES = {
     "short": (1e-290, 1e-290, 1e-300),
     "long": (1e290, 1e290, 1e300),
     "unequal": (1e-8, 1e8, 1.0),
+    "u1 far longer": (1e200, 1e-200, 1.0),
+    "u2 far longer": (1e-200, 1e200, 1.0),
     "subnormal axis": (1.0, 1.0, 1e-310),
 }
 
@@ -34,7 +36,8 @@ def test_levers_are_rounded_once(case):
         around = np.cross(axis, arm)
         exact = {"across": across, "around": around, "along": exactly(u1) - axis * dot}
         for name, value in exact.items():
-            rounding = np.spacing(abs(found[name])) * 0.5 + 1e-28 * max(sizes[:2])
+            size = max(sizes[:2]) if name == "along" else sizes[1]
+            rounding = np.spacing(abs(found[name])) * 0.5 + 1e-28 * size
             assert np.all(abs(exactly(found[name]) - value) <= rounding), name
 
 

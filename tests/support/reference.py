@@ -80,7 +80,7 @@ def from_euler(pair, q, qd=None, qdd=None, sequence="XYZ"):
 
     pair: (u1, u2, n, home), plain arrays; n of any length; home None or a rotation.
     """
-    with mpmath.workdps(DIGITS):
+    with mpmath.workdps(DIGITS + _squares(qd)):
         q, qd, qdd = (_coordinates(c, np.shape(q)) for c in (q, qd, qdd))
         series = [(q[:, i], qd[:, i], qdd[:, i] / 2) for i in range(7)]
         turns = [rotation(exactly(_AXES[k.upper()]), series[3 + i]) for i, k in enumerate(sequence)]
@@ -97,7 +97,7 @@ def from_attitude(pair, body1, psi, psid=None, psidd=None):
     S1 stands for the rotation next to it; S1(t) is its series S1 + S1' t + S1'' t^2/2 from S1' = [omega1]x S1 (E3).
     """
     shape = np.shape(psi)
-    with mpmath.workdps(DIGITS):
+    with mpmath.workdps(DIGITS + _squares(psid)):
         psi, psid, psidd = (_coordinates(c, shape) for c in (psi, psid, psidd))
         R, S, v, omega, a, alpha = (exactly(x) for x in body1)
         S, W = nearest_rotation(S), skew(omega)
@@ -197,12 +197,12 @@ def _follow(pair, R1, S1, psi):
     u1, u2, n, home = pair
     u1, u2 = (exactly(u)[..., None] for u in (u1, u2))
     S2 = S1 @ rotation(unit(n), psi)
+    omega2, alpha2 = angular_motion(S2)
     if home is not None:
         S2 = S2 @ nearest_rotation(exactly(home))
     d = S1 @ u1 - S2 @ u2
     R2 = R1 + d
     omega1, alpha1 = angular_motion(S1)
-    omega2, alpha2 = angular_motion(S2)
     flat = {"R2": R2.c0, "d": d.c0, "v2": R2.c1, "a2": 2 * R2.c2}
     found = {name: value[..., 0] for name, value in flat.items()}
     found |= {"S1": S1.c0, "S2": S2.c0}
@@ -227,12 +227,18 @@ def _scales(pair, coordinates, W1, A1):
         "v2": v1 + W1 * lever1 + W2 * lever2,
         "alpha1": A1,
         "alpha2": A2,
-        "a2": a1 + (A1 + W1**2) * lever1 + (A2 + W2**2) * lever2,
+        "a2": a1 + A1 * lever1 + W1 * (W1 * lever1) + A2 * lever2 + W2 * (W2 * lever2),
     }
 
 
 def _coordinates(values, shape):
     return exactly(np.zeros(shape) if values is None else values)
+
+
+def _squares(rates):
+    """Digits that cancel where omega' is taken from S'' and S': those of the squares of the rates."""
+    largest = 0.0 if rates is None else float(np.max(np.abs(np.asarray(rates, float)), initial=0.0))
+    return max(0, 2 * int(np.log10(largest))) if largest > 1 and np.isfinite(largest) else 0
 
 
 def _column(vectors):

@@ -106,6 +106,8 @@ def hard_states():
         u2=np.array([1e-290, 2e-290, -1e-290]),
         q=dict.fromkeys(range(3), 0),
     )
+    add("u1=1e200, u2=1e-200, only psi moves", u1=np.full(3, 1e200), u2=np.array([1e-200, 2e-200, -1e-200]),
+        q=dict.fromkeys(range(3), 0), rates=(np.eye(7)[PSI], np.eye(7)[PSI]))  # fmt: skip
     add("u2 along n", u2=-3 * axis, n=axis, home=None)
     add("u1=0, body 1 at rest", u1=np.zeros(3), q=dict.fromkeys(range(3), 0), rates=(np.eye(7)[PSI], np.eye(7)[PSI]))
     add("v1 cancels the hinge", u1=np.zeros(3), u2=np.array([0.0, 1.0, 0.0]), n=np.eye(3)[0], home=None,
@@ -114,6 +116,22 @@ def hard_states():
     add("only psi moves", rates=(np.eye(7)[PSI], np.eye(7)[PSI]))
     add("psi undoes phi_x", n=np.eye(3)[0], q={4: 0.0, 5: 0.0}, rates=(np.array([0, 0, 0, 2, 0, 0, -2.0]), 0))
     add("all zero", (np.zeros(3), np.zeros(3), np.eye(3)[2], None), dict.fromkeys(range(7), 0.0), (0.0, 0.0))
+    return cases
+
+
+def immense_rates():
+    """Name -> (pair, q, qd, qdd) with a hinge rate whose square leaves the range of numbers, unlike what it makes."""
+    lever, hinge = np.array([1.0, 2.0, -1.0]), np.eye(7)[PSI]
+    cases = {}
+    for name, length, rate in (
+        ("fast and short", 1e-30, 1e160),
+        ("slow and long", 1e200, 1e-170),
+        ("as fast as can be, no lever", 0.0, 1e308),
+    ):
+        _, _, n, home = pair(generator(19, len(cases)))
+        q = coordinates(generator(19, len(cases)), 1)[0][0]
+        q[:3] = 0.0
+        cases[name] = (length * lever / 3, length * lever, n, home), q, rate * hinge, hinge
     return cases
 
 

@@ -146,15 +146,19 @@ def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
 
 
 def relative_acceleration(slide: Vector, pull: Vector, psid: Scalar, psidd: Scalar) -> Vector:
-    """What the hinge alone adds to a2: pull psi'^2 - slide psi''; pull = S1 swing = slide x S1 n."""
-    return subtract(scale(pull, psid * psid), scale(slide, psidd))
+    """What the hinge alone adds to a2: pull psi'^2 - slide psi''; pull = S1 swing = slide x S1 n.
+
+    psi'^2 is never formed: it may overflow or vanish where its product with a lever does not.
+    """
+    return subtract(scale(scale(pull, psid), psid), scale(slide, psidd))
 
 
 def acceleration2(
     a1: Vector, omega1: Vector, alpha1: Vector, d: Vector, slide: Vector, psid: Scalar, relative: Vector
 ) -> Vector:
     """a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 slide psi') + relative (E9: E8 differentiated)."""
-    turn = subtract(cross(omega1, d), scale(slide, 2 * psid))
+    half = scale(slide, psid)
+    turn = subtract(cross(omega1, d), add(half, half))
     return add(a1, add(add(cross(alpha1, d), cross(omega1, turn)), relative))
 
 

@@ -138,10 +138,10 @@ def _formulas(U1: Any, U2: Any, R1: Any, V1: Any, a1: Any, W1: Any, A1: Any, W: 
     A2 = None if A1 is None or A is None or W1 is None or W is None else A1 + A + W1 * W
     alpha2, a2 = A2, None
     if a1 is not None and A2 is not None and W2 is not None:
-        a2 = a1 + (A1 + W1 * W1) * U1 + (A2 + W2 * W2) * U2
+        a2 = a1 + (A1 * U1 + W1 * (W1 * U1)) + (A2 * U2 + W2 * (W2 * U2))  # no square that overflows alone
     if pinocchio and A2 is not None and W2 is not None:
         alpha2 = A2 + W * W
-        a2 = None if a2 is None or V1 is None else a2 + (W1 + W2) * V1 + W1 * W2 * U1
+        a2 = None if a2 is None or V1 is None else a2 + (W1 + W2) * V1 + W1 * (W2 * U1)
     return {
         "S1": 1.0,
         "S2": 1.0,

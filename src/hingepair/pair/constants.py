@@ -40,15 +40,25 @@ def levers(u1: NDArray[Any], u2: NDArray[Any], n: ArrayLike, home: NDArray[Any])
 
     They are computed from the axis as it was given: that at unit length has been rounded.
     """
-    lengths, exponent = by_power_of_two((*components_of(u1), *components_of(u2)))
-    numbers = tuple(Twofold(length) for length in lengths)
+    lever1, lever2 = components_of(u1), components_of(u2)
+    own, exponent2 = by_power_of_two(lever2)
+    both, exponent = by_power_of_two((*lever1, *lever2))
     axis = exact_direction(components_of(vectors("n", n, 3).astype(np.float64)))
     rotation = tuple(Twofold(c) for c in components_of(home, 2))
-    values: dict[str, Any] = {"u1": numbers[:3], "u2": numbers[3:], "n": axis, "home": rotation}
-    for result, function, arguments in LEVER_STEPS:
+    values: dict[str, Any] = {"u2": tuple(map(Twofold, own)), "n": axis, "home": rotation}
+    *of_u2, along = LEVER_STEPS
+    for result, function, arguments in of_u2:
         values[result] = function(*[values[name] for name in arguments])
+    # Only `along` holds both levers, and the shorter one may vanish beside the longer.
+    shift = exponent2 - exponent
+    beside = (
+        tuple(Twofold(np.ldexp(c.high, shift), np.ldexp(c.low, shift)) for c in values[name])
+        for name in along.arguments[1:]
+    )
+    values["along"] = along.function(tuple(map(Twofold, both[:3])), *beside)
+    exponents = {"along": exponent, "across": exponent2, "around": exponent2}
     found = {}
     for name in LEVERS:
-        parts = np.broadcast_arrays(*(np.ldexp(c.high, exponent) for c in values[name]))
+        parts = np.broadcast_arrays(*(np.ldexp(c.high, exponents[name]) for c in values[name]))
         found[name] = np.stack(parts, axis=-1)
     return found

@@ -174,7 +174,9 @@ def _scales(pair: Constants, given: dict[str, NDArray[Any]], kinds: list[str]) -
             A1, A2 = norm(given["alpha1"]), norm(given["alpha2"])
             scales["tilt_acceleration"] = A1 + A2 + (W1 + W2) * (W1 + W2)
         if "gap_acceleration" in kinds:
-            scales["gap_acceleration"] = both("a") + (A1 + W1 * W1) * lever1 + (A2 + W2 * W2) * lever2
+            scales["gap_acceleration"] = both("a") + (
+                (A1 * lever1 + W1 * (W1 * lever1)) + (A2 * lever2 + W2 * (W2 * lever2))
+            )
     return {kind: scales[kind] for kind in kinds}
 
 
