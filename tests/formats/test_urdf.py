@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from hingepair.errors import ArgumentError, ShapeError
-from hingepair.formats.urdf_file import parse_urdf
+from hingepair.formats.urdf_file import read_urdf
 from hingepair.formats.urdf_reader import from_urdf
 from hingepair.formats.urdf_writer import to_urdf
 from hingepair.pair.accuracy import error_ratios, given_rate_sizes, output_scales
@@ -147,7 +147,7 @@ NAMES = {"xml": "<&\"'> ", "space": "a\nb\tc", "unicode": "Ärmchen ☃ \U0001f9
 @pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
 def test_names_are_escaped(name):
     text = to_urdf(pair_of(states.pair(states.generator(82)), name=name))
-    assert parse_urdf(text).name == name
+    assert read_urdf(text).name == name
     assert pin.buildModelFromXML(text, pin.JointModelFreeFlyer()).nv == 7
 
 
@@ -184,8 +184,8 @@ def test_origin_and_axis_have_defaults():
 
 def test_a_mimic_joint_is_a_hinge_and_any_axis_is_normalised():
     assert np.array_equal(from_urdf(ARM, "follower").n, (0, 1, 0))
-    assert parse_urdf(ARM).joints["follower"].mimic == "elbow"
-    assert [joint.name for joint in parse_urdf(ARM).hinges()] == ["shoulder", "elbow", "follower"]
+    assert read_urdf(ARM).hinge("follower").mimic == "elbow"
+    assert [joint.name for joint in read_urdf(ARM).hinges()] == ["shoulder", "elbow", "follower"]
 
 
 def test_a_file_is_read_like_its_text(tmp_path):
@@ -198,7 +198,7 @@ def test_a_file_is_read_like_its_text(tmp_path):
 def test_a_file_in_another_encoding_is_read(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_bytes(b'<?xml version="1.0" encoding="iso-8859-1"?>' + ARM.replace("arm", "Ärmchen").encode("latin1"))
-    assert parse_urdf(path.read_bytes()).name == "Ärmchen"
+    assert read_urdf(path).name == "Ärmchen"
     assert from_urdf(path, "elbow").name == "elbow"
 
 

@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.formats.urdf_file import parse_urdf, read_urdf
+from hingepair.formats.urdf_file import read_urdf
 from hingepair.formats.urdf_reader import hinge_pair
 
 if TYPE_CHECKING:
@@ -49,10 +49,10 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
     >>> pair.n.tolist(), pair.u1.tolist()
     ([0.0, 1.0, 0.0], [0.02, 0.0, -0.273])
     """
-    tree = parse_urdf(read_urdf(robot_urdf(robot)))
+    tree = read_urdf(robot_urdf(robot))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # its user cannot mend what these robots have of inertias
-        return hinge_pair(tree, joint, None, None, name=f"{robot}/{joint}")
+        return hinge_pair(tree, joint, name=f"{robot}/{joint}")
 
 
 def robot_names() -> tuple[str, ...]:
@@ -93,10 +93,10 @@ def hinge_table(robot: str | None) -> tuple[tuple[str, ...], list[tuple[str | in
         MissingDependencyError: example-robot-data is not installed.
     """
     if robot is None:
-        trees = {name: parse_urdf(read_urdf(robot_urdf(name))) for name in robot_names()}
+        trees = {name: read_urdf(robot_urdf(name)) for name in robot_names()}
         return ("robot", "hinges"), [(name, len(tree.hinges())) for name, tree in trees.items()]
-    hinges = parse_urdf(read_urdf(robot_urdf(robot))).hinges()
-    rows: list[tuple[str | int, ...]] = [(h.name, h.type, h.parent, h.child, h.mimic or "") for h in hinges]
+    hinges = read_urdf(robot_urdf(robot)).hinges()
+    rows: list[tuple[str | int, ...]] = [(h.name, h.type, h.parent, h.child, h.mimic) for h in hinges]
     return ("joint", "type", "parent link (body 1)", "child link (body 2)", "follows"), rows
 
 

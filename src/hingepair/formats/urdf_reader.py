@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, URDFError, choices, quoted
-from hingepair.formats.urdf_file import Inertial, Robot, parse_urdf, read_urdf
+from hingepair.formats.urdf_file import Inertial, Joint, Robot, read_urdf
 from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.euler import euler_to_matrix
@@ -43,32 +42,35 @@ def from_urdf(
         body can have. Shapes, the limits of effort and velocity, and the robot's name are not read.
 
     Raises:
-        URDFError: no readable URDF, limits the wrong way round, or no such hinge or frame; says what would do.
+        URDFError: no readable URDF, or no such hinge or frame; says what would do. The hinge's limits are the wrong
+            way round, its parent or child link is not declared or is one body with the other, a number of its two
+            bodies is none. What is wrong elsewhere in the robot does not matter.
 
     >>> import hingepair as hp
     >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
     >>> hp.from_urdf(hp.to_urdf(pair), joint="hinge", body2_frame="body2").u2.tolist()
     [-0.25, 0.1, 0.0]
     """
-    robot = parse_urdf(read_urdf(path_or_text))
-    return hinge_pair(robot, joint, body1_frame, body2_frame, name=joint)
+    return hinge_pair(read_urdf(path_or_text), joint, body1_frame, body2_frame, name=joint)
 
 
-def hinge_pair(robot: Robot, joint: str, body1_frame: str | None, body2_frame: str | None, *, name: str) -> HingePair:
-    """The pair of `from_urdf`, of a robot already parsed.
+def hinge_pair(
+    robot: Robot, joint: str, body1_frame: str | None = None, body2_frame: str | None = None, *, name: str
+) -> HingePair:
+    """The pair of `from_urdf`, of a robot already read.
 
     Raises:
-        URDFError: no such hinge or frame, or an axis of zero.
+        URDFError: no such hinge or frame, or what belongs to it is malformed.
     """
     hinge = robot.hinge(joint)
-    if not any(hinge.axis):
-        raise URDFError(f"joint {joint!r}, axis xyz", "a non-zero axis", hinge.axis)
-    poses1, poses2 = _fixed_to(robot, hinge.parent), _fixed_to(robot, hinge.child)
+    poses1, poses2 = (_fixed_to(robot, hinge, link) for link in (hinge.parent, hinge.child))
+    if hinge.child in poses1:
+        expected = "a parent and a child that are not fixed to each other"
+        raise URDFError(f"joint {joint!r}", expected, f"{hinge.parent!r} and {hinge.child!r}")
     frame1, point1 = _chosen(poses1, hinge.parent, body1_frame, "body1_frame")
     frame2, point2 = _chosen(poses2, hinge.child, body2_frame, "body2_frame")
     home = frame1.T @ euler_to_matrix(hinge.rpy, "xyz")
-    size = max(map(abs, hinge.axis))
-    n = home @ (np.array(hinge.axis) / size)
+    n = home @ (np.array(hinge.axis) / max(map(abs, hinge.axis)))
     u1 = frame1.T @ (np.array(hinge.xyz) - point1)
     return HingePair(
         u1=u1 + 0.0,
@@ -82,31 +84,33 @@ def hinge_pair(robot: Robot, joint: str, body1_frame: str | None, body2_frame: s
     )
 
 
-def _fixed_to(robot: Robot, link: str) -> dict[str, Pose]:
-    """Rotation and origin of every link that is rigidly fixed to a link, in the axes of that link."""
-    fixed = [joint for joint in robot.joints.values() if joint.type == "fixed"]
-    rotations = euler_to_matrix(np.array([joint.rpy for joint in fixed]).reshape(-1, 3), "xyz")
-    neighbours = defaultdict(list)
-    for joint, rotation in zip(fixed, rotations, strict=True):
-        neighbours[joint.parent].append((joint, rotation))
-        neighbours[joint.child].append((joint, rotation))
+def _fixed_to(robot: Robot, hinge: Joint, link: str) -> dict[str, Pose]:
+    """Rotation and origin of every link that is rigidly fixed to a link of a hinge, in the axes of that link.
+
+    Raises:
+        URDFError: a joint on the way lacks an end or runs in a circle, or a link of them is not there once.
+    """
+    robot.link(link, hinge)
     poses: dict[str, Pose] = {link: (np.eye(3), np.zeros(3))}
-    waiting = [link]
+    waiting: list[tuple[str, Joint]] = [(link, hinge)]
     with np.errstate(all="ignore"):  # an origin of 1e308 is HingePair's to refuse, where it is needed
         while waiting:
-            here = waiting.pop()
+            here, come_by = waiting.pop()
             outer, start = poses[here]
-            for joint, rotation in neighbours[here]:
-                there = joint.child if joint.parent == here else joint.parent
-                if there in poses:
+            for joint in robot.joints_at[here]:
+                if joint.type != "fixed" or joint is come_by:
                     continue
-                origin = np.array(joint.xyz)
+                there = joint.child if joint.parent == here else joint.parent
+                robot.link(there, joint)
+                if there in poses:
+                    raise URDFError(f"joint {joint.name!r}", "a tree of links", f"a circle through {there!r}")
+                rotation, origin = euler_to_matrix(joint.rpy, "xyz"), np.array(joint.xyz)
                 if there == joint.child:
                     poses[there] = outer @ rotation, start + outer @ origin
                 else:
                     outwards = outer @ rotation.T
                     poses[there] = outwards, start - outwards @ origin
-                waiting.append(there)
+                waiting.append((there, joint))
     return poses
 
 
@@ -128,8 +132,8 @@ def _combined_body(robot: Robot, poses: Mapping[str, Pose]) -> Body | None:
     Links without mass count for nothing. None where no link has mass; and, with a warning, where one has a mass below
     zero or the sum is nothing that a rigid body can have: not a few robots carry made-up inertias.
     """
-    placed = {link: (robot.inertials[link], pose) for link, pose in poses.items() if link in robot.inertials}
-    heavy = {link: (inertial, pose) for link, (inertial, pose) in placed.items() if inertial.mass != 0}
+    placed = {link: (robot.links[link][0].inertial, pose) for link, pose in poses.items()}
+    heavy = {link: (inertial, pose) for link, (inertial, pose) in placed.items() if inertial and inertial.mass != 0}
     if not heavy:
         return None
     try:
