@@ -202,6 +202,33 @@ def test_an_unknown_base_is_refused():
         hp.to_mjcf(corner_pair(0), base="floating")
 
 
+@pytest.mark.parametrize("limits", [(-1, 2), None], ids=["revolute", "continuous"])
+@pytest.mark.parametrize(("torque", "rate"), [(12.5, 3.25), (0.0, 0.0), (None, None)], ids=str)
+def test_limits_of_torque_and_rate_reach_the_simulators_and_come_back(limits, torque, rate):
+    import mujoco
+
+    pair = corner_pair(1, limits=limits, torque_limit=torque, rate_limit=rate)
+    back = hp.from_urdf(hp.to_urdf(pair), HINGE)
+    given = torque is not None
+    invented = (1000.0, 100.0) if limits else (None, None)
+    assert (back.torque_limit, back.rate_limit) == ((torque, rate) if given else invented)
+    if given:
+        twin, model = hp.to_pinocchio(pair).model, pin.buildModelFromXML(hp.to_urdf(pair), pin.JointModelFreeFlyer())
+        for key in ("lowerEffortLimit", "upperEffortLimit", "upperVelocityLimit"):
+            assert getattr(twin, key)[-1] == getattr(model, key)[-1], key
+        assert twin.lowerVelocityLimit[-1] == -rate  # Pinocchio 4.1 reads it from URDF without the sign
+    model = mujoco.MjModel.from_xml_string(hp.to_mjcf(pair))
+    assert model.jnt_actfrclimited[1] == bool(torque)
+    assert tuple(model.jnt_actfrcrange[1]) == ((-torque, torque) if torque else (0, 0))
+
+
+@pytest.mark.parametrize("value", [-1, float("nan"), float("inf"), "1", True], ids=repr)
+@pytest.mark.parametrize("name", ["torque_limit", "rate_limit"])
+def test_a_limit_that_is_none_is_refused(name, value):
+    with pytest.raises(hp.ArgumentError, match=f"{name}: expected a (finite number|number not below 0)"):
+        corner_pair(1, **{name: value})
+
+
 def test_limits_reach_the_simulators():
     import mujoco
 

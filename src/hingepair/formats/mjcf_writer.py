@@ -42,7 +42,8 @@ def to_mjcf(pair: HingePair, *, base: str = "free") -> str:
     There is no gravity, and nothing collides.
 
     Args:
-        pair: the pair; its limits, body1 and body2 are written where given.
+        pair: the pair; its limits, torque_limit, body1 and body2 are written where given; MuJoCo knows no limit of
+            the rate.
         base: "free": body 1 has a free joint; "fixed": it stands still, R1 = 0, S1 = identity, and qpos is (psi).
 
     Raises:
@@ -70,6 +71,8 @@ def to_mjcf(pair: HingePair, *, base: str = "free") -> str:
     hinge = ET.SubElement(at_hinge, "joint", {"name": HINGE, "type": "hinge", "axis": numbers(hinge_axis2(pair))})
     if pair.limits is not None:
         hinge.set("range", numbers(pair.limits))
+    if pair.torque_limit:  # MuJoCo refuses a range of 0
+        hinge.set("actuatorfrcrange", numbers((-pair.torque_limit, pair.torque_limit)))
     _add_part(at_hinge, two)
     ET.SubElement(at_hinge, "body", {"name": BODY2, "pos": numbers(-pair.u2)})
     return document(root)

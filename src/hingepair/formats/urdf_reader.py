@@ -37,9 +37,9 @@ def from_urdf(
     Returns:
         The pair, named as the joint. Between parent and child link: u1 and home are the joint's origin, u2 = 0.
         With it come the limits of a revolute joint (None where lower and upper are equal, as they are where neither
-        is given: URDF takes them for 0), and the mass properties of the bodies, each of all links that are rigidly
-        fixed to each other; None where no link has mass, and, with a warning, where the sum is none that a rigid
-        body can have. Shapes, the limits of effort and velocity, and the robot's name are not read.
+        is given: URDF takes them for 0), its effort as torque_limit, its velocity as rate_limit, and the mass
+        properties of the bodies, each of all links that are rigidly fixed to each other; None where no link has
+        mass, and, with a warning, where the sum is none that a rigid body can have. Shapes and the robot's name are not read.
 
     Raises:
         URDFError: no readable URDF, or no such hinge or frame; says what would do. The hinge's limits are the wrong
@@ -79,6 +79,8 @@ def hinge_pair(
         home=home @ frame2 + 0.0,
         name=name,
         limits=hinge.limits,
+        torque_limit=hinge.effort,
+        rate_limit=hinge.velocity,
         body1=_combined_body(robot, _seen_from(poses1, frame1, point1)),
         body2=_combined_body(robot, _seen_from(poses2, frame2, point2)),
     )

@@ -38,7 +38,7 @@ from hingepair.rotations.euler import matrix_to_euler
 BASES = ("free", "floating", "fixed")
 """How body 1 hangs in the world, for `to_urdf`."""
 
-_EFFORT, _VELOCITY = 1000.0, 100.0  # N m, rad/s: a revolute joint must name them, and these should stop nobody
+_BEYOND = {"effort": 1000.0, "velocity": 100.0}  # N m, rad/s: what should stop nobody
 _ASIDE = (2.0**-53, 2.0**-39)
 _STILL = (0.0, 0.0, 0.0)
 
@@ -52,11 +52,11 @@ def to_urdf(pair: HingePair, *, base: str = "free") -> str:
     The link `body1` has the frame (R1, S1). The joint `hinge`, revolute where the pair has limits, else continuous,
     leads from it to the link `body2_at_hinge`, which has body 2's mass and shapes and its origin at the hinge point;
     the link `body2`, fixed to that at -u2, has the frame (R2, S2). A revolute joint of URDF must say how strong and
-    how fast it is: effort="1000.0" (N m) and velocity="100.0" (rad/s) are written, which a pair does not know and
-    which should stop nothing.
+    how fast it is: where the pair has no torque_limit effort="1000.0" (N m) is written, where it has no rate_limit
+    velocity="100.0" (rad/s), which should stop nothing.
 
     Args:
-        pair: the pair; its limits, body1 and body2 are written where given.
+        pair: the pair; its limits, torque_limit, rate_limit, body1 and body2 are written where given.
         base: "free": body1 is the root, to be set free by the loader (Pinocchio: a free-flyer root joint);
             "floating": a floating joint from a link `world`; "fixed": body1 is fixed to `world`.
 
@@ -87,11 +87,21 @@ def to_urdf(pair: HingePair, *, base: str = "free") -> str:
     hinge = _add_joint(robot, HINGE, kind, BODY1, BODY2_AT_HINGE)
     _add_origin(hinge, pair.u1, matrix_to_euler(pair.home, "xyz"))
     ET.SubElement(hinge, "axis", {"xyz": numbers(_axis(pair))})
-    if pair.limits is not None:
-        keys, values = ("lower", "upper", "effort", "velocity"), (*pair.limits, _EFFORT, _VELOCITY)
-        ET.SubElement(hinge, "limit", {key: numbers((value,)) for key, value in zip(keys, values, strict=True)})
+    limit = _limit(pair)
+    if limit:
+        ET.SubElement(hinge, "limit", {key: numbers((value,)) for key, value in limit.items()})
     _add_origin(_add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), -pair.u2, _STILL)
     return document(robot)
+
+
+def _limit(pair: HingePair) -> dict[str, float]:
+    """What URDF says of a joint's limits; a revolute joint must have all of it."""
+    given = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
+    if pair.limits is None:
+        return {key: value for key, value in given.items() if value is not None}
+    return dict(zip(("lower", "upper"), pair.limits, strict=True)) | {
+        key: _BEYOND[key] if value is None else value for key, value in given.items()
+    }
 
 
 def _axis(pair: HingePair) -> NDArray[np.float64]:

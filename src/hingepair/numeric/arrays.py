@@ -158,6 +158,14 @@ def finite_number(name: str, value: object) -> float:
     return number
 
 
+def number_not_below_0(name: str, value: object) -> float:
+    """The value as a finite float of at least 0."""
+    number = finite_number(name, value)
+    if number < 0:
+        raise ArgumentError(name, "a number not below 0", value)
+    return number
+
+
 def _describe(array: NDArray[Any]) -> str:
     if array.ndim == 0 and array.dtype.kind in "OUSb":
         return repr(array.item())

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.evaluation.backend import choose
-from hingepair.numeric.arrays import broadcast_shape, constant, one_constant, read_only
+from hingepair.numeric.arrays import broadcast_shape, constant, number_not_below_0, one_constant, read_only
 from hingepair.numeric.blocks import components_of, numbers
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair import forward_kinematics as kinematics
@@ -58,6 +58,8 @@ class HingePair:
         limits: least and greatest hinge angle, for exports [rad]; shape (2,); forward_kinematics takes any angle.
         body1: mass properties and shapes of body 1, for exports.
         body2: those of body 2.
+        torque_limit: the largest torque of the hinge's motor, for exports [N m]; URDF calls it effort.
+        rate_limit: the largest hinge rate, for exports [rad/s]; URDF calls it velocity.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
@@ -81,6 +83,8 @@ class HingePair:
     limits: tuple[float, float] | None
     body1: Body | None
     body2: Body | None
+    torque_limit: float | None
+    rate_limit: float | None
     constants: Constants = field(init=False)
 
     def __init__(
@@ -93,6 +97,8 @@ class HingePair:
         limits: ArrayLike | None = None,
         body1: Body | None = None,
         body2: Body | None = None,
+        torque_limit: float | None = None,
+        rate_limit: float | None = None,
     ) -> None:
         if not isinstance(name, str) or not name.strip():
             raise ArgumentError("name", "a text that is not empty", repr(name))
@@ -107,14 +113,16 @@ class HingePair:
         arrays = {**vectors, **parts, "home": rotation.reshape(*rotation.shape[:-2], 9)}
         constants = Constants(values, arrays, shape)
         bodies = {"body1": _checked_body("body1", body1), "body2": _checked_body("body2", body2)}
-        for_exports = {"limits": _checked_limits(limits), **bodies}
+        most = {"torque_limit": torque_limit, "rate_limit": rate_limit}
+        most = {key: None if value is None else number_not_below_0(key, value) for key, value in most.items()}
+        for_exports = {"limits": _checked_limits(limits), **bodies, **most}
         values_of = {**vectors, "home": rotation, "name": name, **for_exports, "constants": constants}
         for key, value in values_of.items():
             object.__setattr__(self, key, value)
 
     def __repr__(self) -> str:
         parts = (f"{key}={getattr(self, key).tolist()}" for key in ("u1", "u2", "n", "home"))
-        given = ((key, getattr(self, key)) for key in ("limits", "body1", "body2"))
+        given = ((key, getattr(self, key)) for key in ("limits", "torque_limit", "rate_limit", "body1", "body2"))
         extras = "".join(f", {key}={value!r}" for key, value in given if value is not None)
         return f"HingePair({', '.join(parts)}, name={self.name!r}{extras})"
 

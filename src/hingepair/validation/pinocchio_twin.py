@@ -164,6 +164,10 @@ def to_pinocchio(pair: HingePair) -> PinocchioTwin:
             model.appendBodyToJoint(joint, inertia, frame)
     if pair.limits is not None:
         model.lowerPositionLimit[-1], model.upperPositionLimit[-1] = pair.limits
+    if pair.torque_limit is not None:
+        model.lowerEffortLimit[-1], model.upperEffortLimit[-1] = -pair.torque_limit, pair.torque_limit
+    if pair.rate_limit is not None:
+        model.lowerVelocityLimit[-1], model.upperVelocityLimit[-1] = -pair.rate_limit, pair.rate_limit
     return PinocchioTwin(model, model.createData(), int(body2))
 
 
