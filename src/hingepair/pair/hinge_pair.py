@@ -11,12 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.evaluation.backend import choose
-from hingepair.numeric.arrays import broadcast_shape, constant, number_not_below_0, one_constant, read_only
+from hingepair.numeric.arrays import (
+    FloatArray,
+    broadcast_shape,
+    constant,
+    number_not_below_0,
+    one_constant,
+    read_only,
+)
 from hingepair.numeric.blocks import components_of, numbers
 from hingepair.numeric.unit_vectors import unit_axis
+from hingepair.pair import dynamics
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants, levers
+from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.evaluate import Out, Outputs
 from hingepair.pair.states import PairState
 from hingepair.rotations.matrices import check_rotation
@@ -209,6 +218,188 @@ class HingePair:
         """
         how = choose(backend, workers)
         return kinematics.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, how)
+
+    def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
+        """The mass matrix M of M (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (D6).
+
+        Args:
+            body1: the motion of body 1; of it, S is used.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
+
+        Returns:
+            M, symmetric, in world axes and about R1 [kg, kg m, kg m^2]; shape (..., 7, 7).
+
+        Raises:
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=hp.Body(mass=2), body2=hp.Body(mass=3))
+        >>> pair.mass_matrix(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).diagonal().round(12).tolist()
+        [5.0, 5.0, 5.0, 0.05, 12.05, 12.05, 3.03]
+        """
+        return dynamics.mass_matrix(self.constants, (self.body1, self.body2), body1, psi)
+
+    def inverse_dynamics(
+        self,
+        body1: BodyMotion,
+        psi: ArrayLike,
+        psid: ArrayLike,
+        psidd: ArrayLike,
+        gravity: ArrayLike = dynamics.GRAVITY,
+    ) -> Forces:
+        """What must act on body 1 and at the hinge for the pair to move as it does (D1-D5).
+
+        Args:
+            body1: the motion of body 1; of it, S, omega, a and alpha are used.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
+            psid: its time derivative [rad/s]; likewise.
+            psidd: its second time derivative [rad/s^2]; likewise.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+
+        Returns:
+            force1, torque1 about R1, and hinge_torque.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body1=hp.Body(mass=2), body2=hp.Body(mass=3))
+        >>> still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0), a=(0, 0, 0), alpha=(0, 0, 0))
+        >>> forces = pair.inverse_dynamics(still, psi=0.0, psid=0.0, psidd=0.0)
+        >>> forces.force1.round(9).tolist(), forces.hinge_torque.round(9).tolist()
+        ([0.0, 0.0, 49.05], -29.43)
+        """
+        bodies = (self.body1, self.body2)
+        return dynamics.inverse_dynamics(self.constants, bodies, body1, psi, psid, psidd, gravity)
+
+    def forward_dynamics(
+        self,
+        body1: BodyMotion,
+        psi: ArrayLike,
+        psid: ArrayLike,
+        *,
+        force1: ArrayLike = 0,
+        torque1: ArrayLike = 0,
+        hinge_torque: ArrayLike = 0.0,
+        force2: ArrayLike = 0,
+        torque2: ArrayLike = 0,
+        gravity: ArrayLike = dynamics.GRAVITY,
+    ) -> Accelerations:
+        """How the pair moves under what acts on it (D6).
+
+        Args:
+            body1: the motion of body 1; of it, S and omega are used.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
+            psid: its time derivative [rad/s]; likewise.
+            force1: on body 1 at R1, world axes [N]; shape (..., 3), or the number 0.
+            torque1: on body 1, world axes [N m]; likewise.
+            hinge_torque: of body 1 on body 2 about the hinge axis [N m]; shape (...,).
+            force2: on body 2 at R2, world axes [N]; as force1.
+            torque2: on body 2, world axes [N m]; likewise.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+
+        Returns:
+            a1, alpha1 and psidd.
+
+        Raises:
+            ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or those leave a
+                motion without resistance; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body1=hp.Body(mass=2), body2=hp.Body(mass=3))
+        >>> still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
+        >>> found = pair.forward_dynamics(still, psi=0.3, psid=0.0)  # nothing acts but gravity: both bodies fall
+        >>> found.a1.round(9).tolist(), abs(round(float(found.psidd), 9))
+        ([0.0, 0.0, -9.81], 0.0)
+        """
+        loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
+        bodies = (self.body1, self.body2)
+        return dynamics.forward_dynamics(self.constants, bodies, body1, psi, psid, loads, hinge_torque, gravity)
+
+    def hinge_wrench(
+        self,
+        body1: BodyMotion,
+        psi: ArrayLike,
+        psid: ArrayLike,
+        psidd: ArrayLike,
+        gravity: ArrayLike = dynamics.GRAVITY,
+    ) -> HingeWrench:
+        """What body 1 exerts on body 2 at the hinge point (D3, D4); body 2 alone needs mass properties.
+
+        Args:
+            body1: the motion of body 1; of it, S, omega, a and alpha are used.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
+            psid: its time derivative [rad/s]; likewise.
+            psidd: its second time derivative [rad/s^2]; likewise.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+
+        Returns:
+            force, torque about the hinge point, and the torque's two parts: hinge_torque, bearing_torque.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or body 2 has no mass properties; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body2=hp.Body(mass=3))
+        >>> still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0), a=(0, 0, 0), alpha=(0, 0, 0))
+        >>> pair.hinge_wrench(still, psi=0.0, psid=0.0, psidd=0.0).force.round(9).tolist()
+        [0.0, 0.0, 29.43]
+        """
+        bodies = (self.body1, self.body2)
+        return dynamics.hinge_wrench(self.constants, bodies, body1, psi, psid, psidd, gravity)
+
+    def energy(
+        self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.GRAVITY
+    ) -> Energy:
+        """Kinetic and potential energy of the pair (D7).
+
+        Args:
+            body1: the motion of body 1; of it, R, S, v and omega are used.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
+            psid: its time derivative [rad/s]; likewise.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+
+        Returns:
+            kinetic and potential.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=hp.Body(mass=2), body2=hp.Body(mass=3))
+        >>> body1 = hp.BodyMotion(R=(0, 0, 2), S=np.eye(3), v=(1, 0, 0), omega=(0, 0, 0))
+        >>> [round(float(part), 9) for part in pair.energy(body1, psi=0.0, psid=0.0)]
+        [2.5, 98.1]
+        """
+        return dynamics.energy(self.constants, (self.body1, self.body2), body1, psi, psid, gravity)
+
+    def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
+        """Linear momentum of the pair, and angular momentum about the world's origin (D8).
+
+        Args:
+            body1: the motion of body 1; of it, R, S, v and omega are used.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
+            psid: its time derivative [rad/s]; likewise.
+
+        Returns:
+            linear and angular.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=hp.Body(mass=2), body2=hp.Body(mass=3))
+        >>> body1 = hp.BodyMotion(R=(0, 0, 2), S=np.eye(3), v=(1, 0, 0), omega=(0, 0, 0))
+        >>> pair.momentum(body1, psi=0.0, psid=0.0).linear.tolist()
+        [5.0, 0.0, 0.0]
+        """
+        return dynamics.momentum(self.constants, (self.body1, self.body2), body1, psi, psid)
 
     # Not loaded by `import hingepair`; a type checker sees the functions themselves.
     if TYPE_CHECKING:

@@ -1,0 +1,210 @@
+"""Forces and motion of the pair (D1-D8): against Pinocchio, and against laws that need no reference."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hingepair as hp
+from support.states import generator, rotations
+from support.states import pair as random_pair
+
+U = 2.0**-53
+GRAVITY = np.array([0.3, -0.2, -9.81])
+
+
+def random_body(rng):
+    turn = rotations(rng, 1)[0]
+    moments = rng.uniform(0.5, 1, 3)
+    inertia = turn @ np.diag(moments) @ turn.T
+    return hp.Body(rng.uniform(0.5, 3), rng.normal(size=3), (inertia + inertia.T) / 2)
+
+
+def massive(rng):
+    u1, u2, n, home = random_pair(rng)
+    return hp.HingePair(u1, u2, n, home, body1=random_body(rng), body2=random_body(rng))
+
+
+def moving(rng, *shape):
+    R, v, omega, a, alpha = rng.normal(size=(5, *shape, 3))
+    return hp.BodyMotion(R=R, S=rotations(rng, *shape), v=v, omega=omega, a=a, alpha=alpha)
+
+
+def size_of(pair, body1, psid, psidd):
+    """Mass, reach and acceleration of a state: what its forces and torques are made of before they cancel."""
+    levers = (pair.u1, pair.u2, pair.body1.center_of_mass, pair.body2.center_of_mass)
+    reach = 1 + sum(map(np.linalg.norm, levers))
+    mass = pair.body1.mass + pair.body2.mass + np.abs(pair.body1.inertia).sum() + np.abs(pair.body2.inertia).sum()
+    rate = np.linalg.norm(body1.omega) + abs(psid)
+    push = np.linalg.norm(body1.a) + np.linalg.norm(GRAVITY) + np.linalg.norm(body1.alpha) + abs(psidd) + rate**2
+    return mass * reach**2, push
+
+
+class Twin:
+    """Pinocchio's word on a state, in our axes."""
+
+    def __init__(self, pair, body1, psi, psid, psidd):
+        twin = hp.to_pinocchio(pair)
+        self.twin, self.model, self.data = twin, twin.model, twin.data
+        self.model.gravity.linear = GRAVITY
+        self.q = twin.configuration(body1, psi)
+        self.v = twin.velocity(body1, psi, psid)
+        self.a = twin.acceleration(body1, psi, psid, psidd)
+        self.turn = np.eye(7)
+        self.turn[0:3, 0:3] = self.turn[3:6, 3:6] = body1.S
+
+
+@pytest.fixture(params=range(40))
+def case(request):
+    rng = generator(17, request.param)
+    pair, body1 = massive(rng), moving(rng)
+    rates = rng.uniform(-3, 3), *rng.normal(size=2)
+    return pair, body1, rates, Twin(pair, body1, *rates)
+
+
+@pytest.mark.law
+def test_mass_matrix_is_that_of_crba(case):
+    pair, body1, (psi, psid, psidd), twin = case
+    half = np.triu(pin.crba(twin.model, twin.data, twin.q))
+    theirs = twin.turn @ (half + np.triu(half, 1).T) @ twin.turn.T
+    ours = pair.mass_matrix(body1, psi)
+    np.testing.assert_array_equal(ours, ours.T)
+    assert np.linalg.eigvalsh(ours).min() > 0
+    assert np.abs(ours - theirs).max() <= 16 * U * size_of(pair, body1, psid, psidd)[0]
+
+
+@pytest.mark.law
+def test_forces_are_those_of_rnea(case):
+    pair, body1, (psi, psid, psidd), twin = case
+    theirs = twin.turn @ pin.rnea(twin.model, twin.data, twin.q, twin.v, twin.a)
+    ours = np.hstack([*pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)])
+    mass, push = size_of(pair, body1, psid, psidd)
+    assert np.abs(ours - theirs).max() <= 16 * U * mass * push
+
+
+@pytest.mark.law
+def test_accelerations_are_those_of_aba(case):
+    pair, body1, (psi, psid, psidd), twin = case
+    force1, torque1 = generator(18).normal(size=(2, 3))
+    tau = np.hstack([body1.S.T @ force1, body1.S.T @ torque1, 0.7])
+    theirs = pin.aba(twin.model, twin.data, twin.q, twin.v, tau)
+    a1, alpha1, found = pair.forward_dynamics(
+        body1, psi, psid, force1=force1, torque1=torque1, hinge_torque=0.7, gravity=GRAVITY
+    )
+    moved = hp.BodyMotion(R=body1.R, S=body1.S, v=body1.v, omega=body1.omega, a=a1, alpha=alpha1)
+    ours = twin.twin.acceleration(moved, psi, psid, found)
+    mass, push = size_of(pair, body1, psid, psidd)
+    weakest = np.linalg.eigvalsh(pair.mass_matrix(body1, psi)).min()
+    assert np.abs(ours - theirs).max() <= 16 * U * mass * push * mass / weakest
+
+
+@pytest.mark.law
+def test_energy_and_momentum_are_those_of_pinocchio(case):
+    pair, body1, (psi, psid, psidd), twin = case
+    mass, push = size_of(pair, body1, psid, psidd)
+    speed = 1 + np.linalg.norm(body1.v) + np.linalg.norm(body1.omega) + abs(psid)
+    kinetic, potential = pair.energy(body1, psi, psid, GRAVITY)
+    assert abs(kinetic - pin.computeKineticEnergy(twin.model, twin.data, twin.q, twin.v)) <= 16 * U * mass * speed**2
+    reach = mass * push * (1 + np.linalg.norm(body1.R))
+    assert abs(potential - pin.computePotentialEnergy(twin.model, twin.data, twin.q)) <= 16 * U * reach
+    theirs = pin.computeCentroidalMomentum(twin.model, twin.data, twin.q, twin.v)
+    centre = pin.centerOfMass(twin.model, twin.data, twin.q)
+    linear, angular = pair.momentum(body1, psi, psid)
+    about_origin = theirs.angular + np.cross(centre, theirs.linear)
+    assert np.abs(linear - theirs.linear).max() <= 16 * U * mass * speed
+    assert np.abs(angular - about_origin).max() <= 16 * U * mass * speed * (1 + np.linalg.norm(body1.R))
+
+
+@pytest.mark.law
+def test_what_acts_and_what_moves_are_each_others_inverse(case):
+    """Loads on body 2 included: they count as what they are about R1 and about the hinge."""
+    pair, body1, (psi, psid, psidd), _ = case
+    loads = dict(zip(("force1", "torque1", "force2", "torque2"), generator(19).normal(size=(4, 3)), strict=True))
+    a1, alpha1, found = pair.forward_dynamics(body1, psi, psid, **loads, hinge_torque=-0.4, gravity=GRAVITY)
+    moved = hp.BodyMotion(R=body1.R, S=body1.S, omega=body1.omega, a=a1, alpha=alpha1)
+    forces = pair.inverse_dynamics(moved, psi, psid, found, GRAVITY)
+    state = pair.forward_kinematics_from_body1(body1, psi)
+    axis, arm = body1.S @ pair.n, -state.S2 @ pair.u2
+    force2, torque2 = loads["force2"], loads["torque2"]
+    mass, push = size_of(pair, body1, psid, psidd)
+    near = 64 * U * mass * (push + 4)
+    np.testing.assert_allclose(forces.force1, loads["force1"] + force2, rtol=0, atol=near)
+    np.testing.assert_allclose(
+        forces.torque1, loads["torque1"] + torque2 + np.cross(state.d, force2), rtol=0, atol=near
+    )
+    motor = -0.4 + axis @ (torque2 + np.cross(arm, force2))
+    np.testing.assert_allclose(forces.hinge_torque, motor, rtol=0, atol=near)
+
+
+@pytest.mark.law
+def test_power_is_the_rate_of_the_energy(case):
+    """By differences of the energy along the motion that the forces cause."""
+    pair, body1, (psi, psid, psidd), _ = case
+    forces = pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)
+    power = forces.force1 @ body1.v + forces.torque1 @ body1.omega + forces.hinge_torque * psid
+    step = 1e-4
+
+    def total(h):
+        turned = hp.rotation_exp(h * body1.omega + h * h / 2 * body1.alpha) @ body1.S
+        moved = hp.BodyMotion(
+            R=body1.R + h * body1.v + h * h / 2 * body1.a, S=turned, v=body1.v + h * body1.a,
+            omega=body1.omega + h * body1.alpha,
+        )  # fmt: skip
+        return sum(pair.energy(moved, psi + h * psid + h * h / 2 * psidd, psid + h * psidd, GRAVITY))
+
+    slope = (8 * (total(step) - total(-step)) - (total(2 * step) - total(-2 * step))) / (12 * step)
+    assert power == pytest.approx(slope, abs=1e-7 * np.prod(size_of(pair, body1, psid, psidd)))
+
+
+@pytest.mark.law
+def test_the_hinge_carries_what_the_forces_say(case):
+    pair, body1, (psi, psid, psidd), _ = case
+    wrench = pair.hinge_wrench(body1, psi, psid, psidd, GRAVITY)
+    forces = pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)
+    axis = body1.S @ pair.n
+    near = 16 * U * np.prod(size_of(pair, body1, psid, psidd))
+    np.testing.assert_array_equal(wrench.hinge_torque, forces.hinge_torque)
+    assert abs(axis @ wrench.bearing_torque) <= near
+    np.testing.assert_allclose(wrench.bearing_torque + axis * wrench.hinge_torque, wrench.torque, rtol=0, atol=near)
+    alone = hp.HingePair(pair.u1, pair.u2, pair.n, pair.home, body2=pair.body2)
+    np.testing.assert_allclose(alone.hinge_wrench(body1, psi, psid, psidd, GRAVITY).force, wrench.force)
+
+
+def test_samples_are_taken_one_by_one_or_together():
+    rng = generator(20)
+    pair, body1 = massive(rng), moving(rng, 2, 3)
+    psi, psid, psidd = rng.normal(size=(3, 2, 3))
+    together = pair.inverse_dynamics(body1, psi, psid, psidd)
+    pushed = pair.forward_dynamics(body1, psi, psid, force1=rng.normal(size=(2, 3, 3)), hinge_torque=psidd)
+    assert [part.shape for part in together] == [(2, 3, 3), (2, 3, 3), (2, 3)]
+    assert [part.shape for part in pushed] == [(2, 3, 3), (2, 3, 3), (2, 3)]
+    one = hp.BodyMotion(**{name: getattr(body1, name)[1, 2] for name in ("R", "S", "v", "omega", "a", "alpha")})
+    alone = pair.inverse_dynamics(one, psi[1, 2], psid[1, 2], psidd[1, 2])
+    for many, single in zip(together, alone, strict=True):
+        np.testing.assert_allclose(many[1, 2], single, rtol=1e-12, atol=1e-12)
+
+
+def test_what_is_missing_is_named():
+    body1 = moving(generator(21))
+    bare = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body1=hp.Body(mass=1))
+    with pytest.raises(hp.ArgumentError, match=r"pair\.body2: expected mass properties"):
+        bare.mass_matrix(body1, 0.0)
+    full = massive(generator(22))
+    with pytest.raises(hp.ArgumentError, match=r"body1\.alpha"):
+        full.inverse_dynamics(hp.BodyMotion(R=body1.R, S=body1.S, omega=body1.omega, a=body1.a), 0.0, 0.0, 0.0)
+    with pytest.raises(hp.ArgumentError, match="psid"):
+        full.forward_dynamics(body1, 0.0, None)
+    with pytest.raises(hp.ArgumentError, match="force1"):
+        full.forward_dynamics(body1, 0.0, 0.0, force1=(1, 2))
+    with pytest.raises(hp.ArgumentError, match="gravity"):
+        full.energy(body1, 0.0, 0.0, gravity=-9.81)
+
+
+def test_a_motion_without_resistance_is_refused():
+    """Body 2 is a rod along the hinge axis, of no thickness to round-off: nothing resists psi."""
+    needle = hp.Body(mass=1, inertia=np.diag([1.0, 1.0, 1e-30]))
+    pair = hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), body1=hp.Body(mass=1), body2=needle)
+    turned = hp.BodyMotion(R=(0, 0, 0), S=rotations(generator(23), 1)[0], omega=(0, 0, 0))
+    with pytest.raises(hp.ArgumentError, match=r"pair\.body2"):
+        pair.forward_dynamics(turned, 0.3, 0.0)
