@@ -1,0 +1,243 @@
+"""From the arrays that a caller gives to what a loop walks through: addresses, strides, and what is known beforehand.
+
+What is the number 0, 1 or -1 becomes part of the program, which folds it away. Other constants are run-time
+parameters, so that one program serves all pairs of the same build. Arrays are walked through where they lie.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.evaluation.llvm_ir import FIELDS, LANES, PAST_CACHES, SCATTERED, SIDE_BY_SIDE
+from hingepair.numeric.arrays import Box, boxes
+
+Tail: TypeAlias = tuple[int, ...]
+Spec: TypeAlias = tuple[tuple[str, Tail], ...]
+Place: TypeAlias = float | tuple[int, int] | None
+"""Where a component comes from: a known number; (piece, component of it); or None, the next of the constants."""
+Pattern: TypeAlias = tuple[Place, ...]
+
+FEWEST_A_WORKER: Final = 8192
+"""Samples that are worth a thread: a tenth of a millisecond of work, which is what starting one takes."""
+
+_KNOWN: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
+_SLAB: Final = 6_000_000  # bytes converted at a time, where inputs are of another dtype than the one computed in
+_TOO_MUCH_FOR_CACHES: Final = 2**21  # bytes of output, past which they are stored past the caches
+
+
+class Bound(NamedTuple):
+    """Inputs as a loop takes them.
+
+    Attributes:
+        pattern: where each component of each input comes from.
+        constants: numbers that all samples share.
+        pieces: arrays of components that move, the components last.
+    """
+
+    pattern: Pattern
+    constants: list[float]
+    pieces: list[NDArray[Any]]
+
+
+def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozenset()) -> Bound:
+    """The inputs by name: arrays with the components last, or tuples of components, each a number or an array.
+
+    Those that are carried are never known beforehand: they are arrays, of the chains' shape and their own.
+    """
+    pattern: list[Place] = []
+    constants: list[float] = []
+    pieces: list[NDArray[Any]] = []
+    seen: dict[int, int] = {}
+
+    def number(x: float) -> None:
+        known = _KNOWN.get(x)
+        pattern.append(known)
+        if known is None:
+            constants.append(x)
+
+    for name, tail in spec:
+        value, count = values[name], math.prod(tail)
+        if name in carried:
+            pattern.extend((len(pieces), c) for c in range(count))
+            pieces.append(value.reshape(*value.shape[: value.ndim - len(tail)], 1, count))
+            continue
+        if isinstance(value, np.ndarray):
+            if value.size == count:
+                for x in value.ravel().tolist():
+                    number(float(x))
+                continue
+            for part in _rows(value, tail):
+                pattern.extend((len(pieces), c) for c in range(part.shape[-1]))
+                pieces.append(part)
+            continue
+        for component in value if isinstance(value, tuple) else (value,):
+            if not isinstance(component, np.ndarray):
+                number(float(component))
+            elif component.size == 1:
+                number(float(component.item()))
+            else:
+                if id(component) not in seen:
+                    seen[id(component)] = len(pieces)
+                    pieces.append(component[..., None])
+                pattern.append((seen[id(component)], 0))
+    return Bound(tuple(pattern), constants, pieces)
+
+
+def _rows(array: NDArray[Any], tail: Tail) -> Iterator[NDArray[Any]]:
+    """An array with one axis of components; one array for each row where its rows are not joined."""
+    if not tail:
+        yield array[..., None]
+    elif len(tail) == 1:
+        yield array
+    else:
+        axis = array.ndim - len(tail)
+        try:
+            yield np.reshape(array, (*array.shape[:axis], math.prod(tail)), copy=False)
+        except ValueError:
+            for i in range(tail[0]):
+                yield from _rows(array[(slice(None),) * axis + (i,)], tail[1:])
+
+
+def split_target(array: NDArray[Any], tail: Tail) -> list[NDArray[Any]]:
+    """An output array with one axis of components, in as many parts as need be."""
+    return list(_rows(array, tail))
+
+
+class Layout(NamedTuple):
+    """How a kernel walks through arrays: two axes of samples; others are walked through from here.
+
+    Attributes:
+        outer: samples along the outer axis.
+        inner: samples along the inner one.
+        lines: of each array (bytes between outer samples, between inner ones, between components).
+        offsets: where each call starts, in bytes, by array.
+    """
+
+    outer: int
+    inner: int
+    lines: tuple[tuple[int, int, int], ...]
+    offsets: tuple[tuple[int, ...], ...]
+
+
+Form: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # shape and strides
+
+
+def forms_of(arrays: Sequence[NDArray[Any]]) -> tuple[Form, ...]:
+    """What of arrays a layout depends on."""
+    return tuple((array.shape, array.strides) for array in arrays)
+
+
+@functools.lru_cache(maxsize=512)
+def layout_of(forms: tuple[Form, ...], shape: tuple[int, ...], chained: bool) -> Layout:
+    """The layout of arrays that broadcast to the samples.
+
+    The longest axis is walked innermost; of chains, the last one, and the longest of the others outside of it.
+    """
+    strides = np.array([_strides(form, shape) for form in forms]).reshape(len(forms), len(shape))
+    if chained:
+        lengths, columns = _merged(shape[:-1], strides[:, :-1])
+        order = sorted(range(len(lengths)), key=lambda axis: -lengths[axis])
+        outer, others = order[0], order[1:]
+        outers, inners, sizes = columns[:, outer], strides[:, -1], (lengths[outer], shape[-1])
+    else:
+        lengths, columns = _merged(shape, strides)
+        inner, outer, *others = sorted(range(len(lengths)), key=lambda axis: -lengths[axis])
+        outers, inners, sizes = columns[:, outer], columns[:, inner], (lengths[outer], lengths[inner])
+    lines = tuple((int(a), int(b), own[-1]) for a, b, (_, own) in zip(outers, inners, forms, strict=True))
+    walks = np.array([*itertools.product(*(range(lengths[axis]) for axis in others))], np.int64)
+    offsets = walks.reshape(len(walks), len(others)) @ columns[:, others].T
+    return Layout(*sizes, lines, tuple(tuple(map(int, row)) for row in offsets))
+
+
+def _strides(form: Form, shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Strides in bytes along the axes of the samples; 0 where the array does not vary."""
+    own, strides = form
+    moving = tuple(stride if n != 1 else 0 for stride, n in zip(strides[:-1], own[:-1], strict=True))
+    return (0,) * (len(shape) - len(moving)) + moving
+
+
+def _merged(shape: tuple[int, ...], strides: NDArray[np.int64]) -> tuple[list[int], NDArray[np.int64]]:
+    """Axes that all arrays walk through as one, joined to one; at least two, of length 1 if need be."""
+    lengths, columns = [1, 1], [np.zeros(len(strides), np.int64)] * 2
+    for length, column in zip(shape, strides.T, strict=True):
+        if length == 1:
+            continue
+        if (columns[-1] == column * length).all():
+            lengths[-1], columns[-1] = lengths[-1] * length, column
+        else:
+            lengths.append(length)
+            columns.append(column)
+    return lengths, np.stack(columns, axis=1)
+
+
+def walk(
+    run: Any,
+    layout: Layout,
+    inputs: Sequence[NDArray[Any]],
+    outputs: Sequence[NDArray[Any]],
+    constants: NDArray[Any] | None,
+    workers: int,
+    chained: bool = False,
+) -> None:
+    """Call a kernel for all samples; the inner ones of a map, the outer ones of chains are shared out to threads."""
+    itemsize = outputs[0].itemsize
+    heavy = sum(array.nbytes for array in outputs) >= _TOO_MUCH_FOR_CACHES
+    table: list[int] = []
+    if constants is not None:
+        table += (address(constants), 0, 0, itemsize, 0)
+    first = len(table) // FIELDS
+    for array, (outer, inner, step) in zip((*inputs, *outputs), layout.lines, strict=True):
+        table += (address(array), outer, inner, step, 0)
+    for k in range(first + len(inputs), first + len(layout.lines)):
+        count = outputs[k - first - len(inputs)].shape[-1]
+        at, outer, inner, step, _ = table[k * FIELDS : (k + 1) * FIELDS]
+        dense = (step == itemsize or count == 1) and inner == count * itemsize
+        past = dense and heavy and at % 64 == 0 and (outer % 64 == 0 or layout.outer == 1)
+        table[k * FIELDS + 4] = PAST_CACHES if past else SIDE_BY_SIDE if dense else SCATTERED
+    kind = ctypes.c_int64 * len(table)
+    shared, column = (layout.outer, 1) if chained else (layout.inner, 2)
+    workers = max(1, min(workers, layout.outer * layout.inner // FEWEST_A_WORKER, shared // LANES))
+    chunk = -(-shared // (workers * LANES)) * LANES
+
+    def part(start: int) -> None:
+        own, count = list(table), min(chunk, shared - start)
+        for k in range(first, len(table) // FIELDS):
+            own[k * FIELDS] += start * own[k * FIELDS + column]
+        for offsets in layout.offsets:
+            moved = list(own)
+            for k, offset in enumerate(offsets, first):
+                moved[k * FIELDS] += offset
+            run(kind(*moved), *((count, layout.inner) if chained else (layout.outer, count)))
+
+    if workers == 1:
+        part(0)
+        return
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(part, range(0, shared, chunk)))
+
+
+def address(array: NDArray[Any]) -> int:
+    """Where an array starts in memory."""
+    found: int = array.__array_interface__["data"][0]
+    return found
+
+
+def converted(array: NDArray[Any], box: Box, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The part of a piece that belongs to a box, in the dtype computed in."""
+    own = zip(box[len(box) - array.ndim + 1 :], array.shape[:-1], strict=True)
+    return array[tuple(piece if n != 1 else slice(None) for piece, n in own)].astype(dtype, copy=False)
+
+
+def slabs(shape: tuple[int, ...], pieces: Sequence[NDArray[Any]], dtype: np.dtype[Any]) -> Iterator[Box]:
+    """Parts of the samples whose inputs are converted at a time."""
+    return boxes(shape, max(1, _SLAB // (dtype.itemsize * sum(array.shape[-1] for array in pieces))))

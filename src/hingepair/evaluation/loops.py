@@ -1,0 +1,325 @@
+"""Functions of scalars, run over samples: traced once for each build of their inputs, then as NumPy, Python or LLVM.
+
+    loop = Loop("turn", function, inputs={"omega": (3,), "h": ()}, outputs={"q": (4,)})
+    loop.run({"omega": omega, "h": h}, {"q": q}, shape, dtype, how)
+
+`function` takes and returns values by name, a vector as the tuple of its components: arithmetic, and the functions of
+`trace`. With a carry it is a scan: the samples of the last axis are a chain, of which each takes over what the one
+before it made.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.evaluation import python_source
+from hingepair.evaluation.backend import How
+from hingepair.evaluation.binding import (
+    Bound,
+    Pattern,
+    Spec,
+    bind,
+    converted,
+    forms_of,
+    layout_of,
+    slabs,
+    split_target,
+    walk,
+)
+from hingepair.evaluation.llvm_ir import Carry, Group, kernel_ir
+from hingepair.evaluation.trace import FUNCTIONS, Operand, Trace, Value, named, needed_lines
+from hingepair.numeric.arrays import Box, boxes, load
+
+_BLOCK: Final = 2048
+"""Samples that NumPy computes at a time: 16 kB a component."""
+
+_PARTS: Final = {3: "xyz", 4: "wxyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")}
+
+
+class Loop:
+    """A function of scalars that runs over samples.
+
+    Args:
+        name: what its generated code is called.
+        function: of values by name, traced or not, to results by name.
+        inputs: shape of one sample of each input.
+        outputs: the same of each output.
+        exact: whether the compiled code may not fuse products with sums (compensated arithmetic cannot bear it).
+        carry: makes it a scan: of an input that is handed on, the result that becomes it. What is given for such an
+            input is where each chain starts.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        function: Callable[[dict[str, Any]], Mapping[str, Any]],
+        inputs: Mapping[str, tuple[int, ...]],
+        outputs: Mapping[str, tuple[int, ...]],
+        *,
+        exact: bool = False,
+        carry: Mapping[str, str] | None = None,
+    ) -> None:
+        self.name = name
+        self.function = function
+        self.inputs: Spec = tuple(inputs.items())
+        self.outputs: Spec = tuple(outputs.items())
+        self.exact = exact
+        self.carry = dict(carry or {})
+        self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
+
+    def run(
+        self,
+        values: Mapping[str, Any],
+        out: Mapping[str, NDArray[Any]],
+        shape: tuple[int, ...],
+        dtype: np.dtype[Any],
+        how: How,
+    ) -> None:
+        """Write the outputs of all samples into the arrays of `out`: the samples' shape, and then their own.
+
+        Args:
+            values: inputs by name: arrays with the components last, or tuples of components; a component is a number
+                or an array. All broadcast to the samples.
+            out: arrays of the dtype by output; they may lie over inputs only sample on sample.
+            shape: of the samples; of a scan, the last axis is the chain.
+            dtype: to compute in, float64 or float32.
+            how: backend and threads.
+        """
+        if 0 in shape:
+            return
+        bound = bind(self.inputs, values, frozenset(self.carry))
+        self.program(bound.pattern).run(bound, out, shape, dtype, how)
+
+
+class Traced(NamedTuple):
+    """A function written down: its inputs, and its results by name."""
+
+    constants: tuple[Value, ...]
+    pieces: tuple[tuple[Value, ...], ...]
+    results: dict[str, Any]
+
+    def flat(self, outputs: Spec) -> list[Operand]:
+        """The components of all outputs."""
+        return [part for name, _ in outputs for part in components(self.results[name])]
+
+
+class Program:
+    """A loop for one pattern of inputs: what is known is folded away."""
+
+    def __init__(self, loop: Loop, pattern: Pattern) -> None:
+        self.loop = loop
+        self.pattern = pattern
+        self.kernels: dict[tuple[Any, ...], Any] = {}
+        self.saved = 0.0
+
+    # ---- the ways to run it
+
+    def run(
+        self, bound: Bound, out: Mapping[str, NDArray[Any]], shape: tuple[int, ...], dtype: np.dtype[Any], how: How
+    ) -> None:
+        """As `Loop.run`, of inputs that are bound."""
+        compiled = how.backend == "compiled"
+        if not compiled:
+            self.run_numpy(bound, out, shape, dtype, how.workers)
+        elif all(piece.dtype == dtype for piece in bound.pieces):
+            self.run_compiled(bound, out, shape, dtype, how.workers)
+        else:
+            for box in slabs(shape, bound.pieces, dtype):
+                pieces = [converted(piece, box, dtype) for piece in bound.pieces]
+                part = {name: array[box] for name, array in out.items()}
+                size = tuple(own.stop - own.start for own in box)
+                self.run_compiled(bound._replace(pieces=pieces), part, size, dtype, how.workers)
+
+    def run_compiled(
+        self,
+        bound: Bound,
+        out: Mapping[str, NDArray[Any]],
+        shape: tuple[int, ...],
+        dtype: np.dtype[Any],
+        workers: int,
+    ) -> None:
+        """By a compiled kernel; the pieces are of the dtype computed in."""
+        chained = bool(self.loop.carry)
+        targets = [part for name, tail in self.loop.outputs for part in split_target(out[name], tail)]
+        layout = layout_of(forms_of((*bound.pieces, *targets)), shape, chained)
+        still = tuple(line[1] == 0 for line in layout.lines[: len(bound.pieces)])
+        kernel = self.kernel(still, tuple(part.shape[-1] for part in targets), dtype.char)
+        constants = np.array(bound.constants, dtype) if bound.constants else None
+        walk(kernel.run, layout, bound.pieces, targets, constants, workers, chained)
+
+    def kernel(self, still: tuple[bool, ...], parts: tuple[int, ...], char: str) -> Any:
+        """The compiled kernel.
+
+        Args:
+            still: which pieces do not change along the inner axis.
+            parts: components of each part of the outputs.
+            char: of the dtype.
+        """
+        from hingepair.evaluation.native import Kernel
+
+        key = (still, parts, char)
+        found = self.kernels.get(key)
+        if found is None:
+            found = self.kernels[key] = Kernel(self.llvm(*key))
+        return found
+
+    def llvm(self, still: tuple[bool, ...], parts: tuple[int, ...], char: str) -> str:
+        """The LLVM code; arguments as for `kernel`."""
+        traced = self.traced(still)
+        inputs = [Group(traced.constants, False)] if traced.constants else []
+        inputs += [Group(piece, not quiet) for piece, quiet in zip(traced.pieces, still, strict=True)]
+        flat, outputs = traced.flat(self.loop.outputs), []
+        for count in parts:
+            outputs.append(Group(tuple(flat[:count])))
+            del flat[:count]
+        carry = None
+        if self.loop.carry:
+            before = [part for name in self.loop.carry for part in components(traced.results["before"][name])]
+            after = [part for name in self.loop.carry.values() for part in components(traced.results[name])]
+            carry = Carry(tuple(before), tuple(after))
+        return kernel_ir(inputs, outputs, single=char == "f", exact=self.loop.exact, carry=carry)
+
+    def run_numpy(
+        self,
+        bound: Bound,
+        out: Mapping[str, NDArray[Any]],
+        shape: tuple[int, ...],
+        dtype: np.dtype[Any],
+        workers: int,
+    ) -> None:
+        """By NumPy, block by block."""
+        numbers = [x if dtype == np.float64 else dtype.type(x) for x in bound.constants]
+        pieces = [piece[..., c] for piece in bound.pieces for c in range(piece.shape[-1])]
+        targets = [
+            part[..., c]
+            for name, tail in self.loop.outputs
+            for part in split_target(out[name], tail)
+            for c in range(part.shape[-1])
+        ]
+        if self.loop.carry:
+            self._chain(numbers, pieces, targets, shape, dtype)
+            return
+        function = self.arrays_function
+
+        def work(some: list[Box]) -> None:
+            with np.errstate(all="ignore"):
+                for box in some:
+                    found = function(*numbers, *(load(piece, box, dtype) for piece in pieces))
+                    for target, part in zip(targets, found, strict=True):
+                        target[box] = part
+
+        all_boxes = list(boxes(shape, _BLOCK))
+        workers = min(workers, len(all_boxes))
+        if workers <= 1:
+            work(all_boxes)
+            return
+        from concurrent.futures import ThreadPoolExecutor
+
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(work, (all_boxes[i::workers] for i in range(workers))))
+
+    # ---- the program written out
+
+    @functools.cached_property
+    def source(self) -> str:
+        """The Python source."""
+        traced = self.traced((False,) * len({place[0] for place in self.pattern if isinstance(place, tuple)}))
+        inputs = [*traced.constants, *(value for piece in traced.pieces for value in piece)]
+        after = [part for name in self.loop.carry.values() for part in components(traced.results[name])]
+        return python_source.source_of(self.loop.name, inputs, [*traced.flat(self.loop.outputs), *after])
+
+    @functools.cached_property
+    def floats_function(self) -> Callable[..., tuple[Any, ...]]:
+        """The function of one state, of Python floats: constants, then pieces, to the components of the outputs."""
+        return python_source.for_floats(self.loop.name, self.source)
+
+    @functools.cached_property
+    def arrays_function(self) -> Callable[..., tuple[Any, ...]]:
+        """The same for NumPy arrays."""
+        return python_source.for_arrays(self.loop.name, self.source)
+
+    @functools.cached_property
+    def operations(self) -> int:
+        """How many operations are left, sines counted as ten."""
+        traced = self.traced((False,) * len({place[0] for place in self.pattern if isinstance(place, tuple)}))
+        lines = needed_lines(traced.flat(self.loop.outputs))
+        return sum((10 if v.operation in FUNCTIONS else 1) for v in lines if v.operation != "input")
+
+    def traced(self, still: tuple[bool, ...]) -> Traced:
+        """The function written down, for pieces of which some do not move."""
+        trace, places = Trace(), iter(self.pattern)
+        constants: list[Value] = []
+        pieces: dict[int, dict[int, Value]] = {}
+        values: dict[str, Any] = {}
+        for name, tail in self.loop.inputs:
+            own: list[Operand] = []
+            count = math.prod(tail)
+            for k in range(count):
+                place, wish = next(places), _name(name, k, count)
+                if place is None:
+                    constants.append(trace.input(wish, False))
+                    own.append(constants[-1])
+                elif isinstance(place, tuple):
+                    piece = pieces.setdefault(place[0], {})
+                    if place[1] not in piece:
+                        moves = not still[place[0]] or name in self.loop.carry
+                        piece[place[1]] = trace.input(wish, moves)
+                    own.append(piece[place[1]])
+                else:
+                    own.append(place)
+            values[name] = tuple(own) if tail else own[0]
+        before = {name: values[name] for name in self.loop.carry}
+        results = {**self.loop.function(values), "before": before}
+        for name, tail in self.loop.outputs:
+            count = math.prod(tail)
+            named(name, results[name], [_part(k, count) for k in range(count)])
+        ordered = tuple(tuple(piece[c] for c in sorted(piece)) for _, piece in sorted(pieces.items()))
+        return Traced(tuple(constants), ordered, results)
+
+    def _chain(
+        self,
+        numbers: list[Any],
+        pieces: list[NDArray[Any]],
+        targets: list[NDArray[Any]],
+        shape: tuple[int, ...],
+        dtype: np.dtype[Any],
+    ) -> None:
+        """A scan by NumPy: all chains at once, one sample after the other."""
+        places = iter(self.pattern)
+        parts = [(name, next(places)) for name, tail in self.loop.inputs for _ in range(math.prod(tail))]
+        carried = [place for name, place in parts if name in self.loop.carry]
+        index = {place: k for k, place in enumerate(sorted({p for _, p in parts if isinstance(p, tuple)}))}
+        at = [index[place] for place in carried if isinstance(place, tuple)]
+        chains = shape[:-1]
+        own = [np.broadcast_to(piece, shape) for piece in pieces]
+        state = [own[k][..., 0].astype(dtype) for k in at]
+        with np.errstate(all="ignore"):
+            for j in range(shape[-1]):
+                given = [piece[..., j].astype(dtype) for piece in own]
+                for k, value in zip(at, state, strict=True):
+                    given[k] = value
+                found = self.arrays_function(*numbers, *given)
+                state = [np.broadcast_to(np.asarray(one, dtype), chains) for one in found[len(targets) :]]
+                for target, one in zip(targets, found, strict=False):
+                    target[..., j] = one
+
+
+def components(value: Any) -> tuple[Any, ...]:
+    """A vector's components; of a scalar, itself."""
+    return value if isinstance(value, tuple) else (value,)
+
+
+def _part(k: int, count: int) -> str:
+    parts = _PARTS.get(count)
+    return "" if count == 1 else parts[k] if parts else str(k)
+
+
+def _name(name: str, k: int, count: int) -> str:
+    part = _part(k, count)
+    return f"{name}_{part}" if part else name

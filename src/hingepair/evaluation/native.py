@@ -1,0 +1,82 @@
+"""LLVM code compiled into this process, by llvmlite: imported when the first kernel is asked for."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from hingepair.errors import MissingDependencyError
+
+_lock = threading.Lock()
+if hasattr(os, "register_at_fork"):  # a fork waits for a kernel that is being compiled: the child starts whole
+    os.register_at_fork(before=_lock.acquire, after_in_parent=_lock.release, after_in_child=_lock.release)
+
+
+class Kernel:
+    """A compiled kernel.
+
+    Attributes:
+        ir: its LLVM code as it was written.
+        address: of the function, for as long as this object lives.
+        run: the function of (table, outer, inner); other threads go on while it runs.
+        run_one: the same for a microsecond's work, which keeps the interpreter's lock.
+    """
+
+    def __init__(self, ir: str) -> None:
+        self.ir = ir
+        try:
+            with _lock:
+                self._engine, self.address = _compile(ir)
+        except MissingDependencyError:
+            raise
+        except Exception as error:
+            raise MissingDependencyError(
+                "backend", "an llvmlite that works", f"{type(error).__name__}: {error}"
+            ) from error
+        self.run: Callable[[Any, int, int], None] = _SHARING(self.address)
+        self.run_one: Callable[[Any, int, int], None] = _KEEPING(self.address)
+
+
+_ARGUMENTS = (None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
+_SHARING, _KEEPING = ctypes.CFUNCTYPE(*_ARGUMENTS), ctypes.PYFUNCTYPE(*_ARGUMENTS)
+
+
+def _compile(ir: str) -> tuple[Any, int]:
+    llvm = _llvm()
+    name, features = cpu(llvm)
+    target = llvm.Target.from_default_triple()
+    machine = target.create_target_machine(cpu=name, features=features, opt=3)  # the engine takes it over
+    module = llvm.parse_assembly(ir)
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
+    builder.getModulePassManager().run(module, builder)
+    engine = llvm.create_mcjit_compiler(module, machine)
+    engine.finalize_object()
+    return engine, engine.get_function_address("kernel")
+
+
+@functools.cache
+def _llvm() -> Any:
+    """Llvmlite, ready to compile for this machine.
+
+    Raises:
+        MissingDependencyError: llvmlite is not installed.
+    """
+    try:
+        from llvmlite import binding as llvm
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError("backend", "llvmlite (pip install llvmlite)", str(error)) from None
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    library = ctypes.CDLL(None) if os.name == "posix" else ctypes.CDLL("ucrtbase")
+    for name in ("sin", "cos", "atan2", "hypot", "fma", "fmaf"):
+        llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
+    return llvm
+
+
+def cpu(llvm: Any) -> tuple[str, str]:
+    """Name and features of the processor to compile for."""
+    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()

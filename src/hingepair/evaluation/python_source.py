@@ -1,0 +1,156 @@
+"""A trace written out as a Python function: of one state in floats, or of many in NumPy arrays."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from hingepair.evaluation.trace import Operand, Value, needed_lines
+
+_WIDTH = 110
+_INFIX = {"+": 1, "-": 1, "*": 2, "/": 2}
+_NEGATIVE, _ATOM = 3, 4
+
+
+def source_of(name: str, inputs: Sequence[Value], results: Sequence[Operand]) -> str:
+    """The source of a function of the inputs that returns the results, as one flat tuple.
+
+    What is used once stands where it is used, unless it has a name of its own.
+    """
+    lines = needed_lines(results)
+    uses = Counter(id(one) for value in lines for one in value.operands)
+    text: dict[int, tuple[str, int]] = {}
+    names = _Names()
+    for value in inputs:
+        text[id(value)] = names.of(value.name), _ATOM
+    body = []
+    for value in lines:
+        if value.operation == "input":
+            continue
+        written = _expression(value, text)
+        if value.name or uses[id(value)] > 1:
+            own = names.of(value.name or "t")
+            body.append(f"    {own} = {written[0]}")
+            written = own, _ATOM
+        text[id(value)] = written
+    arguments = _list(f"def {name}(", [text[id(value)][0] for value in inputs], "):")
+    returned = [_text(result, text)[0] for result in results]
+    return (
+        "\n".join([*arguments, *body, *_list("    return (", returned, ",)" if len(returned) == 1 else ")")]) + "\n"
+    )
+
+
+def for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
+    """The function of a source, for Python floats.
+
+    Where Python raises (the sine of infinity, a division by zero) NumPy's numbers give what IEEE 754 says.
+    """
+    quick, safe = _compile(name, source, _OF_FLOATS), for_arrays(name, source)
+
+    def function(*numbers: float) -> tuple[Any, ...]:
+        try:
+            return quick(*numbers)
+        except (ValueError, ZeroDivisionError, OverflowError):
+            with np.errstate(all="ignore"):
+                return tuple(map(float, safe(*map(np.float64, numbers))))
+
+    return function
+
+
+def for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
+    """The function of a source, for NumPy arrays and numbers."""
+    return _compile(name, source, _OF_ARRAYS)
+
+
+def _compile(name: str, source: str, functions: dict[str, Any]) -> Callable[..., tuple[Any, ...]]:
+    scope: dict[str, Any] = dict(functions)
+    exec(compile(source, f"<hingepair: {name}>", "exec"), scope)
+    function: Callable[..., tuple[Any, ...]] = scope[name]
+    return function
+
+
+class _Names:
+    """Names that no two values share."""
+
+    def __init__(self) -> None:
+        self._taken: Counter[str] = Counter()
+
+    def of(self, wish: str) -> str:
+        self._taken[wish] += 1
+        count = self._taken[wish]
+        return f"{wish}{count}" if wish == "t" else wish if count == 1 else self.of(f"{wish}_{count}")
+
+
+def _text(one: Operand, text: dict[int, tuple[str, int]]) -> tuple[str, int]:
+    if isinstance(one, Value):
+        return text[id(one)]
+    return repr(float(one)), _ATOM if one >= 0 else _NEGATIVE
+
+
+def _expression(value: Value, text: dict[int, tuple[str, int]]) -> tuple[str, int]:
+    """An operation as Python writes it, and how strongly it binds."""
+    parts = [_text(one, text) for one in value.operands]
+    binding = _INFIX.get(value.operation)
+    if binding is not None:
+        (left, l_binding), (right, r_binding) = parts
+        left = left if l_binding >= binding else f"({left})"
+        right = right if r_binding > binding else f"({right})"
+        return f"{left} {value.operation} {right}", binding
+    if value.operation == "negative":
+        inner, strength = parts[0]
+        return f"-{inner}" if strength >= _ATOM else f"-({inner})", _NEGATIVE
+    if value.operation == "<":
+        return f"{_bracketed(parts[0], 1)} < {_bracketed(parts[1], 1)}", 0
+    # 1 - cos x is had from sine and cosine, which are there already
+    arguments = parts[1:] if value.operation == "versine" else parts
+    return f"{value.operation}({', '.join(part for part, _ in arguments)})", _ATOM
+
+
+def _bracketed(part: tuple[str, int], binding: int) -> str:
+    return part[0] if part[1] >= binding else f"({part[0]})"
+
+
+def _list(opening: str, parts: Iterable[str], closing: str) -> list[str]:
+    """An opening, parts and a closing, broken into lines."""
+    lines, indent = [opening], " " * (len(opening) - len(opening.lstrip()) + 4)
+    for i, part in enumerate(parts):
+        piece = f", {part}" if i else part
+        if len(lines[-1]) + len(piece) > _WIDTH:
+            lines[-1] += ","
+            lines.append(indent + part)
+        else:
+            lines[-1] += piece
+    lines[-1] += closing
+    return lines
+
+
+def _versine(sine: float, cosine: float) -> float:
+    return sine * sine / (1 + cosine) if cosine > 0 else 1 - cosine
+
+
+def _versines(sine: Any, cosine: Any) -> Any:
+    return np.where(cosine > 0, sine * sine / (1 + cosine), 1 - cosine)
+
+
+_OF_FLOATS = {
+    "sin": math.sin,
+    "cos": math.cos,
+    "versine": _versine,
+    "sqrt": math.sqrt,
+    "arctan2": math.atan2,
+    "hypot": math.hypot,
+    "where": lambda condition, then, otherwise: then if condition else otherwise,
+}
+_OF_ARRAYS = {
+    "sin": np.sin,
+    "cos": np.cos,
+    "versine": _versines,
+    "sqrt": np.sqrt,
+    "arctan2": np.arctan2,
+    "hypot": np.hypot,
+    "where": np.where,
+}

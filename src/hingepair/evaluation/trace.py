@@ -1,0 +1,210 @@
+"""A trace: what a function of scalars does, written down line by line instead of done.
+
+The equations take whatever adds and multiplies. Given traced values they write straight-line code: one line an
+operation, each value assigned once. What is known folds away as it is written (x + 0, x * 1, x * 0, x * -1), what is
+computed twice is written once, and what no result needs is left out. The order of the operations stays that of the
+equations, so that a folded program gives the bits of the full one, but for the sign of a zero and for what a zero
+would have made of a NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final, TypeAlias
+
+Operand: TypeAlias = "Value | float"
+
+FUNCTIONS: Final = frozenset({"sin", "cos", "versine", "sqrt", "fma", "where", "<", "arctan2", "hypot"})
+
+
+class Value:
+    """What one line of a trace gives: an input, or an operation on earlier values and numbers.
+
+    Attributes:
+        operation: "input", "+", "-", "*", "/", "negative", or one of FUNCTIONS.
+        operands: values and numbers.
+        moves: whether it differs from sample to sample.
+        name: what it is called in generated code, "" where nobody named it.
+    """
+
+    __array_ufunc__ = None  # NumPy leaves sums and products with its numbers to the methods below
+    __slots__ = ("moves", "name", "operands", "operation", "trace")
+
+    def __init__(
+        self, trace: Trace, operation: str, operands: tuple[Operand, ...], moves: bool, name: str = ""
+    ) -> None:
+        self.trace = trace
+        self.operation = operation
+        self.operands = operands
+        self.moves = moves
+        self.name = name
+
+    def __add__(self, other: Operand) -> Operand:
+        if isinstance(other, Value):
+            if other.operation == "negative":
+                return self - other.operands[0]
+            return self.trace.line("+", self, other)
+        return self if other == 0 else self.trace.line("+", self, float(other))
+
+    def __radd__(self, other: float) -> Operand:
+        return self if other == 0 else self.trace.line("+", float(other), self)
+
+    def __sub__(self, other: Operand) -> Operand:
+        if isinstance(other, Value):
+            if other.operation == "negative":
+                return self + other.operands[0]
+            return self.trace.line("-", self, other)
+        return self if other == 0 else self.trace.line("-", self, float(other))
+
+    def __rsub__(self, other: float) -> Operand:
+        return -self if other == 0 else self.trace.line("-", float(other), self)
+
+    def __mul__(self, other: Operand) -> Operand:
+        if isinstance(other, Value):
+            return self.trace.line("*", self, other)
+        return self._times(float(other), (self, float(other)))
+
+    def __rmul__(self, other: float) -> Operand:
+        return self._times(float(other), (float(other), self))
+
+    def _times(self, number: float, both: tuple[Operand, Operand]) -> Operand:
+        if number == 0:
+            return 0.0
+        if number == 1:
+            return self
+        return -self if number == -1 else self.trace.line("*", *both)
+
+    def __truediv__(self, other: Operand) -> Operand:
+        if isinstance(other, Value):
+            return self.trace.line("/", self, other)
+        return self if other == 1 else self.trace.line("/", self, float(other))
+
+    def __rtruediv__(self, other: float) -> Operand:
+        return 0.0 if other == 0 else self.trace.line("/", float(other), self)
+
+    def __neg__(self) -> Operand:
+        return self.operands[0] if self.operation == "negative" else self.trace.line("negative", self)
+
+    def __pos__(self) -> Value:
+        return self
+
+    def __bool__(self) -> bool:
+        raise TypeError("a traced value is neither true nor false: use `where`")
+
+
+class Trace:
+    """Straight-line code in the making."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[Any, ...], Value] = {}
+
+    def input(self, name: str, moves: bool = True) -> Value:
+        """A value that is given."""
+        return Value(self, "input", (), moves, name)
+
+    def line(self, operation: str, *operands: Operand) -> Value:
+        """The value of an operation; that of an earlier line where the same was written before."""
+        key = (operation, *operands)
+        found = self._known.get(key)
+        if found is None and operation in {"+", "*"}:
+            found = self._known.get((operation, operands[1], operands[0]))
+        if found is None:
+            moves = any(isinstance(one, Value) and one.moves for one in operands)
+            found = self._known[key] = Value(self, operation, operands, moves)
+        return found
+
+
+def needed_lines(results: Iterable[Operand]) -> list[Value]:
+    """The values that lead to the results, inputs included, each after its operands."""
+    lines: list[Value] = []
+    seen: set[int] = set()
+    waiting: list[tuple[Operand, bool]] = [(result, False) for result in reversed(list(results))]
+    while waiting:
+        value, ready = waiting.pop()
+        if not isinstance(value, Value):
+            continue
+        if ready:
+            lines.append(value)
+        elif id(value) not in seen:
+            seen.add(id(value))
+            waiting.append((value, True))
+            waiting.extend((one, False) for one in reversed(value.operands))
+    return lines
+
+
+def operations(lines: Iterable[Value], moving: bool | None = None) -> int:
+    """How many of the lines compute something; of those that move, or do not, where asked for."""
+    return sum(v.operation != "input" and moving in {None, v.moves} for v in lines)
+
+
+def sine(x: Operand) -> Operand:
+    """The sine of a traced value."""
+    if not isinstance(x, Value):
+        return math.sin(x)
+    return -sine(x.operands[0]) if x.operation == "negative" else x.trace.line("sin", x)
+
+
+def cosine(x: Operand) -> Operand:
+    """The cosine of a traced value."""
+    if not isinstance(x, Value):
+        return math.cos(x)
+    return cosine(x.operands[0]) if x.operation == "negative" else x.trace.line("cos", x)
+
+
+def versine(x: Operand) -> Operand:
+    """1 - cos x with all its digits where x is small."""
+    if not isinstance(x, Value):
+        half = math.sin(0.5 * x)
+        return 2.0 * half * half
+    if x.operation == "negative":
+        return versine(x.operands[0])
+    return x.trace.line("versine", x, sine(x), cosine(x))
+
+
+def square_root(x: Operand) -> Operand:
+    """The square root of a traced value."""
+    return x.trace.line("sqrt", x) if isinstance(x, Value) else math.sqrt(x)
+
+
+def arc_tangent(y: Operand, x: Operand) -> Operand:
+    """The angle of (x, y)."""
+    return _of_two("arctan2", math.atan2, y, x)
+
+
+def hypotenuse(x: Operand, y: Operand) -> Operand:
+    """The root of x^2 + y^2 without overflow on the way."""
+    return _of_two("hypot", math.hypot, x, y)
+
+
+def _of_two(operation: str, function: Callable[[float, float], float], a: Operand, b: Operand) -> Operand:
+    if isinstance(a, Value):
+        return a.trace.line(operation, a, b)
+    return b.trace.line(operation, a, b) if isinstance(b, Value) else function(a, b)
+
+
+def where_less(a: Operand, b: Operand, then: Any, otherwise: Any) -> Any:
+    """`then` where a < b, `otherwise` elsewhere and where either is NaN; values, or tuples of them."""
+    if isinstance(then, tuple):
+        return tuple(where_less(a, b, x, y) for x, y in zip(then, otherwise, strict=True))
+    if isinstance(a, Value):
+        return a.trace.line("where", a.trace.line("<", a, b), then, otherwise)
+    if isinstance(b, Value):
+        return b.trace.line("where", b.trace.line("<", a, b), then, otherwise)
+    return then if a < b else otherwise
+
+
+def fused(a: Operand, b: Operand, c: Operand) -> Operand:
+    """The sum a b + c, rounded once."""
+    for one in (a, b, c):
+        if isinstance(one, Value):
+            return one.trace.line("fma", a, b, c)
+    raise TypeError("numbers alone are not traced")
+
+
+def named(prefix: str, value: Any, parts: Sequence[str]) -> None:
+    """Give values their names in generated code: `prefix_part` each, where nobody named them before."""
+    components = value if isinstance(value, tuple) else (value,)
+    for component, part in zip(components, parts, strict=False):
+        if isinstance(component, Value) and not component.name and component.operation != "negative":
+            component.name = f"{prefix}_{part}" if part else prefix

@@ -1,0 +1,183 @@
+"""Loops: NumPy and compiled code agree for every size, layout and dtype; scans hand on what they carry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hingepair.equations import spatial as eq
+from hingepair.evaluation.backend import How
+from hingepair.evaluation.llvm_ir import LANES
+from hingepair.evaluation.loops import Loop
+from hingepair.evaluation.trace import arc_tangent, cosine, hypotenuse, sine, square_root, versine, where_less
+
+F8, F4 = np.dtype(np.float64), np.dtype(np.float32)
+NUMPY, COMPILED = How("numpy", 1), How("compiled", 1)
+
+
+def turned(v):
+    x, y, z = v["u"]
+    turn = v["angle"]
+    length = square_root(eq.dot(v["u"], v["u"]) + v["more"])
+    big = where_less(length, 2.0, (x, y), (z, length))
+    return {
+        "r": (x * cosine(turn) - y * sine(turn), x * sine(turn) + y * cosine(turn), z * versine(turn)),
+        "length": length / (1.0 + turn * turn),
+        "m": (*big, arc_tangent(y, x), hypotenuse(z, x)),
+    }
+
+
+MAP = Loop("turned", turned, {"u": (3,), "angle": (), "more": ()}, {"r": (3,), "length": (), "m": (2, 2)})
+
+
+def run(loop, values, shape, dtype=F8, how=COMPILED, out=None):
+    out = out or {name: np.full((*shape, *tail), np.nan, dtype) for name, tail in loop.outputs}
+    loop.run(values, out, shape, dtype, how)
+    return out
+
+
+def agree(a, b, dtype=F8, ulps=8):
+    for name in a:
+        np.testing.assert_allclose(
+            a[name], b[name], rtol=0, atol=ulps * np.finfo(dtype).eps * (1 + np.abs(a[name]).max())
+        )
+
+
+def given(count, dtype=F8, seed=0):
+    rng = np.random.default_rng(seed)
+    return {
+        "u": rng.normal(size=(count, 3)).astype(dtype),
+        "angle": rng.uniform(-9, 9, count).astype(dtype),
+        "more": 0.5,
+    }
+
+
+@pytest.mark.parametrize("dtype", [F8, F4], ids=str)
+@pytest.mark.parametrize("count", [1, 2, 7, LANES, 9, 15, 16, 17, 1000])
+def test_every_count(count, dtype):
+    values = given(count, dtype)
+    room = {name: np.full((count + 2, *tail), 7.0, dtype) for name, tail in MAP.outputs}
+    found = run(MAP, values, (count,), dtype, out={name: array[1:-1] for name, array in room.items()})
+    agree(run(MAP, values, (count,), dtype, NUMPY), found, dtype)
+    assert all((array[[0, -1]] == 7.0).all() for array in room.values())
+
+
+def test_lanes_do_not_know_of_each_other():
+    values = given(40)
+    whole = run(MAP, values, (40,))
+    for start in range(3):
+        for stop in range(start + 1, 27):
+            part = {"u": values["u"][start:stop], "angle": values["angle"][start:stop], "more": 0.5}
+            for name, array in run(MAP, part, (stop - start,)).items():
+                np.testing.assert_array_equal(array, whole[name][start:stop])
+
+
+def test_far_angles_and_none_at_all():
+    count = 24
+    values = given(count)
+    clean = run(MAP, values, (count,))
+    hard = {3: 1e300, 5: -1e16, 9: np.nan, 10: np.inf, 20: 1000000.5, 23: -np.inf}
+    for k, angle in hard.items():
+        values["angle"][k] = angle
+    found, expected = run(MAP, values, (count,)), run(MAP, values, (count,), how=NUMPY)
+    rest = [k for k in range(count) if k not in hard]
+    for name, array in found.items():
+        np.testing.assert_array_equal(array[rest], clean[name][rest])
+        np.testing.assert_array_equal(np.isnan(array), np.isnan(expected[name]))
+        np.testing.assert_allclose(array, expected[name], rtol=1e-15, atol=1e-15)
+
+
+LAYOUTS = {
+    "strided": lambda a: np.repeat(a, 3, axis=0)[::3],
+    "backward": lambda a: a[::-1].copy()[::-1],
+    "Fortran": np.asfortranarray,
+    "every other component": lambda a: np.repeat(a, 2, axis=1)[:, ::2],
+    "unaligned": lambda a: np.frombuffer(b"x" + a.tobytes(), np.uint8)[1:].view(a.dtype).reshape(a.shape),
+    "other byte order": lambda a: a.astype(a.dtype.newbyteorder()),
+    "read-only": lambda a: np.broadcast_to(a, a.shape),
+    "float32": lambda a: a.astype(np.float32),
+}
+
+
+@pytest.mark.parametrize("how", [NUMPY, COMPILED], ids=["numpy", "compiled"])
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
+def test_every_layout(layout, how):
+    values = given(37)
+    values["u"] = values["u"].astype(np.float32).astype(float)
+    expected = run(MAP, values, (37,), how=how)
+    found = run(MAP, {**values, "u": layout(values["u"])}, (37,), how=how)
+    for name, array in found.items():
+        np.testing.assert_array_equal(array, expected[name])
+
+
+@pytest.mark.parametrize("how", [NUMPY, COMPILED], ids=["numpy", "compiled"])
+def test_samples_of_several_axes_broadcast(how):
+    rng = np.random.default_rng(5)
+    values = {
+        "u": rng.normal(size=(4, 1, 11, 3)),
+        "angle": rng.normal(size=(5, 1)),
+        "more": rng.uniform(size=(4, 5, 11)),
+    }
+    found = run(MAP, values, (4, 5, 11), how=how)
+    for i, j in np.ndindex(4, 5):
+        one = {"u": values["u"][i, 0], "angle": np.repeat(values["angle"][j], 11), "more": values["more"][i, j]}
+        agree(run(MAP, one, (11,), how=NUMPY), {name: array[i, j] for name, array in found.items()})
+
+
+def test_outputs_of_any_stride():
+    values = given(21)
+    room = np.zeros((21, 2, 4))
+    square = np.zeros((21, 5, 5))
+    out = {"r": room[:, 1, 3:0:-1], "length": room[:, 0, 0], "m": square[:, ::4, 1::3]}
+    agree(run(MAP, values, (21,), how=NUMPY), run(MAP, values, (21,), out=out))
+
+
+def test_large_outputs_go_past_the_caches_and_workers_share():
+    count = 150_001
+    values = given(count)
+    alone = run(MAP, values, (count,))
+    agree(run(MAP, values, (count,), how=NUMPY), alone)
+    shared = run(MAP, values, (count,), how=How("compiled", 3))
+    for name, array in shared.items():
+        np.testing.assert_array_equal(array, alone[name])
+
+
+def summed(v):
+    return {"total": v["total"] * v["keep"] + v["x"], "seen": (v["x"], v["total"])}
+
+
+SCAN = Loop(
+    "summed", summed, {"total": (), "keep": (), "x": ()}, {"total": (), "seen": (2,)}, carry={"total": "total"}
+)
+
+
+@pytest.mark.parametrize("how", [NUMPY, COMPILED], ids=["numpy", "compiled"])
+@pytest.mark.parametrize("chains", [1, 3, 8, 21])
+@pytest.mark.parametrize("length", [1, 2, 30])
+def test_a_scan_hands_on(chains, length, how):
+    rng = np.random.default_rng(7)
+    x, start, keep = rng.normal(size=(chains, length)), rng.normal(size=chains), rng.uniform(size=(chains, 1))
+    found = run(SCAN, {"total": start, "keep": keep, "x": x}, (chains, length), how=how)
+    state = start
+    for j in range(length):
+        np.testing.assert_array_equal(found["seen"][:, j, 1], found["total"][:, j - 1] if j else start)
+        state = state * keep[:, 0] + x[:, j]
+        np.testing.assert_allclose(found["total"][:, j], state, rtol=1e-14, atol=1e-14)
+
+
+def test_exact_arithmetic_is_not_fused():
+    def product(v):
+        high = v["a"] * v["b"]
+        carried = 134217729.0 * v["a"]
+        ah = carried - (carried - v["a"])
+        other = 134217729.0 * v["b"]
+        bh = other - (other - v["b"])
+        al, bl = v["a"] - ah, v["b"] - bh
+        return {"high": high, "low": ((ah * bh - high) + ah * bl + al * bh) + al * bl}
+
+    loop = Loop("product", product, {"a": (), "b": ()}, {"high": (), "low": ()}, exact=True)
+    a, b = np.random.default_rng(8).normal(size=(2, 100))
+    found = run(loop, {"a": a, "b": b}, (100,))
+    expected = run(loop, {"a": a, "b": b}, (100,), how=NUMPY)
+    np.testing.assert_array_equal(found["low"], expected["low"])
+    assert (found["low"] != 0).any()

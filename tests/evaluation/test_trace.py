@@ -1,0 +1,144 @@
+"""A trace folds what is known, writes nothing twice, and keeps the bits of what it was traced from."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hingepair.evaluation import python_source
+from hingepair.evaluation.trace import (
+    Trace,
+    arc_tangent,
+    cosine,
+    hypotenuse,
+    needed_lines,
+    operations,
+    sine,
+    square_root,
+    versine,
+    where_less,
+)
+
+
+@pytest.fixture
+def xy():
+    trace = Trace()
+    return trace.input("x"), trace.input("y")
+
+
+FOLDED = {
+    "x + 0": lambda x: x + 0,
+    "0 + x": lambda x: 0 + x,
+    "x - 0.0": lambda x: x - 0.0,
+    "x * 1": lambda x: x * 1,
+    "1 * x": lambda x: 1.0 * x,
+    "x / 1": lambda x: x / 1,
+    "-(-x)": lambda x: x.__neg__().__neg__(),
+    "-(x * -1)": lambda x: -(x * -1),
+    "0 - (0 - x)": lambda x: 0 - (0 - x),
+}
+
+
+@pytest.mark.parametrize("fold", FOLDED.values(), ids=FOLDED)
+def test_what_changes_nothing_is_not_written(xy, fold):
+    assert fold(xy[0]) is xy[0]
+
+
+def test_what_is_zero_is_a_number(xy):
+    for zero in (xy[0] * 0, 0.0 * xy[0], 0 / xy[0]):
+        assert zero == 0.0
+        assert type(zero) is float
+
+
+def test_a_sum_with_a_negative_is_a_difference(xy):
+    x, y = xy
+    assert x + -y is x - y
+    assert x - -y is x + y
+
+
+def test_the_same_line_is_written_once(xy):
+    x, y = xy
+    assert x * y is y * x
+    assert x + y is y + x
+    assert x - y is not y - x
+    assert sine(-x) is -sine(x)
+    assert cosine(-x) is cosine(x)
+    assert versine(-x) is versine(x)
+
+
+def test_only_what_is_needed_is_left(xy):
+    x, y = xy
+    wanted, _ = x * y + 1.0, sine(x) * 3.0
+    assert operations(needed_lines([wanted])) == 2
+
+
+def test_a_line_of_constants_does_not_move():
+    trace = Trace()
+    constant, moving = trace.input("c", moves=False), trace.input("x")
+    assert not (2.0 * constant + 1.0).moves
+    assert (constant * moving).moves
+    lines = needed_lines([2.0 * constant * moving])
+    assert (operations(lines, moving=False), operations(lines, moving=True)) == (1, 1)
+
+
+def test_a_traced_value_decides_nothing(xy):
+    with pytest.raises(TypeError, match="where"):
+        bool(xy[0])
+
+
+def function(x, y, z):
+    """Every operation and every precedence once."""
+    a = -(x - (y - z)) * (x + y) / (z / (y * x)) - -x
+    b = where_less(x, y, a * versine(x), square_root(y * y + 1.0))
+    return a, b, arc_tangent(y, x) * hypotenuse(x, z), -(-a * 2.0 + b), (a - b) - (y + z) - 3.0, 5.0
+
+
+def plain(x, y, z):
+    a = -(x - (y - z)) * (x + y) / (z / (y * x)) - -x
+    s, c = math.sin(x), math.cos(x)
+    b = a * (s * s / (1 + c) if c > 0 else 1 - c) if x < y else math.sqrt(y * y + 1.0)
+    return a, b, math.atan2(y, x) * math.hypot(x, z), -(-a * 2.0 + b), (a - b) - (y + z) - 3.0, 5.0
+
+
+@pytest.fixture(scope="module")
+def source():
+    trace = Trace()
+    given = [trace.input(name) for name in "xyz"]
+    return python_source.source_of("f", given, function(*given))
+
+
+STATES = [(0.3, -0.7, 1.9), (2.0, 3.0, -0.5), (-3.0, 0.1, 4.0), (1e-9, 2.0, 1e5)]
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_generated_python_is_the_function_to_the_bit(source, state):
+    assert python_source.for_floats("f", source)(*state) == plain(*state)
+
+
+def test_generated_python_takes_arrays(source):
+    found = python_source.for_arrays("f", source)(*np.array(STATES).T)
+    expected = np.array([plain(*state) for state in STATES]).T
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(np.broadcast_to(one, other.shape), other, rtol=4e-16)
+
+
+def test_floats_that_python_refuses_give_nan_and_infinity():
+    trace = Trace()
+    x, y = trace.input("x"), trace.input("y")
+    text = python_source.source_of("f", [x, y], [sine(x), x / y, square_root(y)])
+    found = python_source.for_floats("f", text)
+    assert np.isnan(found(math.inf, 1.0)[0])
+    assert found(3.0, 0.0)[1] == math.inf
+    assert np.isnan(found(3.0, -1.0)[2])
+    assert found(3.0, -1.0)[1] == -3.0
+
+
+def test_names_of_results_are_names_in_the_code():
+    trace = Trace()
+    x, y = trace.input("phi_x"), trace.input("phi_y")
+    product = x * y
+    product.name = "S1_xx"
+    text = python_source.source_of("f", [x, y], [product + 1.0])
+    assert "S1_xx = phi_x * phi_y" in text
