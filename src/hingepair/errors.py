@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 _LONGEST = 120
+_MOST = 64
+_COMPARED = 2000
 
 
 class HingePairError(Exception):
@@ -24,7 +26,7 @@ class ArgumentError(HingePairError, ValueError):
         self.name = name
         self.expected = expected
         self.got = got
-        super().__init__(f"{name}: expected {expected}, got {shorten(got)}")
+        super().__init__(printable(f"{name}: expected {expected}, got {shorten(got)}"))
 
     def __reduce__(self) -> tuple[type, tuple[str, str, object]]:
         return type(self), (self.name, self.expected, self.got)
@@ -71,7 +73,7 @@ class MissingDependencyError(HingePairError, ImportError):
         self.name = name
         self.expected = expected
         self.got = got
-        super().__init__(f"{name}: expected {expected}, got {got}")
+        super().__init__(printable(f"{name}: expected {expected}, got {got}"))
 
 
 def shorten(got: object) -> str:
@@ -90,10 +92,23 @@ def nearest(name: str, known: Collection[str]) -> str:
     """` (nearest: name)` for a name that was probably misspelt, for messages; nothing where none is near."""
     import difflib
 
-    near = difflib.get_close_matches(name[:40], known, 1, cutoff=0.5)
+    near = difflib.get_close_matches(name[:40], known, 1, cutoff=0.5) if len(known) <= _COMPARED else ()
     return f" (nearest: {near[0]})" if near else ""
 
 
 def choices(names: Sequence[str]) -> str:
-    """`one of a, b, c`, for messages."""
-    return "one of " + ", ".join(names)
+    """`one of a, b, c`, for messages; of very many the first."""
+    if len(names) <= _MOST:
+        return "one of " + ", ".join(names)
+    return f"one of {len(names)} names: {', '.join(names[: _MOST // 2])}, ..."
+
+
+def printable(text: str) -> str:
+    """The text without what a terminal would obey: control characters and the like are spelled out.
+
+    >>> print(printable("arm" + chr(27) + "[2J").replace(chr(92), "/"))
+    arm/x1b[2J
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

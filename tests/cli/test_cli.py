@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -184,20 +185,130 @@ def test_bad_input_is_one_line_and_exit_2(arguments: tuple[object, ...], words: 
         assert word in done.stderr
 
 
-def test_a_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from hingepair.formats import results as export
+def shell(line: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
+    command = f"{sys.executable} -c 'from hingepair.cli.main import main; main()'"
+    script = f'set -o pipefail; hingepair() {{ {command} "$@"; }}; {line}'
+    return subprocess.run(
+        ["bash", "-c", script], capture_output=True, check=False, timeout=60, env={**os.environ, **environment}
+    )
 
-    target = tmp_path / "result.csv"
-    target.write_text("old")
 
-    def disk_full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
+def test_a_closed_pipe_is_no_failed_check(short_scene: Path) -> None:
+    done = shell(f"hingepair check {short_scene} | true")
+    assert done.stderr == b""
+    assert done.returncode in {0, 128 + 13}  # the pipe was still open, or the signal that a shell expects
 
-    monkeypatch.setattr(export.np, "savetxt", disk_full)
-    with pytest.raises(hp.ArgumentError, match="No space left"):
-        export.save(target, np.zeros(3), {"R2": np.zeros((3, 3))})
-    assert target.read_text() == "old"
-    assert [path.name for path in tmp_path.iterdir()] == ["result.csv"]
+
+@pytest.mark.parametrize("command", ["run", "urdf", "check"])
+def test_output_that_nobody_takes_is_said_with_exit_2(short_scene: Path, command: str) -> None:
+    done = shell(f"hingepair {command} {short_scene} > /dev/full")
+    assert done.stderr == b"hingepair: standard output: No space left on device\n"
+    assert done.returncode == EXIT_BAD_INPUT
+
+
+def test_a_terminal_of_ascii_shows_any_title_and_files_stay_utf8(short_scene: Path) -> None:
+    text = re.sub("(?m)^title = .*$", 'title = "Kn\u00e4uel \u2603"', short_scene.read_text())
+    short_scene.write_text(re.sub("(?m)^name = .*$", 'name = "\u2603"', text))
+    both = f"hingepair run {short_scene} && hingepair urdf {short_scene}"
+    done = shell(both, PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    assert done.returncode == 0, done.stderr
+    shown, text = done.stdout.split(b"<?xml", 1)
+    assert rb"Kn\xe4uel \u2603" in shown
+    assert "\u2603".encode() in text
+
+
+ESCAPE = "\x1b]0;owned\x07\x1b[2J"
+
+
+def test_what_a_file_holds_is_not_obeyed_by_the_terminal(short_scene: Path, tmp_path: Path) -> None:
+    escape = json.dumps(ESCAPE)[1:-1]
+    text = re.sub('title = ".*"', lambda _: f'title = "{escape}"', short_scene.read_text(), count=1)
+    scenes = {
+        "title": text,
+        "name": re.sub("(?m)^name = .*$", lambda _: f'name = "{escape}"', text),
+        "key": text.replace("[pair]", f'[pair]\n"{escape}" = 1'),
+        "expression": re.sub("(?m)^psi = .*$", lambda _: f'psi = "{escape}"', text),
+        "robot": f'[pair]\nrobot = "{escape}"\njoint = "{escape}"\n[motion]\n[time]',
+        "output": text + f'\n[outputs]\nnames = ["{escape}"]\n',
+    }
+    for name, content in scenes.items():
+        path = tmp_path / f"{name}.toml"
+        path.write_text(content)
+        for command in ("run", "check"):
+            done = invoke(command, path)
+            assert "\x1b" not in done, (name, command)
+            assert "\x07" not in done, (name, command)
+    log = tmp_path / "log.csv"
+    log.write_text(f"t,{ESCAPE}\n0,1\n")
+    (tmp_path / "log.toml").write_text(text.split("[motion]")[0] + "[motion]\nfile = 'log.csv'\n")
+    assert "\x1b" not in invoke("run", tmp_path / "log.toml")
+
+
+def invoke(*arguments: object) -> str:
+    """What the command line prints, the message of an error included, without a process of its own."""
+    from typer.testing import CliRunner
+
+    from hingepair.cli.main import app
+
+    done = CliRunner().invoke(app, list(map(str, arguments)))
+    assert done.exception is None or isinstance(done.exception, hp.HingePairError | SystemExit), done.exception
+    return done.output + (str(done.exception) if isinstance(done.exception, hp.HingePairError) else "")
+
+
+def test_a_message_does_not_list_thousands_of_joints(tmp_path: Path) -> None:
+    links = "".join(f'<link name="l{i}"/>' for i in range(5001))
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/></joint>'
+        for i in range(5000)
+    )
+    (tmp_path / "long.urdf").write_text(f'<robot name="long">{links}{joints}</robot>')
+    for arguments in (("urdf", "knee"), ("urdf",)):
+        said = invoke(arguments[0], tmp_path / "long.urdf", *arguments[1:])
+        assert "one of 5000 names: j0, j1" in said
+        assert len(said) < 1000
+
+
+def test_an_input_is_not_written_over(short_scene: Path, tmp_path: Path) -> None:
+    log = tmp_path / "logged_arm.csv"
+    log.write_bytes((MODELS / "logged_arm.csv").read_bytes())
+    scene = tmp_path / "logged_arm.toml"
+    scene.write_bytes((MODELS / "logged_arm.toml").read_bytes())
+    content = log.read_bytes()
+    refused = "out: expected a file other than those that are read"
+    assert refused in invoke("run", scene, "--out", log)
+    for command in ("urdf", "mjcf"):
+        assert refused in invoke(command, scene, "--out", scene)
+        assert refused in invoke(command, scene, "--out", log)
+    assert refused in invoke("derive", short_scene, "--out", short_scene)
+    assert log.read_bytes() == content
+
+
+# ---------------------------------------------------------------- a pair without a motion
+
+
+def test_exports_need_no_motion(tmp_path: Path) -> None:
+    text = (MODELS / "logged_arm.toml").read_text()
+    pair = hp.load_scene(MODELS / "logged_arm.toml").pair
+    for name, content in {"no_log.toml": text, "bare.toml": text.split("[motion]")[0]}.items():
+        path = tmp_path / name
+        path.write_text(content)
+        assert invoke("urdf", path) == hp.to_urdf(pair)
+        assert invoke("mjcf", path) == hp.to_mjcf(pair)
+    assert "v2_x = x'" in invoke("derive", tmp_path / "bare.toml", "--outputs", "v2")
+    assert "expected a table [" in invoke("run", tmp_path / "bare.toml")
+
+
+def test_a_robots_hinge_is_exported_by_name_or_from_a_urdf() -> None:
+    from hingepair.formats.robots import robot_urdf
+
+    pair = hp.load_robot_hinge("go1", "FL_calf_joint")
+    assert invoke("urdf", "go1", "FL_calf_joint") == hp.to_urdf(pair)
+    assert invoke("mjcf", "go1", "FL_calf_joint", "--fixed-base") == hp.to_mjcf(pair, base="fixed")
+    own = hp.from_urdf(robot_urdf("go1"), "FL_calf_joint")
+    assert invoke("urdf", robot_urdf("go1"), "FL_calf_joint") == hp.to_urdf(own)
+    assert "JOINT: expected a hinge of go1: one of FR_hip_joint" in invoke("urdf", "go1")
+    assert "joint: expected one of FR_hip_joint" in invoke("urdf", "go1", "knee")
+    assert "v2_x" in invoke("derive", "go1", "FL_calf_joint", "--outputs", "v2")
 
 
 @pytest.mark.parametrize(

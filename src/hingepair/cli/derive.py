@@ -1,4 +1,4 @@
-"""`hingepair derive SCENE`."""
+"""`hingepair derive SCENE`: closed forms of a scene's motion, or of any motion of a pair."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ from typing import Annotated
 
 import typer
 
+from hingepair.cli.output import give
+from hingepair.cli.pairs import Joint, Source, TextFile, inputs_of, is_urdf, named_pair
 from hingepair.errors import ArgumentError
-from hingepair.formats.results import write_whole
+from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.scene import load_scene
+from hingepair.scenes.tables import read_tables
 
 DEFAULT = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """What is derived unless the command line or the scene says otherwise."""
 
 
 def derive(
-    scene_file: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")],
+    source: Source,
+    joint: Joint = None,
     unicode: Annotated[
         bool, typer.Option("--unicode", help="One line a component, as a paper has it: the default.")
     ] = False,
@@ -26,34 +30,41 @@ def derive(
     as_json: Annotated[bool, typer.Option("--json", help="JSON: the SymPy form of each component.")] = False,
     outputs: Annotated[str | None, typer.Option(metavar="NAMES", help="What to derive: R2,omega1.")] = None,
     symbolic: Annotated[str, typer.Option(metavar="NAMES", help="What stays a letter, of u1,u2,n.")] = "",
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write to FILE instead of standard output.")
-    ] = None,
+    out: TextFile = None,
 ) -> None:
-    """Show the motion in closed form: omega1(t), R2(t), S2(t), v2(t), omega2(t), a2(t), alpha2(t)."""
+    """Show the motion in closed form: omega1(t), R2(t), S2(t), v2(t), omega2(t), a2(t), alpha2(t).
+
+    Without a motion (a scene that has none, a robot's hinge) the forms are those of any motion.
+    """
     if unicode + latex + python + as_json > 1:
         raise ArgumentError("format", "one of --unicode, --latex, --python, --json", "several")
-    from hingepair.evaluation.plan import ACCELERATION, PLANAR, check_outputs, default_outputs
+    from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, check_outputs, default_outputs
     from hingepair.symbolic import listings
     from hingepair.symbolic.closed_forms import derive as closed_forms
 
-    scene = load_scene(scene_file)
-    usual = default_outputs(ACCELERATION, PLANAR) if scene.kind == PLANAR else DEFAULT
-    names = check_outputs(_names(outputs), scene.kind) if outputs is not None else scene.outputs or usual
-    forms = closed_forms(scene, _names(symbolic))
+    if joint or is_urdf(source) or not _moves(source):
+        pair = named_pair(source, joint)
+        forms, title, asked = closed_forms(pair, _names(symbolic)), pair.name, None
+    else:
+        scene = load_scene(source)
+        forms, title, asked, pair = closed_forms(scene, _names(symbolic)), scene.title, scene.outputs, scene.pair
+    kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
+    usual = default_outputs(ACCELERATION, PLANAR) if kind == PLANAR else DEFAULT
+    names = asked or usual if outputs is None else check_outputs(_names(outputs), kind)
     if latex:
         text = listings.to_latex(forms, names)
     elif python:
-        text = listings.to_python(forms, names, scene.title)
+        text = listings.to_python(forms, names, title)
     elif as_json:
         text = json.dumps(listings.to_sympy(forms, names), indent=2) + "\n"
     else:
         text = listings.to_text(forms, names)
-    if out is None:
-        print(text, end="")
-        return
-    write_whole(out, lambda file: file.write(text.encode()))
-    print(f"written: {out}")
+    give(text, out, inputs_of(source))
+
+
+def _moves(source: str) -> bool:
+    """Whether the scene file has a motion; of a pair alone the forms hold for any motion."""
+    return not Path(source).exists() or "motion" in read_tables(source).values
 
 
 def _names(text: str) -> list[str]:

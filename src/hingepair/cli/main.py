@@ -15,12 +15,14 @@ from rich.console import Console
 from hingepair.cli import summary
 from hingepair.cli.bench import app as bench_app
 from hingepair.cli.derive import derive
-from hingepair.errors import ArgumentError, HingePairError
+from hingepair.cli.output import EXIT_BAD, behave, console, printed
+from hingepair.cli.pairs import mjcf, urdf
+from hingepair.errors import HingePairError, printable
 from hingepair.evaluation.plan import OUTPUTS, PLANAR_OUTPUTS
-from hingepair.formats.results import check_ending, save, write_whole
+from hingepair.formats.results import check_ending, save
 from hingepair.numeric.tables import finite_or_none
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.scenes.scene import load_scene
+from hingepair.scenes.scene import load_scene, scene_files
 
 if TYPE_CHECKING:
     from hingepair.scenes.scene import Scene
@@ -31,7 +33,7 @@ MOST_CHECKED = 10_001
 app = typer.Typer(
     name="hingepair",
     help="Two rigid bodies joined by a hinge: everything about body 2 from the motion of body 1 and the hinge angle.",
-    epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input.",
+    epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input, or output that cannot be written.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -40,20 +42,24 @@ app = typer.Typer(
 app.add_typer(bench_app, name="bench")
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
-TextFile = Annotated[
-    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write to FILE instead of standard output.")
-]
-FixedBase = Annotated[bool, typer.Option("--fixed-base", help="Body 1 stands still in the world.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
 def main() -> None:
     """Run the command line; an error of ours is one line on standard error and exit code 2."""
+    behave()
+    sys.exit(printed(_run))
+
+
+def _run() -> int:
     try:
         app()
     except HingePairError as error:
         print(f"hingepair: {error}", file=sys.stderr)
-        sys.exit(2)
+        return EXIT_BAD
+    except SystemExit as done:
+        return done.code if isinstance(done.code, int) else 0
+    return 0
 
 
 @app.callback(invoke_without_command=True)
@@ -90,7 +96,7 @@ def run(
     names = None if outputs is None else [name.strip() for name in outputs.split(",") if name.strip()]
     result = scene.evaluate(names)
     residuals = summary.residuals(scene)
-    written = None if out is None else save(out, result.t, result.state.arrays())
+    written = None if out is None else save(out, result.t, result.state.arrays(), scene_files(scene_file))
     if as_json:
         found = {
             **_facts(scene),
@@ -105,20 +111,20 @@ def run(
         }
         print(json.dumps(found, indent=2, allow_nan=False))
         return
-    console = _console()
-    _head(console, scene)
+    screen = console()
+    _head(screen, scene)
     if explain:
-        console.print(str(scene.plan(names)))
-    console.print(summary.table(result))
+        screen.print(str(scene.plan(names)))
+    screen.print(summary.table(result))
     lost = summary.not_finite(result)
     if lost:
         others = (
             "ranges and residuals are those of the others" if lost < len(result.t) else "there is nothing to show"
         )
-        console.print(f"{lost} of {len(result.t)} instants are not finite; {others}")
+        screen.print(f"{lost} of {len(result.t)} instants are not finite; {others}")
     for r in residuals if lost < len(result.t) else ():
-        console.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
-    console.print(
+        screen.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
+    screen.print(
         f"written: {written}" if written else "nothing written (--out FILE.npz or FILE.csv writes all instants)"
     )
 
@@ -131,41 +137,17 @@ def check(scene_file: SceneFile, as_json: Json = False) -> None:
     if as_json:
         print(report.to_json())
     else:
-        console = _console()
-        _head(console, scene)
+        screen = console()
+        _head(screen, scene)
         if report.samples < scene.samples:
-            console.print(f"{report.samples} of the {scene.samples} instants are compared, evenly spread")
+            screen.print(f"{report.samples} of the {scene.samples} instants are compared, evenly spread")
         print(report)
     raise typer.Exit(0 if report.ok else 1)
 
 
 app.command()(derive)
-
-
-@app.command()
-def urdf(
-    scene_file: SceneFile,
-    out: TextFile = None,
-    fixed_base: FixedBase = False,
-    floating_base: Annotated[
-        bool, typer.Option("--floating-base", help="Body 1 hangs on a floating joint from a link `world`.")
-    ] = False,
-) -> None:
-    """Write the pair as a URDF robot; its base is free to get a root joint from the loader."""
-    from hingepair.formats.urdf_writer import to_urdf
-
-    if fixed_base and floating_base:
-        raise ArgumentError("--fixed-base", "this or --floating-base", "both")
-    base = "fixed" if fixed_base else "floating" if floating_base else "free"
-    _give(to_urdf(load_scene(scene_file).space, base=base), out)
-
-
-@app.command()
-def mjcf(scene_file: SceneFile, out: TextFile = None, fixed_base: FixedBase = False) -> None:
-    """Write the pair as a MuJoCo model (MJCF): a free joint and a hinge."""
-    from hingepair.formats.mjcf_writer import to_mjcf
-
-    _give(to_mjcf(load_scene(scene_file).space, base="fixed" if fixed_base else "free"), out)
+app.command()(urdf)
+app.command()(mjcf)
 
 
 @app.command()
@@ -186,15 +168,7 @@ def robots(
     table = Table(*columns, box=box.SIMPLE_HEAD)
     for row in rows:
         table.add_row(*map(str, row))
-    _console().print(table)
-
-
-def _give(text: str, out: Path | None) -> None:
-    if out is None:
-        print(text, end="")
-        return
-    write_whole(out, lambda file: file.write(text.encode()))
-    _console().print(f"written: {out}")
+    console().print(table)
 
 
 def _facts(scene: Scene) -> dict[str, object]:
@@ -210,17 +184,12 @@ def _facts(scene: Scene) -> dict[str, object]:
     }
 
 
-def _head(console: Console, scene: Scene) -> None:
+def _head(screen: Console, scene: Scene) -> None:
     if scene.title:
-        console.print(scene.title, style="bold")
+        screen.print(printable(scene.title), style="bold")
     pair = scene.pair
     own = ("u1", "u2", "n") if isinstance(pair, HingePair) else ("u1", "u2")
     vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in own)
-    console.print(f"{' '.join(pair.name.split())}: {vectors}")
+    screen.print(f"{printable(pair.name)}: {vectors}")
     instants = f"{scene.samples} instant{'s' * (scene.samples != 1)}, t = {scene.start:g} to {scene.stop:g} s"
-    console.print(f"{instants}; {scene.motion.turning}")
-
-
-def _console() -> Console:
-    console = Console(highlight=False, markup=False, soft_wrap=True)
-    return console if console.is_terminal else Console(highlight=False, markup=False, soft_wrap=True, width=100)
+    screen.print(f"{instants}; {scene.motion.turning}")

@@ -1,10 +1,9 @@
-"""Results to files: .npz, or .csv with one column a component. A file is there whole or not at all."""
+"""Results to files: .npz, or .csv with one column a component."""
 
 from __future__ import annotations
 
 import os
-import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,26 +11,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.formats.whole_file import whole_file
 from hingepair.numeric.arrays import boxes
 
 _AXES = "xyz"
 _ROWS = 65536
 
 
-def save(path: str | Path, t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> Path:
+def save(
+    path: str | os.PathLike[str],
+    t: NDArray[Any],
+    arrays: Mapping[str, NDArray[Any]],
+    inputs: Iterable[str | os.PathLike[str]] = (),
+) -> Path:
     """Write t and the arrays to a file whose ending says how.
 
     Args:
         path: ends in .npz (arrays by name) or .csv (a header, then the fewest digits that give the same number).
         t: instants [s]; shape (N,).
         arrays: by output name; shape (N,), (N, 2), (N, 3) or (N, 3, 3).
+        inputs: files that are being read from, which the path must not be.
 
     Raises:
         ArgumentError: another ending, or the file cannot be written; what was there before stays.
     """
     target = Path(path)
     check_ending(target)
-    write_whole(target, lambda file: _WRITERS[target.suffix.lower()](file, t, arrays))
+    with whole_file(target, inputs) as file:
+        _WRITERS[target.suffix.lower()](file, t, arrays)
     return target
 
 
@@ -43,30 +50,6 @@ def check_ending(path: Path) -> None:
     """
     if path.suffix.lower() not in _WRITERS:
         raise ArgumentError("out", "a file name that ends in .npz or .csv", quoted(str(path)))
-
-
-def write_whole(target: Path, write: Callable[[IO[bytes]], object]) -> None:
-    """Write a file beside the target and move it there when it is complete.
-
-    Raises:
-        ArgumentError: the file cannot be written.
-    """
-    try:
-        handle, beside = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-    except OSError as error:
-        raise ArgumentError("out", "a file that can be written", f"{str(target)!r} ({error.strerror})") from None
-    try:
-        with os.fdopen(handle, "wb") as file:
-            write(file)
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(beside).chmod(0o666 & ~mask)
-        Path(beside).replace(target)
-    except BaseException as error:
-        Path(beside).unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise ArgumentError("out", "a file that can be written", f"{str(target)!r} ({error.strerror})") from None
-        raise
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:

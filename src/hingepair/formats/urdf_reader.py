@@ -39,7 +39,8 @@ def from_urdf(
         With it come the limits of a revolute joint (None where lower and upper are equal, as they are where neither
         is given: URDF takes them for 0), its effort as torque_limit, its velocity as rate_limit, and the mass
         properties of the bodies, each of all links that are rigidly fixed to each other; None where no link has
-        mass, and, with a warning, where the sum is none that a rigid body can have. Shapes and the robot's name are not read.
+        mass, and, with a warning, where the sum is none that a rigid body can have. Shapes and the robot's name
+        are not read.
 
     Raises:
         URDFError: no readable URDF, or no such hinge or frame; says what would do. The hinge's limits are the wrong

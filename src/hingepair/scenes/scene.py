@@ -256,6 +256,28 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     return scene
 
 
+def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
+    """The pair of a scene file alone: its motion is not read and need not be there.
+
+    Raises:
+        SceneError: the file cannot be read, or its pair; names file, table and key, in one line.
+        MissingDependencyError: the pair is a robot's, and example-robot-data is not installed.
+    """
+    tables = read_tables(path)
+    tables.check_keys(_TABLES)
+    return read_pair(tables.table("pair"), read_planar(tables))
+
+
+def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """The files that a scene is read from: its own, and the log of its motion where it has one.
+
+    Raises:
+        SceneError: the file cannot be read.
+    """
+    file = read_tables(path).table("motion", required=False).values.get("file")
+    return (Path(path), Path(path).parent / file) if isinstance(file, str) else (Path(path),)
+
+
 def _level(output: str) -> int:
     """The derivatives that an output needs."""
     return _LEVELS.get(output.rstrip("12"), POSE)

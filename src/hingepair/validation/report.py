@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.errors import printable
 from hingepair.numeric.tables import aligned, finite_or_none, left_out
 from hingepair.pair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, SCALES
 
@@ -125,7 +126,7 @@ class CrossValidation:
         planar = any(row.output in PLANAR_SCALES for row in self.rows)
         given = "in the plane" if planar else "attitude given"
         attitude = given if self.sequence is None else f"Euler sequence {self.sequence}"
-        title = f"{self.name}: the equations against Pinocchio, {attitude}, u = {self.u:.3g}"
+        title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}, u = {self.u:.3g}"
         scales = [f"scale of {row.output}: {row.scale}" for row in self.rows]
         return "\n".join((title, *aligned(lines, {1, 2, 3, 4, 5}), "", *scales, self.verdict))
 

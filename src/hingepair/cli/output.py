@@ -1,0 +1,66 @@
+"""What every command does with what it found: tables for any terminal, files, texts that other tools read."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import FrameType
+
+from rich.console import Console
+
+from hingepair.formats.whole_file import whole_file
+
+EXIT_BAD = 2
+"""The exit code of what could not be done; 1 means that a check failed."""
+
+
+def console() -> Console:
+    """Where tables go; without a terminal lines are as long as they are and tables 100 characters wide."""
+    found = Console(highlight=False, markup=False, soft_wrap=True)
+    return found if found.is_terminal else Console(highlight=False, markup=False, soft_wrap=True, width=100)
+
+
+def give(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
+    """A text that another program reads, in UTF-8: into a file that is none of the inputs, or to standard output."""
+    if out is None:
+        sys.stdout.flush()
+        sys.stdout.buffer.write(text.encode())
+        return
+    with whole_file(out, inputs) as file:
+        file.write(text.encode())
+    console().print(f"written: {out}")
+
+
+def behave() -> None:
+    """Act as a command should: end at a closed pipe or a signal without a word, and print whatever the terminal can.
+
+    A signal becomes SystemExit, so that a file which is half written is taken away.
+    """
+    if hasattr(signal, "SIGPIPE"):
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) in {signal.SIG_DFL, signal.default_int_handler}:
+            signal.signal(number, _stop)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def printed(run: Callable[[], int]) -> int:
+    """The exit code of what runs, once all that it says is printed; where it cannot be, that is said instead."""
+    try:
+        code = run()
+        sys.stdout.flush()
+    except OSError as error:
+        print(f"hingepair: standard output: {error.strerror or error}", file=sys.stderr)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left would fail again at the end
+        return EXIT_BAD
+    return code
+
+
+def _stop(number: int, _: FrameType | None) -> None:
+    raise SystemExit(128 + number)

@@ -1,0 +1,97 @@
+"""The pair that a command line names: a scene's, or a hinge of a robot. `hingepair urdf` and `mjcf` write it."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hingepair.cli.output import give
+from hingepair.errors import ArgumentError, MissingDependencyError, choices
+from hingepair.formats.mjcf_writer import to_mjcf
+from hingepair.formats.robots import load_robot_hinge, robot_names, robot_urdf
+from hingepair.formats.urdf_file import read_urdf
+from hingepair.formats.urdf_reader import from_urdf
+from hingepair.formats.urdf_writer import to_urdf
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.planar_pair import PlanarPair
+from hingepair.scenes.scene import load_pair, scene_files
+
+Source = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE", help="Scene file (TOML), whose motion is not needed; with JOINT a robot or a URDF file."
+    ),
+]
+Joint = Annotated[
+    str | None,
+    typer.Argument(metavar="[JOINT]", help="A hinge of the robot (hingepair robots NAME lists them)."),
+]
+TextFile = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write to FILE instead of standard output.")
+]
+FixedBase = Annotated[bool, typer.Option("--fixed-base", help="Body 1 stands still in the world.")]
+
+
+def named_pair(source: str, joint: str | None) -> HingePair | PlanarPair:
+    """The pair of a scene file, or the hinge of a robot or of a URDF file.
+
+    Raises:
+        ArgumentError: there is no such thing; says what there is.
+    """
+    if is_urdf(source):
+        return from_urdf(source, _given(source, joint))
+    if joint is not None:
+        return load_robot_hinge(source, joint)
+    with contextlib.suppress(MissingDependencyError):
+        if not Path(source).exists() and source in robot_names():
+            _given(source, joint)
+    return load_pair(source)
+
+
+def inputs_of(source: str) -> tuple[Path, ...]:
+    """The files that a pair is read from."""
+    path = Path(source)
+    if not path.is_file():
+        return ()
+    return (path,) if is_urdf(source) else scene_files(path)
+
+
+def is_urdf(source: str) -> bool:
+    """Whether the name is that of a URDF file."""
+    return Path(source).suffix.lower() in {".urdf", ".xml"}
+
+
+def urdf(
+    source: Source,
+    joint: Joint = None,
+    out: TextFile = None,
+    fixed_base: FixedBase = False,
+    floating_base: Annotated[
+        bool, typer.Option("--floating-base", help="Body 1 hangs on a floating joint from a link `world`.")
+    ] = False,
+) -> None:
+    """Write the pair as a URDF robot; its base is free to get a root joint from the loader."""
+    if fixed_base and floating_base:
+        raise ArgumentError("--fixed-base", "this or --floating-base", "both")
+    base = "fixed" if fixed_base else "floating" if floating_base else "free"
+    give(to_urdf(_in_space(named_pair(source, joint)), base=base), out, inputs_of(source))
+
+
+def mjcf(source: Source, joint: Joint = None, out: TextFile = None, fixed_base: FixedBase = False) -> None:
+    """Write the pair as a MuJoCo model (MJCF): a free joint and a hinge."""
+    pair = _in_space(named_pair(source, joint))
+    give(to_mjcf(pair, base="fixed" if fixed_base else "free"), out, inputs_of(source))
+
+
+def _in_space(pair: HingePair | PlanarPair) -> HingePair:
+    return pair if isinstance(pair, HingePair) else pair.to_spatial()
+
+
+def _given(source: str, joint: str | None) -> str:
+    if joint is None:
+        hinges = read_urdf(source if is_urdf(source) else robot_urdf(source)).hinges()
+        raise ArgumentError("JOINT", f"a hinge of {source}: {choices([hinge.name for hinge in hinges])}", "none")
+    return joint

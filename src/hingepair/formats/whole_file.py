@@ -1,0 +1,82 @@
+"""Files that are there whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import stat
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import IO
+from uuid import uuid4
+
+from hingepair.errors import ArgumentError
+
+
+@contextlib.contextmanager
+def whole_file(target: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Iterator[IO[bytes]]:
+    """A file to write to that takes the target's place when the block is left without an error.
+
+    Until then it stands beside the target, whose mode and owner it keeps; through a symlink it is the file behind it
+    that is replaced. A device, a pipe and what is our own standard output have no place to take: they are written
+    to as they are.
+
+    Args:
+        target: where the file shall be.
+        inputs: files that are being read from, which the target must not be.
+
+    Raises:
+        ArgumentError: `out` cannot be written, or is one of the inputs; what was there before stays.
+    """
+    try:
+        there = _status(target)
+        if there is not None and any(os.path.samestat(there, other) for other in map(_status, inputs) if other):
+            raise ArgumentError("out", "a file other than those that are read", repr(os.fspath(target)))
+        if there is not None and not _replaceable(there):
+            with Path(target).open("wb") as file:
+                yield file
+        else:
+            with _beside(Path(os.path.realpath(target)), there) as file:
+                yield file
+    except OSError as error:
+        got = f"{os.fspath(target)!r} ({error.strerror or error})"
+        raise ArgumentError("out", "a file that can be written", got) from None
+
+
+@contextlib.contextmanager
+def _beside(target: Path, there: os.stat_result | None) -> Iterator[IO[bytes]]:
+    if there is not None and not os.access(target, os.W_OK):
+        raise PermissionError(13, "Permission denied")
+    path = target.with_name(f".hingepair-{uuid4().hex}")
+    with path.open("xb") as file:
+        try:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+            if there is not None:
+                with contextlib.suppress(OSError, AttributeError):  # another's file stays his where we may say so
+                    os.chown(path, there.st_uid, there.st_gid)
+                path.chmod(stat.S_IMODE(there.st_mode))
+            path.replace(target)
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+
+
+def _status(path: str | os.PathLike[str]) -> os.stat_result | None:
+    """What stands at the path, or behind it where it is a symlink; None where nothing does."""
+    try:
+        return Path(path).stat()
+    except FileNotFoundError:
+        return None
+    except ValueError as error:  # a NUL in the name
+        raise OSError(str(error)) from None
+
+
+def _replaceable(there: os.stat_result) -> bool:
+    try:
+        own = os.fstat(sys.stdout.fileno())
+    except (OSError, ValueError, AttributeError):  # closed, or captured by a caller
+        own = None
+    return stat.S_ISREG(there.st_mode) and not (own is not None and os.path.samestat(there, own))

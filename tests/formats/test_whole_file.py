@@ -1,0 +1,134 @@
+"""A file is there whole or not at all, and what is no file stays what it is."""
+
+from __future__ import annotations
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from hingepair.errors import ArgumentError
+from hingepair.formats.whole_file import whole_file
+
+
+def write(target, content=b"new", inputs=()):
+    with whole_file(target, inputs) as file:
+        file.write(content)
+
+
+def test_a_file_and_its_mode_are_what_open_would_make(tmp_path):
+    write(tmp_path / "a")
+    (tmp_path / "b").write_bytes(b"new")
+    assert (tmp_path / "a").read_bytes() == b"new"
+    assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o644, 0o640, 0o755], ids=oct)
+def test_the_mode_of_what_is_replaced_is_kept(tmp_path, mode):
+    target = tmp_path / "a"
+    target.write_bytes(b"old")
+    target.chmod(mode)
+    write(target)
+    assert target.read_bytes() == b"new"
+    assert stat.S_IMODE(target.stat().st_mode) == mode
+
+
+@pytest.mark.parametrize("there", [True, False], ids=["file", "dangling"])
+def test_through_a_symlink_the_file_behind_it_is_written(tmp_path, there):
+    (tmp_path / "folder").mkdir()
+    behind, link = tmp_path / "folder" / "behind", tmp_path / "link"
+    if there:
+        behind.write_bytes(b"old")
+    link.symlink_to("folder/behind")
+    write(link)
+    assert link.is_symlink()
+    assert behind.read_bytes() == b"new"
+    assert os.listdir(tmp_path / "folder") == ["behind"]
+
+
+def test_a_pipe_stays_a_pipe(tmp_path):
+    pipe, found = tmp_path / "pipe", []
+    os.mkfifo(pipe)
+    reader = threading.Thread(target=lambda: found.append(pipe.read_bytes()))
+    reader.start()
+    write(pipe, b"through")
+    reader.join(5)
+    assert found == [b"through"]
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_devices_stay_devices():
+    write("/dev/null")
+    assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+    with pytest.raises(ArgumentError, match=r"out: expected a file that can be written, got '/dev/full' \(No space"):
+        write("/dev/full")
+
+
+@pytest.mark.parametrize("name", [".", "no/such/folder/a", "a\0b", "file/b", "circle", "x" * 300], ids=ascii)
+def test_what_cannot_be_written_is_said_and_leaves_nothing(tmp_path, name, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_bytes(b"old")
+    (tmp_path / "circle").symlink_to("circle")
+    with pytest.raises(ArgumentError, match="out: expected a file that can be written"):
+        write(name)
+    assert sorted(os.listdir()) == ["circle", "file"]
+
+
+@pytest.mark.parametrize("spelling", ["log.csv", "./log.csv", "link", "hard"])
+def test_an_input_is_not_written_over(tmp_path, spelling, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "log.csv").write_bytes(b"measured")
+    (tmp_path / "link").symlink_to("log.csv")
+    os.link("log.csv", "hard")
+    with pytest.raises(ArgumentError, match="out: expected a file other than those that are read"):
+        write(spelling, inputs=["scene.toml", "log.csv"])
+    assert (tmp_path / "log.csv").read_bytes() == b"measured"
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, OSError, ValueError])
+def test_an_error_inside_leaves_what_was_there(tmp_path, error):
+    target = tmp_path / "a"
+    target.write_bytes(b"old")
+
+    def fail():
+        with whole_file(target) as file:
+            file.write(b"half")
+            raise error
+
+    with pytest.raises(ArgumentError if error is OSError else error):
+        fail()
+    assert target.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["a"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP], ids=lambda n: n.name)
+def test_a_signal_takes_the_half_written_file_away(tmp_path, number):
+    code = (
+        "import time; from hingepair.cli.output import behave; from hingepair.formats.whole_file import whole_file\n"
+        "behave()\n"
+        f"with whole_file({str(tmp_path / 'a')!r}) as file:\n"
+        "    file.write(b'half'); print('.', flush=True); time.sleep(60)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
+    process.stdout.readline()
+    assert len(os.listdir(tmp_path)) == 1
+    process.send_signal(number)
+    process.stdout.close()
+    assert process.wait(20) == 128 + number
+    assert os.listdir(tmp_path) == []
+
+
+def test_the_standard_output_is_written_to_as_it_is(tmp_path):
+    code = (
+        "from hingepair.formats.whole_file import whole_file\n"
+        "print('before', flush=True)\n"
+        "with whole_file('/dev/stdout') as file: file.write(b'text\\n')\n"
+    )
+    with (tmp_path / "out").open("ab") as out:
+        subprocess.run([sys.executable, "-c", code], stdout=out, check=True)
+    assert os.listdir(tmp_path) == ["out"]
+    assert (tmp_path / "out").read_text().endswith("text\n")
