@@ -21,8 +21,9 @@ class Later:
 
     def __call__(self) -> float:
         """The number."""
-        if self._work is not None:
-            self._number = float(self._work())
+        work = self._work
+        if work is not None:  # two threads may both come here, and find the same number
+            self._number = float(work())
             self._work = None
         return self._number
 

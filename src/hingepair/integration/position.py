@@ -26,21 +26,25 @@ def read_position(R1: Any, t: NDArray[np.float64], size: int) -> dict[str, NDArr
     Raises:
         ShapeError, DtypeError, ArgumentError: it is none of these.
     """
-    name = "R1"
+    name, times = "R1", t
     if callable(R1):
-        name, R1 = "R1(t)", called("R1", R1, t)
+        times = np.append(t, [t[-1]] * (len(_NAMES) + 1 - len(t)))  # more than a tuple has parts, or a point
+        name, R1 = "R1(t)", called("R1", R1, times)
     if isinstance(R1, tuple) and len(R1) <= len(_NAMES) and len(R1) and np.ndim(R1[0]) > 0:
-        return {own: _points(f"{name}[{i}]", R1[i], t, size) for i, own in enumerate(_NAMES[: len(R1)])}
+        if len(R1) == len(times) > 1 and all(np.ndim(part) == 1 for part in R1):
+            either = f"an array of shape {(len(t), size)}, or (R1, v1) with R1 of that shape"
+            raise ArgumentError(name, either, f"a tuple of {len(t)} points, which could be either")
+        return {own: _points(f"{name}[{i}]", R1[i], t, times, size) for i, own in enumerate(_NAMES[: len(R1)])}
     if R1 is None:
         raise ArgumentError(name, "a point, points, or (R1, v1, a1)", None)
-    point = _points(name, R1, t, size)
+    point = _points(name, R1, t, times, size)
     if point.ndim == 1:
         return {"R1": point, "v1": np.zeros(size), "a1": np.zeros(size)}
     return {"R1": point}
 
 
-def _points(name: str, value: Any, t: NDArray[np.float64], size: int) -> NDArray[Any]:
+def _points(name: str, value: Any, t: NDArray[Any], times: NDArray[Any], size: int) -> NDArray[Any]:
     points = real_array(name, value)
-    if points.shape not in {(size,), (len(t), size)}:
-        raise ShapeError(name, f"shape ({size},) or {(len(t), size)}", f"shape {points.shape}")
-    return points
+    if points.shape not in {(size,), (len(times), size)}:
+        raise ShapeError(name, f"shape ({size},) or {(len(times), size)}", f"shape {points.shape}")
+    return points if points.ndim == 1 else points[: len(t)]

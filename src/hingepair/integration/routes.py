@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, GimbalLockError
 from hingepair.evaluation.backend import How
 from hingepair.integration.attitude_steps import RULES, Rule, Steps, angles, attitudes, loops
 from hingepair.integration.euler_route import RULE as EULER_RULE
@@ -27,6 +27,7 @@ METHODS: Final = (*RULES, "euler_angles", "dop853")
 
 _BEST = RULES["magnus6"]
 _CERTAIN = 1e-14  # the tolerance of what others are compared with [rad]
+_STEPS_TO_LOCK = 50_000  # that are tried for a motion that comes near gimbal lock
 _U = 2.0**-53
 
 
@@ -104,11 +105,20 @@ def _by_rule(course: Course, omega: Signal, start: Values, steps: Steps, rule: R
 
 
 def _by_euler_angles(course: Course, omega: Signal, start: Values, S1_0: Values) -> Turned:
-    """Steps are halved for all intervals alike until the error is small enough, or no longer falls (of samples)."""
+    """Steps are halved for all intervals alike until the error is small enough, or no longer falls (of samples).
+
+    Where a tolerance lets them, they are halved as well where they are too long to tell lock from a fast turn.
+    """
     counts, before = np.ones(len(course.t) - 1, np.int64), math.inf
     while True:
         steps = Steps(course.t, counts)
-        phi = euler_angles(omega, steps, course.how, matrix_to_euler(S1_0), body=course.body)
+        try:
+            phi = euler_angles(omega, steps, course.how, matrix_to_euler(S1_0), body=course.body)
+        except GimbalLockError:
+            if course.tol is None or 2 * counts.sum() > max(_STEPS_TO_LOCK, 4 * len(counts)):
+                raise
+            counts = 2 * counts
+            continue
         found = _checked(course, omega, start, quaternions_of_euler(phi), steps)
         in_vain = isinstance(omega, Samples) and not found.error() < 0.9 * before
         if course.tol is None or not found.error() > course.tol or counts.sum() > MOST_STEPS or in_vain:

@@ -11,6 +11,9 @@ from hingepair.integration.increments import quaternion_product
 from hingepair.integration.signals import Signal, Values
 
 TOLERANCE: Final = 1e-12
+MOST_LOOKS: Final = 1_000_000
+"""At omega1, one at a time, that a solver may take: some twenty seconds."""
+
 _SHARPEST = 3e-14  # SciPy takes no smaller relative tolerance
 
 
@@ -21,24 +24,30 @@ def quaternions(
 
     Raises:
         MissingDependencyError: SciPy is not installed.
-        ArgumentError: the solver gave up.
+        ArgumentError: the solver gave up, or would take minutes.
     """
     try:
         from scipy.integrate import solve_ivp
     except ImportError as error:
-        raise MissingDependencyError(
-            "method", "scipy (pip install '.[bench]' in the project's folder)", str(error)
-        ) from None
+        raise MissingDependencyError("method", "scipy (pip install scipy), or another method", str(error)) from None
+
+    looks = 0
 
     def rate(time: float, q: Any) -> Any:
-        w = (0.0, *(0.5 * omega.at(np.array([time]))[0]).tolist())
+        nonlocal looks
+        looks += 1
+        if looks > MOST_LOOKS:
+            got = f"{looks - 1:,} looks at omega1 until {time:.3g} s of {since[-1]:.3g} s"
+            raise ArgumentError("method", f"'magnus6' for a motion so long or fast that {solver} takes minutes", got)
+        w = (0.0, *(0.5 * omega.nodes(t[:1], np.array([time]), (1.0,))[0, 0]).tolist())
         p = tuple(q.tolist())
         return quaternion_product(p, w) if body else quaternion_product(w, p)
 
     if len(t) < 2:
         return start[None].copy()
+    since = t - t[0]
     tolerance = max(tol, _SHARPEST)
-    done = solve_ivp(rate, (t[0], t[-1]), start, method=solver, t_eval=t, rtol=tolerance, atol=tolerance)
+    done = solve_ivp(rate, (0.0, since[-1]), start, method=solver, t_eval=since, rtol=tolerance, atol=tolerance)
     if not done.success:
         raise ArgumentError("method", f"a motion that {solver} can follow", done.message)
     q = done.y.T
