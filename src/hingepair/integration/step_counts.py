@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hingepair.integration.attitude_steps import Rule
 from hingepair.integration.signals import Constant, Signal, Values
-from hingepair.integration.step_control import above, exact, probes, spread, sum_errors, turn_errors
+from hingepair.integration.step_control import exact, probes, sizes, spread, sum_errors, turn_errors
 
 MOST_STEPS: Final = 2_000_000
 """That a tolerance may ask for; where they are not enough, `integrate` says how far they got."""
@@ -45,16 +45,17 @@ def substeps(
     if tol is None or len(t) < 2 or not (turning or rates):
         return ones
     goal = 0.4 * max(tol, _FINEST)
-    chosen, weights = probes(t)
+    looked = probes(t, [*([omega] if omega is not None and turning else ()), *rates])
+    chosen = looked.intervals
     counts = spread(t, chosen, FEWEST)
     before = _Round(np.zeros(len(chosen)), counts)
     for _ in range(_ROUNDS):
         errors = np.zeros(len(chosen))
         if omega is not None and turning:
-            found, noise = turn_errors(omega, t, chosen, counts, rule, body=body)
-            errors = above(np.sqrt((found**2).sum(axis=1)), noise)
+            errors = sizes(turn_errors(omega, t, chosen, counts, rule, body=body))
         for rate in rates:
-            errors = np.maximum(errors, above(*sum_errors(rate, t, chosen, counts, rule)))
+            errors = np.maximum(errors, sizes(sum_errors(rate, t, chosen, counts, rule)))
+        weights = looked.stand_for(looked.counts(counts), rule.order)
         total = (errors * weights).sum()
         if total <= 1.2 * goal or np.isnan(total):
             break
@@ -65,10 +66,7 @@ def substeps(
         counts = np.maximum(counts, np.ceil(asked * min(room, 1.0)).astype(np.int64))
         if room < 1:
             break
-    if len(chosen) == len(ones):
-        return counts
-    after = np.searchsorted(chosen, np.arange(len(ones)))
-    return np.maximum(counts[np.minimum(after, len(chosen) - 1)], counts[np.maximum(after - 1, 0)])
+    return looked.counts(counts)
 
 
 def _asked(

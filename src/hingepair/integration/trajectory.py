@@ -34,10 +34,14 @@ class _OfState:
     def error_estimate(self) -> float:
         """How far the attitude of body 1, or its angle phi, is off at the worst instant [rad], rounding included.
 
-        Worked out when it is first asked for, by steps of half the length, and of samples by what interpolation
-        misses: gaps, motion that the samples hardly follow, jumps and kinks, which may be anywhere between two of
-        them. NaN of fewer than four samples. Not part of it: noise in what was given, and what happens in a gap or
-        faster than two samples a period and leaves no trace in the samples.
+        Worked out when it is first asked for. Of a callable by steps of half the length or less, and by how its
+        values at the nodes and beside the instants may hide a jump or a kink between two of them; of more than 2048
+        intervals these are those over which values change most abruptly and the longest of each part of the time.
+        What is narrower than a 509th of the time and leaves no trace in such values is missed. Of samples by what
+        interpolation misses: gaps, motion that the samples hardly follow, jumps and kinks, which may be anywhere
+        between two of them; and by the rounding of stamps, where the values are as rough as that makes them. NaN of
+        fewer than four samples. Not part of it: noise in what was given, and what happens in a gap or faster than
+        two samples a period and leaves no trace in the samples.
         """
         return self._error()
 

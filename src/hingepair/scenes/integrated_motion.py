@@ -100,7 +100,7 @@ def integrated_in_space(
         found = space_attitudes(course, omega, psid, _attitude(table))
         hinge = hinge_angles(course, psid, _number(table, "psi_0"), found.steps)
         _check_reached(table, tol, found.error, hinge.error)
-        error = max(found.error(), hinge.error())
+        error = float(np.maximum(found.error(), hinge.error()))
     psi = hinge.values + _since_start(known, "psi")
     S1 = rotations(found.values)
     rates = {name: known[name] for name in ("omega1", "alpha1") if name in known}
@@ -133,7 +133,7 @@ def integrated_in_plane(
             for name, rate, key in zip(("omega1", "psi_dot"), rates, ("phi_0", "psi_0"), strict=True)
         )
         _check_reached(table, tol, phi.error, psi.error)
-        error = max(phi.error(), psi.error())
+        error = float(np.maximum(phi.error(), psi.error()))
     angles = phi.values + _since_start(known, "phi"), psi.values + _since_start(known, "psi")
     derivatives = (
         (*known["R1"].T, *angles),
