@@ -9,7 +9,7 @@ from hingepair.equations import spatial as eq
 from hingepair.evaluation.backend import How
 from hingepair.evaluation.llvm_ir import LANES
 from hingepair.evaluation.loops import Loop
-from hingepair.evaluation.trace import arc_tangent, cosine, hypotenuse, sine, square_root, versine, where_less
+from hingepair.evaluation.trace import arc_tangent, hypotenuse, square_root, where_less
 
 F8, F4 = np.dtype(np.float64), np.dtype(np.float32)
 NUMPY, COMPILED = How("numpy", 1), How("compiled", 1)
@@ -21,7 +21,7 @@ def turned(v):
     length = square_root(eq.dot(v["u"], v["u"]) + v["more"])
     big = where_less(length, 2.0, (x, y), (z, length))
     return {
-        "r": (x * cosine(turn) - y * sine(turn), x * sine(turn) + y * cosine(turn), z * versine(turn)),
+        "r": (x * turn.cosine() - y * turn.sine(), x * turn.sine() + y * turn.cosine(), z * turn.versine()),
         "length": length / (1.0 + turn * turn),
         "m": (*big, arc_tangent(y, x), hypotenuse(z, x)),
     }

@@ -11,13 +11,10 @@ from hingepair.evaluation import python_source
 from hingepair.evaluation.trace import (
     Trace,
     arc_tangent,
-    cosine,
     hypotenuse,
     needed_lines,
     operations,
-    sine,
     square_root,
-    versine,
     where_less,
 )
 
@@ -63,14 +60,14 @@ def test_the_same_line_is_written_once(xy):
     assert x * y is y * x
     assert x + y is y + x
     assert x - y is not y - x
-    assert sine(-x) is -sine(x)
-    assert cosine(-x) is cosine(x)
-    assert versine(-x) is versine(x)
+    assert (-x).sine() is -x.sine()
+    assert (-x).cosine() is x.cosine()
+    assert (-x).versine() is x.versine()
 
 
 def test_only_what_is_needed_is_left(xy):
     x, y = xy
-    wanted, _ = x * y + 1.0, sine(x) * 3.0
+    wanted, _ = x * y + 1.0, x.sine() * 3.0
     assert operations(needed_lines([wanted])) == 2
 
 
@@ -91,7 +88,7 @@ def test_a_traced_value_decides_nothing(xy):
 def function(x, y, z):
     """Every operation and every precedence once."""
     a = -(x - (y - z)) * (x + y) / (z / (y * x)) - -x
-    b = where_less(x, y, a * versine(x), square_root(y * y + 1.0))
+    b = where_less(x, y, a * x.versine(), square_root(y * y + 1.0))
     return a, b, arc_tangent(y, x) * hypotenuse(x, z), -(-a * 2.0 + b), (a - b) - (y + z) - 3.0, 5.0
 
 
@@ -127,7 +124,7 @@ def test_generated_python_takes_arrays(source):
 def test_floats_that_python_refuses_give_nan_and_infinity():
     trace = Trace()
     x, y = trace.input("x"), trace.input("y")
-    text = python_source.source_of("f", [x, y], [sine(x), x / y, square_root(y)])
+    text = python_source.source_of("f", [x, y], [x.sine(), x / y, square_root(y)])
     found = python_source.for_floats("f", text)
     assert np.isnan(found(math.inf, 1.0)[0])
     assert found(3.0, 0.0)[1] == math.inf

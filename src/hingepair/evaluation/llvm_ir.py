@@ -415,7 +415,7 @@ class _Kernel:
             return self.put(f"fneg {flags}{kind} {parts[0]}", name)
         if value.operation == "<":
             return self.put(f"fcmp olt {kind} {parts[0]}, {parts[1]}", name)
-        if value.operation in {"sqrt", "fma"}:
+        if value.operation == "sqrt":
             return self.intrinsic(value.operation, parts, name)
         return self.narrow(self.put(self.by_lanes(value.operation.replace("arctan2", "atan2"), parts)), name)
 

@@ -9,13 +9,14 @@ would have made of a NaN.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, TypeAlias
 
+import numpy as np
+
 Operand: TypeAlias = "Value | float"
 
-FUNCTIONS: Final = frozenset({"sin", "cos", "versine", "sqrt", "fma", "where", "<", "arctan2", "hypot"})
+FUNCTIONS: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "arctan2", "hypot"})
 
 
 class Value:
@@ -89,6 +90,23 @@ class Value:
     def __pos__(self) -> Value:
         return self
 
+    def sine(self) -> Operand:
+        """The sine."""
+        first = self.operands[0] if self.operation == "negative" else None
+        return -first.sine() if isinstance(first, Value) else self.trace.line("sin", self)
+
+    def cosine(self) -> Operand:
+        """The cosine."""
+        first = self.operands[0] if self.operation == "negative" else None
+        return first.cosine() if isinstance(first, Value) else self.trace.line("cos", self)
+
+    def versine(self) -> Operand:
+        """1 - cos, with all its digits where the value is small."""
+        first = self.operands[0] if self.operation == "negative" else None
+        if isinstance(first, Value):
+            return first.versine()
+        return self.trace.line("versine", self, self.sine(), self.cosine())
+
     def __bool__(self) -> bool:
         raise TypeError("a traced value is neither true nor false: use `where`")
 
@@ -138,68 +156,35 @@ def operations(lines: Iterable[Value], moving: bool | None = None) -> int:
     return sum(v.operation != "input" and moving in {None, v.moves} for v in lines)
 
 
-def sine(x: Operand) -> Operand:
-    """The sine of a traced value."""
-    if not isinstance(x, Value):
-        return math.sin(x)
-    return -sine(x.operands[0]) if x.operation == "negative" else x.trace.line("sin", x)
+def square_root(x: Any) -> Any:
+    """The square root of a traced value, a number or an array."""
+    return x.trace.line("sqrt", x) if isinstance(x, Value) else np.sqrt(x)
 
 
-def cosine(x: Operand) -> Operand:
-    """The cosine of a traced value."""
-    if not isinstance(x, Value):
-        return math.cos(x)
-    return cosine(x.operands[0]) if x.operation == "negative" else x.trace.line("cos", x)
-
-
-def versine(x: Operand) -> Operand:
-    """1 - cos x with all its digits where x is small."""
-    if not isinstance(x, Value):
-        half = math.sin(0.5 * x)
-        return 2.0 * half * half
-    if x.operation == "negative":
-        return versine(x.operands[0])
-    return x.trace.line("versine", x, sine(x), cosine(x))
-
-
-def square_root(x: Operand) -> Operand:
-    """The square root of a traced value."""
-    return x.trace.line("sqrt", x) if isinstance(x, Value) else math.sqrt(x)
-
-
-def arc_tangent(y: Operand, x: Operand) -> Operand:
+def arc_tangent(y: Any, x: Any) -> Any:
     """The angle of (x, y)."""
-    return _of_two("arctan2", math.atan2, y, x)
+    return _of_two("arctan2", np.arctan2, y, x)
 
 
-def hypotenuse(x: Operand, y: Operand) -> Operand:
+def hypotenuse(x: Any, y: Any) -> Any:
     """The root of x^2 + y^2 without overflow on the way."""
-    return _of_two("hypot", math.hypot, x, y)
+    return _of_two("hypot", np.hypot, x, y)
 
 
-def _of_two(operation: str, function: Callable[[float, float], float], a: Operand, b: Operand) -> Operand:
+def _of_two(operation: str, function: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
     if isinstance(a, Value):
         return a.trace.line(operation, a, b)
     return b.trace.line(operation, a, b) if isinstance(b, Value) else function(a, b)
 
 
-def where_less(a: Operand, b: Operand, then: Any, otherwise: Any) -> Any:
+def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     """`then` where a < b, `otherwise` elsewhere and where either is NaN; values, or tuples of them."""
     if isinstance(then, tuple):
         return tuple(where_less(a, b, x, y) for x, y in zip(then, otherwise, strict=True))
-    if isinstance(a, Value):
-        return a.trace.line("where", a.trace.line("<", a, b), then, otherwise)
-    if isinstance(b, Value):
-        return b.trace.line("where", b.trace.line("<", a, b), then, otherwise)
-    return then if a < b else otherwise
-
-
-def fused(a: Operand, b: Operand, c: Operand) -> Operand:
-    """The sum a b + c, rounded once."""
-    for one in (a, b, c):
+    for one in (a, b):
         if isinstance(one, Value):
-            return one.trace.line("fma", a, b, c)
-    raise TypeError("numbers alone are not traced")
+            return one.trace.line("where", one.trace.line("<", a, b), then, otherwise)
+    return np.where(a < b, then, otherwise)
 
 
 def named(prefix: str, value: Any, parts: Sequence[str]) -> None:

@@ -98,23 +98,23 @@ def tabulate(
 
 
 def sine(x: Component) -> Component:
-    """The sine of a float, a NumPy scalar or an array; NaN where x is infinite."""
+    """The sine of a float, a NumPy scalar or an array; NaN where x is infinite. Other numbers bring their own."""
     if type(x) is float:
         try:
             return math.sin(x)
         except ValueError:
             return math.nan
-    return np.sin(x)
+    return np.sin(x) if isinstance(x, np.ndarray | np.generic) else x.sine()
 
 
 def cosine(x: Component) -> Component:
-    """The cosine of a float, a NumPy scalar or an array; NaN where x is infinite."""
+    """The cosine of a float, a NumPy scalar or an array; NaN where x is infinite. Other numbers bring their own."""
     if type(x) is float:
         try:
             return math.cos(x)
         except ValueError:
             return math.nan
-    return np.cos(x)
+    return np.cos(x) if isinstance(x, np.ndarray | np.generic) else x.cosine()
 
 
 def angle_terms(phi: Components) -> Components:
@@ -131,6 +131,8 @@ def turn_terms(phi1: Component) -> Components:
 def hinge_terms(psi: Component) -> Components:
     """(sin psi, 1 - cos psi, cos psi); 1 - cos psi as sin^2 / (1 + cos) where that keeps its digits, at small psi."""
     s, c = sine(psi), cosine(psi)
+    if not isinstance(psi, float | np.ndarray | np.generic):
+        return s, psi.versine(), c
     if isinstance(c, np.ndarray):
         return s, np.where(c > 0, s * s / (1 + c), 1 - c), c
     return s, s * s / (1 + c) if c > 0 else 1 - c, c
