@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Collection, Sequence
 
 _LONGEST = 120
@@ -77,15 +78,28 @@ class MissingDependencyError(HingePairError, ImportError):
 
 
 def shorten(got: object) -> str:
-    """What came, in one line that a person can read."""
+    """What came, in one line that a person can read; no more work however much came."""
+    if getattr(got, "size", 0) > _LONGEST and hasattr(got, "shape"):  # more numbers than a line has characters
+        return f"an array of shape {got.shape}"
     value = got.tolist() if hasattr(got, "tolist") else got
-    text = " ".join((value if isinstance(value, str) else repr(value)).split())
+    text = " ".join((value[: 2 * _LONGEST] if isinstance(value, str) else _brief(value)).split())
     return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+
+
+def _brief(value: object) -> str:
+    """The repr of a value, of long lists their beginnings."""
+    brief = reprlib.Repr()
+    brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = _LONGEST // 4
+    brief.maxlong = brief.maxstring = brief.maxother = 2 * _LONGEST
+    try:
+        return brief.repr(value)
+    except ValueError:  # an integer with too many digits to be written
+        return f"a {type(value).__name__} too long to be written"
 
 
 def quoted(value: object) -> object:
     """A value that came in, for `got`: of a text its repr, since '2' is not 2."""
-    return repr(value) if isinstance(value, str) else value
+    return repr(value[: 2 * _LONGEST]) if isinstance(value, str) else value
 
 
 def nearest(name: str, known: Collection[str]) -> str:

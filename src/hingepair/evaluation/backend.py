@@ -47,7 +47,6 @@ class How:
         return self.backend == "numba" or (self.backend == "auto" and kernel_cache.loaded())
 
 
-@functools.lru_cache(maxsize=64, typed=True)
 def choose(backend: str, workers: int) -> How:
     """The choice that two arguments make.
 
@@ -57,9 +56,16 @@ def choose(backend: str, workers: int) -> How:
     >>> choose("numpy", 2)
     How(backend='numpy', workers=2)
     """
-    check_choice("backend", backend, BACKENDS)
+    if type(backend) is not str:
+        check_choice("backend", backend, BACKENDS)
     if type(workers) is not int or (workers < 1 and workers != -1):
         raise ArgumentError("workers", "a positive integer, or -1 for all cores", quoted(workers))
+    return _choice(backend, workers)
+
+
+@functools.lru_cache(maxsize=64)
+def _choice(backend: str, workers: int) -> How:
+    check_choice("backend", backend, BACKENDS)
     return How(backend, workers if workers > 0 else _cores())
 
 

@@ -68,7 +68,8 @@ def _endings(tail: tuple[int, ...]) -> list[str]:
 
 
 def _write_npz(file: IO[bytes], t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-    np.savez(file, allow_pickle=False, t=t, **arrays)
+    named: dict[str, Any] = {"t": t, **arrays}
+    np.savez(file, **named)  # no other keyword: NumPy 2.1 takes each for an array
 
 
 def _write_csv(file: IO[bytes], t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:

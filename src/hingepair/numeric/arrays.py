@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, TypeAlias
+from dataclasses import fields
+from typing import Any, TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,9 +24,11 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     """The value as an array of float64, float32 or integers, not copied where it is one already.
 
     Raises:
-        DtypeError: complex, object, float16, longdouble, bool or text; a masked array.
+        DtypeError: complex, object, float16, longdouble, bool or text; a masked array; a table with named columns.
         ShapeError: nested sequences of unequal length.
     """
+    if is_table(value):
+        raise DtypeError(name, "an array (of a table: .to_numpy())", f"a {type(value).__name__} with named columns")
     if isinstance(value, np.ma.MaskedArray):
         raise DtypeError(name, "an array without a mask (use .filled(numpy.nan))", "a masked array")
     try:
@@ -41,11 +44,41 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
 
 
 def vectors(name: str, value: ArrayLike, *tail: int) -> NDArray[Any]:
-    """The value as an array of shape (..., *tail)."""
+    """The value as an array of shape (..., *tail); of a table, the columns whose names end in x, y, z."""
+    if is_table(value) and len(tail) == 1:
+        letters = name.removeprefix("quat_") if tail == (4,) else "xyz"[: tail[0]]
+        meaning = {column: column[-1:] for column in map(str, value.columns)}
+        value = columns_by_name(name, value, meaning, tuple(letters))
     array = real_array(name, value)
     if array.ndim < len(tail) or array.shape[array.ndim - len(tail) :] != tail:
         raise ShapeError(name, f"shape (..., {', '.join(map(str, tail))})", f"shape {array.shape}")
     return array
+
+
+def is_table(value: object) -> TypeGuard[Any]:
+    """Whether the columns of a value have names: a data frame, of whichever package."""
+    return hasattr(value, "columns") and hasattr(value, "to_numpy")
+
+
+def columns_by_name(name: str, table: Any, meaning: Mapping[str, str], wanted: tuple[str, ...]) -> NDArray[Any]:
+    """The columns of a table in the order wanted, whatever order they stand in.
+
+    Args:
+        name: of the argument.
+        table: a data frame.
+        meaning: what a column of a name is.
+        wanted: what is needed, each once and nothing else.
+
+    Raises:
+        ArgumentError: a column is missing, there twice, or means nothing here.
+    """
+    names = [str(column) for column in table.columns]
+    found = [meaning.get(column, column) for column in names]
+    if sorted(found) != sorted(wanted):
+        expected = f"the columns {', '.join(wanted)}, in any order (without names: .to_numpy())"
+        raise ArgumentError(name, expected, f"the columns {', '.join(names)}")
+    array: NDArray[Any] = np.asarray(table.to_numpy())
+    return array[:, [found.index(one) for one in wanted]]
 
 
 def constant(name: str, value: ArrayLike, *tail: int) -> NDArray[np.float64]:
@@ -69,6 +102,23 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+class Frozen:
+    """A frozen dataclass whose arrays are read-only in copies and pickles too."""
+
+    __slots__ = ()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
+        return _frozen, (type(self), values)
+
+
+def _frozen(kind: type, values: dict[str, Any]) -> Any:
+    value: Any = object.__new__(kind)
+    for name, own in values.items():
+        object.__setattr__(value, name, read_only(own) if isinstance(own, np.ndarray) else own)
+    return value
 
 
 def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
@@ -139,10 +189,10 @@ def scalar_component(component: Component, dtype: np.dtype[Any]) -> Component:
     return float(value) if dtype == np.float64 else dtype.type(value)
 
 
-def check_choice(name: str, value: str, known: Iterable[str]) -> None:
-    """Refuse a name that is not known, and say which are."""
-    if value not in known:
-        raise ArgumentError(name, choices(tuple(known)), repr(value))
+def check_choice(name: str, value: object, known: Iterable[str]) -> None:
+    """Refuse what is not one of the names that are known, and say which are."""
+    if not isinstance(value, str) or value not in known:
+        raise ArgumentError(name, choices(tuple(known)), quoted(value))
 
 
 def finite_number(name: str, value: object) -> float:

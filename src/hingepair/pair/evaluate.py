@@ -21,7 +21,7 @@ from hingepair.evaluation.plan import (
     outputs_of,
 )
 from hingepair.evaluation.steps import Step
-from hingepair.numeric.arrays import broadcast_shape, real_array, result_dtype, vectors
+from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, real_array, result_dtype, vectors
 from hingepair.numeric.blocks import Components, Values, components_of, compute, tabulate
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState, layout_of
@@ -45,17 +45,17 @@ class Coordinates(NamedTuple):
     single: bool
 
 
-def read_coordinates(q: Any, qd: Any, qdd: Any, count: int) -> Coordinates:
-    """The coordinates, of which there are so many, as plans take them."""
+def read_coordinates(q: Any, qd: Any, qdd: Any, names: tuple[str, ...]) -> Coordinates:
+    """The coordinates of these names as plans take them."""
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives beside the second", None)
     if q is None:
         raise ArgumentError("q", "coordinates", None)
     given = {"q": q} if qd is None else {"q": q, "qd": qd} if qdd is None else {"q": q, "qd": qd, "qdd": qdd}
-    floats = _floats(given, count)
+    floats = _floats(given, len(names))
     if floats is not None:
         return Coordinates(floats, True)
-    return Coordinates({name: coordinates(name, value, count) for name, value in given.items()}, False)
+    return Coordinates({name: _coordinates(name, value, names) for name, value in given.items()}, False)
 
 
 def leading_shapes(given: Coordinates) -> dict[str, tuple[int, ...]]:
@@ -218,15 +218,23 @@ def follow_steps(
     return tabulate(plan.run, parts, tails, broadcast_shape({**shapes, "pair": pair.shape}), dtype)
 
 
-def coordinates(name: str, value: Any, count: int) -> Components | NDArray[Any]:
-    """A tuple of broadcastable coordinates, or one array with the coordinates last."""
+def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | NDArray[Any]:
+    """A tuple of broadcastable coordinates, or one array with the coordinates last, or a table with their names."""
+    count = len(names)
+    several = f"{_COUNTS[count]} coordinates"
     if isinstance(value, tuple) and len(value) == count:
+        if all(isinstance(part, list | tuple) and len(part) == count for part in value):
+            expected = f"an array of states (numpy.array(...)), or a tuple of arrays of {several}"
+            raise ShapeError(name, expected, f"{count} sequences of {count} numbers, which could be either")
         return tuple(component(f"{name}[{i}]", part) for i, part in enumerate(value))
+    if is_table(value):
+        endings = {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name]
+        meaning = {f"{one}{ending}": one for one in names for ending in ("", *endings)}
+        value = columns_by_name(name, value, meaning, names)
     try:
         return vectors(name, value, count)
     except ShapeError as error:
-        expected = f"{error.expected}, or a tuple of {_COUNTS[count]} coordinates"
-        raise ShapeError(name, expected, error.got) from None
+        raise ShapeError(name, f"{error.expected}, or a tuple of {several}", error.got) from None
 
 
 def _floats(given: Mapping[str, Any], count: int) -> dict[str, Components] | None:

@@ -40,9 +40,9 @@ def from_coordinates(
     pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str, how: How
 ) -> PairState:
     """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10)."""
-    if sequence != "XYZ":
+    if type(sequence) is not str or sequence != "XYZ":
         find_sequence(sequence)
-    given = read_coordinates(q, qd, qdd, len(COORDINATES))
+    given = read_coordinates(q, qd, qdd, COORDINATES)
     values = values_of(given)
     home = "home" in pair.values
     if outputs is None and out is None:
@@ -60,7 +60,7 @@ def planar_from_coordinates(
     pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, how: How
 ) -> PlanarState:
     """The planar pair's state from (x, y, phi, psi) and as many derivatives as are given (E11)."""
-    given = read_coordinates(q, qd, qdd, len(PLANAR_COORDINATES))
+    given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES)
     values: Values = {}
     for name, four in given.parts.items():
         point, angle, hinge = PLANAR_PARTS[name]

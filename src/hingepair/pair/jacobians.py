@@ -134,7 +134,7 @@ def coordinate_jacobian_rate(
 
 def _by_coordinates(pair: Constants, result: str, q: Any, qd: Any, sequence: str) -> FloatArray:
     order = find_sequence(sequence)
-    given = read_coordinates(q, qd, None, len(kinematics.COORDINATES))
+    given = read_coordinates(q, qd, None, kinematics.COORDINATES)
     steps = (
         *steps_of(sequence, "home" in pair.values),
         *ARM_STEPS,

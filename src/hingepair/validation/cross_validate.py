@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.numeric.arrays import result_dtype
 from hingepair.pair.accuracy import error_ratios, euler_rate_sizes, given_rate_sizes, output_scales, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.evaluate import component
-from hingepair.pair.evaluate import coordinates as read
+from hingepair.pair.evaluate import component, read_coordinates
+from hingepair.pair.forward_kinematics import COORDINATES, PLANAR_COORDINATES
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.validation.pinocchio_twin import PinocchioTwin, import_pinocchio, to_pinocchio
@@ -77,7 +77,7 @@ def cross_validate(
     twin = to_pinocchio(pair)
     state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
     shape = np.asarray(state.R2).shape[:-1]
-    given = [read(name, c, 7) for name, c in (("q", q), ("qd", qd), ("qdd", qdd)) if c is not None]
+    given = read_coordinates(q, qd, qdd, COORDINATES).parts.values()
     dtype = result_dtype(c for seven in given for c in ((seven,) if isinstance(seven, np.ndarray) else seven))
     coordinates = [_packed(seven, shape) for seven in given]
     finite = _finite(coordinates)
@@ -157,7 +157,7 @@ class _Finite(NamedTuple):
 def _cross_validate_planar(pair: PlanarPair, q: Any, qd: Any, qdd: Any) -> CrossValidation:
     """E11 against Pinocchio in space."""
     state, space = pair.forward_kinematics(q, qd, qdd), pair.to_spatial()
-    given = [read(name, c, 4) for name, c in (("q", q), ("qd", qd), ("qdd", qdd)) if c is not None]
+    given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES).parts.values()
     dtype = result_dtype(c for four in given for c in ((four,) if isinstance(four, np.ndarray) else four))
     flat = [_packed(four, state.shape) for four in given]
     finite = _finite(flat)

@@ -1,0 +1,138 @@
+"""The border: tables by the names of their columns, what could be either of two things, short messages."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.errors import shorten
+from support.states import generator
+
+NAMES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
+PAIR = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 2, 3))
+FLAT = hp.PlanarPair(u1=(0.5, 0.1), u2=(-0.25, 0.1))
+EYE = np.eye(3)
+
+
+class Table:
+    """What is used of a data frame of whichever package."""
+
+    def __init__(self, columns, values):
+        self.columns, self.values = columns, np.asarray(values, float)
+
+    def to_numpy(self):
+        return self.values
+
+    def __array__(self, dtype=None, copy=None):
+        return self.values
+
+    @property
+    def shape(self):
+        return self.values.shape
+
+
+def shuffled(names, values, ending=""):
+    order = generator(61, len(names)).permutation(len(names))
+    return Table([f"{names[i]}{ending}" for i in order], values[:, order])
+
+
+@pytest.mark.parametrize(("rate", "acceleration"), [("", ""), ("_dot", "_ddot"), ("d", "dd")])
+def test_columns_of_a_table_go_by_their_names(rate, acceleration):
+    q, qd, qdd = generator(60).normal(size=(3, 5, 7))
+    tables = shuffled(NAMES, q), shuffled(NAMES, qd, rate), shuffled(NAMES, qdd, acceleration)
+    assert np.array_equal(PAIR.forward_kinematics(*tables).a2, PAIR.forward_kinematics(q, qd, qdd).a2)
+    flat = shuffled(("x", "y", "phi", "psi"), q[:, :4])
+    assert np.array_equal(FLAT.forward_kinematics(flat).R2, FLAT.forward_kinematics(q[:, :4]).R2)
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [("X", *NAMES[1:]), NAMES[1:], (*NAMES, "t"), ("x", *NAMES[:-1]), range(7), [f"{name}_dot" for name in NAMES]],
+)
+def test_columns_of_other_names_are_refused(columns):
+    table = Table(list(columns), np.zeros((5, len(columns))))
+    with pytest.raises(hp.ArgumentError, match=r"^q: expected the columns x, y, z, phi_x, .* got the columns "):
+        PAIR.forward_kinematics(table)
+
+
+def test_vectors_of_a_table():
+    rows = generator(62).normal(size=(4, 4))
+    body = hp.BodyMotion(R=Table(["R1_z", "R1_x", "R1_y"], rows[:, [2, 0, 1]]), S=EYE)
+    assert np.array_equal(body.R, rows[:, :3])
+    quat = Table(["qw", "qx", "qy", "qz"], rows[:, [3, 0, 1, 2]])
+    one = hp.BodyMotion.from_quaternion_xyzw(R=(0, 0, 0), quat_xyzw=quat)
+    other = hp.BodyMotion.from_quaternion_xyzw(R=(0, 0, 0), quat_xyzw=rows)
+    assert np.array_equal(one.S, other.S)
+    with pytest.raises(hp.ArgumentError, match="R: expected the columns x, y, z"):
+        hp.BodyMotion(R=Table(["a", "b", "c"], rows[:, :3]), S=EYE)
+    with pytest.raises(hp.ArgumentError, match="psi: expected an array"):
+        PAIR.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=EYE), Table(["psi"], rows[:, :1]))
+
+
+@pytest.mark.parametrize("count", range(5, 10))
+@pytest.mark.parametrize("kind", [tuple, list])
+def test_a_nested_tuple_of_states_is_rows_or_refused(count, kind):
+    """Seven states of seven could be seven coordinates as well; arrays in a tuple are coordinates."""
+    rows = generator(63).normal(size=(count, 7))
+    nested = tuple(kind(row) for row in rows.tolist())
+    if count == 7:
+        with pytest.raises(hp.ShapeError, match=r"q: expected an array of states .* could be either"):
+            PAIR.forward_kinematics(nested)
+        assert np.array_equal(
+            PAIR.forward_kinematics(tuple(rows)).R2, PAIR.forward_kinematics(np.swapaxes(rows, 0, 1)).R2
+        )
+    else:
+        assert np.array_equal(PAIR.forward_kinematics(nested).R2, PAIR.forward_kinematics(rows).R2)
+    flat = tuple(kind(row) for row in rows[:, :4].tolist())
+    if count == 5:
+        assert np.array_equal(FLAT.forward_kinematics(flat).R2, FLAT.forward_kinematics(rows[:, :4]).R2)
+        with pytest.raises(hp.ShapeError, match=r"q: expected an array of states .* could be either"):
+            FLAT.forward_kinematics(flat[:4])
+
+
+@pytest.mark.parametrize("value", [["numpy"], {"a": 1}, {1}, None, 1, np.zeros(2), "numbers", b"numpy"])
+def test_a_name_that_is_none_of_those_known(value):
+    """Unhashable values too."""
+    calls = {
+        "backend": lambda: PAIR.forward_kinematics(np.zeros(7), backend=value),
+        "workers": lambda: PAIR.forward_kinematics(np.zeros(7), workers=[value]),
+        "sequence": lambda: PAIR.forward_kinematics(np.zeros(7), sequence=value),
+        "at_lock": lambda: hp.euler_rates(np.zeros(3), np.zeros(3), at_lock=value),
+        "method": lambda: hp.integrate(PAIR, (0, 1), (0, 0, 1), 1.0, method=value),
+    }
+    for name, call in calls.items():
+        with pytest.raises(hp.ArgumentError, match=f"^{name}: expected"):
+            call()
+
+
+class Counting(list):
+    """A list that counts how many of its items are looked at."""
+
+    looked = 0
+
+    def __iter__(self):
+        for item in super().__iter__():
+            self.looked += 1
+            yield item
+
+
+@pytest.mark.parametrize(
+    "value",
+    [np.zeros((10**6, 3)), [0.0] * 10**6, ((1,) * 10**6,), "x" * 10**7, ["x" * 10**7], 10**9999, Table([1], [[1.0]])],
+    ids=["array", "list", "tuple", "text", "texts", "integer", "table"],
+)
+def test_messages_are_short(value):
+    error = hp.ArgumentError("name", "something", value)
+    assert len(str(error)) < 200
+    assert error.got is value
+
+
+def test_messages_look_at_the_beginning_only():
+    value = Counting(range(10**5))
+    shorten(value)
+    assert value.looked <= 100
+    assert shorten(itertools.repeat(1)) == "repeat(1)"
+    assert shorten(np.eye(3)) == "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"
