@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -23,11 +25,10 @@ def made(key=0, **changes):
 
 def test_one_constant_is_replaced_and_computed_with():
     pair, other = made(**EVERYTHING), made(1)
-    for name in ("u1", "u2", "n", "home"):
+    given = dict(zip(("u1", "u2", "n", "home"), random_pair(generator(98, 0)), strict=True))
+    for name in given:
         changed = replace(pair, **{name: getattr(other, name)})
-        expected = hp.HingePair(
-            **{key: getattr(other if key == name else pair, key) for key in ("u1", "u2", "n", "home")}
-        )
+        expected = hp.HingePair(**given | {name: getattr(other, name)})
         assert np.array_equal(getattr(changed, name), getattr(expected, name))
         q = np.linspace(-1, 1, 7)
         assert np.array_equal(changed.forward_kinematics(q).R2, expected.forward_kinematics(q).R2)
@@ -105,3 +106,47 @@ def test_a_state_lists_what_it_has():
         with pytest.raises(AttributeError, match=f"{type(state).__name__} has no 'r2'; it has {names}"):
             _ = state.r2
         assert not hasattr(state, "r2")
+
+
+def copies(value):
+    return (copy.copy(value), copy.deepcopy(value), pickle.loads(pickle.dumps(value)))
+
+
+@pytest.mark.parametrize("key", range(20))
+def test_what_is_not_replaced_keeps_its_last_bits(key):
+    """A unit axis has been rounded: a pair that is made anew from it would be another."""
+    pair = made(key)
+    others = (*copies(pair), replace(pair, name="knee"), replace(replace(pair, u1=(1, 2, 3)), u1=pair.u1))
+    for other in others:
+        for name, array in pair.constants.arrays.items():
+            assert other.constants.arrays[name].tobytes() == array.tobytes(), name
+    assert np.array_equal(replace(pair, n=made(key + 1).n).n, hp.HingePair((0, 0, 0), (0, 0, 0), made(key + 1).n).n)
+
+
+VALUES = {
+    "pair": (made(**EVERYTHING), ("u1", "u2", "n", "home")),
+    "planar": (hp.PlanarPair((1, 0), (1, 0)), ("u1", "u2")),
+    "motion": (hp.BodyMotion(R=np.zeros(3), S=np.eye(3), v=np.ones(3)), ("R", "S", "v")),
+    "body": (hp.Body(2.0, shapes=[hp.Sphere(1.0)]), ("center_of_mass", "inertia")),
+    "box": (hp.Box((1, 2, 3)), ("size", "center")),
+    "cylinder": (hp.Cylinder(1, 2), ("center", "axis")),
+    "sphere": (hp.Sphere(1), ("center",)),
+    "state": (made().forward_kinematics(np.zeros((2, 7))), ("R2", "S2", "d")),
+    "one state": (made().forward_kinematics(np.zeros(7)), ("R2", "S2", "d")),
+    "euler": (hp.euler_kinematics((1, 2, 3)), ("J", "J_inverse")),
+    "residuals": (made().residuals(*[hp.BodyMotion(R=np.zeros(3), S=np.eye(3))] * 2), ("gap", "tilt")),
+    "sensitivities": (made().sensitivities(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), 0.5), ("d_by_u1", "d_by_n")),
+}
+
+
+@pytest.mark.parametrize("kind", VALUES)
+def test_copies_and_pickles_are_as_frozen_as_the_value(kind):
+    value, names = VALUES[kind]
+    for other in (value, *copies(value)):
+        for name in names:
+            assert np.array_equal(getattr(other, name), getattr(value, name))
+            with pytest.raises(ValueError, match="read-only"):
+                getattr(other, name)[...] = 100.0
+        if kind == "pair":
+            assert (other.name, other.limits, other.body1.mass) == ("knee", (-1.0, 2.0), 2.0)
+            assert not other.body1.inertia.flags.writeable

@@ -18,14 +18,17 @@ class Twofold:
         self.low = low
 
     def __add__(self, other: Twofold) -> Twofold:
-        total = self.high + other.high
-        return normal(total, sum_error(self.high, other.high, total) + (self.low + other.low))
+        a, b = self.high, other.high
+        total = a + b
+        return normal(total, sum_error(a, b, total) + (self.low + other.low))
 
     def __neg__(self) -> Twofold:
         return Twofold(-self.high, -self.low)
 
     def __sub__(self, other: Twofold) -> Twofold:
-        return self + -other
+        a, b = self.high, -other.high
+        total = a + b
+        return normal(total, sum_error(a, b, total) + (self.low - other.low))
 
     def __mul__(self, other: Twofold) -> Twofold:
         high, error = product(self.high, other.high)
@@ -39,9 +42,14 @@ def normal(high: Component, low: Component) -> Twofold:
 
 
 def product(a: Component, b: Component) -> tuple[Component, Component]:
-    """Dekker: a b = product + error, exactly."""
+    """Dekker: a b = product + error, exactly; a and b split into halves of 26 bits each (Veltkamp)."""
     high = a * b
-    (ah, al), (bh, bl) = _split(a), _split(b)
+    carried = 134217729.0 * a
+    ah = carried - (carried - a)
+    al = a - ah
+    carried = 134217729.0 * b
+    bh = carried - (carried - b)
+    bl = b - bh
     return high, ((ah * bh - high) + ah * bl + al * bh) + al * bl
 
 
@@ -49,10 +57,3 @@ def sum_error(a: Component, b: Component, total: Component) -> Component:
     """Knuth: what the rounding of total = a + b lost."""
     shadow = total - a
     return (a - (total - shadow)) + (b - shadow)
-
-
-def _split(x: Component) -> tuple[Component, Component]:
-    """Veltkamp: x = high + low, of 26 bits each."""
-    carried = 134217729.0 * x
-    high = carried - (carried - x)
-    return high, x - high

@@ -6,6 +6,7 @@ Vectors are tuples of components, floats or arrays, of any dimension.
 from __future__ import annotations
 
 import functools
+import math
 from typing import Any
 
 import numpy as np
@@ -23,31 +24,31 @@ def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
     Raises:
         AxisError: n is zero or not finite.
     """
+    axis = components_of(finite_axis(name, n))
+    return evaluate(lambda values: direction(values["n"]), {"n": axis}, (3,), np.dtype(np.float64))
+
+
+def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
+    """The axis n as an array of shape (..., 3).
+
+    Raises:
+        AxisError: n is zero or not finite.
+    """
     axis = vectors(name, n, 3)
     if not np.isfinite(axis).all():
         raise AxisError(name, "a finite axis", n)
-    if np.any((axis == 0).all(axis=-1)):
+    if not axis.any(axis=-1).all():
         raise AxisError(name, "a non-zero axis", n)
-    return evaluate(lambda values: direction(values["n"]), {"n": components_of(axis)}, (3,), np.dtype(np.float64))
+    return axis
 
 
 def direction(v: Components) -> Components:
     """The vector at unit length, each component rounded once; of zero: zero."""
-    return polar(v)[0]
+    return tuple(unit.high for unit in polar(v)[0])
 
 
-def polar(v: Components) -> tuple[Components, Component, Component]:
-    """Direction and length of a vector; the length as a sum of two doubles, of which the second is tiny."""
-    units, length, low = _polar(v)
-    return tuple(unit.high for unit in units), length, low
-
-
-def exact_direction(v: Components) -> tuple[Twofold, ...]:
-    """The vector at unit length, in twice the precision of a double."""
-    return _polar(v)[0]
-
-
-def _polar(v: Components) -> tuple[tuple[Twofold, ...], Component, Component]:
+def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
+    """Direction and length of a vector, in twice the precision of a double; the direction of zero is zero."""
     w, exponent = by_power_of_two(v)
     total: Component = 0.0
     lost: Component = 0.0
@@ -55,19 +56,38 @@ def _polar(v: Components) -> tuple[tuple[Twofold, ...], Component, Component]:
         square, tail = product(component, component)
         previous, total = total, total + square
         lost = lost + (sum_error(previous, square, total) + tail)
-    length = np.sqrt(total)
+    length: Component
+    safe: Component
+    if type(total) is float:
+        length = math.sqrt(total)
+        safe = length if length > 0 else 1.0
+    else:
+        length = np.sqrt(total)
+        safe = np.where(length > 0, length, 1.0)
     again, tail = product(length, length)
-    safe = np.where(length > 0, length, 1.0)
     low = ((total - again) - tail + lost) / (2 * safe)
     units = tuple(_quotient(component, safe, low) for component in w)
-    return units, np.ldexp(length, exponent), np.ldexp(low, exponent)
+    return units, Twofold(by_two_to(length, exponent), by_two_to(low, exponent))
 
 
 def by_power_of_two(v: Components) -> tuple[Components, Component]:
     """The vector scaled exactly so that its largest component is in [0.5, 1), and the exponent taken out."""
-    _, exponent = np.frexp(functools.reduce(np.maximum, (np.abs(component) for component in v)))
+    if all(type(component) is float for component in v):
+        _, exponent = math.frexp(max(map(abs, v)))
+    else:
+        _, exponent = np.frexp(functools.reduce(np.maximum, (np.abs(component) for component in v)))
     half = -exponent // 2  # in two steps: 2^-e itself overflows for subnormal vectors
-    return tuple(np.ldexp(np.ldexp(component, half), -exponent - half) for component in v), exponent
+    return tuple(by_two_to(by_two_to(component, half), -exponent - half) for component in v), exponent
+
+
+def by_two_to(x: Component, exponent: Component) -> Component:
+    """The product x 2^exponent."""
+    if type(x) is float and type(exponent) is int:
+        try:
+            return math.ldexp(x, exponent)
+        except OverflowError:
+            return math.copysign(math.inf, x)
+    return np.ldexp(x, exponent)
 
 
 def _quotient(a: Component, high: Component, low: Component) -> Twofold:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import finite_number, one_constant, read_only
+from hingepair.numeric.arrays import Frozen, finite_number, one_constant, read_only
 from hingepair.numeric.unit_vectors import unit_axis
 
 _GYRATION_SQUARED = 0.01  # m^2, of a body whose inertia is not given
@@ -20,7 +20,7 @@ _ASYMMETRY = 1e-9  # of the largest element, as for rotations: what passes is ma
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class Box:
+class Box(Frozen):
     """A box, its edges along the body's axes.
 
     Args:
@@ -49,7 +49,7 @@ class Box:
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class Cylinder:
+class Cylinder(Frozen):
     """A cylinder of any direction.
 
     Args:
@@ -87,7 +87,7 @@ class Cylinder:
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class Sphere:
+class Sphere(Frozen):
     """A sphere.
 
     Args:
@@ -116,7 +116,7 @@ Shape: TypeAlias = Box | Cylinder | Sphere
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class Body:
+class Body(Frozen):
     """Mass properties and shapes of one body, for `to_urdf` and `to_mjcf`; the kinematics do not depend on them.
 
     Args:

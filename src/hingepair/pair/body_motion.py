@@ -9,12 +9,12 @@ from typing import Any
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import broadcast_shape, read_only, vectors
+from hingepair.numeric.arrays import Frozen, broadcast_shape, read_only, vectors
 from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class BodyMotion:
+class BodyMotion(Frozen):
     """Position, attitude and their derivatives of one body, at one sample or many; world axes, classical.
 
     Arrays are not copied: they are seen through read-only views. Their leading shapes broadcast.

@@ -8,26 +8,29 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.evaluation.steps import LEVER_STEPS
-from hingepair.numeric.arrays import vectors
-from hingepair.numeric.blocks import Values, components_of
+from hingepair.numeric.arrays import broadcast_shape, constant, read_only
+from hingepair.numeric.blocks import Components, Values, components_of, numbers
 from hingepair.numeric.twofold import Twofold
-from hingepair.numeric.unit_vectors import by_power_of_two, exact_direction
+from hingepair.numeric.unit_vectors import by_power_of_two, by_two_to, finite_axis, polar
+from hingepair.rotations.matrices import check_rotation
 
-LEVERS = ("along", "across", "around")
+_IDENTITY = read_only(np.eye(3))
 
 
 class Constants(NamedTuple):
-    """What a pair brings: u1, u2 and n, and home where it is not the identity, by component.
+    """What a pair brings: u1, u2 and n, home where it is not the identity, and the levers, by component.
 
     Attributes:
         values: components by name; floats where the pair is one.
-        arrays: the same as arrays, with the components last.
+        arrays: the same as arrays, with the components last; home too where it is the identity.
         shape: leading shape of the pair; () for one pair.
+        axis: the hinge axis as it was given, of any length; none of a planar pair.
     """
 
     values: Values
     arrays: Values
     shape: tuple[int, ...]
+    axis: NDArray[np.float64] | None = None
 
     @property
     def single(self) -> bool:
@@ -35,30 +38,57 @@ class Constants(NamedTuple):
         return self.shape == ()
 
 
-def levers(u1: NDArray[Any], u2: NDArray[Any], n: ArrayLike, home: NDArray[Any]) -> dict[str, NDArray[np.float64]]:
-    """The vectors along, across and around of `steps.LEVER_STEPS`, each component rounded once; body-1 axes [m].
+def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None) -> Constants:
+    """The constants of a pair.
 
-    They are computed from the axis as it was given: that at unit length has been rounded.
+    Raises:
+        ArgumentError: a value is not finite or has the wrong shape; names the argument.
+        AxisError: n is zero or not finite.
+        RotationError: home is no rotation.
     """
-    lever1, lever2 = components_of(u1), components_of(u2)
-    own, exponent2 = by_power_of_two(lever2)
-    both, exponent = by_power_of_two((*lever1, *lever2))
-    axis = exact_direction(components_of(vectors("n", n, 3).astype(np.float64)))
-    rotation = tuple(Twofold(c) for c in components_of(home, 2))
-    values: dict[str, Any] = {"u2": tuple(map(Twofold, own)), "n": axis, "home": rotation}
-    *of_u2, along = LEVER_STEPS
+    vectors = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3)}
+    axis = read_only(np.array(finite_axis("n", n), dtype=np.float64))
+    rotation = _IDENTITY if home is None else constant("home", home, 3, 3)
+    if home is not None:
+        check_rotation("home", rotation)
+    shapes = {name: array.shape[:-1] for name, array in (vectors | {"n": axis}).items()}
+    shape = broadcast_shape({**shapes, "home": rotation.shape[:-2]})
+    values: Values = {name: numbers(components_of(vector)) for name, vector in vectors.items()}
+    if not (rotation == _IDENTITY).all():
+        values["home"] = numbers(components_of(rotation, 2))
+    values |= _axis_and_levers(values, numbers(components_of(axis)))
+    computed = {name: read_only(_side_by_side(values[name])) for name in ("n", "along", "across", "around")}
+    arrays = {**vectors, **computed, "home": rotation.reshape(*rotation.shape[:-2], 9)}
+    return Constants(values, arrays, shape, axis)
+
+
+def _axis_and_levers(values: Values, axis: Components) -> Values:
+    """The unit axis, and along, across and around of `evaluation.steps.LEVER_STEPS`, body-1 axes [m].
+
+    Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.
+    """
+    own, exponent2 = by_power_of_two(values["u2"])
+    both, exponent = by_power_of_two((*values["u1"], *values["u2"]))
+    n, _ = polar(axis)
+    known: dict[str, Any] = {"arm": tuple(map(Twofold, own)), "n": n}
+    *of_u2, along = LEVER_STEPS if "home" in values else LEVER_STEPS[1:]
+    if "home" in values:
+        known |= {"u2": known["arm"], "home": tuple(map(Twofold, values["home"]))}
     for result, function, arguments in of_u2:
-        values[result] = function(*[values[name] for name in arguments])
+        known[result] = function(*[known[name] for name in arguments])
     # Only `along` holds both levers, and the shorter one may vanish beside the longer.
     shift = exponent2 - exponent
     beside = (
-        tuple(Twofold(np.ldexp(c.high, shift), np.ldexp(c.low, shift)) for c in values[name])
+        tuple(Twofold(by_two_to(c.high, shift), by_two_to(c.low, shift)) for c in known[name])
         for name in along.arguments[1:]
     )
-    values["along"] = along.function(tuple(map(Twofold, both[:3])), *beside)
+    known["along"] = along.function(tuple(map(Twofold, both[:3])), *beside)
     exponents = {"along": exponent, "across": exponent2, "around": exponent2}
-    found = {}
-    for name in LEVERS:
-        parts = np.broadcast_arrays(*(np.ldexp(c.high, exponents[name]) for c in values[name]))
-        found[name] = np.stack(parts, axis=-1)
-    return found
+    levers = {name: tuple(by_two_to(c.high, e) for c in known[name]) for name, e in exponents.items()}
+    return {"n": tuple(c.high for c in n), **levers}
+
+
+def _side_by_side(components: Components) -> NDArray[np.float64]:
+    if all(type(c) is float for c in components):
+        return np.array(components)
+    return np.stack(np.broadcast_arrays(*components), axis=-1)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -11,24 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.evaluation.backend import choose
-from hingepair.numeric.arrays import (
-    FloatArray,
-    broadcast_shape,
-    constant,
-    number_not_below_0,
-    one_constant,
-    read_only,
-)
-from hingepair.numeric.blocks import components_of, numbers
-from hingepair.numeric.unit_vectors import unit_axis
+from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
 from hingepair.pair import dynamics
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.constants import Constants, levers
+from hingepair.pair.constants import Constants, pair_constants
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.evaluate import Out, Outputs
 from hingepair.pair.states import PairState
-from hingepair.rotations.matrices import check_rotation
 
 if TYPE_CHECKING:
     from hingepair.pair import constraints, jacobians, residuals, sensitivities
@@ -69,6 +60,8 @@ class HingePair:
         body2: those of body 2.
         torque_limit: the largest torque of the hinge's motor, for exports [N m]; URDF calls it effort.
         rate_limit: the largest hinge rate, for exports [rad/s]; URDF calls it velocity.
+        constants: for `dataclasses.replace`: what the pair before was made of, n as it was given there included, so
+            that what is not replaced keeps its last bits.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
@@ -94,7 +87,7 @@ class HingePair:
     body2: Body | None
     torque_limit: float | None
     rate_limit: float | None
-    constants: Constants = field(init=False)
+    constants: Constants
 
     def __init__(
         self,
@@ -108,26 +101,31 @@ class HingePair:
         body2: Body | None = None,
         torque_limit: float | None = None,
         rate_limit: float | None = None,
+        *,
+        constants: Constants | None = None,
     ) -> None:
         if not isinstance(name, str) or not name.strip():
-            raise ArgumentError("name", "a text that is not empty", repr(name))
-        rotation = constant("home", np.eye(3) if home is None else home, 3, 3)
-        check_rotation("home", rotation)
-        vectors = {"u1": constant("u1", u1, 3), "u2": constant("u2", u2, 3), "n": read_only(unit_axis("n", n))}
-        shape = broadcast_shape({**{key: v.shape[:-1] for key, v in vectors.items()}, "home": rotation.shape[:-2]})
-        parts = levers(vectors["u1"], vectors["u2"], n, rotation)
-        values = {key: numbers(components_of(vector)) for key, vector in (vectors | parts).items()}
-        if not np.array_equal(rotation, np.broadcast_to(np.eye(3), rotation.shape)):
-            values["home"] = numbers(components_of(rotation, 2))
-        arrays = {**vectors, **parts, "home": rotation.reshape(*rotation.shape[:-2], 9)}
-        constants = Constants(values, arrays, shape)
-        bodies = {"body1": _checked_body("body1", body1), "body2": _checked_body("body2", body2)}
+            raise ArgumentError("name", "a text that is not empty", quoted(name))
+        axis = constants.axis if constants is not None and n is constants.arrays["n"] else n
+        own = pair_constants(u1, u2, n if axis is None else axis, home)
+        rotation = own.arrays["home"]
         most = {"torque_limit": torque_limit, "rate_limit": rate_limit}
-        most = {key: None if value is None else number_not_below_0(key, value) for key, value in most.items()}
-        for_exports = {"limits": _checked_limits(limits), **bodies, **most}
-        values_of = {**vectors, "home": rotation, "name": name, **for_exports, "constants": constants}
+        values_of = {
+            **{key: own.arrays[key] for key in ("u1", "u2", "n")},
+            "home": rotation.reshape(*rotation.shape[:-1], 3, 3),
+            "name": name,
+            "limits": _checked_limits(limits),
+            "body1": _checked_body("body1", body1),
+            "body2": _checked_body("body2", body2),
+            **{key: None if value is None else number_not_below_0(key, value) for key, value in most.items()},
+            "constants": own,
+        }
         for key, value in values_of.items():
             object.__setattr__(self, key, value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        given = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "constants"}
+        return partial(type(self), **given | {"n": self.constants.axis}), ()
 
     def __repr__(self) -> str:
         parts = (f"{key}={getattr(self, key).tolist()}" for key in ("u1", "u2", "n", "home"))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
 from hingepair.numeric.arrays import broadcast_shape, constant
 from hingepair.numeric.blocks import components_of, numbers
@@ -49,12 +49,15 @@ class PlanarPair:
 
     def __init__(self, u1: ArrayLike, u2: ArrayLike, name: str = "planar_pair") -> None:
         if not isinstance(name, str) or not name.strip():
-            raise ArgumentError("name", "a text that is not empty", repr(name))
+            raise ArgumentError("name", "a text that is not empty", quoted(name))
         arrays = {"u1": constant("u1", u1, 2), "u2": constant("u2", u2, 2)}
         values = {key: numbers(components_of(array)) for key, array in arrays.items()}
         shape = broadcast_shape({key: array.shape[:-1] for key, array in arrays.items()})
         for key, value in {**arrays, "name": name, "constants": Constants(values, arrays, shape)}.items():
             object.__setattr__(self, key, value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.u1, self.u2, self.name)
 
     def __repr__(self) -> str:
         return f"PlanarPair(u1={self.u1.tolist()}, u2={self.u2.tolist()}, name={self.name!r})"

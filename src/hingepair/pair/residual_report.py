@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.numeric.arrays import Frozen
 from hingepair.numeric.tables import aligned, finite_or_none, left_out
 
 Float64Array = NDArray[np.float64]
@@ -59,7 +60,7 @@ class ResidualCheck:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Residuals:
+class Residuals(Frozen):
     """How far two motions are from one hinge (E1, E2), and the hinge angle between them.
 
     Everything is float64 and read-only; None where the motions do not hold what it takes. The components of the tilt

@@ -12,7 +12,7 @@ from hingepair.equations import derivatives as by
 from hingepair.equations import spatial as eq
 from hingepair.evaluation.plan import steps_of
 from hingepair.evaluation.steps import ARM_STEPS, Step
-from hingepair.numeric.arrays import FloatArray, read_only
+from hingepair.numeric.arrays import FloatArray, Frozen, read_only
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.evaluate import component, follow_steps
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Sensitivities:
+class Sensitivities(Frozen):
     """Derivatives of d, S2, v2, omega2 by u1, u2, n and psi; `d_by_u1` is that of d by u1; world axes, read-only.
 
     The last axis is the component of what is varied (none for psi): where u1 changes by a small du, d changes by

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, RotationError
 from hingepair.numeric.arrays import FloatArray, real_array, result_dtype, vectors
-from hingepair.numeric.blocks import Values, components_of, compute, evaluate, hinge_terms
+from hingepair.numeric.blocks import Values, components_of, evaluate, hinge_terms, tabulate
+from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import direction, polar, unit_axis
 
 TOLERANCE = {4: 1e-5, 8: 1e-9}
@@ -113,14 +115,30 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     vector = vectors("rotvec", rotvec, 3)
 
     def rotation(values: Values) -> eq.Matrix:
-        axis, angle, rest = polar(values["rotvec"])
-        s, k, c = hinge_terms(angle)
-        x, y, z = axis
-        more, lack, _ = hinge_terms(rest)  # of the part of the angle that one double cannot hold
-        return eq.hinge_rotation((x, y, z), (s + (c * more - s * lack), k + (s * more + c * lack)))
+        axis, angle = polar(values["rotvec"])
+        x, y, z = (unit.high for unit in axis)
+        s, k, c = hinge_terms(angle.high)
+        s_low, k_low, _ = hinge_terms(angle.low)
+        lost = np.where(c > 0, 0.0, (1 - k) - c)  # when k = 1 - c was rounded
+        rest = _rest((x, y, z), axis, (s, k), (c * s_low - s * k_low, lost + (s * s_low + c * k_low)))
+        a, b, c, d, e, f, g, h, i = (x + y for x, y in zip(eq.hinge_rotation((x, y, z), (s, k)), rest, strict=True))
+        return a, b, c, d, e, f, g, h, i
 
     S = evaluate(rotation, {"rotvec": components_of(vector)}, (3, 3), np.dtype(np.float64))
     return S.astype(result_dtype((vector,)), copy=False)
+
+
+def _rest(n: eq.Vector, axis: tuple[Twofold, ...], hinge: eq.Hinge, low: eq.Hinge) -> tuple[Any, ...]:
+    """What E6 lacks of the parts of the axis, of sin and of 1 - cos that one double cannot hold."""
+    (s, k), (s_low, k_low) = hinge, low
+    x, y, z = n
+    a, b, c = (unit.low for unit in axis)
+    xx, yy, zz = (2 * k * w.low * w.high + k_low * w.high * w.high for w in axis)
+    xy = k * (x * b + y * a) + k_low * x * y
+    yz = k * (y * c + z * b) + k_low * y * z
+    zx = k * (z * a + x * c) + k_low * z * x
+    sx, sy, sz = s * a + s_low * x, s * b + s_low * y, s * c + s_low * z
+    return -yy - zz, xy - sz, zx + sy, xy + sz, -zz - xx, yz - sx, zx - sy, yz + sx, -xx - yy
 
 
 def rotation_log(S: ArrayLike) -> FloatArray:
@@ -246,11 +264,12 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
     Raises:
         RotationError: names the argument, and project_to_rotation.
     """
-    dtype = result_dtype((S,))
-    shape = S.shape[:-2]
-    out = {"error": np.empty(shape, dtype), "volume": np.empty(shape, dtype)}
-    compute(_orthonormality, {"S": components_of(S, 2)}, out, shape, dtype)
+    dtype, shape = result_dtype((S,)), S.shape[:-2]
     tolerance = 2 * TOLERANCE[dtype.itemsize]
+    if shape == ():
+        out = {name: np.asarray(value) for name, value in _orthonormality({"S": S.ravel().tolist()}).items()}
+    else:
+        out = tabulate(_orthonormality, {"S": components_of(S, 2)}, {"error": (), "volume": ()}, shape, dtype)
     bad = (out["error"] > tolerance) | (out["volume"] < 0)
     if not np.any(bad):
         return
@@ -265,9 +284,10 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
 
 
 def _orthonormality(values: Values) -> Values:
+    """The largest element of S^T S - I, and the determinant."""
     S = values["S"]
     x, y, z = S[0:3], S[3:6], S[6:9]
-    error: Any = 0.0
-    for a, b, expected in ((x, x, 1), (y, y, 1), (z, z, 1), (x, y, 0), (y, z, 0), (z, x, 0)):
-        error = np.maximum(error, np.abs(eq.dot(a, b) - expected))
-    return {"error": error, "volume": eq.dot(x, eq.cross(y, z))}
+    products = ((x, x, 1), (y, y, 1), (z, z, 1), (x, y, 0), (y, z, 0), (z, x, 0))
+    errors = [abs(eq.dot(a, b) - expected) for a, b, expected in products]
+    volume = eq.dot(x, eq.cross(y, z))
+    return {"error": max(errors) if type(volume) is float else functools.reduce(np.maximum, errors), "volume": volume}
