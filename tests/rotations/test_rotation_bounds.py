@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.rotations.euler import LOCK
 from hingepair.rotations.sequences import SEQUENCES
 from support import extended
 from support.states import generator
@@ -41,7 +40,9 @@ def test_rotation_exp(ledger):
 @pytest.mark.law
 def test_rotation_exp_of_long_vectors():
     rng = generator(61)
-    rotvec = rng.normal(size=(200, 3)) * 10.0 ** rng.uniform(0, 3, (200, 1))
+    rotvec = rng.normal(size=(COUNT, 3)) * 10.0 ** rng.uniform(0, 3, (COUNT, 1))
+    rotvec[0] = -5.8179657166846575, 1.1424925892435627, 7.743639087270632  # 7.7 u with the axis in one double
+    rotvec[1] = 367.9465755673078, 476.1173971353937, -261.73459915028883  # the worst of 26 million: 4.35 u
     assert off(hp.rotation_exp(rotvec), extended.attitude_of_rotvec(rotvec)).max() <= 6
 
 
@@ -113,25 +114,35 @@ def test_euler_angles_give_the_attitude_back(sequence, ledger):
     assert ledger("there and back", "S1", off(hp.euler_to_matrix(back, sequence), S)) <= 6
 
 
+LOCK = {
+    np.float64: (1e-12, (0.3, 1e-3, 1e-9, 4e-12, 2e-13, 1e-14, 0.0)),
+    np.float32: (5e-4, (0.3, 1e-2, 2e-3, 6e-4, 4e-4, 1e-5, 0.0)),
+}
+
+
 @pytest.mark.law
+@pytest.mark.parametrize("dtype", LOCK)
 @pytest.mark.parametrize("sequence", SEQUENCES)
-def test_lock_is_told(sequence):
+def test_lock_is_told(sequence, dtype):
     """By the measure of euler_rates: what is locked in the angles is where euler_rates refuses them."""
     proper = sequence[0] == sequence[2]
-    gaps = np.array([0.3, 1e-3, 1e-9, 4e-12, 2e-13, 1e-14, 0.0])
+    limit, gaps = LOCK[dtype][0], np.array(LOCK[dtype][1])
     phi = np.stack([0.4 + 0 * gaps, (0.0 if proper else np.pi / 2) + gaps, 0 * gaps - 0.7], axis=-1)
-    found, locked = hp.matrix_to_euler(
-        extended.attitude_of_angles(phi, sequence).astype(float), sequence, with_lock=True
-    )
+    S, phi = extended.attitude_of_angles(phi, sequence).astype(dtype), phi.astype(dtype)
+    found, locked = hp.matrix_to_euler(S, sequence, with_lock=True)
     assert locked.dtype == bool
-    assert locked.tolist() == (gaps < LOCK).tolist()
+    assert locked.tolist() == (gaps < limit).tolist()
     assert np.isfinite(found).all()
+    inverse = hp.euler_kinematics(phi, sequence=sequence).J_inverse
+    assert np.isnan(inverse).all(axis=(1, 2)).tolist() == locked.tolist()
     for angles, lock in zip(phi, locked, strict=True):
         if lock:
             with pytest.raises(hp.GimbalLockError):
-                hp.euler_rates(angles, ZERO, sequence)
+                hp.euler_rates(angles, ZERO.astype(dtype), sequence)
+            rates = hp.euler_rates(angles, np.ones(3, dtype), sequence, at_lock="least_squares")
+            assert abs(rates).max() < 3
         else:
-            hp.euler_rates(angles, ZERO, sequence)
+            hp.euler_rates(angles, ZERO.astype(dtype), sequence)
     one, lock = hp.matrix_to_euler(np.eye(3), sequence, with_lock=True)
     assert (one.shape, lock.shape, bool(lock)) == ((3,), (), proper)
 

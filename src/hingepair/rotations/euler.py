@@ -18,10 +18,17 @@ from hingepair.numeric.blocks import Values, angle_terms, components_of, compute
 from hingepair.rotations.matrices import check_rotation
 from hingepair.rotations.sequences import Sequence, find_sequence, nine
 
-LOCK = 1e-12
-"""Nearer gimbal lock than this (abs(cos phi_y) or abs(sin phi_y)), fewer than four digits of the rates are left."""
+_LOCK = {4: 5e-4, 8: 1e-12}
 
 AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
+
+
+def lock_limit(angles: NDArray[Any]) -> float:
+    """Gimbal lock is nearer than this: of abs(cos phi_y), or abs(sin phi_y) where the first axis comes back.
+
+    There, the rounding of the angles (or of the matrix) themselves leaves fewer than four digits of the rates.
+    """
+    return _LOCK[result_dtype((angles,)).itemsize]
 
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
@@ -102,7 +109,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     dtype, shape = result_dtype((matrix,)), matrix.shape[:-2]
     out = {"phi": np.empty((*shape, 3), dtype), "lock": np.empty(shape, dtype)}
     compute(angles, {"S": components_of(matrix, 2)}, out, shape, dtype)
-    return (out["phi"], np.asarray(out["lock"] < LOCK)) if with_lock else out["phi"]
+    return (out["phi"], np.asarray(out["lock"] < lock_limit(matrix))) if with_lock else out["phi"]
 
 
 def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
@@ -139,8 +146,9 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
         omega: angular velocity, world axes [rad/s]; shape (..., 3).
         sequence: one of 24; upper case intrinsic, lower case extrinsic.
-        at_lock: at gimbal lock (cos phi_y, or sin phi_y where the first axis comes back, below 1e-12), "raise", or
-            give the "least_squares" rates: the smallest phi' whose J phi' is nearest to omega.
+        at_lock: at gimbal lock (cos phi_y, or sin phi_y where the first axis comes back, below 1e-12; below 5e-4 of
+            angles in float32), "raise", or give the "least_squares" rates: the smallest phi' whose J phi' is nearest
+            to omega.
 
     Returns:
         phi'; shape (..., 3).
@@ -166,7 +174,8 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
         return {"phid": phid, "lock": trig[2] if order.proper else trig[3]}
 
     compute(rates, {"phi": components_of(angles), "omega": components_of(velocity)}, out, shape, dtype)
-    locked = np.abs(out["lock"]) < LOCK
+    limit = lock_limit(angles)
+    locked = np.abs(out["lock"]) < limit
     if locked.any():
         if at_lock == "raise":
             first = np.unravel_index(int(np.argmax(locked)), shape)
@@ -176,7 +185,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
             raise GimbalLockError("phi", expected, f"lock of {sequence}, middle angle {middle:.6g}{where}")
         J = euler_rate_matrix(np.broadcast_to(angles, (*shape, 3))[locked], sequence).astype(np.float64)
         given = np.broadcast_to(velocity, (*shape, 3))[locked]
-        out["phid"][locked] = (np.linalg.pinv(J, rcond=1e-9) @ given[..., None])[..., 0]
+        out["phid"][locked] = (np.linalg.pinv(J, rcond=limit) @ given[..., None])[..., 0]
     return out["phid"]
 
 

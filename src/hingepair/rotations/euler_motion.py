@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.equations.derivatives import WORLD, beside
-from hingepair.numeric.arrays import FloatArray, broadcast_shape, read_only, result_dtype, vectors
+from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, read_only, result_dtype, vectors
 from hingepair.numeric.blocks import Values, angle_terms, components_of, tabulate
-from hingepair.rotations.euler import LOCK, canonical_rates
+from hingepair.rotations.euler import canonical_rates, lock_limit
 from hingepair.rotations.sequences import Sequence, find_sequence
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class EulerKinematics:
+class EulerKinematics(Frozen):
     """omega = J phi', phi' = J^-1 omega, alpha = J phi'' + J' phi' (E4), omega and alpha in world axes.
 
     Attributes:
         J: (..., 3, 3).
-        J_inverse: (..., 3, 3); NaN nearer to lock than 1e-12, where `euler_rates` raises.
+        J_inverse: (..., 3, 3); NaN where `euler_rates` raises, nearer to lock than 1e-12 (float32: 5e-4).
         J_dot: rate of J; (..., 3, 3) 1/s; None where phid was not given.
         condition: of J in the 2-norm: by how much a relative error of omega may grow in phi'; 1 at best, inf at lock;
             (...,).
@@ -75,11 +76,12 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
         tails["J_dot"] = (3, 3)
     shape = broadcast_shape({name: array.shape[:-1] for name, array in given.items()})
     inputs = {name: components_of(array) for name, array in given.items()}
-    found = tabulate(lambda values: _of_one(order, values), inputs, tails, shape, result_dtype(given.values()))
+    function = functools.partial(_of_one, order, lock_limit(given["phi"]))
+    found = tabulate(function, inputs, tails, shape, result_dtype(given.values()))
     return EulerKinematics(**{name: read_only(array) for name, array in found.items()})
 
 
-def _of_one(order: Sequence, values: Values) -> Values:
+def _of_one(order: Sequence, limit: float, values: Values) -> Values:
     """Everything, by name, for components of phi and phid."""
     trig = angle_terms(order.angles(values["phi"]))
     axes = order.axes(trig)
@@ -89,7 +91,7 @@ def _of_one(order: Sequence, values: Values) -> Values:
     sine, cosine = np.abs(trig[2]), np.abs(trig[3])
     lock, common = (sine, cosine) if order.proper else (cosine, sine)
     inverse = [order.angles(canonical_rates(order, trig, unit)) for unit in WORLD]
-    found["J_inverse"] = tuple(np.where(lock < LOCK, np.nan, entry) for entry in beside(*inverse))
+    found["J_inverse"] = tuple(np.where(lock < limit, np.nan, entry) for entry in beside(*inverse))
     found["condition"] = np.divide(1.0 + common, lock)
     found["lock_distance"] = np.arctan2(lock, common)
     return found
