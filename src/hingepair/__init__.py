@@ -47,6 +47,9 @@ if TYPE_CHECKING:
     from hingepair.formats.urdf_writer import to_urdf
     from hingepair.integration.integrate import integrate
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
+    from hingepair.measured.instants import MeasurementWarning
+    from hingepair.measured.resample import resample
+    from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
     from hingepair.rotations.euler_motion import euler_kinematics
     from hingepair.scenes.scene import load_scene
@@ -66,6 +69,7 @@ __all__ = [
     "GimbalLockError",
     "HingePair",
     "HingePairError",
+    "MeasurementWarning",
     "MissingDependencyError",
     "PairState",
     "PlanarPair",
@@ -74,6 +78,8 @@ __all__ = [
     "RotationError",
     "SceneError",
     "ShapeError",
+    "SmoothedAngle",
+    "SmoothedMotion",
     "Sphere",
     "Trajectory",
     "URDFError",
@@ -92,10 +98,12 @@ __all__ = [
     "load_scene",
     "matrix_to_euler",
     "project_to_rotation",
+    "resample",
     "rodrigues",
     "rotation_exp",
     "rotation_log",
     "skew",
+    "smooth",
     "to_mjcf",
     "to_pinocchio",
     "to_urdf",
@@ -108,6 +116,9 @@ _LATER = {
     "Cylinder": "pair.body",
     "PlanarTrajectory": "integration.trajectory",
     "Trajectory": "integration.trajectory",
+    "MeasurementWarning": "measured.instants",
+    "SmoothedAngle": "measured.smooth",
+    "SmoothedMotion": "measured.smooth",
     "cross_validate": "validation.cross_validate",
     "cross_validate_from_body1": "validation.cross_validate",
     "derive": "symbolic.closed_forms",
@@ -117,6 +128,8 @@ _LATER = {
     "load_robot_hinge": "formats.robots",
     "load_scene": "scenes.scene",
     "Sphere": "pair.body",
+    "resample": "measured.resample",
+    "smooth": "measured.smooth",
     "to_mjcf": "formats.mjcf_writer",
     "to_pinocchio": "validation.cross_validate",
     "to_urdf": "formats.urdf_writer",

@@ -1,0 +1,125 @@
+"""Instants of recordings: counted from the first one, exactly, and cut where samples are missing.
+
+Seconds since 1970 take 31 bits of a double before the point and leave 2.4e-7 s behind it. So instants are subtracted
+in the kind of number that they came in, and only their differences become float64 seconds.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError, DtypeError, ShapeError
+from hingepair.numeric.arrays import finite_number, real_array
+
+Float64Array = NDArray[np.float64]
+
+_EPOCH_NS = 10**17
+"""Integers from here on are nanoseconds since 1970 (1973 and later)."""
+_LARGEST_SECONDS = 1e14
+_JITTER = 0.3
+
+
+class MeasurementWarning(UserWarning):
+    """Something about recorded data that a result depends on: noise that dominates, stamps that jitter."""
+
+
+def elapsed(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
+    """Seconds since an instant, and that instant as it came.
+
+    Args:
+        name: of the argument, for messages.
+        t: seconds as floats, datetime64, timedelta64, or integer nanoseconds since 1970; shape (N,).
+        since: what an earlier call returned beside its seconds; the first of t unless given.
+
+    Raises:
+        ArgumentError: not of one axis, empty, not finite, of another kind than `since`, or integers that may be
+            nanoseconds, milliseconds or seconds.
+    """
+    given = t if isinstance(t, np.ndarray) else np.asarray(t)
+    stamps = given if given.dtype.kind in "mM" else real_array(name, t)
+    if stamps.ndim != 1 or not stamps.size:
+        raise ShapeError(name, "shape (N,), at least one instant", f"shape {stamps.shape}")
+    if stamps.dtype.kind in "iu":
+        if np.abs(stamps.astype(np.float64)).min() < _EPOCH_NS:
+            wanted = "float seconds, datetime64, or nanoseconds since 1970 as integers: which unit are these in?"
+            raise DtypeError(name, f"{wanted} (1e-3 * t where milliseconds)", f"{stamps.dtype.name} from {stamps[0]}")
+        stamps = stamps.astype(np.int64)
+    missing = np.flatnonzero(np.isnat(stamps) if stamps.dtype.kind in "mM" else ~np.isfinite(stamps))
+    if missing.size:
+        raise ArgumentError(name, "finite instants", f"{stamps[missing[0]]} at index {missing[0]}")
+    if stamps.dtype.kind == "f":
+        stamps = stamps.astype(np.float64)
+        if np.abs(stamps).max() > _LARGEST_SECONDS:
+            wanted = "seconds, or integers where they are nanoseconds (as floats they are off by 100 ns)"
+            raise ArgumentError(name, wanted, float(stamps[0]))
+    first = stamps[0] if since is None else since
+    if np.asarray(first).dtype.kind != stamps.dtype.kind:
+        kinds = {"f": "float seconds", "i": "integer nanoseconds", "M": "datetime64", "m": "timedelta64"}
+        raise DtypeError(name, kinds[np.asarray(first).dtype.kind], kinds[stamps.dtype.kind])
+    differences = stamps - first
+    if differences.dtype.kind == "m":
+        return np.asarray(differences / np.timedelta64(1, "ns") * 1e-9), first
+    return np.asarray(differences * 1e-9 if differences.dtype.kind == "i" else differences, dtype=np.float64), first
+
+
+def recorded(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
+    """Seconds since the first instant of a recording, strictly increasing, and that instant.
+
+    Raises:
+        ArgumentError: as `elapsed`, or two instants are the same or in the wrong order; names the first such.
+    """
+    seconds, first = elapsed(name, t)
+    steps = np.diff(seconds)
+    bad = np.flatnonzero(~(steps > 0)) + 1
+    if bad.size:
+        i = int(bad[0])
+        how = "the same stamp as" if steps[i - 1] == 0 else f"{-steps[i - 1]:.6g} s before"
+        more = f", and {bad.size - 1} more" if bad.size > 1 else ""
+        raise ArgumentError(name, "instants that increase", f"sample {i} {how} the sample before it{more}")
+    return seconds, first
+
+
+def warn_of_jitter(name: str, seconds: Float64Array) -> None:
+    """Say so where the steps scatter: derivatives believe the stamps."""
+    steps = np.diff(seconds)
+    if steps.size < 8:
+        return
+    low, middle, high = np.percentile(steps, (10, 50, 90))
+    if high - low > _JITTER * middle:
+        message = f"{name}: stamps jitter: steps from {1e3 * low:.3g} to {1e3 * high:.3g} ms about {1e3 * middle:.3g}"
+        warnings.warn(f"{message} ms (10 to 90 %); rates are as good as the stamps", MeasurementWarning, stacklevel=3)
+
+
+def checked_gaps(gaps: object) -> float:
+    """The longest time without a sample that is no gap [s].
+
+    Raises:
+        ArgumentError: not a positive number.
+    """
+    longest = finite_number("gaps", gaps)
+    if longest <= 0:
+        raise ArgumentError("gaps", "a positive time [s]", gaps)
+    return longest
+
+
+def pieces(t: Float64Array, known: NDArray[np.bool_], gaps: float, fewest: int = 1) -> list[NDArray[np.intp]]:
+    """The known samples, cut at gaps; pieces of fewer samples than `fewest` are left out.
+
+    A gap is where known samples are further apart than `gaps`, and than one and a half of the usual step.
+
+    Args:
+        t: instants, increasing [s].
+        known: which samples are there.
+        gaps: the longest time without a sample that is no gap [s].
+        fewest: samples that a piece has at least.
+    """
+    there = np.flatnonzero(known)
+    if not there.size:
+        return []
+    usual = float(np.median(np.diff(t))) if t.size > 1 else 0.0
+    cuts = np.flatnonzero(np.diff(t[there]) > max(gaps, 1.5 * usual)) + 1
+    return [piece for piece in np.split(there, cuts) if piece.size >= fewest]

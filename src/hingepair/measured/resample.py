@@ -1,0 +1,130 @@
+"""A recording at other instants: cubics through the four samples around each, of rotations on the group."""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ShapeError
+from hingepair.measured.instants import checked_gaps, elapsed, pieces, recorded
+from hingepair.numeric.arrays import real_array
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.rotations.matrices import rotation_exp, rotation_vector
+
+Float64Array = NDArray[np.float64]
+
+
+class Neighbours(NamedTuple):
+    """The samples that each instant is interpolated from.
+
+    Attributes:
+        inside: which instants lie within the recording, and in none of its gaps.
+        samples: for those, four samples; shape (M, 4); the second is at or before the instant, or the first is.
+        weights: of Lagrange's polynomial; shape (M, 4).
+    """
+
+    inside: NDArray[np.bool_]
+    samples: NDArray[np.intp]
+    weights: Float64Array
+
+
+@overload
+def resample(t: ArrayLike, values: BodyMotion, to: ArrayLike, gaps: float = 0.05) -> BodyMotion: ...
+@overload
+def resample(t: ArrayLike, values: ArrayLike, to: ArrayLike, gaps: float = 0.05) -> Float64Array: ...
+def resample(
+    t: ArrayLike, values: ArrayLike | BodyMotion, to: ArrayLike, gaps: float = 0.05
+) -> Float64Array | BodyMotion:
+    """A recording at other instants, so that recordings with clocks of their own come to one.
+
+    Between samples goes the cubic through the four nearest, of attitudes in the rotation vectors from the sample
+    before: an error of order h^4 in the step h. Samples that are not finite are stepped over. At an instant of the
+    recording stands its sample. Nothing is extrapolated. Angles must be without jumps by 2 pi (`numpy.unwrap`).
+
+    Args:
+        t: instants of the recording, increasing: seconds, datetime64, or integer nanoseconds since 1970; (N,).
+        values: numbers, time on the first axis, shape (N, ...); or a BodyMotion of shape (N,), of which all that
+            is there is resampled.
+        to: the new instants, in the same clock and kind of number; shape (M,).
+        gaps: the longest time without a sample that is bridged [s] (at least one and a half steps are).
+
+    Returns:
+        float64, shape (M, ...), or a BodyMotion of shape (M,). NaN before the first sample, after the last and in
+        gaps.
+
+    Raises:
+        ArgumentError: an argument cannot be used; names it. Stamps that repeat or go back are named.
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> t = np.array([0.0, 0.01, 0.02, 0.03, 0.04, 0.2, 0.21])
+    >>> hp.resample(t, t**2, [0.0, 0.015, 0.1, 0.3]).round(9)
+    array([0.      , 0.000225,      nan,      nan])
+    """
+    time, first = recorded("t", t)
+    target, _ = elapsed("to", to, first)
+    longest = checked_gaps(gaps)
+    if isinstance(values, BodyMotion):
+        if values.shape != time.shape:
+            raise ShapeError("values", f"a BodyMotion of shape {time.shape}, as t", f"shape {values.shape}")
+        arrays = {}
+        for letter in ("R", "S", "v", "omega", "a", "alpha"):
+            array = getattr(values, letter)
+            if array is not None:
+                tail = (3, 3) if letter == "S" else (3,)
+                given = np.broadcast_to(array, (*time.shape, *tail)).astype(np.float64, copy=False)
+                arrays[letter] = interpolated(time, given, target, longest, rotations=letter == "S")
+        return BodyMotion(**arrays)
+    given = real_array("values", values)
+    if given.shape[:1] != time.shape:
+        raise ShapeError("values", f"shape ({time.size}, ...), as t", f"shape {given.shape}")
+    return interpolated(time, given.astype(np.float64, copy=False), target, longest)
+
+
+def interpolated(
+    t: Float64Array, values: Float64Array, to: Float64Array, gaps: float, rotations: bool = False
+) -> Float64Array:
+    """Columns, or rotations, at other instants; instants as `hingepair.measured.instants.recorded` returns them."""
+    flat = values.reshape(t.size, -1)
+    found = np.full((to.size, flat.shape[1]), np.nan)
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(flat).all(axis=-1))
+    near = neighbours(t, known, to, gaps)
+    if rotations:
+        S = values[near.samples]
+        base = S[:, 1]
+        theta = rotation_vector(np.swapaxes(base, -1, -2)[:, None] @ S)
+        turn = rotation_exp((near.weights[..., None] * theta).sum(axis=-2))
+        hit = (near.weights == 1).any(axis=-1, keepdims=True)
+        own = np.take_along_axis(S, np.argmax(near.weights, axis=-1)[:, None, None, None], axis=1)[:, 0]
+        found[near.inside] = np.where(hit, own.reshape(-1, 9), (base @ turn).reshape(-1, 9))
+    else:
+        found[near.inside] = (near.weights[..., None] * flat[near.samples]).sum(axis=-2)
+    return found.reshape(to.size, *values.shape[1:])
+
+
+def neighbours(t: Float64Array, known: NDArray[np.bool_], to: Float64Array, gaps: float) -> Neighbours:
+    """The four known samples around each instant, and their weights; fewer in pieces of fewer samples."""
+    inside = np.zeros(to.shape, dtype=bool)
+    samples = np.zeros((to.size, 4), dtype=np.intp)
+    for piece in pieces(t, known, gaps):
+        rows = np.flatnonzero((to >= t[piece[0]]) & (to <= t[piece[-1]]))
+        before = np.clip(np.searchsorted(t[piece], to[rows], side="right") - 1, 0, max(piece.size - 2, 0))
+        first = np.clip(before - 1, 0, max(piece.size - 4, 0))
+        samples[rows] = piece[np.minimum(first[:, None] + np.arange(4), piece.size - 1)]
+        inside[rows] = True
+    samples = samples[inside]
+    return Neighbours(inside, samples, _lagrange(t[samples] - to[inside, None], samples))
+
+
+def _lagrange(nodes: Float64Array, samples: NDArray[np.intp]) -> Float64Array:
+    """Weights at 0 of the polynomial through nodes; of a sample that comes twice, only the first counts."""
+    counts = np.ones(samples.shape, dtype=bool)
+    counts[:, 1:] = samples[:, 1:] != samples[:, :-1]
+    weights = counts.astype(np.float64)
+    with np.errstate(all="ignore"):
+        for i, j in itertools.permutations(range(4), 2):
+            weights[:, i] *= np.where(counts[:, i] & counts[:, j], nodes[:, j] / (nodes[:, j] - nodes[:, i]), 1.0)
+    return weights

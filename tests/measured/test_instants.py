@@ -1,0 +1,63 @@
+"""Instants of recordings: exact differences, kinds told by type, faults named, gaps cut."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.measured.instants import elapsed, pieces, recorded
+
+STEP_NS = 5_000_001
+
+
+def test_nanoseconds_since_1970_lose_nothing() -> None:
+    t = 1_700_000_000_123_456_789 + STEP_NS * np.arange(5)
+    for stamps in (t, t.astype("datetime64[ns]"), t.astype(np.uint64)):
+        seconds, _ = recorded("t", stamps)
+        assert np.abs(seconds - STEP_NS * 1e-9 * np.arange(5)).max() <= 2e-18
+
+
+def test_other_stamps_of_the_same_clock_count_from_the_same_instant() -> None:
+    t = np.datetime64("2026-11-21T10:00:00.000000000") + np.arange(4) * np.timedelta64(STEP_NS, "ns")
+    _, first = recorded("t", t)
+    seconds, _ = elapsed("to", t[2:].astype("datetime64[ns]"), first)
+    assert seconds[0] == pytest.approx(2 * STEP_NS * 1e-9, abs=1e-18)
+    with pytest.raises(hp.DtypeError, match="to: expected datetime64, got float seconds"):
+        elapsed("to", [0.1], first)
+
+
+@pytest.mark.parametrize(
+    ("t", "words"),
+    [
+        (np.arange(5), "which unit"),
+        (1.7e18 + np.arange(5) * 5e6, "integers where they are nanoseconds"),
+        ([0.0, 0.1, 0.1, 0.2], "sample 2 the same stamp as the sample before"),
+        ([0.0, 0.1, 0.05, 0.2], r"sample 2 0\.05 s before the sample before"),
+        ([0.0, 0.1, 0.05, 0.02], "and 1 more"),
+        ([0.0, np.nan], "finite instants"),
+        (np.array(["2026-11-21", "NaT"], dtype="datetime64[ms]"), "finite instants"),
+        (np.zeros((2, 2)), "shape"),
+        ([], "at least one"),
+    ],
+    ids=["integers", "float ns", "duplicate", "backwards", "backwards twice", "nan", "nat", "two axes", "none"],
+)
+def test_stamps_that_cannot_be_used_are_named(t: object, words: str) -> None:
+    with pytest.raises(hp.ArgumentError, match=words) as caught:
+        recorded("t", t)
+    assert caught.value.name == "t"
+
+
+def test_pieces_are_cut_where_samples_are_missing() -> None:
+    t = np.concatenate((np.arange(10) * 0.01, 0.5 + np.arange(10) * 0.01))
+    known = np.ones(20, dtype=bool)
+    known[3:5] = False  # 30 ms: bridged
+    known[13:18] = False  # 60 ms: a gap
+    found = pieces(t, known, 0.05)
+    assert [piece.tolist() for piece in found] == [[0, 1, 2, 5, 6, 7, 8, 9], [10, 11, 12], [18, 19]]
+    assert len(pieces(t, known, 0.05, fewest=4)) == 1
+
+
+def test_slow_recordings_are_not_all_gaps() -> None:
+    t = np.arange(20.0)
+    assert len(pieces(t, np.ones(20, dtype=bool), 0.05)) == 1

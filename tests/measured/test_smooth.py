@@ -1,0 +1,158 @@
+"""Smooth motion from noisy recordings, beside the truth and beside what smoothers in hindsight can do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import savgol_filter
+
+import hingepair as hp
+
+PAIR = hp.HingePair(u1=(0.3, 0.1, 0), u2=(-0.2, 0, 0.1), n=(0, 0, 1))
+
+
+def motion(t: np.ndarray, spin: float = 0.0) -> hp.PairState:
+    """Body 1 along smooth coordinates, with everything about it."""
+    zero = np.zeros_like(t)
+    parts = [
+        (np.sin(t), np.cos(t), -np.sin(t)),
+        (np.cos(2 * t), -2 * np.sin(2 * t), -4 * np.cos(2 * t)),
+        (0.2 * t, zero + 0.2, zero),
+        (np.sin(1.3 * t), 1.3 * np.cos(1.3 * t), -1.69 * np.sin(1.3 * t)),
+        (0.6 * np.sin(2.1 * t + 1), 1.26 * np.cos(2.1 * t + 1), -2.646 * np.sin(2.1 * t + 1)),
+        (np.cos(0.9 * t) + spin * t, -0.9 * np.sin(0.9 * t) + spin, -0.81 * np.cos(0.9 * t)),
+        (zero, zero, zero),
+    ]
+    q, qd, qdd = (np.stack(own, axis=-1) for own in zip(*parts, strict=True))
+    names = ("R1", "S1", "v1", "omega1", "a1", "alpha1")
+    return PAIR.forward_kinematics(q, qd, qdd, outputs=names, sequence="ZYX")
+
+
+def rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(np.square(x))))
+
+
+def noisy(state: hp.PairState, metres: float, radians: float, seed: int) -> hp.BodyMotion:
+    rng = np.random.default_rng(seed)
+    S = state.S1 @ hp.rotation_exp(radians * rng.standard_normal(state.R1.shape))
+    return hp.BodyMotion(R=state.R1 + metres * rng.standard_normal(state.R1.shape), S=S)
+
+
+def test_exact_motion_keeps_its_derivatives() -> None:
+    t = np.arange(600) / 200
+    truth = motion(t)
+    found = hp.smooth(t, hp.BodyMotion(R=truth.R1, S=truth.S1))
+    assert np.abs(found.R - truth.R1).max() < 1e-12
+    assert np.abs(found.S - truth.S1).max() < 1e-11
+    for letter, tolerance in {"v": 1e-9, "omega": 1e-9, "a": 1e-6, "alpha": 1e-6}.items():
+        assert np.abs(getattr(found, letter) - getattr(truth, f"{letter}1")).max() < tolerance, letter
+
+
+@pytest.mark.parametrize(("metres", "radians"), [(1e-3, 2e-3), (1e-2, 2e-2)])
+def test_errors_of_derivatives_are_what_it_says(metres: float, radians: float) -> None:
+    t = np.arange(2000) / 200
+    truth = motion(t)
+    found = hp.smooth(t, noisy(truth, metres, radians, 1))
+    assert found.noise["R"] == pytest.approx(metres, rel=0.05)
+    assert found.noise["S"] == pytest.approx(radians, rel=0.05)
+    for letter in ("v", "omega", "a", "alpha"):
+        error = rms(getattr(found, letter) - getattr(truth, f"{letter}1"))
+        assert error < 3 * found.noise[letter], letter
+        assert error > found.noise[letter] / 3, letter
+
+
+def best_in_hindsight(y: np.ndarray, step: float, truth: np.ndarray, order: int) -> float:
+    """The least error of any Savitzky-Golay filter."""
+    windows = [(degree, w) for degree in (2, 4, 6) for w in range(21 + 2 * degree, 401, 20)]
+    return min(rms(savgol_filter(y, w, degree, order, step) - truth) for degree, w in windows)
+
+
+@pytest.mark.parametrize("sigma", [1e-3, 1e-2])
+def test_derivatives_are_within_twice_the_best_filter_in_hindsight(sigma: float) -> None:
+    t = np.arange(2000) / 200
+    ratios = []
+    for seed in range(3):
+        y = np.sin(t) + 0.3 * np.sin(7 * t + 1) + sigma * np.random.default_rng(seed).standard_normal(t.size)
+        _, rate, acceleration = hp.smooth(t, y)
+        first = np.cos(t) + 2.1 * np.cos(7 * t + 1)
+        second = -np.sin(t) - 14.7 * np.sin(7 * t + 1)
+        ratios.append(
+            [
+                rms(rate - first) / best_in_hindsight(y, 1 / 200, first, 1),
+                rms(acceleration - second) / best_in_hindsight(y, 1 / 200, second, 2),
+            ]
+        )
+    assert (np.mean(ratios, axis=0) < 2).all()
+
+
+def test_a_steady_spin_costs_nothing_however_fast() -> None:
+    t = np.arange(1000) / 200
+    turn = hp.rotation_exp(t[:, None] * np.array([20.0, -30.0, 40.0]))
+    S = turn @ hp.rotation_exp(2e-3 * np.random.default_rng(3).standard_normal((1000, 3)))
+    found = hp.smooth(t, hp.BodyMotion(R=np.outer(t, (1, 2, 3)), S=S))
+    assert found.bandwidth["S"] < 6  # the spin is of 8.6 Hz
+    assert rms(found.omega - np.array([20.0, -30.0, 40.0])) < 0.05
+
+
+def test_gaps_stay_gaps_and_holes_are_filled() -> None:
+    t = np.arange(1000) / 200
+    truth = motion(t)
+    body = noisy(truth, 1e-4, 1e-4, 4)
+    R, S = body.R.copy(), body.S.copy()
+    R[300:304] = S[400:406] = np.nan  # up to 35 ms
+    S[600:650] = np.nan  # 255 ms
+    found = hp.smooth(t, hp.BodyMotion(R=R, S=S))
+    assert np.isfinite(found.a).all()
+    lost = np.isnan(found.alpha).any(axis=-1)
+    assert np.flatnonzero(lost).tolist() == list(range(600, 650))
+    assert (np.isnan(found.S).any(axis=(-2, -1)) == lost).all()
+    assert np.abs(found.S[400:406] - truth.S1[400:406]).max() < 4e-4
+    assert rms(found.alpha[390:420] - truth.alpha1[390:420]) < 3 * found.noise["alpha"]
+    # On the far side of a gap nothing of the near side enters.
+    turned = np.concatenate((np.roll(S[:600], 1, axis=-1), S[600:]))
+    moved, whole = (hp.smooth(t, hp.BodyMotion(R=R, S=each), 3.0) for each in (turned, S))
+    assert np.abs(moved.alpha[650:] - whole.alpha[650:]).max() < 1e-9
+
+
+def test_angles_may_jump_by_turns_and_unpack() -> None:
+    t = np.arange(500) / 100
+    psi = 4 * t + 0.5 * np.sin(2 * t)
+    wrapped = (psi + np.pi) % (2 * np.pi) - np.pi
+    found = hp.smooth(t, wrapped)
+    angle, rate, second = found
+    assert np.abs(angle - psi).max() < 1e-9
+    assert np.abs(rate - 4 - np.cos(2 * t)).max() < 1e-5
+    assert second is found.psidd
+
+
+def test_noise_that_dominates_is_warned_of_with_its_size() -> None:
+    t = np.arange(1000) / 200
+    truth = motion(t)
+    with pytest.warns(hp.MeasurementWarning, match=r"a: noise of \d+ m/s\^2 in \d+ m/s\^2"):
+        hp.smooth(t, noisy(truth, 1e-3, 2e-3, 5), bandwidth=80.0)
+
+
+def test_jitter_is_warned_of() -> None:
+    t = np.cumsum(np.random.default_rng(6).uniform(0.001, 0.009, 500))
+    with pytest.warns(hp.MeasurementWarning, match="t: stamps jitter"):
+        hp.smooth(t, np.sin(t))
+
+
+def test_uneven_stamps_are_believed() -> None:
+    t = np.cumsum(np.random.default_rng(7).uniform(0.0045, 0.0055, 1000)) + 1.7e9
+    x = t - t[0]
+    _, rate, _ = hp.smooth(t, np.sin(3 * x))
+    assert rms(rate - 3 * np.cos(3 * x)) < 1e-5  # the stamps themselves are rounded to 2.4e-7 s
+
+
+@pytest.mark.parametrize("name", ["few", "bandwidth", "shape"])
+def test_what_cannot_be_used_is_named(name: str) -> None:
+    t = np.arange(20) / 100
+    cases = {
+        "few": (lambda: hp.smooth(t, np.where(t < 0.05, t, np.nan)), "body: expected at least 8 finite samples"),
+        "bandwidth": (lambda: hp.smooth(t, t, bandwidth=-1), "bandwidth"),
+        "shape": (lambda: hp.smooth(t, t[1:]), "body"),
+    }
+    call, words = cases[name]
+    with pytest.raises(hp.ArgumentError, match=words):
+        call()
