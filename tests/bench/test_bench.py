@@ -1,180 +1,253 @@
-"""The benchmark measures what it says: every method computes the same, and its reports are whole. No speed here."""
+"""The bench measures what it says: every way computes the same, and its reports are whole. No speed here."""
 
 from __future__ import annotations
 
 import json
+import math
 
+import mpmath
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.bench import contenders as bench_contenders
-from hingepair.bench import cpp as bench_cpp
-from hingepair.bench import skip as bench_skip
-from hingepair.bench.contenders import CPP, METHODS, contenders, installed
-from hingepair.bench.cpp import compiled_loop
-from hingepair.bench.direct import Row
-from hingepair.bench.engines import pinocchio_loop
-from hingepair.bench.methods import LEVELS
-from hingepair.bench.plot import work_precision
-from hingepair.bench.truth import hard_states, worst_errors
-from hingepair.cli import bench as bench_cli
+from hingepair.bench import direct, peers, skip, truth
+from hingepair.bench.measure import Row, measured
+from hingepair.bench.peers import LEVELS, Way, ways
+from hingepair.bench.plot import Curve, Panel, draw
 from hingepair.cli.main import app
-from support.states import coordinates, generator, rotations
+from support.reference import from_euler
+from support.states import generator
+
+PAIR = hp.HingePair(**direct.CONSTANTS)
+PRESENT = ways(cpp=False)[0]
+MEASURED = [way for way in PRESENT if way.make not in {peers.copy, peers.copy_fresh}]
+FEW = tuple(way for way in PRESENT if way.name in {peers.OURS, peers.PYTHON_LOOP, peers.FLOOR})
+
+
+def run(*options):
+    return CliRunner().invoke(app, ["bench", *options])
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """The ways that start quickly."""
+    monkeypatch.setattr(peers, "WAYS", FEW)
+    monkeypatch.setattr(direct, "_COMPARED", 3)
+
+
+@pytest.fixture(scope="module")
+def ordinary():
+    return {
+        level: truth.Truth(direct.CONSTANTS, truth.random_states(generator(80), 5, parts), LEVELS[level])
+        for parts, level in enumerate(LEVELS, 1)
+    }
+
+
+@pytest.fixture(scope="module")
+def hard():
+    return truth.Truth(direct.CONSTANTS, truth.hard_states(generator(82), 3), LEVELS["acceleration"])
+
+
+def test_the_truth_is_that_of_the_tests():
+    """Two routes, differences in time and Taylor series, meet in 40 digits."""
+    states = (*truth.random_states(generator(79), 3, 3), *truth.hard_states(generator(79), 3))
+    for motion in (states[:3], states[3:]):
+        constants = [np.array(direct.CONSTANTS[key]) for key in ("u1", "u2", "n", "home")]
+        expected = from_euler(constants, *motion)
+        for i, state in enumerate(zip(*motion, strict=True)):
+            found = truth.exact(direct.CONSTANTS, *state)
+            with mpmath.workdps(60):
+                for name in LEVELS["acceleration"]:
+                    true, scale = expected.values[name][i].ravel(), mpmath.mpf(float(expected.scales[name][i]))
+                    gap = max(abs(a - b) for a, b in zip(found[name], true, strict=True))
+                    assert gap <= mpmath.mpf("1e-40") * scale, (name, i)
 
 
 def _cases():
-    """Every way at every level; what compiles for long, at the lowest alone in the fast loop."""
-    for method in METHODS:
+    for way in MEASURED:
         for level in LEVELS:
-            slow = method.needs in {"jax", "sympy"} and level != "pose"
-            yield pytest.param(method, level, marks=[pytest.mark.slow] * slow, id=f"{method.name}-{level}")
+            slow = way.needs == "jax" and level != "pose"
+            yield pytest.param(way, level, marks=[pytest.mark.slow] * slow, id=f"{way.name}-{level}")
 
 
-@pytest.mark.parametrize(("method", "level"), [*_cases()])
-def test_every_method_computes_the_same(method, level):
-    assert installed(method)
-    rng = generator(80)
-    pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, 3), home=rotations(rng, 1)[0])
-    motion = coordinates(rng, 30)[: list(LEVELS).index(level) + 1]
-    found = method.prepare(pair, tuple(c.astype(method.dtype) for c in motion))()
-    expected = pair.forward_kinematics(*motion, backend="numpy")
-    for name in LEVELS[level]:
-        size = 1 + np.abs(getattr(expected, name)).max()
-        np.testing.assert_allclose(
-            found[name], getattr(expected, name), rtol=0, atol=500 * np.finfo(method.dtype).eps * size
-        )
+@pytest.mark.parametrize(("way", "level"), [*_cases()])
+def test_every_way_computes_the_truth(way, level, ordinary):
+    assert direct.errors(PAIR, [way], ordinary[level])[way.name] < 20
 
 
-def test_the_error_columns_see_an_error():
-    rng = generator(81)
-    pair = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1))
-    right = METHODS[0]
-    wrong = right._replace(
-        name="wrong", prepare=lambda p, m: lambda: {k: v + 1e-9 for k, v in right.prepare(p, m)().items()}
-    )
-    found = worst_errors([right, wrong], pair, coordinates(rng, 5)[:2], "velocity")
-    assert found[right.name] < 10
-    assert found["wrong"] > 1e4
+def test_one_state_is_computed_as_a_batch_is(ordinary):
+    one = [way for way in MEASURED if way.needs != "jax" and way.least == 1]
+    motion = tuple(c[:1] for c in ordinary["acceleration"].motion)
+    single = truth.Truth(direct.CONSTANTS, motion, LEVELS["acceleration"])
+    found = direct.errors(PAIR, one, single)
+    assert found.keys() == {way.name for way in one}
+    assert max(found.values()) < 20
 
 
-def test_hard_states_are_hard_and_exact_where_a_dtype_holds_them():
-    states = hard_states(generator(82), 3)
-    pair = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1))
-    ours = [m for m in METHODS if m.name.startswith("hingepair")]
-    assert {m.dtype for m in ours} == {np.float32, np.float64}
-    found = worst_errors([*ours, HALF_TURN], pair, states, "acceleration")
-    assert max(found[m.name] for m in ours) <= 12
-    assert found[HALF_TURN.name] > 1e6
+def _changed(change):
+    """Our results, changed."""
+    return lambda p, m, r: lambda: change({k: v.copy() for k, v in peers.ours()(p, m, r)().items()})
 
 
-def _with_reduced_angle(pair, motion):
-    """Reduces psi modulo 2 pi in double, which hard states must notice."""
+def _with_nan(found):
+    found["S2"][0, 1, 1] = np.nan
+    return found
+
+
+def _reduced(pair, motion, room):
+    """Reduces psi modulo 2 pi in double."""
     q = motion[0].copy()
     q[:, 6] %= 2 * np.pi
-    return METHODS[0].prepare(pair, (q, *motion[1:]))
+    return peers.ours()(pair, (q, *motion[1:]), room)
 
 
-HALF_TURN = METHODS[0]._replace(name="reduced", prepare=_with_reduced_angle)
+def _refuses(*_):
+    raise hp.ArgumentError("q", "something else", 0)
 
 
-def test_direct_prints_writes_and_draws(tmp_path):
+def test_the_error_columns_see_errors_and_what_is_not_finite(ordinary, hard):
+    wrong = [
+        Way("right", peers.ours()),
+        Way("off", _changed(lambda found: {name: value + 1e-9 for name, value in found.items()})),
+        Way("nan", _changed(_with_nan)),
+        Way("refuses", _refuses),
+        Way("reduced", _reduced),
+    ]
+    found = direct.errors(PAIR, wrong, ordinary["velocity"])
+    assert found["right"] < 12
+    assert 1e4 < found["off"] < math.inf
+    assert found["nan"] == found["refuses"] == math.inf
+    found = direct.errors(PAIR, wrong, hard)
+    assert found["right"] < 12
+    assert found["reduced"] > 1e6
+
+
+def test_rows_are_medians_of_one_run_and_ratios_to_the_first():
+    rows = measured("a case", {"a": lambda: None, "b": lambda: sum(range(2000))}, 5, {"a": 1, "b": 10}, {"b": 2.0})
+    assert [row.method for row in rows] == ["a", "b"]
+    assert rows[0].ratio == 1
+    assert rows[1].ratio > 0.5
+    assert rows[1].each == rows[1].seconds / 10
+    assert (rows[0].error, rows[1].error) == (None, 2.0)
+    assert all(0 < row.least <= row.seconds for row in rows)
+
+
+def test_direct_prints_writes_and_draws(few, tmp_path):  # noqa: ARG001
     picture = tmp_path / "b.png"
-    options = ["bench", "direct", "--sizes", "1", "--levels", "pose", "--repeats", "1"]
-    done = CliRunner().invoke(app, [*options, "--plot", str(picture)])
+    done = run("direct", "--sizes", "1,2", "--levels", "pose", "--repeats", "1", "--no-cold", "--plot", str(picture))
     assert done.exit_code == 0, done.output
-    assert "copy floor" in done.output
-    assert "left out: Pinocchio, C++ loop" in done.output
-    assert all(method.name in done.output for method in METHODS)
+    for words in (*(way.name for way in FEW), "pose, N = 1", "pose, N = 2", "HingePair(...)", "<= 60"):
+        assert words in done.stdout
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_no_name_in_the_picture_covers_another(tmp_path, monkeypatch):
-    monkeypatch.setattr(Figure, "savefig", lambda self, path, dpi: drawn.append(self))  # noqa: ARG005
-    drawn = []
-    rows = [Row(m.name, "pose", 10, 20.0 + i % 4, 20.0, 1.0, 3.0 + i % 3, 3.0) for i, m in enumerate(METHODS)]
-    work_precision(rows, str(tmp_path / "p.png"))
-    drawn[0].draw_without_rendering()
-    axes = drawn[0].axes[0]
-    boxes = {text.get_text(): Text.get_window_extent(text) for text in axes.texts}
-    assert set(boxes) == {m.name for m in METHODS}
-    for name, box in boxes.items():
-        assert not [other for other, o in boxes.items() if other != name and box.overlaps(o)]
-        assert axes.get_window_extent().overlaps(box)
+def test_json_has_every_row_both_errors_targets_and_the_machine(few):  # noqa: ARG001
+    done = run("direct", "--sizes", "2", "--levels", "pose", "--repeats", "1", "--no-cold", "--json")
+    found = json.loads(done.stdout, parse_constant=pytest.fail)
+    rows = {row["method"]: row for row in found["rows"] if row["case"] == "pose, N = 2"}
+    assert rows.keys() == {way.name for way in FEW}
+    assert rows[peers.FLOOR]["error"] is None
+    assert rows[peers.OURS]["error"] > 0
+    assert rows[peers.OURS]["more"][direct.HARD] > 0
+    assert found["targets"][-1]["what"] == "HingePair(...)"
+    assert {"processor", "machine", "cores", "numpy", "pin"} <= found["facts"].keys()
 
 
-def test_json_has_every_row_both_errors_and_the_machine(monkeypatch):
-    monkeypatch.setattr(bench_contenders, "METHODS", METHODS[:3])
-    options = ["bench", "direct", "--sizes", "1", "--levels", "pose", "--repeats", "1", "--json"]
-    text = CliRunner().invoke(app, options).stdout
-    found = json.loads(text, parse_constant=pytest.fail)
-    assert len(found["rows"]) == 3 + 2
-    for row in found["rows"]:
-        assert (row["error"] is None) == row["method"].startswith("copy floor")
-        assert "hard_error" in row
-    assert {"processor", "machine", "cores", "numpy", "numba", "pin", "jax", "mujoco"} <= found["facts"].keys()
+def _row(case, method, ratio, seconds=1e-3):
+    return Row(case, method, 1, seconds, seconds, ratio)
 
 
-def test_a_way_that_is_not_installed_is_a_line(monkeypatch):
-    monkeypatch.setattr(bench_contenders, "find_spec", lambda name: None if name in {"jax", "mujoco"} else True)
-    found, left_out = contenders(cpp=False)
-    assert not [m for m in found if m.needs in {"jax", "mujoco"}]
-    assert [line.split(",")[0] for line in left_out] == ["MuJoCo", "JAX", "Pinocchio"]
-
-
-def test_without_a_compiler_the_cpp_loop_is_a_line(monkeypatch):
-    compiled_loop.cache_clear()
-    monkeypatch.setenv("PATH", "")
-    found, left_out = contenders(cpp=True)
-    assert CPP not in found
-    assert "a C++ compiler" in left_out[-1]
-
-
-def test_without_headers_the_cpp_loop_is_a_line(monkeypatch):
-    compiled_loop.cache_clear()
-    monkeypatch.setattr(bench_cpp, "_headers", lambda: iter(()))
-    _, left_out = contenders(cpp=True)
-    assert "pinocchio/algorithm/frames.hpp" in left_out[-1]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("level", LEVELS)
-def test_the_cpp_loop_computes_what_the_python_loop_does(level):
-    compiled_loop()
-    pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, 3), home=rotations(generator(83), 1)[0])
-    motion = coordinates(generator(84), 30)[: list(LEVELS).index(level) + 1]
-    expected = pinocchio_loop(pair, motion)()
-    found = CPP.prepare(pair, motion)()
-    for name in LEVELS[level]:
-        size = 1 + np.abs(expected[name]).max()
-        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=64 * 2.0**-53 * size)
-
-
-def test_skip_reports_every_skip():
-    found = json.loads(
-        CliRunner().invoke(app, ["bench", "skip", "--samples", "50", "--repeats", "1", "--json"]).stdout
-    )
-    assert {row["backend"] for row in found["rows"]} == {"numba", "numpy"}
-    assert len(found["rows"]) == 2 * len(bench_skip._AGAINST)
-
-
-@pytest.mark.slow
-def test_cold_starts_and_peak_memory_are_in_the_report(monkeypatch):
-    monkeypatch.setattr(bench_cli, "MILLION", 100_000)
-    options = ["bench", "direct", "--sizes", "1", "--levels", "pose", "--repeats", "1", "--cold", "--memory"]
-    found = json.loads(CliRunner().invoke(app, [*options, "--json"]).stdout)
-    assert len(found["cold"]) == 5
-    assert all(0 < row["min_s"] <= row["median_s"] for row in found["cold"])
-    assert {(row["backend"], row["workers"], row["level"]) for row in found["memory"]} == {
-        (backend, workers, level) for backend in ("numba", "numpy") for workers in (1, 2) for level in LEVELS
+def test_targets_say_what_is_reached_and_what_is_missed():
+    case = direct.case_of("velocity", 1_000_000)
+    ratios = {peers.OURS: 1.0, peers.FLOOR: 0.5, peers.PYTHON_LOOP: 200.0}
+    rows = [_row(case, method, ratio) for method, ratio in ratios.items()]
+    first = f"{direct.STARTS}: {direct.FIRST_CALL}"
+    rows += [_row(first, backend, 1, s) for backend, s in zip(direct.BACKENDS, (0.3, 0.2, 0.5), strict=True)]
+    found = {(target.what, target.unit): target for target in direct.targets(rows)}
+    assert {key: (round(t.reached, 9), t.ok) for key, t in found.items()} == {
+        ("velocity of a million", "times copy floor"): (2.0, False),
+        ("velocity of a million", "times Pinocchio, Python loop"): (200.0, True),
+        ("first call, 1 x 200,000, beyond NumPy's", "s"): (0.1, False),
+        ("first calls, 1 x 200,000, beyond twice the better backend's", "s"): (-0.1, True),
     }
-    assert all(row["extra_mb"] <= 10 for row in found["memory"])
+
+
+def test_more_methods_than_colours_are_drawn_each_with_its_name(tmp_path):
+    curves = [Curve(f"method {i}", [(10.0 + i, 3.0), (10.0 + i, 10.0 ** (i + 1))], hard=True) for i in range(30)]
+    curves.append(Curve("infinite", [(5.0, 2.0), (5.0, math.inf)], hard=True))
+    panel = Panel("a", "x", "y", curves, floor=1.0, most=10.0)
+    path = tmp_path / "p.svg"
+    draw([[panel, panel._replace(most=None, falling=True, curves=curves[:3])]], path)
+    text = path.read_text()
+    for name in ("method 29", "infinite", "copying the outputs", "1e+30", "inf"):
+        assert text.count(f"<!-- {name} -->") == 1
+
+
+@pytest.mark.parametrize("bench", ["direct", "integrate"])
+@pytest.mark.parametrize("path", ["no/such/folder/b.png", "b.tiger"])
+def test_a_picture_that_cannot_be_written_is_refused_before_measuring(bench, path, tmp_path, monkeypatch):
+    from hingepair.bench import integrate
+
+    monkeypatch.setattr(direct, "direct", lambda *_: pytest.fail("measured"))
+    monkeypatch.setattr(integrate, "integrate", lambda *_: pytest.fail("measured"))
+    done = run(bench, "--plot", str(tmp_path / path))
+    assert isinstance(done.exception, hp.ArgumentError)
+    assert done.exception.name == "plot"
 
 
 @pytest.mark.parametrize("option", [("--sizes", "x"), ("--sizes", "0"), ("--levels", "jerk")])
 def test_bad_options(option):
-    done = CliRunner().invoke(app, ["bench", "direct", *option])
-    assert isinstance(done.exception, hp.ArgumentError)
+    assert isinstance(run("direct", *option).exception, hp.ArgumentError)
+
+
+def test_a_way_that_is_not_installed_is_a_line(monkeypatch):
+    monkeypatch.setattr(peers, "find_spec", lambda name: None if name in {"jax", "mujoco"} else True)
+    found, left_out = ways(cpp=False)
+    assert not [way for way in found if way.needs in {"jax", "mujoco"}]
+    assert {"MuJoCo", "JAX", "Pinocchio"} <= {line.split(",")[0] for line in left_out}
+
+
+def test_without_a_compiler_or_headers_the_cpp_loop_is_a_line(monkeypatch):
+    peers.compiled_loop.cache_clear()
+    monkeypatch.setattr(peers, "_headers", lambda: iter(()))
+    assert "pinocchio/algorithm/frames.hpp" in " ".join(ways(cpp=True)[1])
+    monkeypatch.setenv("PATH", "")
+    assert "a C++ compiler" in " ".join(ways(cpp=True)[1])
+
+
+@pytest.mark.slow
+def test_the_cpp_loop_computes_the_truth(ordinary):
+    """A minute, which the compiler takes."""
+    way = next(way for way in ways(cpp=True)[0] if way.name == peers.CPP)
+    for level in LEVELS:
+        assert direct.errors(PAIR, [way], ordinary[level])[way.name] < 20
+
+
+def test_skip_compares_every_program_with_the_whole_one():
+    done = run("skip", "--samples", "50", "--repeats", "1", "--json")
+    found = json.loads(done.stdout)["rows"]
+    for name in skip.cases(2):
+        assert len([row for row in found if row["method"] == name]) == 2
+    assert [row["ratio"] for row in found if row["method"] == skip.WHOLE] == [1, 1]
+
+
+def test_what_is_known_changes_no_output():
+    known = skip.cases(20)
+    for pair, motion, outputs in known.values():
+        folded = pair.forward_kinematics(*motion, outputs=outputs)
+        full = pair.forward_kinematics(
+            *(np.stack(np.broadcast_arrays(*part), axis=-1) for part in motion), outputs=outputs, backend="numpy"
+        )
+        for name in outputs:
+            unit = np.finfo(getattr(full, name).dtype).eps
+            np.testing.assert_allclose(getattr(folded, name), getattr(full, name), rtol=0, atol=40 * unit)
+
+
+@pytest.mark.slow
+def test_starts_are_measured_in_fresh_processes(monkeypatch):
+    monkeypatch.setattr(direct, "SEQUENCES", {direct.FIRST_CALL: "[3, 1]"})
+    rows = direct.starts(1, lambda _: None)
+    assert len(rows) == 2 + 1 + len(direct.BACKENDS)
+    assert all(row.seconds > 0 for row in rows)
+    assert {target.what for target in direct.targets(rows)} >= {"import", "hingepair run, reference scene"}

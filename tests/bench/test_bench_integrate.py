@@ -3,70 +3,88 @@
 from __future__ import annotations
 
 import json
+import math
 
 import mpmath
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hingepair.bench import integrate as bench_integrate
-from hingepair.bench.spins import SPINS, compared, ways
+from hingepair.bench import integrate
+from hingepair.bench.integrate import SPINS, ways
 from hingepair.cli.main import app
 from support.spins import REFERENCE
 
 
-@pytest.fixture
-def few(monkeypatch):
-    """Two finenesses of each method are enough."""
-    some = tuple(
-        way._replace(finenesses=(1e-3, 1e-5) if way.solver else (500.0, 1000.0), run=way.run) for way in ways()
-    )
-    monkeypatch.setattr(bench_integrate, "ways", lambda: some)
+def _matrix(quat):
+    """The rotation of a quaternion (w, x, y, z) of any length: what it turns the axes into."""
+    conjugate = [quat[0], -quat[1], -quat[2], -quat[3]]
+    size = sum(part * part for part in quat)
+    columns = [
+        integrate._times(integrate._times(quat, [0, *e]), conjugate)[1:] for e in np.eye(3, dtype=int).tolist()
+    ]
+    return mpmath.matrix(columns).T / size
 
 
 def test_the_motions_are_what_their_closed_forms_say():
     """Omega is that of the exact attitudes, which agree with the tests' own."""
     t = np.array([0.3, 1.7])
     for spin in SPINS:
-        near = spin.exact(np.concatenate([t - 1e-6, t + 1e-6]))
+        near = [_matrix(quat) for quat in spin.exact(np.concatenate([t - 1e-6, t + 1e-6]))]
         for k, omega in enumerate(spin.omega(t)):
-            rate = (near[k + 2] - near[k]) / mpmath.mpf(2e-6) * spin.exact(t)[k].T
+            rate = (near[k + 2] - near[k]) / mpmath.mpf(2e-6) * _matrix(spin.exact(t)[k]).T
             found = [rate[2, 1], rate[0, 2], rate[1, 0]]
             np.testing.assert_allclose([float(w) for w in found], omega, rtol=0, atol=1e-9)
-    exact = np.array(SPINS[0].exact(t)[0].tolist(), dtype=float)
+        np.testing.assert_allclose(
+            np.array(_matrix(spin.exact(np.zeros(1))[0]).tolist(), dtype=float), spin.start(), rtol=0, atol=1e-15
+        )
+    exact = np.array(_matrix(SPINS[0].exact(t)[0]).tolist(), dtype=float)
     np.testing.assert_allclose(exact, REFERENCE.exact(t[0]).astype(float), rtol=0, atol=1e-15)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("spin", SPINS, ids=lambda spin: spin.name)
 def test_the_error_column_sees_an_error(spin):
-    """A turn by 1e-7 rad is found, and half a turn is not taken for none."""
-    way = ways()[0]
-    exact = spin.exact(compared())
-    quats = way.run(spin, 2000.0)
-    assert spin.error(quats, exact) < 1e-11
+    """A turn by 1e-7 rad is found, half a turn is not taken for none, and no number is no attitude."""
+    exact = spin.exact(np.linspace(0, 1, 4))
+    quats = np.array([[float(part) for part in quat] for quat in exact])
+    assert spin.error(quats, exact) < 1e-15
+    assert spin.error(-quats, exact) < 1e-15
     for off in (1e-7, np.pi):
-        turn = np.array([np.cos(off / 2), np.sin(off / 2)])
-        w, x, y, z = quats.T
-        turned = np.stack([turn[0] * w - turn[1] * x, turn[0] * x + turn[1] * w,
-                           turn[0] * y - turn[1] * z, turn[0] * z + turn[1] * y], axis=-1)  # fmt: skip
-        assert spin.error(turned, exact) == pytest.approx(off, rel=1e-3)
+        turn = [math.cos(off / 2), math.sin(off / 2), 0, 0]
+        turned = np.array([integrate._times(turn, quat) for quat in quats.tolist()])
+        assert spin.error(turned, exact) == pytest.approx(off, rel=1e-7)
+    quats[2, 1] = np.nan
+    assert spin.error(quats, exact) == math.inf
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("few")
-def test_integrate_prints_writes_and_draws(tmp_path):
+def test_integrate_prints_writes_and_draws(tmp_path, monkeypatch):
+    some = tuple(
+        way._replace(finenesses=(1e-2, 1e-4) if way.solver else (500.0, 1000.0))
+        for way in ways()
+        if way.name in {"magnus6", "midpoint", "SciPy LSODA"}
+    )
+    monkeypatch.setattr(integrate, "ways", lambda: some)
     picture = tmp_path / "i.png"
-    options = ["bench", "integrate", "--repeats", "1"]
-    done = CliRunner().invoke(app, [*options, "--plot", str(picture), "--long", "3000"])
+    options = ["bench", "integrate", "--repeats", "1", "--steps", "3000"]
+    done = CliRunner().invoke(app, [*options, "--plot", str(picture)])
     assert done.exit_code == 0, done.output
-    assert all(way.name in done.output for way in ways())
-    assert "3,000 steps of magnus6" in done.output
+    assert all(way.name in done.stdout for way in some)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    found = json.loads(CliRunner().invoke(app, [*options, "--json"]).stdout)
-    assert len(found["rows"]) == 2 * 2 * len(ways())
-    orders = {row["method"]: row["order"] for row in found["rows"] if row["spin"] == "turned" and row["order"]}
-    assert {name: round(order) for name, order in orders.items()} == {
-        "magnus6": 6, "magnus4": 4, "cf4": 4, "midpoint": 2, "rk4_quaternion": 4, "euler_angles": 4,
-    }  # fmt: skip
-    assert found["ms_to_error"]["turned"].keys() == {way.name for way in ways()}
+    found = json.loads(CliRunner().invoke(app, [*options, "--json"]).stdout, parse_constant=pytest.fail)
+    assert len([row for row in found["rows"] if row["case"] == "turned"]) == 2 * len(some)
+    orders = {row["method"]: row["more"].get("order") for row in found["rows"] if row["case"] == "turned"}
+    assert round(orders["magnus6, 1000 steps"]) == 6
+    assert round(orders["midpoint, 1000 steps"]) == 2
+    assert orders["SciPy LSODA, 0.0001"] is None
+    long = [row for row in found["rows"] if row["count"] == 3000]
+    assert [row["error"] < 1e-12 for row in long] == [True, True]
+    assert len(found["targets"]) == 2
+
+
+def test_the_time_to_an_error_is_read_between_finenesses():
+    rows = [
+        integrate.Row("turned", f"magnus6, {n} steps", 1, t, t, 1.0, error)
+        for n, t, error in ((10, 1.0, 1e-9), (20, 2.0, 1e-11), (40, 4.0, 1e-13))
+    ]
+    rows.append(integrate.Row("turned", "midpoint, 10 steps", 1, 1.0, 1.0, 1.0, math.inf))
+    assert integrate.time_to_goal(rows, "turned") == {"magnus6": pytest.approx(2.0)}

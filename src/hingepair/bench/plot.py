@@ -1,111 +1,123 @@
-"""The work-precision picture of `bench direct`."""
+"""The pictures of the bench: error against time, panels side by side, one legend."""
 
 from __future__ import annotations
 
-from math import isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from hingepair.errors import MissingDependencyError
+from hingepair.errors import ArgumentError, MissingDependencyError
 
-if TYPE_CHECKING:
-    from hingepair.bench.direct import Row
+# Colours that stay apart for colour-blind eyes (Okabe and Ito), and marks that stay apart in grey.
+_COLOURS = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+_MARKS = "oDs^vP<>X*hpd"
 
 
-class Point(NamedTuple):
-    """A method in the picture: its name, ns a sample, error in units of u * scale."""
+class Curve(NamedTuple):
+    """A method in a panel.
+
+    Attributes:
+        name: it.
+        points: (x, y) each.
+        hard: the second point is the same under hardship, and drawn hollow.
+    """
 
     name: str
-    time: float
-    error: float
+    points: list[tuple[float, float]]
+    hard: bool = False
 
 
-def figure_type() -> Any:
-    """Matplotlib's Figure.
+class Panel(NamedTuple):
+    """Curves over one axis.
+
+    Attributes:
+        title: of the panel.
+        across: what its x is.
+        up: what its y is.
+        curves: in it.
+        floor: x below which nothing can be.
+        most: y runs from 0 to here, evenly; what lies beyond stands on the edge with its number. Logarithmic if None.
+        falling: x falls to the right.
+    """
+
+    title: str
+    across: str
+    up: str
+    curves: list[Curve]
+    floor: float | None = None
+    most: float | None = None
+    falling: bool = False
+
+
+def check_picture(path: Path) -> None:
+    """Refuse, before minutes of measuring, a picture that could not be written.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.
+        ArgumentError: the ending is of no picture, or the file cannot be written.
     """
+    kinds = _figure((1, 1)).canvas.get_supported_filetypes()
+    if path.suffix[1:].lower() not in kinds:
+        raise ArgumentError("plot", f"a file that ends in one of .{', .'.join(sorted(kinds))}", str(path))
+    try:
+        with path.open("ab"):
+            pass
+    except OSError as error:
+        raise ArgumentError("plot", "a file that can be written", f"{path} ({error.strerror})") from None
+
+
+def draw(rows: Sequence[Sequence[Panel]], path: Path) -> None:
+    """Draw rows of panels with the names of all curves in one legend below."""
+    figure = _figure((4.1 * len(rows[0]) + 0.4, 3.4 * len(rows) + 0.8))
+    names = list(dict.fromkeys(c.name for panels in rows for panel in panels for c in panel.curves))
+    styles = {name: (_COLOURS[i % len(_COLOURS)], _MARKS[i % len(_MARKS)]) for i, name in enumerate(names)}
+    grid = figure.subplots(len(rows), len(rows[0]), squeeze=False)
+    shown: dict[str, Any] = {}
+    for panels, line in zip(rows, grid, strict=True):
+        for panel, axes in zip(panels, line, strict=True):
+            _panel(axes, panel, styles)
+            handles, labels = axes.get_legend_handles_labels()
+            shown |= dict(zip(labels, handles, strict=True))
+    columns = -(-len(shown) // 2) if len(shown) > 4 else len(shown)
+    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+    figure.savefig(path, dpi=150)
+
+
+def _panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:
+    axes.set(xscale="log", title=panel.title, xlabel=panel.across, ylabel=panel.up)
+    if panel.most is None:
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(0, 1.15 * panel.most)
+    edge = inf if panel.most is None else panel.most
+    beyond: list[tuple[float, float]] = []
+    for curve in panel.curves:
+        colour, mark = styles[curve.name]
+        points = [(x, y) for x, y in curve.points if isfinite(min(y, edge))]
+        across, up = [x for x, _ in points], [min(y, edge) for _, y in points]
+        style: dict[str, Any] = {"marker": mark, "color": colour, "markersize": 6, "linewidth": 1.2}
+        if curve.hard:
+            axes.plot(across, up, color=colour, linewidth=1.2)
+            axes.plot(across[1:], up[1:], **style, linestyle="none", markerfacecolor="white")
+            axes.plot(across[:1], up[:1], **style, linestyle="none", label=curve.name)
+        else:
+            axes.plot(across, up, **style, label=curve.name)
+        beyond += [(x, y) for x, y in points if y > edge]
+    for i, (x, y) in enumerate(sorted(beyond)):
+        above = (0, 6 + 9 * (i % 2))
+        axes.annotate(f"{y:.0e}", (x, edge), above, textcoords="offset points", ha="center", fontsize=7)
+    if panel.floor is not None:
+        axes.axvline(panel.floor, color="0.5", linestyle="--", linewidth=1, label="copying the outputs")
+    if panel.falling:
+        axes.invert_xaxis()
+    axes.grid(visible=True, which="major", color="0.9")
+
+
+def _figure(size: tuple[float, float]) -> Any:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
         needed = "matplotlib (pip install '.[bench]' in the project's folder)"
         raise MissingDependencyError("--plot", needed, str(error)) from None
-    return Figure
-
-
-def work_precision(rows: list[Row], path: str) -> None:
-    """Error against run time, log-log, a panel for each level at its largest N; labels at the points.
-
-    Raises:
-        MissingDependencyError: Matplotlib is not installed.
-    """
-    figure_class = figure_type()
-    levels = list(dict.fromkeys(row.level for row in rows))
-    figure = figure_class(figsize=(9.6, 4.8 * len(levels)), layout="constrained")
-    panels = figure.subplots(len(levels), 1, squeeze=False)[:, 0]
-    points = [
-        _panel(panel, level, [row for row in rows if row.level == level])
-        for panel, level in zip(panels, levels, strict=True)
-    ]
-    figure.draw_without_rendering()  # from here on it is known where points lie, and stays so
-    figure.set_layout_engine("none")
-    for panel, found in zip(panels, points, strict=True):
-        _label(panel, found)
-    figure.savefig(path, dpi=130)
-
-
-def _panel(axes: Any, level: str, rows: list[Row]) -> list[Point]:
-    """Each method at the largest N that it was measured at; ours filled, others hollow, the floor a line."""
-    most = max(row.samples for row in rows)
-    largest = {row.method: row for row in sorted(rows, key=lambda row: row.samples)}
-    points = [
-        Point(row.method + (f" (N = {row.samples:,})" if row.samples < most else ""), row.median_ns, row.error)
-        for row in largest.values()
-        if row.error is not None and isfinite(row.error)
-    ]
-    for point in points:
-        ours = point.name.startswith("hingepair")
-        axes.plot(point.time, point.error, "o", color="black", markerfacecolor="black" if ours else "white", ms=6)
-    times, errors = [p.time for p in points], [p.error for p in points]
-    floor = largest.get("copy floor")
-    if floor is not None:
-        times.append(floor.median_ns)
-        axes.axvline(floor.median_ns, color="0.6", linestyle="--", linewidth=1)
-        where = {"xytext": (-3, 0), "textcoords": "offset points", "xycoords": ("data", "axes fraction")}
-        axes.annotate("copy floor", (floor.median_ns, 0.5), **where, rotation=90, fontsize=8, ha="right", va="center")
-    axes.set(xscale="log", yscale="log", xlim=(min(times) / 1.6, max(times) * 12))
-    axes.set(ylim=(min(errors) / 6, max(errors) * 6), title=f"{level}, N = {most:,}")
-    axes.set(xlabel="ns a sample", ylabel="largest error on random states [u * scale]")
-    axes.grid(visible=True, which="major", color="0.92")
-    return points
-
-
-def _label(axes: Any, points: list[Point]) -> None:
-    """Names beside the points, moved up or down as far as they would cover a point or another name."""
-    from matplotlib.text import Text
-    from matplotlib.transforms import Bbox
-
-    frame, pixel = axes.get_window_extent(), axes.figure.dpi / 72
-    places = {p.name: axes.transData.transform((p.time, p.error)) for p in points}
-    boxes = [Bbox.from_bounds(x - 5 * pixel, y - 5 * pixel, 10 * pixel, 10 * pixel) for x, y in places.values()]
-    steps = [sign * step for step in range(0, 300, 2) for sign in (1, -1)]
-    for point in sorted(points, key=lambda p: p.time):
-        text = axes.annotate(
-            point.name,
-            (point.time, point.error),
-            xytext=(9, 0),
-            textcoords="offset points",
-            fontsize=8,
-            va="center",
-            arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.5, "relpos": (0, 0.5), "shrinkB": 3},
-        )
-        size = Text.get_window_extent(text)
-        x, y = places[point.name]
-        for step in steps:
-            offset = 9 + abs(step) / 6, step
-            bottom = y + step * pixel - size.height / 2
-            box = Bbox.from_bounds(x + offset[0] * pixel, bottom, size.width, size.height)
-            if frame.y0 < box.y0 and box.y1 < frame.y1 and not any(box.overlaps(other) for other in boxes):
-                break
-        text.set_position(offset)
-        boxes.append(box)
+    return Figure(figsize=size, layout="constrained")

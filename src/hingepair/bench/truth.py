@@ -1,48 +1,127 @@
-"""How far each way of `bench direct` is from 50 digits, on ordinary states and on hard ones."""
+"""What is true, to hundreds of digits and from the definitions alone: nothing here comes from the library.
+
+S1(t) is the product of three turns about fixed axes by phi + phi' t + phi'' t^2/2 (E10), S2(t) and R2(t) follow (E5,
+E6, E7). Velocities and accelerations are differences of S2(t) and R2(t) over a time so short that their error lies
+far beyond the digits of a double, and omega is read off S' S^T (E3).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, TypeAlias
 
+import mpmath
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
-from hingepair.bench.methods import LEVELS, PARTS, Method, Motion, converted
-from hingepair.pair.accuracy import error_ratios, euler_rate_sizes, output_scales
-from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.accuracy import euler_rate_sizes, output_scales
 
-DIGITS = 50
+Array: TypeAlias = NDArray[Any]
+Motion: TypeAlias = tuple[Array, ...]
+Constants: TypeAlias = Mapping[str, Any]
+
+DIGITS = 700
+"""An angle of 1e300 keeps 400 digits, and second differences over 1e-100 s another 200."""
+_STEP = 100
+_UNIT = 2.0**-53
+
 _PHI_Y, _PSI = 4, 6
 _ANGLES = slice(3, 7)
 
 
-def worst_errors(methods: Iterable[Method], pair: HingePair, motion: Motion, level: str) -> dict[str, float]:
-    """Each way's largest error of any output, in units of u * scale of its dtype; by the way's name.
+def exact(pair: Constants, q: Any, qd: Any = None, qdd: Any = None) -> dict[str, Any]:
+    """Body 2 of one state: R2, S2, v2, omega2, a2, alpha2, flat lists of mpmath numbers."""
+    with mpmath.workdps(DIGITS):
+        zero = [0.0] * 7
+        parts = [[mpmath.mpf(float(x)) for x in (zero if c is None else c)] for c in (q, qd, qdd)]
+        h = mpmath.mpf(10) ** -_STEP / (1 + sum(abs(x) for x in parts[1]) + mpmath.sqrt(sum(map(abs, parts[2]))))
+        (R0, S0), (R, S), (R3, S3) = (_body2(pair, parts, t) for t in (-h, mpmath.mpf(0), h))
+        rate, change = (S3 - S0) / (2 * h), (S3 - 2 * S + S0) / h**2
+        found = {
+            "R2": R,
+            "S2": S,
+            "v2": (R3 - R0) / (2 * h),
+            "omega2": _vee(rate * S.T),
+            "a2": (R3 - 2 * R + R0) / h**2,
+            "alpha2": _vee(change * S.T),  # S' S'^T, the other part of the derivative, is symmetric
+        }
+        return {name: list(value) for name, value in found.items()}
 
-    States that the dtype cannot hold are left out. Infinite where a way refuses the states, or gives something that
-    is not finite for one of them.
-    """
-    truths: dict[Any, tuple[Motion, dict[str, NDArray[Any]]]] = {}
-    errors = {}
-    for method in methods:
-        if method.dtype not in truths:
-            given = _fitting(motion, method.dtype)
-            truths[method.dtype] = given, _exact(pair, given, level)
-        given, exact = truths[method.dtype]
-        scales = _scales(pair, given)
-        try:
-            with np.errstate(all="ignore"):
-                found = method.prepare(pair, given)()
-        except ValueError:
-            errors[method.name] = math.inf
-            continue
-        ratios = [
-            error_ratios(name, found[name], exact[name], scales[name], method.dtype)[1] for name in LEVELS[level]
+
+def _body2(pair: Constants, parts: Any, t: Any) -> tuple[Any, Any]:
+    """R2 and S2 at a time."""
+    x, y, z, *angles, psi = (a + t * (b + t * c / 2) for a, b, c in zip(*parts, strict=True))
+    S1 = mpmath.eye(3)
+    for axis, angle in zip(np.eye(3).tolist(), angles, strict=True):
+        S1 = S1 * _turn(axis, angle)
+    S2 = S1 * _turn(pair["n"], psi) * _nearest_rotation(mpmath.matrix(pair["home"]))
+    u1, u2 = mpmath.matrix(pair["u1"]), mpmath.matrix(pair["u2"])
+    return mpmath.matrix([x, y, z]) + S1 * u1 - S2 * u2, S2
+
+
+def _turn(axis: Any, angle: Any) -> Any:
+    """The turn about an axis of any length, through the unit quaternion."""
+    axis = mpmath.matrix(axis)
+    w = mpmath.cos(angle / 2)
+    x, y, z = axis * (mpmath.sin(angle / 2) / mpmath.norm(axis))
+    return mpmath.matrix(
+        [
+            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
         ]
-        errors[method.name] = max(float(np.nanmax(ratio)) for ratio in ratios)
-    return errors
+    )
+
+
+def _nearest_rotation(C: Any) -> Any:
+    """What a matrix of doubles stands for; each step squares its distance from a rotation."""
+    for _ in range(6):
+        C = C * (3 * mpmath.eye(3) - C.T * C) / 2
+    return C
+
+
+def _vee(W: Any) -> Any:
+    """The vector of the skew part of a matrix."""
+    return mpmath.matrix([(W[2, 1] - W[1, 2]) / 2, (W[0, 2] - W[2, 0]) / 2, (W[1, 0] - W[0, 1]) / 2])
+
+
+class Truth:
+    """Exact results of some states, and how far others are from them.
+
+    Args:
+        pair: u1, u2, n, home, lists of numbers as the pair was made of.
+        motion: q, qd, qdd, as far as they go; shape (N, 7).
+        outputs: the names that are compared.
+    """
+
+    def __init__(self, pair: Constants, motion: Motion, outputs: tuple[str, ...]):
+        self.motion = motion
+        self.outputs = outputs
+        self.scales = _scales(pair, self.motion)
+        self.exact = [exact(pair, *state) for state in zip(*self.motion, strict=True)]
+
+    def error(self, found: Mapping[str, Array]) -> float:
+        """The largest error of any output, in units of u * scale; infinite where one is not finite."""
+        worst = 0.0
+        for name in self.outputs:
+            rows = np.asarray(found[name], dtype=np.float64).reshape(len(self.exact), -1)
+            if not np.isfinite(rows).all():
+                return math.inf
+            scales = np.broadcast_to(self.scales[name], len(rows)).tolist()
+            with mpmath.workdps(DIGITS):
+                for row, true, scale in zip(rows.tolist(), self.exact, scales, strict=True):
+                    gap = max(abs(x - y) for x, y in zip(row, true[name], strict=True))
+                    worst = max(worst, float(gap / max(_UNIT * mpmath.mpf(scale), np.finfo(float).tiny)))
+        return worst
+
+
+def _scales(pair: Constants, motion: Motion) -> dict[str, NDArray[np.float64]]:
+    q, qd, qdd = (*motion, None, None)[:3]
+    W1, A1 = euler_rate_sizes(None if qd is None else qd[:, 3:6], None if qdd is None else qdd[:, 3:6])
+    linear: dict[str, Any] = {name: c[:, :3] for name, c in (("R1", q), ("v1", qd), ("a1", qdd)) if c is not None}
+    hinge: dict[str, Any] = {name: c[:, 6] for name, c in (("psid", qd), ("psidd", qdd)) if c is not None}
+    return output_scales(u1=pair["u1"], u2=pair["u2"], W1=W1, A1=A1, **linear, **hinge)
 
 
 def random_states(rng: np.random.Generator, count: int, parts: int) -> Motion:
@@ -66,59 +145,3 @@ def hard_states(rng: np.random.Generator, parts: int) -> Motion:
         motion[1, sample] *= rate
         motion[2, sample] *= rate * rate
     return tuple(motion[:parts])
-
-
-def _fitting(motion: Motion, dtype: DTypeLike) -> Motion:
-    """The states of a dtype that are finite in it, the squares of their rates too."""
-    with np.errstate(over="ignore"):
-        given = converted(motion, dtype)
-        keep = np.logical_and.reduce([np.isfinite(c).all(axis=1) for c in given])
-        for rates in given[1:2]:
-            keep &= (np.abs(rates) < 1e-3 * math.sqrt(np.finfo(np.dtype(dtype)).max)).all(axis=1)
-    return tuple(c[keep] for c in given)
-
-
-def _exact(pair: HingePair, motion: Motion, level: str) -> dict[str, NDArray[Any]]:
-    """The outputs to 50 digits, rounded to doubles at the end: the plan's steps over mpmath numbers."""
-    import mpmath
-
-    from hingepair.evaluation.plan import make_plan
-
-    def numbers(row: Any) -> tuple[Any, ...]:
-        return tuple(mpmath.mpf(float(x)) for x in row)
-
-    with mpmath.workdps(DIGITS):
-        n = numbers(pair.n)
-        constants = {key: numbers(getattr(pair, key).ravel()) for key in ("u1", "u2", "home")}
-        length = mpmath.sqrt(sum(x * x for x in n))
-        constants["n"] = tuple(x / length for x in n)
-        plan = make_plan(LEVELS[level], "XYZ", True, (_angle_terms, _hinge_terms))
-        found: dict[str, list[Any]] = {name: [] for name in LEVELS[level]}
-        for sample in zip(*motion, strict=True):
-            values: dict[str, Any] = dict(constants)
-            for names, seven in zip(PARTS, map(numbers, sample), strict=False):
-                values |= dict(zip(names, (seven[:3], seven[3:6], seven[6]), strict=True))
-            plan.run(values)
-            for name, parts in found.items():
-                parts.append([float(x) for x in values[name]])
-    return {name: np.array(p).reshape(-1, *((3, 3) if name == "S2" else (3,))) for name, p in found.items()}
-
-
-def _angle_terms(phi: Any) -> tuple[Any, ...]:
-    import mpmath
-
-    return tuple(f(angle) for angle in phi for f in (mpmath.sin, mpmath.cos))
-
-
-def _hinge_terms(psi: Any) -> tuple[Any, Any]:
-    import mpmath
-
-    return mpmath.sin(psi), 2 * mpmath.sin(psi / 2) ** 2
-
-
-def _scales(pair: HingePair, motion: Motion) -> dict[str, NDArray[np.float64]]:
-    q, qd, qdd = (*motion, None, None)[:3]
-    W1, A1 = euler_rate_sizes(None if qd is None else qd[:, 3:6], None if qdd is None else qdd[:, 3:6])
-    linear: dict[str, Any] = {name: c[:, :3] for name, c in (("R1", q), ("v1", qd), ("a1", qdd)) if c is not None}
-    hinge: dict[str, Any] = {name: c[:, 6] for name, c in (("psid", qd), ("psidd", qdd)) if c is not None}
-    return output_scales(u1=pair.u1, u2=pair.u2, W1=W1, A1=A1, **linear, **hinge)
