@@ -54,7 +54,8 @@ if TYPE_CHECKING:
     from hingepair.rotations.euler_motion import euler_kinematics
     from hingepair.scenes.scene import load_scene
     from hingepair.symbolic.closed_forms import derive
-    from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1, to_pinocchio
+    from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
+    from hingepair.validation.pinocchio_twin import to_pinocchio
 
 __version__ = "0.1.0"
 
@@ -131,7 +132,7 @@ _LATER = {
     "resample": "measured.resample",
     "smooth": "measured.smooth",
     "to_mjcf": "formats.mjcf_writer",
-    "to_pinocchio": "validation.cross_validate",
+    "to_pinocchio": "validation.pinocchio_twin",
     "to_urdf": "formats.urdf_writer",
 }
 

@@ -18,7 +18,7 @@ from hingepair.pair.accuracy import error_ratios, given_rate_sizes, output_scale
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.euler import euler_to_matrix
-from hingepair.validation.cross_validate import to_pinocchio
+from hingepair.validation.pinocchio_twin import to_pinocchio
 from support import states
 
 U = 2.0**-53

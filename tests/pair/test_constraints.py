@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.validation.cross_validate import to_pinocchio
+from hingepair.validation.pinocchio_twin import to_pinocchio
 from support.reference import DIGITS, Series, exactly, nearest_rotation, skew, unit
 from support.states import body1 as random_body
 from support.states import generator

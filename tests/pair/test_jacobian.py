@@ -10,7 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.rotations.sequences import SEQUENCES
-from hingepair.validation.cross_validate import to_pinocchio
+from hingepair.validation.pinocchio_twin import to_pinocchio
 from support.states import body1 as random_body1
 from support.states import coordinates, generator, hard_states
 from support.states import pair as random_pair

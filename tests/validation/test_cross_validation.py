@@ -136,7 +136,8 @@ class Faulty:
     def __init__(self, pair, fault):
         self.pair, self.fault = pair, fault
         self.u1, self.u2, self.n, self.home, self.name = pair.u1, pair.u2, pair.n, pair.home, "faulty"
-        self.limits, self.body1, self.body2, self.constants = None, None, None, pair.constants
+        self.constants = pair.constants
+        self.limits = self.torque_limit = self.rate_limit = self.body1 = self.body2 = None
 
     def forward_kinematics(self, q, qd, qdd, **options):
         state = self.pair.forward_kinematics(

@@ -21,7 +21,7 @@ from hingepair.bench.plot import Curve, Panel
 from hingepair.bench.truth import Motion, Truth, hard_states, random_states
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.validation.cross_validate import to_pinocchio
+from hingepair.validation.pinocchio_twin import to_pinocchio
 
 ERROR = "error"
 HARD = "on hard states"

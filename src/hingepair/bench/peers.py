@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from hingepair.errors import MissingDependencyError
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.validation.cross_validate import to_pinocchio
+from hingepair.validation.pinocchio_twin import to_pinocchio
 
 Array: TypeAlias = NDArray[Any]
 Motion: TypeAlias = tuple[Array, ...]

@@ -1,4 +1,4 @@
-"""The pair in Pinocchio (`to_pinocchio`), and both routes to body 2 compared (`cross_validate`)."""
+"""Body 2 by the equations and by Pinocchio, compared."""
 
 from __future__ import annotations
 
@@ -20,19 +20,7 @@ from hingepair.validation.report import Comparison, CrossValidation
 if TYPE_CHECKING:
     from hingepair.pair.hinge_pair import HingePair
 
-__all__ = [
-    "Comparison",
-    "CrossValidation",
-    "PinocchioTwin",
-    "cross_validate",
-    "cross_validate_from_body1",
-    "to_pinocchio",
-]
-
 Float64Array = NDArray[np.float64]
-
-LEVELS = (("R2", "S2", "d"), ("v2", "omega2"), ("a2", "alpha2"))
-"""What is compared, by the level at which it appears."""
 
 
 def cross_validate(
@@ -58,9 +46,9 @@ def cross_validate(
         sequence: of the Euler angles.
 
     Returns:
-        A `hingepair.pinocchio.CrossValidation`: `.ok`, `.verdict`, str() a table, `.to_json()`; `.rows`, of each
-        output `.output`, `.max_error` (in its unit), `.max_ratio` (in u * scale), `.worst_sample` (of max_ratio),
-        `.samples`, `.bound`. Samples that are not finite are counted (`.skipped`) and left out.
+        A `CrossValidation` (hingepair.validation.report): `.ok`, `.verdict`, str() a table, `.to_json()`; `.rows`, of
+        each output `.output`, `.max_error` (in its unit), `.max_ratio` (in u * scale), `.worst_sample` (of
+        max_ratio), `.samples`, `.bound`. Samples that are not finite are counted (`.skipped`) and left out.
 
     Raises:
         ArgumentError: an argument that `pair.forward_kinematics` refuses.
@@ -72,20 +60,24 @@ def cross_validate(
     >>> hp.cross_validate(pair, np.linspace(0, 3, 70).reshape(10, 7)).ok
     True
     """
+    planar = isinstance(pair, PlanarPair)
+    space = pair.to_spatial() if isinstance(pair, PlanarPair) else pair
+    twin = to_pinocchio(space)
+    state: PairState | PlanarState
     if isinstance(pair, PlanarPair):
-        return _cross_validate_planar(pair, q, qd, qdd)
-    twin = to_pinocchio(pair)
-    state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
+        state = pair.forward_kinematics(q, qd, qdd)
+    else:
+        state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
     shape = np.asarray(state.R2).shape[:-1]
-    given = read_coordinates(q, qd, qdd, COORDINATES).parts.values()
-    dtype = result_dtype(c for seven in given for c in ((seven,) if isinstance(seven, np.ndarray) else seven))
-    coordinates = [_packed(seven, shape) for seven in given]
-    finite = _finite(coordinates)
-    coordinates = [c[finite] for c in coordinates]
-    body1 = _body1_by_pinocchio(import_pinocchio("cross_validate"), coordinates, sequence)
-    W1, A1 = euler_rate_sizes(*(*(c[:, 3:6] for c in coordinates[1:]), None, None)[:2])
-    hinge = [c[:, 6] for c in coordinates]
-    return _compared(pair, twin, state, _Finite(shape, finite, body1, hinge, W1, A1), dtype, sequence)
+    given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES if planar else COORDINATES).parts.values()
+    dtype = result_dtype(c for parts in given for c in ((parts,) if isinstance(parts, np.ndarray) else parts))
+    flat = [_packed(parts, shape) for parts in given]
+    finite = _finite(flat)
+    seven = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in (c[finite] for c in flat)]
+    body1 = _body1_by_pinocchio(import_pinocchio("cross_validate"), seven, "XYZ" if planar else sequence)
+    W1, A1 = euler_rate_sizes(*(*(c[:, 3:6] for c in seven[1:]), None, None)[:2])
+    motion = _Finite(shape, finite, body1, [c[:, 6] for c in seven], W1, A1)
+    return _compared(space, twin, state, motion, dtype, None if planar else sequence)
 
 
 def cross_validate_from_body1(
@@ -108,7 +100,7 @@ def cross_validate_from_body1(
         psidd: its second time derivative [rad/s^2].
 
     Returns:
-        A `hingepair.pinocchio.CrossValidation`, as of `cross_validate`.
+        A `CrossValidation`, as of `cross_validate`.
 
     Raises:
         ArgumentError: an argument that `pair.forward_kinematics_from_body1` refuses.
@@ -154,21 +146,6 @@ class _Finite(NamedTuple):
     A1: Float64Array | None
 
 
-def _cross_validate_planar(pair: PlanarPair, q: Any, qd: Any, qdd: Any) -> CrossValidation:
-    """E11 against Pinocchio in space."""
-    state, space = pair.forward_kinematics(q, qd, qdd), pair.to_spatial()
-    given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES).parts.values()
-    dtype = result_dtype(c for four in given for c in ((four,) if isinstance(four, np.ndarray) else four))
-    flat = [_packed(four, state.shape) for four in given]
-    finite = _finite(flat)
-    flat = [c[finite] for c in flat]
-    seven = [np.insert(c, (2, 2, 2), 0.0, axis=1) for c in flat]
-    body1 = _body1_by_pinocchio(import_pinocchio("cross_validate"), seven, "XYZ")
-    W1, A1 = euler_rate_sizes(*(*(c[:, 3:6] for c in seven[1:]), None, None)[:2])
-    motion = _Finite(state.shape, finite, body1, [c[:, 3] for c in flat], W1, A1)
-    return _compared(space, to_pinocchio(space), state, motion, dtype, None)
-
-
 def _compared(
     pair: HingePair,
     twin: PinocchioTwin,
@@ -197,30 +174,14 @@ def _compared(
 
 
 def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Float64Array]) -> dict[str, Float64Array]:
-    """Body 2 by Pinocchio, one sample at a time; finite motion of shape (N,)."""
-    pin = import_pinocchio("cross_validate")
-    model, data, frame = twin.model, twin.data, twin.body2_frame
-    level = len(hinge) - 1
-    inputs = [twin.configuration(body1, hinge[0])]
-    inputs += [twin.velocity(body1, *hinge[:2])] if level > 0 else []
-    inputs += [twin.acceleration(body1, *hinge)] if level > 1 else []
-    at_origin = inputs[0].copy()
-    at_origin[:, :3] = 0.0
-    names = [name for own in LEVELS[: level + 1] for name in own]
-    found = {name: np.empty((len(at_origin), *((3, 3) if name == "S2" else (3,)))) for name in names}
-    for i, sample in enumerate(zip(*inputs, strict=True)):
-        pin.forwardKinematics(model, data, at_origin[i])
-        found["d"][i] = pin.updateFramePlacement(model, data, frame).translation
-        pin.forwardKinematics(model, data, *sample)
-        placement = pin.updateFramePlacement(model, data, frame)
-        found["R2"][i], found["S2"][i] = placement.translation, placement.rotation
-        if level > 0:
-            twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-            found["v2"][i], found["omega2"][i] = twist.linear, twist.angular
-        if level > 1:
-            classical = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-            found["a2"][i], found["alpha2"][i] = classical.linear, classical.angular
-    return found
+    """Body 2 by Pinocchio, d by the twin at R1 = 0; finite motion of shape (N,)."""
+    q = twin.configuration(body1, hinge[0])
+    v = twin.velocity(body1, *hinge[:2]) if len(hinge) > 1 else None
+    a = twin.acceleration(body1, *hinge) if len(hinge) > 2 else None
+    body2 = twin.body2(q, v, a)
+    d = twin.body2(np.concatenate([np.zeros_like(q[:, :3]), q[:, 3:]], axis=1)).R
+    found = {"R2": body2.R, "S2": body2.S, "d": d, "v2": body2.v, "omega2": body2.omega, "a2": body2.a}
+    return {name: values for name, values in (found | {"alpha2": body2.alpha}).items() if values is not None}
 
 
 def _in_the_plane(truths: dict[str, Float64Array], phi2: Float64Array) -> dict[str, Float64Array]:

@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, MissingDependencyError
+from hingepair.errors import ArgumentError, MissingDependencyError, RotationError
 from hingepair.numeric.arrays import broadcast_shape, real_array, vectors
+from hingepair.numeric.blocks import components_of
+from hingepair.numeric.unit_vectors import direction
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair, check_one, check_pair
 from hingepair.rotations.matrices import matrix_to_quaternion
@@ -52,9 +54,7 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks R or S.
         """
-        quat_wxyz = matrix_to_quaternion(_given(body1, "S"))
-        with np.errstate(invalid="ignore"):
-            quat_wxyz = quat_wxyz / np.sqrt((quat_wxyz * quat_wxyz).sum(axis=-1, keepdims=True))
+        quat_wxyz = _unit(matrix_to_quaternion(_given(body1, "S")))
         return _joined(_given(body1, "R"), np.roll(quat_wxyz, -1, axis=-1), _column("psi", psi))
 
     def velocity(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Float64Array:
@@ -88,6 +88,52 @@ class PinocchioTwin:
             spatial = _to_body(S, a - np.cross(omega, v))
         like = _column("psi", psi) + _column("psid", psid)
         return _joined(spatial, _to_body(S, alpha), _column("psidd", psidd), like=like)
+
+    def body2(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> BodyMotion:
+        """Body 2 as Pinocchio moves it, one sample after another.
+
+        Args:
+            q: configuration; shape (..., 8); its quaternion may have any length but zero.
+            v: velocity; shape (..., 7).
+            a: spatial acceleration; shape (..., 7); needs v.
+
+        Returns:
+            R2, S2 and, as far as given, v2, omega2 and a2, alpha2; world axes, classical accelerations.
+
+        Raises:
+            ArgumentError: an argument of another shape, a quaternion of zero, or a without v.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> twin = hp.to_pinocchio(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1)))
+        >>> twin.body2((0, 0, 0, 0, 0, 0, 1, np.pi / 2)).R.round(12)
+        array([1., 1., 0.])
+        """
+        if a is not None and v is None:
+            raise ArgumentError("v", "the velocity that belongs to a", None)
+        pin = import_pinocchio("body2")
+        given = [(name, c, size) for name, c, size in (("q", q, 8), ("v", v, 7), ("a", a, 7)) if c is not None]
+        arrays = [vectors(name, c, size).astype(np.float64) for name, c, size in given]
+        shape = broadcast_shape({name: c.shape[:-1] for (name, _, _), c in zip(given, arrays, strict=True)})
+        quat = arrays[0][..., 3:7]
+        if (quat == 0).all(axis=-1).any():
+            raise RotationError("q", "non-zero quaternions", "a zero quaternion")
+        arrays[0] = np.concatenate([arrays[0][..., :3], _unit(quat), arrays[0][..., 7:]], axis=-1)
+        flat = [np.broadcast_to(c, (*shape, c.shape[-1])).reshape(-1, c.shape[-1]) for c in arrays]
+        found = [np.empty((len(flat[0]), *tail)) for tail in ((3,), (3, 3), *((3,),) * 2 * (len(flat) - 1))]
+        where = self.model, self.data, self.body2_frame
+        for i, sample in enumerate(zip(*flat, strict=True)):
+            pin.forwardKinematics(self.model, self.data, *sample)
+            placement = pin.updateFramePlacement(*where)
+            found[0][i], found[1][i] = placement.translation, placement.rotation
+            if v is not None:
+                twist = pin.getFrameVelocity(*where, pin.LOCAL_WORLD_ALIGNED)
+                found[2][i], found[3][i] = twist.linear, twist.angular
+            if a is not None:
+                classical = pin.getFrameClassicalAcceleration(*where, pin.LOCAL_WORLD_ALIGNED)
+                found[4][i], found[5][i] = classical.linear, classical.angular
+        names = ("R", "S", "v", "omega", "a", "alpha")
+        return BodyMotion(**{name: c.reshape(*shape, *c.shape[1:]) for name, c in zip(names, found, strict=False)})
 
     def motion(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> Motion:
         """The way back: body 1's motion and the hinge's, of Pinocchio's coordinates.
@@ -130,9 +176,10 @@ def to_pinocchio(pair: HingePair) -> PinocchioTwin:
         pair: one pair, without leading axes.
 
     Returns:
-        A `hingepair.pinocchio.PinocchioTwin`: `.model`, `.data`, `.body2_frame` (the frame whose placement is
-        (S2, R2)); `.configuration(body1, psi)` is Pinocchio's q, shape (..., 8), `.velocity(body1, psi, psid)` its v,
-        (..., 7), `.acceleration(body1, psi, psid, psidd)` its a, (..., 7), and `.motion(q, v, a)` the way back.
+        A `PinocchioTwin` (hingepair.validation.pinocchio_twin): `.model`, `.data`, `.body2_frame` (the frame whose
+        placement is (S2, R2)); `.configuration(body1, psi)` is Pinocchio's q, shape (..., 8), `.velocity(body1, psi,
+        psid)` its v, (..., 7), `.acceleration(body1, psi, psid, psidd)` its a, (..., 7), `.motion(q, v, a)` the way
+        back, and `.body2(q, v, a)` body 2's motion by Pinocchio.
 
     Raises:
         MissingDependencyError: Pinocchio is not installed.
@@ -192,6 +239,12 @@ def _given(body1: BodyMotion, name: str) -> Float64Array:
     if value is None:
         raise ArgumentError("body1", f"a motion with {name}", "one without")
     return np.asarray(value, dtype=np.float64)
+
+
+def _unit(quat: Float64Array) -> Float64Array:
+    """The quaternions at unit length, which Pinocchio takes for granted."""
+    with np.errstate(invalid="ignore"):
+        return np.stack(direction(components_of(quat)), axis=-1)
 
 
 def _column(name: str, value: ArrayLike) -> Float64Array:
