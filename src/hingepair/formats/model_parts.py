@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.pair.body import Body, Box, Cylinder, Shape
-from hingepair.pair.hinge_pair import HingePair, check_one, check_pair
+from hingepair.pair.constants import check_one, check_pair
+from hingepair.pair.hinge_pair import HingePair
 
 BODY1, BODY2, BODY2_AT_HINGE, HINGE, BASE, WORLD = "body1", "body2", "body2_at_hinge", "hinge", "base", "world"
 """Names of the links and of the joints."""

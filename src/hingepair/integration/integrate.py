@@ -27,8 +27,9 @@ from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
 from hingepair.integration.trajectory_state import planar_state, spatial_state
 from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only, real_array
 from hingepair.numeric.finite_differences import check_instants
+from hingepair.pair.constants import check_pair
 from hingepair.pair.evaluate import Outputs
-from hingepair.pair.hinge_pair import HingePair, check_pair
+from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.rotations.matrices import check_rotation
 

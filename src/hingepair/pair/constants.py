@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.evaluation.steps import LEVER_STEPS
 from hingepair.numeric.arrays import broadcast_shape, constant, read_only
 from hingepair.numeric.blocks import Components, Values, components_of, numbers
@@ -92,3 +93,24 @@ def _side_by_side(components: Components) -> NDArray[np.float64]:
     if all(type(c) is float for c in components):
         return np.array(components)
     return np.stack(np.broadcast_arrays(*components), axis=-1)
+
+
+def check_pair(pair: object) -> None:
+    """Refuse what is no pair.
+
+    Raises:
+        ArgumentError: names the argument `pair`.
+    """
+    if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
+        raise ArgumentError("pair", "a HingePair", quoted(pair))
+
+
+def check_one(pair: Any) -> None:
+    """Refuse a pair that differs from sample to sample.
+
+    Raises:
+        ShapeError: u1, u2, n or home have leading axes.
+    """
+    if not pair.constants.single:
+        expected = f"one pair, such as {type(pair).__name__}(u1[i], ...)"
+        raise ShapeError("pair", expected, f"pairs of shape {pair.constants.shape}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,6 @@ from hingepair.numeric.blocks import Components, Values, components_of, numbers
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import follow_steps
-
-if TYPE_CHECKING:
-    from hingepair.pair.hinge_pair import HingePair
 
 TAILS = {
     "gap": (3,),
@@ -103,55 +100,17 @@ STEPS = (
 _FRAMES = ("u1", "u2", "n", "e1", "e2", "e1_in_2", "e2_in_2", "n_in_2")
 
 
-def constraint_jacobian(pair: HingePair, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-    """The constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2).
-
-    The constraints are gap (E1, world axes) and tilt, the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2,
-    where e1 is the axis of body 1 furthest from n, made perpendicular to it, and e2 = n x e1. G is their exact
-    derivative, on the constraint and off it: (gap', tilt') = G @ (v1, omega1, v2, omega2).
-
-    Args:
-        body1: the motion of body 1; of it, S is used.
-        body2: the motion of body 2; likewise.
-
-    Returns:
-        G, world axes; shape (..., 5, 12).
-
-    >>> import numpy as np
-    >>> import hingepair as hp
-    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> body = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
-    >>> (pair.constraint_jacobian(body, body) @ (0, 0, 0, 0, 0, 1, 0, 4, 0, 0, 0, 3)).tolist()
-    [0.0, 0.0, 0.0, 0.0, 0.0]
-    """
+def constraint_jacobian(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
+    """The constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2)."""
     values = {**motion_arrays("body1", body1, "S"), **motion_arrays("body2", body2, "S")}
-    return constraint_values(pair.constants, ("constraint_jacobian",), values, _shapes(body1, body2))[
-        "constraint_jacobian"
-    ]
+    name = "constraint_jacobian"
+    return constraint_values(pair, (name,), values, _shapes(body1, body2))[name]
 
 
-def constraint_bias(pair: HingePair, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-    """What velocities alone add to the constraints' second derivative (E1, E2).
-
-    (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, and zero for motions of the pair.
-
-    Args:
-        body1: the motion of body 1; of it, S and omega are used.
-        body2: the motion of body 2; likewise.
-
-    Returns:
-        The bias, world axes; shape (..., 5).
-
-    >>> import numpy as np
-    >>> import hingepair as hp
-    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> body1 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
-    >>> body2 = hp.BodyMotion(R=(2, 0, 0), S=np.eye(3), omega=(0, 0, 2))
-    >>> pair.constraint_bias(body1, body2).tolist()
-    [-4.0, 0.0, 0.0, 0.0, 0.0]
-    """
+def constraint_bias(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
+    """What velocities alone add to the constraints' second derivative (E1, E2)."""
     values = {**motion_arrays("body1", body1, "S", "omega"), **motion_arrays("body2", body2, "S", "omega")}
-    return constraint_values(pair.constants, ("constraint_bias",), values, _shapes(body1, body2))["constraint_bias"]
+    return constraint_values(pair, ("constraint_bias",), values, _shapes(body1, body2))["constraint_bias"]
 
 
 def constraint_values(

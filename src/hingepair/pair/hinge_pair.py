@@ -2,44 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import partial
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
-from hingepair.pair import dynamics
+from hingepair.pair import constraints, dynamics, jacobians, residuals, sensitivities
 from hingepair.pair import forward_kinematics as kinematics
+from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants, pair_constants
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.evaluate import Out, Outputs
+from hingepair.pair.residual_report import Residuals
+from hingepair.pair.sensitivities import Sensitivities
 from hingepair.pair.states import PairState
-
-if TYPE_CHECKING:
-    from hingepair.pair import constraints, jacobians, residuals, sensitivities
-    from hingepair.pair.body import Body
-    from hingepair.pair.planar_pair import PlanarPair
-
-
-class _MethodOf:
-    """A method that is a function of the same name in another module, imported when it is first asked for."""
-
-    def __init__(self, module: str) -> None:
-        self.module = module
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    def __get__(self, pair: HingePair | None, owner: type) -> Any:
-        function = getattr(import_module(f"hingepair.{self.module}"), self.name)
-        setattr(HingePair, self.name, function)
-        return getattr(owner if pair is None else pair, self.name)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -399,25 +382,193 @@ class HingePair:
         """
         return dynamics.momentum(self.constants, (self.body1, self.body2), body1, psi, psid)
 
-    # Not loaded by `import hingepair`; a type checker sees the functions themselves.
-    if TYPE_CHECKING:
-        residuals = residuals.residuals
-        jacobian = jacobians.jacobian
-        acceleration_bias = jacobians.acceleration_bias
-        coordinate_jacobian = jacobians.coordinate_jacobian
-        coordinate_jacobian_rate = jacobians.coordinate_jacobian_rate
-        sensitivities = sensitivities.sensitivities
-        constraint_jacobian = constraints.constraint_jacobian
-        constraint_bias = constraints.constraint_bias
-    else:
-        residuals = _MethodOf("pair.residuals")
-        jacobian = _MethodOf("pair.jacobians")
-        acceleration_bias = _MethodOf("pair.jacobians")
-        coordinate_jacobian = _MethodOf("pair.jacobians")
-        coordinate_jacobian_rate = _MethodOf("pair.jacobians")
-        sensitivities = _MethodOf("pair.sensitivities")
-        constraint_jacobian = _MethodOf("pair.constraints")
-        constraint_bias = _MethodOf("pair.constraints")
+    def residuals(
+        self, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None = None
+    ) -> Residuals:
+        """How far any two motions, measured ones included, are from this hinge (E1, E2 and their derivatives).
+
+        Args:
+            body1: the motion of body 1.
+            body2: the motion of body 2. Rates are judged where both have omega (and v), accelerations where both
+                also have alpha (and a).
+            tolerances: largest size that passes, by residual: gap [m], tilt [rad], gap_rate [m/s], tilt_rate
+                [rad/s], gap_acceleration [m/s^2], tilt_acceleration [rad/s^2]. Those not named: what round-off
+                explains, 32 u times a scale that is printed. `tilt` is judged by the angle between the axes,
+                `.tilt_angle`, and not by `.tilt`: its components are sines, about 0 for an axis flipped by pi.
+
+        Returns:
+            The `Residuals`: `.ok`, `.verdict`, str() a table, `.to_json()`, `.rows`; the arrays `.gap` (..., 3) m,
+            `.tilt_angle` (...,) rad, `.tilt` (..., 2), `.psi` (...,) rad; where the motions have the rates
+            `.gap_rate` (..., 3) m/s, `.tilt_rate` (..., 2) rad/s, `.psid` (...,) rad/s; and likewise
+            `.gap_acceleration`, `.tilt_acceleration`, `.psidd`. Samples that are not finite are left out and counted.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or a tolerance is of rates that the motions lack; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> body1, body2 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), hp.BodyMotion(R=(2, 0.001, 0), S=np.eye(3))
+        >>> pair.residuals(body1, body2).verdict
+        'FAILED: gap'
+        >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
+        True
+        """
+        return residuals.residuals(self.constants, self.name, body1, body2, tolerances)
+
+    def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
+        """Body 2's velocity by the velocities of the equations: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2).
+
+        Args:
+            body1: the motion of body 1; of it, S is used.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
+
+        Returns:
+            Jac, world axes; shape (..., 6, 7).
+
+        Raises:
+            ArgumentError: an argument cannot be used; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
+        array([0., 4., 0., 0., 0., 3.])
+        """
+        return jacobians.jacobian(self.constants, body1, psi)
+
+    def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
+        """What velocities alone add to body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9).
+
+        Args:
+            body1: the motion of body 1; of it, S and omega are used.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
+            psid: hinge rate [rad/s]; likewise.
+
+        Returns:
+            The bias, world axes; shape (..., 6).
+
+        Raises:
+            ArgumentError: an argument cannot be used, or body1 has no omega; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> body1 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
+        >>> pair.acceleration_bias(body1, 0.0, 2.0)
+        array([-4.,  0.,  0.,  0.,  0.,  0.])
+        """
+        return jacobians.acceleration_bias(self.constants, body1, psi, psid)
+
+    def coordinate_jacobian(self, q: ArrayLike | tuple[Any, ...], *, sequence: str = "XYZ") -> FloatArray:
+        """Body 2's velocity by the rates of the seven coordinates: (v2, omega2) = Jq @ qd (E8, E2, E4).
+
+        Args:
+            q: coordinates [m, rad], in either form that forward_kinematics takes.
+            sequence: the Euler sequence of body 1.
+
+        Returns:
+            Jq, world axes; shape (..., 6, 7).
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> pair.coordinate_jacobian(np.zeros(7)) @ (0, 0, 0, 0, 0, 1, 2)
+        array([0., 4., 0., 0., 0., 3.])
+        """
+        return jacobians.coordinate_jacobian(self.constants, q, sequence)
+
+    def coordinate_jacobian_rate(
+        self, q: ArrayLike | tuple[Any, ...], qd: ArrayLike | tuple[Any, ...], *, sequence: str = "XYZ"
+    ) -> FloatArray:
+        """The time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9).
+
+        Args:
+            q: coordinates [m, rad], in either form that forward_kinematics takes.
+            qd: their time derivatives.
+            sequence: the Euler sequence of body 1.
+
+        Returns:
+            Jq', world axes; shape (..., 6, 7).
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> qd = np.array((0, 0, 0, 0, 0, 0, 2.0))
+        >>> pair.coordinate_jacobian_rate(np.zeros(7), qd) @ qd
+        array([-4.,  0.,  0.,  0.,  0.,  0.])
+        """
+        return jacobians.coordinate_jacobian_rate(self.constants, q, qd, sequence)
+
+    def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
+        """Derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d.
+
+        Args:
+            body1: the motion of body 1; of it, S is used, and with psid also omega.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
+            psid: hinge rate [rad/s]; likewise; needed for v2 and omega2.
+
+        Returns:
+            The `Sensitivities`, world axes: `d_by_u1`, `d_by_u2` (..., 3, 3), `d_by_n` (..., 3, 3) m, `d_by_psi`
+            (..., 3) m/rad; `S2_by_n` (..., 3, 3, 3), `S2_by_psi` (..., 3, 3); with psid also `v2_by_u1`, `v2_by_u2`
+            (..., 3, 3) 1/s, `v2_by_n` (..., 3, 3) m/s, `v2_by_psi` (..., 3) m/(s rad), `omega2_by_n` (..., 3, 3)
+            rad/s. The last axis is the component of what is varied.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or body1 has no omega beside psid; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> pair.sensitivities(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
+        array([0., 1., 0.])
+        """
+        return sensitivities.sensitivities(self.constants, body1, psi, psid)
+
+    def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
+        """The constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2).
+
+        The constraints are gap (E1, world axes) and tilt, the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2,
+        where e1 is the axis of body 1 furthest from n, made perpendicular to it, and e2 = n x e1. G is their exact
+        derivative, on the constraint and off it: (gap', tilt') = G @ (v1, omega1, v2, omega2).
+
+        Args:
+            body1: the motion of body 1; of it, S is used.
+            body2: the motion of body 2; likewise.
+
+        Returns:
+            G, world axes; shape (..., 5, 12).
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> body = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+        >>> (pair.constraint_jacobian(body, body) @ (0, 0, 0, 0, 0, 1, 0, 4, 0, 0, 0, 3)).tolist()
+        [0.0, 0.0, 0.0, 0.0, 0.0]
+        """
+        return constraints.constraint_jacobian(self.constants, body1, body2)
+
+    def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
+        """What velocities alone add to the constraints' second derivative (E1, E2).
+
+        (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, and zero for motions of the pair.
+
+        Args:
+            body1: the motion of body 1; of it, S and omega are used.
+            body2: the motion of body 2; likewise.
+
+        Returns:
+            The bias, world axes; shape (..., 5).
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> body1 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
+        >>> body2 = hp.BodyMotion(R=(2, 0, 0), S=np.eye(3), omega=(0, 0, 2))
+        >>> pair.constraint_bias(body1, body2).tolist()
+        [-4.0, 0.0, 0.0, 0.0, 0.0]
+        """
+        return constraints.constraint_bias(self.constants, body1, body2)
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
@@ -432,29 +583,6 @@ def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
 def _checked_body(name: str, body: Body | None) -> Body | None:
     if body is None:
         return None
-    from hingepair.pair.body import Body
-
     if not isinstance(body, Body):
         raise ArgumentError(name, "a Body", quoted(body))
     return body
-
-
-def check_pair(pair: object) -> None:
-    """Refuse what is no pair.
-
-    Raises:
-        ArgumentError: names the argument `pair`.
-    """
-    if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
-        raise ArgumentError("pair", "a HingePair", quoted(pair))
-
-
-def check_one(pair: HingePair | PlanarPair) -> None:
-    """Refuse a pair that differs from sample to sample.
-
-    Raises:
-        ShapeError: u1, u2, n or home have leading axes.
-    """
-    if not pair.constants.single:
-        expected = f"one pair, such as {type(pair).__name__}(u1[i], ...)"
-        raise ShapeError("pair", expected, f"pairs of shape {pair.constants.shape}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,6 @@ from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.constraints import TAILS, available, constraint_values
 from hingepair.pair.residual_report import ResidualCheck, Residuals
-
-if TYPE_CHECKING:
-    from hingepair.pair.hinge_pair import HingePair
 
 Float64Array = NDArray[np.float64]
 
@@ -66,38 +63,9 @@ _ARRAYS = tuple(name for name in TAILS if name != "slip" and not name.startswith
 
 
 def residuals(
-    pair: HingePair, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None = None
+    pair: Constants, name: str, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
 ) -> Residuals:
-    """How far any two motions, measured ones included, are from this hinge (E1, E2 and their derivatives).
-
-    Args:
-        body1: the motion of body 1.
-        body2: the motion of body 2. Rates are judged where both have omega (and v), accelerations where both
-            also have alpha (and a).
-        tolerances: largest size that passes, by residual: gap [m], tilt [rad], gap_rate [m/s], tilt_rate
-            [rad/s], gap_acceleration [m/s^2], tilt_acceleration [rad/s^2]. Those not named: what round-off
-            explains, 32 u times a scale that is printed. `tilt` is judged by the angle between the axes,
-            `.tilt_angle`, and not by `.tilt`: its components are sines, about 0 for an axis that is flipped by pi.
-
-    Returns:
-        A `hingepair.residual_report.Residuals`: `.ok`, `.verdict`, str() a table, `.to_json()`, `.rows`; the arrays
-        `.gap` (..., 3) m, `.tilt_angle` (...,) rad, `.tilt` (..., 2), `.psi` (...,) rad; where the motions have the
-        rates `.gap_rate` (..., 3) m/s, `.tilt_rate` (..., 2) rad/s, `.psid` (...,) rad/s; and likewise
-        `.gap_acceleration`, `.tilt_acceleration`, `.psidd`. Samples that are not finite are left out and counted.
-
-    Raises:
-        ArgumentError: an argument cannot be used, or a tolerance is of rates that the motions lack; names it.
-
-    >>> import numpy as np
-    >>> import hingepair as hp
-    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> body1, body2 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), hp.BodyMotion(R=(2, 0.001, 0), S=np.eye(3))
-    >>> pair.residuals(body1, body2).verdict
-    'FAILED: gap'
-    >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
-    True
-    """
-    constants = pair.constants
+    """How far any two motions, measured ones included, are from this hinge (E1, E2 and their derivatives)."""
     given: dict[str, NDArray[Any]] = {}
     for argument, body in (("body1", body1), ("body2", body2)):
         motion_arrays(argument, body)
@@ -107,11 +75,11 @@ def residuals(
     for kind in allowed:
         _check_given(kind, given)
     shapes = {"body1": body1.shape, "body2": body2.shape}
-    shape = broadcast_shape({**shapes, "pair": constants.shape})
+    shape = broadcast_shape({**shapes, "pair": pair.shape})
     names = available(_ARRAYS, given)
-    arrays = constraint_values(constants, names, given, shapes, np.dtype(np.float64))
+    arrays = constraint_values(pair, names, given, shapes, np.dtype(np.float64))
     u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in given.values())
-    scales = _scales(constants, given, [kind for kind in KINDS if kind in names])
+    scales = _scales(pair, given, [kind for kind in KINDS if kind in names])
     attitudes = np.isfinite(given["S1"]).all(axis=(-2, -1)) & np.isfinite(given["S2"]).all(axis=(-2, -1))
     rows, left_out = [], np.zeros(shape, dtype=bool)
     for kind, scale in scales.items():
@@ -120,7 +88,7 @@ def residuals(
         rows.append(_check(kind, size if size.ndim == len(shape) else norm(size), scale, known, u, allowed))
         left_out |= ~known
     values: dict[str, Any] = {key: read_only(arrays[key]) if key in arrays else None for key in _ARRAYS}
-    return Residuals(name=pair.name, shape=shape, skipped=int(left_out.sum()), u=u, rows=tuple(rows), **values)
+    return Residuals(name=name, shape=shape, skipped=int(left_out.sum()), u=u, rows=tuple(rows), **values)
 
 
 def _check(

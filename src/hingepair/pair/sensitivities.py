@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,10 +14,8 @@ from hingepair.evaluation.plan import steps_of
 from hingepair.evaluation.steps import ARM_STEPS, Step
 from hingepair.numeric.arrays import FloatArray, Frozen, read_only
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
+from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import component, follow_steps
-
-if TYPE_CHECKING:
-    from hingepair.pair.hinge_pair import HingePair
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -83,30 +81,8 @@ _STEPS = (
 )
 
 
-def sensitivities(pair: HingePair, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
-    """Derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d.
-
-    Args:
-        body1: the motion of body 1; of it, S is used, and with psid also omega.
-        psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-        psid: hinge rate [rad/s]; likewise; needed for v2 and omega2.
-
-    Returns:
-        A `hingepair.sensitivities.Sensitivities`, world axes: `d_by_u1`, `d_by_u2` (..., 3, 3), `d_by_n` (..., 3, 3)
-        m, `d_by_psi` (..., 3) m/rad; `S2_by_n` (..., 3, 3, 3), `S2_by_psi` (..., 3, 3); with psid also `v2_by_u1`,
-        `v2_by_u2` (..., 3, 3) 1/s, `v2_by_n` (..., 3, 3) m/s, `v2_by_psi` (..., 3) m/(s rad), `omega2_by_n`
-        (..., 3, 3) rad/s. The last axis is the component of what is varied.
-
-    Raises:
-        ArgumentError: an argument cannot be used, or body1 has no omega beside psid; names it.
-
-    >>> import numpy as np
-    >>> import hingepair as hp
-    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> pair.sensitivities(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
-    array([0., 1., 0.])
-    """
-    constants = pair.constants
+def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None) -> Sensitivities:
+    """Derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d."""
     values: dict[str, Any] = {**motion_arrays("body1", body1, "S"), "psi": component("psi", psi)}
     shapes = {"body1": body1.shape, "psi": np.shape(psi)}
     tails: dict[str, tuple[int, ...]] = {**_POSE}
@@ -114,7 +90,7 @@ def sensitivities(pair: HingePair, body1: BodyMotion, psi: ArrayLike, psid: Arra
         values |= {**motion_arrays("body1", body1, "omega"), "psid": component("psid", psid)}
         shapes["psid"] = np.shape(psid)
         tails |= _VELOCITY
-    steps = (*steps_of(None, "home" in constants.values), *ARM_STEPS, *_STEPS)
-    found = follow_steps(steps, tails, constants, values, shapes)
+    steps = (*steps_of(None, "home" in pair.values), *ARM_STEPS, *_STEPS)
+    found = follow_steps(steps, tails, pair, values, shapes)
     found["S2_by_n"] = found["S2_by_n"].reshape(*found["S2_by_n"].shape[:-2], 3, 3, 3)
     return Sensitivities(**{name: read_only(array) for name, array in found.items()})

@@ -16,7 +16,8 @@ import sympy
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.plan import PLANAR, SPATIAL, Plan, check_outputs, make_plan, outputs_of
-from hingepair.pair.hinge_pair import HingePair, check_one
+from hingepair.pair.constants import check_one
+from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.scene import Scene
 from hingepair.symbolic.form_inputs import (

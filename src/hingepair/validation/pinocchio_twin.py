@@ -22,7 +22,8 @@ from hingepair.numeric.arrays import broadcast_shape, real_array, vectors
 from hingepair.numeric.blocks import components_of
 from hingepair.numeric.unit_vectors import direction
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_pair import HingePair, check_one, check_pair
+from hingepair.pair.constants import check_one, check_pair
+from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import matrix_to_quaternion
 
 Float64Array = NDArray[np.float64]
