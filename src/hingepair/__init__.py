@@ -30,7 +30,13 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.angular_velocity import angular_velocity, angular_velocity_from_samples
-from hingepair.rotations.euler import euler_rate_matrix, euler_rates, euler_to_matrix, matrix_to_euler
+from hingepair.rotations.euler import (
+    euler_kinematics,
+    euler_rate_matrix,
+    euler_rates,
+    euler_to_matrix,
+    matrix_to_euler,
+)
 from hingepair.rotations.matrices import (
     project_to_rotation,
     rodrigues,
@@ -51,7 +57,6 @@ if TYPE_CHECKING:
     from hingepair.measured.resample import resample
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
-    from hingepair.rotations.euler_motion import euler_kinematics
     from hingepair.scenes.scene import load_scene
     from hingepair.symbolic.closed_forms import derive
     from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
@@ -123,7 +128,6 @@ _LATER = {
     "cross_validate": "validation.cross_validate",
     "cross_validate_from_body1": "validation.cross_validate",
     "derive": "symbolic.closed_forms",
-    "euler_kinematics": "rotations.euler_motion",
     "from_urdf": "formats.urdf_reader",
     "integrate": "integration.integrate",
     "load_robot_hinge": "formats.robots",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ET
 
 from hingepair.formats.model_parts import (
@@ -66,7 +65,7 @@ def to_mjcf(pair: HingePair, *, base: str = "free") -> str:
     if base == "free":
         ET.SubElement(body1, "freejoint", {"name": BASE})
     _add_part(body1, one)
-    place = {"pos": numbers(pair.u1), "quat": numbers(_unit_quaternion(pair))}
+    place = {"pos": numbers(pair.u1), "quat": numbers(matrix_to_quaternion(pair.home))}
     at_hinge = ET.SubElement(body1, "body", {"name": BODY2_AT_HINGE, **place})
     hinge = ET.SubElement(at_hinge, "joint", {"name": HINGE, "type": "hinge", "axis": numbers(hinge_axis2(pair))})
     if pair.limits is not None:
@@ -76,12 +75,6 @@ def to_mjcf(pair: HingePair, *, base: str = "free") -> str:
     _add_part(at_hinge, two)
     ET.SubElement(at_hinge, "body", {"name": BODY2, "pos": numbers(-pair.u2)})
     return document(root)
-
-
-def _unit_quaternion(pair: HingePair) -> list[float]:
-    quat_wxyz = matrix_to_quaternion(pair.home).tolist()
-    length = math.hypot(*quat_wxyz)
-    return [value / length for value in quat_wxyz]
 
 
 def _add_part(body: ET.Element, part: Part) -> None:

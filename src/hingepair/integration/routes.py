@@ -60,7 +60,6 @@ class Turned(NamedTuple):
 def space_attitudes(course: Course, omega: Signal, psid: Signal, S1_0: Values) -> Turned:
     """The attitudes of body 1 at the instants."""
     start = matrix_to_quaternion(S1_0)
-    start = start / np.sqrt(start @ start)
     if course.method == "euler_angles":
         return _by_euler_angles(course, omega, start, S1_0)
     if course.method == "dop853":

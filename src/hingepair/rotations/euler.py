@@ -1,4 +1,4 @@
-"""Euler angles and attitudes (E10), Euler-angle rates and angular velocity (E4), of all 24 sequences.
+"""Euler angles: attitudes (E10), rates and angular velocity (E4), gimbal lock; of all 24 sequences.
 
 Angles stand in the order of the sequence's letters, as SciPy writes them: upper case turns about the body's own
 axes (intrinsic), lower case about the world's (extrinsic). "XYZ" is E10.
@@ -6,15 +6,26 @@ axes (intrinsic), lower case about the world's (extrinsic). "XYZ" is E10.
 
 from __future__ import annotations
 
+import functools
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
+from hingepair.equations.derivatives import WORLD, beside
 from hingepair.errors import GimbalLockError
-from hingepair.numeric.arrays import FloatArray, broadcast_shape, check_choice, result_dtype, vectors
-from hingepair.numeric.blocks import Values, angle_terms, components_of, compute, evaluate
+from hingepair.numeric.arrays import (
+    FloatArray,
+    Frozen,
+    broadcast_shape,
+    check_choice,
+    read_only,
+    result_dtype,
+    vectors,
+)
+from hingepair.numeric.blocks import Values, angle_terms, components_of, compute, evaluate, tabulate
 from hingepair.rotations.matrices import check_rotation
 from hingepair.rotations.sequences import Sequence, find_sequence, nine
 
@@ -23,7 +34,7 @@ _LOCK = {4: 5e-4, 8: 1e-12}
 AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 
-def lock_limit(angles: NDArray[Any]) -> float:
+def _lock_limit(angles: NDArray[Any]) -> float:
     """Gimbal lock is nearer than this: of abs(cos phi_y), or abs(sin phi_y) where the first axis comes back.
 
     There, the rounding of the angles (or of the matrix) themselves leaves fewer than four digits of the rates.
@@ -109,7 +120,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     dtype, shape = result_dtype((matrix,)), matrix.shape[:-2]
     out = {"phi": np.empty((*shape, 3), dtype), "lock": np.empty(shape, dtype)}
     compute(angles, {"S": components_of(matrix, 2)}, out, shape, dtype)
-    return (out["phi"], np.asarray(out["lock"] < lock_limit(matrix))) if with_lock else out["phi"]
+    return (out["phi"], np.asarray(out["lock"] < _lock_limit(matrix))) if with_lock else out["phi"]
 
 
 def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
@@ -170,11 +181,11 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
     def rates(values: Values) -> Values:
         trig = angle_terms(order.angles(values["phi"]))
-        phid = order.angles(canonical_rates(order, trig, values["omega"]))
+        phid = order.angles(_canonical_rates(order, trig, values["omega"]))
         return {"phid": phid, "lock": trig[2] if order.proper else trig[3]}
 
     compute(rates, {"phi": components_of(angles), "omega": components_of(velocity)}, out, shape, dtype)
-    limit = lock_limit(angles)
+    limit = _lock_limit(angles)
     locked = np.abs(out["lock"]) < limit
     if locked.any():
         if at_lock == "raise":
@@ -189,7 +200,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
     return out["phid"]
 
 
-def canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
+def _canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
     """J^-1 omega in canonical angles (E4)."""
     axes = order.axes(trig)
     x, y, z = (omega[order.place.index(i)] for i in range(3))
@@ -213,3 +224,85 @@ def _canonical_angles(order: Sequence, S: eq.Matrix) -> eq.Vector:
     if order.proper:
         return first, np.arctan2(s * S[3] - c * S[6], S[0]), np.arctan2(-level[2], level[1])
     return first, np.arctan2(S[2], c * S[8] - s * S[5]), np.arctan2(level[0], level[1])
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class EulerKinematics(Frozen):
+    """omega = J phi', phi' = J^-1 omega, alpha = J phi'' + J' phi' (E4), omega and alpha in world axes.
+
+    Attributes:
+        J: (..., 3, 3).
+        J_inverse: (..., 3, 3); NaN where `euler_rates` raises, nearer to lock than 1e-12 (float32: 5e-4).
+        J_dot: rate of J; (..., 3, 3) 1/s; None where phid was not given.
+        condition: of J in the 2-norm: by how much a relative error of omega may grow in phi'; 1 at best, inf at lock;
+            (...,).
+        lock_distance: angle between the middle angle and the nearest one at gimbal lock, in [0, pi/2]; (...,) rad.
+    """
+
+    J: FloatArray
+    J_inverse: FloatArray
+    condition: FloatArray
+    lock_distance: FloatArray
+    J_dot: FloatArray | None = None
+
+
+def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
+    """J, J^-1, J' and the distance from gimbal lock (E4), for a body of which the Euler angles are known.
+
+    The middle axis is perpendicular to the outer two, so with g the cosine between those the singular values of J are
+    sqrt(1 + abs(g)), 1 and sqrt(1 - abs(g)), and the condition number is (1 + abs(g)) / sqrt(1 - g^2).
+
+    Args:
+        phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
+        phid: their rates [rad/s]; shape (..., 3).
+        sequence: one of 24; upper case intrinsic, lower case extrinsic.
+
+    Returns:
+        The `EulerKinematics`: `.J` (..., 3, 3), `.J_inverse` (..., 3, 3; NaN at lock), `.J_dot`
+        (..., 3, 3) 1/s (None without phid), `.condition` (...,), `.lock_distance` (...,) rad.
+
+    Raises:
+        ArgumentError: an argument cannot be used; names it.
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> near = hp.euler_kinematics((0, np.pi / 2 - 1e-3, 0))
+    >>> f"{near.lock_distance:.6f} {near.condition:.0f}"
+    '0.001000 2000'
+
+    The angles of body 2 come from its attitude, their rates from its angular velocity:
+
+    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    >>> state = pair.forward_kinematics((0, 0, 0, 0, 0.25, 0, 0.5), (0, 0, 0, 0, 0, 0, 2))
+    >>> phi2 = hp.matrix_to_euler(state.S2)
+    >>> body2 = hp.euler_kinematics(phi2, hp.euler_rates(phi2, state.omega2))
+    >>> bool(abs(body2.J_inverse @ state.omega2 - (0, 0, 2)).max() < 1e-15)
+    True
+    """
+    order = find_sequence(sequence)
+    given = {"phi": vectors("phi", phi, 3)}
+    tails: dict[str, tuple[int, ...]] = {"J": (3, 3), "J_inverse": (3, 3), "condition": (), "lock_distance": ()}
+    if phid is not None:
+        given["phid"] = vectors("phid", phid, 3)
+        tails["J_dot"] = (3, 3)
+    shape = broadcast_shape({name: array.shape[:-1] for name, array in given.items()})
+    inputs = {name: components_of(array) for name, array in given.items()}
+    function = functools.partial(_of_one, order, _lock_limit(given["phi"]))
+    found = tabulate(function, inputs, tails, shape, result_dtype(given.values()))
+    return EulerKinematics(**{name: read_only(array) for name, array in found.items()})
+
+
+def _of_one(order: Sequence, limit: float, values: Values) -> Values:
+    """Everything, by name, for components of phi and phid."""
+    trig = angle_terms(order.angles(values["phi"]))
+    axes = order.axes(trig)
+    found: Values = {"J": beside(*order.columns(axes))}
+    if "phid" in values:
+        found["J_dot"] = beside(*order.column_rates(axes, values["phid"]))
+    sine, cosine = np.abs(trig[2]), np.abs(trig[3])
+    lock, common = (sine, cosine) if order.proper else (cosine, sine)
+    inverse = [order.angles(_canonical_rates(order, trig, unit)) for unit in WORLD]
+    found["J_inverse"] = tuple(np.where(lock < limit, np.nan, entry) for entry in beside(*inverse))
+    found["condition"] = np.divide(1.0 + common, lock)
+    found["lock_distance"] = np.arctan2(lock, common)
+    return found

@@ -167,7 +167,7 @@ def rotation_log(S: ArrayLike) -> FloatArray:
 
 def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
     """The rotation vectors of matrices that are known to be rotations."""
-    quat = matrix_to_quaternion(S)
+    quat = _quaternion(S)
     vector = quat[..., 1:]
     with np.errstate(all="ignore"):
         length = np.hypot(np.hypot(vector[..., 0], vector[..., 1]), vector[..., 2])
@@ -176,6 +176,17 @@ def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def matrix_to_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit quaternions (w, x, y, z) of rotations, w >= 0; shape (..., 4)."""
+    return unit_quaternion(_quaternion(S))
+
+
+def unit_quaternion(quat: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The quaternions at unit length; NaN of what is not finite."""
+    with np.errstate(invalid="ignore"):
+        return np.stack(direction(components_of(quat)), axis=-1)
+
+
+def _quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
     """Quaternions (w, x, y, z) of rotations, w >= 0, of a length between 2 and 4: not normalised.
 
     Four times the outer product of the unit quaternion with itself is linear in S. Its row with the largest diagonal

@@ -19,12 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, MissingDependencyError, RotationError
 from hingepair.numeric.arrays import broadcast_shape, real_array, vectors
-from hingepair.numeric.blocks import components_of
-from hingepair.numeric.unit_vectors import direction
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_one, check_pair
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.rotations.matrices import matrix_to_quaternion
+from hingepair.rotations.matrices import matrix_to_quaternion, unit_quaternion
 
 Float64Array = NDArray[np.float64]
 Motion = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]
@@ -55,7 +53,7 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks R or S.
         """
-        quat_wxyz = _unit(matrix_to_quaternion(_given(body1, "S")))
+        quat_wxyz = matrix_to_quaternion(_given(body1, "S"))
         return _joined(_given(body1, "R"), np.roll(quat_wxyz, -1, axis=-1), _column("psi", psi))
 
     def velocity(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Float64Array:
@@ -119,7 +117,7 @@ class PinocchioTwin:
         quat = arrays[0][..., 3:7]
         if (quat == 0).all(axis=-1).any():
             raise RotationError("q", "non-zero quaternions", "a zero quaternion")
-        arrays[0] = np.concatenate([arrays[0][..., :3], _unit(quat), arrays[0][..., 7:]], axis=-1)
+        arrays[0] = np.concatenate([arrays[0][..., :3], unit_quaternion(quat), arrays[0][..., 7:]], axis=-1)
         flat = [np.broadcast_to(c, (*shape, c.shape[-1])).reshape(-1, c.shape[-1]) for c in arrays]
         found = [np.empty((len(flat[0]), *tail)) for tail in ((3,), (3, 3), *((3,),) * 2 * (len(flat) - 1))]
         where = self.model, self.data, self.body2_frame
@@ -240,12 +238,6 @@ def _given(body1: BodyMotion, name: str) -> Float64Array:
     if value is None:
         raise ArgumentError("body1", f"a motion with {name}", "one without")
     return np.asarray(value, dtype=np.float64)
-
-
-def _unit(quat: Float64Array) -> Float64Array:
-    """The quaternions at unit length, which Pinocchio takes for granted."""
-    with np.errstate(invalid="ignore"):
-        return np.stack(direction(components_of(quat)), axis=-1)
 
 
 def _column(name: str, value: ArrayLike) -> Float64Array:
