@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hingepair.equations import spatial as eq
+from hingepair.evaluation import binding
 from hingepair.evaluation.backend import How
 from hingepair.evaluation.llvm_ir import LANES
 from hingepair.evaluation.loops import Loop
@@ -130,6 +131,20 @@ def test_outputs_of_any_stride():
     square = np.zeros((21, 5, 5))
     out = {"r": room[:, 1, 3:0:-1], "length": room[:, 0, 0], "m": square[:, ::4, 1::3]}
     agree(run(MAP, values, (21,), how=NUMPY), run(MAP, values, (21,), out=out))
+
+
+@pytest.mark.parametrize("shift", [0, 8, 16, 24])
+def test_outputs_past_the_caches_start_anywhere(shift, monkeypatch):
+    """Rows of a cut array start off the pieces that are stored, wherever its first row starts."""
+    monkeypatch.setattr(binding, "_TOO_MUCH_FOR_CACHES", 0)
+    double = Loop("double", lambda v: {"b": tuple(2 * x for x in v["a"])}, {"a": (3,)}, {"b": (3,)})
+    room = np.zeros(9 * 8 * 17 * 3 + 16)
+    first = (-room.ctypes.data % 64 + shift) // 8
+    whole = room[first : first + 9 * 8 * 17 * 3].reshape(9, 8, 17, 3)
+    for cut in (whole, whole[:, :7, :16], whole[:, :, :16], whole[::2]):
+        a = np.random.default_rng(5).normal(size=cut.shape)
+        found = run(double, {"a": a}, cut.shape[:-1], out={"b": cut})
+        np.testing.assert_array_equal(found["b"], 2 * a)
 
 
 def test_large_outputs_go_past_the_caches_and_workers_share():

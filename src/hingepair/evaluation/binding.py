@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.evaluation.llvm_ir import FIELDS, LANES, PAST_CACHES, SCATTERED, SIDE_BY_SIDE
+from hingepair.evaluation.llvm_ir import ALIGNED, FIELDS, LANES, PAST_CACHES, SCATTERED, SIDE_BY_SIDE
 from hingepair.numeric.arrays import Box, boxes
 
 Tail: TypeAlias = tuple[int, ...]
@@ -200,7 +200,8 @@ def walk(
         count = outputs[k - first - len(inputs)].shape[-1]
         at, outer, inner, step, _ = table[k * FIELDS : (k + 1) * FIELDS]
         dense = (step == itemsize or count == 1) and inner == count * itemsize
-        past = dense and heavy and at % 64 == 0 and (outer % 64 == 0 or layout.outer == 1)
+        starts = (at, *((outer,) if layout.outer > 1 else ()), *(offsets[k - first] for offsets in layout.offsets))
+        past = dense and heavy and all(start % ALIGNED == 0 for start in starts)
         table[k * FIELDS + 4] = PAST_CACHES if past else SIDE_BY_SIDE if dense else SCATTERED
     kind = ctypes.c_int64 * len(table)
     shared, column = (layout.outer, 1) if chained else (layout.inner, 2)

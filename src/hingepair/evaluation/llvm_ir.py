@@ -10,7 +10,7 @@ What is left when the samples are no multiple of eight goes through the same cod
 
 Every group of components (a row of seven coordinates, say) is given by a line of five integers: address, bytes
 between outer samples, between inner samples, between components, and for outputs how to store: SCATTERED,
-SIDE_BY_SIDE, or PAST_CACHES, for which the address must be a multiple of 64. Flags of the arithmetic: `contract` and
+SIDE_BY_SIDE, or PAST_CACHES, for which the address must be a multiple of 16. Flags of the arithmetic: `contract` and
 `nsz`, or none where the code must not be fused either. NaN stays NaN, and nothing is reordered.
 """
 
@@ -25,6 +25,7 @@ from hingepair.evaluation.trace import Operand, Value, needed_lines
 LANES: Final = 8
 FIELDS: Final = 5
 SCATTERED, SIDE_BY_SIDE, PAST_CACHES = 0, 1, 2
+ALIGNED: Final = 16  # bytes: where NumPy's large arrays start; pieces of 64 take as long, where they can be had
 AHEAD: Final = 128  # samples from the one being computed to the one whose inputs are asked for
 
 _REACH: Final = 1e6  # up to here the three parts of pi/2 reduce an angle without loss
@@ -331,7 +332,7 @@ class _Kernel:
         self.do(f"switch i64 {mode}, label %{labels[0]} [{cases}]")
         for label, align, hint in (
             (labels[1], 1, ""),
-            (labels[2], LANES * self.size, ", !nontemporal !0"),
+            (labels[2], ALIGNED, ", !nontemporal !0"),
         ):
             self.start(label)
             for c in range(count):
