@@ -1,34 +1,20 @@
-"""The command line: `hingepair run|check|derive|urdf|mjcf SCENE`."""
+"""The command line `hingepair`: its commands, and what an error of ours looks like."""
 
 from __future__ import annotations
 
-import json
 import sys
-from dataclasses import asdict
-from importlib.metadata import version
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from hingepair.cli import summary
+from hingepair import __version__
 from hingepair.cli.bench import app as bench_app
 from hingepair.cli.derive import derive
-from hingepair.cli.output import EXIT_BAD, behave, console, printed
+from hingepair.cli.output import EXIT_BAD, behave, printed
 from hingepair.cli.pairs import mjcf, urdf
-from hingepair.errors import HingePairError, printable
-from hingepair.evaluation.plan import OUTPUTS, PLANAR_OUTPUTS
-from hingepair.formats.results import check_ending, save
-from hingepair.numeric.tables import finite_or_none
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.scenes.scene import load_scene, scene_files
-
-if TYPE_CHECKING:
-    from hingepair.scenes.scene import Scene
-
-MOST_CHECKED = 10_001
-"""Instants that `check` takes through Pinocchio at most, evenly spread: about a second."""
+from hingepair.cli.robots import robots
+from hingepair.cli.run import check, run
+from hingepair.errors import HingePairError
 
 app = typer.Typer(
     name="hingepair",
@@ -39,10 +25,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+for command in (run, check, derive, urdf, mjcf, robots):
+    app.command()(command)
 app.add_typer(bench_app, name="bench")
-
-SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
 def main() -> None:
@@ -67,129 +52,5 @@ def _options(
     show_version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
 ) -> None:
     if show_version:
-        print(f"hingepair {version('hingepair')}")
+        print(f"hingepair {__version__}")
         raise typer.Exit
-
-
-@app.command()
-def run(
-    scene_file: SceneFile,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write all instants to FILE (.npz or .csv).")
-    ] = None,
-    outputs: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES",
-            help=f"What to compute, of {', '.join(OUTPUTS)}; in the plane of {', '.join(PLANAR_OUTPUTS)}.",
-        ),
-    ] = None,
-    explain: Annotated[
-        bool, typer.Option("--explain", help="Say what is computed, what is skipped, and why.")
-    ] = False,
-    as_json: Json = False,
-) -> None:
-    """Compute the motion of body 2 and show what came out."""
-    if out is not None:
-        check_ending(out)
-    scene = load_scene(scene_file)
-    names = None if outputs is None else [name.strip() for name in outputs.split(",") if name.strip()]
-    result = scene.evaluate(names)
-    residuals = summary.residuals(scene)
-    written = None if out is None else save(out, result.t, result.state.arrays(), scene_files(scene_file))
-    if as_json:
-        found = {
-            **_facts(scene),
-            "not_finite": summary.not_finite(result),
-            "outputs": summary.as_json(result),
-            "residuals": {
-                r.label: {"largest": finite_or_none(r.largest), "in_u_scale": finite_or_none(r.ratio)}
-                for r in residuals
-            },
-            "file": None if written is None else str(written),
-            **({"plan": asdict(scene.plan(names))} if explain else {}),
-        }
-        print(json.dumps(found, indent=2, allow_nan=False))
-        return
-    screen = console()
-    _head(screen, scene)
-    if explain:
-        screen.print(str(scene.plan(names)))
-    screen.print(summary.table(result))
-    lost = summary.not_finite(result)
-    if lost:
-        others = (
-            "ranges and residuals are those of the others" if lost < len(result.t) else "there is nothing to show"
-        )
-        screen.print(f"{lost} of {len(result.t)} instants are not finite; {others}")
-    for r in residuals if lost < len(result.t) else ():
-        screen.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
-    screen.print(
-        f"written: {written}" if written else "nothing written (--out FILE.npz or FILE.csv writes all instants)"
-    )
-
-
-@app.command()
-def check(scene_file: SceneFile, as_json: Json = False) -> None:
-    """Compute the scene by the equations and by Pinocchio, and compare (pose, velocities, accelerations)."""
-    scene = load_scene(scene_file)
-    report = scene.cross_validate(MOST_CHECKED)
-    if as_json:
-        print(report.to_json())
-    else:
-        screen = console()
-        _head(screen, scene)
-        if report.samples < scene.samples:
-            screen.print(f"{report.samples} of the {scene.samples} instants are compared, evenly spread")
-        print(report)
-    raise typer.Exit(0 if report.ok else 1)
-
-
-app.command()(derive)
-app.command()(urdf)
-app.command()(mjcf)
-
-
-@app.command()
-def robots(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Show the hinges of this robot.")] = None,
-    as_json: Json = False,
-) -> None:
-    """List the robots whose hinges a scene may name, or the hinges of one."""
-    from hingepair.formats.robots import hinge_table
-
-    columns, rows = hinge_table(name)
-    if as_json:
-        print(json.dumps([dict(zip(columns, row, strict=True)) for row in rows], indent=2))
-        return
-    from rich import box
-    from rich.table import Table
-
-    table = Table(*columns, box=box.SIMPLE_HEAD)
-    for row in rows:
-        table.add_row(*map(str, row))
-    console().print(table)
-
-
-def _facts(scene: Scene) -> dict[str, object]:
-    return {
-        "scene": str(scene.path),
-        "title": scene.title,
-        "samples": scene.samples,
-        "start": scene.start,
-        "stop": scene.stop,
-        "sequence": scene.sequence,
-        "error_estimate": finite_or_none(getattr(scene.motion, "error_estimate", 0.0)),
-        "pair": {key: getattr(scene.space, key).tolist() for key in ("u1", "u2", "n", "home")},
-    }
-
-
-def _head(screen: Console, scene: Scene) -> None:
-    if scene.title:
-        screen.print(printable(scene.title), style="bold")
-    pair = scene.pair
-    own = ("u1", "u2", "n") if isinstance(pair, HingePair) else ("u1", "u2")
-    vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in own)
-    screen.print(f"{printable(pair.name)}: {vectors}")
-    instants = f"{scene.samples} instant{'s' * (scene.samples != 1)}, t = {scene.start:g} to {scene.stop:g} s"
-    screen.print(f"{instants}; {scene.motion.turning}")

@@ -8,13 +8,18 @@ import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import FrameType
+from typing import Annotated
 
+import typer
 from rich.console import Console
 
 from hingepair.formats.whole_file import whole_file
 
 EXIT_BAD = 2
 """The exit code of what could not be done; 1 means that a check failed."""
+
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
 def console() -> Console:

@@ -27,7 +27,7 @@ Source = Annotated[
 ]
 Joint = Annotated[
     str | None,
-    typer.Argument(metavar="[JOINT]", help="A hinge of the robot (hingepair robots NAME lists them)."),
+    typer.Argument(metavar="JOINT", help="A hinge of the robot (hingepair robots NAME lists them)."),
 ]
 TextFile = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write to FILE instead of standard output.")

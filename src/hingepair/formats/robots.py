@@ -8,7 +8,6 @@ every robot.
 from __future__ import annotations
 
 import functools
-import warnings
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.formats.urdf_file import read_urdf
-from hingepair.formats.urdf_reader import hinge_pair
+from hingepair.formats.urdf_reader import quiet_hinge_pair
 
 if TYPE_CHECKING:
     from hingepair.pair.hinge_pair import HingePair
@@ -49,10 +48,7 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
     >>> pair.n.tolist(), pair.u1.tolist()
     ([0.0, 1.0, 0.0], [0.02, 0.0, -0.273])
     """
-    tree = read_urdf(robot_urdf(robot))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # its user cannot mend what these robots have of inertias
-        return hinge_pair(tree, joint, name=f"{robot}/{joint}")
+    return quiet_hinge_pair(read_urdf(robot_urdf(robot)), joint, name=f"{robot}/{joint}")
 
 
 def robot_names() -> tuple[str, ...]:
@@ -83,21 +79,6 @@ def robot_urdf(robot: str) -> Path:
     if found:
         raise ArgumentError("robot", "one robot: " + " or ".join(sorted(found)), quoted(robot))
     raise ArgumentError("robot", _advice(str(robot)), quoted(robot))
-
-
-def hinge_table(robot: str | None) -> tuple[tuple[str, ...], list[tuple[str | int, ...]]]:
-    """Headings and rows: the robots and how many hinges each has; or the hinges of one robot.
-
-    Raises:
-        ArgumentError: no such robot, or more than one.
-        MissingDependencyError: example-robot-data is not installed.
-    """
-    if robot is None:
-        trees = {name: read_urdf(robot_urdf(name)) for name in robot_names()}
-        return ("robot", "hinges"), [(name, len(tree.hinges())) for name, tree in trees.items()]
-    hinges = read_urdf(robot_urdf(robot)).hinges()
-    rows: list[tuple[str | int, ...]] = [(h.name, h.type, h.parent, h.child, h.mimic) for h in hinges]
-    return ("joint", "type", "parent link (body 1)", "child link (body 2)", "follows"), rows
 
 
 def _advice(robot: str) -> str:

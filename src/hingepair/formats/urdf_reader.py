@@ -87,6 +87,13 @@ def hinge_pair(
     )
 
 
+def quiet_hinge_pair(robot: Robot, joint: str, *, name: str) -> HingePair:
+    """The pair of a robot that its user cannot mend: no warning where masses are none that a rigid body can have."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return hinge_pair(robot, joint, name=name)
+
+
 def _fixed_to(robot: Robot, hinge: Joint, link: str) -> dict[str, Pose]:
     """Rotation and origin of every link that is rigidly fixed to a link of a hinge, in the axes of that link.
 
