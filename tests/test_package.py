@@ -46,7 +46,7 @@ ORDER = (
     *("errors", "numeric", "equations", "rotations", "evaluation", "pair", "measured", "integration", "symbolic"),
     *("formats", "validation", "scenes", "bench", "cli", "__init__"),
 )
-UPHILL = {("symbolic", "scenes"), ("evaluation", "integration")}
+UPHILL = {("evaluation", "integration")}
 """Wings that still import one above them."""
 
 

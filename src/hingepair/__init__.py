@@ -57,8 +57,8 @@ if TYPE_CHECKING:
     from hingepair.measured.resample import resample
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
+    from hingepair.scenes.derive import derive
     from hingepair.scenes.scene import load_scene
-    from hingepair.symbolic.closed_forms import derive
     from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
     from hingepair.validation.pinocchio_twin import to_pinocchio
 
@@ -127,7 +127,7 @@ _LATER = {
     "SmoothedMotion": "measured.smooth",
     "cross_validate": "validation.cross_validate",
     "cross_validate_from_body1": "validation.cross_validate",
-    "derive": "symbolic.closed_forms",
+    "derive": "scenes.derive",
     "from_urdf": "formats.urdf_reader",
     "integrate": "integration.integrate",
     "load_robot_hinge": "formats.robots",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import sys
+import tracemalloc
 import zipfile
 
 import numpy as np
@@ -174,3 +175,54 @@ def test_no_such_file(tmp_path, name):
     (tmp_path / "my.toml").write_text(SCENE.format(file=name))
     with pytest.raises(hp.SceneError, match=r"a file (name that ends in|of samples)"):
         hp.load_scene(tmp_path / "my.toml")
+
+
+HURTFUL = {
+    "brackets": b"{'descr': '<f8', 'fortran_order': False, 'shape': " + b"(" * 5_000,
+    "minus signs": b"{'descr': '<f8', 'fortran_order': False, 'shape': (" + b"-" * 9_000 + b"1,), }",
+    "no dictionary": b"print('hello')",
+    "record": b"{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (3,), }",
+    "no type": b"{'descr': '<q99', 'fortran_order': False, 'shape': (3,), }",
+    "objects": b"{'descr': '|O', 'fortran_order': False, 'shape': (3,), }",
+}
+
+
+def npz_of(header, content=b"", size=None, version=b"\x01\x00"):
+    stated = (len(header) if size is None else size).to_bytes(2 if version == b"\x01\x00" else 4, "little")
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("t.npy", b"\x93NUMPY" + version + stated + header + content)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("header", HURTFUL.values(), ids=HURTFUL)
+@pytest.mark.parametrize("version", [b"\x01\x00", b"\x02\x00", b"\x03\x00", b"\x09\x00"])
+def test_headers_made_to_hurt(tmp_path, header, version):
+    with pytest.raises(hp.SceneError, match="t: expected "):
+        scene_of(tmp_path, npz_of(header, b"0" * 64, version=version), name="log.npz")
+
+
+def test_a_header_of_a_declared_gigabyte_is_not_read(tmp_path):
+    content = npz_of(b" " * 100_000_000, size=1_000_000_000, version=b"\x02\x00")
+    tracemalloc.start()
+    with pytest.raises(hp.SceneError, match="t: expected an array of real numbers"):
+        scene_of(tmp_path, content, name="log.npz")
+    assert tracemalloc.get_traced_memory()[1] < 20_000_000
+    tracemalloc.stop()
+
+
+def test_terminal_escapes_do_not_reach_the_screen(tmp_path):
+    for text in ("t,\x1b[31mx\n1,2\n", "t;\x1b[31mx\n1;2\n", "t,x\n1,\x1b[31m2\n"):
+        with pytest.raises(hp.SceneError) as caught:
+            scene_of(tmp_path, text)
+        assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_arrays_of_any_order_and_type_are_read(tmp_path, order):
+    columns = moving()
+    q = np.asarray(np.stack([columns[c] for c in EULER], axis=-1), order=order)
+    plain = scene_of(tmp_path, {"t": columns["t"], "q": q}, name="log.npz").evaluate(("R2",))
+    assert np.array_equal(plain.R2, scene_of(tmp_path, some(columns, "t", *EULER)).evaluate(("R2",)).R2)
+    swapped = scene_of(tmp_path, {"t": columns["t"].astype(">f8"), "q": q}, name="log.npz").evaluate(("R2",))
+    assert np.array_equal(plain.R2, swapped.R2)

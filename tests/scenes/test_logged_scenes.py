@@ -178,7 +178,7 @@ def test_derivatives_found_are_those_of_the_motion(tmp_path, kind):
     scene = scene_of(tmp_path, euler, more + "differentiate = true\n")
     pair = hp.load_scene(tmp_path / "arm.toml").pair
     close(
-        SceneResult(scene.times(), scene.motion.samples(slice(None), 2).forward_kinematics(pair, None)),
+        SceneResult(scene.times(), scene.motion.known(slice(None), 2).forward_kinematics(pair, None)),
         truth,
     )
 
@@ -202,3 +202,24 @@ def test_commands_work_on_a_pose_only_log(tmp_path):
     done = CliRunner().invoke(app, ["check", scene, "--json"])
     assert done.exit_code == 0
     assert [row["output"] for row in json.loads(done.stdout)["rows"]] == ["R2", "S2", "d"]
+
+
+def test_what_finite_differences_miss_is_not_said_to_be_nothing(tmp_path):
+    scene = scene_of(tmp_path, some(logged(30), *BODY), "differentiate = true\n")
+    assert np.isnan(scene.motion.error_estimate)
+    assert scene.notes() == ("rates were found by finite differences; how far they are off is not known",)
+    found = json.loads(CliRunner().invoke(app, ["run", str(tmp_path / "my.toml"), "--json"]).stdout)
+    assert found["error_estimate"] is None
+    stated = scene_of(tmp_path, moving(), "differentiate = true\n")
+    assert (stated.motion.error_estimate, stated.notes()) == (0.0, ())
+
+
+def test_seconds_since_1970_are_as_good_as_their_stamps(tmp_path):
+    """Stamps that are exact at 1.7e9 s: every digit of the derivatives is that of a log from 0."""
+    columns = some(logged(64, h=1 / 64), *BODY)
+    results = []
+    for start in (0.0, 1.7e9):
+        moved = columns | {"t": columns["t"] + start}
+        results.append(scene_of(tmp_path, moved, "differentiate = true\n").evaluate().state.arrays())
+    for name, array in results[0].items():
+        np.testing.assert_array_equal(array, results[1][name])

@@ -80,6 +80,10 @@ def test_names_its_own_coordinates_and_outputs(tmp_path):
     assert (scene.space.n.tolist(), scene.space.name) == ([0, 0, 1], "legs")
 
 
+def test_the_plan_of_the_plane_speaks_of_no_euler_angles(tmp_path):
+    assert "the attitude of body 1 is given" not in str(scene_of(tmp_path, PLANAR).plan())
+
+
 def test_nothing_moves_and_there_are_still_all_instants(tmp_path):
     still = PLANAR.replace('"3*t"', "3").replace('"0.3*t**2"', "0.25").replace('"sin(t)"', "0.5")
     assert scene_of(tmp_path, still).evaluate().R2.shape == (21, 2)

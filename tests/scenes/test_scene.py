@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.scenes.scene import Scene
+from hingepair.scenes.scene import Scene, load_pair
+from hingepair.scenes.waypoints import PROFILES
 
 U = 2.0**-53
 MODELS = Path(__file__).parents[2] / "models"
@@ -141,9 +142,10 @@ def change(old: str, new: str) -> str:
     return GOOD.replace(old, new)
 
 
+N = "n = [1, 0, 0]\n"
 MALFORMED = {
     "not TOML": ("[pair", "TOML"),
-    "empty": ("", "time"),
+    "empty": ("", "[pair]"),
     "unknown table": (GOOD + "[tme]\na = 1\n", "tme"),
     "unknown key": (change("psi =", "psy ="), "motion.psy"),
     "unknown pair key": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nu3 = [0, 0, 0]"), "pair.u3"),
@@ -165,7 +167,7 @@ MALFORMED = {
     "sequence": (change("[motion]\n", '[motion]\nsequence = "XXY"\n'), "motion.sequence"),
     "sequence type": (change("[motion]\n", "[motion]\nsequence = 3\n"), "motion.sequence"),
     "constant shadows": (change("w = 2", "w = 2\nsin = 3"), "motion.constants.sin"),
-    "constant text": (change("w = 2", 'w = "2"'), "motion.constants.w"),
+    "constant of t": (change("w = 2", 'w = "2*t"'), "motion.constants.w"),
     "constant inf": (change("w = 2", "w = inf"), "motion.constants.w"),
     "no samples": (change("samples = 21", "samples = 0"), "time.samples"),
     "float samples": (change("samples = 21", "samples = 1e12"), "time.samples"),
@@ -189,6 +191,32 @@ MALFORMED = {
     "long dotted keys": ("\n".join("a." * 2_000 + f"k{i} = 1" for i in range(200)), "16 parts"),
     "not UTF-8": (b"\xff\xfe", "UTF-8"),
     "large file": (b"# " + b"x" * 1_100_000, "bytes"),
+    "endless integer": (change("samples = 21", f"samples = 0x{'f' * 5_000}"), "time.samples"),
+    "endless number": (change("y = 0.5", f"y = 0x{'f' * 5_000}"), "motion.y"),
+    "endless component": (change("u1 = [0.5, 0.2, 0.1]", f"u1 = [0x{'f' * 5_000}, 0, 0]"), "pair.u1"),
+    "endless name": (GOOD + f"[outputs]\nnames = [0x{'f' * 5_000}]\n", "outputs.names"),
+    "terminal escapes in the title": ('title = "a\\u001b[31mb"\n' + GOOD, "printable"),
+    "terminal escapes in a key": (GOOD + '[outputs]\n"a\\u001b[31mb" = 1\n', "outputs"),
+    "hinge rate alone": (GOOD.replace('psi = "pi*t"', 'psi_dot = "pi*t"'), "motion.omega1"),
+    "number that needs t": (change("stop = 2", 'stop = "2*t"'), "time.stop"),
+    "product without a sign": (change('psi = "pi*t"', 'psi = "2t"'), "2*t"),
+    "home without an angle": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = { axis = [1, 0, 0] }"), "pair.home"),
+    "home two ways": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = { rpy = [1, 0, 0], deg = 3 }"), "pair.home"),
+    "home about nothing": (
+        change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = { axis = [0, 0, 0], deg = 3 }"),
+        "home.axis",
+    ),
+    "home of two angles": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = { rpy_deg = [1, 0] }"), "home.rpy_deg"),
+    "mass": (change("[motion]\n", "[pair.body1]\nmass = -1\n[motion]\n"), "pair.body1.mass"),
+    "mass of what": (change("[motion]\n", "[pair.body3]\nmass = 1\n[motion]\n"), "pair.body3"),
+    "shape": (change("[motion]\n", "[pair.body1]\nshapes = [{ cone = 1 }]\n[motion]\n"), "pair.body1.shapes[0]"),
+    "shape's size": (change("[motion]\n", "[pair.body1]\nshapes = [{ box = [1, 1] }]\n[motion]\n"), "shapes[0].box"),
+    "inertia": (change("[motion]\n", "[pair.body1]\ninertia = [1, 1, 3]\n[motion]\n"), "pair.body1.inertia"),
+    "way points without values": (change('psi = "pi*t"', "psi = { t = [0, 1] }"), "motion.psi.value"),
+    "way points back in time": (change('psi = "pi*t"', "psi = { t = [0, 0], value = [0, 1] }"), "motion.psi.t"),
+    "one way point": (change('psi = "pi*t"', "psi = { t = [0], value = [0] }"), "motion.psi.t"),
+    "profile": (change('psi = "pi*t"', 'psi = { t = [0, 1], value = [0, 1], profile = "s" }'), "motion.psi.profile"),
+    "too fast": (change('psi = "pi*t"', "psi = { t = [0, 1], value = [0, 1], speed = 0.9 }"), "motion.psi.speed"),
     "deep": ("a = " + "[" * 50_000, "TOML"),
     "long key": ("a" + ".a" * 100_000 + " = 1", "my.toml"),
 }
@@ -225,7 +253,7 @@ def test_models_say_what_they_are_and_move(model: Path) -> None:
     assert len(scene.title.split()) > 5
     result = scene.evaluate()
     assert all(np.isfinite(array).all() for array in result.state.arrays().values())
-    bodies = scene.motion.samples(slice(None), 1).bodies(scene.pair)
+    bodies = scene.motion.known(slice(None), 1).bodies(scene.pair)
     assert np.ptp(np.einsum("nij,nik->njk", bodies["S1"], bodies["S2"]), axis=0).max() > 0.01
 
 
@@ -286,3 +314,123 @@ def test_the_plan_says_what_is_skipped_and_why(tmp_path: Path) -> None:
     assert (steps["S1"], steps["omega1"], steps["S2"]) == ("once", "once", "each")
     with pytest.raises(hp.ArgumentError, match="outputs"):
         scene.plan(("R9",))
+
+
+def test_the_empty_scene_lacks_its_pair_first(tmp_path: Path) -> None:
+    with pytest.raises(hp.SceneError, match=r"pair: expected a table \[pair\]"):
+        scene_of(tmp_path, "")
+
+
+def test_numbers_may_be_expressions_of_constants(tmp_path: Path) -> None:
+    text = change("u1 = [0.5, 0.2, 0.1]", 'u1 = ["cos(pi/3)", "w/10", 0.1]').replace("stop = 2", 'stop = "w"')
+    scene = scene_of(tmp_path, text.replace("w = 2", 'half = "tau/(2*pi)"\nw = "2*half"'))
+    np.testing.assert_allclose(scene.pair.u1, (0.5, 0.2, 0.1), rtol=4 * U)
+    assert (scene.stop, scene.constants) == (2.0, {"half": 1.0, "w": 2.0})
+
+
+@pytest.mark.parametrize(
+    "home",
+    [
+        "{ axis = [0, 0, 2], deg = 30 }",
+        '{ axis = [0, 0, 1], rad = "pi/6" }',
+        "{ rpy_deg = [0, 0, 30] }",
+        '{ rpy = [0, 0, "pi/6"] }',
+    ],
+)
+def test_home_is_said_by_axis_and_angle_or_by_roll_pitch_yaw(tmp_path: Path, home: str) -> None:
+    pair = scene_of(tmp_path, change("n = [1, 0, 0]", f"n = [1, 0, 0]\nhome = {home}")).pair
+    np.testing.assert_allclose(pair.home, hp.rodrigues((0, 0, 1), np.pi / 6), rtol=0, atol=4 * U)
+
+
+def test_roll_comes_before_yaw(tmp_path: Path) -> None:
+    pair = scene_of(tmp_path, change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = { rpy_deg = [90, 0, 90] }")).pair
+    np.testing.assert_allclose(pair.home, [[0, 0, 1], [1, 0, 0], [0, 1, 0]], rtol=0, atol=4 * U)
+
+
+def test_masses_and_shapes_come_with_the_pair(tmp_path: Path) -> None:
+    bodies = """
+torque_limit = 5
+[pair.body1]
+mass = 12
+center_of_mass = [0, 0, "1/8"]
+inertia = [1, 1, 0.5]
+shapes = [{ box = [1, 2, 3] }, { cylinder = 0.1, length = 2, axis = [0, 1, 0] }]
+[pair.body2]
+inertia = [[1, 0.1, 0], [0.1, 1, 0], [0, 0, 1]]
+shapes = [{ sphere = 0.2, center = [0, 0, 1] }]
+[motion]
+"""
+    pair = scene_of(tmp_path, GOOD.replace("\n[motion]\n", bodies)).pair
+    assert (pair.body1.mass, pair.body1.center_of_mass.tolist()) == (12, [0, 0, 0.125])
+    assert pair.body1.inertia.diagonal().tolist() == [1, 1, 0.5]
+    assert repr(pair.body1.shapes[0]) == "Box(size=[1.0, 2.0, 3.0], center=[0.0, 0.0, 0.0])"
+    assert pair.body1.shapes[1].length == 2
+    assert (pair.body2.inertia[0, 1], pair.body2.shapes[0].radius, pair.torque_limit) == (0.1, 0.2, 5)
+
+
+def test_a_pair_needs_no_motion(tmp_path: Path) -> None:
+    path = tmp_path / "pair.toml"
+    path.write_text(GOOD.split("[motion]", maxsplit=1)[0] + '[motion]\nfile = "not there.csv"\n')
+    assert load_pair(path).u1.tolist() == [0.5, 0.2, 0.1]
+
+
+POINTS = "{ t = [0, 0.5, 2], value = [0, -1, 'pi/2'], profile = 'PROFILE' }"
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: Path, profile: str) -> None:
+    text = change('psi = "pi*t"', f"psi = {POINTS.replace('PROFILE', profile)}")
+    text = text.replace("samples = 21", "samples = 2001")
+    scene = scene_of(tmp_path, text)
+    (*_, psi), (*_, psid), (*_, psidd) = scene.coordinates(scene.times())
+    np.testing.assert_allclose(psi[[0, 500, -1]], (0, -1, np.pi / 2), rtol=0, atol=16 * U)
+    h, t = 1e-3, scene.times()[1:-1]
+    breaks = (0, 0.5, 2, *(i + j / 3 * (k - i) for i, k in ((0, 0.5), (0.5, 2)) for j in (1, 2)))
+    inner = np.all([np.abs(t - at) > 1.5 * h for at in breaks], axis=0)
+    np.testing.assert_allclose(((psi[2:] - psi[:-2]) / 2 / h - psid[1:-1])[inner], 0, atol=1e-3)
+    np.testing.assert_allclose(((psid[2:] - psid[:-2]) / 2 / h - psidd[1:-1])[inner], 0, atol=1e-3)
+    if profile != "linear":
+        assert np.abs(psid[[0, -1]]).max() <= 64 * U
+    if profile == "quintic":
+        assert np.abs(psidd[[0, -1]]).max() <= 64 * U
+    assert scene.motion.kinks == {"linear": 2, "trapezoid": 6, "cubic": 1, "quintic": 0}[profile]
+    assert ("kinks" in " ".join(scene.notes())) == (profile != "quintic")
+    assert scene.cross_validate(50).ok
+    assert "psi(t)" in str(hp.derive(scene).S2)
+    with pytest.raises(hp.SceneError, match=r"motion\.psi\.speed: expected .*[0-9], which"):
+        scene_of(tmp_path, text.replace(" profile", " speed = 1.5, profile"))
+
+
+def test_a_trapezoid_keeps_its_limits(tmp_path: Path) -> None:
+    text = change(
+        'psi = "pi*t"', "psi = { t = [0, 2], value = [0, 1], profile = 'trapezoid', speed = 0.6, acceleration = 4 }"
+    )
+    scene = scene_of(tmp_path, text.replace("samples = 21", "samples = 2001"))
+    _, (*_, psid), (*_, psidd) = scene.coordinates(scene.times())
+    assert abs(psid.max() - 0.6) <= 4 * U  # a third of the time each would need 0.75
+    assert psidd.max() == -psidd.min() <= 4
+
+
+TIME = "[time]\nstart = 0\nstop = 2\nsamples = 21\n"
+
+
+def test_rates_may_go_through_way_points(tmp_path: Path) -> None:
+    motion = """
+[motion]
+omega1 = [0, 0, { t = [0, 2], value = [0, 1], profile = "quintic" }]
+psi_dot = { t = [0, 1, 2], value = [0, 1, 0], profile = "cubic" }
+"""
+    scene = scene_of(
+        tmp_path, GOOD.split("[motion]", maxsplit=1)[0] + motion + "[time]\nstart = 0\nstop = 2\nsamples = 21\n"
+    )
+    result = scene.evaluate(("S1",))
+    np.testing.assert_allclose(result.S1[-1], hp.rodrigues((0, 0, 1), 1.0), rtol=0, atol=1e-12)
+
+
+def test_limits_that_psi_leaves_are_noted(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, GOOD.replace("[motion]\n", "limits = [-1, 2.5]\n[motion]\n"))
+    (note,) = scene.notes()
+    assert (
+        note == "psi leaves its limits, -1 to 2.5 rad, at 13 of 21 instants, first at t = 0.8 s (psi = 2.51327 rad)"
+    )
+    assert scene_of(tmp_path, GOOD).notes() == ()

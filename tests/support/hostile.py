@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import json
 import random
+import re
 import signal
 import string
 import sys
@@ -24,6 +25,25 @@ import hingepair as hp
 
 MODELS = Path(__file__).parents[2] / "models"
 FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "tanh", "exp", "log", "sqrt")
+CHOICES = (
+    *(
+        "abs(#)",
+        "sign(#)",
+        "min(#, #)",
+        "max(#, #, #)",
+        "clip(#, #, #)",
+        "mod(#, 2)",
+        "mod(#, #)",
+        "step(#)",
+        "ramp(#)",
+    ),
+    *(
+        "where(# < #, #, #)",
+        "where(# <= # and not # > 1, #, #)",
+        "where(0 < # < 1 or # >= #, #, #)",
+        "where(#, #, #)",
+    ),
+)
 ODD = (
     "0", "1", "-1", "t", "pi", "e", "1e308", "1e999", "-1e-999", "9**9**9", "nan", "inf", "1_0", "0x10", "1j", "''",
     "[]", "()", "t.real", "t[0]", "lambda: t", "__import__('os').system('true')", "().__class__.__mro__",
@@ -51,8 +71,10 @@ def expression(rng):
             return rng.choice((*ODD[:5], "t", "t", "2", "0.1", "3/7", rng.choice(ODD)))
         if kind < 0.6:
             return f"{grow(depth - 1)} {rng.choice(('+', '-', '*', '/', '**', '**'))} {grow(depth - 1)}"
-        if kind < 0.9:
+        if kind < 0.85:
             return f"{rng.choice(FUNCTIONS)}({grow(depth - 1)})"
+        if kind < 0.95:
+            return re.sub("#", lambda _: grow(depth - 1), rng.choice(CHOICES))
         return f"({grow(depth - 1)}){'' if rng.random() < 0.7 else rng.choice(ODD)}"
 
     text = grow(rng.randint(1, 7))
@@ -123,12 +145,12 @@ def urdf(rng):
 
 def use_expression(rng, _):
     from hingepair.symbolic.expressions import parse
-    from hingepair.symbolic.time_functions import compile_coordinates
+    from hingepair.symbolic.time_functions import TimeFunctions
 
     text = expression(rng)
     yield text
     part = parse("motion.psi", text, {"k": 0.5})
-    compile_coordinates((part,))(np.array([-1.0, 0.0, 1e-9, 0.5, 1e6]))
+    TimeFunctions((part,)).derivatives(np.array([-1.0, 0.0, 1e-9, 0.5, 1e6]))
 
 
 def use_scene(rng, folder):

@@ -15,7 +15,6 @@ import sympy
 import hingepair as hp
 from hingepair.cli.main import main
 from hingepair.evaluation.plan import outputs_of
-from hingepair.symbolic.listings import to_latex, to_python
 from hingepair.symbolic.printers import LATEX, PYTHON, TEXT
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -35,7 +34,7 @@ def test_forms_evaluate_to_the_numeric_results(name):
     found = hp.load_scene(MODELS / f"{name}.toml")
     outputs = tuple(outputs_of(found.kind))
     numbers = found.evaluate(outputs)
-    functions = run(to_python(hp.derive(found), outputs, found.title))
+    functions = run(hp.derive(found).to_python(outputs, found.title))
     for output in outputs:
         expected = getattr(numbers, output)
         got = functions[output](numbers.t)
@@ -66,7 +65,7 @@ def test_any_motion_of_a_pair_evaluates_to_the_numeric_results(planar, symbolic)
     known |= {
         f"{key}_{axis}": value for key in symbolic for axis, value in zip("xyz", getattr(pair, key), strict=False)
     }
-    functions = run(to_python(forms, forms.names))
+    functions = run(forms.to_python(forms.names))
     state = pair.forward_kinematics(q, qd, qdd, outputs=forms.names)
     for output in forms.names:
         function = functions[output]
@@ -128,7 +127,7 @@ def test_latex_parses():
 
     motions = hp.load_scene(MODELS / "truck_trailer.toml"), hp.PlanarPair((1, 2), (3, 4)), hp.HingePair(**ACROSS)
     for forms in (hp.derive(value, ("u1", "u2")) for value in motions):
-        first, *rows, last = to_latex(forms, ("R2", "omega2")).splitlines()
+        first, *rows, last = forms.to_latex(("R2", "omega2")).splitlines()
         assert (first.split()[0], last) == (r"\begin{align*}", r"\end{align*}")
         assert [row.endswith(r" \\") for row in rows] == [True] * (len(rows) - 1) + [False]
         for row in rows:
@@ -138,7 +137,7 @@ def test_latex_parses():
 
 def test_python_is_numpy_only_and_vectorised():
     forms = hp.derive(hp.load_scene(REFERENCE), ("u1",))
-    source = to_python(forms, ("S2", "R2", "v1"), 'a "title" \\ of\n two lines')
+    source = forms.to_python(("S2", "R2", "v1"), 'a "title" \\ of\n two lines')
     assert ast.get_docstring(ast.parse(source)) == "Closed forms: a title  of two lines."
     imported = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Import | ast.ImportFrom)]
     assert [ast.unparse(node) for node in imported] == ["import numpy"]
@@ -152,7 +151,7 @@ def test_python_is_numpy_only_and_vectorised():
 def test_python_has_no_integer_that_numpy_cannot_take():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for expr in (sympy.Integer(10) ** 600 * t, sympy.Rational(1, 10**600) * t, sympy.DiracDelta(t)):
+        for expr in (sympy.Integer(10) ** 600 * t, sympy.Rational(1, 10**600) * t):
             assert np.shape(eval(PYTHON(expr), {"numpy": np, "t": np.ones(2)})) == (2,)
 
 
@@ -167,7 +166,9 @@ def derived(monkeypatch, capsys, *arguments):
 def test_the_command_prints_the_source_s_omega1(monkeypatch, capsys):
     out = derived(monkeypatch, capsys, REFERENCE)[0].out
     assert "omega1_y = cos 3t - 5/2 sin 2t - 5/2 sin 4t\n" in out
-    assert {line.split("_")[0] for line in out.splitlines()} == {"omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2"}
+    shown = {line.split("_")[0] for line in out.splitlines() if not line.startswith(" ")}
+    assert shown == {"omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2"}
+    assert max(map(len, out.splitlines())) <= 100
 
 
 def test_the_command_s_formats_are_the_same_forms(monkeypatch, capsys):
@@ -179,8 +180,8 @@ def test_the_command_s_formats_are_the_same_forms(monkeypatch, capsys):
     }
     assert texts[""] == texts["--unicode"]
     assert texts[""].startswith("R1_x = 3t\n")
-    assert texts["--latex"] == to_latex(forms, ("R1", "R2"))
-    assert texts["--python"] == to_python(forms, ("R1", "R2"), hp.load_scene(REFERENCE).title)
+    assert texts["--latex"] == forms.to_latex(("R1", "R2"))
+    assert texts["--python"] == forms.to_python(("R1", "R2"), hp.load_scene(REFERENCE).title)
     assert json.loads(texts["--json"])["R2_x"] == str(forms.R2[0])
 
 

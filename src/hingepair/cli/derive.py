@@ -29,7 +29,15 @@ def derive(
     python: Annotated[bool, typer.Option("--python", help="A Python module that needs only NumPy.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="JSON: the SymPy form of each component.")] = False,
     outputs: Annotated[str | None, typer.Option(metavar="NAMES", help="What to derive: R2,omega1.")] = None,
-    symbolic: Annotated[str, typer.Option(metavar="NAMES", help="What stays a letter, of u1,u2,n.")] = "",
+    symbolic: Annotated[
+        str, typer.Option(metavar="NAMES", help="What stays a letter: of u1,u2,n and the scene's constants.")
+    ] = "",
+    short: Annotated[
+        bool | None,
+        typer.Option(
+            "--short/--full", help="Abbreviate sines and other functions that come again: where lines are long."
+        ),
+    ] = None,
     out: TextFile = None,
 ) -> None:
     """Show the motion in closed form: omega1(t), R2(t), S2(t), v2(t), omega2(t), a2(t), alpha2(t).
@@ -39,8 +47,7 @@ def derive(
     if unicode + latex + python + as_json > 1:
         raise ArgumentError("format", "one of --unicode, --latex, --python, --json", "several")
     from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, check_outputs, default_outputs
-    from hingepair.symbolic import listings
-    from hingepair.symbolic.closed_forms import derive as closed_forms
+    from hingepair.scenes.derive import derive as closed_forms
 
     if joint or is_urdf(source) or not _moves(source):
         pair = named_pair(source, joint)
@@ -52,13 +59,15 @@ def derive(
     usual = default_outputs(ACCELERATION, PLANAR) if kind == PLANAR else DEFAULT
     names = asked or usual if outputs is None else check_outputs(_names(outputs), kind)
     if latex:
-        text = listings.to_latex(forms, names)
+        text = forms.to_latex(names, short=bool(short))
     elif python:
-        text = listings.to_python(forms, names, title)
+        text = forms.to_python(names, title)
     elif as_json:
-        text = json.dumps(listings.to_sympy(forms, names), indent=2) + "\n"
+        text = json.dumps(forms.to_sympy(names), indent=2) + "\n"
     else:
-        text = listings.to_text(forms, names)
+        text = forms.to_text(names, short=bool(short))
+        if short is None and "\n      " in text:
+            text = forms.to_text(names, short=True)
     give(text, out, inputs_of(source))
 
 

@@ -62,6 +62,7 @@ def run(
                 r.label: {"largest": finite_or_none(r.largest), "in_u_scale": finite_or_none(r.ratio)}
                 for r in residuals
             },
+            "notes": scene.notes(),
             "file": None if written is None else str(written),
             **({"plan": asdict(scene.plan(names))} if explain else {}),
         }
@@ -80,6 +81,8 @@ def run(
         screen.print(f"{lost} of {len(result.t)} instants are not finite; {others}")
     for r in residuals if lost < len(result.t) else ():
         screen.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
+    for note in scene.notes():
+        screen.print(f"note: {note}")
     screen.print(
         f"written: {written}" if written else "nothing written (--out FILE.npz or FILE.csv writes all instants)"
     )
@@ -108,7 +111,7 @@ def _facts(scene: Scene) -> dict[str, object]:
         "start": scene.start,
         "stop": scene.stop,
         "sequence": scene.sequence,
-        "error_estimate": finite_or_none(getattr(scene.motion, "error_estimate", 0.0)),
+        "error_estimate": finite_or_none(scene.motion.error_estimate),
         "pair": {key: getattr(scene.space, key).tolist() for key in ("u1", "u2", "n", "home")},
     }
 

@@ -18,7 +18,7 @@ from hingepair.pair.constraints import constraint_values
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from hingepair.scenes.known_motion import Samples
+    from hingepair.scenes.known_motion import KnownMotion
     from hingepair.scenes.scene import Scene, SceneResult
 
 _SLAB = 65536
@@ -56,7 +56,7 @@ def residuals(scene: Scene) -> tuple[Residual, ...]:
     meanings = _MEANINGS[: motion.level + 1]
     worst = np.full((len(meanings), 2), np.nan)
     for (rows,) in boxes(motion.t.shape, _SLAB):
-        worst = np.fmax(worst, _worst(scene, motion.samples(rows, len(meanings) - 1)))
+        worst = np.fmax(worst, _worst(scene, motion.known(rows, len(meanings) - 1)))
     return tuple(
         Residual(label, meaning, unit, largest, ratio, scale)
         for (label, meaning, unit, scale), (largest, ratio) in zip(meanings, worst.tolist(), strict=True)
@@ -97,10 +97,10 @@ def not_finite(result: SceneResult) -> int:
     return int(np.count_nonzero(~np.logical_and.reduce([np.isfinite(column) for column in values])))
 
 
-def _worst(scene: Scene, samples: Samples) -> NDArray[np.float64]:
+def _worst(scene: Scene, known: KnownMotion) -> NDArray[np.float64]:
     """Largest residual of E1 and E2, absolute and in units of u * scale; NaN where no instant is finite."""
-    pair, a = scene.space, samples.bodies(scene.pair)
-    W1, psid = samples.rates() if samples.level else (None, None)
+    pair, a = scene.space, known.bodies(scene.pair)
+    W1, psid = known.rates() if known.level else (None, None)
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
     names, rate = (("gap",), {}) if psid is None else (("gap", "slip"), {"psid_given": psid})
     measured = constraint_values(pair.constants, names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hingepair.evaluation.plan import FLAT, Plan
+from hingepair.evaluation.plan import FLAT, PLANAR, Plan
 
 _MEANING = {
     "hinge": "sine, versine and cosine of psi",
@@ -84,7 +84,7 @@ def explain(plan: Plan, order: int, level: int, constant: frozenset[str]) -> Sce
     if plan.kind == FLAT:
         skipped.append(("rotations about x and y", "constants prove that all turns are about z"))
     skipped += [(_MEANING[name], "no output needs it") for name in plan.skipped]
-    if plan.sequence is None:
+    if plan.sequence is None and plan.kind != PLANAR:
         skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
     if not plan.home and any(step.result == "S2" for step in plan.steps):
         skipped.append(("the product with C", "home is the identity"))

@@ -1,48 +1,117 @@
-"""Motion by expressions: the coordinates as functions of t, differentiated exactly."""
+"""Motion by functions of t: expressions, differentiated exactly, numbers and way points.
+
+They are the coordinates themselves, or the rates that are integrated.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, SceneError, quoted
 from hingepair.evaluation.plan import ACCELERATION
+from hingepair.integration.signals import Function as Signal
 from hingepair.numeric.arrays import read_only
 from hingepair.pair.forward_kinematics import COORDINATES, PLANAR_COORDINATES
-from hingepair.rotations.sequences import find_sequence
-from hingepair.scenes.known_motion import CoordinateSamples, PlanarSamples, Rows, Samples
+from hingepair.rotations.sequences import SEQUENCES
+from hingepair.scenes.integrated_motion import START, IntegratedMotion, integrated_in_plane, integrated_in_space
+from hingepair.scenes.known_motion import ByCoordinates, InPlane, KnownMotion, Rows
 from hingepair.scenes.tables import Table
-from hingepair.symbolic.jets import Expr
-from hingepair.symbolic.time_functions import Coordinates, check_real, compile_coordinates, exact
+from hingepair.scenes.waypoints import MAX_POINTS, PROFILES, WayPoints, through
+from hingepair.symbolic.expressions import parse
+from hingepair.symbolic.kinks import Expr
+from hingepair.symbolic.time_functions import Derivatives, TimeFunctions, exact
+
+Float64Array: TypeAlias = NDArray[np.float64]
 
 MAX_SAMPLES: Final = 10_000_000
+TOLERANCE: Final = 1e-12
+"""Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
+
+_OMEGA: Final = ("omega1[0]", "omega1[1]", "omega1[2]")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FunctionsOfTime:
+    """Functions of t by name.
+
+    Attributes:
+        names: the keys of the table that they came from.
+        functions: SymPy expressions or way points.
+        texts: the expressions as they were written; "" for numbers and way points.
+        constants: what they name.
+    """
+
+    names: tuple[str, ...]
+    functions: tuple[Expr | WayPoints, ...]
+    texts: tuple[str, ...]
+    constants: Mapping[str, float]
+
+    def derivatives(self, t: ArrayLike, order: int) -> Derivatives:
+        """(values, first derivatives, ...), each one entry per function; exact, at kinks those from the right."""
+        rows = iter(zip(*self._compiled().derivatives(t, order), strict=True))
+        columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]
+        return tuple(zip(*columns, strict=True))
+
+    def stacked(self, t: Float64Array, order: int) -> list[Float64Array]:
+        """The same as arrays side by side; shape (N, functions) each."""
+        shape = t.shape
+        return [
+            np.stack([np.broadcast_to(np.asarray(value, float), shape) for value in row], axis=-1)
+            for row in self.derivatives(t, order)
+        ]
+
+    def kinks(self, t: Float64Array) -> int:
+        """Between how many neighbouring instants there are kinks or jumps."""
+        switched = self._compiled().switches(t)
+        for function in self.functions:
+            if isinstance(function, WayPoints):
+                switched |= function.switches(t)
+        return int(switched.sum())
+
+    def expressions(self, letters: Sequence[str] = ()) -> dict[str, Expr | None]:
+        """The expressions by name; None for way points.
+
+        Args:
+            letters: which of the constants stay letters.
+        """
+        return {
+            name: parse(name, text, self.constants, letters) if text else None if isinstance(f, WayPoints) else f
+            for name, f, text in zip(self.names, self.functions, self.texts, strict=True)
+        }
+
+    def _compiled(self) -> TimeFunctions:
+        kept = [(name, f) for name, f in zip(self.names, self.functions, strict=True) if not isinstance(f, WayPoints)]
+        return _time_functions(tuple(f for _, f in kept), tuple(name for name, _ in kept))
+
+
+@functools.lru_cache(maxsize=16)
+def _time_functions(expressions: tuple[Expr, ...], names: tuple[str, ...]) -> TimeFunctions:
+    return TimeFunctions(expressions, names)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpressionMotion:
-    """The coordinates as expressions in t, and the instants to evaluate them at.
+    """The coordinates as functions of t, and the instants to evaluate them at.
 
     Attributes:
         t: instants; shape (N,) s.
-        expressions: SymPy expressions of x, y, z, phi_x, phi_y, phi_z, psi in t, or x, y, phi, psi [m, rad].
+        functions: of x, y, z, phi_x, phi_y, phi_z, psi, or in the plane of x, y, phi, psi [m, rad].
         sequence: Euler sequence of body 1; None of a planar pair.
         level: the highest derivative that there is.
     """
 
-    t: NDArray[np.float64]
-    expressions: tuple[Expr, ...]
+    t: Float64Array
+    functions: FunctionsOfTime
     sequence: str | None
     level: ClassVar[int] = ACCELERATION
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The coordinates."""
-        return PLANAR_COORDINATES if self.sequence is None else COORDINATES
+    error_estimate: ClassVar[float] = 0.0
+    origin: ClassVar[str] = "coordinates as expressions in t"
+    hint: ClassVar[str] = ""
 
     @property
     def turning(self) -> str:
@@ -51,32 +120,66 @@ class ExpressionMotion:
             return "in the plane z = 0"
         return f"phi_x, phi_y, phi_z turn about {', '.join(self.sequence)}"
 
-    def samples(self, rows: Rows, order: int) -> Samples:
+    @property
+    def kinks(self) -> int:
+        """Between how many neighbouring instants a coordinate has a kink or a jump."""
+        return self.functions.kinks(self.t)
+
+    def known(self, rows: Rows, order: int) -> KnownMotion:
         """The motion at some of the instants, with derivatives up to an order."""
         t = self.t[rows]
-        if self.sequence is None:
-            return PlanarSamples(t.size, self.coordinates(t, order))
-        return CoordinateSamples(t.size, self.coordinates(t, order), self.sequence)
+        derivatives = self.functions.derivatives(t, order)
+        return (
+            InPlane(t.size, derivatives)
+            if self.sequence is None
+            else ByCoordinates(t.size, derivatives, self.sequence)
+        )
 
-    def coordinates(self, t: ArrayLike, order: int = ACCELERATION) -> Coordinates:
-        """(q[, qd[, qdd]]) at any instants; shape (...)."""
-        return _compiled(self.expressions, order)(t)
 
-
-def read_expression_motion(motion: Table, time: Table, planar: bool) -> ExpressionMotion:
-    """The motion that the tables [motion] and [time] of a scene describe.
+def read_expression_motion(motion: Table, time: Table, planar: bool) -> ExpressionMotion | IntegratedMotion:
+    """The motion that the tables [motion] and [time] describe: coordinates, or rates to be integrated (E12).
 
     Raises:
         SceneError: a value cannot be used; names file, table and key.
     """
-    t = read_instants(time)
+    if "omega1" in motion.values or "psi_dot" in motion.values:
+        return _by_rates(motion, _instants(time), planar)
+    names = PLANAR_COORDINATES if planar else COORDINATES
+    motion.check_keys((*names, "constants", *(() if planar else ("sequence", "file", "omega1"))))
+    functions = _functions(motion, names)
+    return ExpressionMotion(
+        _instants(time), functions, None if planar else motion.choice("sequence", SEQUENCES, "XYZ")
+    )
+
+
+def _by_rates(table: Table, t: Float64Array, planar: bool) -> IntegratedMotion:
+    own = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
+    table.check_keys((*START, "tol", "omega1", "psi_dot", "constants", *own))
+    axes = ("x", "y") if planar else ("x", "y", "z")
+    source = table if planar else _entries(table, "omega1")
+    turning, hinge = _functions(source, ("omega1",) if planar else _OMEGA), _functions(table, ("psi_dot",))
+    still = Table(table.file, table.name, dict.fromkeys(axes, 0) | table.values, table.constants)
+    point = _functions(still, axes)
+    known = dict(zip(("R1", "v1", "a1"), point.stacked(t, 2), strict=True))
+    known |= dict(zip(("omega1", "alpha1"), turning.stacked(t, 1), strict=True))
+    known |= dict(zip(("psid", "psidd"), (column[:, 0] for column in hinge.stacked(t, 1)), strict=True))
     if planar:
-        return ExpressionMotion(t, _expressions(motion, PLANAR_COORDINATES, ("constants",)), None)
-    expressions = _expressions(motion, COORDINATES, ("sequence", "constants", "file", "omega1"))
-    return ExpressionMotion(t, expressions, read_sequence(motion))
+        known |= {name: known[name][:, 0] for name in ("omega1", "alpha1")}
+    signals = _signal("omega1", turning, planar), _signal("psi_dot", hinge, True)
+    kinks = sum(functions.kinks(t) for functions in (turning, hinge, point))
+    integrate = integrated_in_plane if planar else integrated_in_space
+    return integrate(table, t, signals, known, table.number("tol", TOLERANCE), kinks=kinks)
 
 
-def read_instants(time: Table) -> NDArray[np.float64]:
+def _signal(name: str, functions: FunctionsOfTime, single: bool) -> Signal:
+    def values(times: Float64Array) -> Float64Array:
+        columns = functions.stacked(times, 0)[0]
+        return columns[:, 0] if single else columns
+
+    return Signal(name, values, () if single else (3,))
+
+
+def _instants(time: Table) -> Float64Array:
     """The instants of the table [time]."""
     time.check_keys(("start", "stop", "samples"))
     start, stop = time.number("start"), time.number("stop")
@@ -86,56 +189,49 @@ def read_instants(time: Table) -> NDArray[np.float64]:
     return np.asarray(read_only(np.linspace(start, stop, samples)))
 
 
-def read_sequence(table: Table) -> str:
-    """The Euler sequence of the table [motion]; XYZ unless given."""
-    sequence = table.text("sequence", default="XYZ")
-    try:
-        find_sequence(sequence)
-    except ArgumentError as error:
-        raise SceneError(table.label("sequence"), error.expected, error.got) from None
-    return sequence
+def _entries(table: Table, key: str) -> Table:
+    """The three entries of a list, by the names omega1[0], ..."""
+    values = table.values.get(key)
+    if not isinstance(values, list) or len(values) != 3:
+        table.fail(key, "three numbers or expressions in t")
+    return Table(table.file, table.name, {f"{key}[{i}]": value for i, value in enumerate(values)}, table.constants)
 
 
-def _expressions(table: Table, names: tuple[str, ...], others: tuple[str, ...]) -> tuple[Expr, ...]:
-    table.check_keys((*names, *others))
-    constants = read_constants(table)
-    expressions = tuple(read_expression(table, key, constants) for key in names)
-    check_real_values(table, names, expressions)
-    return expressions
+def _functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
+    """The functions of t of some keys: numbers, expressions, way points."""
+    found = tuple(_function(table, key) for key in names)
+    texts = tuple(value if isinstance(value := table.values.get(key), str) else "" for key in names)
+    functions = FunctionsOfTime(names, found, texts, table.constants)
+    with table.naming():
+        functions.derivatives(np.empty(0), 0)
+    return functions
 
 
-def check_real_values(table: Table, names: tuple[str, ...], expressions: tuple[Expr, ...]) -> None:
-    """Refuse expressions that are not real and finite, as far as that does not depend on t."""
-    try:
-        check_real([table.label(key) for key in names], expressions)
-    except ArgumentError as error:
-        raise SceneError(error.name, error.expected, error.got) from None
+def _function(table: Table, key: str) -> Expr | WayPoints:
+    match table.values.get(key):
+        case str() as text:
+            with table.naming(key):
+                return parse(key, text, table.constants)
+        case dict():
+            return _way_points(table.table(key))
+        case bool() | None | list():
+            table.fail(key, "a finite number, an expression in t, or way points { t = [...], value = [...] }")
+    return exact(table.number(key))
 
 
-def read_expression(table: Table, key: str, constants: dict[str, float]) -> Expr:
-    """The number or expression of a key."""
-    value = table.values.get(key)
-    if not isinstance(value, str):
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            table.fail(key, "a finite number or an expression in t")
-        return exact(table.number(key))
-    from hingepair.symbolic.expressions import parse
-
-    return parse(table.label(key), value, constants)
-
-
-def read_constants(motion: Table) -> dict[str, float]:
-    """The named numbers of the table [motion.constants]."""
-    from hingepair.symbolic.expressions import constant_name_fault
-
-    table = motion.table("constants", required=False)
-    for key in table.values:
-        fault = constant_name_fault(key)
-        if fault:
-            raise SceneError(table.label(key), fault, quoted(key))
-    return {key: table.number(key) for key in table.values}
-
-
-@functools.lru_cache(maxsize=16)
-def _compiled(motion: tuple[Expr, ...], order: int) -> Callable[[ArrayLike], Coordinates]:
-    return compile_coordinates(motion, order)
+def _way_points(table: Table) -> WayPoints:
+    """Way points: { t = [...], value = [...], profile = "...", speed = ..., acceleration = ... }."""
+    table.check_keys(("t", "value", "profile", "speed", "acceleration"))
+    given: Any = table.values.get("t")
+    count = len(given) if isinstance(given, list) else 0
+    if not 2 <= count <= MAX_POINTS:
+        table.fail("t", f"a list of 2 to {MAX_POINTS} instants")
+    t, values = np.array(table.numbers("t", count)), np.array(table.numbers("value", count))
+    if not (np.diff(t) > 0).all():
+        table.fail("t", "instants that increase")
+    limits = {key: table.number(key) for key in ("speed", "acceleration") if key in table.values}
+    for key, limit in limits.items():
+        if limit <= 0:
+            table.fail(key, "a number above 0")
+    with table.naming():
+        return through(t, values, table.choice("profile", PROFILES), **limits)

@@ -19,7 +19,6 @@ from hingepair.pair.forward_kinematics import COORDINATES, PARTS, PLANAR_COORDIN
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.explain import ScenePlan, explain
-from hingepair.symbolic.time_functions import Coordinates
 
 if TYPE_CHECKING:
     from hingepair.pair.hinge_pair import HingePair
@@ -27,11 +26,12 @@ if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
 Float64Array: TypeAlias = NDArray[np.float64]
+Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
 Rows: TypeAlias = slice | NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CoordinateSamples:
+class ByCoordinates:
     """The seven coordinates and as many derivatives as are known.
 
     Attributes:
@@ -41,7 +41,7 @@ class CoordinateSamples:
     """
 
     count: int
-    derivatives: Coordinates
+    derivatives: Derivatives
     sequence: str
 
     @property
@@ -49,9 +49,14 @@ class CoordinateSamples:
         """The highest derivative that is known."""
         return len(self.derivatives) - 1
 
-    def part(self, rows: Rows, order: int) -> CoordinateSamples:
+    @property
+    def psi(self) -> Float64Array:
+        """The hinge angle; shape (count,) rad."""
+        return np.broadcast_to(np.asarray(self.derivatives[0][6], dtype=np.float64), (self.count,))
+
+    def part(self, rows: Rows, order: int) -> ByCoordinates:
         """Some of the instants, with the derivatives up to an order."""
-        return CoordinateSamples(_count(self.count, rows), _part(self.derivatives, rows, order), self.sequence)
+        return ByCoordinates(_count(self.count, rows), _part(self.derivatives, rows, order), self.sequence)
 
     def forward_kinematics(self, pair: HingePair, outputs: tuple[str, ...] | None) -> PairState:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
@@ -88,7 +93,7 @@ class CoordinateSamples:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BodySamples:
+class ByBody1:
     """The motion of body 1 by its attitude, and the hinge angle, with as many derivatives as are known.
 
     Attributes:
@@ -104,11 +109,16 @@ class BodySamples:
         """The highest derivative that is known."""
         return len(self.hinge) - 1
 
-    def part(self, rows: Rows, order: int) -> BodySamples:
+    @property
+    def psi(self) -> Float64Array:
+        """The hinge angle; shape (count,) rad."""
+        return self.hinge[0]
+
+    def part(self, rows: Rows, order: int) -> ByBody1:
         """Some of the instants, with the derivatives up to an order."""
         letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * order + 2]
         arrays = {letter: array[rows] for letter in letters if (array := getattr(self.body1, letter)) is not None}
-        return BodySamples(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
+        return ByBody1(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
 
     def forward_kinematics(self, pair: HingePair, outputs: tuple[str, ...] | None) -> PairState:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
@@ -138,7 +148,7 @@ class BodySamples:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlanarSamples:
+class InPlane:
     """The four coordinates of a planar pair and as many derivatives as are known.
 
     Attributes:
@@ -147,16 +157,21 @@ class PlanarSamples:
     """
 
     count: int
-    derivatives: Coordinates
+    derivatives: Derivatives
 
     @property
     def level(self) -> int:
         """The highest derivative that is known."""
         return len(self.derivatives) - 1
 
-    def part(self, rows: Rows, order: int) -> PlanarSamples:
+    @property
+    def psi(self) -> Float64Array:
+        """The hinge angle; shape (count,) rad."""
+        return np.broadcast_to(np.asarray(self.derivatives[0][3], dtype=np.float64), (self.count,))
+
+    def part(self, rows: Rows, order: int) -> InPlane:
         """Some of the instants, with the derivatives up to an order."""
-        return PlanarSamples(_count(self.count, rows), _part(self.derivatives, rows, order))
+        return InPlane(_count(self.count, rows), _part(self.derivatives, rows, order))
 
     def forward_kinematics(self, pair: PlanarPair, outputs: tuple[str, ...] | None) -> PlanarState:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
@@ -198,12 +213,16 @@ class PlanarSamples:
         return np.abs(phid), psid
 
 
-class Samples(Protocol):
-    """What each kind of samples answers, of the pair that its scene has."""
+class KnownMotion(Protocol):
+    """What each kind answers, of the pair that its scene has."""
 
     @property
     def level(self) -> int:
         """The highest derivative that is known."""
+
+    @property
+    def psi(self) -> Float64Array:
+        """The hinge angle; shape (count,) rad."""
 
     def forward_kinematics(self, pair: Any, outputs: tuple[str, ...] | None, /) -> PairState | PlanarState:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
@@ -221,13 +240,13 @@ class Samples(Protocol):
         """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
 
 
-def _of_many(derivatives: Coordinates, count: int) -> Coordinates:
+def _of_many(derivatives: Derivatives, count: int) -> Derivatives:
     """The derivatives, at least one coordinate as an array, so that they are those of so many instants."""
     q, *rates = derivatives
     return derivatives if any(isinstance(c, np.ndarray) for c in q) else ((np.full(count, q[0]), *q[1:]), *rates)
 
 
-def _part(derivatives: Coordinates, rows: Rows, order: int) -> Coordinates:
+def _part(derivatives: Derivatives, rows: Rows, order: int) -> Derivatives:
     return tuple(
         tuple(value[rows] if isinstance(value, np.ndarray) else value for value in seven)
         for seven in derivatives[: order + 1]

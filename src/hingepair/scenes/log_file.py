@@ -18,27 +18,38 @@ separate, points are decimal, `nan` is what is not known. Rates and acceleration
 attitude and hinge, or for none, unless they are to be found by differentiating. Then angles must turn by less than pi
 from one sample to the next; their jumps by 2 pi do no harm.
 And t should start near 0: seconds since 1970 are rounded to 2.4e-7 s in float64, which shows in rates.
+
+With `integrate = true` the log holds omega1 and psid, and as far as they are known R1, v1, a1, alpha1, psidd; body 1
+stays at the origin where there is no R1.
 """
 
 from __future__ import annotations
 
 import csv
+import math
+import re
 import warnings
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, Final, NoReturn, TextIO, TypeAlias
+from typing import IO, Any, Final, NoReturn, TextIO, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError, MissingDependencyError, SceneError, choices, nearest
+from hingepair.errors import MissingDependencyError, SceneError, choices, nearest
 from hingepair.numeric.arrays import real_array
+from hingepair.scenes.tables import Place
 
 MAX_ROWS: Final = 10_000_000
 MAX_BYTES: Final = 2_000_000_000
 _MAX_HEADER: Final = 10_000
+_REAL_ARRAY: Final = "an array of real numbers (float64, float32 or integers)"
+_ARRAY_HEADER: Final = re.compile(
+    r"\{'descr': '([<>|=]?[A-Za-z]\d{0,9})', 'fortran_order': (True|False), "
+    r"'shape': \(((?:\d{1,18},? ?){0,9})\),? ?\}\s*"
+)
 
 Columns: TypeAlias = dict[str, NDArray[np.float64]]
 
@@ -61,16 +72,12 @@ ARRAYS: Final[dict[str, tuple[str, ...]]] = {
 COLUMNS: Final = tuple(dict.fromkeys(("t", *(c for own in ARRAYS.values() for c in own), "psi")))
 
 
-class SampleFile:
+class LogFile(Place):
     """A file of samples, and its name in messages."""
 
     def __init__(self, path: Path) -> None:
+        super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
         self.path = path
-        self.name = str(path) if str(path).isprintable() else repr(str(path))
-
-    def fail(self, column: str, expected: str, got: object) -> NoReturn:
-        """Refuse a column; or the file, where the name is empty."""
-        raise SceneError(f"{self.name}: {column}" if column else self.name, expected, got) from None
 
     def columns(self) -> Columns:
         """The columns by name, all of one length, which is not 0.
@@ -81,24 +88,24 @@ class SampleFile:
         """
         read = _READERS.get(self.path.suffix.lower())
         if read is None:
-            self.fail("", f"a file name that ends in {', '.join(_READERS)}", self.path.suffix or "no ending")
+            self.refuse("", f"a file name that ends in {', '.join(_READERS)}", self.path.suffix or "no ending")
         try:
             size = self.path.stat().st_size if self.path.is_file() else None
             if size is None:
-                self.fail("", "a file of samples that can be read", "no such file")
+                self.refuse("", "a file of samples that can be read", "no such file")
             if size > MAX_BYTES:
-                self.fail("", f"at most {MAX_BYTES} bytes", size)
+                self.refuse("", f"at most {MAX_BYTES} bytes", size)
             found = read(self)
         except (OSError, EOFError, NotImplementedError, RuntimeError, zlib.error, zipfile.BadZipFile) as error:
-            self.fail(
+            self.refuse(
                 "", f"a {self.path.suffix} file that can be read", getattr(error, "strerror", None) or str(error)
             )
         counts = {column.size for column in found.values()}
         if len(counts) > 1:
             lengths = ", ".join(f"{name}: {column.size}" for name, column in found.items())
-            self.fail("", "columns of one length", lengths)
+            self.refuse("", "columns of one length", lengths)
         if counts in (set(), {0}):
-            self.fail("", "at least one sample", "none")
+            self.refuse("", "at least one sample", "none")
         return found
 
     def together(self, columns: Columns, own: tuple[str, ...], required: bool) -> NDArray[np.float64] | None:
@@ -108,7 +115,7 @@ class SampleFile:
             return None
         for column in own:
             if column not in columns:
-                self.fail(column, f"a column beside {there[0]}" if there else "a column", "no such column")
+                self.refuse(column, f"a column beside {there[0]}" if there else "a column", "no such column")
         return np.stack([columns[column] for column in own], axis=-1)
 
     def check_names(self, names: Iterable[str], known: tuple[str, ...]) -> None:
@@ -116,18 +123,18 @@ class SampleFile:
         seen = set()
         for name in names:
             if name not in known:
-                self.fail(repr(name[:40]), choices(known), f"an unknown column{nearest(name, known)}")
+                self.refuse(repr(name[:40]), choices(known), f"an unknown column{nearest(name, known)}")
             if name in seen:
-                self.fail(name, "a column once", "a second one")
+                self.refuse(name, "a column once", "a second one")
             seen.add(name)
 
     def check_rows(self, count: int) -> None:
         """Refuse too many samples."""
         if count > MAX_ROWS:
-            self.fail("", f"at most {MAX_ROWS} samples", count)
+            self.refuse("", f"at most {MAX_ROWS} samples", count)
 
 
-def _read_csv(file: SampleFile) -> Columns:
+def _read_csv(file: LogFile) -> Columns:
     try:
         with file.path.open(encoding="utf-8-sig", newline="") as stream:
             names = _header(file, stream)
@@ -144,20 +151,20 @@ def _read_csv(file: SampleFile) -> Columns:
     return {name: np.ascontiguousarray(rows[:, i]) if rows.size else np.empty(0) for i, name in enumerate(names)}
 
 
-def _header(file: SampleFile, stream: TextIO) -> list[str]:
+def _header(file: LogFile, stream: TextIO) -> list[str]:
     line = stream.readline(_MAX_HEADER)
     if len(line) == _MAX_HEADER:
-        file.fail("", "a first line of column names", "a longer line")
+        file.refuse("", "a first line of column names", "a longer line")
     if ";" in line or "\t" in line:
-        file.fail("", "columns separated by commas, and decimal points", line)
+        file.refuse("", "columns separated by commas, and decimal points", line)
     names = [name.strip() for name in next(csv.reader([line]), [])]
     if not names:
-        file.fail("", "a first line of column names", "an empty line")
+        file.refuse("", "a first line of column names", "an empty line")
     file.check_names(names, COLUMNS)
     return names
 
 
-def _fail_at_row(file: SampleFile, reason: str) -> NoReturn:
+def _fail_at_row(file: LogFile, reason: str) -> NoReturn:
     """Find the row that could not be read, and say where it is."""
     with file.path.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
         names = _header(file, stream)
@@ -167,13 +174,13 @@ def _fail_at_row(file: SampleFile, reason: str) -> NoReturn:
                 line = reader.line_num + 1
                 if row and len(row) != len(names):
                     expected = f"{len(names)} fields, separated by commas, with decimal points"
-                    file.fail(f"line {line}", expected, f"{len(row)} fields")
+                    file.refuse(f"line {line}", expected, f"{len(row)} fields")
                 for name, text in zip(names, row, strict=False):
                     if not _is_number(text):
-                        file.fail(f"line {line}: {name}", "a number (nan where there is none)", repr(text[:40]))
+                        file.refuse(f"line {line}: {name}", "a number (nan where there is none)", repr(text[:40]))
         except csv.Error as error:
             reason = str(error)
-    file.fail("", "rows of numbers", reason)
+    file.refuse("", "rows of numbers", reason)
 
 
 def _is_number(text: str) -> bool:
@@ -184,7 +191,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _read_npz(file: SampleFile) -> Columns:
+def _read_npz(file: LogFile) -> Columns:
     with zipfile.ZipFile(file.path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
         names = [info.filename.removesuffix(".npy") for info in archive.infolist()]
@@ -193,36 +200,48 @@ def _read_npz(file: SampleFile) -> Columns:
         for name, member in members.items():
             try:
                 array = _read_array(file, archive, member, name)
-            except SceneError:
-                raise
-            except (ValueError, TypeError, KeyError, SyntaxError) as error:
-                file.fail(name, "an array of real numbers (float64, float32 or integers)", str(error))
+            except (ValueError, TypeError) as error:
+                if isinstance(error, SceneError):
+                    raise
+                file.refuse(name, _REAL_ARRAY, str(error))
             own = dict(zip(ARRAYS[name], array.T, strict=True)) if name in ARRAYS else {name: array}
             for column, values in own.items():
                 if column in found:
-                    file.fail(name, f"{column} once", "a second one")
+                    file.refuse(name, f"{column} once", "a second one")
                 found[column] = np.ascontiguousarray(values, dtype=np.float64)
     return found
 
 
-def _read_array(file: SampleFile, archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> NDArray[Any]:
-    """One array, its header checked before anything of its size is allocated; nothing is unpickled."""
-    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+def _read_array(file: LogFile, archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> NDArray[Any]:
+    """One array; its header is looked at before anything of its size is allocated, and nothing in it is run."""
     with archive.open(member) as stream:
-        shape, _, dtype = read_header[np.lib.format.read_magic(stream)](stream)
-    try:
-        real_array(name, np.empty(0, dtype))
-    except ArgumentError as error:
-        file.fail(name, error.expected, dtype.name)
-    tail = (len(ARRAYS[name]),) if name in ARRAYS else ()
-    if shape[1:] != tail or len(shape) != 1 + len(tail):
-        file.fail(name, f"shape (N, {tail[0]})" if tail else "shape (N,)", f"shape {shape}")
-    file.check_rows(shape[0])
-    with archive.open(member) as stream:
-        return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
+        descr, fortran, shape = _array_header(file, stream, name)
+        with file.naming(name):
+            real_array(name, np.empty(0, descr))
+        tail = (len(ARRAYS[name]),) if name in ARRAYS else ()
+        if shape[1:] != tail or len(shape) != 1 + len(tail):
+            file.refuse(name, f"shape (N, {tail[0]})" if tail else "shape (N,)", f"shape {shape}")
+        file.check_rows(shape[0])
+        size = math.prod(shape) * np.dtype(descr).itemsize
+        content = stream.read(size)
+    if len(content) < size:
+        file.refuse(name, f"{size} bytes of numbers", len(content))
+    return np.frombuffer(content, descr).reshape(shape, order="F" if fortran else "C")
 
 
-def _read_parquet(file: SampleFile) -> Columns:
+def _array_header(file: LogFile, stream: IO[bytes], name: str) -> tuple[str, bool, tuple[int, ...]]:
+    """The type of number, whether columns come first, and the shape that the header of an array states."""
+    magic = stream.read(8)
+    size = int.from_bytes(stream.read(2 if magic[6:7] == b"\x01" else 4), "little")
+    text = stream.read(size).decode("latin1") if magic[:6] == b"\x93NUMPY" and size <= _MAX_HEADER else ""
+    found = _ARRAY_HEADER.fullmatch(text)
+    if not found:
+        file.refuse(name, _REAL_ARRAY, "another header")
+    descr, fortran, shape = found.groups()
+    return descr, fortran == "True", tuple(int(n) for n in shape.split(",") if n.strip())
+
+
+def _read_parquet(file: LogFile) -> Columns:
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -237,13 +256,13 @@ def _read_parquet(file: SampleFile) -> Columns:
             file.check_names(schema.names, COLUMNS)
             for field in schema:
                 if not (pa.types.is_floating(field.type) or pa.types.is_integer(field.type)):
-                    file.fail(field.name, "a column of numbers", str(field.type))
+                    file.refuse(field.name, "a column of numbers", str(field.type))
             columns = table.read()
             return {name: _numbers(columns[name].cast(pa.float64(), safe=False)) for name in schema.names}
     except SceneError:
         raise
     except (pa.ArrowException, ValueError, KeyError) as error:
-        file.fail("", "a .parquet file that can be read", str(error))
+        file.refuse("", "a .parquet file that can be read", str(error))
 
 
 def _numbers(column: Any) -> NDArray[np.float64]:
@@ -251,7 +270,7 @@ def _numbers(column: Any) -> NDArray[np.float64]:
     return np.array(column.to_numpy(), dtype=np.float64)
 
 
-_READERS: Final[dict[str, Callable[[SampleFile], Columns]]] = {
+_READERS: Final[dict[str, Callable[[LogFile], Columns]]] = {
     ".csv": _read_csv,
     ".npz": _read_npz,
     ".parquet": _read_parquet,

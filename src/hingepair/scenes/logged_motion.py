@@ -1,43 +1,70 @@
-"""Motion by samples: what a file of samples says, and derivatives found from them where that is asked for."""
+"""Motion by a log: what a file of samples says, derivatives found from it, rates integrated, where that is asked for.
+
+[motion]
+file = "log.csv"              # or .npz, .parquet; relative to the scene file; columns: `hingepair.scenes.log_file`
+differentiate = true          # optional: find the derivatives that the file lacks
+sequence = "XYZ"              # optional: of Euler angles
+integrate = true              # the file has omega1 and psid (a gyroscope, an encoder) instead of angles; then also
+S1_0 = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]  # psi_0, frame and method, as for rates that are expressions
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError, SceneError
+from hingepair.integration.signals import Samples
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.finite_differences import check_instants, differentiate, unwrap
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import quaternion_to_matrix
-from hingepair.scenes.expression_motion import read_sequence
-from hingepair.scenes.known_motion import BodySamples, CoordinateSamples, Rows, Samples
-from hingepair.scenes.log_file import ARRAYS, Columns, SampleFile
+from hingepair.rotations.sequences import SEQUENCES
+from hingepair.scenes.integrated_motion import START, IntegratedMotion, integrated_in_space
+from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion, Rows
+from hingepair.scenes.log_file import ARRAYS, Columns, LogFile
 from hingepair.scenes.tables import Table
 
-ORDER = 6
+ORDER: Final = 6
 """Of the derivatives in the step between samples."""
 
 Float64Array: TypeAlias = NDArray[np.float64]
+Part: TypeAlias = dict[str, Float64Array]
+"""A quantity and its derivatives by name, as far as they are known; shape (N, k) each."""
+
+_POSITION = ("R1", "v1", "a1")
+_HINGE = ("psi", "psid", "psidd")
+_EULER = ("phi", "phid", "phidd")
+_QUATERNION = ("quat_xyzw", "omega1", "alpha1")
+_HINT = "; motion.differentiate = true gives the others"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SampledMotion:
+class LoggedMotion:
     """Samples at instants that need not be uniform.
 
     Attributes:
         t: instants; shape (N,) s.
         given: the motion at these instants.
+        found: whether derivatives were found by finite differences.
+        hint: how to get derivatives that are missing, for messages.
     """
 
     t: Float64Array
-    given: CoordinateSamples | BodySamples
+    given: ByCoordinates | ByBody1
+    found: bool
+    hint: str
     origin: ClassVar[str] = "samples in a file"
+    kinks: ClassVar[int] = 0
+
+    @property
+    def error_estimate(self) -> float:
+        """0 of what the file states; NaN, not known, of derivatives found by finite differences."""
+        return float("nan") if self.found else 0.0
 
     @property
     def level(self) -> int:
@@ -47,139 +74,166 @@ class SampledMotion:
     @property
     def sequence(self) -> str | None:
         """Euler sequence of body 1; None where its attitude is given as quaternions."""
-        return self.given.sequence if isinstance(self.given, CoordinateSamples) else None
+        return self.given.sequence if isinstance(self.given, ByCoordinates) else None
 
     @property
     def turning(self) -> str:
         """How body 1 turns, for a reader."""
         angles = f"phi_x, phi_y, phi_z turn about {', '.join(self.sequence)}" if self.sequence else None
-        return angles or "attitude as quaternions"
+        return (angles or "attitude as quaternions") + ", rates by finite differences" * self.found
 
-    def samples(self, rows: Rows, order: int) -> Samples:
+    def known(self, rows: Rows, order: int) -> KnownMotion:
         """The motion at some of the instants, with derivatives up to an order."""
         return self.given.part(rows, order)
 
 
-_POSITION = ("R1", "v1", "a1")
-_HINGE = ("psi", "psid", "psidd")
-_EULER = ("phi", "phid", "phidd")
-_QUATERNION = ("quat_xyzw", "omega1", "alpha1")
-
-Derivatives: TypeAlias = list[Float64Array | None]  # a quantity, its first and its second derivative; (N, k) each
-
-
-def read_sampled_motion(table: Table, folder: Path) -> SampledMotion:
-    """The motion in the file that the table [motion] names; derivatives that it lacks are found on request.
-
-    What is missing is the derivative (`hingepair.differentiate`, order 6) of the highest one that is there: of the
-    rates, or twice of the positions, angles (without their jumps by 2 pi) and attitudes.
+def read_log(table: Table, folder: Path) -> LoggedMotion | IntegratedMotion:
+    """The motion in the file that the table [motion] names.
 
     Args:
-        table: [motion], with file, differentiate and sequence.
+        table: [motion].
         folder: what the file's name is relative to.
 
     Raises:
         SceneError: a key of the table, the file or one of its columns cannot be used; names it.
         MissingDependencyError: the file is a .parquet and pyarrow is not installed.
     """
-    table.check_keys(("file", "differentiate", "sequence", "integrate"))
-    completed = table.values.get("differentiate", False)
-    if not isinstance(completed, bool):
-        table.fail("differentiate", "true or false")
-    file = SampleFile(folder / table.text("file"))
-    columns = file.columns()
-    t = _instants(file, columns, ORDER if completed else 0)
-    attitude = _attitude(file, columns)
+    integrated = table.flag("integrate")
+    own = (*START, "S1_0", "frame") if integrated else ("sequence",)
+    table.check_keys(("file", "differentiate", "integrate", *own))
+    log = _Log(LogFile(folder / table.text("file")), table.flag("differentiate"))
+    return _integrated(table, log) if integrated else _stated(table, log)
+
+
+class _Log:
+    """A file's columns, and derivatives of them."""
+
+    def __init__(self, file: LogFile, completed: bool) -> None:
+        self.file = file
+        self.completed = completed
+        self.found = False
+        self.columns: Columns = file.columns()
+        if "t" not in self.columns:
+            file.refuse("t", "a column", "no such column")
+        with file.naming():
+            t = check_instants("t", self.columns["t"], ORDER if completed else 0)
+        self.t = np.asarray(read_only(t))
+
+    def part(self, names: tuple[str, ...], required: bool = True) -> Part:
+        """A quantity and its derivatives: what is there and, where that is asked for, what can be found.
+
+        What is missing is the derivative (order 6) of the highest that is there: of the rates, or twice of positions,
+        angles (without their jumps by 2 pi) and attitudes.
+        """
+        found = {}
+        for i, name in enumerate(names):
+            array = self.file.together(self.columns, ARRAYS.get(name, (name,)), required and i == 0)
+            if array is not None:
+                found[name] = array
+        if self.completed and names[0] in found:
+            for i, name in enumerate(names[1:]):
+                if name not in found:
+                    derivatives = self._derivatives(names[i], found[names[i]])
+                    found |= {
+                        key: array
+                        for key, array in zip(names[i + 1 :], derivatives, strict=False)
+                        if key not in found
+                    }
+                    self.found = True
+        return found
+
+    def finite(self, name: str, array: Float64Array, use: str) -> None:
+        """Refuse numbers that are not finite."""
+        bad = np.argwhere(~np.isfinite(array))
+        if bad.size:
+            sample, i = bad[0]
+            column = ARRAYS.get(name, (name,))[i]
+            self.file.refuse(column, f"finite numbers, to be {use}", f"{array[sample, i]} at sample {sample}")
+
+    def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
+        """The matrices of quaternions."""
+        zero = np.flatnonzero((quat_xyzw == 0).all(axis=-1))
+        if zero.size:
+            self.file.refuse(
+                "qx, qy, qz, qw", "quaternions that are not zero", f"a zero quaternion at sample {zero[0]}"
+            )
+        return np.asarray(quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False))
+
+    def _derivatives(self, name: str, array: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """First and second derivative of columns; of an attitude, omega and alpha."""
+        self.finite(name, array, "differentiated")
+        if name == "quat_xyzw":
+            with self.file.naming(", ".join(ARRAYS[name])):
+                omega, alpha = angular_velocity_from_samples(self.t, self.rotations(array), ORDER, with_alpha=True)
+            return np.asarray(omega), np.asarray(alpha)
+        angles = name in {"phi", "psi"}
+        found = [differentiate(self.t, unwrap(column) if angles else column, ORDER) for column in array.T]
+        return np.stack([first for first, _ in found], axis=-1), np.stack([second for _, second in found], axis=-1)
+
+
+def _stated(table: Table, log: _Log) -> LoggedMotion:
+    """The motion that the file states: position, attitude, hinge angle."""
+    attitude = _attitude(log.file, log.columns)
     if attitude is _QUATERNION and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
-    names = (_POSITION, attitude, _HINGE)
-    parts = [
-        [file.together(columns, ARRAYS.get(name, (name,)), name in {"R1", "psi"}) for name in own] for own in names
-    ]
-    if completed:
-        parts = [_completed(file, t, own, part) for own, part in zip(names, parts, strict=True)]
-    level = _level(file, names, parts)
-    found = [[array for array in part[: level + 1] if array is not None] for part in parts]
-    position, turning, hinge = found
+    parts = {names: log.part(names) for names in (_POSITION, attitude, _HINGE)}
+    level = _level(log.file, parts)
+    position, turning, hinge = ([part[name] for name in names[: level + 1]] for names, part in parts.items())
+    given: ByCoordinates | ByBody1
     if attitude is _EULER:
         derivatives = tuple(_seven(*group) for group in zip(position, turning, hinge, strict=True))
-        return SampledMotion(t, CoordinateSamples(t.size, derivatives, read_sequence(table)))
-    turning[0] = _rotations(file, turning[0])
-    linear = dict(zip(("R", "v", "a"), position, strict=False))
-    angular = dict(zip(("S", "omega", "alpha"), turning, strict=False))
-    return SampledMotion(t, BodySamples(BodyMotion(**linear, **angular), tuple(angle[:, 0] for angle in hinge)))
+        sequence = table.choice("sequence", SEQUENCES, "XYZ")
+        given = ByCoordinates(log.t.size, derivatives, sequence)
+    else:
+        turning[0] = log.rotations(turning[0])
+        linear = dict(zip(("R", "v", "a"), position, strict=False))
+        angular = dict(zip(("S", "omega", "alpha"), turning, strict=False))
+        given = ByBody1(BodyMotion(**linear, **angular), tuple(angle[:, 0] for angle in hinge))
+    return LoggedMotion(log.t, given, log.found, "" if log.completed else _HINT)
 
 
-def _instants(file: SampleFile, columns: Columns, order: int) -> Float64Array:
-    if "t" not in columns:
-        file.fail("t", "a column", "no such column")
-    try:
-        return np.asarray(read_only(check_instants("t", columns["t"], order)))
-    except ArgumentError as error:
-        file.fail("t", error.expected, error.got)
+def _integrated(table: Table, log: _Log) -> IntegratedMotion:
+    """The motion whose rates the file states, integrated (E12)."""
+    rates = (_QUATERNION[1:], _HINGE[1:])
+    read = {"t", *(column for names in (_POSITION, *rates) for name in names for column in ARRAYS.get(name, (name,)))}
+    for column in log.columns:
+        if column not in read:
+            log.file.refuse(column, "columns of rates and of R1, since motion.integrate is true", "a column")
+    turning, hinge = (log.part(names) for names in rates)
+    for part in (turning, hinge):
+        name, array = next(iter(part.items()))
+        log.finite(name, array, "integrated")
+    position = log.part(_POSITION, required=any(column in log.columns for column in (*ARRAYS["v1"], *ARRAYS["a1"])))
+    if not position:
+        position = dict.fromkeys(_POSITION, np.zeros((log.t.size, 3)))
+    if "v1" not in position:
+        log.file.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
+    known = position | turning | {name: column[:, 0] for name, column in hinge.items()}
+    signals = Samples(log.t, known["omega1"]), Samples(log.t, known["psid"])
+    return integrated_in_space(table, log.t, signals, known, None, hint="" if log.completed else _HINT)
 
 
-def _attitude(file: SampleFile, columns: Columns) -> tuple[str, ...]:
+def _attitude(file: LogFile, columns: Columns) -> tuple[str, ...]:
     """Which of the two ways the attitude is given in; refuses columns of the other."""
     euler = any(column in columns for column in ARRAYS["phi"])
     own, other = (_EULER, _QUATERNION) if euler else (_QUATERNION, _EULER)
     if not euler and not any(column in columns for column in ARRAYS["quat_xyzw"]):
-        file.fail("phi_x", "columns phi_x, phi_y, phi_z, or qx, qy, qz, qw", "neither")
+        file.refuse("phi_x", "columns phi_x, phi_y, phi_z, or qx, qy, qz, qw", "neither")
     for column in (column for name in other for column in ARRAYS[name]):
         if column in columns:
-            file.fail(column, f"nothing of this kind beside {ARRAYS[own[0]][0]}", "a column")
+            file.refuse(column, f"nothing of this kind beside {ARRAYS[own[0]][0]}", "a column")
     return own
 
 
-def _level(file: SampleFile, names: tuple[tuple[str, ...], ...], parts: list[Derivatives]) -> int:
+def _level(file: LogFile, parts: dict[tuple[str, ...], Part]) -> int:
     """The highest derivative of the motion; refuses derivatives of some parts without those of the others."""
-    there = [[array is not None for array in part] for part in parts]
-    level = max(i for own in there for i in range(3) if own[i])
-    for own, name in zip(there, names, strict=True):
-        for i in range(level + 1):
-            if not own[i]:
-                column = ARRAYS.get(name[i], (name[i],))[0]
-                file.fail(column, "a column, beside rates of others (or differentiate = true)", "no such column")
+    level = max(i for names, part in parts.items() for i in range(3) if names[i] in part)
+    for names, part in parts.items():
+        for name in names[: level + 1]:
+            if name not in part:
+                column = ARRAYS.get(name, (name,))[0]
+                file.refuse(column, "a column, beside rates of others (or differentiate = true)", "no such column")
     return level
-
-
-def _completed(file: SampleFile, t: Float64Array, names: tuple[str, ...], part: Derivatives) -> Derivatives:
-    """A quantity with both derivatives."""
-    value, rate, second = part
-    if rate is None:
-        found = _derivatives(file, t, names[0], value)
-        return [value, found[0], found[1] if second is None else second]
-    return [value, rate, _derivatives(file, t, names[1], rate)[0] if second is None else second]
-
-
-def _derivatives(
-    file: SampleFile, t: Float64Array, name: str, value: Float64Array | None
-) -> tuple[Float64Array, Float64Array]:
-    """First and second derivative of columns; of an attitude, omega and alpha."""
-    array = np.asarray(value)
-    own = ARRAYS.get(name, (name,))
-    bad = np.argwhere(~np.isfinite(array))
-    if bad.size:
-        sample, i = bad[0]
-        file.fail(own[i], "finite numbers, to be differentiated", f"{array[sample, i]} at sample {sample}")
-    if name == "quat_xyzw":
-        try:
-            omega, alpha = angular_velocity_from_samples(t, _rotations(file, array), ORDER, with_alpha=True)
-            return np.asarray(omega), np.asarray(alpha)
-        except ArgumentError as error:
-            if isinstance(error, SceneError):
-                raise
-            file.fail(", ".join(own), error.expected, error.got)
-    angles = name in {"phi", "psi"}
-    found = [differentiate(t, unwrap(column) if angles else column, ORDER) for column in array.T]
-    return np.stack([first for first, _ in found], axis=-1), np.stack([second for _, second in found], axis=-1)
-
-
-def _rotations(file: SampleFile, quat_xyzw: Float64Array) -> Float64Array:
-    zero = np.flatnonzero((quat_xyzw == 0).all(axis=-1))
-    if zero.size:
-        file.fail("qx, qy, qz, qw", "quaternions that are not zero", f"a zero quaternion at sample {zero[0]}")
-    return np.asarray(quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False))
 
 
 def _seven(*parts: Float64Array) -> tuple[float | Float64Array, ...]:

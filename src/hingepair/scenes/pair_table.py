@@ -1,105 +1,92 @@
-"""The tables of a scene file as the parts of a scene: its pair, its motion, its outputs."""
+"""The table [pair] of a scene file: geometry, limits, masses and shapes of a pair, or a robot's hinge."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
-from hingepair.errors import ArgumentError, SceneError
-from hingepair.evaluation.plan import check_outputs
+import numpy as np
+
+from hingepair.pair.body import Body, Box, Cylinder, Shape, Sphere
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.scenes.expression_motion import ExpressionMotion, read_expression_motion
-from hingepair.scenes.integrated_motion import IntegratedMotion
-from hingepair.scenes.logged_motion import SampledMotion, read_sampled_motion
-from hingepair.scenes.rate_expressions import read_rate_expressions
-from hingepair.scenes.rate_file import read_rate_file
 from hingepair.scenes.tables import Table
 
 Made = TypeVar("Made")
-Motion: TypeAlias = ExpressionMotion | SampledMotion | IntegratedMotion
-"""Knows its instants `t`, its `level`, its `sequence`, and gives `samples(rows, order)`."""
 
-
-def read_planar(tables: Table) -> bool:
-    """Whether the scene is one of the plane."""
-    planar = tables.values.get("planar", False)
-    if not isinstance(planar, bool):
-        tables.fail("planar", "true or false")
-    return planar
+_KEYS = ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit", "name", "body1", "body2", "robot", "joint")
 
 
 def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
-    """The pair of the table [pair]."""
+    """The pair of the table [pair].
+
+    Raises:
+        SceneError: a value cannot be used; names file, table and key.
+        MissingDependencyError: the pair is a robot's, and example-robot-data is not installed.
+    """
     if planar:
-        return _planar_pair(table)
+        table.check_keys(("u1", "u2", "name"))
+        return _made(table, PlanarPair, u1=table.numbers("u1", 2), u2=table.numbers("u2", 2), **_name(table))
+    table.check_keys(_KEYS)
     if "robot" in table.values or "joint" in table.values:
-        table.check_keys(("robot", "joint", "u1", "u2", "n", "home", "name", "limits"))
+        from hingepair.formats.robots import load_robot_hinge
+
         for key in table.values:
             if key not in {"robot", "joint"}:
                 table.fail(key, "nothing beside robot and joint")
-        return _robot_pair(table)
-    table.check_keys(("u1", "u2", "n", "home", "name", "limits", "robot", "joint"))
+        return _made(table, load_robot_hinge, robot=table.text("robot"), joint=table.text("joint"))
     values: dict[str, Any] = {key: table.numbers(key, 3) for key in ("u1", "u2", "n")}
     if "home" in table.values:
-        values["home"] = table.numbers("home", 3, 3)
+        values["home"] = table.rotation("home")
     if "limits" in table.values:
         values["limits"] = table.numbers("limits", 2)
-    if "name" in table.values:
-        values["name"] = table.text("name")
-    return _made(table, HingePair, **values)
+    values |= {key: table.number(key) for key in ("torque_limit", "rate_limit") if key in table.values}
+    bodies = {key: _body(table.table(key)) for key in ("body1", "body2") if key in table.values}
+    return _made(table, HingePair, **values, **bodies, **_name(table))
 
 
-def _planar_pair(table: Table) -> PlanarPair:
-    table.check_keys(("u1", "u2", "name"))
-    values: dict[str, Any] = {key: table.numbers(key, 2) for key in ("u1", "u2")}
-    if "name" in table.values:
-        values["name"] = table.text("name")
-    return _made(table, PlanarPair, **values)
+def _name(table: Table) -> dict[str, str]:
+    return {"name": table.text("name")} if "name" in table.values else {}
 
 
-def _robot_pair(table: Table) -> HingePair:
-    from hingepair.formats.robots import load_robot_hinge
+def _body(table: Table) -> Body:
+    """Mass properties and shapes: the table [pair.body1]."""
+    table.check_keys(("mass", "center_of_mass", "inertia", "shapes"))
+    values: dict[str, Any] = {"mass": table.number("mass", 1.0)}
+    if "center_of_mass" in table.values:
+        values["center_of_mass"] = table.numbers("center_of_mass", 3)
+    if "inertia" in table.values:
+        moments = table.values["inertia"]
+        diagonal = isinstance(moments, list) and not any(isinstance(row, list) for row in moments)
+        values["inertia"] = np.diag(table.numbers("inertia", 3)) if diagonal else table.numbers("inertia", 3, 3)
+    shapes = table.values.get("shapes", [])
+    if not isinstance(shapes, list) or not all(isinstance(shape, dict) for shape in shapes):
+        table.fail("shapes", "a list of { box = [...] }, { cylinder = radius, length = ... }, { sphere = radius }")
+    own = [Table(table.file, f"{table.name}.shapes[{i}]", shape, table.constants) for i, shape in enumerate(shapes)]
+    return _made(table, Body, shapes=[_shape(shape) for shape in own], **values)
 
-    return _made(table, load_robot_hinge, robot=table.text("robot"), joint=table.text("joint"))
+
+def _shape(table: Table) -> Shape:
+    kinds: dict[str, tuple[Callable[..., Shape], str, dict[str, int]]] = {
+        "box": (Box, "size", {"center": 3}),
+        "cylinder": (Cylinder, "radius", {"length": 0, "center": 3, "axis": 3}),
+        "sphere": (Sphere, "radius", {"center": 3}),
+    }
+    named = [kind for kind in kinds if kind in table.values]
+    if len(named) != 1:
+        table.refuse("", f"one of {', '.join(kinds)}", ", ".join(named) or "none of them")
+    make, size, others = kinds[named[0]]
+    table.check_keys((named[0], *others))
+    first = table.numbers(named[0], 3) if named[0] == "box" else table.number(named[0])
+    values = {
+        key: table.numbers(key, n) if n else table.number(key) for key, n in others.items() if key in table.values
+    }
+    if "length" in others and "length" not in values:
+        table.fail("length", "a finite number")
+    return _made(table, make, **{size: first}, **values)
 
 
 def _made(table: Table, make: Callable[..., Made], **values: Any) -> Made:
     """What is made of the values of a table; an argument that is refused is named as the key that it came from."""
-    try:
+    with table.naming():
         return make(**values)
-    except ArgumentError as error:
-        raise SceneError(table.label(error.name), error.expected, error.got) from None
-
-
-def read_motion(tables: Table, folder: Path, planar: bool) -> Motion:
-    """The motion of the tables [motion] and [time]; files are relative to the folder."""
-    motion = tables.table("motion", required=False)
-    if "file" not in motion.values:
-        time = tables.table("time")
-        if "omega1" in motion.values:
-            return read_rate_expressions(motion, time, planar)
-        return read_expression_motion(tables.table("motion"), time, planar)
-    if planar:
-        motion.fail("file", "no such key in a planar scene, whose motion is expressions")
-    if "time" in tables.values:
-        tables.fail("time", "no such table beside motion.file, whose column t has the instants")
-    integrated = motion.values.get("integrate", False)
-    if not isinstance(integrated, bool):
-        motion.fail("integrate", "true or false")
-    return read_rate_file(motion, folder) if integrated else read_sampled_motion(motion, folder)
-
-
-def read_outputs(table: Table, kind: str) -> tuple[str, ...] | None:
-    """The names of the table [outputs]; None without."""
-    table.check_keys(("names",))
-    if "names" not in table.values:
-        return None
-    names = table.values["names"]
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
-        table.fail("names", 'a list of names such as ["R2", "v2"]')
-    try:
-        return check_outputs(names, kind)
-    except ArgumentError as error:
-        raise SceneError(table.label("names"), error.expected, error.got) from None

@@ -1,76 +1,73 @@
-"""Scenes: a pair and its motion as functions of time, from a TOML file.
-
-title = "one sentence that says what it is"      # optional
-
-[pair]
-u1 = [0.5, 0.2, 0.1]          # hinge point in body 1's axes, m
-u2 = [-0.25, 0.1, 0.3]        # hinge point in body 2's axes, m
-n = [1, 0, 0]                 # hinge axis in body 1's axes, of any length
-home = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # optional: body 2 against body 1 at psi = 0
-limits = [-1.5, 1.5]          # optional: of psi, rad, for the URDF and MJCF; the motion may pass them
-name = "arm"                  # optional; or, instead of all these: robot = "...", joint = "..."
-
-[motion]                      # numbers, or expressions in t
-x = "3*t"
-y = 0                         # and z, m
-phi_x = "amplitude*sin(t)"    # and phi_y, phi_z: FIRST, SECOND and THIRD angle of the sequence, rad
-psi = "pi/2*tanh(t)"          # rad
-sequence = "XYZ"              # optional: one of 24, as SciPy writes them
-[motion.constants]            # optional
-amplitude = 0.5
-
-[time]                        # absent where the motion is a file's
-start = 0                     # s
-stop = 10
-samples = 1001
-
-[outputs]                     # optional: everything about body 2 unless given
-names = ["R2", "omega2"]
-
-Scenes in the plane z = 0 begin with `planar = true`: [pair] has u1 and u2 of two numbers each, and a name; [motion]
-has x, y, phi (the angle of body 1), psi; the outputs are those of a PlanarPair.
-
-Instead of expressions, the motion may be samples in a file, whose columns `hingepair.scenes.log_file` describes:
-
-[motion]
-file = "log.csv"              # or .npz, .parquet; relative to the scene file; the instants are its column t
-differentiate = true          # optional: find the derivatives that the file lacks; else what needs them is not there
-sequence = "XYZ"              # optional: of Euler angles
-
-Or it may be integrated (E12) from the angular velocity of body 1 and the hinge rate, as expressions `omega1` and
-`psi_dot` or as samples: `hingepair.scenes.rate_expressions` and `hingepair.scenes.rate_file` have the layouts.
-"""
+"""Scenes: a pair and its motion as functions of time, from a TOML file. models/SCENES.md has the layout."""
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, SceneError, choices, quoted
+from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, check_outputs, outputs_of
 from hingepair.integration.trajectory import span
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.scenes.explain import ScenePlan
-from hingepair.scenes.expression_motion import ExpressionMotion
-from hingepair.scenes.known_motion import Rows
-from hingepair.scenes.pair_table import Motion, read_motion, read_outputs, read_pair, read_planar
-from hingepair.scenes.tables import read_tables
-from hingepair.symbolic.jets import Expr
-from hingepair.symbolic.time_functions import Coordinates
+from hingepair.scenes.known_motion import Derivatives, KnownMotion, Rows
+from hingepair.scenes.pair_table import read_pair
+from hingepair.scenes.tables import Table, read_tables
 
 if TYPE_CHECKING:
+    from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
 _TABLES = ("title", "planar", "pair", "motion", "time", "outputs")
 _LEVELS = {"v": VELOCITY, "omega": VELOCITY, "a": ACCELERATION, "alpha": ACCELERATION}
+
+
+class Motion(Protocol):
+    """Where the motion of a scene comes from: functions of t, a log, or rates that were integrated."""
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """The instants [s]; shape (N,)."""
+
+    @property
+    def level(self) -> int:
+        """The highest derivative that there is."""
+
+    @property
+    def sequence(self) -> str | None:
+        """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
+
+    @property
+    def origin(self) -> str:
+        """What it is, in words."""
+
+    @property
+    def turning(self) -> str:
+        """How body 1 turns, for a reader."""
+
+    @property
+    def hint(self) -> str:
+        """How to get derivatives that are missing, for messages."""
+
+    @property
+    def error_estimate(self) -> float:
+        """How far attitude and psi are off, and rates; 0 of what is exact, NaN where it is not known."""
+
+    @property
+    def kinks(self) -> int:
+        """Between how many neighbouring instants there is a kink or a jump."""
+
+    def known(self, rows: Rows, order: int) -> KnownMotion:
+        """The motion at some of the instants, with derivatives up to an order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -108,6 +105,7 @@ class Scene:
         pair: the pair, a HingePair or, in the plane, a PlanarPair.
         motion: where the motion comes from; knows the instants.
         outputs: what `evaluate` computes unless told; None for everything about body 2 that the motion allows.
+        constants: the named numbers of the file.
     """
 
     path: Path
@@ -115,6 +113,7 @@ class Scene:
     pair: HingePair | PlanarPair
     motion: Motion
     outputs: tuple[str, ...] | None
+    constants: Mapping[str, float]
 
     @property
     def space(self) -> HingePair:
@@ -147,20 +146,33 @@ class Scene:
         return self.motion.t.size
 
     @property
-    def expressions(self) -> dict[str, Expr]:
+    def expressions(self) -> dict[str, Expr | None]:
         """The SymPy expressions by coordinate: x, y, z, phi_x, phi_y, phi_z, psi; in the plane x, y, phi, psi.
+
+        None for a coordinate that goes through way points.
 
         Raises:
             ArgumentError: the motion does not come as expressions.
         """
-        motion = self._by_expressions()
-        return dict(zip(motion.names, motion.expressions, strict=True))
+        return self.expressions_with(())
+
+    def expressions_with(self, letters: Iterable[str]) -> dict[str, Expr | None]:
+        """The same, some of the constants as letters.
+
+        Args:
+            letters: names of constants.
+
+        Raises:
+            ArgumentError: the motion does not come as expressions, or a constant must be a number.
+        """
+        found: dict[str, Expr | None] = self._by_functions().expressions(tuple(letters))
+        return found
 
     def times(self) -> NDArray[np.float64]:
         """The instants; shape (samples,) s."""
         return self.motion.t
 
-    def coordinates(self, t: ArrayLike) -> Coordinates:
+    def coordinates(self, t: ArrayLike) -> Derivatives:
         """The coordinates and their exact derivatives at any instants.
 
         Args:
@@ -168,12 +180,14 @@ class Scene:
 
         Returns:
             (q, qd, qdd), tuples of seven (in the plane four): arrays of t's shape, Python floats for what does not
-            depend on t. Samples where an expression has no real value are NaN.
+            depend on t. Samples where an expression has no real value are NaN; derivatives at a kink are those from
+            the right.
 
         Raises:
             ArgumentError: the motion does not come as expressions.
         """
-        return self._by_expressions().coordinates(t)
+        found: Derivatives = self._by_functions().derivatives(t, ACCELERATION)
+        return found
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
         """The pair's state at the scene's instants.
@@ -188,8 +202,8 @@ class Scene:
             ArgumentError: an unknown output, or one that needs derivatives which the motion does not have.
         """
         names, order = self._wanted(outputs)
-        samples = self.motion.samples(slice(None), order)
-        return SceneResult(self.motion.t, samples.forward_kinematics(self.pair, names))
+        known = self.motion.known(slice(None), order)
+        return SceneResult(self.motion.t, known.forward_kinematics(self.pair, names))
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """What `evaluate` computes and what it leaves out, and why; print it.
@@ -201,7 +215,7 @@ class Scene:
             ArgumentError: as for `evaluate`.
         """
         names, order = self._wanted(outputs)
-        return self.motion.samples(slice(1), order).plan(self.pair, names, self.motion.level)
+        return self.motion.known(slice(1), order).plan(self.pair, names, self.motion.level)
 
     def cross_validate(self, most: int | None = None) -> CrossValidation:
         """The pair's motion by the equations and by Pinocchio, compared.
@@ -215,7 +229,27 @@ class Scene:
         rows: Rows = slice(None)
         if most is not None and self.samples > most:
             rows = np.linspace(0, self.samples - 1, most).astype(np.intp)
-        return self.motion.samples(rows, self.motion.level).cross_validate(self.pair)
+        return self.motion.known(rows, self.motion.level).cross_validate(self.pair)
+
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of the results should know: psi past its limits, kinks, rates by finite differences."""
+        found, motion = [], self.motion
+        limits = getattr(self.pair, "limits", None)
+        if limits is not None:
+            lower, upper = limits
+            psi = motion.known(slice(None), POSE).psi
+            outside = np.flatnonzero((psi < lower) | (psi > upper))
+            if outside.size:
+                first = f"first at t = {motion.t[outside[0]]:g} s (psi = {psi[outside[0]]:.6g} rad)"
+                where = f"{outside.size} of {psi.size} instants, {first}"
+                found.append(f"psi leaves its limits, {lower:g} to {upper:g} rad, at {where}")
+        if motion.kinks:
+            found.append(f"kinks or jumps in {motion.kinks} intervals; derivatives at one are those from its right")
+        if math.isnan(motion.error_estimate) and motion.sequence is None and "integrated" in motion.origin:
+            found.append("too few samples to estimate the error of the integration")
+        elif math.isnan(motion.error_estimate):
+            found.append("rates were found by finite differences; how far they are off is not known")
+        return tuple(found)
 
     def _wanted(self, outputs: Iterable[str] | None) -> tuple[tuple[str, ...] | None, int]:
         """The outputs, None for all of body 2, and the derivatives of the motion that they need."""
@@ -224,48 +258,92 @@ class Scene:
         for name in names or ():
             if _level(name) > level:
                 known = tuple(output for output in outputs_of(self.kind) if _level(output) <= level)
-                hint = "; motion.differentiate = true gives the others"
-                raise ArgumentError("outputs", choices(known) + hint, quoted(name))
+                raise ArgumentError("outputs", choices(known) + self.motion.hint, quoted(name))
         return names, level if names is None else max(map(_level, names))
 
-    def _by_expressions(self) -> ExpressionMotion:
-        if not isinstance(self.motion, ExpressionMotion):
+    def _by_functions(self) -> Any:
+        """The coordinates as functions of t."""
+        if not hasattr(self.motion, "functions"):
             wanted = "a scene whose motion is coordinates as expressions in t"
             raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
-        return self.motion
+        return self.motion.functions
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
-    """Read a scene from a TOML file; the layout stands at the top of `hingepair.scenes.scene`.
+    """Read a scene from a TOML file; models/SCENES.md has the layout.
 
     Raises:
         SceneError: the file cannot be read as a scene; names file, table and key, in one line.
         MissingDependencyError: the pair is a robot's, and example-robot-data is not installed.
     """
-    tables = read_tables(path)
-    tables.check_keys(_TABLES)
-    planar = read_planar(tables)
-    motion = read_motion(tables, Path(path).parent, planar)
-    outputs = read_outputs(tables.table("outputs", required=False), PLANAR if planar else SPATIAL)
-    pair = read_pair(tables.table("pair"), planar)
-    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, outputs)
-    try:
+    tables = _read(path)
+    planar, pair = tables.flag("planar"), _pair(tables)
+    motion = _read_motion(tables, Path(path).parent, planar)
+    outputs = _read_outputs(tables.table("outputs", required=False), PLANAR if planar else SPATIAL)
+    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, outputs, tables.constants)
+    with tables.table("outputs", required=False).naming("names"):
         scene._wanted(None)
-    except ArgumentError as error:
-        raise SceneError(tables.table("outputs").label("names"), error.expected, error.got) from None
     return scene
 
 
 def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
-    """The pair of a scene file alone: its motion is not read and need not be there.
+    """The pair of a scene file, which needs no motion.
 
     Raises:
-        SceneError: the file cannot be read, or its pair; names file, table and key, in one line.
-        MissingDependencyError: the pair is a robot's, and example-robot-data is not installed.
+        SceneError, MissingDependencyError: as for `load_scene`.
     """
+    return _pair(_read(path))
+
+
+def _read(path: str | os.PathLike[str]) -> Table:
+    """The tables of a scene file, with its constants."""
     tables = read_tables(path)
     tables.check_keys(_TABLES)
-    return read_pair(tables.table("pair"), read_planar(tables))
+    motion = tables.table("motion", required=False)
+    constants = motion.table("constants", required=False)
+    known: dict[str, float] = {}
+    for key in constants.values:
+        from hingepair.symbolic.expressions import constant_name_fault
+
+        fault = constant_name_fault(key)
+        if fault:
+            constants.refuse(key, fault, quoted(key))
+        known[key] = Table(tables.file, constants.name, constants.values, known).number(key)
+    return Table(tables.file, "", tables.values, known)
+
+
+def _pair(tables: Table) -> HingePair | PlanarPair:
+    return read_pair(tables.table("pair"), tables.flag("planar"))
+
+
+def _read_motion(tables: Table, folder: Path, planar: bool) -> Motion:
+    """The motion of the tables [motion] and [time]; files are relative to the folder."""
+    motion = tables.table("motion")
+    if "file" not in motion.values:
+        if "psi_dot" in motion.values and "omega1" not in motion.values:
+            motion.fail("omega1", "the angular velocity of body 1 beside psi_dot")
+        from hingepair.scenes.expression_motion import read_expression_motion
+
+        return read_expression_motion(motion, tables.table("time"), planar)
+    from hingepair.scenes.logged_motion import read_log
+
+    if planar:
+        motion.fail("file", "no such key in a planar scene, whose motion is expressions")
+    if "time" in tables.values:
+        tables.fail("time", "no such table beside motion.file, whose column t has the instants")
+    return read_log(motion, folder)
+
+
+def _read_outputs(table: Table, kind: str) -> tuple[str, ...] | None:
+    """The names of the table [outputs]; None without."""
+    table.check_keys(("names",))
+    if "names" not in table.values:
+        return None
+    names = table.values["names"]
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        table.fail("names", 'a list of names such as ["R2", "v2"]')
+    with table.naming("names"):
+        return check_outputs(names, kind)
 
 
 def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import re
 import reprlib
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from hingepair.errors import ArgumentError, SceneError, choices, nearest, quoted
-from hingepair.numeric.arrays import finite_number
+from hingepair.numeric.arrays import check_choice, finite_number
+from hingepair.rotations.euler import euler_to_matrix
+from hingepair.rotations.matrices import rodrigues
 
 MAX_BYTES: Final = 1_000_000
 MAX_KEY_PARTS: Final = 16
@@ -24,50 +27,91 @@ _shown.maxstring = _shown.maxother = 80
 _shown.maxlist = 9
 
 
-class Table:
-    """One table of a scene file; the file's own keys stand in the table without a name."""
+class Place:
+    """Where values come from - a table of a scene file, a file of samples - and how messages name them."""
 
-    def __init__(self, file: str, name: str, values: dict[str, Any]) -> None:
+    def __init__(self, file: str, name: str) -> None:
         self.file = file
         self.name = name
-        self.values = values
 
     def label(self, key: str) -> str:
         """`file: table.key`, for messages."""
         shown = key if key.isprintable() else repr(key)
-        return f"{self.file}: {self.name}.{shown}" if self.name else f"{self.file}: {shown}"
+        return ": ".join(filter(None, (self.file, ".".join(filter(None, (self.name, shown))))))
+
+    def refuse(self, key: str, expected: str, got: object) -> NoReturn:
+        """Refuse what a key has."""
+        raise SceneError(self.label(key), expected, got) from None
+
+    @contextlib.contextmanager
+    def naming(self, key: str = "", **keys: str) -> Iterator[None]:
+        """Errors about an argument become errors about the key that it came from: keys[argument], or key."""
+        try:
+            yield
+        except SceneError:
+            raise
+        except ArgumentError as error:
+            label = self.label(keys.get(error.name) or key or error.name)
+            named = SceneError(label, error.expected, error.got)
+            named.args = (label + str(error).removeprefix(error.name),)
+            raise named from None
+
+
+class Table(Place):
+    """One table of a scene file; the file's own keys stand in the table without a name.
+
+    Attributes:
+        values: what it holds.
+        constants: numbers that expressions may name.
+    """
+
+    def __init__(self, file: str, name: str, values: dict[str, Any], constants: Mapping[str, float]) -> None:
+        super().__init__(file, name)
+        self.values = values
+        self.constants = constants
 
     def fail(self, key: str, expected: str) -> NoReturn:
         """Refuse the value of a key, or its absence."""
-        got = show(self.values[key]) if key in self.values else "nothing"
-        raise SceneError(self.label(key), expected, got)
+        self.refuse(key, expected, show(self.values[key]) if key in self.values else "nothing")
 
     def check_keys(self, known: Collection[str]) -> None:
         """Refuse keys that nothing reads, and say which was probably meant."""
         for key in self.values:
             if key not in known:
-                raise SceneError(self.label(key), choices(tuple(known)) + nearest(key, known), "an unknown key")
+                self.refuse(key, choices(tuple(known)) + nearest(key, known), "an unknown key")
 
     def table(self, key: str, *, required: bool = True) -> Table:
         """The table below a key; an empty one where it is absent and need not be there."""
         value = self.values.get(key, None if required else {})
         if not isinstance(value, dict):
             self.fail(key, f"a table [{f'{self.name}.' if self.name else ''}{key}]")
-        return Table(self.file, f"{self.name}.{key}" if self.name else key, value)
+        return Table(self.file, f"{self.name}.{key}" if self.name else key, value, self.constants)
 
     def text(self, key: str, default: str | None = None) -> str:
         """The text of a key that is not empty; the default, if there is one, where the key is absent."""
         value = self.values.get(key, default)
-        if not isinstance(value, str) or not value.strip():
-            self.fail(key, "a text that is not empty")
+        text = " ".join(value.split()) if isinstance(value, str) else ""
+        if not text or not text.isprintable():
+            self.fail(key, "a text of printable characters that is not empty")
+        return text
+
+    def flag(self, key: str) -> bool:
+        """Whether a key is true; false where it is absent."""
+        value = self.values.get(key, False)
+        if not isinstance(value, bool):
+            self.fail(key, "true or false")
         return value
 
-    def number(self, key: str) -> float:
-        """The finite number of a key."""
-        try:
-            return finite_number(key, self.values.get(key))
-        except ArgumentError:
-            self.fail(key, "a finite number")
+    def choice(self, key: str, known: Sequence[str], default: str | None = None) -> str:
+        """One of some names; the default, or else the first, where the key is absent."""
+        value = self.text(key, default or known[0])
+        with self.naming(key):
+            check_choice(key, value, known)
+        return value
+
+    def number(self, key: str, default: float | None = None) -> float:
+        """The finite number of a key, or of an expression without t; the default where the key is absent."""
+        return default if key not in self.values and default is not None else self._number(key, self.values.get(key))
 
     def integer(self, key: str, smallest: int, largest: int) -> int:
         """The whole number of a key, within limits."""
@@ -79,9 +123,43 @@ class Table:
     def numbers(self, key: str, *shape: int) -> list[Any]:
         """The nested list of finite numbers of a key, of a given shape."""
         value: Any = self.values.get(key)
-        if not _is_numbers(value, shape):
+        if not _has_shape(value, shape):
             self.fail(key, f"{' lists of '.join(map(str, shape))} finite numbers")
-        return list(value)
+        found: list[Any] = self._nested(key, value)
+        return found
+
+    def rotation(self, key: str) -> Any:
+        """The rotation of a key: a matrix, or { axis, deg | rad }, { rpy_deg | rpy }."""
+        value = self.values.get(key)
+        if isinstance(value, list):
+            return self.numbers(key, 3, 3)
+        if not isinstance(value, dict):
+            self.fail(key, "3 lists of 3 finite numbers, { axis = [...], deg = ... } or { rpy_deg = [...] }")
+        table = self.table(key)
+        turns = [own for own in ("deg", "rad", "rpy_deg", "rpy") if own in value]
+        if len(turns) != 1 or (turns[0] in {"deg", "rad"}) != ("axis" in value):
+            self.fail(key, "{ axis, deg }, { axis, rad }, { rpy_deg } or { rpy }: a matrix in other words")
+        (turn,) = turns
+        table.check_keys(("axis", turn))
+        unit = math.pi / 180 if turn.endswith("deg") else 1.0
+        if turn.startswith("rpy"):
+            return euler_to_matrix([unit * angle for angle in table.numbers(turn, 3)], "xyz").tolist()
+        with table.naming("axis"):
+            return rodrigues(table.numbers("axis", 3), unit * table.number(turn)).tolist()
+
+    def _nested(self, key: str, value: Any) -> Any:
+        return [self._nested(key, part) for part in value] if isinstance(value, list) else self._number(key, value)
+
+    def _number(self, key: str, value: Any) -> float:
+        if isinstance(value, str):
+            from hingepair.symbolic.expressions import constant
+
+            with self.naming(key):
+                return constant(key, value, self.constants)
+        try:
+            return finite_number(key, value)
+        except ArgumentError:
+            self.fail(key, "a finite number")
 
 
 def read_tables(path: str | os.PathLike[str]) -> Table:
@@ -111,7 +189,7 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
         raise SceneError(file, "text in UTF-8", f"byte 0x{content[error.start]:02x} at byte {error.start}") from None
     _check_key_parts(file, text)
     try:
-        return Table(file, "", tomllib.loads(text))
+        return Table(file, "", tomllib.loads(text), {})
     except RecursionError:
         raise SceneError(file, "TOML with fewer nested brackets", "more than can be read") from None
     except ValueError as error:
@@ -120,16 +198,16 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
 
 def show(value: object) -> str:
     """A value of a file in one line that a person can read."""
-    return "a table" if isinstance(value, dict) else _shown.repr(value)
-
-
-def _is_numbers(value: object, shape: tuple[int, ...]) -> bool:
-    if shape:
-        return isinstance(value, list) and len(value) == shape[0] and all(_is_numbers(v, shape[1:]) for v in value)
     try:
-        return math.isfinite(finite_number("", value))
-    except ArgumentError:
-        return False
+        return "a table" if isinstance(value, dict) else _shown.repr(value)
+    except ValueError:  # Python writes no integer of more than 4,300 digits
+        return "a number of more than 4300 digits"
+
+
+def _has_shape(value: object, shape: tuple[int, ...]) -> bool:
+    if shape:
+        return isinstance(value, list) and len(value) == shape[0] and all(_has_shape(v, shape[1:]) for v in value)
+    return isinstance(value, str | int | float) and not isinstance(value, bool)
 
 
 def _check_key_parts(file: str, text: str) -> None:

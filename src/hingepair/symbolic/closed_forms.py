@@ -8,8 +8,9 @@ product of products reads better than a product of sums.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any, Final, TypeAlias
 
 import sympy
@@ -17,25 +18,34 @@ import sympy
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.plan import PLANAR, SPATIAL, Plan, check_outputs, make_plan, outputs_of
 from hingepair.pair.constants import check_one
+from hingepair.pair.forward_kinematics import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.scenes.scene import Scene
-from hingepair.symbolic.form_inputs import (
-    any_motion,
-    check_symbolic,
-    closed_jet,
-    constant_inputs,
-    motion_inputs,
-)
-from hingepair.symbolic.jets import Expr, time_symbol
+from hingepair.symbolic import listings
+from hingepair.symbolic.jets import SYMPY_ERRORS, Jet, JetProgram, time_symbol
+from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import count_letters, in_order
-from hingepair.symbolic.trig_sums import TooManyTermsError, TrigSum, cosine, cosine_sum, sine, sine_sum, trig_sum
+from hingepair.symbolic.time_functions import exact
+from hingepair.symbolic.trig_sums import (
+    TooManyTermsError,
+    TrigSum,
+    cosine,
+    cosine_sum,
+    sine,
+    sine_sum,
+    trig_sum,
+)
 
 Terms: TypeAlias = tuple[Expr, ...]
 
 MAX_LETTERS: Final = 5_000
 """Letters in one component, each time it is written: what takes longer to print than anybody reads."""
-_ANGLES = frozenset(("phi", "psi", "phi1", "angles", "phi2"))
+MAX_LETTERS_GIVEN: Final = 2_000
+"""Letters in a derivative of a coordinate."""
+SYMBOLIC: Final = ("u1", "u2", "n")
+"""What of a pair can stay a letter."""
+_MAX_SQUARE: Final = 1_000  # the largest denominator of a squared axis component that is taken for exact
+_ANGLES: Final = frozenset(("phi", "psi", "phi1", "angles", "phi2"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +65,15 @@ class Derivation:
     _forms: _Forms
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name not in self.names:
-            raise AttributeError(f"Derivation has no {name!r}; it has t, {', '.join(self.names)}")
+        names = self.__dict__.get("names", ())  # not there yet in a copy that is being made
+        if name not in names:
+            raise AttributeError(f"Derivation has no {name!r}; it has t, {', '.join(names)}")
         parts = [sympy.Add(*terms) for terms in self.terms(name)]
         tail = outputs_of(self._forms.kind)[name].tail
         return parts[0] if not tail else sympy.ImmutableMatrix(tail[0], len(parts) // tail[0], parts)
 
     def __dir__(self) -> list[str]:
-        return ["names", "t", "terms", *self.names]
+        return [*object.__dir__(self), *self.names]
 
     def terms(self, name: str) -> tuple[Terms, ...]:
         """The terms of each component of an output, in the order in which they arise.
@@ -76,46 +87,63 @@ class Derivation:
         check_outputs((name,), self._forms.kind)
         return self._forms.terms(name)
 
+    def to_text(self, names: Iterable[str] | None = None, *, short: bool = False, width: int = 100) -> str:
+        """One equation a component, as a paper has it: `omega1_x = 3 + 5 sin t`.
 
-def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str] = ()) -> Derivation:
-    """The closed forms of a scene's motion, or of any motion of a pair, as SymPy expressions (E1-E11).
+        Args:
+            names: some of `names`; all unless given.
+            short: whether sines, cosines and other functions that come again are abbreviated: c_1, s_12, k_1.
+            width: of a line; longer equations go on in the next.
 
-    Of a bare pair the coordinates are functions of t: x(t), y(t), z(t), phi_x(t), phi_y(t), phi_z(t) (XYZ), psi(t);
-    of a planar pair x(t), y(t), phi(t), psi(t). Numbers are exact: a float is the number that its shortest decimal
-    form writes (0.1 is 1/10), and an axis whose squared components are rational numbers with denominators up to 1000
-    is that axis: (1, 1, 0) gives sqrt(2)/2. Products of sines and cosines become sums where that is no longer.
+        Raises:
+            ArgumentError: an unknown output, or one whose closed form is too long.
+        """
+        return listings.to_text(self._chosen(names), short=short, width=width)
+
+    def to_latex(self, names: Iterable[str] | None = None, *, short: bool = False) -> str:
+        r"""An align* environment of the package amsmath; derivatives of x(t) are \dot{x}. As `to_text`."""
+        return listings.to_latex(self._chosen(names), short=short)
+
+    def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
+        """A Python module that needs only NumPy, one function an output, vectorised over its arguments.
+
+        These are t and what stayed a letter; of coordinates that are letters x, phi_x, psi, their rates xd, phi_xd,
+        psid, and so on. As `to_text`.
+        """
+        return listings.to_python(self._chosen(names), title)
+
+    def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
+        """The SymPy source of each component by its label: omega1_x, S2_xy. As `to_text`."""
+        return listings.to_sympy(self._chosen(names))
+
+    def _chosen(self, names: Iterable[str] | None) -> dict[str, tuple[Terms, ...]]:
+        return {name: self.terms(name) for name in (self.names if names is None else names)}
+
+
+def closed_forms(
+    pair: HingePair | PlanarPair,
+    motion: Mapping[str, Expr | None] | None = None,
+    sequence: str | None = "XYZ",
+    symbolic: Iterable[str] = (),
+) -> Derivation:
+    """The closed forms of a pair's motion as SymPy expressions (E1-E11).
 
     Args:
-        scene_or_pair: a Scene, a HingePair or a PlanarPair.
-        symbolic: of u1, u2 and n those that stay letters: u1_x, u1_y, u1_z and so on; n is taken to have length 1.
-
-    Returns:
-        The derivation; `.omega1`, `.R2` and so on are SymPy matrices in `.t`.
+        pair: one pair; its numbers are taken as `hingepair.derive` says.
+        motion: the coordinates as expressions in t; those that are None, and all unless given, are functions of t.
+        sequence: of the Euler angles.
+        symbolic: of u1, u2 and n those that stay letters; n is taken to have length 1.
 
     Raises:
         ArgumentError: an argument cannot be used, or an expression's derivatives are too long; names it.
-
-    >>> import hingepair as hp
-    >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
-    >>> hp.derive(pair).R2
-    Matrix([
-    [x(t) + cos(phi(t) + psi(t)) + cos(phi(t))],
-    [y(t) + sin(phi(t) + psi(t)) + sin(phi(t))]])
     """
-    pair = scene_or_pair.pair if isinstance(scene_or_pair, Scene) else scene_or_pair
-    if not isinstance(pair, HingePair | PlanarPair):
-        raise ArgumentError("scene_or_pair", "a Scene, a HingePair or a PlanarPair", quoted(scene_or_pair))
     check_one(pair)
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
-    sequence: str | None = "XYZ"
-    if isinstance(scene_or_pair, Scene):
-        jets = [closed_jet(f"motion.{key}", expr) for key, expr in scene_or_pair.expressions.items()]
-        sequence = scene_or_pair.sequence
-    else:
-        jets = any_motion(kind)
-    inputs = constant_inputs(pair, check_symbolic(symbolic, pair)) | motion_inputs(jets, kind)
-    names = tuple(outputs_of(kind))
-    return Derivation(time_symbol(), names, _Forms(kind, sequence, inputs))
+    names = PLANAR_COORDINATES if kind == PLANAR else COORDINATES
+    given = motion or {}
+    jets = [_jet(name, given.get(name)) for name in names]
+    inputs = constant_inputs(pair, _checked(symbolic, pair)) | motion_inputs(jets, kind)
+    return Derivation(time_symbol(), tuple(outputs_of(kind)), _Forms(kind, sequence, inputs))
 
 
 class _Forms:
@@ -183,6 +211,81 @@ class _Forms:
 
     def _count(self, expr: Expr) -> int:
         return count_letters(expr, self.letters)
+
+
+def _jet(name: str, expr: Expr | None) -> Jet:
+    """A coordinate with its first and second derivative: an expression in t, or else a letter."""
+    if expr is None:
+        t = time_symbol()
+        function = sympy.Function(name, real=True)(t)
+        return function, function.diff(t), function.diff(t, 2)
+    expected = f"an expression whose derivatives have at most {MAX_LETTERS_GIVEN} letters"
+    program, known = JetProgram(), dict[Expr, int]()
+    meaning: dict[Expr, Expr] = {}
+    try:
+        jet = program.jet(expr)
+        for symbol, step in program.needed([part for part in jet if part.is_Symbol]):
+            whole = meaning[symbol] = step.xreplace(meaning)
+            if count_letters(whole, known) > MAX_LETTERS_GIVEN:
+                raise ArgumentError(name, expected, f"{count_letters(whole, known)}")
+        return expr, jet[1].xreplace(meaning), jet[2].xreplace(meaning)
+    except ArgumentError:
+        raise
+    except SYMPY_ERRORS:
+        raise ArgumentError(name, expected, "one that SymPy cannot differentiate") from None
+
+
+def motion_inputs(jets: list[Jet], kind: str) -> dict[str, Any]:
+    """The coordinates and their derivatives by the names of a plan's inputs."""
+    size, parts = (2, PLANAR_PARTS) if kind == PLANAR else (3, PARTS)
+    found: dict[str, Any] = {}
+    for (point, angle, hinge), row in zip(parts.values(), zip(*jets, strict=True), strict=True):
+        found[point] = row[:size]
+        found[angle] = row[size] if kind == PLANAR else row[size : 2 * size]
+        found[hinge] = row[-1]
+    return found
+
+
+def _checked(symbolic: Iterable[str], pair: HingePair | PlanarPair) -> tuple[str, ...]:
+    """The names of what is to stay a letter.
+
+    Raises:
+        ArgumentError: not a collection of known names.
+    """
+    known = [key for key in SYMBOLIC if hasattr(pair, key)]
+    expected = f"names out of {', '.join(known)}"
+    if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
+        raise ArgumentError("symbolic", f"a tuple of {expected}", quoted(symbolic))
+    names = tuple(symbolic)
+    for name in names:
+        if name not in known:
+            raise ArgumentError("symbolic", expected, quoted(name))
+    return names
+
+
+def constant_inputs(pair: HingePair | PlanarPair, symbolic: tuple[str, ...]) -> dict[str, Any]:
+    """u1, u2, n and home as exact numbers or letters."""
+    found: dict[str, Any] = {}
+    for key in ("u1", "u2", "n", "home"):
+        if key not in pair.constants.values:
+            continue
+        value = pair.constants.values[key]
+        if key in symbolic:
+            found[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
+        else:
+            found[key] = exact_axis(value) if key == "n" else tuple(map(exact, value))
+    return found
+
+
+def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
+    """The axis of length 1 with rational squares that rounds to n, if there is a simple one; else n as written."""
+    squares = [Fraction(c * c).limit_denominator(_MAX_SQUARE) for c in n]
+    roots = tuple(
+        sympy.sign(c) * sympy.sqrt(sympy.Rational(square.numerator, square.denominator))
+        for c, square in zip(map(exact, n), squares, strict=True)
+    )
+    near = all(float(root) == c for root, c in zip(roots, n, strict=True))
+    return roots if near and sum(squares) == 1 else tuple(map(exact, n))
 
 
 def _bounded(compute: Callable[[], Any]) -> Any:

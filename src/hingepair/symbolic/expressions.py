@@ -10,32 +10,61 @@ from __future__ import annotations
 import ast
 import keyword
 import math
+import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from fractions import Fraction
 from types import MappingProxyType
 from typing import Final, NamedTuple, NoReturn
 
-from hingepair.errors import SceneError
-from hingepair.symbolic import expression_size as size
-from hingepair.symbolic.jets import SYMPY_ERRORS, Expr, constant_value, time_symbol
+import sympy
+
+from hingepair.errors import ArgumentError, nearest
+from hingepair.symbolic.jets import MAX_BITS, SYMPY_ERRORS, bits, time_symbol
+from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, constant_value
 from hingepair.symbolic.time_functions import exact
 
-FUNCTIONS: Final = (
+MAX_LENGTH: Final = 10_000
+"""Characters of the text."""
+MAX_DEPTH: Final = 50
+"""Levels of brackets, calls and powers; the terms of a sum and the factors of a product are one level."""
+MAX_NODES: Final = 3_000
+"""Numbers, names and operations. As many steps compute the derivatives, so that these need no limit of their own."""
+MAX_EXPONENT: Final = 1_000
+"""Of a power, and of the ten in a decimal number."""
+MAX_ROOT: Final = 10_000
+"""Denominator of an exponent: t**0.1234."""
+
+SMOOTH: Final = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
     *("asinh", "acosh", "atanh", "exp", "log", "sqrt"),
 )
-"""What can be called: the same names in SymPy and in math."""
+"""The same names in SymPy and in math."""
+
+KINKED: Final = MappingProxyType({
+    "abs": "abs(x)", "sign": "sign(x)", "min": "min(x, y, ...)", "max": "max(x, y, ...)",
+    "clip": "clip(x, lowest, highest)", "mod": "mod(x, period)", "where": "where(t < 1, x, y)", "step": "step(x)",
+    "ramp": "ramp(x)",
+})  # fmt: skip
+"""What has kinks or jumps, and how it is called."""
+
+FUNCTIONS: Final = (*SMOOTH, *KINKED)
+"""What can be called."""
 
 CONSTANTS: Final = MappingProxyType({"pi": math.pi, "tau": math.tau, "e": math.e})
 """What has a value by name."""
 
-_PUNCTUATION = "+-*/().,_ \t\r\n\f\v"
+_EXACT: Final = MappingProxyType({"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E})
+_PUNCTUATION = "+-*/().,_<>= \t\r\n\f\v"
 _A_NUMBER = "a finite real number"
+_A_CONDITION = "a condition: comparisons by < <= > >=, joined by and, or, not"
 _SHOWN, _FRAGMENT = 20, 40  # constants, and characters of the text, in a message
+_PRODUCT = re.compile(
+    r"((?<![\w.])\d+\.?\d*(?!e[-+]?\d)|\))\s*((?!and|or|not|if|else)[A-Za-z_]\w*|\()"
+)  # 2t, 2 sin(t), (t)(t)
 
 
-class ExpressionError(SceneError):
+class ExpressionError(ArgumentError):
     """An expression cannot be read, or would take too long to compute."""
 
 
@@ -47,7 +76,7 @@ class UnknownNameError(ExpressionError):
         self.args = (f"{name}: {got}; known: {expected}",)
 
 
-def parse(name: str, text: str, constants: Mapping[str, float] | None = None) -> Expr:
+def parse(name: str, text: str, constants: Mapping[str, float] | None = None, letters: Collection[str] = ()) -> Expr:
     """The SymPy expression that a text in t stands for.
 
     Numbers, `+ - * / **`, brackets, t, pi, tau, e, the named constants and FUNCTIONS; decimal numbers are exact.
@@ -56,26 +85,36 @@ def parse(name: str, text: str, constants: Mapping[str, float] | None = None) ->
         name: what the text is, for messages: `motion.psi`.
         text: the expression.
         constants: values of further names, finite; see `constant_name_fault`.
+        letters: those of them that stay letters.
 
     Raises:
-        ExpressionError: no such expression; a constant part that is not a finite real number; too long, too deep,
-            or with derivatives too large to work with.
+        ExpressionError: no such expression; a constant part that is not a finite real number; too long or too deep.
         UnknownNameError: a name that is not known.
 
     >>> parse("psi", "amplitude*sin(2*pi*t) + 0.1", {"amplitude": 0.25})
     sin(2*pi*t)/4 + 1/10
+    >>> parse("psi", "where(0 <= t < 1, abs(t - 0.5), 0)")
+    Where(t, Where(1 - t, Abs(t - 1/2), 0), 0)
     """
-    builder = _Builder(name, text, constants or {})
+    builder = _Builder(name, text, constants or {}, letters)
     try:
-        part = builder.build(builder.syntax(), 0)
-    except SceneError:
+        return builder.build(builder.syntax(), 0).expr
+    except ArgumentError:
         raise
     except SYMPY_ERRORS:
         raise ExpressionError(name, "an expression that SymPy can work with", text) from None
-    if sum(part.cost) > size.MAX_TERMS:
-        expected = f"an expression whose derivatives have at most {size.MAX_TERMS} terms"
-        raise ExpressionError(name, expected, f"up to {sum(part.cost)} in {text}")
-    return part.expr
+
+
+def constant(name: str, text: str, constants: Mapping[str, float] | None = None) -> float:
+    """The number that a text without t stands for: `pi/6`.
+
+    Raises:
+        ExpressionError: as for `parse`, or the text depends on t.
+    """
+    expr = parse(name, text, constants)
+    if expr.free_symbols:
+        raise ExpressionError(name, "a number: an expression without t", text)
+    return constant_value(expr)
 
 
 def constant_name_fault(name: str) -> str | None:
@@ -91,26 +130,26 @@ class _Part(NamedTuple):
 
     expr: Expr
     value: float | None
-    cost: size.Cost
 
 
 class _Builder:
     """One text on its way to SymPy."""
 
-    def __init__(self, name: str, text: str, constants: Mapping[str, float]) -> None:
+    def __init__(self, name: str, text: str, constants: Mapping[str, float], letters: Collection[str]) -> None:
         self.name = name
         self.text = text
         self.constants = constants
+        self.letters = letters
         self.column = 1
         self.nodes = 0
 
     def syntax(self) -> ast.expr:
         """The syntax tree of the text; line breaks count as blanks."""
-        if len(self.text) > size.MAX_LENGTH:
-            self._fail(f"at most {size.MAX_LENGTH} characters", f"{len(self.text)}")
+        if len(self.text) > MAX_LENGTH:
+            self._fail(f"at most {MAX_LENGTH} characters", f"{len(self.text)}")
         for column, sign in enumerate(self.text, 1):
             if sign not in _PUNCTUATION and not (sign.isascii() and sign.isalnum()):
-                hint = "; a power is written **" if sign == "^" else ""
+                hint = {"^": "; a power is written **", "%": "; a remainder is written mod(x, period)"}.get(sign, "")
                 self._fail(f"an expression in t{hint}", f"character {sign!r} at column {column}")
         blank = "".join(" " if sign.isspace() else sign for sign in self.text)
         self.text = blank.strip()
@@ -121,15 +160,13 @@ class _Builder:
                 return ast.parse(self.text, mode="eval").body
         except SyntaxError as error:
             fault = f"{error.msg} at column {self.column + (error.offset or 1) - 1}"
-            self._fail("an expression in t", fault if self.text else "''")
+            self._fail(f"an expression in t{self._product_hint()}", fault if self.text else "''")
         except (ValueError, MemoryError, RecursionError):
             self._fail("an expression of fewer parts", self.text)
 
     def build(self, node: ast.expr, depth: int) -> _Part:
         """The part that a node of the syntax tree stands for."""
-        self._count(node)
-        if depth > size.MAX_DEPTH:
-            self._refuse(node, f"at most {size.MAX_DEPTH} levels of brackets")
+        self._count(node, depth)
         match node:
             case ast.Constant():
                 return self._number(node)
@@ -143,76 +180,66 @@ class _Builder:
                 return self._power(node, depth + 1)
             case ast.Call():
                 return self._call(node, depth + 1)
+            case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
+                self._refuse(node, "a condition only in where(condition, x, y)")
         self._refuse(node, "numbers, names, calls and + - * / **")
 
     def _number(self, node: ast.Constant) -> _Part:
-        import sympy
-
         if type(node.value) not in {int, float} or node.value == math.inf:
             self._refuse(node, _A_NUMBER)
         source = self._source(node) if isinstance(node.value, float) else str(node.value)
-        if abs(int(source.lower().partition("e")[2] or 0)) > size.MAX_EXPONENT:
-            self._refuse(node, f"a power of ten of at most {size.MAX_EXPONENT}")
+        if abs(int(source.lower().partition("e")[2] or 0)) > MAX_EXPONENT:
+            self._refuse(node, f"a power of ten of at most {MAX_EXPONENT}")
         fraction = Fraction(source)
-        return self._finish(node, sympy.Rational(fraction.numerator, fraction.denominator), None, size.Cost(1))
+        return self._finish(node, sympy.Rational(fraction.numerator, fraction.denominator), None)
 
     def _named(self, node: ast.Name) -> _Part:
-        import sympy
-
         if node.id == "t":
-            return _Part(time_symbol(), None, size.Cost(1, 1))
+            return _Part(time_symbol(), None)
         if node.id in CONSTANTS:
-            expr = {"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E}[node.id]
-            return _Part(expr, CONSTANTS[node.id], size.Cost(1))
+            return _Part(_EXACT[node.id], CONSTANTS[node.id])
+        if node.id in self.letters:
+            return _Part(sympy.Symbol(node.id, real=True), None)
         if node.id in self.constants:
-            return self._finish(node, exact(self.constants[node.id]), None, size.Cost(1))
+            return self._finish(node, exact(self.constants[node.id]), None)
         if node.id in FUNCTIONS:
-            self._refuse(node, f"{node.id}(...)")
+            self._refuse(node, KINKED.get(node.id, f"{node.id}(...)"))
         self._unknown(node)
 
     def _sum(self, node: ast.expr, depth: int) -> _Part:
-        import sympy
-
-        terms, costs, values = [], [], []
+        terms, values = [], []
         for negative, term in self._chain(node, (ast.Add, ast.Sub)):
             part = self.build(term, depth)
             terms.append(-part.expr if negative else part.expr)
             values.append(-part.value if negative and part.value is not None else part.value)
-            costs.append(part.cost)
         value = self._evaluate(node, lambda *numbers: math.fsum(numbers), values)
-        return self._finish(node, sympy.Add(*terms), value, size.sum_cost(costs))
+        return self._finish(node, sympy.Add(*terms), value)
 
     def _product(self, node: ast.expr, depth: int) -> _Part:
-        import sympy
-
-        factors, costs, values = [], [], []
+        factors, values = [], []
         for divides, factor in self._chain(node, (ast.Mult, ast.Div)):
             part = self.build(factor, depth)
             factors.append(1 / part.expr if divides else part.expr)
             values.append(self._evaluate(node, lambda x: 1 / x, [part.value]) if divides else part.value)
-            costs.append(size.function_cost([part.cost]) if divides and part.value is None else part.cost)
         value = self._evaluate(node, lambda *numbers: math.prod(numbers), values)
-        return self._finish(node, sympy.Mul(*factors), value, size.product_cost(costs, values.count(None)))
+        return self._finish(node, sympy.Mul(*factors), value)
 
     def _power(self, node: ast.BinOp, depth: int) -> _Part:
-        import sympy
-
         base, exponent = self.build(node.left, depth), self.build(node.right, depth)
         self._check_power(node, base.expr, exponent.expr)
         value = self._evaluate(node, math.pow, [base.value, exponent.value])
-        cost = size.function_cost([base.cost, exponent.cost])
-        return self._finish(node, sympy.Pow(base.expr, exponent.expr), value, cost)
+        return self._finish(node, sympy.Pow(base.expr, exponent.expr), value)
 
     def _call(self, node: ast.Call, depth: int) -> _Part:
-        import sympy
-
         if not isinstance(node.func, ast.Name):
-            self._refuse(node, "the name of a function before the bracket")
+            self._refuse(node, f"the name of a function before the bracket{self._product_hint()}")
         function = node.func.id
         if function not in FUNCTIONS:
             if function == "t" or function in CONSTANTS or function in self.constants:
                 self._refuse(node, f"{function}*(...)")
             self._unknown(node.func)
+        if function in KINKED:
+            return self._kinked(node, function, depth)
         count = 2 if function == "atan2" else 1
         if node.keywords or len(node.args) != count:
             self._refuse(node, f"{function}(y, x)" if count == 2 else f"{function}(x)")
@@ -225,8 +252,70 @@ class _Builder:
                     self._check_power(node, rest.args[0], factor)
         evaluate = function != "atan2" or value is None  # of constants: SymPy may try logarithms for minutes
         expr = getattr(sympy, function)(*[part.expr for part in parts], evaluate=evaluate)
-        cost = size.function_cost([part.cost for part in parts], function)
-        return self._finish(node, expr, value, cost)
+        return self._finish(node, expr, value)
+
+    def _kinked(self, node: ast.Call, function: str, depth: int) -> _Part:
+        """A call of what has kinks or jumps."""
+        count = {"min": max(2, len(node.args)), "max": max(2, len(node.args)), "clip": 3, "where": 3, "mod": 2}
+        if node.keywords or len(node.args) != count.get(function, 1):
+            self._refuse(node, KINKED[function])
+        if function == "where":
+            x, y = (self.build(argument, depth).expr for argument in node.args[1:])
+            return self._finish(node, self._choice(node.args[0], x, y, depth), None)
+        first, *rest = (self.build(argument, depth).expr for argument in node.args)
+        match function:
+            case "abs" | "sign":
+                expr = getattr(sympy, function.capitalize() if function == "abs" else function)(first)
+            case "min" | "max":
+                expr = first
+                for other in rest:
+                    expr = (Smaller if function == "min" else Larger)(expr, other)
+            case "clip":
+                expr = Smaller(Larger(first, rest[0]), rest[1])
+            case "mod":
+                if rest[0].free_symbols or not constant_value(rest[0]) > 0:
+                    self._refuse(node, "mod(x, period) with a period above 0 that does not depend on t")
+                expr = (
+                    Remainder(first, rest[0])
+                    if first.free_symbols
+                    else first - rest[0] * sympy.floor(first / rest[0])
+                )
+            case "step":
+                expr = Where(first, sympy.S.One, sympy.S.Zero)
+            case _:
+                expr = Larger(first, sympy.S.Zero)
+        return self._finish(node, expr, None)
+
+    def _choice(self, node: ast.expr, x: Expr, y: Expr, depth: int) -> Expr:
+        """What is x where a condition holds, else y."""
+        self._count(node, depth)
+        match node:
+            case ast.BoolOp(op=ast.And()):
+                for operand in reversed(node.values):
+                    x = self._choice(operand, x, y, depth + 1)
+                return x
+            case ast.BoolOp(op=ast.Or()):
+                for operand in reversed(node.values):
+                    y = self._choice(operand, x, y, depth + 1)
+                return y
+            case ast.UnaryOp(op=ast.Not()):
+                return self._choice(node.operand, y, x, depth + 1)
+            case ast.Compare():
+                sides = [self.build(side, depth + 1).expr for side in (node.left, *node.comparators)]
+                for sign, left, right in reversed(list(zip(node.ops, sides[:-1], sides[1:], strict=True))):
+                    match sign:
+                        case ast.LtE():
+                            x = Where(right - left, x, y)
+                        case ast.GtE():
+                            x = Where(left - right, x, y)
+                        case ast.Lt():
+                            x = Where(left - right, y, x)
+                        case ast.Gt():
+                            x = Where(right - left, y, x)
+                        case _:
+                            self._refuse(node, _A_CONDITION)
+                return x
+        self._refuse(node, _A_CONDITION)
 
     def _chain(self, node: ast.expr, kinds: tuple[type, type]) -> list[tuple[bool, ast.expr]]:
         """The terms of `a - b + c`, or factors of `a / b * c`, with whether each counts inversely."""
@@ -250,40 +339,43 @@ class _Builder:
         except (ArithmeticError, ValueError):
             self._refuse(node, _A_NUMBER)
 
-    def _finish(self, node: ast.expr, expr: Expr, value: float | None, cost: size.Cost) -> _Part:
+    def _finish(self, node: ast.expr, expr: Expr, value: float | None) -> _Part:
         """The part, once it is known to be finite and of a size that can be worked with."""
-        import sympy
-
         if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
             self._refuse(node, _A_NUMBER)
         for part in (expr, *expr.args):
             if part.is_Pow:
                 self._check_power(node, part.base, part.exp)
-        if expr.is_Rational and size.bits(expr) > size.MAX_BITS:
-            self._refuse(node, f"exact numbers of at most {size.MAX_BITS} bits")
+        if expr.is_Rational and bits(expr) > MAX_BITS:
+            self._refuse(node, f"exact numbers of at most {MAX_BITS} bits")
         if expr.is_Rational or (value is None and not expr.free_symbols):
             value = constant_value(expr)
         if value is not None and not math.isfinite(value):
             self._refuse(node, _A_NUMBER)
-        return _Part(expr, value, cost if value is None else size.Cost(cost.size))
+        return _Part(expr, value)
 
     def _check_power(self, node: ast.expr, base: Expr, exponent: Expr) -> None:
         """Refuse exponents that SymPy would be long at work with."""
-        import sympy
-
         largest = max(abs(term.as_coeff_Mul()[0]) for term in sympy.Add.make_args(exponent))
-        if exponent.is_Rational and (abs(exponent) > size.MAX_EXPONENT or exponent.q > size.MAX_ROOT):
-            self._refuse(node, f"an exponent of at most {size.MAX_EXPONENT}, with at most 4 decimals")
-        if base is not sympy.E and size.bits(base.as_coeff_Mul()[0]) * largest > size.MAX_BITS:
-            self._refuse(node, f"exact numbers of at most {size.MAX_BITS} bits")
+        if exponent.is_Rational and (abs(exponent) > MAX_EXPONENT or exponent.q > MAX_ROOT):
+            self._refuse(node, f"an exponent of at most {MAX_EXPONENT}, with at most 4 decimals")
+        if base is not sympy.E and bits(base.as_coeff_Mul()[0]) * largest > MAX_BITS:
+            self._refuse(node, f"exact numbers of at most {MAX_BITS} bits")
 
-    def _count(self, node: ast.expr) -> None:
+    def _count(self, node: ast.expr, depth: int = 0) -> None:
         self.nodes += 1
-        if self.nodes > size.MAX_NODES:
-            self._refuse(node, f"at most {size.MAX_NODES} numbers, names and operations")
+        if self.nodes > MAX_NODES:
+            self._refuse(node, f"at most {MAX_NODES} numbers, names and operations")
+        if depth > MAX_DEPTH:
+            self._refuse(node, f"at most {MAX_DEPTH} levels of brackets")
 
     def _source(self, node: ast.expr) -> str:
         return self.text[node.col_offset : node.end_col_offset]
+
+    def _product_hint(self) -> str:
+        """What to write where a product lacks its sign."""
+        found = _PRODUCT.search(self.text)
+        return f"; a product is written {found[1]}*{found[2]}" if found else ""
 
     def _refuse(self, node: ast.expr, expected: str) -> NoReturn:
         source = self._source(node)
@@ -291,9 +383,10 @@ class _Builder:
         self._fail(expected, f"{shown} at column {self.column + node.col_offset}")
 
     def _unknown(self, node: ast.Name) -> NoReturn:
-        known = ", ".join((*FUNCTIONS, "t", *CONSTANTS, *list(self.constants)[:_SHOWN]))
-        column = self.column + node.col_offset
-        raise UnknownNameError(self.name, known, f"unknown name '{node.id[:_FRAGMENT]}' at column {column}")
+        names = (*FUNCTIONS, "t", *CONSTANTS, *list(self.constants)[:_SHOWN])
+        column, short = self.column + node.col_offset, node.id[:_FRAGMENT]
+        got = f"unknown name '{short}' at column {column}{nearest(short, names)}"
+        raise UnknownNameError(self.name, ", ".join(names), got)
 
     def _fail(self, expected: str, got: str) -> NoReturn:
         raise ExpressionError(self.name, expected, got) from None

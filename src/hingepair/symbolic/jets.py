@@ -1,8 +1,8 @@
-"""Expressions in t with their first and second derivatives, in steps that each stay small.
+"""Expressions in t with their first and second derivative, in steps that each stay small.
 
 The derivatives of one long expression can be a thousand times as long. Here every part is named and differentiated
 in terms of the names of its own parts, which SymPy does exactly and the chain rule puts together: as many steps as
-the expression has parts.
+the expression has parts. At a kink the derivatives are those from the right.
 """
 
 from __future__ import annotations
@@ -10,19 +10,24 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
-from hingepair.symbolic import expression_size as size
+import sympy
 
-Expr: TypeAlias = Any  # a sympy.Expr; SymPy carries no types
+from hingepair.symbolic.kinks import Expr, Larger, Remainder, Side, Smaller, Where, constant_value
+
 Jet: TypeAlias = tuple[Expr, Expr, Expr]
 
 SYMPY_ERRORS: Final = (ArithmeticError, AttributeError, NotImplementedError, RecursionError, TypeError, ValueError)
 """What SymPy is known to raise on odd but harmless expressions, such as asin(cos(1e300))."""
 
+MAX_BITS: Final = 4_096
+"""Of the numerator and the denominator of an exact number."""
+
 _COMPILED = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
-    *("asinh", "acosh", "atanh", "exp", "log", "Abs", "sign", "Heaviside", "DiracDelta"),
+    *("asinh", "acosh", "atanh", "exp", "log", "Abs", "sign", "floor"),
+    *("Where", "Side", "Larger", "Smaller", "Remainder"),
 )
 
 
@@ -32,21 +37,12 @@ class NotRealError(ArithmeticError):
 
 def time_symbol() -> Expr:
     """The SymPy symbol t of every expression: real."""
-    import sympy
-
     return sympy.Symbol("t", real=True)
 
 
-@functools.lru_cache(maxsize=4096)
-def constant_value(expr: Expr) -> float:
-    """The float nearest to an expression without t; not finite where there is none."""
-    if expr.is_Rational:
-        try:
-            return int(expr.p) / int(expr.q)
-        except OverflowError:
-            return math.inf
-    number = expr.evalf(30)
-    return float(number) if number.is_Float else math.nan
+def bits(number: Expr) -> int:
+    """The bits of the longer of a rational number's numerator and denominator."""
+    return max(int(number.p).bit_length(), int(number.q).bit_length())
 
 
 class JetProgram:
@@ -54,10 +50,12 @@ class JetProgram:
 
     Attributes:
         steps: pairs (name, what it is in terms of t and earlier names), all of them SymPy expressions.
+        switches: results that jump where an expression has a kink or a jump.
     """
 
     def __init__(self) -> None:
         self.steps: list[tuple[Expr, Expr]] = []
+        self.switches: list[Expr] = []
         self._names: dict[Expr, Expr] = {}
         self._jets: dict[Expr, Jet] = {}
         self._constants: dict[Expr, Expr] = {}
@@ -68,14 +66,12 @@ class JetProgram:
         Raises:
             NotRealError: one of them is not real and finite.
         """
-        import sympy
-
         if expr not in self._jets:
             zero, one = sympy.S.Zero, sympy.S.One
             if not expr.free_symbols:
                 self._jets[expr] = (self._name(expr), zero, zero)
             elif expr.is_Symbol:
-                self._jets[expr] = (expr, one, zero)
+                self._jets[expr] = (expr, one if expr == time_symbol() else zero, zero)
             else:
                 self._jets[expr] = self._combine(expr, [self.jet(part) for part in expr.args])
         return self._jets[expr]
@@ -96,14 +92,36 @@ class JetProgram:
         return taken[::-1]
 
     def _combine(self, expr: Expr, jets: list[Jet]) -> Jet:
-        import sympy
-
         if expr.is_Add:
             value, first, second = (self._name(sympy.Add(*column)) for column in zip(*jets, strict=True))
             return value, first, second
         if expr.is_Mul:
             return functools.reduce(self._multiply, jets)
-        return self._differentiate(expr.func(*[value for value, _, _ in jets]), jets)
+        return self._applied(expr, jets)
+
+    def _applied(self, expr: Expr, jets: list[Jet]) -> Jet:
+        """The jet of a function of what has these jets."""
+        value = expr.func(*[value for value, _, _ in jets])
+        match expr:
+            case sympy.Abs():
+                return self._chosen(value, jets[0], jets[0], self._multiply(jets[0], (sympy.S.NegativeOne, 0, 0)))
+            case sympy.sign():
+                return self._chosen(value, jets[0], (0, 0, 0), (0, 0, 0))
+            case Where():
+                return self._chosen(value, *jets)
+            case Larger() | Smaller():
+                return self._chosen(value, self.jet(expr.guard()), *jets)
+            case Remainder():
+                self.switches.append(self._name(sympy.floor(jets[0][0] / jets[1][0])))
+                return self._name(value), *jets[0][1:]
+        return self._differentiate(value, jets)
+
+    def _chosen(self, value: Expr, guard: Jet, x: Jet, y: Jet) -> Jet:
+        """The jet of what is x where the guard is at least 0, else y; derivatives are those just after t."""
+        side = self._name(Side(*guard))
+        self.switches.append(side)
+        first, second = (self._name(Where(side, *parts)) for parts in list(zip(x, y, strict=True))[1:])
+        return self._name(value), first, second
 
     def _multiply(self, a: Jet, b: Jet) -> Jet:
         """The jet of a product: (a b)'' = a'' b + 2 a' b' + a b''."""
@@ -126,15 +144,11 @@ class JetProgram:
 
     def _share(self, expr: Expr) -> Expr:
         """The expression with its functions as steps of their own: f, f' and f'' mostly hold the same."""
-        import sympy
-
         functions = [f for f in expr.atoms(sympy.Function) if all(part.is_Atom for part in f.args)]
         return expr.xreplace({f: self._name(f) for f in functions})
 
     def _name(self, expr: Expr) -> Expr:
         """The name of a step that computes an expression; rational numbers and names stand for themselves."""
-        import sympy
-
         expr = sympy.sympify(expr)
         if expr.free_symbols <= self._constants.keys():
             expr = expr.xreplace(self._constants)
@@ -144,7 +158,7 @@ class JetProgram:
             _check(expr)
             if expr.is_Rational:
                 return expr
-            self._names[expr] = sympy.Symbol(f"w{len(self.steps)}", real=True)
+            self._names[expr] = sympy.Symbol(f"λ{len(self.steps)}", real=True)  # no constant's name
             self.steps.append((self._names[expr], expr))
             if not expr.free_symbols:
                 self._constants[self._names[expr]] = expr
@@ -153,11 +167,9 @@ class JetProgram:
 
 def _check(expr: Expr) -> None:
     """Refuse what NumPy cannot evaluate in real numbers."""
-    import sympy
-
     if expr.has(sympy.I, sympy.nan, sympy.zoo, sympy.oo, -sympy.oo):
         raise NotRealError("an imaginary or infinite part")
-    if any(size.bits(number) > size.MAX_BITS for number in expr.atoms(sympy.Rational)):
+    if any(bits(number) > MAX_BITS for number in expr.atoms(sympy.Rational)):
         raise NotRealError("a number of too many digits")
     if not all(math.isfinite(constant_value(constant)) for constant in _constants(expr)):
         raise NotRealError("a number that is not real or past the range of floats")

@@ -1,61 +1,70 @@
-"""Closed forms as text: one line a component as a paper has it, LaTeX, or a Python module that needs only NumPy."""
+"""Closed forms written out: a line a component as a paper has it, LaTeX, or a Python module that needs only NumPy."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import textwrap
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Final, TypeAlias
 
 import sympy
 
-from hingepair.symbolic.closed_forms import Derivation
-from hingepair.symbolic.jets import Expr
-from hingepair.symbolic.printers import LATEX, PYTHON, TEXT, joined, latex_name, lettered
+from hingepair.symbolic.jets import time_symbol
+from hingepair.symbolic.kinks import Expr, Side
+from hingepair.symbolic.printers import LATEX, PYTHON, TEXT, is_simple, joined, latex_name, lettered
+
+Forms: TypeAlias = Mapping[str, tuple[tuple[Expr, ...], ...]]
+"""Of each output the terms of each component."""
 
 _UNITS = {"R": "m", "d": "m", "v": "m/s", "omega": "rad/s", "a": "m/s^2", "alpha": "rad/s^2", "phi": "rad"}
+_WIDE: Final = 90  # characters of terms, as text, in a line of LaTeX
+_FIXED = "\N{NO-BREAK SPACE}"
 
 
-def to_text(forms: Derivation, names: Iterable[str]) -> str:
-    """One line a component: `omega1_x = 3 + 5 sin t`; derivatives of x(t) are x', x''.
-
-    Raises:
-        ArgumentError: an unknown output, or one whose closed form is too long.
-    """
-    return "".join(f"{label} = {joined(terms, TEXT)}\n" for label, terms in _labelled(forms, names))
-
-
-def to_sympy(forms: Derivation, names: Iterable[str]) -> dict[str, str]:
-    """The SymPy source of each component by its label: omega1_x, S2_xy."""
-    return {label: str(sympy.Add(*terms)) for label, terms in _labelled(forms, names)}
+def to_text(forms: Forms, *, short: bool, width: int) -> str:
+    """One equation a component; derivatives of x(t) are x', x''."""
+    rows, meanings = _rows(forms, short)
+    lines = [f"{name} = {TEXT(expr)}" for name, expr in meanings.items()]
+    lines += [f"{label} = {joined(terms, TEXT)}" for label, terms in rows]
+    return "".join(f"{_wrapped(line, width)}\n" for line in lines)
 
 
-def to_latex(forms: Derivation, names: Iterable[str]) -> str:
-    r"""An align* environment of the package amsmath, one line a component; derivatives of x(t) are \dot{x}.
+def to_latex(forms: Forms, *, short: bool) -> str:
+    """An align* environment, one equation a component; long ones go on in the next line."""
+    rows, meanings = _rows(forms, short)
+    lines = [f"{latex_name(name)} &= {LATEX(expr)}" for name, expr in meanings.items()]
+    for label, terms in rows:
+        line, filled = f"{latex_name(label)} &= ", 0
+        for i, term in enumerate(terms):
+            text = joined((term,), LATEX)
+            sign = "" if i == 0 or text.startswith("-") else "+ "
+            size = len(TEXT(term))
+            if filled and filled + size > _WIDE:
+                lines.append(line.rstrip())
+                line, filled = "&\\quad ", 0
+            text = f"- {text[1:]}" if i and text.startswith("-") else text
+            line += f"{sign}{text} "
+            filled += size
+        lines.append(line.rstrip())
+    return "\\begin{align*}  % \\usepackage{amsmath}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
 
-    Raises:
-        ArgumentError: as for `to_text`.
-    """
-    rows = [f"{latex_name(label)} &= {joined(terms, LATEX)}" for label, terms in _labelled(forms, names)]
-    return "\\begin{align*}  % \\usepackage{amsmath}\n  " + " \\\\\n  ".join(rows) + "\n\\end{align*}\n"
+
+def to_sympy(forms: Forms) -> dict[str, str]:
+    """The SymPy source of each component."""
+    return {label: str(sympy.Add(*terms)) for label, terms in _labelled(forms)}
 
 
-def to_python(forms: Derivation, names: Iterable[str], title: str = "") -> str:
-    """A Python module with one function an output, vectorised over its arguments: t, and what stayed a letter.
-
-    Of a pair without a motion the arguments are the coordinates: x, phi_x, psi, their rates xd, phi_xd, psid, and so
-    on. The module imports NumPy and nothing else.
-
-    Raises:
-        ArgumentError: as for `to_text`.
-    """
+def to_python(forms: Forms, title: str) -> str:
+    """A Python module with one function an output."""
     heading = "".join(sign for sign in " ".join(title.split()) if sign.isprintable() and sign not in '"\\')
     parts = [f'"""Closed forms{": " * bool(heading)}{heading}."""\n\nimport numpy\n']
-    parts += [_function(forms, name) for name in names]
+    parts += [_function(name, [sympy.Add(*terms) for terms in components]) for name, components in forms.items()]
     return "\n\n".join(parts)
 
 
-def _labelled(forms: Derivation, names: Iterable[str]) -> Iterable[tuple[str, tuple[Expr, ...]]]:
+def _labelled(forms: Forms) -> Iterator[tuple[str, tuple[Expr, ...]]]:
     """The terms of every component with its label."""
-    for name in names:
-        parts = forms.terms(name)
+    for name, parts in forms.items():
         for place, terms in zip(_places(len(parts)), parts, strict=True):
             yield f"{name}_{place}" if place else name, terms
 
@@ -64,13 +73,83 @@ def _places(count: int) -> list[str]:
     return [i + j for i in "xyz" for j in "xyz"] if count == 9 else list("xyz"[:count]) if count > 1 else [""]
 
 
-def _function(forms: Derivation, name: str) -> str:
+def _rows(forms: Forms, short: bool) -> tuple[list[tuple[str, tuple[Expr, ...]]], dict[str, Expr]]:
+    """The components, letters for functions of t, and what further letters abbreviate."""
+    rows = [(label, tuple(lettered(terms, "'"))) for label, terms in _labelled(forms)]
+    if not short:
+        return rows, {}
+    letters = _abbreviations([term for _, terms in rows for term in terms])
+    found = [(label, tuple(term.xreplace(letters) for term in terms)) for label, terms in rows]
+    kept = set().union(*(term.free_symbols for _, terms in found for term in terms))
+    meanings: dict[str, Expr] = {}
+    for meaning, letter in reversed(letters.items()):  # an inner function is told after the one around it
+        if letter in kept:
+            inner = {whole: name for whole, name in letters.items() if whole != meaning}
+            told = meaning.func(*[part.xreplace(inner) for part in meaning.args])
+            kept |= told.free_symbols
+            meanings[letter.name] = told
+    return found, dict(reversed(meanings.items()))
+
+
+def _abbreviations(terms: list[Expr]) -> dict[Expr, Expr]:
+    """Letters for functions: c_1 and s_1 of an angle, c_12 of the sum of the first and second, k_1 of others.
+
+    Sines and cosines of t and 3t are short as they are, and so is what stands but once.
+    """
+    often: Counter[Expr] = Counter()
+    for term in terms:
+        often.update(part for part in sympy.preorder_traversal(term) if isinstance(part, sympy.Function))
+    waves = [f for f in often if isinstance(f, sympy.sin | sympy.cos) and not _is_short(f)]
+    places: dict[Expr, str] = {}
+    count = 0
+    for angle in sorted({f.args[0] for f in waves}, key=lambda angle: (angle.is_Add, angle.sort_key())):
+        parts = [places.get(part, "") for part in sympy.Add.make_args(angle)]
+        if len(parts) > 1 and all(parts):
+            places[angle] = ("" if count < 10 else ",").join(sorted(parts))
+        else:
+            count += 1
+            places[angle] = str(count)
+    letters = {f: _letter(f"{f.func.__name__[0]}_{places[f.args[0]]}") for f in waves}
+    others = [f for f in often if often[f] > 1 and not isinstance(f, sympy.sin | sympy.cos | Side)]
+    others.sort(key=lambda f: (-often[f], f.sort_key()))
+    return {f: _letter(f"k_{i}") for i, f in enumerate(others, 1)} | letters
+
+
+def _is_short(wave: Expr) -> bool:
+    """Whether it is sin t, cos 3t and the like."""
+    return is_simple(wave.args[0]) and wave.free_symbols == {time_symbol()}
+
+
+def _letter(name: str) -> Expr:
+    return sympy.Symbol(name, real=True)
+
+
+def _wrapped(line: str, width: int) -> str:
+    """A line that goes on before a + or -, or where it must before any blank, in the next one."""
+    indent = " " * 6
+    fixed = (
+        line.replace(" ", _FIXED)
+        .replace(f"{_FIXED}+{_FIXED}", f" +{_FIXED}")
+        .replace(f"{_FIXED}-{_FIXED}", f" -{_FIXED}")
+    )
+    lines: list[str] = []
+    for part in textwrap.wrap(fixed, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False):
+        text = part.strip(" ").replace(_FIXED, " ")
+        lead = indent if lines else ""
+        lines += textwrap.wrap(
+            text, width, initial_indent=lead, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        )
+    return "\n".join(lines)
+
+
+def _function(name: str, parts: list[Expr]) -> str:
     """The source of the function of one output."""
-    parts = [sympy.Add(*terms) for terms in forms.terms(name)]
-    known = lettered([*parts, forms.t], "d")[:-1]
+    t = time_symbol()
+    known = lettered([*parts, t], "d")[:-1]
     letters = sorted({s.name for part in known for s in part.free_symbols} - {"t"})
-    arguments = ["t", *letters] if any(forms.t in part.free_symbols for part in known) or not letters else letters
-    temporary = sympy.numbered_symbols("w", real=True)
+    arguments = ["t", *letters] if any(t in part.free_symbols for part in known) or not letters else letters
+    taken = [sympy.Symbol(letter, real=True) for letter in letters]
+    temporary = sympy.numbered_symbols("w", exclude=taken, real=True)
     steps, results = sympy.cse(known, symbols=temporary, order="none", list=True)
     tail = {1: (), 9: (3, 3)}.get(len(parts), (len(parts),))
     unit = _UNITS.get(name.rstrip("12"), "")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import decimal
+import math
 from collections.abc import Callable, Iterable
 from typing import Any, Final, TypeAlias
 
@@ -14,12 +15,13 @@ from sympy.printing.numpy import NumPyPrinter
 from sympy.printing.precedence import PRECEDENCE
 from sympy.printing.str import StrPrinter
 
-from hingepair.symbolic.jets import Expr
+from hingepair.symbolic.kinks import Expr, constant_value, shown_guard
 
 _READABLE: Final = 1_000  # the largest denominator that is read more easily than a decimal number
 _LONGEST: Final = 10**6
 _EXACT: Final = 2**53  # integers below are floats without rounding
 _GREEK = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ"}  # noqa: RUF001
+_NAMES = {"Larger": "max", "Smaller": "min", "Remainder": "mod", "Abs": "abs"}
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 Write: TypeAlias = Callable[[Expr], str]
@@ -56,7 +58,7 @@ def latex_name(name: str) -> str:
     letter, _, index = bare.partition("_")
     if letter[-1:].isdigit():
         letter, index = letter[:-1], ",".join(filter(None, (letter[-1], index)))
-    letter = f"\\{letter}" if letter in _GREEK else letter
+    letter = f"\\{letter}" if letter in _GREEK else letter if len(letter) == 1 else f"\\mathrm{{{letter}}}"
     dots = len(name) - len(bare)
     dotted = f"\\{'d' * dots}ot{{{letter}}}" if dots else letter
     return f"{dotted}_{{{index}}}" if index else dotted
@@ -81,7 +83,7 @@ def _rounded(value: Expr) -> str:
         return f"{(decimal.Decimal(int(value.p)) / decimal.Decimal(int(value.q))).normalize():e}"
 
 
-def _is_simple(angle: Expr) -> bool:
+def is_simple(angle: Expr) -> bool:
     """Whether an angle is t, 3t or a letter."""
     coefficient, rest = angle.as_coeff_Mul()
     return bool(rest.is_Symbol and coefficient.is_Integer and coefficient > 0)
@@ -95,19 +97,22 @@ def _is_root(power: Expr) -> bool:
     return bool(power.exp == sympy.Rational(1, 2))
 
 
-class _NumPyPrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
-    """NumPy source whose long numbers are floats: as Python integers they could overflow."""
+class NumPySource(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
+    """NumPy source, every name with its module; what does not depend on a letter is its nearest float.
 
-    def _print_Rational(self, expr: Expr) -> str:
-        if max(abs(expr.p), expr.q) >= _EXACT:
-            return _rounded(expr)
-        return f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p)
+    As a NumPy float it overflows to inf, where a Python number raises or, as a large integer, has no sine.
+    """
 
-    _print_Integer = _print_Rational  # noqa: N815
+    def __init__(self) -> None:
+        super().__init__({"allow_unknown_functions": False})
 
-    def _print_DiracDelta(self, expr: Expr) -> str:
-        """The derivative of a step: 0, and NaN at the step, where there is none."""
-        return f"numpy.where({self._print(expr.args[0])} == 0, numpy.nan, 0.0)"
+    def _print(self, expr: Expr, **settings: Any) -> str:
+        if isinstance(expr, sympy.Expr) and not expr.free_symbols:
+            if expr.is_Rational and max(abs(expr.p), expr.q) < _EXACT:
+                return f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p)
+            value = constant_value(expr)
+            return f"numpy.float64({value!r})" if math.isfinite(value) else f"numpy.float64('{value!r}')"
+        return str(super()._print(expr, **settings))
 
 
 class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
@@ -127,7 +132,7 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
     _print_Integer = _print_Rational  # noqa: N815
 
     def _print_Function(self, expr: Expr, exp: str | None = None) -> str:
-        if exp is None and isinstance(expr, sympy.sin | sympy.cos) and _is_simple(expr.args[0]):
+        if exp is None and isinstance(expr, sympy.sin | sympy.cos) and is_simple(expr.args[0]):
             return f"\\{expr.func.__name__} {self._print(expr.args[0])}"
         return str(super()._print_Function(expr, exp))
 
@@ -169,10 +174,20 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         arguments = ", ".join(map(self._print, expr.args))
         self.tight = outer
         name = expr.func.__name__
-        plain = isinstance(expr, sympy.sin | sympy.cos) and _is_simple(expr.args[0]) and not self.tight
+        plain = isinstance(expr, sympy.sin | sympy.cos) and is_simple(expr.args[0]) and not self.tight
         return f"{name} {arguments}" if plain else f"{name}({arguments})"
 
     _print_ExpBase = _print_Function  # noqa: N815
+
+    def _print_Where(self, expr: Expr) -> str:
+        guard, x, y = (self._print(part) for part in (shown_guard(expr.args[0]), *expr.args[1:]))
+        return f"({x} if {guard} ≥ 0 else {y})"
+
+    def _named(self, expr: Expr) -> str:
+        """A function whose name is not that of its class."""
+        return f"{_NAMES[type(expr).__name__]}({', '.join(map(self._print, expr.args))})"
+
+    _print_Larger = _print_Smaller = _print_Remainder = _print_Abs = _named  # noqa: N815
 
     def _print_Pow(self, expr: Expr, rational: bool = False) -> str:  # noqa: ARG002
         if _is_inverse(expr):
@@ -246,4 +261,4 @@ def _rank(factor: Expr) -> tuple[bool, bool, Any]:
 
 TEXT: Write = _TextPrinter().doprint
 LATEX: Write = _LatexPrinter({"order": "none"}).doprint
-PYTHON: Write = _NumPyPrinter({"allow_unknown_functions": False}).doprint
+PYTHON: Write = NumPySource().doprint

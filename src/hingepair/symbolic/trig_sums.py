@@ -14,7 +14,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import sympy
 
-from hingepair.symbolic.jets import Expr
+from hingepair.symbolic.kinks import Expr
 
 MAX_TERMS: Final = 200
 """Of one sum. Where more would be needed, nobody could read it."""

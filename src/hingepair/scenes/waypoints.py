@@ -1,0 +1,202 @@
+"""Way points: a coordinate that is at given values at given instants, and how it goes from one to the next.
+
+psi = { t = [0, 2, 5], value = [0, "pi/2", 0.3], profile = "quintic", speed = 2, acceleration = 4 }
+
+| profile | between the points | continuous |
+|---|---|---|
+| linear | at constant speed | position |
+| trapezoid | from rest to rest: accelerates, cruises, brakes, a third of the time each unless limits say no | speed |
+| cubic | the spline with the least mean square acceleration, at rest at the first and last point | acceleration |
+| quintic | the same of jerk: at rest and without acceleration at the first and last point | jerk and its derivative |
+
+Before the first point and after the last the coordinate stays where it is. speed and acceleration are limits, of the
+absolute values, in any profile.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError
+
+Float64Array: TypeAlias = NDArray[np.float64]
+
+PROFILES: Final = ("linear", "trapezoid", "cubic", "quintic")
+MAX_POINTS: Final = 200
+_SAME: Final = 1e-9  # of the largest value of a derivative: a smaller jump is rounding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WayPoints:
+    """A function of time made of polynomials, constant before the first and after the last.
+
+    Attributes:
+        breaks: where one polynomial ends and the next begins; shape (m,) s.
+        coefficients: of the polynomials, in the time since a polynomial's beginning, lowest power first; shape
+            (m, degree + 1), the last one constant.
+    """
+
+    breaks: Float64Array
+    coefficients: Float64Array
+
+    def derivatives(self, t: ArrayLike, order: int) -> tuple[Float64Array, ...]:
+        """The value and its derivatives up to an order, those at breaks from the right; t's shape each."""
+        times = np.asarray(t, dtype=np.float64)
+        piece = np.searchsorted(self.breaks, times, side="right") - 1
+        own = np.maximum(piece, 0)
+        since = np.maximum(times, self.breaks[0]) - self.breaks[own]
+        found = [_polynomials(_derived(self.coefficients, k)[own], since) for k in range(order + 1)]
+        return found[0], *(np.where(piece >= 0, derivative, 0.0) for derivative in found[1:])
+
+    def switches(self, t: Float64Array) -> NDArray[np.bool_]:
+        """Whether a kink or a jump, of the value or of its two derivatives, lies between neighbours of instants."""
+        switched = np.zeros(max(0, t.size - 1), dtype=bool)
+        places = np.searchsorted(t, self.breaks, side="left") - 1
+        switched[places[(places >= 0) & (places < switched.size) & self._kinked()]] = True
+        return switched
+
+    def largest(self, k: int) -> float:
+        """The largest absolute value of the k-th derivative."""
+        derived, largest = _derived(self.coefficients, k), 0.0
+        for own, length in zip(derived, np.diff(self.breaks), strict=False):
+            slope = np.polynomial.Polynomial(own).deriv()
+            roots = slope.roots() if np.any(slope.coef) else np.empty(0)
+            inner = roots.real[(np.abs(roots.imag) < _SAME * length) & (roots.real > 0) & (roots.real < length)]
+            at = np.concatenate(([0.0, length], inner))
+            largest = max(largest, float(np.abs(_polynomials(np.broadcast_to(own, (at.size, own.size)), at)).max()))
+        return largest
+
+    def _kinked(self) -> NDArray[np.bool_]:
+        """Which breaks are kinks."""
+        kinked = np.zeros(self.breaks.size, dtype=bool)
+        lengths = np.diff(self.breaks)
+        for k in (1, 2):
+            derived = _derived(self.coefficients, k)
+            after, before = derived[:, 0], np.concatenate(([0.0], _polynomials(derived[:-1], lengths)))
+            kinked |= np.abs(after - before) > _SAME * max(np.abs(after).max(), np.abs(before).max())
+        return kinked
+
+
+def through(
+    t: Float64Array, values: Float64Array, profile: str, speed: float = math.inf, acceleration: float = math.inf
+) -> WayPoints:
+    """The function through way points.
+
+    Args:
+        t: instants, increasing, two at least; shape (N,) s.
+        values: at the instants; shape (N,).
+        profile: one of PROFILES.
+        speed: the largest absolute first derivative.
+        acceleration: the largest absolute second derivative.
+
+    Raises:
+        ArgumentError: a limit is passed; says by how much, or what a segment needs.
+
+    >>> through(np.array([0.0, 2.0]), np.array([0.0, 4.0]), "quintic").derivatives(1.0, 1)
+    (array(2.), array(3.75))
+    """
+    if profile == "trapezoid":
+        return _trapezoids(t, values, speed, acceleration)
+    found = _made(t, _spline(t, values, {"linear": 1, "cubic": 3, "quintic": 5}[profile]), values[-1])
+    for k, name, limit in ((1, "speed", speed), (2, "acceleration", acceleration)):
+        if profile == "linear" and k == 2 and limit < math.inf:
+            raise ArgumentError(name, "no such limit of a linear profile, whose speed jumps", limit)
+        largest = found.largest(k)
+        if largest > limit * (1 + _SAME):
+            expected = f"at least {largest:.6g}, which this profile needs between these points"
+            raise ArgumentError(name, expected, limit)
+    return found
+
+
+def _spline(t: Float64Array, values: Float64Array, degree: int) -> Float64Array:
+    """The spline through points whose derivatives are continuous up to the one before the last.
+
+    At the first and the last point the lower half of them is 0: the spline with the least mean square of the
+    derivative in the middle, the second of a cubic one, the third of a quintic one.
+    """
+    h, m, size = np.diff(t), len(t) - 1, degree + 1
+    ones = np.stack([_falling(degree, k) for k in range(size)])  # row k: k-th derivative of x^j at x = 1
+    system, right = np.zeros((m * size, m * size)), np.zeros(m * size)
+    row = 0
+    for i in range(m):  # in x = (time since t[i]) / h[i]: the value at both ends
+        system[row, i * size], right[row] = 1.0, values[i]
+        system[row + 1, i * size : (i + 1) * size], right[row + 1] = 1.0, values[i + 1]
+        row += 2
+    for i in range(m - 1):
+        for k in range(1, degree):
+            system[row, i * size : (i + 1) * size] = ones[k]
+            system[row, (i + 1) * size + k] = -math.factorial(k) * (h[i] / h[i + 1]) ** k
+            row += 1
+    for k in range(1, size // 2):
+        system[row, k], system[row + 1, (m - 1) * size :] = 1.0, ones[k]
+        row += 2
+    solved = np.linalg.solve(system, right).reshape(m, size)
+    solved[:, 0] = values[:-1]
+    return solved / h[:, None] ** np.arange(size)
+
+
+def _trapezoids(t: Float64Array, values: Float64Array, speed: float, acceleration: float) -> WayPoints:
+    """From rest to rest between neighbours."""
+    breaks, coefficients = [t[0]], []
+    for i, (start, stop) in enumerate(itertools.pairwise(t)):
+        time, way = stop - start, values[i + 1] - values[i]
+        ramp = _ramp(f"from {start:g} to {stop:g} s", time, abs(way), speed, acceleration)
+        rate = way / (time - ramp)
+        bend = rate / ramp / 2
+        coefficients += [
+            [values[i], 0.0, bend],
+            [values[i] + rate * ramp / 2, rate, 0.0],
+            [values[i + 1] - rate * ramp / 2, rate, -bend],
+        ]
+        breaks += [start + ramp, stop - ramp, stop]
+    return _made(np.array(breaks), np.array(coefficients), values[-1])
+
+
+def _made(breaks: Float64Array, coefficients: Float64Array, last: float) -> WayPoints:
+    """The function that stays at its last value."""
+    still = np.zeros((1, coefficients.shape[1]))
+    still[0, 0] = last
+    return WayPoints(breaks, np.concatenate((coefficients, still)))
+
+
+def _ramp(where: str, time: float, way: float, speed: float, acceleration: float) -> float:
+    """How long to accelerate, and to brake: a third of the time where the limits allow it."""
+    if way == 0:
+        return time / 3
+    longest = min(time / 2, time - way / speed)  # the cruising speed is way / (time - ramp)
+    below = time * time - 4 * way / acceleration
+    shortest = (time - math.sqrt(below)) / 2 if below >= 0 else math.inf
+    if longest <= 0:
+        raise ArgumentError("speed", f"more than {way / time:.6g}, which the way {where} needs", speed)
+    if shortest > longest:
+        needed = way / (longest * (time - longest))
+        expected = f"at least {needed:.6g}, which the way {where} needs"
+        raise ArgumentError("acceleration", expected, acceleration)
+    return min(max(time / 3, shortest), longest)
+
+
+def _falling(degree: int, k: int) -> Float64Array:
+    """The factors of the k-th derivative of x^0 ... x^degree."""
+    return np.array([float(math.perm(j, k)) for j in range(degree + 1)])
+
+
+def _derived(coefficients: Float64Array, k: int) -> Float64Array:
+    """Coefficients of the k-th derivative."""
+    degree = coefficients.shape[1] - 1
+    if k > degree:
+        return np.zeros((len(coefficients), 1))
+    return coefficients[:, k:] * _falling(degree, k)[k:]
+
+
+def _polynomials(coefficients: Float64Array, x: Float64Array) -> Float64Array:
+    """Each polynomial at its own x; shapes (..., degree + 1) and (...)."""
+    found = np.zeros(x.shape)
+    for k in range(coefficients.shape[-1] - 1, -1, -1):
+        found = found * x + coefficients[..., k]
+    return found
