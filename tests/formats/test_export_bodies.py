@@ -130,6 +130,47 @@ def test_shapes_that_were_given_are_drawn_instead():
         assert np.abs(place[1] - pair.u1 + pair.u2 - (1, 2, 3)).max() <= 16 * U * 10
 
 
+@pytest.mark.parametrize("k", range(4))
+def test_shapes_are_read_back(k):
+    rng = states.generator(89, k)
+    turns = rotation_exp(3 * rng.normal(size=(4, 3)))
+    shapes = (
+        hp.Box((0.1, 0.2, 0.3), (1, 2, 3), turns[0]),
+        hp.Box((0.1, 0.2, 0.3)),
+        hp.Sphere(0.5, (0, 1, 0)),
+        hp.Cylinder(0.1, 0.4, (-1, 0, 2), turns[1, 2]),
+    )
+    pair = corner_pair(k, body1=hp.Body(shapes=shapes), body2=hp.Body(shapes=shapes[::-1]))
+    back = hp.from_urdf(hp.to_urdf(pair), HINGE, body2_frame=BODY2)
+    for body, expected in ((back.body1, shapes), (back.body2, shapes[::-1])):
+        assert len(body.shapes) == len(expected)
+        for one, two in zip(body.shapes, expected, strict=True):
+            assert type(one) is type(two)
+            for name in ("size", "radius", "length"):
+                assert np.array_equal(getattr(one, name, 0), getattr(two, name, 0))
+            for name in ("center", "axes", "axis"):
+                error = np.abs(np.subtract(getattr(one, name, 0), getattr(two, name, 0))).max()
+                assert error <= 32 * U * (4 if name == "center" else 1), name
+    for one, two in zip(geoms(hp.to_urdf(pair)), geoms(hp.to_mjcf(pair)), strict=True):
+        assert np.abs(one - two).max() <= 64 * U * 10
+
+
+def test_a_body_with_meshes_or_shapes_of_no_size_is_drawn_by_ours():
+    text = hp.to_urdf(corner_pair(1, body1=hp.Body(shapes=[hp.Sphere(0.5), hp.Box((1, 2, 3))])))
+    assert len(hp.from_urdf(text, HINGE).body1.shapes) == 2
+    for old, new, count in (
+        ('<sphere radius="0.5" />', '<mesh filename="package://arm/sphere.stl" />', 0),
+        ('<sphere radius="0.5" />', '<sphere radius="big" />', 0),
+        ('<sphere radius="0.5" />', '<sphere radius="0" />', 1),
+        ('<box size="1.0 2.0 3.0" />', '<box size="1 2" />', 0),
+        ('<box size="1.0 2.0 3.0" />', "", 0),
+    ):
+        assert old in text
+        pair = hp.from_urdf(text.replace(old, new), HINGE)
+        assert len(pair.body1.shapes) == count, new
+        assert pair.body1.mass == 1
+
+
 @pytest.mark.parametrize("u1", [0.0, 1e-300, 1e-12, 1e3], ids=str)
 def test_arms_of_no_or_any_length_are_drawn(u1):
     pair = hp.HingePair((u1, 0, 0), (0, 0, u1), (0, 0, 1))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 
+import numpy as np
+
 from hingepair.formats.model_parts import (
     BASE,
     BODY1,
@@ -92,7 +94,9 @@ def _add_part(body: ET.Element, part: Part) -> None:
 def _geom(shape: Shape) -> dict[str, str]:
     """Type and size; MuJoCo counts from the centre, in half lengths."""
     if isinstance(shape, Box):
-        return {"type": "box", "size": numbers(shape.size / 2)}
+        turned = (shape.axes != np.eye(3)).any()
+        turn = {"quat": numbers(matrix_to_quaternion(shape.axes))} if turned else {}
+        return {"type": "box", "size": numbers(shape.size / 2), **turn}
     if isinstance(shape, Cylinder):
         size = numbers((shape.radius, shape.length / 2))
         return {"type": "cylinder", "size": size, "zaxis": numbers(shape.axis)}

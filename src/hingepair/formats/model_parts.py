@@ -59,16 +59,31 @@ def parts_of(pair: HingePair) -> tuple[Part, Part]:
         ArgumentError: no pair; its name holds a character that XML cannot.
         ShapeError: u1, u2, n or home differ from sample to sample.
     """
-    check_pair(pair)
-    check_one(pair)
+    one, two = drawn_shapes(pair)
     if re.search(_NOT_XML, pair.name):
         raise ArgumentError("name", "characters that XML can hold", quoted(pair.name))
+    return _part(BODY1, pair.body1, one, np.zeros(3)), _part(BODY2, pair.body2, two, pair.u2)
+
+
+def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
+    """The shapes of body 1 and body 2, each in its own axes from its reference point: those given, else drawn ones.
+
+    A body without shapes is a box at the reference point and a rod from there to the hinge, with a pin (body 1) or a
+    sleeve (body 2) along the hinge axis.
+
+    Raises:
+        ArgumentError: no pair.
+        ShapeError: u1, u2, n or home differ from sample to sample.
+    """
+    check_pair(pair)
+    check_one(pair)
     reach = math.hypot(*pair.u1) + math.hypot(*pair.u2)
     size = reach if _DRAWABLE[0] <= reach <= _DRAWABLE[1] else 1.0
     pin = Cylinder(_short(0.04 * size), _short(0.3 * size), pair.u1, pair.n)
     sleeve = Cylinder(_short(0.06 * size), _short(0.15 * size), pair.u2, hinge_axis2(pair))
-    one = _part(BODY1, pair.body1 or Body(), (*_arm(pair.u1, size), pin), np.zeros(3))
-    return one, _part(BODY2, pair.body2 or Body(), (*_arm(pair.u2, size), sleeve), pair.u2)
+    one = pair.body1.shapes if pair.body1 else ()
+    two = pair.body2.shapes if pair.body2 else ()
+    return one or (*_arm(pair.u1, size), pin), two or (*_arm(pair.u2, size), sleeve)
 
 
 def hinge_axis2(pair: HingePair) -> Vector:
@@ -88,8 +103,9 @@ def document(root: ET.Element) -> str:
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _part(name: str, body: Body, drawn: tuple[Shape, ...], origin: Vector) -> Part:
-    shapes = tuple(replace(shape, center=shape.center - origin) for shape in body.shapes or drawn)
+def _part(name: str, given: Body | None, drawn: tuple[Shape, ...], origin: Vector) -> Part:
+    body = given or Body()
+    shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn)
     (xx, xy, xz), (_, yy, yz), (*_, zz) = _readable(body.inertia).tolist()
     return Part(body.mass, body.center_of_mass - origin, (xx, yy, zz, xy, xz, yz), shapes, COLOURS[name])
 

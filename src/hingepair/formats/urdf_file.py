@@ -21,6 +21,7 @@ HINGE_TYPES = ("revolute", "continuous")
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _ORIGIN = (0.0, 0.0, 0.0)
+_SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 
 Triple = tuple[float, float, float]
 
@@ -134,6 +135,23 @@ class Inertial:
     moments: tuple[float, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Visual:
+    """A shape that a link is drawn with.
+
+    Attributes:
+        kind: box, cylinder or sphere.
+        sizes: lengths of a box's edges; radius and length of a cylinder; radius of a sphere [m].
+        xyz: its centre in the link's axes [m].
+        rpy: its attitude, fixed-axis XYZ [rad]; a cylinder's axis is its z.
+    """
+
+    kind: str
+    sizes: tuple[float, ...]
+    xyz: Triple
+    rpy: Triple
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Link:
     """A link as the URDF says it."""
@@ -155,6 +173,25 @@ class Link:
             rpy=_triple(origin, "rpy", f"{where}, origin", _ORIGIN),
             moments=tuple(_number(inertia, key, where) or 0.0 for key in keys),
         )
+
+    @property
+    def visuals(self) -> tuple[Visual, ...] | None:
+        """The boxes, cylinders and spheres that it is drawn with; None where it is drawn otherwise (meshes) too."""
+        found = []
+        for visual in self.element.findall("visual"):
+            origin, shape = visual.find("origin"), visual.find("geometry/*")
+            if shape is None or shape.tag not in _SIZES:
+                return None
+            try:
+                xyz, rpy = (_triple(origin, key, "origin", _ORIGIN) for key in ("xyz", "rpy"))
+                if shape.tag == "box":
+                    sizes: tuple[float, ...] = _triple(shape, "size", "box", _ORIGIN)
+                else:
+                    sizes = tuple(_number(shape, key, shape.tag) or 0.0 for key in _SIZES[shape.tag])
+            except URDFError:  # what it looks like is no matter of motion
+                return None
+            found.append(Visual(shape.tag, sizes, xyz, rpy))
+        return tuple(found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

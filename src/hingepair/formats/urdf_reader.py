@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, URDFError, choices, quoted
-from hingepair.formats.urdf_file import Inertial, Joint, Robot, read_urdf
-from hingepair.pair.body import Body
+from hingepair.formats.urdf_file import Inertial, Joint, Robot, Visual, read_urdf
+from hingepair.pair.body import Body, Box, Cylinder, Shape, Sphere
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.euler import euler_to_matrix
 
@@ -39,8 +39,8 @@ def from_urdf(
         With it come the limits of a revolute joint (None where lower and upper are equal, as they are where neither
         is given: URDF takes them for 0), its effort as torque_limit, its velocity as rate_limit, and the mass
         properties of the bodies, each of all links that are rigidly fixed to each other; None where no link has
-        mass, and, with a warning, where the sum is none that a rigid body can have. Shapes and the robot's name
-        are not read.
+        mass, and, with a warning, where the sum is none that a rigid body can have. With these come the boxes,
+        cylinders and spheres of a body that is drawn by nothing else; meshes and the robot's name are not read.
 
     Raises:
         URDFError: no readable URDF, or no such hinge or frame; says what would do. The hinge's limits are the wrong
@@ -151,14 +151,14 @@ def _combined_body(robot: Robot, poses: Mapping[str, Pose]) -> Body | None:
             if inertial.mass < 0:
                 raise ArgumentError(f"mass of {link!r}", "a number above 0", inertial.mass)
         with np.errstate(all="ignore"):  # what overflows is no mass property: Body refuses it
-            return _sum(list(heavy.values()))
+            return _sum(list(heavy.values()), _shapes(robot, poses))
     except ArgumentError as error:
         links = ", ".join(map(repr, heavy))
         warnings.warn(f"the mass properties of the body of {links} are left out: {error}", UserWarning, stacklevel=4)
         return None
 
 
-def _sum(placed: Sequence[tuple[Inertial, Pose]]) -> Body:
+def _sum(placed: Sequence[tuple[Inertial, Pose]], shapes: Sequence[Shape]) -> Body:
     total = sum(inertial.mass for inertial, _ in placed)
     centres = [origin + rotation @ np.array(inertial.xyz) for inertial, (rotation, origin) in placed]
     centre = np.sum([i.mass / total * c for (i, _), c in zip(placed, centres, strict=True)], axis=0)
@@ -169,4 +169,27 @@ def _sum(placed: Sequence[tuple[Inertial, Pose]]) -> Body:
         arm = point - centre
         inertia += axes @ np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))) @ axes.T
         inertia += inertial.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return Body(mass=total, center_of_mass=centre + 0.0, inertia=inertia)
+    return Body(mass=total, center_of_mass=centre + 0.0, inertia=inertia, shapes=shapes)
+
+
+def _shapes(robot: Robot, poses: Mapping[str, Pose]) -> list[Shape]:
+    """The boxes, cylinders and spheres of links that are drawn by nothing else; none where there are meshes."""
+    found: list[Shape] = []
+    for link, (rotation, origin) in poses.items():
+        visuals = robot.links[link][0].visuals
+        if visuals is None:
+            return []
+        for visual in visuals:
+            if min(visual.sizes) > 0:
+                axes, center = rotation @ euler_to_matrix(visual.rpy, "xyz"), origin + rotation @ np.array(visual.xyz)
+                found.append(_shape(visual, axes + 0.0, center + 0.0))
+    return found
+
+
+def _shape(visual: Visual, axes: NDArray[np.float64], center: NDArray[np.float64]) -> Shape:
+    if visual.kind == "box":
+        return Box(visual.sizes, center, axes)
+    if visual.kind == "cylinder":
+        radius, length = visual.sizes
+        return Cylinder(radius, length, center, axes[:, 2])
+    return Sphere(visual.sizes[0], center)

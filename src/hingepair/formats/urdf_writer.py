@@ -137,12 +137,14 @@ def _geometry(shape: Shape) -> tuple[str, dict[str, str]]:
     return "sphere", {"radius": numbers((shape.radius,))}
 
 
-def _turn(shape: Shape) -> tuple[float, float, float]:
-    """Roll and pitch that take z, the axis of URDF's cylinders, to the shape's."""
-    if not isinstance(shape, Cylinder):
-        return _STILL
-    x, y, z = map(float, shape.axis)
-    return math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0
+def _turn(shape: Shape) -> Iterable[float]:
+    """Roll, pitch and yaw of a box; of a cylinder those that take z, the axis of URDF's, to its own."""
+    if isinstance(shape, Box):
+        return matrix_to_euler(shape.axes, "xyz")
+    if isinstance(shape, Cylinder):
+        x, y, z = map(float, shape.axis)
+        return math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0
+    return _STILL
 
 
 def _add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Frozen, finite_number, one_constant, read_only
 from hingepair.numeric.unit_vectors import unit_axis
+from hingepair.rotations.matrices import check_rotation
 
 _GYRATION_SQUARED = 0.01  # m^2, of a body whose inertia is not given
 
@@ -21,14 +22,16 @@ _ASYMMETRY = 1e-9  # of the largest element, as for rotations: what passes is ma
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Box(Frozen):
-    """A box, its edges along the body's axes.
+    """A box, its edges along the body's axes or turned.
 
     Args:
-        size: lengths of its edges along x, y and z, each above zero [m]; shape (3,).
+        size: lengths of its edges along its x, y and z, each above zero [m]; shape (3,).
         center: its centre from the body's reference point, body axes [m]; shape (3,).
+        axes: rotation whose columns are the directions of its edges, body axes; identity unless given; shape (3, 3).
 
     Raises:
         ArgumentError: a value is not finite, not positive or of the wrong shape; names it.
+        RotationError: axes is further from a rotation than 1e-9.
 
     >>> import hingepair as hp
     >>> hp.Box(size=(1, 2, 3))
@@ -37,15 +40,18 @@ class Box(Frozen):
 
     size: NDArray[np.float64]
     center: NDArray[np.float64]
+    axes: NDArray[np.float64]
 
-    def __init__(self, size: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+    def __init__(self, size: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0), axes: ArrayLike | None = None) -> None:
         edges = one_constant("size", size, 3)
         if not (edges > 0).all():
             raise ArgumentError("size", "three lengths above 0", size)
-        _freeze(self, size=edges, center=one_constant("center", center, 3))
+        turn = one_constant("axes", np.eye(3) if axes is None else axes, 3, 3)
+        check_rotation("axes", turn)
+        _freeze(self, size=edges, center=one_constant("center", center, 3), axes=turn)
 
     def __repr__(self) -> str:
-        return _show(self, "size", "center")
+        return _show(self, "size", "center", *(["axes"] if (self.axes != np.eye(3)).any() else []))
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
