@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from hingepair.errors import ArgumentError, MissingDependencyError
 
-# Colours that stay apart for colour-blind eyes (Okabe and Ito), and marks that stay apart in grey.
-_COLOURS = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+# Colours that stay apart for colour-blind eyes (Okabe and Ito, grey for yellow), and marks that stay apart in grey.
+_COLOURS = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#888888")
 _MARKS = "oDs^vP<>X*hpd"
 
 
@@ -101,6 +101,8 @@ def _panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:
             axes.plot(across, up, color=colour, linewidth=1.2)
             axes.plot(across[1:], up[1:], **style, linestyle="none", markerfacecolor="white")
             axes.plot(across[:1], up[:1], **style, linestyle="none", label=curve.name)
+            if curve is panel.curves[-1]:
+                axes.plot([], [], "o", color="0.3", markerfacecolor="white", label="hollow: on hard states")
         else:
             axes.plot(across, up, **style, label=curve.name)
         beyond += [(x, y) for x, y in points if y > edge]
