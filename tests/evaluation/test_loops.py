@@ -147,6 +147,14 @@ def test_outputs_past_the_caches_start_anywhere(shift, monkeypatch):
         np.testing.assert_array_equal(found["b"], 2 * a)
 
 
+def test_addresses_are_those_that_numpy_says(monkeypatch):
+    room = np.arange(12.0).reshape(3, 4)
+    for offset in (binding._OFFSET, None):
+        monkeypatch.setattr(binding, "_OFFSET", offset)
+        for array in (room, room[1:, ::-1], room.T, room[:0], np.array(1.0), np.broadcast_to(room[0], (5, 4))):
+            assert binding.address(array) == array.ctypes.data
+
+
 def test_large_outputs_go_past_the_caches_and_workers_share():
     count = 150_001
     values = given(count)

@@ -10,6 +10,7 @@ import ctypes
 import functools
 import itertools
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -227,10 +228,23 @@ def walk(
         list(pool.map(part, range(0, shared, chunk)))
 
 
+def _data_offset() -> int | None:
+    """Where in an array's head the address of its data stands: behind what every object of CPython begins with."""
+    probe, offset = np.empty(1), object.__basicsize__
+    if sys.implementation.name != "cpython":
+        return None
+    return offset if _POINTER(id(probe) + offset).value == probe.ctypes.data else None
+
+
+_POINTER: Final = ctypes.c_void_p.from_address
+_OFFSET: Final = _data_offset()
+
+
 def address(array: NDArray[Any]) -> int:
-    """Where an array starts in memory."""
-    found: int = array.__array_interface__["data"][0]
-    return found
+    """Where an array starts in memory; read from its head, since `array.ctypes` takes as long as 100 samples."""
+    if _OFFSET is None:
+        return int(array.ctypes.data)
+    return _POINTER(id(array) + _OFFSET).value or 0
 
 
 def converted(array: NDArray[Any], box: Box, dtype: np.dtype[Any]) -> NDArray[Any]:
