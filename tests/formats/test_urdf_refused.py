@@ -31,6 +31,7 @@ ONE_BODY = "expected a parent and a child that are not fixed to each other, got"
     ("frames", "message"),
     [
         ({"body1_frame": "lower"}, "body1_frame: expected a link rigidly fixed to 'upper': one of upper, camera"),
+        ({"body1_frame": ["upper"]}, "body1_frame: expected a link rigidly fixed to 'upper': one of upper, camera"),
         ({"body2_frame": "nowhere"}, "body2_frame: expected a link rigidly fixed to 'lower': one of lower"),
     ],
 )

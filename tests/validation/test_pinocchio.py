@@ -15,7 +15,8 @@ from hingepair.formats.urdf_writer import to_urdf
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.symbolic.closed_forms import derive
+from hingepair.pair.planar_pair import PlanarPair
+from hingepair.scenes.derive import derive
 from hingepair.validation.cross_validate import cross_validate
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from support import states
@@ -190,5 +191,11 @@ def test_pinocchio_is_imported_only_when_it_is_used():
 
 @pytest.mark.parametrize("call", [to_pinocchio, to_urdf, lambda x: cross_validate(x, np.zeros(7))])
 def test_what_is_no_pair_is_refused(call):
-    with pytest.raises(ArgumentError, match="pair: expected a HingePair"):
+    with pytest.raises(ArgumentError, match="pair: expected a HingePair, got"):
         call(np.zeros(7))
+
+
+@pytest.mark.parametrize("call", [to_pinocchio, to_urdf])
+def test_a_planar_pair_is_told_the_way(call):
+    with pytest.raises(ArgumentError, match=r"pair: expected a HingePair \(a PlanarPair's is pair\.to_spatial\(\)\)"):
+        call(PlanarPair((1, 0), (0, 1)))

@@ -126,7 +126,7 @@ def _fixed_to(robot: Robot, hinge: Joint, link: str) -> dict[str, Pose]:
 
 def _chosen(poses: Mapping[str, Pose], link: str, frame: str | None, argument: str) -> Pose:
     wanted = link if frame is None else frame
-    if wanted not in poses:
+    if not isinstance(wanted, str) or wanted not in poses:
         raise URDFError(argument, f"a link rigidly fixed to {link!r}: {choices(tuple(poses))}", quoted(frame))
     return poses[wanted]
 

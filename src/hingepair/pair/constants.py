@@ -102,7 +102,8 @@ def check_pair(pair: object) -> None:
         ArgumentError: names the argument `pair`.
     """
     if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
-        raise ArgumentError("pair", "a HingePair", quoted(pair))
+        hint = " (a PlanarPair's is pair.to_spatial())" if hasattr(pair, "to_spatial") else ""
+        raise ArgumentError("pair", f"a HingePair{hint}", quoted(pair))
 
 
 def check_one(pair: Any) -> None:

@@ -114,7 +114,7 @@ class CrossValidation:
         """The outcome in a line."""
         beside = left_out(self.skipped, self.samples)
         if not self.compared:
-            return f"NOTHING COMPARED: no finite sample{beside}"
+            return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
         failed = [row.output for row in self.rows if not row.ok]
         if failed:
             return f"FAILED: {', '.join(failed)}{beside}"
