@@ -7,7 +7,7 @@ from collections import defaultdict
 import pytest
 
 import hingepair
-from support.reference import BOUNDS
+from hingepair.pair.accuracy import PROMISES
 
 LEDGER = pytest.StashKey[dict]()
 
@@ -55,6 +55,6 @@ def pytest_terminal_summary(terminalreporter, config):
     terminalreporter.section("largest error in units of u * scale, beside the promise; (c) compiled")
     width = max(map(len, measured)) + 2
     terminalreporter.write_line("output   promise" + "".join(way.rjust(width) for way in measured))
-    for name, bound in BOUNDS.items():
+    for name, promise in PROMISES.items():
         cells = ("-" if name not in worst else f"{worst[name]:.2f}" for worst in measured.values())
-        terminalreporter.write_line(f"{name:<9}{bound:>7}" + "".join(cell.rjust(width) for cell in cells))
+        terminalreporter.write_line(f"{name:<9}{promise.proved:>7}" + "".join(cell.rjust(width) for cell in cells))

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import hingepair as hp
+from hingepair.pair.accuracy import PROMISES
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -42,3 +43,9 @@ def test_every_public_name_is_mentioned(name: str) -> None:
     if name.endswith("Error"):
         name = "HingePairError"
     assert name in README
+
+
+@pytest.mark.parametrize("output", PROMISES)
+def test_the_table_of_accuracy_is_the_promise(output: str) -> None:
+    promise = PROMISES[output]
+    assert f"| {output} | {promise.proved} | {promise.seen} | {promise.scale} |" in README

@@ -44,8 +44,6 @@ def from_euler(pair, q, qd, qdd, sequence="XYZ"):
     n = n / np.sqrt((n * n).sum(axis=-1, keepdims=True))
     S2 = S1 @ rotation(n, series[6])
     if home is not None:
-        for _ in range(2):
-            home = home @ (3 * np.eye(3, dtype=LONG) - np.swapaxes(home, -1, -2) @ home) / 2
         S2 = S2 @ home
     u1, u2 = (np.broadcast_to(u, (len(Q), 3))[..., None] for u in (u1, u2))
     d = S1 @ u1 - S2 @ u2

@@ -18,8 +18,9 @@ OUTPUTS = ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "S1", "omega1", "alp
 BOUNDS = {
     "S1": 6, "S2": 13, "d": 10, "R2": 10, "omega1": 4, "omega2": 6, "v2": 10, "alpha1": 4, "alpha2": 8, "a2": 12,
 }  # fmt: skip
+"""What hard states keep to, and all that were not searched for; what is proved is more (`pair.accuracy`)."""
 ORDINARY = BOUNDS | {"S2": 12, "d": 8, "R2": 8, "omega1": 3, "omega2": 3, "v2": 6, "alpha2": 4, "a2": 6}
-"""What random states keep to: those near a bound have to be searched for (README, "Accuracy")."""
+"""What random states keep to."""
 UNIT = {np.dtype(np.float64): 2.0**-53, np.dtype(np.float32): 2.0**-24}
 
 _AXES = {"X": (1, 0, 0), "Y": (0, 1, 0), "Z": (0, 0, 1)}
@@ -78,7 +79,7 @@ class Truth:
 def from_euler(pair, q, qd=None, qdd=None, sequence="XYZ"):
     """The truth for coordinates q = (x, y, z, phi_1, phi_2, phi_3, psi), shape (N, 7); rates not given are zero.
 
-    pair: (u1, u2, n, home), plain arrays; n of any length; home None or a rotation.
+    pair: (u1, u2, n, home), plain arrays; n of any length; home None or a rotation, which is taken as it stands.
     """
     with mpmath.workdps(DIGITS + _squares(qd)):
         q, qd, qdd = (_coordinates(c, np.shape(q)) for c in (q, qd, qdd))
@@ -199,7 +200,7 @@ def _follow(pair, R1, S1, psi):
     S2 = S1 @ rotation(unit(n), psi)
     omega2, alpha2 = angular_motion(S2)
     if home is not None:
-        S2 = S2 @ nearest_rotation(exactly(home))
+        S2 = S2 @ exactly(home)
     d = S1 @ u1 - S2 @ u2
     R2 = R1 + d
     omega1, alpha1 = angular_motion(S1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_pinocchio import pair_of
 
-from hingepair.pair.accuracy import SCALES
+from hingepair.pair.accuracy import PROMISES
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.sequences import SEQUENCES
@@ -244,7 +244,7 @@ def test_the_table_shows_errors_scales_and_the_verdict():
     assert [row.split()[0] for row in rows] == ["R2", "S2", "d", "v2", "omega2", "a2", "alpha2"]
     for row, scale in zip(rows, scales, strict=True):
         name = row.split()[0]
-        assert scale.startswith(f"scale of {name}: {SCALES[name]}")
+        assert scale.startswith(f"scale of {name}: {PROMISES[name].scale}")
         assert row.endswith(" ok")
     assert "(W1 + W2) max abs(v1) + W1 W2 abs(u1)" in next(line for line in scales if " a2:" in line)
     assert verdict == "PASSED: 7 outputs of 10 samples within 16 u*scale of Pinocchio"

@@ -134,8 +134,8 @@ def hinge_terms(psi: Component) -> Components:
     if not isinstance(psi, float | np.ndarray | np.generic):
         return s, psi.versine(), c
     if isinstance(c, np.ndarray):
-        return s, np.where(c > 0, s * s / (1 + c), 1 - c), c
-    return s, s * s / (1 + c) if c > 0 else 1 - c, c
+        return s, np.where(c > 0.7, s * s / (1 + c), 1 - c), c
+    return s, s * s / (1 + c) if c > 0.7 else 1 - c, c
 
 
 def hinge_cosine(hinge: Components) -> Component:

@@ -187,7 +187,7 @@ def evaluate(
         compute_compiled(plan, {**pair.arrays, **values}, arrays, shape, dtype, how.workers)
     else:
         groups = {name: group for name, group in {**pair.values, **values}.items() if name in plan.inputs}
-        parts = {name: _components(name, group) for name, group in groups.items()}
+        parts = {name: components(name, group) for name, group in groups.items()}
         compute(plan.run, parts, arrays, shape, dtype, how.workers)
     return state(arrays, shape)
 
@@ -214,7 +214,7 @@ def follow_steps(
     plan = Plan(tuple(tails), taken, inputs, (), None, True, SPATIAL)
     if dtype is None:
         dtype = result_dtype(c for g in values.values() for c in (g if isinstance(g, tuple) else (g,)))
-    parts = {name: _components(name, group) for name, group in {**pair.values, **values}.items() if name in inputs}
+    parts = {name: components(name, group) for name, group in {**pair.values, **values}.items() if name in inputs}
     return tabulate(plan.run, parts, tails, broadcast_shape({**shapes, "pair": pair.shape}), dtype)
 
 
@@ -250,7 +250,7 @@ def _floats(given: Mapping[str, Any], count: int) -> dict[str, Components] | Non
     return parts
 
 
-def _components(name: str, group: Any) -> Any:
+def components(name: str, group: Any) -> Any:
     """A group as the equations take it: a component, or a tuple of components."""
     if not isinstance(group, np.ndarray) or name.startswith(("psi", "phi1")):
         return group

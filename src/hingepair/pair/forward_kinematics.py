@@ -32,6 +32,7 @@ PARTS = {"q": ("R1", "phi", "psi"), "qd": ("v1", "phid", "psid"), "qdd": ("a1", 
 PLANAR_COORDINATES = ("x", "y", "phi", "psi")
 PLANAR_PARTS = {"q": ("R1", "phi1", "psi"), "qd": ("v1", "phi1d", "psid"), "qdd": ("a1", "phi1dd", "psidd")}
 _OF_COORDINATES = {part: name for parts in (PARTS, PLANAR_PARTS) for name, own in parts.items() for part in own}
+HINGE = ("psi", "psid", "psidd")
 _LETTERS = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
 _OF_BODY1 = {name: f"body1.{letter}" for name, letter in _LETTERS.items()} | {"psid": "psid", "psidd": "psidd"}
 
@@ -40,6 +41,17 @@ def from_coordinates(
     pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str, how: How
 ) -> PairState:
     """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10)."""
+    plan, values, given = plan_from_coordinates(pair, q, qd, qdd, outputs, out, sequence)
+    if given.single and pair.single:
+        return evaluate_one(PairState, plan, {**pair.values, **values}, out, how)
+    plan, values = flattened(plan, pair, values)
+    return evaluate(PairState, plan, pair, values, leading_shapes(given), out, how)
+
+
+def plan_from_coordinates(
+    pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str
+) -> tuple[Plan, Values, Coordinates]:
+    """What to compute from the seven coordinates, and of what."""
     if type(sequence) is not str or sequence != "XYZ":
         find_sequence(sequence)
     given = read_coordinates(q, qd, qdd, COORDINATES)
@@ -50,16 +62,23 @@ def from_coordinates(
     else:
         names = wanted(outputs, out, len(given.parts) - 1)
         plan = plan_for(names, (sequence, home), values.keys() | pair.values.keys(), _OF_COORDINATES)
-    if given.single and pair.single:
-        return evaluate_one(PairState, plan, {**pair.values, **values}, out, how)
-    plan, values = flattened(plan, pair, values)
-    return evaluate(PairState, plan, pair, values, leading_shapes(given), out, how)
+    return plan, values, given
 
 
 def planar_from_coordinates(
     pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, how: How
 ) -> PlanarState:
     """The planar pair's state from (x, y, phi, psi) and as many derivatives as are given (E11)."""
+    plan, values, given = plan_planar(pair, q, qd, qdd, outputs, out)
+    if given.single and pair.single:
+        return evaluate_one(PlanarState, plan, {**pair.values, **values}, out, how)
+    return evaluate(PlanarState, plan, pair, values, leading_shapes(given), out, how)
+
+
+def plan_planar(
+    pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out
+) -> tuple[Plan, Values, Coordinates]:
+    """What to compute from the four coordinates of a planar pair, and of what."""
     given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES)
     values: Values = {}
     for name, four in given.parts.items():
@@ -69,16 +88,24 @@ def planar_from_coordinates(
         else:
             values[point], values[angle], values[hinge] = four[0:2], four[2], four[3]
     names = wanted(outputs, out, len(given.parts) - 1, PLANAR)
-    plan = plan_for(names, (None, False), values.keys() | pair.values.keys(), _OF_COORDINATES, PLANAR)
-    if given.single and pair.single:
-        return evaluate_one(PlanarState, plan, {**pair.values, **values}, out, how)
-    return evaluate(PlanarState, plan, pair, values, leading_shapes(given), out, how)
+    return plan_for(names, (None, False), values.keys() | pair.values.keys(), _OF_COORDINATES, PLANAR), values, given
 
 
 def from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out, how: How
 ) -> PairState:
     """The pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
+    plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
+    if body1.shape == () and pair.single and all(_is_double(name, value) for name, value in values.items()):
+        one = {n: value if type(value) is float else tuple(value.ravel().tolist()) for n, value in values.items()}
+        return evaluate_one(PairState, plan, {**pair.values, **one}, out, how)
+    return evaluate(PairState, plan, pair, values, shapes, out, how)
+
+
+def plan_from_body1(
+    pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out
+) -> tuple[Plan, Values, dict[str, tuple[int, ...]]]:
+    """What to compute from the motion of body 1 and the hinge angle, of what, and of which shapes."""
     if not isinstance(body1, BodyMotion):
         raise ArgumentError("body1", "a BodyMotion", quoted(body1))
     if psidd is not None and psid is None:
@@ -90,12 +117,8 @@ def from_body1(
     arrays = {name: array for name, letter in _LETTERS.items() if (array := getattr(body1, letter)) is not None}
     known = hinge.keys() | arrays.keys() | pair.values.keys()
     plan = plan_for(wanted(outputs, out, len(hinge) - 1), (None, "home" in pair.values), known, _OF_BODY1)
-    doubles = all(type(v) is float for v in hinge.values()) and all(v.dtype.char == "d" for v in arrays.values())
-    if body1.shape == () and pair.single and doubles:
-        one = {name: tuple(array.ravel().tolist()) for name, array in arrays.items()}
-        return evaluate_one(PairState, plan, {**pair.values, **one, **hinge}, out, how)
     shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
-    return evaluate(PairState, plan, pair, {**arrays, **hinge}, shapes, out, how)
+    return plan, {**arrays, **hinge}, shapes
 
 
 def values_of(given: Coordinates) -> Values:
@@ -135,6 +158,11 @@ def _is_upright(pair: Constants) -> bool:
         return False
     about_z = home[2::3] == home[6:] == (0.0, 0.0, 1.0)
     return bool(n[0] == n[1] == 0.0 and about_z and home[0] == home[4] and home[1] == -home[3])
+
+
+def _is_double(name: str, value: Any) -> bool:
+    """Whether it is a float of the hinge, or an array of body 1 in float64."""
+    return type(value) is float if name in HINGE else value.dtype.char == "d"
 
 
 def _is_zero(value: Any) -> bool:

@@ -14,6 +14,7 @@ from hingepair.numeric.arrays import broadcast_shape, constant
 from hingepair.numeric.blocks import components_of, numbers
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.constants import Constants
+from hingepair.pair.error_bounds import planar_error_bounds
 from hingepair.pair.evaluate import Out, Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.states import PlanarState
@@ -102,6 +103,24 @@ class PlanarPair:
         """
         how = choose(backend, workers)
         return kinematics.planar_from_coordinates(self.constants, q, qd, qdd, outputs, out, how)
+
+    def error_bounds(
+        self,
+        q: ArrayLike | tuple[Any, ...],
+        qd: ArrayLike | tuple[Any, ...] | None = None,
+        qdd: ArrayLike | tuple[Any, ...] | None = None,
+        outputs: Outputs = None,
+    ) -> dict[str, NDArray[np.float64]]:
+        """How far rounding can have taken each output of forward_kinematics from the exact result, at every sample.
+
+        As `HingePair.error_bounds`.
+
+        >>> import hingepair as hp
+        >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
+        >>> f"{pair.error_bounds((0, 0, 0.5, 0.25))['R2']:.0e}"
+        '6e-16'
+        """
+        return planar_error_bounds(self.constants, q, qd, qdd, outputs)
 
     def to_spatial(self) -> HingePair:
         """The same pair in space: n = e_z, and the plane is z = 0.

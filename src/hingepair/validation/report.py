@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hingepair.errors import printable
 from hingepair.numeric.tables import aligned, finite_or_none, left_out
-from hingepair.pair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, SCALES
+from hingepair.pair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, PROMISES
 
 _HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
 
@@ -45,7 +45,7 @@ class Comparison:
     def scale(self) -> str:
         """The formula of the scale, for a reader."""
         more = PINOCCHIO_TERMS.get(self.output)
-        own = {**SCALES, **PLANAR_SCALES}[self.output]
+        own = PLANAR_SCALES.get(self.output) or PROMISES[self.output].scale
         return f"{own} + {more}" if more else own
 
     @classmethod
