@@ -111,6 +111,53 @@ def test_text_reads_as_a_paper_has_it(expr, text):
     assert TEXT(expr) == text
 
 
+PLANE = hp.PlanarPair(u1=(0.5, 0.25), u2=(-0.25, 0.1))
+
+
+def test_short_forms_have_letters_for_sines():
+    """As robotics has them; E11 with c2, s2 of phi_2 = phi + psi."""
+    text = hp.derive(PLANE, ("u1", "u2")).to_text(["R2"], short=True)
+    assert text.splitlines() == [
+        "c_1 = cos φ; s_1 = sin φ; c_2 = cos(φ + ψ); s_2 = sin(φ + ψ)",
+        "R2_x = x + c_1 u1_x - s_1 u1_y - c_2 u2_x + s_2 u2_y",
+        "R2_y = y + s_1 u1_x + c_1 u1_y - s_2 u2_x - c_2 u2_y",
+    ]
+    assert hp.derive(PLANE).to_text(["omega2"], short=True) == "omega2 = φ' + ψ'\n"
+
+
+@pytest.mark.parametrize("name", ["reference_2d", "truck_trailer"])
+def test_abbreviations_are_told_before_they_are_used_and_mean_the_same(name):
+    from hingepair.symbolic.listings import _rows
+
+    forms = hp.derive(hp.load_scene(MODELS / f"{name}.toml"))
+    rows, meanings = _rows({"v2": forms.terms("v2")}, True)
+    known = {t}
+    whole = {}
+    for letter, meaning in meanings.items():
+        assert meaning.free_symbols <= known
+        known.add(sympy.Symbol(letter, real=True))
+        whole[sympy.Symbol(letter, real=True)] = meaning.xreplace(whole)
+    assert len(meanings) > 3
+    for (_, terms), expected in zip(rows, forms.v2, strict=True):
+        assert sum(len(str(term)) for term in terms) < 0.7 * len(str(expected)) or expected == 0
+        assert abs((sympy.Add(*terms).xreplace(whole) - expected).subs(t, sympy.Rational(3, 10)).evalf(30)) < 1e-25
+
+
+def test_long_lines_go_on_in_the_next():
+    forms = hp.derive(hp.HingePair(u1=(1, 2, 3), u2=(3, 1, 2), n=(0, 0, 1)))
+    text, whole = forms.to_text(["R2"], width=60), forms.to_text(["R2"], width=10**6)
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= 60
+    assert all(line.strip()[0] in "+-" for line in lines if line.startswith(" "))
+    assert (
+        "".join(f" {line.strip()}" if line.startswith(" ") else f"\n{line}" for line in lines).strip()
+        == whole.strip()
+    )
+    latex = forms.to_latex(["v2"])
+    assert latex.count("&\\quad") >= 3
+    assert latex.count("&=") == 3
+
+
 def test_latex_has_fractions_before_what_they_multiply():
     assert LATEX(5 * sympy.sin(2 * t) / 2) == r"\frac{5}{2} \sin 2 t"
     assert LATEX(sympy.Rational(11068, 10**7) * t) == "0.0011068 t"

@@ -1,26 +1,6 @@
 """Samples of a motion in a file: columns by name, from .csv, .npz or .parquet.
 
-| what | columns | the same as one array, shape (N, ...), in .npz |
-|---|---|---|
-| instants, increasing, s | t | t |
-| position of body 1, m | x, y, z | R1 |
-| attitude: Euler angles, rad, in the order of the sequence's letters | phi_x, phi_y, phi_z | phi |
-| or a quaternion, body to world, of any length but 0 | qx, qy, qz, qw (qw the scalar) | quat_xyzw or quat_wxyz |
-| hinge angle, rad | psi | psi |
-| velocity and acceleration of body 1, world axes | v1_x, ..., a1_x, ... | v1, a1 |
-| rates of Euler angles | phid_x, ..., phidd_x, ... | phid, phidd |
-| with a quaternion: angular velocity and acceleration, world axes | omega1_x, ..., alpha1_x, ... | omega1, alpha1 |
-| rates of psi | psid, psidd | psid, psidd |
-| all seven coordinates and their derivatives | | q, qd, qdd |
-
-Other columns are refused: a misspelt one would be missed. A .csv file starts with a line of column names; commas
-separate, points are decimal, `nan` is what is not known. Rates and accelerations are there for all of position,
-attitude and hinge, or for none, unless they are to be found by differentiating. Then angles must turn by less than pi
-from one sample to the next; their jumps by 2 pi do no harm.
-And t should start near 0: seconds since 1970 are rounded to 2.4e-7 s in float64, which shows in rates.
-
-With `integrate = true` the log holds omega1 and psid, and as far as they are known R1, v1, a1, alpha1, psidd; body 1
-stays at the origin where there is no R1.
+models/SCENES.md tells the columns. Others are refused: a misspelt one would be missed.
 """
 
 from __future__ import annotations

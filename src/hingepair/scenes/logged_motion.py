@@ -1,12 +1,4 @@
-"""Motion by a log: what a file of samples says, derivatives found from it, rates integrated, where that is asked for.
-
-[motion]
-file = "log.csv"              # or .npz, .parquet; relative to the scene file; columns: `hingepair.scenes.log_file`
-differentiate = true          # optional: find the derivatives that the file lacks
-sequence = "XYZ"              # optional: of Euler angles
-integrate = true              # the file has omega1 and psid (a gyroscope, an encoder) instead of angles; then also
-S1_0 = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]  # psi_0, frame and method, as for rates that are expressions
-"""
+"""Motion by a log: what a file of samples says, derivatives found from it, rates integrated, where that is asked for."""
 
 from __future__ import annotations
 

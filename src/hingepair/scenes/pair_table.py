@@ -14,7 +14,7 @@ from hingepair.scenes.tables import Table
 
 Made = TypeVar("Made")
 
-_KEYS = ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit", "name", "body1", "body2", "robot", "joint")
+KEYS = ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit", "name", "body1", "body2", "robot", "joint")
 
 
 def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
@@ -27,7 +27,7 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
     if planar:
         table.check_keys(("u1", "u2", "name"))
         return _made(table, PlanarPair, u1=table.numbers("u1", 2), u2=table.numbers("u2", 2), **_name(table))
-    table.check_keys(_KEYS)
+    table.check_keys(KEYS)
     if "robot" in table.values or "joint" in table.values:
         from hingepair.formats.robots import load_robot_hinge
 

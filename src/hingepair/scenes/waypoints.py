@@ -2,15 +2,9 @@
 
 psi = { t = [0, 2, 5], value = [0, "pi/2", 0.3], profile = "quintic", speed = 2, acceleration = 4 }
 
-| profile | between the points | continuous |
-|---|---|---|
-| linear | at constant speed | position |
-| trapezoid | from rest to rest: accelerates, cruises, brakes, a third of the time each unless limits say no | speed |
-| cubic | the spline with the least mean square acceleration, at rest at the first and last point | acceleration |
-| quintic | the same of jerk: at rest and without acceleration at the first and last point | jerk and its derivative |
-
-Before the first point and after the last the coordinate stays where it is. speed and acceleration are limits, of the
-absolute values, in any profile.
+A cubic spline has the least mean square acceleration of all that go through the points, at rest at the first and last;
+a quintic one the least mean square jerk, at rest and without acceleration there; a trapezoid stops at every point.
+Before the first point and after the last the coordinate stays where it is.
 """
 
 from __future__ import annotations

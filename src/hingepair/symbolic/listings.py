@@ -18,13 +18,15 @@ Forms: TypeAlias = Mapping[str, tuple[tuple[Expr, ...], ...]]
 
 _UNITS = {"R": "m", "d": "m", "v": "m/s", "omega": "rad/s", "a": "m/s^2", "alpha": "rad/s^2", "phi": "rad"}
 _WIDE: Final = 90  # characters of terms, as text, in a line of LaTeX
+_INDENT = " " * 6
 _FIXED = "\N{NO-BREAK SPACE}"
 
 
 def to_text(forms: Forms, *, short: bool, width: int) -> str:
     """One equation a component; derivatives of x(t) are x', x''."""
     rows, meanings = _rows(forms, short)
-    lines = [f"{name} = {TEXT(expr)}" for name, expr in meanings.items()]
+    told = [f"{name} = {TEXT(expr)}" for name, expr in meanings.items()]
+    lines = ["; ".join(told)] if told else []
     lines += [f"{label} = {joined(terms, TEXT)}" for label, terms in rows]
     return "".join(f"{_wrapped(line, width)}\n" for line in lines)
 
@@ -80,15 +82,24 @@ def _rows(forms: Forms, short: bool) -> tuple[list[tuple[str, tuple[Expr, ...]]]
         return rows, {}
     letters = _abbreviations([term for _, terms in rows for term in terms])
     found = [(label, tuple(term.xreplace(letters) for term in terms)) for label, terms in rows]
-    kept = set().union(*(term.free_symbols for _, terms in found for term in terms))
-    meanings: dict[str, Expr] = {}
-    for meaning, letter in reversed(letters.items()):  # an inner function is told after the one around it
-        if letter in kept:
-            inner = {whole: name for whole, name in letters.items() if whole != meaning}
-            told = meaning.func(*[part.xreplace(inner) for part in meaning.args])
-            kept |= told.free_symbols
-            meanings[letter.name] = told
-    return found, dict(reversed(meanings.items()))
+    wanted = set().union(*(term.free_symbols for _, terms in found for term in terms))
+    told: dict[Expr, Expr] = {}
+    while todo := [(whole, letter) for whole, letter in letters.items() if letter in wanted and letter not in told]:
+        for whole, letter in todo:
+            inner = {other: name for other, name in letters.items() if other != whole}
+            told[letter] = whole.func(*[part.xreplace(inner) for part in whole.args])
+            wanted |= told[letter].free_symbols
+    return found, _in_order_of_need(told)
+
+
+def _in_order_of_need(told: dict[Expr, Expr]) -> dict[str, Expr]:
+    """Abbreviations by name, each after those that it is made of, else c_1, s_1, c_2, ..."""
+    rest = dict(sorted(told.items(), key=lambda item: (item[0].name[2:].zfill(9), item[0].name)))
+    ordered: dict[str, Expr] = {}
+    while rest:
+        ready = [letter for letter, meaning in rest.items() if meaning.free_symbols.isdisjoint(rest)]
+        ordered |= {letter.name: rest.pop(letter) for letter in ready}
+    return ordered
 
 
 def _abbreviations(terms: list[Expr]) -> dict[Expr, Expr]:
@@ -125,21 +136,22 @@ def _letter(name: str) -> Expr:
 
 
 def _wrapped(line: str, width: int) -> str:
-    """A line that goes on before a + or -, or where it must before any blank, in the next one."""
-    indent = " " * 6
-    fixed = (
-        line.replace(" ", _FIXED)
-        .replace(f"{_FIXED}+{_FIXED}", f" +{_FIXED}")
-        .replace(f"{_FIXED}-{_FIXED}", f" -{_FIXED}")
+    """A line that goes on in the next one before a + or - or after a semicolon, or where it must before any blank."""
+    fixed = line.replace(" ", _FIXED).replace(f";{_FIXED}", "; ")
+    for sign in "+-":
+        fixed = fixed.replace(f"{_FIXED}{sign}{_FIXED}", f" {sign}{_FIXED}")
+    return "\n".join(part for whole in _folded(fixed, width) for part in _folded(whole.replace(_FIXED, " "), width))
+
+
+def _folded(line: str, width: int) -> list[str]:
+    return textwrap.wrap(
+        line.lstrip(),
+        width,
+        initial_indent=_INDENT if line.startswith(_INDENT) else "",
+        subsequent_indent=_INDENT,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
-    lines: list[str] = []
-    for part in textwrap.wrap(fixed, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False):
-        text = part.strip(" ").replace(_FIXED, " ")
-        lead = indent if lines else ""
-        lines += textwrap.wrap(
-            text, width, initial_indent=lead, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
-        )
-    return "\n".join(lines)
 
 
 def _function(name: str, parts: list[Expr]) -> str:

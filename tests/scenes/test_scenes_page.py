@@ -1,0 +1,61 @@
+"""models/SCENES.md: every example on it runs, and every word of the language stands on it."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.pair.forward_kinematics import COORDINATES
+from hingepair.scenes.log_file import ARRAYS, COLUMNS
+from hingepair.scenes.pair_table import KEYS
+from hingepair.scenes.waypoints import PROFILES
+from hingepair.symbolic.expressions import CONSTANTS, FUNCTIONS
+
+MODELS = Path(__file__).parents[2] / "models"
+PAGE = (MODELS / "SCENES.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+PAIR = "\n[pair]\nu1 = [0.5, 0.2, 0.1]\nu2 = [-0.25, 0.1, 0.3]\nn = [1, 2, 0]\n"
+MOTION = "\n[motion]\n" + "".join(f"{name} = 'sin(t)'\n" for name in COORDINATES)
+TIME = "\n[time]\nstart = 0\nstop = 4\nsamples = 41\n"
+
+
+def completed(example: str) -> str:
+    """The example with the tables that it leaves out."""
+    missing = [
+        table for table, name in ((PAIR, "[pair]"), (MOTION, "[motion]"), (TIME, "[time]")) if name not in example
+    ]
+    if re.search("^file = ", example, re.MULTILINE):
+        missing = [table for table in missing if table is not TIME]
+    return example + "".join(missing)
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=range(len(EXAMPLES)))
+def test_examples_run(example, tmp_path):
+    for log in MODELS.glob("*.csv"):
+        shutil.copy(log, tmp_path)
+    (tmp_path / "scene.toml").write_text(completed(example), encoding="utf-8")
+    scene = hp.load_scene(tmp_path / "scene.toml")
+    assert np.isfinite(scene.evaluate().R2).all()
+    assert scene.cross_validate(20).ok
+
+
+def test_there_are_examples_of_every_kind():
+    assert len(EXAMPLES) >= 9
+    for word in ("planar = true", "robot = ", "omega1 = ", "integrate = true", "profile = ", "[pair.body1]"):
+        assert any(word in example for example in EXAMPLES), word
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, *CONSTANTS, *PROFILES, *KEYS, *ARRAYS])
+def test_every_word_is_told(name):
+    assert re.search(rf"\b{name}\b", PAGE), name
+
+
+def test_every_column_is_told():
+    told = set(re.findall(r"`(\w+)`", PAGE))
+    for column in COLUMNS:
+        assert column in told or f"{column[:-1]}x" in told, column
