@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.cli import summary
 
 U = 2.0**-53
 MODELS = Path(__file__).parents[2] / "models"
@@ -49,3 +50,15 @@ def test_the_readme_opens_them(simulator, monkeypatch):
     pair = hp.load_scene("models/reference_3d.toml").space
     size = np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
     assert np.abs(found - pair.forward_kinematics((0, 0, 0, 0, 0, 0, 0.5)).R2).max() <= 16 * U * size
+
+
+def test_one_example_is_oblique():
+    """Where axes lie along coordinates nothing is rounded, and a residual of exactly zero shows nothing."""
+    scene = hp.load_scene(MODELS / "landing_gear.toml")
+    assert (abs(scene.pair.n) > 0.1).all()
+    assert (scene.pair.home != np.eye(3)).any()
+    assert all(0 < residual.ratio < 8 for residual in summary.residuals(scene))
+    leg = np.einsum("nji,nj->ni", *(getattr(scene.evaluate(("S1", "d")), name) for name in ("S1", "d")))
+    assert leg[0, 2] < -1.4  # down
+    assert leg[-1, 2] > -0.8  # up
+    assert leg[-1, 1] < leg[0, 1] - 0.8  # and inward

@@ -1,4 +1,4 @@
-"""Motion by a log: what a file of samples says, derivatives found from it, rates integrated, where that is asked for."""
+"""Motion by a log: what a file of samples says; on request derivatives are found from it, or rates integrated."""
 
 from __future__ import annotations
 

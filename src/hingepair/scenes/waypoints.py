@@ -2,8 +2,8 @@
 
 psi = { t = [0, 2, 5], value = [0, "pi/2", 0.3], profile = "quintic", speed = 2, acceleration = 4 }
 
-A cubic spline has the least mean square acceleration of all that go through the points, at rest at the first and last;
-a quintic one the least mean square jerk, at rest and without acceleration there; a trapezoid stops at every point.
+A cubic spline has the least mean square acceleration of all that go through the points, and is at rest at the first
+and last; a quintic one the least mean square jerk, and no acceleration there either. A trapezoid stops at each point.
 Before the first point and after the last the coordinate stays where it is.
 """
 
