@@ -91,6 +91,7 @@ def pinocchio_of_urdf(pair, body1, psi, psid, psidd):
 
 
 @pytest.mark.law
+@pytest.mark.law
 def test_pinocchio_reads_the_same_pair_from_urdf():
     for k in range(60):
         rng, pair = states.generator(81, k), random_pair(k)
@@ -162,6 +163,7 @@ def test_a_pair_that_varies_from_sample_to_sample_has_no_urdf():
         to_urdf(HingePair(u1=(1, 0, 0), u2=np.ones((2, 3)), n=(0, 0, 1)))
 
 
+@pytest.mark.law
 # ---------------------------------------------------------------- read
 
 
@@ -235,6 +237,7 @@ def welded_robot(rng):
     return f'<robot name="welded">{"".join(parts)}</robot>'
 
 
+@pytest.mark.law
 @pytest.mark.parametrize("body2", ["child", "near", "far"])
 @pytest.mark.parametrize("body1", ["parent", "middle", "side", "top"])
 def test_frames_are_found_along_fixed_joints_up_and_down(body1, body2):

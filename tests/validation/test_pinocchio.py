@@ -80,6 +80,7 @@ def test_what_was_not_given_does_not_come_back():
         twin.velocity(BodyMotion(R=body1.R, S=body1.S), 0.0, 0.0)
 
 
+@pytest.mark.law
 @pytest.mark.parametrize("shape", [(), (1,), (4, 5), (0,)], ids=str)
 def test_body_2_is_read_out_of_pinocchio(shape):
     """World axes, classical accelerations, the leading shape of what was given."""
