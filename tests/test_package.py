@@ -43,7 +43,18 @@ def test_everything_exported_exists_once() -> None:
 
 
 ORDER = (
-    *("errors", "numeric", "equations", "rotations", "evaluation", "pair", "measured", "integration", "symbolic"),
+    *(
+        "errors",
+        "numeric",
+        "equations",
+        "rotations",
+        "evaluation",
+        "pair",
+        "measured",
+        "integration",
+        "dynamics",
+        "symbolic",
+    ),
     *("formats", "validation", "scenes", "bench", "cli", "__init__"),
 )
 UPHILL = {("evaluation", "integration")}

@@ -47,6 +47,8 @@ from hingepair.rotations.matrices import (
 )
 
 if TYPE_CHECKING:
+    from hingepair.dynamics.loads import HingeLoad
+    from hingepair.dynamics.simulate import SimulationError, simulate
     from hingepair.formats.mjcf_writer import to_mjcf
     from hingepair.formats.robots import load_robot_hinge
     from hingepair.formats.urdf_reader import from_urdf
@@ -73,6 +75,7 @@ __all__ = [
     "Cylinder",
     "DtypeError",
     "GimbalLockError",
+    "HingeLoad",
     "HingePair",
     "HingePairError",
     "MeasurementWarning",
@@ -84,6 +87,7 @@ __all__ = [
     "RotationError",
     "SceneError",
     "ShapeError",
+    "SimulationError",
     "SmoothedAngle",
     "SmoothedMotion",
     "Sphere",
@@ -108,6 +112,7 @@ __all__ = [
     "rodrigues",
     "rotation_exp",
     "rotation_log",
+    "simulate",
     "skew",
     "smooth",
     "to_mjcf",
@@ -125,6 +130,9 @@ _LATER = {
     "MeasurementWarning": "measured.instants",
     "SmoothedAngle": "measured.smooth",
     "SmoothedMotion": "measured.smooth",
+    "HingeLoad": "dynamics.loads",
+    "SimulationError": "dynamics.simulate",
+    "simulate": "dynamics.simulate",
     "cross_validate": "validation.cross_validate",
     "cross_validate_from_body1": "validation.cross_validate",
     "derive": "scenes.derive",

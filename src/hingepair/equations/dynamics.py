@@ -51,6 +51,11 @@ def torque_about(torque: Vector, lever: Vector, force: Vector) -> Vector:
     return add(torque, cross(lever, force))
 
 
+def torque_from(torque: Vector, lever: Vector, force: Vector) -> Vector:
+    """A torque about the point to which the lever leads, from that about its start, where the force acts."""
+    return subtract(torque, cross(lever, force))
+
+
 def world_inertia(S: Matrix, inertia: Matrix) -> Matrix:
     """S I S^T: a body's inertia in world axes."""
     return compose(compose(S, inertia), transpose(S))
@@ -195,3 +200,77 @@ def potential_energy(masses: tuple[Scalar, Scalar], gravity: Vector, at1: Vector
 def linear_momentum(masses: tuple[Scalar, Scalar], velocities: tuple[Vector, Vector]) -> Vector:
     """P (D8), of the centres' velocities."""
     return add(scale(velocities[0], masses[0]), scale(velocities[1], masses[1]))
+
+
+def cayley_attitude(g: Vector, S: Matrix) -> Matrix:
+    """S turned by 2 atan(|g| / 2) about g, world axes (Cayley's map): near 0, g is the rotation vector."""
+    x, y, z = scale(g, 0.5)
+    share = 2 / (1 + (x * x + y * y + z * z))
+    sx, sy, sz = share * x, share * y, share * z
+    turn = (
+        1 - (sy * y + sz * z), sx * y - sz, sx * z + sy,
+        sx * y + sz, 1 - (sx * x + sz * z), sy * z - sx,
+        sx * z - sy, sy * z + sx, 1 - (sx * x + sy * y),
+    )  # fmt: skip
+    return compose(turn, S)
+
+
+def cayley_rate(g: Vector, omega: Vector) -> Vector:
+    """The rate of g where `cayley_attitude` turns with omega, world axes."""
+    return add(subtract(omega, scale(cross(g, omega), 0.5)), scale(g, dot(g, omega) * 0.25))
+
+
+def common_centre(masses: tuple[Scalar, Scalar], r1: Vector, e: Vector) -> Vector:
+    """From R1 to the centre of mass of both bodies."""
+    return add(r1, scale(subtract(e, r1), masses[1] / (masses[0] + masses[1])))
+
+
+def spin_of_momentum(
+    masses: tuple[Scalar, Scalar],
+    r1: Vector,
+    e: Vector,
+    inertias: tuple[Matrix, Matrix],
+    axis: Vector,
+    push: Vector,
+    momentum: Vector,
+    psid: Scalar,
+) -> Vector:
+    """omega1 from the angular momentum about the common centre of mass (D8 solved)."""
+    m1, m2 = masses
+    reduced = m1 * m2 / (m1 + m2)
+    apart = subtract(e, r1)
+    J = matrix_sum(matrix_sum(inertias[0], inertias[1]), spread(reduced, apart))
+    turn = add(rotate(inertias[1], axis), scale(cross(apart, push), reduced))
+    (x, y, z), _ = solve_symmetric((J[0], J[3], J[4], *J[6:9]), subtract(momentum, scale(turn, psid)))
+    return x, y, z
+
+
+def momentum_about(
+    masses: tuple[Scalar, Scalar],
+    r1: Vector,
+    e: Vector,
+    inertias: tuple[Matrix, Matrix],
+    omega: tuple[Vector, Vector],
+    push: Vector,
+    psid: Scalar,
+) -> Vector:
+    """The angular momentum about the common centre of mass; omega of both bodies (D8)."""
+    m1, m2 = masses
+    apart = subtract(e, r1)
+    speed = add(cross(omega[0], apart), scale(push, psid))
+    spins = add(rotate(inertias[0], omega[0]), rotate(inertias[1], omega[1]))
+    return add(spins, scale(cross(apart, speed), m1 * m2 / (m1 + m2)))
+
+
+def velocity_from_centre(
+    masses: tuple[Scalar, Scalar], centre: Vector, omega1: Vector, push: Vector, psid: Scalar
+) -> Vector:
+    """From the velocity of R1 to that of the common centre of mass; centre leads there."""
+    return add(cross(omega1, centre), scale(push, masses[1] / (masses[0] + masses[1]) * psid))
+
+
+def driven_acceleration(
+    m2: Scalar, J2: Matrix, axis: Vector, push: Vector, hinge_torque: Scalar, bias: Scalar
+) -> Scalar:
+    """Psi'' where body 1 moves as given: D4 solved; bias is the hinge torque of psi'' = 0."""
+    return (hinge_torque - bias) / (dot(axis, rotate(J2, axis)) + m2 * dot(push, push))

@@ -119,7 +119,7 @@ def mass_constants(bodies: Bodies, *needed: str) -> dict[str, Any]:
 
 _BOTH = lambda one, two: (one, two)  # noqa: E731
 
-_LEVERS = (
+LEVERS = (
     *ARM_STEPS,
     Step("centre1", eq.rotate, ("S1", "c1")),
     Step("centre2", eq.rotate, ("S2", "c2")),
@@ -135,7 +135,7 @@ _LEVERS = (
 """Where the masses are, world axes (D1-D6)."""
 
 _INVERSE = (
-    *_LEVERS,
+    *LEVERS,
     Step("f1", dyn.inertial_force, ("m1", "a1", "omega1", "alpha1", "centre1", "gravity")),
     Step("f2", dyn.inertial_force, ("m2", "a2", "omega2", "alpha2", "centre2", "gravity")),
     Step("t1", dyn.inertial_torque, ("S1", "I1", "omega1", "alpha1")),
@@ -153,7 +153,7 @@ _INVERSE = (
 """What must act (D1-D5), and the mass matrix of D6."""
 
 _BIAS = {name: f"{name}_bias" for name in ("force1", "torque1", "hinge_torque")}
-_FORWARD = (
+FORWARD = (
     *(step._replace(result=_BIAS.get(step.result, step.result)) for step in _INVERSE),
     Step("pushed", eq.add, ("force1", "force2")),
     Step("force", eq.subtract, ("pushed", "force1_bias")),
@@ -173,7 +173,7 @@ _FORWARD = (
 """How the pair moves under what acts (D6)."""
 
 _STATE = (
-    *_LEVERS,
+    *LEVERS,
     Step("v_centre1", dyn.point_velocity, ("v1", "omega1", "centre1")),
     Step("v_centre2", dyn.point_velocity, ("v2", "omega2", "centre2")),
     Step("velocities", _BOTH, ("v_centre1", "v_centre2")),
@@ -249,7 +249,7 @@ def forward_dynamics(
     given |= {name: _load(name, value) for name, value in loads.items()}
     angles = {"psi": psi, "psid": psid, "psi_torque": hinge_torque}
     tails = {"a1_found": (3,), "alpha1_found": (3,), "psidd_found": (), "kept": (4,)}
-    *found, kept = _follow(constants, _FORWARD, tails, masses | still, given, angles).values()
+    *found, kept = _follow(constants, FORWARD, tails, masses | still, given, angles).values()
     if (kept <= _SINGULAR).any():
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])

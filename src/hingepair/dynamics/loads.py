@@ -1,0 +1,158 @@
+"""What acts on the pair: constants, functions of time and motion, and the usual things at a hinge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError
+from hingepair.numeric.arrays import finite_number, one_constant
+from hingepair.pair.body_motion import BodyMotion
+
+Array: TypeAlias = NDArray[np.float64]
+Load: TypeAlias = ArrayLike | Callable[[Array, "Moving"], ArrayLike]
+HingeTorque: TypeAlias = float | Callable[[Array, Array, Array], ArrayLike]
+Base: TypeAlias = str | Callable[[Array], BodyMotion]
+
+
+class Moving(NamedTuple):
+    """The pair at some instants, for loads that depend on it.
+
+    Attributes:
+        R1: reference point of body 1, world axes [m]; shape (n, 3).
+        S1: its rotation, body to world; shape (n, 3, 3).
+        v1: velocity of R1, world axes [m/s]; shape (n, 3).
+        omega1: angular velocity of body 1, world axes [rad/s]; shape (n, 3).
+        psi: hinge angle [rad]; shape (n,).
+        psid: hinge rate [rad/s]; shape (n,).
+    """
+
+    R1: Array
+    S1: Array
+    v1: Array
+    omega1: Array
+    psi: Array
+    psid: Array
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class HingeLoad:
+    """Torque at the hinge from spring, damper, friction and stops; a `hinge_torque` for `simulate`.
+
+    torque = -stiffness (psi - rest) - damping psi' - friction tanh(psi' / friction_rate), and beyond a stop
+    -stop_stiffness (psi - stop) - stop_damping psi'.
+
+    Args:
+        stiffness: of the spring [N m/rad].
+        rest: hinge angle where the spring is slack [rad].
+        damping: of the damper [N m s/rad].
+        friction: torque of dry friction [N m].
+        friction_rate: rate at which friction has reached three quarters of its torque [rad/s]; what sticks creeps.
+        stops: least and greatest hinge angle, such as `pair.limits` [rad]; none unless given.
+        stop_stiffness: beyond a stop [N m/rad].
+        stop_damping: beyond a stop [N m s/rad].
+
+    Raises:
+        ArgumentError: a value is not finite or below 0; names it.
+
+    >>> import hingepair as hp
+    >>> spring = hp.HingeLoad(stiffness=10, damping=0.5)
+    >>> spring(0.0, psi=0.2, psid=1.0)
+    -2.5
+    """
+
+    stiffness: float
+    rest: float
+    damping: float
+    friction: float
+    friction_rate: float
+    stops: tuple[float, float] | None
+    stop_stiffness: float
+    stop_damping: float
+
+    def __init__(
+        self,
+        *,
+        stiffness: float = 0.0,
+        rest: float = 0.0,
+        damping: float = 0.0,
+        friction: float = 0.0,
+        friction_rate: float = 1e-2,
+        stops: tuple[float, float] | None = None,
+        stop_stiffness: float = 1e4,
+        stop_damping: float = 0.0,
+    ) -> None:
+        given = {
+            "stiffness": stiffness, "damping": damping, "friction": friction, "friction_rate": friction_rate,
+            "stop_stiffness": stop_stiffness, "stop_damping": stop_damping,
+        }  # fmt: skip
+        for name, value in given.items():
+            number = finite_number(name, value)
+            if number < 0 or (number == 0 and name == "friction_rate"):
+                raise ArgumentError(name, "a number above 0" if name == "friction_rate" else "0 or above", value)
+            object.__setattr__(self, name, number)
+        object.__setattr__(self, "rest", finite_number("rest", rest))
+        ends = None
+        if stops is not None:
+            if not isinstance(stops, tuple | list | np.ndarray) or len(stops) != 2:
+                raise ArgumentError("stops", "(lower, upper)", stops)
+            ends = finite_number("stops[0]", stops[0]), finite_number("stops[1]", stops[1])
+            if not ends[0] < ends[1]:
+                raise ArgumentError("stops", "(lower, upper) with lower < upper", stops)
+        object.__setattr__(self, "stops", ends)
+
+    def __call__(self, _: Any, psi: Any, psid: Any) -> Any:
+        """The torque [N m] at hinge angles [rad] and rates [rad/s]; of floats or arrays."""
+        torque = -self.stiffness * (psi - self.rest) - self.damping * psid
+        if self.friction:
+            torque = torque - self.friction * np.tanh(psid / self.friction_rate)
+        if self.stops is not None:
+            lower, upper = self.stops
+            beyond: NDArray[Any] = np.minimum(psi - lower, 0) + np.maximum(psi - upper, 0)
+            torque = torque - self.stop_stiffness * beyond - np.where(beyond == 0, 0.0, self.stop_damping * psid)
+        return torque
+
+
+class Loads:
+    """What acts on a pair at any instants.
+
+    Args:
+        forces: force1, torque1, force2, torque2: constants, the number 0, or callables of (t, now).
+        hinge_torque: a number, or a callable of (t, psi, psid).
+
+    Raises:
+        ArgumentError: a constant is not finite or of the wrong shape; names it.
+    """
+
+    def __init__(self, forces: Mapping[str, Load], hinge_torque: HingeTorque) -> None:
+        self._forces = {name: load if callable(load) else _constant(name, load) for name, load in forces.items()}
+        self._hinge = hinge_torque if callable(hinge_torque) else finite_number("hinge_torque", hinge_torque)
+        self.look_at_motion = any(map(callable, self._forces.values()))
+
+    def forces(self, t: Array, now: Moving | None) -> dict[str, Array]:
+        """Forces and torques on the bodies, by name; shape (n, 3)."""
+        return {
+            name: _answer(name, load(t, now) if callable(load) else load, (len(t), 3))  # type: ignore[arg-type]
+            for name, load in self._forces.items()
+        }
+
+    def torque(self, t: Array, psi: Array, psid: Array) -> Array:
+        """The torque about the hinge axis; shape (n,)."""
+        torque = self._hinge(t, psi, psid) if callable(self._hinge) else self._hinge
+        return _answer("hinge_torque", torque, t.shape)
+
+
+def _constant(name: str, load: ArrayLike) -> Array:
+    return np.zeros(3) if isinstance(load, int | float) and load == 0 else one_constant(name, load, 3)
+
+
+def _answer(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """What acts, one value for each instant."""
+    try:
+        return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
+    except (TypeError, ValueError):
+        raise ArgumentError(name, f"a callable that returns shape {shape}, or what broadcasts to it", value) from None

@@ -1,0 +1,185 @@
+"""Motion under forces: closed cases, what is conserved, and forces found again from the motion."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.states import generator, rotations
+
+STILL = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+WEIGHTLESS = (0.0, 0.0, 0.0)
+
+
+def heavy(rng):
+    bodies = (hp.Body(rng.uniform(1, 2), rng.normal(size=3), np.diag(rng.uniform(0.6, 1, 3))) for _ in range(2))
+    body1, body2 = bodies
+    return hp.HingePair(*rng.normal(size=(3, 3)), home=rotations(rng, 1)[0], body1=body1, body2=body2)
+
+
+def thrown(rng):
+    v, omega = rng.normal(size=(2, 3))
+    return hp.BodyMotion(R=rng.normal(size=3), S=rotations(rng, 1)[0], v=v, omega=omega)
+
+
+def pendulum():
+    rod = hp.Body(mass=2, inertia=np.diag([0.01, 1, 1]))
+    return hp.HingePair(u1=(0, 0, 0), u2=(-1, 0, 0), n=(0, 1, 0), body2=rod)
+
+
+def flywheel():
+    return hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=np.eye(3)))
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("tol", [1e-7, 1e-11])
+def test_a_pendulum_swings_as_jacobi_says(tol):
+    """Let go at 2 rad from rest below: sin(angle / 2) = k cd(w t), k = sin 1, of a compound pendulum."""
+    t = np.linspace(0, 20, 101)
+    swing = hp.simulate(pendulum(), t, STILL, psi_0=np.pi / 2 - 2, psid_0=0.0, base="fixed", tol=tol)
+    k, w = mpmath.sin(1), mpmath.sqrt(2 * mpmath.mpf("9.81") / 3)  # m g l / (I + m l^2) with m = 2, l = 1, I = 1
+    below = [2 * mpmath.asin(k * mpmath.ellipfun("cd", w * mpmath.mpf(float(x)), k=k)) for x in t]
+    error = np.abs(np.pi / 2 - swing.psi - np.array(below, float)).max()
+    assert error <= 100 * tol + 1e-13
+    assert swing.psi_error_estimate <= 100 * tol
+    assert error <= 3 * swing.psi_error_estimate + 1e-13
+
+
+@pytest.mark.law
+def test_a_symmetric_top_precesses():
+    """Two bodies of one axis, which is the hinge's: body 1 precesses about the angular momentum, uniformly."""
+    transverse, axial = 0.8, 0.3
+    wheel = hp.Body(1.0, inertia=np.diag([transverse, transverse, axial]))
+    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body1=wheel, body2=wheel)
+    omega = np.array([0.7, 0.0, 2.0])
+    body1 = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(0, 0, 0), omega=omega)
+    t = np.linspace(0, 12, 25)
+    top = hp.simulate(pair, t, body1, 0.0, -1.5, gravity=WEIGHTLESS, tol=1e-12)
+    momentum = np.array([2 * transverse * omega[0], 0, 2 * axial * omega[2] + axial * -1.5])
+    rate = momentum / (2 * transverse)  # the axis turns with L / transverse
+    axis = np.stack([hp.rotation_exp(x * rate) @ (0, 0, 1) for x in t])
+    np.testing.assert_allclose(top.S1[:, :, 2], axis, rtol=0, atol=2e-13)
+    np.testing.assert_allclose(top.psi, -1.5 * t, rtol=0, atol=2e-13)
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("seed", range(3))
+def test_a_free_pair_keeps_its_momenta_and_its_energy(seed):
+    rng = generator(30, seed)
+    pair, start = heavy(rng), thrown(rng)
+    free = hp.simulate(pair, np.linspace(0, 4, 81), start, 0.3, 1.0, gravity=WEIGHTLESS, tol=1e-12)
+    motion = free.body1, free.psi, free.psid
+    momentum, energy = pair.momentum(*motion), pair.energy(*motion, WEIGHTLESS).kinetic
+    size = 1 + np.abs(free.body1.R).max() * np.abs(momentum.linear).max() + np.abs(momentum.angular).max()
+    assert np.ptp(momentum.linear, axis=0).max() <= 4e-15 * size
+    assert np.ptp(momentum.angular, axis=0).max() <= 2e-14 * size
+    assert np.ptp(energy) <= 2e-13 * energy.max()
+
+
+@pytest.mark.law
+def test_forces_are_found_again_from_the_motion():
+    rng = generator(31)
+    pair, start = heavy(rng), thrown(rng)
+    t = np.linspace(0, 3, 31)
+
+    def thrust(t, now):
+        return np.stack([np.sin(t), -now.v1[:, 1], now.psi], axis=-1)
+
+    def motor(t, psi, psid):
+        return 0.3 * np.cos(t) - 0.1 * psid - 0.5 * np.sin(psi)
+
+    loads = {"force1": thrust, "torque1": (0.1, 0, -0.2), "hinge_torque": motor}
+    moved = hp.simulate(pair, t, start, 0.3, 1.0, **loads, tol=1e-12)
+    forces = pair.inverse_dynamics(moved.body1, moved.psi, moved.psid, moved.psidd)
+    expected = np.stack([np.sin(t), -moved.body1.v[:, 1], moved.psi], axis=-1)
+    np.testing.assert_allclose(forces.force1, expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(forces.torque1, np.broadcast_to((0.1, 0, -0.2), (31, 3)), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(forces.hinge_torque, motor(t, moved.psi, moved.psid), rtol=0, atol=1e-12)
+
+
+@pytest.mark.law
+def test_the_motion_is_the_integral_of_its_accelerations():
+    """By Simpson's rule between the instants; of body 1, of psi, and of body 2 by its own state."""
+    rng = generator(32)
+    pair, start = heavy(rng), thrown(rng)
+    t = np.linspace(0, 0.5, 1001)
+    moved = hp.simulate(pair, t, start, 0.3, 1.0, hinge_torque=0.2, force2=(0.1, 0.2, 0.3), torque2=(0, 0.1, 0))
+    h = t[1]
+
+    def simpson(rate):
+        return (rate[:-2:2] + 4 * rate[1::2] + rate[2::2]) * h / 3
+
+    pairs = [(moved.body1.R, moved.body1.v), (moved.body1.v, moved.body1.a), (moved.body1.omega, moved.body1.alpha)]
+    pairs += [(moved.psi, moved.psid), (moved.psid, moved.psidd), (moved.R2, moved.v2), (moved.v2, moved.a2)]
+    for value, rate in pairs:
+        np.testing.assert_allclose(np.diff(value[::2], axis=0), simpson(rate), rtol=0, atol=1e-11)
+
+
+@pytest.mark.law
+def test_a_base_that_moves_as_given_carries_the_hinge_along():
+    """Shaken sideways, a pendulum in no gravity sees the inertia of its mass: the torques agree at each instant."""
+    pair = pendulum()
+
+    def shaken(t):
+        zero = np.zeros((len(t), 3))
+        wave = np.stack([np.sin(3 * t), 0 * t, 0 * t], axis=-1)
+        rate = np.stack([3 * np.cos(3 * t), 0 * t, 0 * t], axis=-1)
+        return hp.BodyMotion(R=wave, S=np.eye(3), v=rate, omega=zero, a=-9 * wave, alpha=zero)
+
+    spring = hp.HingeLoad(stiffness=4, rest=0.2, damping=0.3)
+    moved = hp.simulate(pair, np.linspace(0, 5, 51), None, 0.1, 0.0, hinge_torque=spring, base=shaken, tol=1e-12)
+    wrench = pair.hinge_wrench(moved.body1, moved.psi, moved.psid, moved.psidd)
+    torque = spring(moved.t, moved.psi, moved.psid)
+    np.testing.assert_allclose(wrench.hinge_torque, torque, rtol=0, atol=1e-12)
+    assert np.ptp(moved.psi) > 0.1
+
+
+def test_a_heavy_body1_is_a_fixed_base():
+    pair = pendulum()
+    ship = hp.Body(mass=1e12, inertia=1e12 * np.eye(3))
+    free = hp.HingePair(pair.u1, pair.u2, pair.n, body1=ship, body2=pair.body2)
+    t = np.linspace(0, 2, 11)
+    force = (0, 0, 9.81e12)
+    held = hp.simulate(pair, t, STILL, 0.0, 0.0, base="fixed")
+    carried = hp.simulate(free, t, STILL, 0.0, 0.0, force1=force)
+    np.testing.assert_allclose(carried.psi, held.psi, rtol=0, atol=1e-9)
+
+
+def test_a_damper_and_friction_bring_the_hinge_to_rest_and_stops_turn_it_back():
+    wheel = flywheel()
+    t = np.linspace(0, 4, 41)
+    damped = hp.simulate(wheel, t, STILL, 0.0, 1.0, base="fixed", hinge_torque=hp.HingeLoad(damping=0.5))
+    np.testing.assert_allclose(damped.psid, np.exp(-0.5 * t), rtol=0, atol=1e-9)
+    rubbed = hp.simulate(wheel, t, STILL, 0.0, 1.0, base="fixed", hinge_torque=hp.HingeLoad(friction=0.5), tol=1e-8)
+    assert np.abs(rubbed.psid[t < 1.9] - (1 - 0.5 * t[t < 1.9])).max() < 1e-3
+    assert abs(rubbed.psid[-1]) < 1e-3
+    stopped = hp.HingeLoad(stops=(-1, 1), stop_stiffness=1e4)
+    bounced = hp.simulate(wheel, t, STILL, 0.0, 1.0, base="fixed", hinge_torque=stopped, tol=1e-9)
+    assert bounced.psi.max() < 1.02
+    np.testing.assert_allclose(np.abs(bounced.psid[np.abs(bounced.psi) < 0.99]), 1.0, rtol=0, atol=1e-5)
+
+
+def test_bad_arguments_are_named():
+    pair, t = pendulum(), np.linspace(0, 1, 5)
+    for name, change in (
+        ("t", {"t": (0, 0)}), ("tol", {"tol": 0}), ("base", {"base": "held"}), ("body1", {"body1": None}),
+        ("psi_0", {"psi_0": np.nan}), ("gravity", {"gravity": (0, 0)}), ("force2", {"force2": (1, 2)}),
+        (r"pair\.body1", {"base": "free"}), ("hinge_torque", {"hinge_torque": lambda *_: "much"}),
+        ("force2", {"force2": lambda *_: np.zeros((3, 3))}), ("base", {"base": shapeless, "body1": None}),
+    ):  # fmt: skip
+        given = {"t": t, "body1": STILL, "psi_0": 0.0, "psid_0": 0.0, "base": "fixed"} | change
+        with pytest.raises(hp.ArgumentError, match=rf"^{name}: expected "):
+            hp.simulate(pair, **given)
+
+
+def shapeless(_):
+    return hp.BodyMotion(R=np.zeros((3, 3)), S=np.eye(3), v=(0, 0, 0), omega=(0, 0, 0), a=(0, 0, 0), alpha=(0, 0, 0))
+
+
+def test_a_motion_without_end_is_refused_where_it_ends():
+    wheel = flywheel()
+    with pytest.raises(hp.SimulationError) as caught:  # psi'' = 2 psi^3 has the solution 1 / (1 - t)
+        hp.simulate(wheel, [0.0, 10.0], STILL, 1.0, 1.0, base="fixed", hinge_torque=lambda _t, psi, _psid: 2 * psi**3)
+    assert caught.value.t == pytest.approx(1.0, abs=1e-6)
