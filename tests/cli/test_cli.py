@@ -244,6 +244,16 @@ def test_what_a_file_holds_is_not_obeyed_by_the_terminal(short_scene: Path, tmp_
     assert "\x1b" not in invoke("run", tmp_path / "log.toml")
 
 
+def test_a_warning_is_a_line(tmp_path: Path) -> None:
+    text = re.sub(r'<mass value="[^"]*"', '<mass value="-1"', (MODELS / "talos_elbow.urdf").read_text())
+    (tmp_path / "light.urdf").write_text(text)
+    done = hingepair("urdf", tmp_path / "light.urdf", "hinge")
+    lines = done.stderr.splitlines()
+    assert len(lines) == 2
+    assert all(line.startswith("hingepair: warning: the mass properties of the body of 'body") for line in lines)
+    assert done.stdout.startswith("<?xml")
+
+
 def invoke(*arguments: object) -> str:
     """What the command line prints, the message of an error included, without a process of its own."""
     from typer.testing import CliRunner

@@ -5,14 +5,16 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
+from hingepair.errors import printable
 from hingepair.formats.whole_file import whole_file
 
 EXIT_BAD = 2
@@ -50,6 +52,7 @@ def behave() -> None:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) in {signal.SIG_DFL, signal.default_int_handler}:
             signal.signal(number, _stop)
+    warnings.showwarning = _warn
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
@@ -65,6 +68,10 @@ def printed(run: Callable[[], int]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left would fail again at the end
         return EXIT_BAD
     return code
+
+
+def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"hingepair: warning: {printable(str(message))}", file=sys.stderr)
 
 
 def _stop(number: int, _: FrameType | None) -> None:
