@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -133,18 +135,27 @@ def test_outputs_of_any_stride():
     agree(run(MAP, values, (21,), how=NUMPY), run(MAP, values, (21,), out=out))
 
 
-@pytest.mark.parametrize("shift", [0, 8, 16, 24])
-def test_outputs_past_the_caches_start_anywhere(shift, monkeypatch):
+@functools.cache
+def doubled(count):
+    return Loop("double", lambda v: {"b": tuple(2 * x for x in v["a"])}, {"a": (count,)}, {"b": (count,)})
+
+
+@pytest.mark.parametrize("dtype", [F8, F4], ids=str)
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 8, 9, 21])
+@pytest.mark.parametrize("shift", [0, 8, 16, 48])
+def test_outputs_past_the_caches_start_anywhere(shift, count, dtype, monkeypatch):
     """Rows of a cut array start off the pieces that are stored, wherever its first row starts."""
     monkeypatch.setattr(binding, "_TOO_MUCH_FOR_CACHES", 0)
-    double = Loop("double", lambda v: {"b": tuple(2 * x for x in v["a"])}, {"a": (3,)}, {"b": (3,)})
-    room = np.zeros(9 * 8 * 17 * 3 + 16)
-    first = (-room.ctypes.data % 64 + shift) // 8
-    whole = room[first : first + 9 * 8 * 17 * 3].reshape(9, 8, 17, 3)
+    room = np.full(9 * 8 * 17 * count + 32, 7.0, dtype)
+    first = (-room.ctypes.data % 64 + shift) // dtype.itemsize
+    whole = room[first : first + 9 * 8 * 17 * count].reshape(9, 8, 17, count)
     for cut in (whole, whole[:, :7, :16], whole[:, :, :16], whole[::2]):
-        a = np.random.default_rng(5).normal(size=cut.shape)
-        found = run(double, {"a": a}, cut.shape[:-1], out={"b": cut})
-        np.testing.assert_array_equal(found["b"], 2 * a)
+        room[:] = 7.0
+        a = np.random.default_rng(5).normal(size=cut.shape).astype(dtype)
+        run(doubled(count), {"a": a}, cut.shape[:-1], dtype, out={"b": cut})
+        np.testing.assert_array_equal(cut, 2 * a)
+        cut[:] = 7.0
+        assert (room == 7.0).all()
 
 
 def test_addresses_are_those_that_numpy_says(monkeypatch):

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.evaluation.llvm_ir import ALIGNED, FIELDS, LANES, PAST_CACHES, SCATTERED, SIDE_BY_SIDE
+from hingepair.evaluation.llvm_ir import FIELDS, LANES, OFF_LINES, ON_LINES, PIECE, SCATTERED, SIDE_BY_SIDE
 from hingepair.numeric.arrays import Box, boxes
 
 Tail: TypeAlias = tuple[int, ...]
@@ -201,9 +201,12 @@ def walk(
         count = outputs[k - first - len(inputs)].shape[-1]
         at, outer, inner, step, _ = table[k * FIELDS : (k + 1) * FIELDS]
         dense = (step == itemsize or count == 1) and inner == count * itemsize
-        starts = (at, *((outer,) if layout.outer > 1 else ()), *(offsets[k - first] for offsets in layout.offsets))
-        past = dense and heavy and all(start % ALIGNED == 0 for start in starts)
-        table[k * FIELDS + 4] = PAST_CACHES if past else SIDE_BY_SIDE if dense else SCATTERED
+        mode = SIDE_BY_SIDE if dense else SCATTERED
+        if dense and heavy:
+            steps = (outer if layout.outer > 1 else 0, *(offsets[k - first] for offsets in layout.offsets))
+            if not any(step % (LANES * itemsize) for step in steps):
+                mode = {0: ON_LINES, PIECE: OFF_LINES}.get(at % (LANES * itemsize), mode)
+        table[k * FIELDS + 4] = mode
     kind = ctypes.c_int64 * len(table)
     shared, column = (layout.outer, 1) if chained else (layout.inner, 2)
     workers = max(1, min(workers, layout.outer * layout.inner // FEWEST_A_WORKER, shared // LANES))

@@ -10,8 +10,9 @@ What is left when the samples are no multiple of eight goes through the same cod
 
 Every group of components (a row of seven coordinates, say) is given by a line of five integers: address, bytes
 between outer samples, between inner samples, between components, and for outputs how to store: SCATTERED,
-SIDE_BY_SIDE, or PAST_CACHES, for which the address must be a multiple of 16. Flags of the arithmetic: `contract` and
-`nsz`, or none where the code must not be fused either. NaN stays NaN, and nothing is reordered.
+SIDE_BY_SIDE, or past the caches: ON_LINES, where addresses are multiples of a vector's size, and OFF_LINES, where
+they lie 16 bytes behind one, as they do in NumPy's own large arrays. Flags of the arithmetic: `contract` and `nsz`,
+or none where the code must not be fused either. NaN stays NaN, and nothing is reordered.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from hingepair.evaluation.trace import Operand, Value, needed_lines
 
 LANES: Final = 8
 FIELDS: Final = 5
-SCATTERED, SIDE_BY_SIDE, PAST_CACHES = 0, 1, 2
-ALIGNED: Final = 16  # bytes: where NumPy's large arrays start; pieces of 64 take as long, where they can be had
+SCATTERED, SIDE_BY_SIDE, ON_LINES, OFF_LINES = range(4)
+PIECE: Final = 16  # bytes that OFF_LINES is off, and of its smallest stores
 AHEAD: Final = 128  # samples from the one being computed to the one whose inputs are asked for
 
 _REACH: Final = 1e6  # up to here the three parts of pi/2 reduce an angle without loss
@@ -325,47 +326,77 @@ class _Kernel:
 
     def store(self, group: Group, row: str, g: int, mode: str) -> None:
         """Eight samples side by side, or lane by lane."""
-        count, number = len(group.values), self.number
-        labels = [f"{kind}{g}" for kind in ("scatter", "dense", "past", "stored")]
-        cases = f"i64 {SIDE_BY_SIDE}, label %{labels[1]} i64 {PAST_CACHES}, label %{labels[2]}"
-        mixed = self.mix(group)
-        self.do(f"switch i64 {mode}, label %{labels[0]} [{cases}]")
-        for label, align, hint in (
-            (labels[1], 1, ""),
-            (labels[2], ALIGNED, ", !nontemporal !0"),
-        ):
+        count = len(group.values)
+        scatter, dense, on, off, stored = (f"{kind}{g}" for kind in ("scatter", "dense", "on", "off", "stored"))
+        cases = f"i64 {SIDE_BY_SIDE}, label %{dense} i64 {ON_LINES}, label %{on} i64 {OFF_LINES}, label %{off}"
+        rows = self.rows(group)
+        self.do(f"switch i64 {mode}, label %{scatter} [{cases}]")
+        for label, align in ((dense, 1), (on, LANES * self.size)):
             self.start(label)
-            for c in range(count):
-                picks = ", ".join(f"i32 {LANES * c + k}" for k in range(LANES))
-                kind = f"<{LANES * count} x {number}>"
-                shuffle = f"shufflevector {kind} {mixed}, {kind} poison, <{LANES} x i32> <{picks}>"
-                part = self.put(shuffle) if count > 1 else mixed
-                at = self.put(f"add i64 {row}, {LANES * self.size * c}")
-                place = self.put(f"inttoptr i64 {at} to ptr")
-                self.do(f"store {self.vector} {part}, ptr {place}, align {align}{hint}")
-            self.do(f"br label %{labels[3]}")
-        self.start(labels[0])
+            for k in range(count):
+                self.put_part(rows, count, row, LANES * k, align=align, past=label == on)
+            self.do(f"br label %{stored}")
+        self.start(off)
+        piece = PIECE // self.size
+        ahead, last = LANES - piece, LANES * count - piece
+        for first in range(ahead, last, LANES):
+            self.put_part(rows, count, row, first, align=LANES * self.size, past=True)
+        for first in (*range(0, ahead, piece), last):
+            self.put_part(rows, count, row, first, piece, align=PIECE, past=True)
+        self.do(f"br label %{stored}")
+        self.start(scatter)
         self.scatter(group, row, self.fields[g][2], self.fields[g][3])
-        self.do(f"br label %{labels[3]}")
-        self.start(labels[3])
+        self.do(f"br label %{stored}")
+        self.start(stored)
 
-    def mix(self, group: Group) -> str:
-        """The components of sample after sample, in one long vector."""
-        joined = [self.of(value) for value in group.values]
-        length, count = LANES, len(joined)
-        while len(joined) > 1:
-            joined += [joined[-1]] * (len(joined) % 2)
-            kind, picks = f"<{length} x {self.number}>", ", ".join(f"i32 {k}" for k in range(2 * length))
-            joined = [
-                self.put(f"shufflevector {kind} {x}, {kind} {y}, <{2 * length} x i32> <{picks}>")
-                for x, y in zip(joined[::2], joined[1::2], strict=True)
+    def put_part(
+        self, rows: list[list[str]], count: int, row: str, first: int, size: int = LANES, *, align: int, past: bool
+    ) -> None:
+        """Store numbers that follow each other, from the first-th of eight samples of `count` components on."""
+        part = self.part(rows, count, first, size)
+        place = self.put(f"inttoptr i64 {self.put(f'add i64 {row}, {self.size * first}')} to ptr")
+        hint = ", !nontemporal !0" if past else ""
+        self.do(f"store <{size} x {self.number}> {part}, ptr {place}, align {align}{hint}")
+
+    def rows(self, group: Group) -> list[list[str]]:
+        """Vectors from which the samples are put together: of a sample, of as many components as fill one.
+
+        Where components are too few to fill a vector, and for those that are left: of a component, of all samples.
+        """
+        parts = [self.of(value) for value in group.values]
+        full = len(parts) // LANES * LANES
+        blocks = [self.transposed(parts[k : k + LANES]) for k in range(0, full, LANES)]
+        return [*(list(sample) for sample in zip(*blocks, strict=True)), parts[full:]]
+
+    def part(self, rows: list[list[str]], count: int, first: int, size: int) -> str:
+        """These numbers, out of `rows`."""
+        wish = []
+        for sample, c in (divmod(j, count) for j in range(first, first + size)):
+            block, lane = divmod(c, LANES)
+            wish.append((rows[sample][block], lane) if c < count - len(rows[-1]) else (rows[-1][lane], sample))
+        found, *others = dict.fromkeys(name for name, _ in wish)
+        picks = [lane if name == found else -1 for name, lane in wish] + [-1] * (LANES - size)
+        for other in others or ["poison"]:
+            both = zip(wish, picks, strict=False)
+            picks[:size] = [LANES + lane if name == other else own for (name, lane), own in both]
+            found = self.shuffle(found, other, picks)
+            picks = [m if pick >= 0 else -1 for m, pick in enumerate(picks)]
+        return found if size == LANES else self.shuffle(found, "poison", picks[:size])
+
+    def transposed(self, vectors: list[str]) -> list[str]:
+        """Eight components of a sample each, from eight samples of a component each."""
+        for step in (1, 2, 4):
+            low = [m if not m & step else LANES + m - step for m in range(LANES)]
+            high = [m + step if not m & step else LANES + m for m in range(LANES)]
+            vectors = [
+                self.shuffle(*(vectors[i & ~step], vectors[i | step]), high if i & step else low)
+                for i in range(LANES)
             ]
-            length *= 2
-        if count == 1:
-            return joined[0]
-        kind = f"<{length} x {self.number}>"
-        order = ", ".join(f"i32 {j // count + LANES * (j % count)}" for j in range(count * LANES))
-        return self.put(f"shufflevector {kind} {joined[0]}, {kind} poison, <{count * LANES} x i32> <{order}>")
+        return vectors
+
+    def shuffle(self, x: str, y: str, picks: Sequence[int]) -> str:
+        mask = ", ".join(f"i32 {k}" if k >= 0 else "i32 poison" for k in picks)
+        return self.put(f"shufflevector {self.vector} {x}, {self.vector} {y}, <{len(picks)} x i32> <{mask}>")
 
     def scatter(self, group: Group, row: str, stride: str, step: str) -> None:
         """As many lanes as there are samples, one after the other, by way of the scratch array."""
