@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.integration.attitude_steps import RULES
-from hingepair.integration.step_control import PROBES
+from hingepair.integration.error_estimate import PROBES
+from hingepair.integration.methods import RULES
 from support.reference import DIGITS
 from support.spins import REFERENCE, SPINS, TURNED, U, angle
 from support.states import generator

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.integration import scipy_route, step_counts
-from hingepair.integration.attitude_steps import RULES, divided
+from hingepair.integration import solve
+from hingepair.integration.methods import RULES
 from hingepair.integration.signals import Function
+from hingepair.integration.stepping import divided
 from support.reference import DIGITS
 from support.spins import U
 from support.states import generator
@@ -90,7 +91,7 @@ def test_probes_do_not_enlarge_rounding():
 def test_steps_do_not_chase_rounding():
     """What is left of the errors of intervals is rounding, which more steps do not mend."""
     omega = Function("omega1", about_x(np.exp), (3,))
-    counts = step_counts.substeps(omega, (), np.linspace(0, 10, 3), RULES["magnus6"], 1e-14)
+    counts = solve.substeps(omega, (), np.linspace(0, 10, 3), RULES["magnus6"], 1e-14)
     assert counts.sum() <= 3000
     smooth = hp.integrate(PAIR, [0, 1], about_x(np.cos), np.cos, tol=1e-2, outputs=())
     assert smooth.steps == 16
@@ -213,8 +214,10 @@ def test_euler_angles_halve_their_steps_far_from_lock():
 
 
 def test_a_solver_does_not_work_for_minutes(monkeypatch):
-    monkeypatch.setattr(scipy_route, "MOST_LOOKS", 2000)
-    with pytest.raises(hp.ArgumentError, match=r"method: expected 'magnus6' for a motion so .* DOP853 takes minutes"):
+    monkeypatch.setattr(solve, "MOST_LOOKS", 2000)
+    with pytest.raises(
+        hp.ArgumentError, match=r"method: expected 'magnus6' for a motion so .* 'dop853' takes minutes"
+    ):
         hp.integrate(PAIR, [0, 10], (1e5, 0, 0), 0.0, method="dop853", outputs=())
 
 
@@ -232,7 +235,7 @@ def random_rate(random, kinds=9):
 @pytest.mark.parametrize("seed", range(40))
 def test_steps_are_counted_for_any_rate(seed, monkeypatch):
     """Spans from 1e-3 to 1e6, 1 to 100 instants: steps within the bound, or one of our errors."""
-    monkeypatch.setattr(step_counts, "MOST_STEPS", 5000)
+    monkeypatch.setattr(solve, "MOST_STEPS", 5000)
     random = generator(162 + seed)
     rates = [random_rate(random) for _ in range(4)]
     stop = 10 ** random.uniform(-3, 6)
@@ -268,7 +271,7 @@ def test_long_times_need_only_many_steps(omega, psid, stop, samples):
 
 def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, monkeypatch):
     """And then says that psi_dot, whose slope is infinite at t = 0, is what leaves so much."""
-    monkeypatch.setattr(step_counts, "MOST_STEPS", 2000)
+    monkeypatch.setattr(solve, "MOST_STEPS", 2000)
     (tmp_path / "my.toml").write_text(SCENE.format(tol=""))
     scene = hp.load_scene(tmp_path / "my.toml")
     off = abs(scene.motion.given.hinge[0][-1] - 10**1.5 / 1.5)
@@ -282,7 +285,7 @@ def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, m
 
 def test_a_pole_is_reported(tmp_path, monkeypatch):
     """No number of steps follows the attitude through it; that is said."""
-    monkeypatch.setattr(step_counts, "MOST_STEPS", 2000)
+    monkeypatch.setattr(solve, "MOST_STEPS", 2000)
     text = SCENE.replace('"1000*t", 0, 0', '"1e9*t", "cos(t)", 1').replace("sqrt(t)", "1/(t - 0.987)")
     (tmp_path / "my.toml").write_text(text.format(tol=""))
     assert hp.load_scene(tmp_path / "my.toml").motion.error_estimate >= 1

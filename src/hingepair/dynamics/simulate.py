@@ -24,8 +24,7 @@ from hingepair.evaluation.backend import How, choose
 from hingepair.evaluation.loops import Loop
 from hingepair.evaluation.plan import steps_of
 from hingepair.evaluation.steps import Step
-from hingepair.integration.later import Later
-from hingepair.integration.trajectory import Trajectory, rotations
+from hingepair.integration.trajectory import Later, Trajectory, rotations
 from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only, real_array
 from hingepair.numeric.finite_differences import check_instants
 from hingepair.pair.body_motion import BodyMotion, motion_arrays

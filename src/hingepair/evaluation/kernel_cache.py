@@ -18,8 +18,7 @@ from hingepair.errors import MissingDependencyError
 _SOURCES = (
     *("equations/spatial.py", "equations/planar.py", "evaluation/kernel_math.py", "evaluation/kernel_memory.py"),
     *("evaluation/kernel_rows.py", "evaluation/kernel_steps.py", "evaluation/kernel_flat_steps.py"),
-    *("evaluation/kernels.py", "evaluation/kernel_turns.py", "numeric/twofold.py", "numeric/compensated.py"),
-    *("integration/increments.py", "integration/prefix_product.py", "integration/euler_steps.py"),
+    *("evaluation/kernels.py", "numeric/twofold.py"),
 )
 _lock = threading.Lock()
 
@@ -31,15 +30,6 @@ class Kernels(NamedTuple):
     one_state: Any
 
 
-class TurnKernels(NamedTuple):
-    """The compiled functions of `integrate`."""
-
-    turns: Any
-    place: Any
-    sums: Any
-    euler: Any
-
-
 def available() -> bool:
     """Whether Numba is installed."""
     return importlib.util.find_spec("numba") is not None
@@ -48,11 +38,6 @@ def available() -> bool:
 def loaded() -> bool:
     """Whether the kernels are in memory already."""
     return bool(_build.cache_info().currsize)
-
-
-def turns_loaded() -> bool:
-    """Whether the kernels of `integrate` are in memory already."""
-    return bool(_build_turns.cache_info().currsize)
 
 
 def kernels() -> Kernels:
@@ -67,16 +52,6 @@ def kernels() -> Kernels:
         return _build()
 
 
-def turn_kernels() -> TurnKernels:
-    """The kernels of `integrate`, likewise.
-
-    Raises:
-        MissingDependencyError: Numba is not installed, or does not work.
-    """
-    with _lock:
-        return _build_turns()
-
-
 @functools.cache
 def _build() -> Kernels:
     try:
@@ -85,15 +60,6 @@ def _build() -> Kernels:
     except ImportError as error:
         raise MissingDependencyError("backend", "numba (pip install numba)", str(error)) from None
     return Kernels(*_compiled((source.kernel, source.one_state), kernel_math.FLAGS))
-
-
-@functools.cache
-def _build_turns() -> TurnKernels:
-    try:
-        from hingepair.evaluation import kernel_turns as source
-    except ImportError as error:
-        raise MissingDependencyError("backend", "numba (pip install numba)", str(error)) from None
-    return TurnKernels(*_compiled((source.turns, source.place, source.sums, source.runge_kutta), set()))
 
 
 def _compiled(functions: tuple[Callable[..., Any], ...], fastmath: set[str]) -> list[Any]:

@@ -67,7 +67,7 @@ def for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
 
 
 def _compile(name: str, source: str, functions: dict[str, Any]) -> Callable[..., tuple[Any, ...]]:
-    scope: dict[str, Any] = dict(functions)
+    scope: dict[str, Any] = {"nan": math.nan, "inf": math.inf, **functions}
     exec(compile(source, f"<hingepair: {name}>", "exec"), scope)
     function: Callable[..., tuple[Any, ...]] = scope[name]
     return function

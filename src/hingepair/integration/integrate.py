@@ -6,36 +6,35 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final, TypeAlias, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.evaluation.backend import choose
-from hingepair.integration.attitude_steps import RULES
-from hingepair.integration.position import read_position
-from hingepair.integration.routes import (
-    METHODS,
-    Course,
-    check_reached,
-    check_tolerance,
-    hinge_angles,
-    plain_steps,
-    plane_angle,
-    space_attitudes,
-)
-from hingepair.integration.signals import Signal, Values, read_signal
-from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
-from hingepair.integration.trajectory_state import planar_state, spatial_state
+from hingepair.evaluation.backend import How, choose
+from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, check_outputs, default_outputs, make_plan
+from hingepair.integration.signals import Signal, Values, read_position, read_signal
+from hingepair.integration.solve import METHODS, Course, solve
+from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, rotations, world_vectors
 from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only, real_array
 from hingepair.numeric.finite_differences import check_instants
-from hingepair.pair.constants import check_pair
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.constants import Constants, check_pair
 from hingepair.pair.evaluate import Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.matrices import check_rotation
 
 FRAMES: Final = ("world", "body")
 
 Given: TypeAlias = ArrayLike | Callable[[Values], Any]
+Rates = Mapping[str, Signal | None]
+
+_GIVEN: Final = {
+    **{"R1": "R1", "v1": "R1[1]", "a1": "R1[2]", "omega1": "omega1", "psid": "psid", "alpha1": "alpha1"},
+    **{"psidd": "psidd", "phi1d": "omega1", "phi1dd": "alpha1"},
+}
+
+_WANTED: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 
 
 @overload
@@ -146,86 +145,39 @@ def integrate(
     """
     check_choice("method", method, METHODS)
     check_choice("frame", frame, FRAMES)
-    check_tolerance(tol)
-    course = Course(check_instants("t", real_array("t", t), 0), method, tol, choose(backend, 1), frame == "body")
-    given: dict[str, Any] = {"omega1": omega1, "psid": psid, "alpha1": alpha1, "psidd": psidd}
+    t = check_instants("t", real_array("t", t), 0)
+    how = How("compiled", 1) if backend == "numba" else choose(backend, 1)
+    course = Course(t, method, tol, how, frame == "body")
     hinge = finite_number("psi_0", psi_0)
-    if isinstance(pair, PlanarPair):
+    flat = isinstance(pair, PlanarPair)
+    start: Values | float
+    if flat:
         if S1_0 is not None:
             raise ArgumentError("S1_0", "nothing beside a PlanarPair, which takes phi_0", quoted(S1_0))
         check_choice("frame", frame, ("world",))
-        check_choice("method", method, tuple(RULES))
-        angle = finite_number("phi_0", 0.0 if phi_0 is None else phi_0)
-        return _in_plane(pair, course, given, R1, (angle, hinge), outputs, backend)
-    check_pair(pair)
-    if phi_0 is not None:
-        raise ArgumentError("phi_0", "nothing beside a HingePair, which takes S1_0", quoted(phi_0))
-    start = one_constant("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
-    check_rotation("S1_0", start)
-    return _in_space(pair, course, given, R1, (start, hinge), outputs, backend)
-
-
-def _in_space(
-    pair: HingePair,
-    course: Course,
-    given: Mapping[str, Any],
-    R1: Any,
-    start: tuple[Values, float],
-    outputs: Outputs,
-    backend: str,
-) -> Trajectory:
-    t = course.t
-    rates = _rates(given, t, (3,))
-    omega, psid = _needed(rates, "omega1"), _needed(rates, "psid")
-    point = read_position(np.zeros(3) if R1 is None else R1, t, 3)
-    found = space_attitudes(course, omega, psid, start[0])
-    hinge = hinge_angles(course, psid, start[1], found.steps)
-    check_reached(course.tol, {"omega1": found.error, "psid": hinge.error})
-    return Trajectory(
-        t=read_only(t),
-        quat_wxyz=read_only(found.values),
-        psi=read_only(hinge.values),
-        state=spatial_state(
-            pair, t, found.values, hinge.values, rates, point, outputs, body=course.body, backend=backend
-        ),
-        method=course.method,
-        steps=0 if course.method == "dop853" else int(found.steps.counts.sum()),
-        _error=found.error,
-        _psi_error=hinge.error,
-    )
-
-
-def _in_plane(
-    pair: PlanarPair,
-    course: Course,
-    given: Mapping[str, Any],
-    R1: Any,
-    start: tuple[float, float],
-    outputs: Outputs,
-    backend: str,
-) -> PlanarTrajectory:
-    """Two sums: phi_1 of omega, psi of psi'; phi_2 = phi_1 + psi (E11)."""
-    t = course.t
-    rates = _rates(given, t, ())
-    omega, psid = _needed(rates, "omega1"), _needed(rates, "psid")
-    point = read_position(np.zeros(2) if R1 is None else R1, t, 2)
-    rule = RULES[course.method]
-    steps = plain_steps(course, (omega, psid), rule)
-    found, hinge = (
-        plane_angle(course, name, rate, begin, steps, rule)
-        for name, rate, begin in zip(("omega1", "psid"), (omega, psid), start, strict=True)
-    )
-    check_reached(course.tol, {"omega1": found.error, "psid": hinge.error})
-    return PlanarTrajectory(
-        t=read_only(t),
-        phi=read_only(found.values),
-        psi=read_only(hinge.values),
-        state=planar_state(pair, t, (found.values, hinge.values), rates, point, outputs, backend=backend),
-        method=course.method,
-        steps=int(steps.counts.sum()),
-        _error=found.error,
-        _psi_error=hinge.error,
-    )
+        start = finite_number("phi_0", 0.0 if phi_0 is None else phi_0)
+    else:
+        check_pair(pair)
+        if phi_0 is not None:
+            raise ArgumentError("phi_0", "nothing beside a HingePair, which takes S1_0", quoted(phi_0))
+        start = one_constant("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
+        check_rotation("S1_0", start)
+    rates = _rates({"omega1": omega1, "psid": psid, "alpha1": alpha1, "psidd": psidd}, t, () if flat else (3,))
+    size = 2 if flat else 3
+    point = read_position(np.zeros(size) if R1 is None else R1, t, size)
+    found = solve(course, _needed(rates, "omega1"), _needed(rates, "psid"), start, hinge)
+    found.check(course)
+    given: dict[str, Any] = {
+        "t": read_only(t), "psi": read_only(found.psi), "method": method, "steps": found.steps,
+        "_error": found.error, "_psi_error": found.psi_error,
+    }  # fmt: skip
+    turned = read_only(found.turned)
+    if flat:
+        in_plane = _planar_state(pair, t, (found.turned, found.psi), rates, point, outputs, backend=backend)
+        return PlanarTrajectory(phi=turned, state=in_plane, **given)
+    body = frame == "body"
+    state = _spatial_state(pair, t, found.turned, found.psi, rates, point, outputs, body=body, backend=backend)
+    return Trajectory(quat_wxyz=turned, state=state, **given)
 
 
 def _rates(given: Mapping[str, Any], t: Values, tail: tuple[int, ...]) -> dict[str, Signal | None]:
@@ -240,3 +192,102 @@ def _needed(rates: Mapping[str, Signal | None], name: str) -> Signal:
     if signal is None:
         raise ArgumentError(name, "a callable, a constant, or samples at t", None)
     return signal
+
+
+def _spatial_state(
+    pair: HingePair,
+    t: Values,
+    quats: Values,
+    psi: Values,
+    rates: Rates,
+    point: Mapping[str, NDArray[Any]],
+    outputs: Outputs,
+    *,
+    body: bool,
+    backend: str,
+) -> PairState:
+    """The state of a pair at the instants.
+
+    Args:
+        pair: the pair.
+        t: the instants.
+        quats: attitude of body 1.
+        psi: hinge angle.
+        rates: omega1, psid, alpha1, psidd.
+        point: R1, v1, a1, as far as known.
+        outputs: names; None for all of body 2 that can be had.
+        body: whether omega1 and alpha1 are in body axes.
+        backend: as for `forward_kinematics`.
+    """
+    names, needed = _wanted(pair.constants, outputs, rates, point, SPATIAL)
+    if not names:
+        return PairState({}, t.shape)
+    known: dict[str, Any] = {name: point[name] for name in ("R1", "v1", "a1") if name in needed}
+    S1 = rotations(quats)
+    for name in needed & {"omega1", "alpha1", "psid", "psidd"}:
+        values = rates[name].instants(t)  # type: ignore[union-attr]
+        known[name] = world_vectors(S1, values) if body and values.ndim == 2 else values
+    motion = BodyMotion._trusted(
+        R=known.get("R1", np.zeros(3)),
+        S=S1,
+        v=known.get("v1"),
+        omega=known.get("omega1"),
+        a=known.get("a1"),
+        alpha=known.get("alpha1"),
+    )
+    psid = known.get("psid", 0.0 if "psidd" in known else None)
+    return pair.forward_kinematics_from_body1(motion, psi, psid, known.get("psidd"), outputs=names, backend=backend)
+
+
+def _planar_state(
+    pair: PlanarPair,
+    t: Values,
+    angles: tuple[Values, Values],
+    rates: Rates,
+    point: Mapping[str, NDArray[Any]],
+    outputs: Outputs,
+    *,
+    backend: str,
+) -> PlanarState:
+    """The state of a planar pair at the instants; angles = (phi, psi)."""
+    names, needed = _wanted(pair.constants, outputs, rates, point, PLANAR)
+    if not names:
+        return PlanarState({}, t.shape)
+    zero = np.zeros(2)
+    levels: list[Any] = [(point["R1"], *angles)]
+    for place, turn, hinge in (("v1", "phi1d", "psid"), ("a1", "phi1dd", "psidd")):
+        if needed & {"v1", "phi1d", "psid", "a1", "phi1dd", "psidd"}:
+            parts = [
+                rates[_GIVEN[name]].instants(t) if name in needed else 0.0  # type: ignore[union-attr]
+                for name in (turn, hinge)
+            ]
+            levels.append((point[place] if place in needed else zero, *parts))
+    coordinates = [(p[..., 0], p[..., 1], a, b) for p, a, b in levels]
+    return pair.forward_kinematics(*coordinates, outputs=names, backend=backend)
+
+
+def _wanted(
+    pair: Constants, outputs: Outputs, rates: Rates, point: Mapping[str, Any], kind: str
+) -> tuple[tuple[str, ...], frozenset[str]]:
+    """The outputs, and the inputs that they need.
+
+    Raises:
+        ArgumentError: an unknown output, or one that needs what is not given; names that.
+    """
+    given = {name for name, rate in rates.items() if rate is not None} | point.keys()
+    given |= {name for name, own in _GIVEN.items() if own in given} | {"S1", "psi", "phi1"} | pair.values.keys()
+
+    def inputs(names: tuple[str, ...]) -> frozenset[str]:
+        return frozenset(make_plan(names, None, "home" in pair.values, kind=kind).inputs) if names else frozenset()
+
+    if outputs is None:
+        possible = default_outputs(ACCELERATION, kind)
+        names = tuple(name for name in possible if inputs((name,)) <= given)
+        return names, inputs(names)
+    names = check_outputs(outputs, kind) if not isinstance(outputs, tuple) or outputs else ()
+    for name in names:
+        for missing in sorted(inputs((name,)) - given):
+            expected = f"{_WANTED.get(missing, 'a value')}, since output {name} needs it"
+            got = f"no {missing}" if missing in _WANTED else None
+            raise ArgumentError(_GIVEN[missing].partition("[")[0], expected, got)
+    return names, inputs(names)

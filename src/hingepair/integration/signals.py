@@ -1,4 +1,4 @@
-"""What is given as a function of time: a constant, a callable, or samples at the instants.
+"""What is given as a function of time: a constant, a callable, or samples at the instants; and where body 1 is.
 
 Samples are interpolated by the polynomial of degree 5 through the six nearest (through all, where there are fewer),
 which keeps order 6 of an integral over them.
@@ -19,6 +19,8 @@ Values: TypeAlias = NDArray[np.float64]
 
 POINTS: Final = 6
 """Samples that an interpolating polynomial goes through."""
+
+_POINT = ("R1", "v1", "a1")
 
 _JITTER = 8  # units in the last place of t - t[0]: instants this close to even ones are even
 
@@ -175,6 +177,42 @@ def called(name: str, function: Callable[[Values], Any], times: Values) -> Any:
     except (TypeError, ValueError) as error:
         wanted = "a callable vectorised over t, which takes an array of times as numpy.cos does and math.cos does not"
         raise ArgumentError(name, wanted, f"{type(error).__name__}: {error}") from error
+
+
+def read_position(R1: Any, t: NDArray[np.float64], size: int) -> dict[str, NDArray[Any]]:
+    """R1 and, as far as they are known, v1 and a1; each of shape (size,) or (N, size).
+
+    Args:
+        R1: one point, which stays where it is; a point for each instant; a tuple (R1, v1) or (R1, v1, a1); a callable
+            of t that returns one of these.
+        t: the instants, shape (N,).
+        size: 3 in space, 2 in the plane.
+
+    Raises:
+        ShapeError, DtypeError, ArgumentError: it is none of these.
+    """
+    name, times = "R1", t
+    if callable(R1):
+        times = np.append(t, [t[-1]] * (len(_POINT) + 1 - len(t)))  # more than a tuple has parts, or a point
+        name, R1 = "R1(t)", called("R1", R1, times)
+    if isinstance(R1, tuple) and len(R1) <= len(_POINT) and len(R1) and np.ndim(R1[0]) > 0:
+        if len(R1) == len(times) > 1 and all(np.ndim(part) == 1 for part in R1):
+            either = f"an array of shape {(len(t), size)}, or (R1, v1) with R1 of that shape"
+            raise ArgumentError(name, either, f"a tuple of {len(t)} points, which could be either")
+        return {own: _points(f"{name}[{i}]", R1[i], t, times, size) for i, own in enumerate(_POINT[: len(R1)])}
+    if R1 is None:
+        raise ArgumentError(name, "a point, points, or (R1, v1, a1)", None)
+    point = _points(name, R1, t, times, size)
+    if point.ndim == 1:
+        return {"R1": point, "v1": np.zeros(size), "a1": np.zeros(size)}
+    return {"R1": point}
+
+
+def _points(name: str, value: Any, t: NDArray[Any], times: NDArray[Any], size: int) -> NDArray[Any]:
+    points = real_array(name, value)
+    if points.shape not in {(size,), (len(times), size)}:
+        raise ShapeError(name, f"shape ({size},) or {(len(times), size)}", f"shape {points.shape}")
+    return points if points.ndim == 1 else points[: len(t)]
 
 
 def _first_not_finite(values: Values) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from inspect import Signature
 from typing import Any
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
-from hingepair.integration.later import Later
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.blocks import components_of, evaluate
 from hingepair.pair.states import PairState, PlanarState
@@ -19,6 +19,37 @@ from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.sequences import SEQUENCES
 
 _TURN = 2 * np.pi
+
+
+class Later:
+    """A number to be worked out; call it. Copies and pickles hold the number.
+
+    >>> later = Later(lambda: 6.0 * 7)
+    >>> later()
+    42.0
+    """
+
+    __slots__ = ("_number", "_work")
+
+    def __init__(self, work: Callable[[], float] | None, number: float = 0.0) -> None:
+        self._work = work
+        self._number = number
+
+    def __call__(self) -> float:
+        """The number."""
+        work = self._work
+        if work is not None:  # two threads may both come here, and find the same number
+            self._number = float(work())
+            self._work = None
+        return self._number
+
+    @property
+    def known(self) -> bool:
+        """Whether the number has been worked out already."""
+        return self._work is None
+
+    def __reduce__(self) -> tuple[type[Later], tuple[None, float]]:
+        return Later, (None, self())
 
 
 class _OfState:
@@ -172,6 +203,12 @@ def _mended(S: eq.Matrix) -> eq.Matrix:
     d, e, f = (-0.5 * eq.dot(*columns) for columns in ((x, y), (y, z), (z, x)))
     rest = eq.compose(S, (a, d, f, d, b, e, f, e, c))
     return tuple(s + r for s, r in zip(S, rest, strict=True))
+
+
+def world_vectors(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors from body 1's axes to the world's."""
+    parts = {"S1": components_of(S1, 2), "w": components_of(vectors)}
+    return evaluate(lambda v: eq.rotate(v["S1"], v["w"]), parts, (3,), np.dtype(np.float64))
 
 
 def continuous(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:

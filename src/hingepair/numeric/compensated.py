@@ -36,22 +36,3 @@ def pair_quotient(a: Pair, divisor: Scalar) -> Pair:
     quotient = a[0] / divisor
     high, lost = product(quotient, divisor)
     return exact_sum(quotient, (((a[0] - high) - lost) + a[1]) / divisor)
-
-
-def one_node(p1: Scalar, h: Pair) -> Pair:
-    """The integral of p over a step from its value in the middle."""
-    return pair_product((p1, 0 * p1), h)
-
-
-def two_nodes(p1: Scalar, p2: Scalar, h: Pair) -> Pair:
-    """The integral of p over a step from its values at two Gauss nodes."""
-    return pair_product(pair_quotient(exact_sum(p1, p2), 2.0), h)
-
-
-def three_nodes(p1: Scalar, p2: Scalar, p3: Scalar, outer: Scalar, middle: Scalar, h: Pair) -> Pair:
-    """The integral of p over a step from three values of weights outer, middle, outer, which are integers.
-
-    5, 8, 5 make Gauss's rule of three nodes, 1, 4, 1 Simpson's.
-    """
-    weighted = pair_sum(pair_product(exact_sum(p1, p3), (outer, 0 * p1)), product(p2, middle + 0 * p2))
-    return pair_product(pair_quotient(weighted, 2 * outer + middle), h)

@@ -11,22 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.evaluation.backend import choose
-from hingepair.integration.attitude_steps import RULES
 from hingepair.integration.integrate import FRAMES
-from hingepair.integration.later import Later
-from hingepair.integration.routes import (
-    METHODS,
-    Course,
-    check_reached,
-    check_tolerance,
-    hinge_angles,
-    plain_steps,
-    plane_angle,
-    space_attitudes,
-)
+from hingepair.integration.methods import RULES
 from hingepair.integration.signals import Signal
-from hingepair.integration.trajectory import rotations
-from hingepair.integration.trajectory_state import turned
+from hingepair.integration.solve import METHODS, Course, Solution, solve
+from hingepair.integration.trajectory import rotations, world_vectors
 from hingepair.numeric.arrays import read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import check_rotation
@@ -38,6 +27,7 @@ Float64Array: TypeAlias = NDArray[np.float64]
 START: Final = ("psi_0", "method")
 """Keys that every such motion may have in its table, beside S1_0 and frame in space, phi_0 in the plane."""
 
+_NAMES: Final = ("omega1", "psi_dot")
 _KEYS: Final = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
 
 
@@ -103,26 +93,21 @@ def integrated_in_space(
         notes: kinks and hint of the motion.
     """
     body = table.choice("frame", FRAMES) == "body"
-    course = Course(t, table.choice("method", METHODS), tol, choose("auto", 1), body)
-    omega, psid = signals
+    course = Course(t, table.choice("method", METHODS), tol, choose("auto", 1), body, _NAMES)
     with table.naming(**_KEYS):
         start = np.array(table.rotation("S1_0") if "S1_0" in table.values else np.eye(3))
         check_rotation("S1_0", start)
-        check_tolerance(tol)
-        found = space_attitudes(course, omega, psid, start)
-        hinge = hinge_angles(course, psid, table.number("psi_0", 0.0), found.steps)
-        _check_reached(table, tol, found.error, hinge.error)
-        error = _largest(found.error(), hinge.error())
-    S1 = rotations(found.values)
+        found = _solved(table, course, signals, start)
+    S1 = rotations(found.turned)
     rates = {name: known[name] for name in ("omega1", "alpha1") if name in known}
     if body:
-        rates = {name: turned(S1, values) for name, values in rates.items()}
+        rates = {name: world_vectors(S1, values) for name, values in rates.items()}
     body1, angles = {"R": known["R1"], "S": S1, "v": known["v1"], "omega": rates["omega1"]}, [known["psid"]]
     if {"alpha1", "psidd", "a1"} <= known.keys():
         body1 |= {"a": known["a1"], "alpha": rates["alpha1"]}
         angles.append(known["psidd"])
-    given = ByBody1(BodyMotion(**body1), (hinge.values, *angles))
-    return IntegratedMotion(read_only(t), given, course.method, error, **notes)
+    given = ByBody1(BodyMotion(**body1), (found.psi, *angles))
+    return IntegratedMotion(read_only(t), given, course.method, found.worst, **notes)
 
 
 def integrated_in_plane(
@@ -135,30 +120,20 @@ def integrated_in_plane(
 ) -> IntegratedMotion:
     """The same of a planar pair (E11): two sums; `known` has x, y with their derivatives as R1, v1, a1."""
     method = table.choice("method", tuple(RULES))
-    course, rule = Course(t, method, tol, choose("auto", 1), False), RULES[method]
+    course = Course(t, method, tol, choose("auto", 1), False, _NAMES)
     with table.naming(**_KEYS):
-        check_tolerance(tol)
-        steps = plain_steps(course, signals, rule)
-        phi, psi = (
-            plane_angle(course, name, rate, table.number(key, 0.0), steps, rule)
-            for name, rate, key in zip(("omega1", "psi_dot"), signals, ("phi_0", "psi_0"), strict=True)
-        )
-        _check_reached(table, tol, phi.error, psi.error)
-        error = _largest(phi.error(), psi.error())
+        found = _solved(table, course, signals, table.number("phi_0", 0.0))
     derivatives = (
-        (*known["R1"].T, phi.values, psi.values),
+        (*known["R1"].T, found.turned, found.psi),
         (*known["v1"].T, known["omega1"], known["psid"]),
         (*known["a1"].T, known["alpha1"], known["psidd"]),
     )
-    return IntegratedMotion(read_only(t), InPlane(t.size, derivatives), method, error, **notes)
+    return IntegratedMotion(read_only(t), InPlane(t.size, derivatives), method, found.worst, **notes)
 
 
-def _check_reached(table: Table, tol: float | None, turn: Later, hinge: Later) -> None:
-    """Refuse a tolerance that the scene asks for; where it asks for none, what is left is reported, not refused."""
+def _solved(table: Table, course: Course, rates: tuple[Signal, Signal], start: Float64Array | float) -> Solution:
+    """What the rates come to. A tolerance is refused where the scene asks for it; else what is left is reported."""
+    found = solve(course, *rates, start, table.number("psi_0", 0.0))
     if "tol" in table.values:
-        check_reached(tol, {"omega1": turn, "psi_dot": hinge})
-
-
-def _largest(*errors: float) -> float:
-    """The largest, or NaN where one is: an error that is not known is not small."""
-    return float(np.max(errors))
+        found.check(course)
+    return found

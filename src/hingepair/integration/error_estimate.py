@@ -3,6 +3,12 @@
 The errors of the intervals, turned back to the first instant, add up to the error at any later one. They are measured
 on all intervals, or on PROBES of them, spread evenly and shifted each within its part, which stand for the others.
 Of samples it is the interpolant that is integrated so; what this misses is added (`interpolation_error`).
+
+Rounding: a step that turns by an angle a is rounded by about u a. Its nodes are rounded by about u t where a callable
+is given, which adds u t times the change of the rate over the step. Each step is rounded in its own way, so that the
+squares add up: over many steps this is far less than u times all that is turned, over few fast ones about that. The
+stamps of samples may be rounded too: u times 1.7e9 s is 1e-7 s. Values that belong to the stamps as they are lie on a
+smooth curve over them; over rounded stamps they are as rough as their slope times that.
 """
 
 from __future__ import annotations
@@ -15,11 +21,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.integration import increments as inc
-from hingepair.integration.attitude_steps import RULES, Rule, Steps, divided, increment_quaternions
+from hingepair.evaluation.backend import How
 from hingepair.integration.interpolation_error import largest_error
-from hingepair.integration.interval_rounding import Rounding, interval_rounding, stamp_rounding
+from hingepair.integration.methods import RULES, Quaternion, Rule, quaternion_product, turns
 from hingepair.integration.signals import Constant, Function, Samples, Signal, Values
+from hingepair.integration.stepping import Steps, divided
 
 PROBES: Final = 2048
 
@@ -30,6 +36,12 @@ What is narrower than one of these, and than half a step, may lie between their 
 """
 
 _U = 2.0**-53
+_HOW = How("auto", 1)
+_NODES = 0.4  # measured; a step's outer nodes are rounded in opposite senses, the middle one counts 4/9
+_WINDOW = 11  # samples whose highest divided difference tells roughness; of a smooth motion it is as good as none
+_WINDOWS = 2048
+_ROUGH = 0.3  # of the roughness that rounded stamps make, in the mean of squares: they go like a saw
+_OUTER = RULES["magnus6"].nodes[0], RULES["magnus6"].nodes[-1]
 _SURE = 2.0  # times the noise of rounding: what is larger has another cause
 _EDGE = 1e-4  # of a step: how near to its ends a callable is looked at, since it may jump at the instants themselves
 
@@ -103,73 +115,75 @@ def _most_abrupt(columns: Values, lengths: Values) -> NDArray[np.intp]:
 
 
 @np.errstate(all="ignore")
-def attitude_rounding(omega: Signal, steps: Steps) -> float:
-    """What rounding adds to the attitude [rad]: that of the steps, and of products of rotations by a radian or so.
+def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, body: bool) -> float:
+    """How far the attitudes are off at the worst instant [rad]; NaN where it cannot be told.
 
-    Both are random walks, but for an omega that never changes: then each step rounds alike.
+    Rounding comes to that of the steps, and of products of rotations by a radian or so. Both are random walks, but
+    for an omega that never changes: then each step rounds alike.
     """
     if len(steps.t) < 2:
         return 4 * _U
-    found, size, noise = _rounding(omega, steps)
-    products = min(size, float(steps.counts.sum()))
-    return _U * 8 + noise + (0.0 if found.alike else _U * 4 * math.sqrt(products))
-
-
-@np.errstate(all="ignore")
-def angle_rounding(rate: Signal, steps: Steps) -> float:
-    """What rounding adds to an angle [rad], beside its own last bit; a constant rate is integrated exactly."""
-    if len(steps.t) < 2 or isinstance(rate, Constant):
-        return 0.0
-    return _rounding(rate, steps)[2]
-
-
-def _rounding(signal: Signal, steps: Steps) -> tuple[Rounding, float, float]:
-    """The rounding of probes, the integral of the signal's size, and what rounding adds to its integral."""
-    looked = probes(steps.t)
-    chosen = looked.intervals
-    found = interval_rounding(signal, steps.t[chosen], steps.t[chosen + 1], steps.counts[chosen])
-    size = float((found.size * looked.stand_for(steps.counts, 0)).sum())
-    stamps = stamp_rounding(signal) if isinstance(signal, Samples) else 0.0
-    if found.alike:
-        return found, size, stamps + _U * size
-    return found, size, stamps + math.sqrt(float((found.noise**2 * looked.stand_for(steps.counts, 1)).sum()))
-
-
-@np.errstate(all="ignore")
-def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, body: bool) -> float:
-    """How far the attitudes are off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
-    if len(steps.t) < 2 or exact(omega, rule):
-        return 0.0
     looked = probes(steps.t, (omega,))
+    found, size, noise = _rounding(omega, steps, looked)
+    products = 0.0 if found.alike else 4 * math.sqrt(min(size, float(steps.counts.sum())))
+    rounded = _U * (8 + products) + noise
+    if exact(omega, rule):
+        return rounded
     chosen, weights = looked.intervals, looked.stand_for(steps.counts, rule.order)
     errors, hidden, rounding = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, body=body)
     q = quats if body else quats * np.array([1, -1, -1, -1])
     if isinstance(omega, Samples):
-        seen = above(np.sqrt((errors**2).sum(axis=1)), rounding) > 0
+        seen = above(_size(errors), rounding) > 0
         errors = np.where(seen[:, None], errors, 0.0) * weights[:, None]
         # In body axes it is S^T that is turned, the other way
-        return largest_error(
+        return rounded + largest_error(
             omega,
             (chosen, -errors if body else errors),
             lambda first, last, vectors: _rotate(q[first + 1 : last + 1], vectors),
         )
     total = np.cumsum(_rotate(q[chosen + 1], errors * weights[:, None]), axis=0)
-    apart = _unless(float(_size(total).max()), _enlarged(rounding, weights))
-    return float(np.maximum(apart, _together(hidden, looked, steps.counts)))
+    return rounded + _largest(_size(total), hidden, rounding, weights, looked.stand_for(steps.counts, 1))
 
 
 @np.errstate(all="ignore")
-def angle_error(psid: Signal, steps: Steps, rule: Rule) -> float:
-    """How far psi is off at the worst instant, by truncation [rad]; NaN where it cannot be told."""
-    if len(steps.t) < 2 or isinstance(psid, Constant):
+def angle_error(rate: Signal, steps: Steps, rule: Rule) -> float:
+    """How far an angle is off at the worst instant [rad], but for its own last bit; NaN where it cannot be told.
+
+    A constant rate is integrated exactly.
+    """
+    if len(steps.t) < 2 or isinstance(rate, Constant):
         return 0.0
-    looked = probes(steps.t, (psid,))
+    looked = probes(steps.t, (rate,))
+    rounded = _rounding(rate, steps, looked)[2]
     chosen, weights = looked.intervals, looked.stand_for(steps.counts, rule.order)
-    errors, hidden, rounding = sum_errors(psid, steps.t, chosen, steps.counts[chosen], rule)
-    if isinstance(psid, Samples):
-        return largest_error(psid, (chosen, np.where(above(errors, rounding) > 0, errors, 0.0) * weights))
-    apart = _unless(float(np.abs(np.cumsum(errors * weights)).max()), _enlarged(rounding, weights))
-    return float(np.maximum(apart, _together(hidden, looked, steps.counts)))
+    errors, hidden, rounding = sum_errors(rate, steps.t, chosen, steps.counts[chosen], rule)
+    if isinstance(rate, Samples):
+        seen = np.where(above(errors, rounding) > 0, errors, 0.0) * weights
+        return rounded + largest_error(rate, (chosen, seen))
+    total = np.abs(np.cumsum(errors * weights))
+    return rounded + _largest(total, hidden, rounding, weights, looked.stand_for(steps.counts, 1))
+
+
+def _rounding(signal: Signal, steps: Steps, looked: Probes) -> tuple[Rounding, float, float]:
+    """The rounding of probes; of all intervals, the integral of the size, and what rounding adds to the integral."""
+    chosen = looked.intervals
+    found = interval_rounding(signal, steps.t[chosen], steps.t[chosen + 1], steps.counts[chosen])
+    size = float((found.size * looked.stand_for(steps.counts, 0)).sum())
+    if found.alike:
+        noise = _U * size
+    else:
+        noise = math.sqrt(float((found.noise**2 * looked.stand_for(steps.counts, 1)).sum()))
+    return found, size, noise + (stamp_rounding(signal) if isinstance(signal, Samples) else 0.0)
+
+
+def _largest(total: Values, hidden: Values, noise: Values, weights: Values, squares: Values) -> float:
+    """The largest sum of errors over the probes, less what rounding makes of it, or what may be hidden in all.
+
+    Of the rounding, for want of the other intervals where it would average out; of what is hidden, as chance has it.
+    """
+    enlarged = 2 * _SURE * float(np.sqrt((noise**2 * (weights**2 - weights)).sum()))
+    apart = float(total.max())
+    return float(np.maximum(0.0 if apart <= enlarged else apart, np.sqrt((hidden**2 * squares).sum())))
 
 
 def turn_errors(
@@ -234,19 +248,10 @@ def exact(omega: Signal, rule: Rule) -> bool:
     return isinstance(omega, Constant) and rule is not RULES["rk4_quaternion"]
 
 
-def _unless(error: float, noise: float) -> float:
-    return 0.0 if error <= noise else error
-
-
 def above(errors: Values, noise: Values) -> Values:
     """The sizes of errors that rounding does not explain, else zero."""
     size = np.abs(errors)
     return np.where(size <= _SURE * noise, 0.0, size)
-
-
-def _enlarged(noise: Values, weights: Values) -> float:
-    """What rounding makes of a sum over probes, for want of the other intervals, where it would average out."""
-    return 2 * _SURE * float(np.sqrt((noise**2 * (weights**2 - weights)).sum()))
 
 
 class _Looks(NamedTuple):
@@ -266,20 +271,23 @@ def _looks(signal: Signal, start: Values, stop: Values, counts: NDArray[np.int64
 def _turns(looks: _Looks, rule: Rule, *, body: bool) -> Any:
     """The rotations over intervals: neighbours are multiplied until one is left."""
     part = looks.part
-    q = np.stack(increment_quaternions(looks.values, -looks.h if body else looks.h, rule.number))
+    rows = np.empty((len(looks.h), 4))
+    given = {"omega": looks.values, "h": -looks.h if body else looks.h}
+    turns(rule).run(given, {"q": rows}, looks.h.shape, rows.dtype, _HOW)
+    q = rows.T.copy()
     while len(part) > len(looks.counts):
         even = np.flatnonzero(part % 2 == 0)
         later = np.minimum(even + 1, len(part) - 1)
         paired = part[later] == part[even] + 1
         rest, last = even[paired], later[paired]
-        q[:, rest] = inc.quaternion_product(_four(q[:, last]), _four(q[:, rest]))
+        q[:, rest] = quaternion_product(_four(q[:, last]), _four(q[:, rest]))
         q, part = q[:, even], part[even] // 2
     return _four(q)
 
 
 def _sums(looks: _Looks, rule: Rule) -> Values:
     """The integrals over intervals."""
-    each: Values = looks.h * (looks.values @ _quadrature(rule))
+    each: Values = looks.h * (looks.values @ (np.array(rule.weights) / sum(rule.weights)))
     return np.add.reduceat(each, np.cumsum(looks.counts) - looks.counts)
 
 
@@ -295,8 +303,9 @@ def _hidden(signal: Signal, start: Values, stop: Values, fine: _Looks, rule: Rul
     begin, (h, _), _ = divided(start, stop, pairs)
     inside = fine.values.reshape(len(h), 2 * len(rule.nodes), -1)
     ends = signal.nodes(begin, h, (_EDGE, 1 - _EDGE)).reshape(len(h), 2, -1)
-    values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1)
-    seen = [_size(np.einsum("gm,nmk->ngk", rows, values)).max(axis=1) for rows in _jump_weights(rule)]
+    values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1).transpose(1, 0, 2)
+    columns = values.reshape(len(values), -1)
+    seen = [_size((rows @ columns).reshape(-1, *values.shape[1:])).max(axis=0) for rows in _jump_weights(rule)]
     largest: Values = h * np.minimum(*seen)
     return np.sqrt(np.add.reduceat(largest**2, np.cumsum(pairs) - pairs))
 
@@ -321,9 +330,63 @@ def _jump_weights(rule: Rule) -> tuple[Values, Values]:
     return found[0], found[1]
 
 
-def _together(hidden: Values, looked: Probes, counts: NDArray[np.int64]) -> float:
-    """What may be hidden in all intervals, as chance has it."""
-    return float(np.sqrt((hidden**2 * looked.stand_for(counts, 1)).sum()))
+class Rounding(NamedTuple):
+    """Of each interval.
+
+    Attributes:
+        size: the integral of the rate's size, shape (P,).
+        noise: standard deviation of what rounding adds to the integral, shape (P,).
+        alike: whether all steps of all intervals have the same rate, and so are rounded alike.
+    """
+
+    size: Values
+    noise: Values
+    alike: bool
+
+
+def interval_rounding(signal: Signal, start: Values, stop: Values, counts: NDArray[np.int64]) -> Rounding:
+    """The rounding of intervals, each in its number of steps."""
+    if isinstance(signal, Constant):
+        size = (stop - start) * float(_size(signal.value.reshape(-1)))
+        return Rounding(size, _U * size, alike=True)
+    begin, (h, _), _ = divided(start, stop, counts)
+    rates = signal.nodes(begin, h, _OUTER).reshape(len(h), 2, -1)
+    turned = 0.5 * h * (_size(rates[:, 0]) + _size(rates[:, 1]))
+    moved = 0.0 if isinstance(signal, Samples) else _NODES * np.abs(begin + h) * _size(rates[:, 1] - rates[:, 0])
+    first = np.cumsum(counts) - counts
+    size = np.add.reduceat(turned, first)
+    if (rates == rates[0, 0]).all():
+        return Rounding(size, _U * size, alike=True)
+    return Rounding(size, _U * np.sqrt(np.add.reduceat(turned**2 + moved**2, first)), alike=False)
+
+
+def stamp_rounding(samples: Samples) -> float:
+    """What the rounding of the stamps adds to an integral over samples; 0 where values show that none took place.
+
+    At an instant that is off by some time the integral is off by the rate times that, and a random walk of the
+    changes of the rate times that comes to it on the way there.
+    """
+    t, columns = samples.t, samples.values.reshape(len(samples.t), -1)
+    sigma = np.spacing(np.abs(t)) / math.sqrt(12)
+    h, slopes = np.diff(t), _size(np.diff(columns, axis=0)) / np.diff(t)
+    if not _stamps_are_rounded(t, columns, sigma):
+        return 0.0
+    walk = math.sqrt(float(((slopes * h * sigma[1:]) ** 2).sum()))
+    return 2 * float((_size(columns) * sigma).max()) + walk
+
+
+def _stamps_are_rounded(t: Values, columns: Values, sigma: Values) -> bool:
+    if len(t) < _WINDOW + 1:
+        return True
+    first = np.unique(np.linspace(0, len(t) - _WINDOW, _WINDOWS).astype(np.intp))
+    near = first[:, None] + np.arange(_WINDOW)
+    x = (t[near] - t[first, None]) / (t[first + _WINDOW - 1] - t[first])[:, None]
+    apart = x[:, :, None] - x[:, None, :] + np.eye(_WINDOW)
+    weights = 1 / apart.prod(axis=2)
+    rough = _size(np.einsum("wi,wik->wk", weights, columns[near]))
+    slopes = _size(np.gradient(columns, t, axis=0))[near]
+    expected = ((weights * slopes * sigma[near]) ** 2).sum(axis=1)
+    return bool((rough**2).sum() > _ROUGH**2 * expected.sum())
 
 
 def _size(rows: Values) -> Values:
@@ -331,18 +394,13 @@ def _size(rows: Values) -> Values:
     return size
 
 
-def _four(rows: Values) -> inc.Quaternion:
+def _four(rows: Values) -> Quaternion:
     return rows[0], rows[1], rows[2], rows[3]
-
-
-def _quadrature(rule: Rule) -> Values:
-    weights = {1: [1.0], 2: [0.5, 0.5], 3: [5 / 18, 8 / 18, 5 / 18] if rule.order == 6 else [1 / 6, 4 / 6, 1 / 6]}
-    return np.array(weights[len(rule.nodes)])
 
 
 def _apart(coarse: Any, fine: Any) -> Values:
     """The rotation from the finer to the coarser result, as vectors (P, 3)."""
-    w, x, y, z = inc.quaternion_product(coarse, (fine[0], -fine[1], -fine[2], -fine[3]))
+    w, x, y, z = quaternion_product(coarse, (fine[0], -fine[1], -fine[2], -fine[3]))
     length = np.sqrt(x * x + y * y + z * z)
     factor = np.where(length > 0, 2 * np.arctan2(length, np.abs(w)) / np.where(length > 0, length, 1.0), 2.0)
     found: Values = np.stack([x, y, z], axis=-1) * (factor * np.copysign(1.0, w))[:, None]
