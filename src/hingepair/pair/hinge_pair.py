@@ -455,7 +455,11 @@ class HingePair:
         return dynamics.momentum(self.constants, (self.body1, self.body2), body1, psi, psid)
 
     def residuals(
-        self, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None = None
+        self,
+        body1: BodyMotion,
+        body2: BodyMotion,
+        tolerances: Mapping[str, float] | None = None,
+        t: ArrayLike | None = None,
     ) -> Residuals:
         """How far any two motions, measured ones included, are from this hinge (E1, E2 and their derivatives).
 
@@ -467,6 +471,7 @@ class HingePair:
                 [rad/s], gap_acceleration [m/s^2], tilt_acceleration [rad/s^2]. Those not named: what round-off
                 explains, 32 u times a scale that is printed. `tilt` is judged by the angle between the axes,
                 `.tilt_angle`, and not by `.tilt`: its components are sines, about 0 for an axis flipped by pi.
+            t: instants of the samples, numbers or datetime64, so that the report says when; broadcasts against them.
 
         Returns:
             The `Residuals`: `.ok`, `.verdict`, str() a table, `.to_json()`, `.rows`; the arrays `.gap` (..., 3) m,
@@ -486,7 +491,7 @@ class HingePair:
         >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
         True
         """
-        return residuals.residuals(self.constants, self.name, body1, body2, tolerances)
+        return residuals.residuals(self.constants, self.name, body1, body2, tolerances, t)
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
         """Body 2's velocity by the velocities of the equations: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2).

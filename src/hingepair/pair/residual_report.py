@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,10 @@ from hingepair.numeric.tables import aligned, finite_or_none, left_out
 
 Float64Array = NDArray[np.float64]
 
-_HEADER = ("residual", "", "largest", "worst", "unit", "tolerance", "worst/tolerance", "at sample", "compared", "")
+_HEADER = (
+    *("residual", "", "rms", "largest", "worst", "unit", "tolerance", "worst/tolerance", "at sample", "at t"),
+    *("compared", ""),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,12 +28,14 @@ class ResidualCheck:
     Attributes:
         residual: its name.
         label: of the equation, with a prime for each derivative.
-        unit: of largest, worst and tolerance.
+        unit: of rms, largest, worst and tolerance.
         largest: largest size of all samples: the norm, of the tilt the angle between the axes (`tilt_angle`).
+        rms: root of the mean square of the sizes.
         worst: size at the worst sample, which is that with the largest part of its tolerance.
         tolerance: what is allowed at the worst sample.
         ratio: worst / tolerance; up to 1 passes.
         worst_sample: index of that sample; None where nothing was compared.
+        worst_time: instant of that sample, where instants were given.
         samples: how many samples were compared.
         basis: where the tolerance comes from: "given", or the formula of round-off.
     """
@@ -38,10 +44,12 @@ class ResidualCheck:
     label: str
     unit: str
     largest: float
+    rms: float
     worst: float
     tolerance: float
     ratio: float
     worst_sample: tuple[int, ...] | None
+    worst_time: float | str | None
     samples: int
     basis: str
 
@@ -52,11 +60,12 @@ class ResidualCheck:
 
     def _cells(self) -> tuple[str, ...]:
         if self.worst_sample is None:
-            return self.residual, self.label, "-", "-", self.unit, "-", "-", "-", "0", "nothing compared"
+            return self.residual, self.label, "-", "-", "-", self.unit, "-", "-", "-", "-", "0", "nothing compared"
         where = ",".join(map(str, self.worst_sample)) or "-"
-        sizes = f"{self.largest:.2e}", f"{self.worst:.2e}"
+        when = "-" if self.worst_time is None else str(self.worst_time)
+        sizes = f"{self.rms:.2e}", f"{self.largest:.2e}", f"{self.worst:.2e}"
         numbers = *sizes, self.unit, f"{self.tolerance:.2e}", f"{self.ratio:.2g}"
-        return self.residual, self.label, *numbers, where, str(self.samples), "ok" if self.ok else "FAILED"
+        return self.residual, self.label, *numbers, where, when, str(self.samples), "ok" if self.ok else "FAILED"
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -84,6 +93,7 @@ class Residuals(Frozen):
         shape: leading shape of the samples.
         skipped: samples of which at least one residual is not finite; they are left out where they are not.
         u: unit roundoff of the least precise array given.
+        t: instants of the samples; None where they were not given.
     """
 
     gap: Float64Array
@@ -101,6 +111,7 @@ class Residuals(Frozen):
     shape: tuple[int, ...]
     skipped: int
     u: float
+    t: NDArray[Any] | None
 
     @property
     def ok(self) -> bool:
@@ -143,7 +154,7 @@ class Residuals(Frozen):
         return psi
 
     def __str__(self) -> str:
-        table = aligned([_HEADER, *(row._cells() for row in self.rows)], {2, 3, 5, 6, 7, 8})
+        table = aligned([_HEADER, *(row._cells() for row in self.rows)], {2, 3, 4, 6, 7, 8, 9, 10})
         title = f"{self.name}: two motions against the constraints, u = {self.u:.3g}"
         angle = {"tilt": " (the angle, tilt_angle)"}
         bases = [f"tolerance of {row.residual}{angle.get(row.residual, '')}: {row.basis}" for row in self.rows]
@@ -162,10 +173,12 @@ class Residuals(Frozen):
                 "label": row.label,
                 "unit": row.unit,
                 "largest": finite_or_none(row.largest),
+                "rms": finite_or_none(row.rms),
                 "worst": finite_or_none(row.worst),
                 "tolerance": finite_or_none(row.tolerance),
                 "ratio": finite_or_none(row.ratio),
                 "worst_sample": None if row.worst_sample is None else list(row.worst_sample),
+                "worst_time": finite_or_none(row.worst_time) if isinstance(row.worst_time, float) else row.worst_time,
                 "samples": row.samples,
                 "ok": row.ok,
                 "basis": row.basis,

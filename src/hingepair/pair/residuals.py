@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, choices, quoted
-from hingepair.numeric.arrays import broadcast_shape, finite_number, read_only
+from hingepair.errors import ArgumentError, ShapeError, choices, quoted
+from hingepair.numeric.arrays import broadcast_shape, finite_number, read_only, real_array
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
@@ -63,7 +63,12 @@ _ARRAYS = tuple(name for name in TAILS if name != "slip" and not name.startswith
 
 
 def residuals(
-    pair: Constants, name: str, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
+    pair: Constants,
+    name: str,
+    body1: BodyMotion,
+    body2: BodyMotion,
+    tolerances: Mapping[str, float] | None,
+    t: ArrayLike | None,
 ) -> Residuals:
     """How far any two motions, measured ones included, are from this hinge (E1, E2 and their derivatives)."""
     given: dict[str, NDArray[Any]] = {}
@@ -81,18 +86,38 @@ def residuals(
     u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in given.values())
     scales = _scales(pair, given, [kind for kind in KINDS if kind in names])
     attitudes = np.isfinite(given["S1"]).all(axis=(-2, -1)) & np.isfinite(given["S2"]).all(axis=(-2, -1))
+    instants = None if t is None else _instants(t, shape)
     rows, left_out = [], np.zeros(shape, dtype=bool)
     for kind, scale in scales.items():
         size = arrays[KINDS[kind].size]
         known = np.broadcast_to(attitudes & np.isfinite(scale), shape)
-        rows.append(_check(kind, size if size.ndim == len(shape) else norm(size), scale, known, u, allowed))
+        size = size if size.ndim == len(shape) else norm(size)
+        rows.append(_check(kind, size, scale, known, u, allowed, instants))
         left_out |= ~known
     values: dict[str, Any] = {key: read_only(arrays[key]) if key in arrays else None for key in _ARRAYS}
-    return Residuals(name=name, shape=shape, skipped=int(left_out.sum()), u=u, rows=tuple(rows), **values)
+    facts: dict[str, Any] = {"shape": shape, "skipped": int(left_out.sum()), "u": u, "rows": tuple(rows)}
+    return Residuals(name=name, t=instants, **facts, **values)
+
+
+def _instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
+    """One instant for each sample."""
+    given = np.asarray(t)
+    array = given if given.dtype.kind in "mM" else real_array("t", t)
+    try:
+        return read_only(np.broadcast_to(array, shape))
+    except ValueError:
+        wanted = f"instants that broadcast to the samples' shape {shape}"
+        raise ShapeError("t", wanted, f"shape {array.shape}") from None
 
 
 def _check(
-    kind: str, size: Float64Array, scale: Float64Array, known: NDArray[np.bool_], u: float, allowed: dict[str, float]
+    kind: str,
+    size: Float64Array,
+    scale: Float64Array,
+    known: NDArray[np.bool_],
+    u: float,
+    allowed: dict[str, float],
+    t: NDArray[Any] | None,
 ) -> ResidualCheck:
     """One residual judged: its worst sample is the one with the largest part of its tolerance."""
     label, unit, _, formula, _ = KINDS[kind]
@@ -104,21 +129,26 @@ def _check(
             tolerance = ROUNDOFF * np.maximum(np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny)
     basis = "given" if given else f"{ROUNDOFF} u * ({formula})"
     if not known.any():
-        return ResidualCheck(kind, label, unit, 0.0, 0.0, math.nan, 0.0, None, 0, basis)
+        return ResidualCheck(kind, label, unit, 0.0, 0.0, 0.0, math.nan, 0.0, None, None, 0, basis)
     found = np.where(known, np.where(np.isfinite(size), size, np.inf), -np.inf)
     with np.errstate(all="ignore"):
         ratio = np.where(known, found / tolerance, -np.inf)
     worst = np.unravel_index(int(np.argmax(ratio)), size.shape)
     where = tuple(int(i) for i in worst)
+    highest = float(found.max())
+    relative = np.where(known, found, 0.0) / (highest if 0 < highest < np.inf else 1.0)  # squares stay in range
+    rms = highest if highest == np.inf else highest * math.sqrt(float(np.square(relative).sum()) / int(known.sum()))
     return ResidualCheck(
         kind,
         label,
         unit,
-        float(found.max()),
+        highest,
+        rms,
         float(found[worst]),
         float(tolerance[worst]),
         float(ratio[worst]),
         where,
+        None if t is None else t[where].item() if t.dtype.kind not in "mM" else str(t[where]),
         int(known.sum()),
         basis,
     )
