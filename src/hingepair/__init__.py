@@ -17,6 +17,7 @@ from hingepair.errors import (
     ArgumentError,
     AxisError,
     DtypeError,
+    FitError,
     GimbalLockError,
     HingePairError,
     MissingDependencyError,
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from hingepair.formats.urdf_writer import to_urdf
     from hingepair.integration.integrate import integrate
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
+    from hingepair.measured.hinge_fit import HingeFit, fit
     from hingepair.measured.instants import MeasurementWarning
     from hingepair.measured.resample import resample
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
@@ -74,7 +76,9 @@ __all__ = [
     "Box",
     "Cylinder",
     "DtypeError",
+    "FitError",
     "GimbalLockError",
+    "HingeFit",
     "HingeLoad",
     "HingePair",
     "HingePairError",
@@ -102,6 +106,7 @@ __all__ = [
     "euler_rate_matrix",
     "euler_rates",
     "euler_to_matrix",
+    "fit",
     "from_urdf",
     "integrate",
     "load_robot_hinge",
@@ -127,6 +132,7 @@ _LATER = {
     "Cylinder": "pair.body",
     "PlanarTrajectory": "integration.trajectory",
     "Trajectory": "integration.trajectory",
+    "HingeFit": "measured.hinge_fit",
     "MeasurementWarning": "measured.instants",
     "SmoothedAngle": "measured.smooth",
     "SmoothedMotion": "measured.smooth",
@@ -136,6 +142,7 @@ _LATER = {
     "cross_validate": "validation.cross_validate",
     "cross_validate_from_body1": "validation.cross_validate",
     "derive": "scenes.derive",
+    "fit": "measured.hinge_fit",
     "from_urdf": "formats.urdf_reader",
     "integrate": "integration.integrate",
     "load_robot_hinge": "formats.robots",

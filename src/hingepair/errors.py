@@ -53,6 +53,10 @@ class GimbalLockError(ArgumentError):
     """Euler-angle rates do not exist at this attitude (E4)."""
 
 
+class FitError(ArgumentError):
+    """No hinge can be found from a motion: nothing in it determines one."""
+
+
 class SceneError(ArgumentError):
     """A scene file cannot be read as a scene; `name` is `file: table.key`."""
 

@@ -1,0 +1,187 @@
+"""What a fitted hinge does not say by itself, in sentences: what was not seen, and what is no hinge."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.errors import FitError
+from hingepair.measured.likelihood import Judged, Noise
+from hingepair.measured.relative_poses import Hinge, RelativePoses
+from hingepair.rotations.matrices import project_to_rotation, rotation_vector
+
+Float64Array = NDArray[np.float64]
+
+_THIN = 8192
+_JUDGES = 65536
+_STILL = 0.05
+"""Scatter of relative attitudes below which that of noise and that of a motion cannot be told apart by size [rad]."""
+_ALONE = 2.0
+"""How much more they turn about one axis than about the next, at least."""
+_ALIKE = 0.5
+"""Correlation of neighbours' residuals from which they are no noise."""
+_FAR = 50.0
+"""Of r^T C^-1 r, scaled to its median: an outlier."""
+_MEDIAN = 4.35
+_VAGUE_AXIS, _VAGUE_POINT = np.radians(2.0), 0.1
+
+
+class Finding(NamedTuple):
+    """One sentence, and whether the hinge can be relied on in spite of it."""
+
+    text: str
+    harmless: bool
+
+
+def check_turning(poses: RelativePoses) -> None:
+    """Refuse motions in which body 2 does not turn against body 1, beside the noise.
+
+    Raises:
+        FitError: says what was seen instead.
+    """
+    thin = poses.thinned(_THIN)
+    known = thin.weights > 0
+    Q = thin.Q.T[known].reshape(-1, 3, 3)
+    mean = np.median(Q, axis=0)
+    if np.linalg.det(mean) < 0.1:
+        return
+    off = rotation_vector(np.asarray(project_to_rotation(mean), dtype=np.float64).T @ Q)
+    size = np.sqrt((off * off).sum(axis=-1))
+    near = off[size <= 4 * np.median(size)]
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(near.T @ near / near.shape[0]), 0.0))[::-1]
+    if spread[0] >= _STILL or (spread[0] >= _ALONE * spread[1] and spread[0] > 1e-12):
+        return
+    p = thin.p[:, known]
+    slide = float(np.sqrt(np.median(((p - np.median(p, axis=1, keepdims=True)) ** 2).sum(axis=0))))
+    beside = f", and it slides by {slide:.2g} m: a sliding joint" if slide > 20 * spread[0] * _length(p) else ""
+    about = " about any axis" if beside else ", about one axis no more than about others: a fixed pair"
+    raise FitError(
+        "body1, body2",
+        "bodies that turn against each other about one axis",
+        f"relative attitudes that scatter by {np.degrees(spread[0]):.2g} deg{about}{beside}",
+    )
+
+
+def findings(
+    poses: RelativePoses, hinge: Hinge, noise: Noise, seen: Judged, still: bool, std: dict[str, Float64Array]
+) -> list[Finding]:
+    """Everything about the fit that its numbers do not say by themselves."""
+    every = slice(None, None, -(-poses.samples // _JUDGES))
+    seen = seen._replace(
+        **{name: getattr(seen, name)[..., every] for name in ("tilt", "gap", "psi", "sizes", "weights")}
+    )
+    poses = poses.thinned(_JUDGES)
+    turning = _turning(seen.psi, seen.weights / seen.weights.sum())
+    reach = max(float(np.linalg.norm(hinge.u1)), float(np.linalg.norm(hinge.u2)), _length(poses.p))
+    outliers = _outliers(seen, poses.weights)
+    if any(not finding.harmless for finding in outliers):
+        return outliers  # whatever else is seen is theirs
+    axis = _axis(poses, seen, turning)
+    if any(not finding.harmless for finding in axis):
+        return [*outliers, *axis]
+    found = [*outliers, *axis, *_point(poses, noise, seen, reach)]
+    worst = float(np.sqrt((std["n"] ** 2).sum() / 2))
+    if worst > _VAGUE_AXIS:
+        text = f"The axis is known to {np.degrees(worst):.2g} deg only: let the bodies turn further, or longer."
+        found.append(Finding(text, False))
+    vague = max(float(std["u1"].max()), float(std["u2"].max()))
+    if vague > _VAGUE_POINT * reach:
+        found.append(Finding(f"The hinge point is known to {vague:.2g} m only, across the axis.", False))
+    if not still:
+        found.append(Finding("The steps of the fit did not come to rest.", False))
+    return found
+
+
+def _outliers(seen: Judged, given: Float64Array) -> list[Finding]:
+    known = given > 0
+    sizes = seen.sizes[known] / max(float(np.median(seen.sizes[known])), 1e-300) * _MEDIAN
+    far = sizes > _FAR
+    if not far.any() or seen.alike > _ALIKE:
+        return []
+    share = f"{100 * far.mean():.2g} % of the samples are outliers"
+    if float(seen.weights[known][far].sum()) < 0.5 * far.sum() * given.mean():
+        return [Finding(f"{share}; they count little.", True)]
+    harmless = bool(sizes[far].sum() < sizes[~far].sum())
+    return [Finding(f'{share}, and count like the others: loss="cauchy" makes them count little.', harmless)]
+
+
+def _axis(poses: RelativePoses, seen: Judged, turning: float) -> list[Finding]:
+    """Whether they turn about one axis."""
+    weights = seen.weights / seen.weights.sum()
+    tilt = float(np.sqrt(weights @ (seen.tilt * seen.tilt)))
+    degrees = f"{np.degrees(tilt):.2g} deg rms"
+    alike = seen.alike > _ALIKE
+    if tilt < 0.03 * turning or tilt < 1e-9:
+        return []
+    if not alike and tilt < 0.2:
+        if tilt < 0.2 * turning:
+            return []
+        text = f"They turn by {np.degrees(turning):.2g} deg rms, little beside attitudes that are off by {degrees}."
+        return [Finding(text, False)]
+    if tilt < 0.1 * turning:
+        return [Finding(f"The axes tilt against each other by {degrees}, and not at random.", True)]
+    return [Finding(_not_one_axis(poses, tilt, degrees), False)]
+
+
+def _not_one_axis(poses: RelativePoses, tilt: float, degrees: str) -> str:
+    """Two hinges in series leave a^T Q b constant, a ball joint nothing."""
+    thin = poses.thinned(_THIN)
+    vectors = np.linalg.eigh(np.cov(thin.Q))
+    left, sizes, right = np.linalg.svd(vectors.eigenvectors[:, 0].reshape(3, 3))
+    rest = float(np.sqrt(max(vectors.eigenvalues[0], 0.0)))
+    no_hinge = f"They do not turn about one axis: it tilts by {degrees}"
+    if rest < 0.2 * tilt and sizes[1] < 0.3:
+        a, b = (", ".join(f"{c:.3g}" for c in axis) for axis in (left[:, 0], right[0]))
+        return (
+            f"{no_hinge}. Two hinges one after the other would do, about ({a}) in body 1 and ({b}) in body 2: "
+            f"that leaves {np.degrees(rest):.2g} deg."
+        )
+    off = _off_one_point(thin)
+    if off < 0.1 * _length(thin.p):
+        return f"{no_hinge}. A ball joint: one point stays in both bodies to {off:.2g} m rms."
+    return f"{no_hinge}, and no point stays in both bodies either."
+
+
+def _off_one_point(poses: RelativePoses) -> float:
+    """How far the two bodies are from having a point in common, whatever axes they turn about; rms [m]."""
+    Q = poses.Q.T.reshape(-1, 3, 3)
+    rows = np.concatenate((np.broadcast_to(np.eye(3), Q.shape), -Q), axis=-1).reshape(-1, 6)
+    p = poses.p.T.ravel()
+    rest = rows @ np.linalg.lstsq(rows, p)[0] - p
+    return float(np.sqrt(3 * (rest @ rest) / rest.size))
+
+
+def _point(poses: RelativePoses, noise: Noise, seen: Judged, reach: float) -> list[Finding]:
+    """Whether a point of the axis stays where it is in both bodies."""
+    weights = seen.weights / seen.weights.sum()
+    x, y, z = (float(weights @ (g * g)) for g in seen.gap)
+    across, along = (x + y) / 2, z
+    attitude = noise.attitude / 2 * float(weights @ (poses.p**2).sum(axis=0)) / 3
+    size = float(np.sqrt(2 * across + along))
+    alike = seen.alike > _ALIKE
+    if size < max(1e-9 * poses.size, 0.005 * reach) or not (alike or size > 0.1 * reach):
+        return []
+    if along > 9 * across:
+        text = f"Body 2 slides along the axis, by {np.sqrt(along):.2g} m rms: a sliding hinge, or a screw."
+    elif across - along > 4 * (along + attitude):
+        text = (
+            f"They turn about one direction, but no point stays: it is off by {np.sqrt(2 * across):.2g} m rms across "
+            "the axis. Two parallel hinges one after the other, or an axis that wanders."
+        )
+    else:
+        text = f"No hinge point stays in both bodies: it is off by {size:.2g} m rms, and not at random."
+    return [Finding(text, size < 0.02 * reach)]
+
+
+def _turning(psi: Float64Array, weights: Float64Array) -> float:
+    """Scatter of angles about their mean, at most 1 [rad]."""
+    mean = np.hypot(weights @ np.cos(psi), weights @ np.sin(psi))
+    about = np.arctan2(weights @ np.sin(psi), weights @ np.cos(psi))
+    off = np.abs(2 * np.sin((psi - about) / 2))
+    return float(min(np.sqrt(weights @ (off * off)), 1.0)) if mean < 1 else 0.0
+
+
+def _length(p: Float64Array) -> float:
+    return float(np.sqrt((p * p).sum() / max(p.shape[1], 1)))

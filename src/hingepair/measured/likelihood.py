@@ -1,0 +1,347 @@
+"""The most likely hinge: Gauss-Newton on the constraints, psi and every true pose eliminated.
+
+Each pose is off by isotropic noise, of place and of attitude, alike for both bodies. What the constraints leave of
+sample i, the tilt Q m - n (two components) and the gap u1 - p - Q u2 (three), is then linear in that noise, so that
+the most likely hinge makes `sum r_i^T C_i^-1 r_i` least, with C_i the covariance of r_i (the adjustment of condition
+equations with parameters, Helmert 1872; Förstner and Wrobel, Photogrammetric Computer Vision, 2016, 4.8). All is
+written in axes along the hinge. There the tilt is seen free of the gap; half of the lever times the tilt is taken
+from the gap, after which it is
+
+    C = a + b (abs(p)^2 - p p^T) + b w w^T,   w = n x (S1 u1 + S2 u2),
+
+a the variance of R2 - R1, b a quarter of that of the relative attitude: inverted in closed form. Samples are walked
+through in blocks; nothing of the size of a Jacobian of all samples is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.measured.relative_poses import Hinge, RelativePoses
+from hingepair.rotations.matrices import rotation_exp
+
+Float64Array = NDArray[np.float64]
+
+PARAMETERS = 9
+"""Turns of n (2) and m (2), across; u1 (3); u2 across m (2): along the axis only u1 - u2 is seen."""
+_BLOCK = 2048
+_MOST = 40
+_THIN = 16384
+_SCORED = 131072
+_LONGEST = 0.3
+_CLOSE, _NEXT = 1e-3, 0.1
+_EXACT = 256
+_GROUPS = 40
+_FLIPPED = -0.999999
+_FAR = 100.0
+_U = 2.0**-53
+_CUT = 11.07
+"""Losses other than "linear" bend at this size of r^T C^-1 r: 95 % of good samples are below."""
+_MEDIAN = {2: 1.3863, 3: 2.3660}
+"""Medians of chi-squared by degrees of freedom."""
+
+Loss = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
+
+LOSSES: dict[str, Loss | None] = {
+    "linear": None,
+    "soft_l1": lambda z: ((1 + z) ** -0.5, -0.5 * (1 + z) ** -1.5),
+    "huber": lambda z: (np.maximum(z, 1) ** -0.5, np.where(z > 1, -0.5 * np.maximum(z, 1) ** -1.5, 0.0)),
+    "cauchy": lambda z: (1 / (1 + z), -1 / (1 + z) ** 2),
+    "arctan": lambda z: (1 / (1 + z * z), -2 * z / (1 + z * z) ** 2),
+}
+"""First and second derivative of each loss, as SciPy's least_squares defines them."""
+
+
+class Noise(NamedTuple):
+    """Variances: of a component of R2 - R1 [m^2], and of the relative attitude [rad^2]."""
+
+    place: float
+    attitude: float
+
+
+class Residuals(NamedTuple):
+    """What the constraints leave of some samples, in axes along the hinge.
+
+    Attributes:
+        q: relative attitude, row by row; shape (9, M).
+        p: relative place [m]; shape (3, M).
+        arms: S1 u1 + S2 u2 [m]; shape (3, M).
+        tilt: of Q m - n the direction, its length the chord; shape (2, M).
+        gap: of E1, half of the tilt's share taken out [m]; shape (3, M).
+    """
+
+    q: Float64Array
+    p: Float64Array
+    arms: Float64Array
+    tilt: Float64Array
+    gap: Float64Array
+
+    @property
+    def spread(self) -> Float64Array:
+        """What noise of attitude, of variance 1, adds to abs(gap)^2 [m^2]; shape (M,)."""
+        x, y, _ = self.arms
+        return np.asarray((self.p * self.p).sum(axis=0) / 2 + (x * x + y * y) / 4)
+
+    def whiten(self, noise: Noise, tilts: Float64Array, gaps: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Rows whose squares, less the square of one more row, are those of C^-1: (k, 6, M) and (k, M).
+
+        By the formula of Sherman and Morrison, twice, for C = whole - b p p^T + b w w^T with w = (-y, x, 0).
+
+        Args:
+            noise: what C is made of.
+            tilts: rows of the tilt; shape (k, 2, M).
+            gaps: rows of the gap; shape (k, 3, M).
+        """
+        a, b = noise.place, noise.attitude / 4
+        p, (x, y, _) = self.p, self.arms
+        whole = a + b * (p * p).sum(axis=0)
+        v = (x * p[1] - y * p[0]) * (b / a) * p
+        v[0] -= y
+        v[1] += x
+        v /= whole
+        taken = np.sqrt(b / (1 + b * (x * v[1] - y * v[0])))
+        plus = np.empty((tilts.shape[0], 6, tilts.shape[2]))
+        np.multiply(tilts, 1 / np.sqrt(noise.attitude), out=plus[:, :2])
+        np.multiply(gaps, 1 / np.sqrt(whole), out=plus[:, 2:5])
+        np.einsum("kri,ri->ki", gaps, p * np.sqrt(b / a / whole), out=plus[:, 5])
+        return plus, np.einsum("kri,ri->ki", gaps, v * taken)
+
+    def sizes(self, noise: Noise) -> Float64Array:
+        """r^T C^-1 r, about 5 where noise is as supposed; shape (M,)."""
+        plus, minus = self.whiten(noise, self.tilt[None], self.gap[None])
+        return np.asarray((plus[0] ** 2).sum(axis=0) - minus[0] ** 2)
+
+    def rows(self, noise: Noise) -> tuple[Float64Array, Float64Array]:
+        """Derivatives by the PARAMETERS, and the residual last, whitened; (10, 6, M) and (10, M)."""
+        q, (x, y, z), count = self.q, self.arms, self.q.shape[1]
+        tilts, gaps = np.zeros((PARAMETERS + 1, 2, count)), np.zeros((PARAMETERS + 1, 3, count))
+        tilts[0, 0] = tilts[1, 1] = -1.0
+        tilts[2], tilts[3], tilts[9] = q[0:6:3], q[1:6:3], self.tilt
+        for k in range(4):
+            gaps[k, :2] = 0.5 * z * tilts[k]
+            gaps[k, 2] = -0.5 * (tilts[k, 0] * x + tilts[k, 1] * y)
+        for k in range(3):
+            gaps[4 + k, k] = 1.0
+        gaps[7], gaps[8], gaps[9] = -q[0::3], -q[1::3], self.gap
+        return self.whiten(noise, tilts, gaps)
+
+
+class Judged(NamedTuple):
+    """Every sample beside a hinge.
+
+    Attributes:
+        tilt: angle between the axes [rad]; shape (N,).
+        gap: of E1, in axes along the hinge [m]; shape (3, N).
+        psi: angle about the hinge from one `frame` to the other, in [-pi, pi] [rad]; shape (N,).
+        sizes: r^T C^-1 r; shape (N,).
+        weights: given, times those of the loss; shape (N,).
+        alike: correlation of neighbours' residuals.
+        covariance: of the parameters.
+    """
+
+    tilt: Float64Array
+    gap: Float64Array
+    psi: Float64Array
+    sizes: Float64Array
+    weights: Float64Array
+    alike: float
+    covariance: Float64Array
+
+
+def frame(axis: Float64Array) -> Float64Array:
+    """Axes of which the third is along a unit vector, as columns."""
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    return np.stack((first, np.cross(axis, first), axis), axis=-1)
+
+
+def moved(hinge: Hinge, step: Float64Array) -> Hinge:
+    """The hinge after a step of the parameters, in the axes of `frame`."""
+    first, second = frame(hinge.n), frame(hinge.m)
+    n, m = first @ (step[0], step[1], 1.0), second @ (step[2], step[3], 1.0)
+    u1, u2 = hinge.u1 + first @ step[4:7], hinge.u2 + second @ (step[7], step[8], 0.0)
+    return Hinge(n / np.linalg.norm(n), m / np.linalg.norm(m), u1, u2)
+
+
+def most_likely(poses: RelativePoses, start: Hinge, loss: Loss | None) -> tuple[Hinge, Noise, bool]:
+    """The most likely hinge, its noise, and whether the steps came to rest; first of some samples, then of all."""
+    thin = poses.thinned(_THIN)
+    hinge, noise = start, _noise(thin, start, None, loss)
+    still = False
+    for some in (thin, poses) if thin is not poses else (poses,):
+        for _ in range(_MOST):
+            normal, gradient = _normal_equations(some, hinge, noise, loss)
+            step = -_solved(normal, gradient)
+            turn = float(np.abs(step[:4]).max())
+            if turn > _LONGEST:
+                step *= _LONGEST / turn
+            hinge = moved(hinge, step).balanced()
+            noise = _noise(thin, hinge, noise, loss)
+            # in standard deviations; the next step is about this one times the noise
+            size = np.sqrt(step @ normal @ step)
+            still = bool(size < _CLOSE or size * (turn + np.sqrt(noise.attitude)) < _NEXT)
+            if still:
+                break
+    return hinge, noise, still
+
+
+def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
+    """The most likely hinge less its bias, which is of the order of the noise squared and no number of samples mends.
+
+    A rotation that is off at random is on average a shorter matrix than a rotation, so levers come out short. What
+    the scores are on average follows from the fitted hinge itself: they are taken at its exact poses, each of the
+    nine coordinates of noise once up and once down.
+    """
+    thin = poses.thinned(_EXACT)
+    first, second = frame(hinge.n), frame(hinge.m)
+    q = np.kron(first.T, second.T) @ thin.Q
+    psi = np.arctan2(q[3] - q[1], q[0] + q[4])
+    Q = np.asarray(rotation_exp(psi[:, None] * hinge.n)) @ (first @ second.T)
+    p = hinge.u1 - Q @ hinge.u2
+    exact = []
+    for k in range(3):
+        turn = rotation_exp(np.eye(3)[k] * np.sqrt(noise.attitude / 2))
+        off = np.sqrt(noise.place) * np.eye(3)[k]
+        exact += [(turn @ Q, p), (turn.T @ Q, p), (Q, p + off), (Q, p - off)]
+        exact += [(turn.T @ Q, p @ turn), (turn @ Q, p @ turn.T)]
+    rows = np.concatenate([each[0].reshape(-1, 9) for each in exact])
+    places = np.concatenate([each[1] for each in exact])
+    around = RelativePoses(
+        np.ascontiguousarray(rows.T), np.ascontiguousarray(places.T), np.ones(places.shape[0]), poses.size
+    )
+    normal, gradient = _normal_equations(around, hinge, noise, None)
+    return moved(hinge, _solved(normal / len(exact), gradient / 2)).balanced()
+
+
+def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> Judged:
+    """Every sample beside the hinge, and how sure its parameters are.
+
+    The covariance is the sandwich A^-1 B A^-1 (Huber, Robust Statistics, 1981, 6.3): A the derivative of the sum of
+    scores, B the scatter of the scores themselves, so it holds where the noise is not as the weights suppose. Scores
+    of neighbours that are correlated in time are added up before they are squared. Of very many samples, A and B are
+    those of some stretches.
+    """
+    count = poses.samples
+    tilt, gap, psi = np.empty(count), np.empty((3, count)), np.empty(count)
+    sizes, weights = np.empty(count), np.empty(count)
+    slope, scores, run, alike = np.zeros((PARAMETERS, PARAMETERS)), [], 1, 0.0
+    every = max(1, count // _SCORED)
+    for k, (own, seen) in enumerate(_blocks(poses, hinge)):
+        q, (x, y, z) = seen.q, seen.arms
+        tilt[own] = np.arctan2(np.hypot(q[2], q[5]), q[8])
+        gap[:2, own] = seen.gap[:2] - 0.5 * z * seen.tilt
+        gap[2, own] = seen.gap[2] + 0.5 * (seen.tilt[0] * x + seen.tilt[1] * y)
+        psi[own] = np.arctan2(q[3] - q[1], q[0] + q[4])
+        given = poses.weights[own]
+        if k % every:
+            sizes[own] = seen.sizes(noise)
+            weights[own] = given if loss is None else given * loss(given * sizes[own] / _CUT)[0]
+            continue
+        plus, minus = seen.rows(noise)
+        sizes[own] = (plus[-1] ** 2).sum(axis=0) - minus[-1] ** 2
+        first, second = (1.0, 0.0) if loss is None else loss(given * sizes[own] / _CUT)
+        weights[own] = given * first
+        score = np.einsum("kri,ri->ki", plus[:-1], plus[-1]) - minus[:-1] * minus[-1]
+        slope += _gram(plus, minus, weights[own])[:-1, :-1] + 2 / _CUT * (score * (second * given**2)) @ score.T
+        scores.append(weights[own] * score)
+        if k == 0:
+            run, alike = _run(np.concatenate((plus[-1], minus[-1:])) * weights[own])
+    whole = np.concatenate(scores, axis=1)
+    added = np.add.reduceat(whole, np.arange(0, whole.shape[1], run), axis=1)
+    share = whole.shape[1] / count
+    # a sample tells less of itself than of others, by its part of the parameters
+    free = 5 * whole.shape[1] / max(5 * whole.shape[1] - PARAMETERS, 1)
+    inverse = _solved(slope, np.eye(PARAMETERS))
+    return Judged(tilt, gap, psi, sizes, weights, alike, share * free * inverse @ (added @ added.T) @ inverse.T)
+
+
+def _run(residuals: Float64Array) -> tuple[int, float]:
+    """Over how many neighbours scores are added up: far more than residuals are correlated over; and how much."""
+    many = residuals.shape[1]
+    power = float((residuals * residuals).sum()) / many
+    if not power or many < 3:
+        return 1, 0.0
+    lag, found = 1, []
+    while lag == 1 or 4 * lag * _GROUPS <= many:
+        found.append(float((residuals[:, lag:] * residuals[:, :-lag]).sum()) / (many - lag) / power)
+        if found[-1] < max(0.1, 3 / np.sqrt(many)):
+            break
+        lag *= 2
+    return (1 if lag == 1 else max(1, min(4 * lag, many // _GROUPS))), found[0]
+
+
+def _blocks(poses: RelativePoses, hinge: Hinge) -> Iterator[tuple[slice, Residuals]]:
+    """What the constraints leave of the samples, some at a time."""
+    first, second = frame(hinge.n), frame(hinge.m)
+    turned = np.kron(first.T, second.T)
+    lever1, lever2 = (first.T @ hinge.u1)[:, None], (second.T @ hinge.u2)[:, None]
+    for start in range(0, poses.samples, _BLOCK):
+        own = slice(start, min(start + _BLOCK, poses.samples))
+        q, p = turned @ poses.Q[:, own], first.T @ poses.p[:, own]
+        arm = (q.reshape(3, 3, -1) * lever2).sum(axis=1)
+        arms = lever1 + arm
+        tilt = q[2:6:3] / np.sqrt(np.maximum((1 + q[8]) / 2, 1e-12))
+        if q[8].min() < _FLIPPED:
+            tilt[0] = np.where(q[8] < _FLIPPED, 2.0, tilt[0])
+        gap = lever1 - p - arm
+        gap[:2] += 0.5 * arms[2] * tilt
+        gap[2] -= 0.5 * (tilt[0] * arms[0] + tilt[1] * arms[1])
+        yield own, Residuals(q, p, arms, tilt, gap)
+
+
+def _normal_equations(
+    poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None
+) -> tuple[Float64Array, Float64Array]:
+    """J^T W J and J^T W r of one step."""
+    total = np.zeros((PARAMETERS + 1, PARAMETERS + 1))
+    for own, seen in _blocks(poses, hinge):
+        plus, minus = seen.rows(noise)
+        weights = poses.weights[own]
+        if loss is not None:
+            sizes = (plus[-1] ** 2).sum(axis=0) - minus[-1] ** 2
+            weights = weights * loss(weights * sizes / _CUT)[0]
+        total += _gram(plus, minus, weights)
+    return total[:-1, :-1], total[:-1, -1]
+
+
+def _gram(plus: Float64Array, minus: Float64Array, weights: Float64Array) -> Float64Array:
+    root = np.sqrt(weights)
+    rows, taken = (plus * root).reshape(plus.shape[0], -1), minus * root
+    return np.asarray(rows @ rows.T - taken @ taken.T)
+
+
+def _noise(poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss | None) -> Noise:
+    """Variances by moments of the residuals, or by medians where there may be outliers; rounding at least.
+
+    The noise found before tells which samples are so far off that they are left out of the medians.
+    """
+    parts = []
+    for _, seen in _blocks(poses, hinge):
+        sizes = np.zeros(seen.q.shape[1]) if loss is None or before is None else seen.sizes(before)
+        parts.append((*((row * row).sum(axis=0) for row in (seen.tilt, seen.gap)), seen.spread, sizes))
+    tilt, gap, spread, sizes = (np.concatenate(own) for own in zip(*parts, strict=True))
+    weights = poses.weights
+    near = weights > 0
+    if loss is None:
+        attitude, across = weights @ tilt / weights.sum() / 2, weights @ gap / weights.sum() / 3
+    else:
+        if 2 * (near & (sizes < _FAR)).sum() > near.sum():
+            near &= sizes < _FAR
+        attitude, across = np.median(tilt[near]) / _MEDIAN[2], np.median(gap[near]) / _MEDIAN[3]
+    attitude = max(float(attitude), (4 * _U) ** 2)
+    lever = float(weights[near] @ spread[near] / weights[near].sum()) / 3
+    place = max(float(across) - attitude * lever, 1e-3 * float(across), (4 * _U * poses.size) ** 2, 1e-300)
+    return Noise(place, attitude)
+
+
+def _solved(matrix: Float64Array, right: Float64Array) -> Float64Array:
+    """matrix^-1 right; what the matrix does not see comes out as 0."""
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix * scale * scale[:, None])
+    inverse = np.where(values > 1e-13 * values[-1], 1 / np.maximum(values, 1e-300), 0.0)
+    whole = (scale[:, None] * vectors * inverse) @ (vectors.T * scale)
+    return np.asarray(whole @ right)

@@ -1,0 +1,145 @@
+"""Body 2 as seen from body 1, sample by sample, and the hinge that it tells in closed form.
+
+With m = C^T n, the axis in body 2's axes, E5 says Q m = n of every relative attitude Q = S1^T S2, and E1 says
+p = u1 - Q u2 of every relative place p = S1^T (R2 - R1); psi is in neither. So the two axes are the leading singular
+vectors of the mean of Q - isotropic noise shrinks that mean and does not turn it - and the levers solve six linear
+equations.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.numeric.arrays import FloatArray
+
+Float64Array = NDArray[np.float64]
+
+_BLOCK = 4096
+_PAIRS, _JUDGES = 400, 1000
+
+
+class Hinge(NamedTuple):
+    """A hinge without its psi = 0: two lines, one in either body, and where they meet.
+
+    Attributes:
+        n: axis in body 1's axes, unit.
+        m: axis in body 2's axes, unit.
+        u1: hinge point, body 1's axes [m].
+        u2: hinge point, body 2's axes [m].
+    """
+
+    n: Float64Array
+    m: Float64Array
+    u1: Float64Array
+    u2: Float64Array
+
+    def balanced(self) -> Hinge:
+        """The same hinge with its point, which may slide along the axis, as near to one body as to the other."""
+        slide = -(self.u1 @ self.n + self.u2 @ self.m) / 2
+        return self._replace(u1=self.u1 + slide * self.n, u2=self.u2 + slide * self.m)
+
+
+class RelativePoses(NamedTuple):
+    """Relative attitudes and places, component by component.
+
+    Attributes:
+        Q: S1^T S2, row by row; shape (9, N).
+        p: S1^T (R2 - R1) [m]; shape (3, N).
+        weights: of the samples; shape (N,).
+        size: largest coordinate of either body, for what rounding leaves [m].
+    """
+
+    Q: Float64Array
+    p: Float64Array
+    weights: Float64Array
+    size: float
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return self.weights.size
+
+    def thinned(self, most: int) -> RelativePoses:
+        """About so many of the samples, evenly spread."""
+        step = -(-self.samples // most)
+        if step == 1:
+            return self
+        every = slice(None, None, step)
+        Q, p = np.ascontiguousarray(self.Q[:, every]), np.ascontiguousarray(self.p[:, every])
+        return RelativePoses(Q, p, self.weights[every], self.size)
+
+
+def relative_poses(
+    R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray, weights: Float64Array
+) -> RelativePoses:
+    """Of poses in the world, finite all of them; shapes (N, 3), (N, 3, 3), (N, 3), (N, 3, 3)."""
+    count = weights.size
+    Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
+    for start in range(0, count, _BLOCK):
+        own = slice(start, start + _BLOCK)
+        first, second = (S[own].reshape(-1, 9).T.astype(np.float64, order="C") for S in (S1, S2))
+        place1, place2 = (R[own].T.astype(np.float64, order="C") for R in (R1, R2))
+        size = max(size, float(np.abs(place1).max()), float(np.abs(place2).max()))
+        apart = place2 - place1
+        for i in range(3):
+            p[i, own] = first[i] * apart[0] + first[3 + i] * apart[1] + first[6 + i] * apart[2]
+            for j in range(3):
+                Q[3 * i + j, own] = first[i] * second[j] + first[3 + i] * second[3 + j] + first[6 + i] * second[6 + j]
+    return RelativePoses(Q, p, weights, size)
+
+
+def closed_form(poses: RelativePoses) -> Hinge:
+    """The hinge by least squares, psi eliminated: of the chords between Q m and n, and of the gaps of E1."""
+    total = poses.weights.sum()
+    Q = (poses.Q @ poses.weights / total).reshape(3, 3)
+    p = poses.p @ poses.weights / total
+    place2 = np.array([((poses.Q[j::3] * poses.p).sum(axis=0) @ poses.weights) / total for j in range(3)])
+    left, _, right = np.linalg.svd(Q)
+    n, m = left[:, 0], right[0]
+    # (1 - Q^T Q) u2 = Q^T p - mean(Q^T p), across m: along it u2 is free
+    across = right[1:].T
+    u2 = across @ np.linalg.lstsq(across.T @ (across - Q.T @ (Q @ across)), across.T @ (Q.T @ p - place2))[0]
+    return Hinge(n, m, p + Q @ u2, u2).balanced()
+
+
+def closed_form_of_most(poses: RelativePoses) -> Hinge:
+    """The hinge that most samples agree with, whatever the others say (least median, Rousseeuw 1984).
+
+    Two samples make a hinge: the screw that takes one relative pose to the other. Of many such pairs, and of the
+    closed form of all, that is kept whose medians of tilt and gap have the least product.
+    """
+    judges = poses.thinned(_JUDGES)
+    known = np.flatnonzero(poses.weights > 0)
+    rng = np.random.default_rng(0)
+    first, second = rng.choice(known, (2, _PAIRS))
+    candidates = [closed_form(poses), *_screws(poses, first[first != second], second[first != second])]
+    Q, p = judges.Q.T.reshape(-1, 3, 3), judges.p.T
+    best, least = candidates[0], np.inf
+    for hinge in candidates:
+        tilt = np.median(((Q @ hinge.m - hinge.n) ** 2).sum(axis=-1))
+        gap = np.median(((hinge.u1 - p - Q @ hinge.u2) ** 2).sum(axis=-1))
+        if tilt * gap < least:
+            best, least = hinge, tilt * gap
+    return best
+
+
+def _screws(poses: RelativePoses, first: NDArray[np.intp], second: NDArray[np.intp]) -> list[Hinge]:
+    """The hinge of each pair of samples that turns by a degree or more between them."""
+    found = []
+    for i, j in zip(first, second, strict=True):
+        Q, other = poses.Q[:, i].reshape(3, 3), poses.Q[:, j].reshape(3, 3)
+        turn = other @ Q.T
+        twice = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+        sine = float(np.linalg.norm(twice)) / 2
+        angle = np.arctan2(sine, (np.trace(turn) - 1) / 2)
+        if sine < 0.017:
+            continue
+        n = twice / (2 * sine)
+        apart = poses.p[:, i] - poses.p[:, j]
+        apart = apart - (apart @ n) * n
+        lever = -(apart + np.cross(n, apart) / np.tan(angle / 2)) / 2
+        found.append(Hinge(n, Q.T @ n, poses.p[:, i] + lever, Q.T @ lever).balanced())
+    return found

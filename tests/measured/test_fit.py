@@ -1,0 +1,274 @@
+"""The hinge found from two recordings: exact, noisy, with outliers, and where there is none."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.recorded import HOME, N1, U1, U2, recording, truth, turns
+
+U = 2.0**-53
+
+
+def bodies(made) -> tuple[hp.BodyMotion, hp.BodyMotion]:
+    return hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2, S=made.S2)
+
+
+def errors(found: hp.HingeFit) -> np.ndarray:
+    """Of u1, u2, n and home's rotation vector, from the truth in the same gauge and with the same sign; (12,)."""
+    u1, u2, n, home = truth(np.sign(found.pair.n @ N1), found.gauge)
+    turn = hp.rotation_log(found.pair.home @ home.T)
+    return np.concatenate((found.pair.u1 - u1, found.pair.u2 - u2, found.pair.n - n, turn))
+
+
+@pytest.mark.parametrize("gauge", ["closest_to_R1", "closest_to_R2"])
+@pytest.mark.parametrize("turn", [1.0, 0.1, 8.0])
+def test_exact_motion_gives_the_hinge_to_rounding(gauge: str, turn: float) -> None:
+    made = recording(turn=turn)
+    found = hp.fit(*bodies(made), gauge=gauge)
+    off = np.abs(errors(found))
+    assert off[6:9].max() < 8 * U / min(turn, 1)
+    assert off[:6].max() < 64 * U * max(np.abs(made.R1).max(), np.abs(made.R2).max()) / min(turn, 1)
+    assert off[9:].max() < 16 * U / min(turn, 1)
+    assert found.ok
+    assert found.findings == ()
+    assert max(found.rms_position, found.rms_angle) < 1e-14
+
+
+def test_psi_is_the_angle_that_home_and_sign_say() -> None:
+    made = recording(turn=8.0)
+    found = hp.fit(*bodies(made))
+    state = found.pair.forward_kinematics_from_body1(bodies(made)[0], found.psi)
+    assert np.abs(state.S2 - made.S2).max() < 16 * U * 10
+    assert np.abs(state.R2 - made.R2).max() < 64 * U
+    sign = np.sign(found.pair.n @ N1)
+    assert np.ptp(found.psi - sign * made.psi) < 1e-13  # no jumps by 2 pi
+
+
+def test_home_is_the_identity_where_it_was() -> None:
+    made = recording(Q=turns(recording().psi[:, None] * N1))
+    found = hp.fit(*bodies(made))
+    assert np.abs(found.pair.home - np.eye(3)).max() < 8 * U
+    assert np.abs(found.psi - made.psi).max() < 1e-14
+
+
+def test_the_first_large_component_of_n_is_positive() -> None:
+    for axis in np.array([(-1, 0.4, 0.2), (0.3, -1, 0.9), (-0.6, 1, 0), (0.1, 0.2, -1)]):
+        unit = axis / np.linalg.norm(axis)
+        found = hp.fit(*bodies(recording(200, Q=turns(recording(200).psi[:, None] * unit))))
+        first = np.flatnonzero(np.abs(unit) >= 0.5 * np.abs(unit).max())[0]
+        assert found.pair.n[first] > 0
+        assert abs(found.pair.n @ unit) == pytest.approx(1, abs=4 * U)
+
+
+def coverage(runs: int, count: int, loss: str, **kind: float) -> np.ndarray:
+    inside = np.zeros(12)
+    for seed in range(runs):
+        found = hp.fit(*bodies(recording(count, seed=seed, **kind)), loss=loss)
+        inside += np.abs(errors(found)) < 1.96 * np.sqrt(np.diagonal(found.covariance))
+    return inside / runs
+
+
+def test_errors_are_within_the_covariance() -> None:
+    inside = coverage(25, 150, "linear", metres=1e-3, radians=2e-3)
+    assert inside.mean() > 0.9
+    assert inside.min() > 0.7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("count", "loss", "kind"),
+    [
+        (300, "linear", {"metres": 1e-3, "radians": 2e-3}),
+        (300, "linear", {"metres": 1e-5, "radians": 1e-2}),
+        (300, "linear", {"metres": 1e-2, "radians": 1e-4}),
+        (5000, "linear", {"metres": 1e-3, "radians": 3e-2}),
+        (300, "linear", {"metres": 1e-3, "radians": 2e-3, "turn": 0.1}),
+        (300, "cauchy", {"metres": 1e-3, "radians": 2e-3}),
+    ],
+    ids=["both", "attitudes", "places", "many and rough", "little turning", "cauchy"],
+)
+def test_errors_are_within_the_covariance_in_500_runs(count: int, loss: str, kind: dict[str, float]) -> None:
+    inside = coverage(500, count, loss, **kind)
+    assert inside.min() >= 0.9
+    assert inside.max() <= 0.99
+
+
+def test_the_noise_is_told() -> None:
+    found = hp.fit(*bodies(recording(4000, 1e-3, 2e-3)))
+    assert found.noise_position == pytest.approx(np.sqrt(2) * 1e-3, rel=0.05)
+    assert found.noise_angle == pytest.approx(np.sqrt(2) * 2e-3, rel=0.05)
+
+
+def test_noise_that_is_correlated_in_time_widens_the_covariance() -> None:
+    made = recording(4000)
+    rng = np.random.default_rng(5)
+    smooth = np.ones(40) / np.sqrt(40)
+    slow = np.stack([np.convolve(rng.standard_normal(4039), smooth, "valid") for _ in range(3)], axis=-1)
+    white = rng.standard_normal((4000, 3))
+    stds = []
+    for noise in (white, slow):
+        body1, _ = bodies(made)
+        found = hp.fit(body1, hp.BodyMotion(R=made.R2, S=made.S2 @ turns(2e-3 * noise)))
+        stds.append(found.std["n"].max())
+    assert 3 < stds[1] / stds[0] < 9  # sqrt(40) = 6.3
+
+
+@pytest.mark.parametrize("loss", ["soft_l1", "huber", "cauchy", "arctan"])
+def test_thirty_percent_of_outliers_are_survived(loss: str) -> None:
+    made = recording(1000, 1e-3, 2e-3, outliers=0.3)
+    found = hp.fit(*bodies(made), loss=loss)
+    bound = 1e-3 if loss in {"cauchy", "arctan"} else 4e-3
+    assert np.abs(errors(found)).max() < bound
+    assert found.ok
+    assert "of the samples are outliers; they count little" in " ".join(found.findings)
+    good = found.weights > 0.3
+    sign = np.sign(found.pair.n @ N1)
+    off = found.psi - sign * made.psi
+    assert np.ptp(off[good]) < 0.05
+    assert 0.25 < (found.weights < 0.1).mean() < 0.35
+
+
+def test_outliers_that_count_are_named_and_not_trusted() -> None:
+    found = hp.fit(*bodies(recording(1000, 1e-3, 2e-3, outliers=0.05)))
+    assert not found.ok
+    assert 'loss="cauchy"' in found.findings[0]
+
+
+def test_missing_samples_are_left_out_and_said() -> None:
+    made = recording(500, 1e-3, 2e-3)
+    R2, S1 = made.R2.copy(), made.S1.copy()
+    R2[100:120] = np.nan
+    S1[300, 0, 0] = np.nan
+    found = hp.fit(hp.BodyMotion(R=made.R1, S=S1), hp.BodyMotion(R=R2, S=made.S2))
+    assert found.samples == 479
+    assert np.flatnonzero(np.isnan(found.psi)).tolist() == [*range(100, 120), 300]
+    assert found.findings == ("21 of 500 samples are missing or have no weight.",)
+    kept = np.isfinite(found.psi)
+    weighted = hp.fit(*bodies(made), weights=kept.astype(float))
+    assert (weighted.pair.n == found.pair.n).all()
+
+
+def test_a_weight_of_two_is_a_sample_twice() -> None:
+    made = recording(300, 1e-3, 2e-3)
+    twice = np.where(np.arange(300) < 100, 2, 1)
+    weighted = hp.fit(*bodies(made), weights=twice)
+    rows = np.repeat(np.arange(300), twice)
+    doubled = hp.fit(hp.BodyMotion(R=made.R1[rows], S=made.S1[rows]), hp.BodyMotion(R=made.R2[rows], S=made.S2[rows]))
+    assert np.abs(weighted.pair.n - doubled.pair.n).max() < 0.02 * weighted.std["n"].max()
+    assert np.abs(weighted.pair.u1 - doubled.pair.u1).max() < 0.02 * weighted.std["u1"].max()
+
+
+def test_a_body_1_that_stands_still_is_one_pose() -> None:
+    psi = recording(100).psi
+    S2 = turns(psi[:, None] * N1) @ HOME
+    found = hp.fit(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), hp.BodyMotion(R=U1 - S2 @ U2, S=S2))
+    assert np.abs(errors(found)).max() < 1e-14
+
+
+def test_many_samples_are_like_few() -> None:
+    made = recording(60_000, 1e-3, 2e-3)
+    found = hp.fit(*bodies(made))
+    z = np.abs(errors(found)) / np.sqrt(np.diagonal(found.covariance))
+    assert z.max() < 4
+    assert found.std["n"].max() < 3e-5
+
+
+T = recording(2000).t
+PSI = recording(2000).psi
+SLOW = np.sin(1.3 * T)
+ROLL = turns(PSI[:, None] * N1)
+OTHERS = {
+    "ball": (
+        {"Q": turns(np.stack((PSI, 0.8 * SLOW, 0.7 * np.cos(1.9 * T)), axis=-1)) @ HOME},
+        "A ball joint: one point stays in both bodies",
+    ),
+    "two hinges": (
+        {"Q": ROLL @ HOME @ turns(0.8 * SLOW[:, None] * np.array([0.0, 0.0, 1.0]))},
+        "Two hinges one after the other would do",
+    ),
+    "two parallel hinges": (
+        {"Q": ROLL @ turns(0.8 * SLOW[:, None] * N1) @ HOME, "slip": ROLL @ np.array([0.2, 0, 0]) - (0.2, 0, 0)},
+        "Two parallel hinges one after the other",
+    ),
+    "sliding hinge": ({"slip": 0.1 * SLOW[:, None] * N1}, "Body 2 slides along the axis, by 0.07 m rms"),
+    "screw": ({"slip": 0.02 * PSI[:, None] * N1}, "a sliding hinge, or a screw"),
+    "little turning": ({"turn": 0.01, "metres": 1e-3, "radians": 2e-3}, "little beside attitudes that are off by"),
+}
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3], ids=["exact", "noisy"])
+@pytest.mark.parametrize("name", OTHERS)
+def test_what_is_no_hinge_is_said_in_a_sentence(name: str, noise: float) -> None:
+    kind, words = OTHERS[name]
+    made = recording(2000, **{"metres": noise, "radians": 2 * noise} | kind)
+    found = hp.fit(*bodies(made))
+    assert not found.ok
+    assert words in " ".join(found.findings)
+    assert words in str(found)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3], ids=["exact", "noisy"])
+@pytest.mark.parametrize(
+    ("slip", "words"), [(0.0, "a fixed pair"), (0.2 * SLOW[:, None] * N1, "a sliding joint")], ids=["fixed", "slides"]
+)
+def test_bodies_that_do_not_turn_show_no_hinge(slip: object, words: str, noise: float) -> None:
+    made = recording(2000, noise, 2 * noise, Q=HOME, slip=slip)
+    with pytest.raises(hp.FitError, match=words) as caught:
+        hp.fit(*bodies(made))
+    assert caught.value.name == "body1, body2"
+
+
+def test_one_sample_shows_no_hinge() -> None:
+    made = recording(2)
+    R2 = made.R2.copy()
+    R2[0] = np.nan
+    with pytest.raises(hp.FitError, match="at least two samples"):
+        hp.fit(bodies(made)[0], hp.BodyMotion(R=R2, S=made.S2))
+
+
+def test_residuals_say_when() -> None:
+    made = recording(400, 1e-3, 2e-3)
+    found = hp.fit(*bodies(made), t=made.t + 1.7e9)
+    left = found.residuals
+    gap, tilt = left.rows
+    assert gap.rms == pytest.approx(found.rms_position, rel=1e-12)
+    assert tilt.rms == pytest.approx(found.rms_angle, rel=1e-9)
+    assert gap.worst_time == found.t[gap.worst_sample]
+    assert np.abs(np.linalg.norm(left.gap, axis=-1) - found.gap).max() < 1e-15
+    assert np.abs(left.tilt_angle - found.tilt).max() < 1e-12
+    assert left.ok
+
+
+def test_the_report_reads_plots_and_travels() -> None:
+    found = hp.fit(*bodies(recording(400, 1e-3, 2e-3)))
+    assert "+-" in str(found)
+    assert str(found).endswith("ok")
+    assert "mm" in repr(found)
+    told = json.loads(found.to_json())
+    assert told["ok"] is True
+    assert told["n"] == found.pair.n.tolist()
+    assert [axes.get_ylabel() for axes in found.plot().axes] == ["psi [deg]", "gap [mm]", "tilt [deg]"]
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"loss": "tukey"}, "loss"),
+        ({"gauge": "middle"}, "gauge"),
+        ({"weights": [1.0, 2.0]}, "weights"),
+        ({"weights": -np.ones(50)}, "weights"),
+        ({"t": np.arange(3.0)}, "t"),
+        ({"body2": hp.BodyMotion(R=np.zeros((3, 3)), S=np.eye(3))}, "body2"),
+        ({"body2": 3}, "body2"),
+    ],
+    ids=["loss", "gauge", "weights", "negative", "t", "shape", "type"],
+)
+def test_what_cannot_be_used_is_named(change: dict[str, object], name: str) -> None:
+    body1, body2 = bodies(recording(50))
+    with pytest.raises(hp.ArgumentError) as caught:
+        hp.fit(**{"body1": body1, "body2": body2} | change)
+    assert caught.value.name == name
