@@ -1,36 +1,51 @@
-"""What every test shares: where hingepair was imported from, and the table of measured errors at the end."""
+"""What every test shares: each backend in turn, and the table of measured errors at the end."""
 
 from __future__ import annotations
-
-from collections import defaultdict
 
 import pytest
 
 import hingepair
 from hingepair.pair.accuracy import PROMISES
 
-LEDGER = pytest.StashKey[dict]()
+
+class Ledger:
+    """The largest error of each output by the way it was computed; of all processes that run tests."""
+
+    def __init__(self):
+        self.measured = {}
+
+    def pytest_runtest_logreport(self, report):
+        for key, value in report.user_properties if report.when == "call" else ():
+            if key == "error":
+                way, output, error = value
+                own = self.measured.setdefault(way, {})
+                own[output] = max(error, own.get(output, 0.0))
+
+    def pytest_terminal_summary(self, terminalreporter):
+        if not self.measured:
+            return
+        terminalreporter.section("largest error in units of u * scale, below the promise; (c) compiled")
+        width = max(map(len, self.measured))
+        promised = {name: str(promise.proved) for name, promise in PROMISES.items()}
+        rows = {"": dict(zip(PROMISES, PROMISES, strict=True)), "promise": promised, **self.measured}
+        for way, worst in rows.items():
+            cells = (worst.get(name, "-") for name in PROMISES)
+            shown = (f"{cell:.2f}" if isinstance(cell, float) else cell for cell in cells)
+            terminalreporter.write_line(way.ljust(width) + "".join(cell.rjust(8) for cell in shown))
 
 
 def pytest_configure(config):
-    config.stash[LEDGER] = defaultdict(dict)
-
-
-def pytest_report_header():
-    """The injected-fault test reads this line: the copy with the fault must be the one that is tested."""
-    return f"hingepair: {hingepair.__file__}"
+    config.pluginmanager.register(Ledger())
 
 
 @pytest.fixture
-def ledger(request):
+def ledger(request, record_property):
     """record(way, output, errors): keeps the worst error of an output, in units of u * scale, for the last table."""
-    measured = request.config.stash[LEDGER]
     compiled = "numba" in getattr(request.node, "callspec", request.node).__dict__.get("params", {}).values()
 
     def record(way, output, errors):
-        way = f"{way} (c)" if compiled else way
         worst = max(map(float, errors), default=0.0)
-        measured[way][output] = max(worst, measured[way].get(output, 0.0))
+        record_property("error", (f"{way} (c)" if compiled else way, output, worst))
         return worst
 
     return record
@@ -46,15 +61,3 @@ def each_backend(request, monkeypatch):
 
     monkeypatch.setattr(hingepair.pair.hinge_pair, "choose", forced)
     return request.param
-
-
-def pytest_terminal_summary(terminalreporter, config):
-    measured = config.stash[LEDGER]
-    if not measured:
-        return
-    terminalreporter.section("largest error in units of u * scale, beside the promise; (c) compiled")
-    width = max(map(len, measured)) + 2
-    terminalreporter.write_line("output   promise" + "".join(way.rjust(width) for way in measured))
-    for name, promise in PROMISES.items():
-        cells = ("-" if name not in worst else f"{worst[name]:.2f}" for worst in measured.values())
-        terminalreporter.write_line(f"{name:<9}{promise.proved:>7}" + "".join(cell.rjust(width) for cell in cells))

@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import builtins
 import doctest
+import graphlib
 import inspect
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,7 +17,8 @@ import pytest
 
 import hingepair as hp
 
-SOURCES = sorted(Path(hp.__file__).parent.rglob("*.py"))
+PACKAGE = Path(hp.__file__).parent
+SOURCES = sorted(PACKAGE.rglob("*.py"))
 
 
 def test_import_loads_numpy_and_no_other_package() -> None:
@@ -42,39 +45,71 @@ def test_everything_exported_exists_once() -> None:
         assert getattr(hp, name).__doc__
 
 
-ORDER = (
-    *(
-        "errors",
-        "numeric",
-        "equations",
-        "rotations",
-        "evaluation",
-        "pair",
-        "measured",
-        "integration",
-        "dynamics",
-        "symbolic",
-    ),
-    *("formats", "validation", "scenes", "bench", "cli", "__init__"),
+WINGS = (
+    *("errors", "numeric", "equations", "rotations", "evaluation", "pair", "measured", "integration"),
+    *("dynamics", "symbolic", "formats", "validation", "scenes", "bench", "cli"),
 )
 UPHILL = {("evaluation", "integration")}
 """Wings that still import one above them."""
 
 
-@pytest.mark.parametrize("source", SOURCES, ids=["/".join(source.parts[-2:]) for source in SOURCES])
-def test_wings_import_downwards_only(source: Path) -> None:
-    package = Path(hp.__file__).parent
-    own = source.relative_to(package).with_suffix("").parts[0]
-    tree = ast.parse(source.read_text())
+def module_of(source: Path) -> str:
+    return ".".join(source.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
+
+
+TREES = {module_of(source): ast.parse(source.read_text()) for source in SOURCES}
+
+
+def imported_by(tree: ast.Module) -> set[str]:
+    """The modules of the package that a module imports, in functions too."""
+    found = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hingepair."):
-            wing = (node.module or "").split(".")[1]
-            assert ORDER.index(wing) <= ORDER.index(own) or (own, wing) in UPHILL, f"{own} imports {wing}"
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hingepair"):
+            rooms = {f"{node.module}.{one.name}" for one in node.names}
+            found |= rooms & TREES.keys() or {str(node.module)}
+        elif isinstance(node, ast.Import):
+            found |= {one.name for one in node.names} & TREES.keys()
+    return found
 
 
-@pytest.mark.parametrize("source", SOURCES, ids=["/".join(source.parts[-2:]) for source in SOURCES])
-def test_no_assert(source: Path) -> None:
-    assert not [node.lineno for node in ast.walk(ast.parse(source.read_text())) if isinstance(node, ast.Assert)]
+def test_imports_run_downwards_and_in_no_circle() -> None:
+    graph = {module: imported_by(tree) - {"hingepair"} for module, tree in TREES.items() if module != "hingepair"}
+    graphlib.TopologicalSorter(graph).prepare()
+    wing = {module: module.split(".")[1] for module in graph}
+    below = {(wing[m], wing[seen]) for m, those in graph.items() for seen in those if wing[m] != wing[seen]}
+    for own, other in below - UPHILL:
+        assert WINGS.index(other) < WINGS.index(own), f"{own} imports {other}"
+    level: dict[str, int] = {}
+    for own in WINGS:
+        level[own] = 1 + max((level[other] for upper, other in below - UPHILL if upper == own), default=0)
+    assert max(level.values()) <= 10, level
+
+
+def test_no_module_reads_private_names_of_another() -> None:
+    private = {
+        module: {name for node in ast.walk(tree) for name in names_made_by(node) if re.match("_[^_]", name)}
+        for module, tree in TREES.items()
+    }
+    somewhere = set().union(*private.values())
+    for module, tree in TREES.items():
+        read = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+        read |= {one.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for one in node.names}
+        assert not (read & somewhere) - private[module] - {"_of_one"}, module
+
+
+def names_made_by(node: ast.AST) -> Iterator[str]:
+    match node:
+        case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+            yield name
+        case ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):
+            yield name
+        case ast.Constant(value=str(name)):  # __slots__
+            yield name
+
+
+def test_no_assert() -> None:
+    found = [(m, node.lineno) for m, tree in TREES.items() for node in ast.walk(tree) if isinstance(node, ast.Assert)]
+    assert not found
 
 
 def public_docstrings() -> Iterator[tuple[str, str]]:
@@ -103,7 +138,7 @@ def test_examples_of_public_docstrings_need_nothing_but_their_imports() -> None:
 
 
 def test_typed_marker_is_there() -> None:
-    assert (Path(hp.__file__).parent / "py.typed").is_file()
+    assert (PACKAGE / "py.typed").is_file()
 
 
 def test_errors_are_ours_and_the_built_in_that_fits() -> None:

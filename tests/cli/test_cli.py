@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.cli.main import main
 from hingepair.evaluation.backend import choose
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -22,10 +24,18 @@ EXIT_OK, EXIT_CHECK_FAILED, EXIT_BAD_INPUT = 0, 1, 2
 
 
 def hingepair(*arguments: object, code: int = EXIT_OK) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from hingepair.cli.main import main; main()", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == code, done.stdout + done.stderr
-    return done
+    """What a command prints and returns; in this process, but for its signals (`shell` has them)."""
+    streams = [io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["hingepair", *map(str, arguments)])
+        patch.setattr("hingepair.cli.main.behave", lambda: None)
+        for name, stream in zip(("stdout", "stderr"), streams, strict=True):
+            patch.setattr(sys, name, stream)
+        with pytest.raises(SystemExit) as done:
+            main()
+    out, err = (stream.buffer.getvalue().decode() for stream in streams)
+    assert done.value.code == code, out + err
+    return subprocess.CompletedProcess(arguments, code, out, err)
 
 
 @pytest.fixture
@@ -199,13 +209,14 @@ def test_a_closed_pipe_is_no_failed_check(short_scene: Path) -> None:
     assert done.returncode in {0, 128 + 13}  # the pipe was still open, or the signal that a shell expects
 
 
-@pytest.mark.parametrize("command", ["run", "urdf", "check"])
+@pytest.mark.parametrize("command", ["run", *(pytest.param(c, marks=pytest.mark.slow) for c in ("urdf", "check"))])
 def test_output_that_nobody_takes_is_said_with_exit_2(short_scene: Path, command: str) -> None:
     done = shell(f"hingepair {command} {short_scene} > /dev/full")
     assert done.stderr == b"hingepair: standard output: No space left on device\n"
     assert done.returncode == EXIT_BAD_INPUT
 
 
+@pytest.mark.slow
 def test_a_terminal_of_ascii_shows_any_title_and_files_stay_utf8(short_scene: Path) -> None:
     text = re.sub("(?m)^title = .*$", 'title = "Kn\u00e4uel \u2603"', short_scene.read_text())
     short_scene.write_text(re.sub("(?m)^name = .*$", 'name = "\u2603"', text))
@@ -247,11 +258,11 @@ def test_what_a_file_holds_is_not_obeyed_by_the_terminal(short_scene: Path, tmp_
 def test_a_warning_is_a_line(tmp_path: Path) -> None:
     text = re.sub(r'<mass value="[^"]*"', '<mass value="-1"', (MODELS / "talos_elbow.urdf").read_text())
     (tmp_path / "light.urdf").write_text(text)
-    done = hingepair("urdf", tmp_path / "light.urdf", "hinge")
+    done = shell(f"hingepair urdf {tmp_path / 'light.urdf'} hinge")
     lines = done.stderr.splitlines()
     assert len(lines) == 2
-    assert all(line.startswith("hingepair: warning: the mass properties of the body of 'body") for line in lines)
-    assert done.stdout.startswith("<?xml")
+    assert all(line.startswith(b"hingepair: warning: the mass properties of the body of 'body") for line in lines)
+    assert done.stdout.startswith(b"<?xml")
 
 
 def invoke(*arguments: object) -> str:

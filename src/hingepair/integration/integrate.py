@@ -16,7 +16,7 @@ from hingepair.integration.solve import METHODS, Course, solve
 from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, rotations, world_vectors
 from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only, real_array
 from hingepair.numeric.finite_differences import check_instants
-from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.body_motion import unchecked_motion
 from hingepair.pair.constants import Constants, check_pair
 from hingepair.pair.evaluate import Outputs
 from hingepair.pair.hinge_pair import HingePair
@@ -227,7 +227,7 @@ def _spatial_state(
     for name in needed & {"omega1", "alpha1", "psid", "psidd"}:
         values = rates[name].instants(t)  # type: ignore[union-attr]
         known[name] = world_vectors(S1, values) if body and values.ndim == 2 else values
-    motion = BodyMotion._trusted(
+    motion = unchecked_motion(
         R=known.get("R1", np.zeros(3)),
         S=S1,
         v=known.get("v1"),

@@ -61,13 +61,6 @@ class BodyMotion(Frozen):
         check_rotation("S", attitude)
         self._set({"R": R, "S": attitude, "v": v, "omega": omega, "a": a, "alpha": alpha})
 
-    @classmethod
-    def _trusted(cls, **arrays: NDArray[Any] | None) -> BodyMotion:
-        """The motion with an attitude that is known to be a rotation."""
-        motion = cls.__new__(cls)
-        motion._set(arrays)
-        return motion
-
     def _set(self, given: Mapping[str, Any]) -> None:
         shapes = {}
         for name, value in given.items():
@@ -178,6 +171,13 @@ class BodyMotion(Frozen):
                [ 0.,  0.,  1.]])
         """
         return cls(R=R, S=rotation_exp(rotvec), v=v, omega=omega, a=a, alpha=alpha)
+
+
+def unchecked_motion(**arrays: NDArray[Any] | None) -> BodyMotion:
+    """The motion with an attitude that is known to be a rotation; arguments as for `BodyMotion`, none left out."""
+    motion = BodyMotion.__new__(BodyMotion)
+    motion._set(arrays)
+    return motion
 
 
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
