@@ -6,13 +6,20 @@ which keeps order 6 of an integral over them.
 
 from __future__ import annotations
 
+import functools
+import itertools
+import math
+import operator
 from collections.abc import Callable
 from typing import Any, Final, TypeAlias
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, HingePairError, ShapeError
+from hingepair.evaluation.backend import How
+from hingepair.evaluation.loops import Loop
 from hingepair.numeric.arrays import real_array
 
 Values: TypeAlias = NDArray[np.float64]
@@ -22,7 +29,8 @@ POINTS: Final = 6
 
 _POINT = ("R1", "v1", "a1")
 
-_JITTER = 8  # units in the last place of t - t[0]: instants this close to even ones are even
+_BEFORE = POINTS // 2 - 1  # samples before the interval in whose middle the others are
+_HOW = How("auto", 1)
 
 
 class Constant:
@@ -85,27 +93,23 @@ class Samples:
         self.t = t
         self.values = values
         self.count = min(POINTS, len(t))
-        self.even = _even_step(t)
 
     def nodes(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
-        """The values at the nodes start + c h of steps; shape (steps, nodes, ...).
-
-        Where the steps are those between the samples, and the samples even, the weights are those of the middle
-        of a stencil, but for the few steps at either end.
-        """
+        """The values at the nodes start + c h of steps; shape (steps, nodes, ...)."""
         first = int(np.searchsorted(self.t, start[0]))
-        inner = slice(max(2, first), min(first + len(h), len(self.t) - 3))
-        steps_are_samples = np.array_equal(self.t[first : first + len(h)], start)
-        if self.even is None or self.count < POINTS or inner.stop <= inner.start or not steps_are_samples:
+        inner = range(max(_BEFORE, first), min(first + len(h), len(self.t) - _BEFORE - 1))
+        if not inner or self.count < POINTS or not np.array_equal(self.t[first : first + len(h)], start):
             return self._between(start, h, c)
-        weights = _weights(np.arange(-2.0, 4.0) * self.even, np.array(c) * self.even)
         columns = self._columns()
         found = np.empty((len(h), len(c), columns.shape[1]))
-        low, high = inner.start - first, inner.stop - first
-        near = columns[inner.start - 2 : inner.stop + 3]
-        for node, own in enumerate(weights):
-            found[low:high, node] = sum(w * near[j : j + high - low] for j, w in enumerate(own))
-        for edge in (slice(0, low), slice(high, len(h))):
+        steps, near = slice(inner.start - first, inner.stop - first), slice(inner.start - _BEFORE, None)
+        given = {
+            "t": sliding_window_view(self.t[near], POINTS)[: len(inner)],
+            "values": sliding_window_view(columns[near], POINTS, axis=0)[: len(inner)],
+            "h": h[steps],
+        }
+        interpolation(c, columns.shape[1]).run(given, {"values": found[steps]}, (len(inner),), found.dtype, _HOW)
+        for edge in (slice(0, steps.start), slice(steps.stop, len(h))):
             found[edge] = self._between(start[edge], h[edge], c).reshape(-1, *found.shape[1:])
         return found.reshape(len(h), len(c), *self.values.shape[1:])
 
@@ -220,12 +224,25 @@ def _first_not_finite(values: Values) -> int:
     return int(np.argmax(bad.reshape(len(values), -1).any(axis=1)))
 
 
-def _even_step(t: Values) -> float | None:
-    """The step between instants that are even but for the rounding of t - t[0]."""
-    if len(t) < 2:
-        return None
-    h = (t[-1] - t[0]) / (len(t) - 1)
-    return float(h) if np.abs(np.diff(t) - h).max() <= _JITTER * np.spacing(t[-1] - t[0]) else None
+@functools.cache
+def interpolation(c: tuple[float, ...], columns: int) -> Loop:
+    """The values at nodes of intervals, from `POINTS` samples about each (columns first) and its length."""
+
+    def interpolate(v: dict[str, Any]) -> dict[str, Any]:
+        x = [one - v["t"][_BEFORE] for one in v["t"]]
+        each = [v["values"][POINTS * k : POINTS * (k + 1)] for k in range(columns)]
+        scales = [1 / math.prod(one - other for i, other in enumerate(x) if i != j) for j, one in enumerate(x)]
+        found = []
+        for node in c:
+            apart = [node * v["h"] - one for one in x]
+            below = list(itertools.accumulate(apart[:-1], operator.mul, initial=1.0))
+            above = list(itertools.accumulate(apart[:0:-1], operator.mul, initial=1.0))[::-1]
+            weights = [s * (p * q) for s, p, q in zip(scales, below, above, strict=True)]
+            found += [functools.reduce(operator.add, map(operator.mul, weights, own)) for own in each]
+        return {"values": tuple(found)}
+
+    shapes = {"t": (POINTS,), "values": (columns, POINTS), "h": ()}
+    return Loop("interpolation", interpolate, shapes, {"values": (len(c), columns)})
 
 
 def _weights(points: Values, times: Values) -> Values:
