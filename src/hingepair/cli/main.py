@@ -10,6 +10,7 @@ import typer
 from hingepair import __version__
 from hingepair.cli.bench import app as bench_app
 from hingepair.cli.derive import derive
+from hingepair.cli.forces import forces
 from hingepair.cli.output import EXIT_BAD, behave, printed
 from hingepair.cli.pairs import mjcf, urdf
 from hingepair.cli.robots import robots
@@ -25,7 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (run, check, derive, urdf, mjcf, robots):
+for command in (run, check, forces, derive, urdf, mjcf, robots):
     app.command()(command)
 app.add_typer(bench_app, name="bench")
 

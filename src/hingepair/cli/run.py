@@ -72,7 +72,7 @@ def run(
         print(json.dumps(found, indent=2, allow_nan=False))
         return
     screen = console()
-    _head(screen, scene)
+    head(screen, scene)
     if explain:
         screen.print(str(scene.plan(names)))
     screen.print(summary.table(result))
@@ -102,7 +102,7 @@ def check(scene_file: SceneFile, as_json: Json = False) -> None:
         print(report.to_json())
     else:
         screen = console()
-        _head(screen, scene)
+        head(screen, scene)
         if report.samples < scene.samples:
             screen.print(f"{report.samples} of the {scene.samples} instants are compared, evenly spread")
         print(report)
@@ -122,7 +122,8 @@ def _facts(scene: Scene) -> dict[str, object]:
     }
 
 
-def _head(screen: Console, scene: Scene) -> None:
+def head(screen: Console, scene: Scene) -> None:
+    """What a scene is, in three lines."""
     if scene.title:
         screen.print(printable(scene.title), style="bold")
     pair = scene.pair

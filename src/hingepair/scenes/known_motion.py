@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 Float64Array: TypeAlias = NDArray[np.float64]
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
 Rows: TypeAlias = slice | NDArray[np.intp]
+Accelerated: TypeAlias = tuple[BodyMotion, Float64Array, Float64Array, Float64Array]
+"""The motion of body 1 with its accelerations, psi, psi' and psi''."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +93,13 @@ class ByCoordinates:
         W1, _ = euler_rate_sizes(np.stack(qd[3:6], axis=-1))
         return np.asarray(W1), qd[6]
 
+    def accelerated(self, pair: HingePair) -> Accelerated:
+        """Body 1 and the hinge with all derivatives; needs second derivatives."""
+        a = self.forward_kinematics(pair, ("R1", "S1", "v1", "omega1", "a1", "alpha1")).arrays()
+        body1 = BodyMotion(R=a["R1"], S=a["S1"], v=a["v1"], omega=a["omega1"], a=a["a1"], alpha=a["alpha1"])
+        psi, psid, psidd = (np.broadcast_to(np.asarray(seven[6], float), (self.count,)) for seven in self.derivatives)
+        return body1, psi, psid, psidd
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ByBody1:
@@ -145,6 +154,11 @@ class ByBody1:
         """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
         W1, _ = given_rate_sizes(self.body1.omega)
         return np.asarray(W1), self.hinge[1]
+
+    def accelerated(self, _: HingePair) -> Accelerated:
+        """Body 1 and the hinge with all derivatives; needs second derivatives."""
+        psi, psid, psidd = self.hinge
+        return self.body1, psi, psid, psidd
 
 
 @dataclass(frozen=True, slots=True, eq=False)

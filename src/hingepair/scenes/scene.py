@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, check_outputs, outputs_of
 from hingepair.integration.trajectory import span
+from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.scenes.explain import ScenePlan
-from hingepair.scenes.known_motion import Derivatives, KnownMotion, Rows
+from hingepair.scenes.known_motion import ByBody1, ByCoordinates, Derivatives, KnownMotion, Rows
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
@@ -230,6 +231,38 @@ class Scene:
         if most is not None and self.samples > most:
             rows = np.linspace(0, self.samples - 1, most).astype(np.intp)
         return self.motion.known(rows, self.motion.level).cross_validate(self.pair)
+
+    def forces(self, gravity: ArrayLike = GRAVITY) -> dict[str, NDArray[Any]]:
+        """What acts for the pair to move as the scene says (D1-D5), by name, at the scene's instants.
+
+        hinge_torque [N m], shape (N,), about the hinge axis, bearing_torque [N m], (N, 3), across it, and hinge_force
+        [N], (N, 3), are what body 1 exerts on body 2 at the hinge point; force1 and torque1 what must act on body 1
+        at R1, where it has mass properties. World axes.
+
+        Args:
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+
+        Raises:
+            ArgumentError: body 2 has no mass properties, the motion has no accelerations, or the scene is planar.
+        """
+        known = self.motion.known(slice(None), ACCELERATION)
+        if not isinstance(self.pair, HingePair) or not isinstance(known, ByCoordinates | ByBody1):
+            raise ArgumentError("scene", "a scene in space, whose bodies can have mass properties", "planar = true")
+        if known.level < ACCELERATION:
+            raise ArgumentError(
+                "scene", f"a motion with accelerations, which forces need{self.motion.hint}", self.motion.origin
+            )
+        moved = known.accelerated(self.pair)
+        wrench = self.pair.hinge_wrench(*moved, gravity)
+        found = {
+            "hinge_torque": wrench.hinge_torque,
+            "bearing_torque": wrench.bearing_torque,
+            "hinge_force": wrench.force,
+        }
+        if self.pair.body1 is not None:
+            forces = self.pair.inverse_dynamics(*moved, gravity)
+            found |= {"force1": forces.force1, "torque1": forces.torque1}
+        return found
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the results should know: psi past its limits, kinks, rates by finite differences."""

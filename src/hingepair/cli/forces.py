@@ -1,0 +1,92 @@
+"""`hingepair forces SCENE`: what acts for the pair to move as a scene says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
+
+from hingepair.cli.output import Json, console
+from hingepair.cli.run import SceneFile, head
+from hingepair.errors import ArgumentError
+from hingepair.formats.results import check_ending, column_names, save
+from hingepair.numeric.tables import finite_or_none
+from hingepair.pair.dynamics import GRAVITY
+from hingepair.scenes.scene import load_scene, scene_files
+
+_GRAVITY = ",".join(f"{component:g}" for component in GRAVITY)
+_UNITS = {"hinge_force": "N", "force1": "N"}  # torques in N m
+
+
+def forces(
+    scene_file: SceneFile,
+    gravity: Annotated[
+        str, typer.Option(metavar="X,Y,Z", help="Acceleration of free fall, world axes [m/s^2].")
+    ] = _GRAVITY,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write all instants to FILE (.npz or .csv).")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Compute what acts at the hinge and on body 1 for the motion of a scene whose bodies have masses.
+
+    hinge_torque is what a motor must give about the axis, bearing_torque what the bearing carries across it, both of
+    body 1 on body 2 at the hinge point, as is hinge_force; force1 and torque1 act on body 1 at R1. World axes.
+    """
+    if out is not None:
+        check_ending(out)
+    scene = load_scene(scene_file)
+    found = scene.forces(_vector(gravity))
+    written = None if out is None else save(out, scene.times(), found, scene_files(scene_file))
+    rows = _rows(scene.times(), found)
+    if as_json:
+        numbers = {name: {key: finite_or_none(value) for key, value in row.items()} for name, row in rows.items()}
+        facts = {
+            "scene": str(scene.path),
+            "samples": scene.samples,
+            "file": None if written is None else str(written),
+        }
+        print(json.dumps({**facts, "outputs": numbers}, indent=2, allow_nan=False))
+        return
+    screen = console()
+    head(screen, scene)
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("", no_wrap=True)
+    for heading in ("unit", "first", "smallest", "largest", "rms", "largest at t"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, row in rows.items():
+        unit = next((unit for output, unit in _UNITS.items() if name.startswith(output)), "N m")
+        table.add_row(name, unit, *(f"{value:.5g}" for value in row.values()), end_section=name.endswith("_z"))
+    screen.print(table)
+    screen.print(
+        f"written: {written}" if written else "nothing written (--out FILE.npz or FILE.csv writes all instants)"
+    )
+
+
+def _rows(t: NDArray[Any], found: dict[str, NDArray[Any]]) -> dict[str, dict[str, float]]:
+    """What a table says of each component."""
+    columns = [column for array in found.values() for column in array.reshape(len(t), -1).T]
+    return {
+        name: {
+            "first": float(column[0]),
+            "smallest": float(np.nanmin(column)),
+            "largest": float(np.nanmax(column)),
+            "rms": float(np.sqrt(np.nanmean(column * column))),
+            "t_of_largest_size": float(t[np.nanargmax(np.abs(column))]),
+        }
+        for name, column in zip(column_names(found), columns, strict=True)
+    }
+
+
+def _vector(text: str) -> tuple[float, ...]:
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        raise ArgumentError("gravity", "three numbers X,Y,Z", repr(text)) from None
+    return x, y, z

@@ -1,0 +1,55 @@
+"""`hingepair forces`, and the forces of a scene."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import hingepair as hp
+from hingepair.cli.main import app
+
+MODELS = Path(__file__).parents[2] / "models"
+
+
+@pytest.mark.law
+def test_forces_of_a_scene_are_those_of_its_motion():
+    scene = hp.load_scene(MODELS / "landing_gear.toml")
+    found = scene.forces(gravity=(0, 0, 0))
+    state = scene.evaluate(("S2", "R2", "a2", "omega2", "alpha2")).state
+    body2 = scene.pair.body2
+    lever = state.S2 @ body2.center_of_mass
+    acceleration = state.a2 + np.cross(state.alpha2, lever)
+    acceleration += np.cross(state.omega2, np.cross(state.omega2, lever))
+    np.testing.assert_allclose(found["hinge_force"], body2.mass * acceleration, rtol=0, atol=1e-10)
+    assert found["hinge_torque"].shape == (scene.samples,)
+    assert set(found) == {"hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1"}
+
+
+def test_the_command_prints_and_writes_them(tmp_path):
+    scene, out = str(MODELS / "landing_gear.toml"), tmp_path / "forces.csv"
+    done = CliRunner().invoke(app, ["forces", scene, "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "hinge_torque" in done.output
+    columns = np.genfromtxt(out, delimiter=",", names=True)
+    np.testing.assert_array_equal(columns["hinge_torque"], hp.load_scene(scene).forces()["hinge_torque"])
+    report = json.loads(CliRunner().invoke(app, ["forces", scene, "--gravity", "0,0,0", "--json"]).output)
+    assert report["outputs"]["force1_x"]["first"] == pytest.approx(1171 * 1.6, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["reference_3d.toml"], "pair.body2: expected mass properties"),
+        (["reference_2d.toml"], "scene: expected a scene in space"),
+        (["landing_gear.toml", "--gravity", "down"], "gravity: expected three numbers"),
+        (["landing_gear.toml", "--out", "forces.doc"], "out: expected"),
+    ],
+)
+def test_what_has_no_forces_is_told_why(arguments, words):
+    done = CliRunner().invoke(app, ["forces", str(MODELS / arguments[0]), *arguments[1:]])
+    assert isinstance(done.exception, hp.HingePairError)
+    assert words in str(done.exception)
