@@ -43,6 +43,8 @@ def named_pair(source: str, joint: str | None) -> HingePair | PlanarPair:
     """
     if is_urdf(source):
         return from_urdf(source, _given(source, joint))
+    if joint is not None and source.lower().endswith(".toml"):
+        raise ArgumentError("JOINT", "none beside a scene, whose pair is its own", repr(joint))
     if joint is not None:
         return load_robot_hinge(source, joint)
     with contextlib.suppress(MissingDependencyError):
@@ -60,8 +62,9 @@ def inputs_of(source: str) -> tuple[Path, ...]:
 
 
 def is_urdf(source: str) -> bool:
-    """Whether the name is that of a URDF file."""
-    return Path(source).suffix.lower() in {".urdf", ".xml"}
+    """Whether the name is that of a URDF file: of any file that is no scene."""
+    ending = Path(source).suffix.lower()
+    return ending in {".urdf", ".xml"} or (ending != ".toml" and Path(source).is_file())
 
 
 def urdf(
