@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from hingepair.integration.integrate import integrate
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
     from hingepair.measured.hinge_fit import HingeFit, fit
+    from hingepair.measured.inertial import AnchorFit, AxisFit, fit_anchor, fit_axis
     from hingepair.measured.instants import MeasurementWarning
     from hingepair.measured.resample import resample
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
@@ -69,8 +70,10 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "AnchorFit",
     "ArgumentError",
     "AxisError",
+    "AxisFit",
     "Body",
     "BodyMotion",
     "Box",
@@ -107,6 +110,8 @@ __all__ = [
     "euler_rates",
     "euler_to_matrix",
     "fit",
+    "fit_anchor",
+    "fit_axis",
     "from_urdf",
     "integrate",
     "load_robot_hinge",
@@ -142,7 +147,11 @@ _LATER = {
     "cross_validate": "validation.cross_validate",
     "cross_validate_from_body1": "validation.cross_validate",
     "derive": "scenes.derive",
+    "AnchorFit": "measured.inertial",
+    "AxisFit": "measured.inertial",
     "fit": "measured.hinge_fit",
+    "fit_anchor": "measured.inertial",
+    "fit_axis": "measured.inertial",
     "from_urdf": "formats.urdf_reader",
     "integrate": "integration.integrate",
     "load_robot_hinge": "formats.robots",

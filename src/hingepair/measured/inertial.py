@@ -1,0 +1,358 @@
+"""The hinge from inertial sensors alone, one on either body: no positions, no attitudes.
+
+The axis: across it both bodies turn alike, so that `abs(omega1 x n1) = abs(omega2 x n2)`, each in its own body's axes
+(Seel, Schauer and Raisch, IEEE International Conference on Control Applications, 2012, 45-49; Sensors 14 (2014),
+6891-6909). Of n2 and -n2, which satisfy it alike, the one is right with which the angle between the two turning
+vectors across the axis changes as psi' = omega2 . n2 - omega1 . n1 says.
+
+The point: both sensors, moved there, feel the same force, `abs(f1 + Gamma1 u1) = abs(f2 + Gamma2 u2)` with
+`Gamma u = omega x (omega x u) + alpha x u` (the same papers). What of the axis and the point is seen depends on the
+motion (Olsson, Kok, Seel and Halvorsen, Sensors 20 (2020), 3534), and is told by the covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError, FitError, ShapeError
+from hingepair.measured.instants import checked_gaps, pieces, recorded
+from hingepair.measured.likelihood import frame
+from hingepair.measured.spline import FEWEST, smooth_columns
+from hingepair.numeric.arrays import read_only, vectors
+from hingepair.numeric.unit_vectors import unit_axis
+from hingepair.rotations.matrices import skew
+
+Float64Array = NDArray[np.float64]
+Linearise = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
+Move = Callable[[Float64Array, Float64Array], Float64Array]
+
+_THIN = 400
+_STARTS = 10
+_MOST = 60
+_VAGUE = np.radians(5.0)
+_SCATTER = 0.3
+_TOLD = 0.2
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class AxisFit:
+    """The hinge axis in either body's axes, from angular velocities.
+
+    Attributes:
+        n1: axis in body 1's axes, unit; (3,). It is `HingePair.n`.
+        n2: the same axis in body 2's axes, unit; (3,): home^T n1.
+        std: standard deviations of (n1, n2), across either axis [rad]; inf where the motion does not show it; (2,).
+        rms: of abs(omega1 x n1) - abs(omega2 x n2) [rad/s].
+        ok: the motion shows one axis and determines it.
+        findings: in sentences.
+    """
+
+    n1: Float64Array
+    n2: Float64Array
+    std: Float64Array
+    rms: float
+    ok: bool
+    findings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class AnchorFit:
+    """The hinge point from either sensor, from what the sensors feel.
+
+    Attributes:
+        u1: hinge point from sensor 1, body 1's axes [m]; (3,).
+        u2: hinge point from sensor 2, body 2's axes [m]; (3,).
+        covariance: of (u1, u2) [m^2]; (6, 6); inf where the motion does not show the point, but along the axis.
+        rms: of the difference of the forces' sizes [m/s^2].
+        ok: the motion determines the point.
+        findings: in sentences.
+    """
+
+    u1: Float64Array
+    u2: Float64Array
+    covariance: Float64Array
+    rms: float
+    ok: bool
+    findings: tuple[str, ...]
+
+
+def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike) -> AxisFit:
+    """The hinge axis from two gyroscopes, one on either body.
+
+    Args:
+        omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; in the order of time and at even
+            steps, which tells the sign of n2; shape (N, 3). NaN where there is none.
+        omega2_b2: that of body 2 in body 2's axes, at the same instants.
+
+    Returns:
+        n1 and n2, of the components of n1 that are at least half as large as the largest the first positive.
+
+    Raises:
+        FitError: fewer than 8 samples, or neither body turns.
+        ArgumentError: an argument cannot be used; names it.
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> t = np.linspace(0, 10, 1000)
+    >>> omega1 = np.stack((np.sin(t), np.cos(2 * t), np.sin(3 * t)), axis=-1)
+    >>> turn = hp.rodrigues((0, 0, 1), np.sin(t))
+    >>> omega2 = np.einsum("nji,nj->ni", turn, omega1 + np.cos(t)[:, None] * np.array([0, 0, 1]))
+    >>> found = hp.fit_axis(omega1, omega2)
+    >>> found.n1.round(9) + 0.0, found.n2.round(9) + 0.0
+    (array([0., 0., 1.]), array([0., 0., 1.]))
+    """
+    omega1, omega2 = _columns({"omega1_b1": omega1_b1, "omega2_b2": omega2_b2})
+    known = np.isfinite(omega1).all(axis=-1) & np.isfinite(omega2).all(axis=-1)
+    size = float(np.sqrt((omega1[known] ** 2).sum() + (omega2[known] ** 2).sum()))
+    if known.sum() < FEWEST or size == 0:
+        raise FitError(
+            "omega1_b1, omega2_b2", f"at least {FEWEST} finite samples of bodies that turn", int(known.sum())
+        )
+    w1, w2 = omega1[known], omega2[known]
+    step = -(-w1.shape[0] // _THIN)
+    thin1, thin2 = w1[::step], w2[::step]
+    tried = [
+        _descended(lambda axes: _axis_rows(thin1, thin2, axes), _turned, start)
+        for start in _axis_starts(thin1, thin2)
+    ]
+    best = min(tried, key=lambda found: found[1])[0]
+    (n1, n2), cost = _descended(lambda axes: _axis_rows(w1, w2, axes), _turned, best)
+    alike = [_follows(omega1, omega2, n1, sign * n2) for sign in (1, -1)]
+    if alike[1] > alike[0]:
+        n2 = -n2
+    large = np.abs(n1) >= 0.5 * np.abs(n1).max()
+    sign = 1.0 if n1[np.argmax(large)] > 0 else -1.0
+    n1, n2 = sign * n1, sign * n2
+    rest, change = _axis_rows(w1, w2, np.stack((n1, n2)))
+    rms = float(np.sqrt(cost / w1.shape[0]))
+    covariance, unseen = _covariance(rest, change, rms * rms / 2)
+    variances = np.where(unseen, np.inf, np.diagonal(covariance)).reshape(2, 2)
+    std = np.sqrt(variances.max(axis=1))
+    findings = [
+        f"The axis in body {i}'s axes is known to {np.degrees(s):.2g} deg only."
+        if np.isfinite(s)
+        else f"The motion does not show the axis in body {i}'s axes: let body {i} turn across it."
+        for i, s in enumerate(std, start=1)
+        if s > _VAGUE
+    ]
+    if rms > _SCATTER * size / np.sqrt(2 * w1.shape[0]):
+        findings.append(f"They do not turn about one axis: the two rates across it differ by {rms:.2g} rad/s rms.")
+    if max(alike) < _TOLD:
+        findings.append("The sign of n2 beside n1 is not shown: the angle does not follow its rate.")
+    return AxisFit(
+        n1=read_only(n1), n2=read_only(n2), std=read_only(std), rms=rms, ok=not findings, findings=tuple(findings)
+    )
+
+
+def fit_anchor(
+    t: ArrayLike,
+    omega1_b1: ArrayLike,
+    f1_b1: ArrayLike,
+    omega2_b2: ArrayLike,
+    f2_b2: ArrayLike,
+    n1: ArrayLike | None = None,
+    n2: ArrayLike | None = None,
+    gaps: float = 0.05,
+) -> AnchorFit:
+    """The hinge point from two inertial sensors, one on either body: gyroscope and accelerometer.
+
+    Angular velocities are smoothed and differentiated (`hingepair.smooth` says how); forces are taken as they are.
+
+    Args:
+        t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
+        omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3). NaN where there is none.
+        f1_b1: what accelerometer 1 feels, S1^T (a1 - g) with g = (0, 0, -9.81), in body 1's axes [m/s^2]; (N, 3).
+        omega2_b2: that of body 2 in body 2's axes.
+        f2_b2: that of body 2 in body 2's axes.
+        n1: axis in body 1's axes, as `fit_axis` found it; then u1 is the point closest to sensor 1. Unless both axes
+            are given, that which is closest to both sensors.
+        n2: axis in body 2's axes.
+        gaps: the longest time without a sample that is filled [s].
+
+    Returns:
+        u1 and u2.
+
+    Raises:
+        FitError: fewer than 8 samples together, or neither body turns.
+        ArgumentError: an argument cannot be used; names it.
+        MissingDependencyError: SciPy is not installed.
+    """
+    time, _ = recorded("t", t)
+    given = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}
+    columns = _columns(given)
+    if columns[0].shape[0] != time.size:
+        raise ShapeError("omega1_b1", f"shape ({time.size}, 3), as t", f"shape {columns[0].shape}")
+    if (n1 is None) != (n2 is None):
+        raise ArgumentError("n2" if n2 is None else "n1", "an axis beside the other", None)
+    omega1, force1, omega2, force2 = columns
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
+    where = pieces(time, known, checked_gaps(gaps), FEWEST)
+    if not where:
+        raise FitError(", ".join(given), f"at least {FEWEST} finite samples without a gap", int(known.sum()))
+    used = np.concatenate(where)
+    smooth = [smooth_columns(time, omega, where, None) for omega in (omega1, omega2)]
+    gammas = [_gamma(*each.values[:2, used]) for each in smooth]
+    if not any(np.abs(gamma).max() > 0 for gamma in gammas):
+        raise FitError("omega1_b1, omega2_b2", "bodies that turn", "none that does")
+
+    forces = [force[used] for force in (force1, force2)]
+    rng = np.random.default_rng(0)
+    starts = [np.zeros(6), *rng.normal(scale=0.3, size=(5, 6))]
+    some = slice(None, None, -(-used.size // _THIN))
+    rough = _felt([each[some] for each in forces], [each[some] for each in gammas])
+    u = min((_descended(rough, np.add, start) for start in starts), key=lambda found: found[1])[0]
+    linearise = _felt(forces, gammas)
+    u, cost = _descended(linearise, np.add, u)
+    rest, change = linearise(u)
+    if n1 is None or n2 is None:
+        along = np.linalg.eigh(change.T @ change)[1][:, 0]
+        u = u - along * (along @ u)
+    else:
+        axis1, axis2 = (np.asarray(unit_axis(name, np.asarray(n))) for name, n in (("n1", n1), ("n2", n2)))
+        along = np.concatenate((axis1, axis2)) / np.sqrt(2)
+        u = u - np.concatenate((axis1, axis2)) * (axis1 @ u[:3])
+    across = np.linalg.svd(along[None])[2][1:].T
+    noise = max(float(each.errors[1]) for each in smooth) ** 2
+    inner, unseen = _covariance(rest, change @ across, noise)
+    covariance = across @ inner @ across.T
+    hidden = (across**2 @ unseen) > 1e-3
+    covariance[hidden, hidden] = np.inf
+    std = float(np.sqrt(np.diagonal(covariance).max()))
+    reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), 0.1)
+    findings: list[str] = []
+    if not std <= 0.1 * reach:
+        how = f"is known to {std:.2g} m only" if np.isfinite(std) else "is not shown"
+        findings.append(f"The hinge point {how}: let both bodies turn faster, about more than one direction.")
+    return AnchorFit(
+        u1=read_only(u[:3]),
+        u2=read_only(u[3:]),
+        covariance=read_only(covariance),
+        rms=float(np.sqrt(cost / used.size)),
+        ok=not findings,
+        findings=tuple(findings),
+    )
+
+
+def _columns(given: dict[str, ArrayLike]) -> list[Float64Array]:
+    """Vectors along time, all of one shape (N, 3)."""
+    found = [vectors(name, value, 3).astype(np.float64) for name, value in given.items()]
+    for name, array in zip(given, found, strict=True):
+        if array.ndim != 2 or array.shape != found[0].shape:
+            shape = f"shape {found[0].shape}, as {next(iter(given))}" if found[0].ndim == 2 else "shape (N, 3)"
+            raise ShapeError(name, shape, f"shape {array.shape}")
+    return found
+
+
+def _felt(forces: list[Float64Array], gammas: list[Float64Array]) -> Linearise:
+    """The difference in size of what both sensors feel at a hinge point (u1, u2), and its derivatives."""
+
+    def linearise(u: Float64Array) -> tuple[Float64Array, Float64Array]:
+        felt = [f + gamma @ v for f, gamma, v in zip(forces, gammas, (u[:3], u[3:]), strict=True)]
+        sizes = [np.maximum(np.linalg.norm(each, axis=-1), 1e-300) for each in felt]
+        rows = [
+            ((each / size[:, None])[:, None] @ gamma)[:, 0]
+            for each, size, gamma in zip(felt, sizes, gammas, strict=True)
+        ]
+        return sizes[0] - sizes[1], np.concatenate((rows[0], -rows[1]), axis=-1)
+
+    return linearise
+
+
+def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
+    """Axes to begin with: of the squared condition, which is linear in n n^T; the principal ones; random ones."""
+    rows = [np.einsum("ni,nj->nij", w, w).reshape(-1, 9) for w in (w1, w2)]
+    size = (w1 * w1).sum(axis=-1) - (w2 * w2).sum(axis=-1)
+    squares = np.linalg.lstsq(np.concatenate((rows[0], -rows[1]), axis=-1), size)[0].reshape(2, 3, 3)
+    linear = np.linalg.eigh((squares + np.swapaxes(squares, -1, -2)) / 2)[1][..., -1]
+    principal = np.linalg.eigh(np.stack((w1.T @ w1, w2.T @ w2)))[1][..., -1]
+    random = np.random.default_rng(0).normal(size=(_STARTS, 2, 3))
+    random /= np.linalg.norm(random, axis=-1, keepdims=True)
+    return [linear, principal, *random]
+
+
+def _axis_rows(w1: Float64Array, w2: Float64Array, axes: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """What is left of each sample, and its derivative by turns of n1 and n2 across themselves; (N,), (N, 4)."""
+    sizes, rows = [], []
+    for w, n in zip((w1, w2), axes, strict=True):
+        in_axes = w @ frame(n)
+        size = np.hypot(in_axes[:, 0], in_axes[:, 1])
+        sizes.append(size)
+        rows.append(-in_axes[:, 2:] * in_axes[:, :2] / np.maximum(size, 1e-300)[:, None])
+    return sizes[0] - sizes[1], np.concatenate((rows[0], -rows[1]), axis=-1)
+
+
+def _turned(axes: Float64Array, step: Float64Array) -> Float64Array:
+    """Both axes after a step across each."""
+    steps = np.concatenate((step.reshape(2, 2), np.ones((2, 1))), axis=-1)
+    found = np.stack([frame(n) @ own for n, own in zip(axes, steps, strict=True)])
+    return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
+
+
+def _follows(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: Float64Array) -> float:
+    """Correlation of changes of the angle between both turnings across the axis with those that psi' makes.
+
+    Over one, four, sixteen ... steps; the largest counts: over few steps noise is more than the change, over many the
+    angle turns around.
+    """
+    a, b = omega1 @ frame(n1), omega2 @ frame(n2)
+    across = (a[:, 0] + 1j * a[:, 1]) * (b[:, 0] - 1j * b[:, 1])
+    rate = b[:, 2] - a[:, 2]
+    turned = np.cumsum(np.nan_to_num(rate))
+    best, lag = -1.0, 1
+    while lag <= min(256, rate.size // 4):
+        step, middle = across[lag:] * np.conj(across[:-lag]), turned[lag:] - turned[:-lag]
+        known = np.isfinite(step)
+        weight, turn, middle = np.abs(step[known]), np.angle(step[known]), middle[known]
+        power = (weight @ (turn * turn)) * (weight @ (middle * middle))
+        best = max(best, float(weight @ (turn * middle) / np.sqrt(power)) if power > 0 else 0.0)
+        lag *= 4
+    return best
+
+
+def _gamma(omega: Float64Array, alpha: Float64Array) -> Float64Array:
+    """What takes a lever to the acceleration at its end, beside that at its foot; (N, 3, 3)."""
+    W = np.asarray(skew(omega), dtype=np.float64)
+    return np.asarray(W @ W + skew(alpha), dtype=np.float64)
+
+
+def _descended(linearise: Linearise, move: Move, start: Float64Array) -> tuple[Float64Array, float]:
+    """Least squares from a start, and the sum of squares (Levenberg and Marquardt)."""
+    at, (rest, change) = start, linearise(start)
+    cost, damping = float(rest @ rest), 1e-3
+    for _ in range(_MOST):
+        normal = change.T @ change
+        step = -np.asarray(np.linalg.lstsq(normal + damping * np.diag(np.diagonal(normal)), change.T @ rest)[0])
+        there = move(at, step)
+        trial = linearise(there)
+        size = float(trial[0] @ trial[0])
+        if size <= cost:
+            settled = float(np.abs(step).max()) < 1e-13 or cost - size < 1e-15 * cost
+            at, (rest, change), cost, damping = there, trial, size, damping / 10
+            if settled:
+                break
+        else:
+            damping *= 10
+            if damping > 1e12:
+                break
+    return at, cost
+
+
+def _covariance(rest: Float64Array, change: Float64Array, noise: float) -> tuple[Float64Array, NDArray[np.bool_]]:
+    """Of least squares, by the sandwich, and which parameters the motion does not show.
+
+    Args:
+        rest: what is left of each sample.
+        change: its derivatives.
+        noise: variance that noise gives an element of `change`: what shows no more than ten times that is not shown.
+    """
+    normal = change.T @ change
+    values, axes = np.linalg.eigh(normal)
+    blind = values <= max(1e-10 * values[-1], 10 * noise * rest.size)
+    inverse = axes @ np.diag(np.where(blind, 0.0, 1 / np.where(blind, 1.0, values))) @ axes.T
+    scores = change * rest[:, None]
+    found = inverse @ (scores.T @ scores) @ inverse * (rest.size / max(rest.size - change.shape[1], 1))
+    return np.asarray(found), (axes[:, blind] ** 2).sum(axis=1) > 1e-3
