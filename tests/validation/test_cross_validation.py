@@ -236,17 +236,16 @@ def test_the_table_shows_errors_scales_and_the_verdict():
     rng = states.generator(62)
     report = cross_validate(pair_of(states.pair(rng)), *states.coordinates(rng, 10))
     text = str(report)
-    title, header, *lines, verdict = text.splitlines()
-    rows, scales = lines[:7], lines[8:]
+    title, header, *rows, unit, verdict = text.splitlines()
     assert "u*scale" in header
     assert "tested" in title
     assert "XYZ" in title
     assert [row.split()[0] for row in rows] == ["R2", "S2", "d", "v2", "omega2", "a2", "alpha2"]
-    for row, scale in zip(rows, scales, strict=True):
-        name = row.split()[0]
-        assert scale.startswith(f"scale of {name}: {PROMISES[name].scale}")
-        assert row.endswith(" ok")
-    assert "(W1 + W2) max abs(v1) + W1 W2 abs(u1)" in next(line for line in scales if " a2:" in line)
+    for line, row in zip(rows, report.rows, strict=True):
+        assert line.endswith(" ok")
+        assert row.scale.startswith(PROMISES[row.output].scale)
+    assert "(W1 + W2) max abs(v1) + W1 W2 abs(u1)" in report.rows[5].scale
+    assert "u = 1.11e-16" in unit
     assert verdict == "PASSED: 7 outputs of 10 samples within 16 u*scale of Pinocchio"
 
 

@@ -126,9 +126,9 @@ class CrossValidation:
         planar = any(row.output in PLANAR_SCALES for row in self.rows)
         given = "in the plane" if planar else "attitude given"
         attitude = given if self.sequence is None else f"Euler sequence {self.sequence}"
-        title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}, u = {self.u:.3g}"
-        scales = [f"scale of {row.output}: {row.scale}" for row in self.rows]
-        return "\n".join((title, *aligned(lines, {1, 2, 3, 4, 5}), "", *scales, self.verdict))
+        title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}"
+        unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel (in full: .rows, --json)"
+        return "\n".join((title, *aligned(lines, {1, 2, 3, 4, 5}), unit, self.verdict))
 
     def to_json(self) -> str:
         """The report as JSON; a number that is not finite is null."""
