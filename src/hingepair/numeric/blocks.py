@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.numeric import array_libraries
 from hingepair.numeric.arrays import Box, Component, boxes, broadcast_shape, load, scalar_component
 
 Components: TypeAlias = tuple[Component, ...]
@@ -104,7 +105,7 @@ def sine(x: Component) -> Component:
             return math.sin(x)
         except ValueError:
             return math.nan
-    return np.sin(x) if isinstance(x, np.ndarray | np.generic) else x.sine()
+    return np.sin(x) if isinstance(x, np.ndarray | np.generic) else _own(x, "sine")
 
 
 def cosine(x: Component) -> Component:
@@ -114,7 +115,7 @@ def cosine(x: Component) -> Component:
             return math.cos(x)
         except ValueError:
             return math.nan
-    return np.cos(x) if isinstance(x, np.ndarray | np.generic) else x.cosine()
+    return np.cos(x) if isinstance(x, np.ndarray | np.generic) else _own(x, "cosine")
 
 
 def angle_terms(phi: Components) -> Components:
@@ -132,7 +133,7 @@ def hinge_terms(psi: Component) -> Components:
     """(sin psi, 1 - cos psi, cos psi); 1 - cos psi as sin^2 / (1 + cos) where that keeps its digits, at small psi."""
     s, c = sine(psi), cosine(psi)
     if not isinstance(psi, float | np.ndarray | np.generic):
-        return s, psi.versine(), c
+        return s, _own(psi, "versine"), c
     if isinstance(c, np.ndarray):
         return s, np.where(c > 0.7, s * s / (1 + c), 1 - c), c
     return s, s * s / (1 + c) if c > 0.7 else 1 - c, c
@@ -141,6 +142,12 @@ def hinge_terms(psi: Component) -> Components:
 def hinge_cosine(hinge: Components) -> Component:
     """The cosine out of `hinge_terms`."""
     return hinge[2]
+
+
+def _own(x: Component, function: str) -> Component:
+    """A function that numbers bring along, or that their library has."""
+    method = getattr(x, function, None)
+    return getattr(array_libraries, function)(x) if method is None else method()
 
 
 def _each(group: Any, change: Callable[[Component], Component]) -> Any:

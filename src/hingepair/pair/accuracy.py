@@ -37,13 +37,13 @@ class Promise(NamedTuple):
 PROMISES: Mapping[str, Promise] = MappingProxyType(
     {
         "S1": Promise(8, 5.1, "1"),
-        "S2": Promise(35, 11.6, "1"),
+        "S2": Promise(36, 11.6, "1"),
         "d": Promise(19, 8.4, "abs(u1) + abs(u2)"),
         "R2": Promise(20, 8.4, "max abs(R1) + abs(u1) + abs(u2)"),
         "omega1": Promise(7, 3.4, "W1"),
-        "omega2": Promise(18, 6.1, "W2 = W1 + abs(psi')"),
+        "omega2": Promise(14, 6.1, "W2 = W1 + abs(psi')"),
         "v2": Promise(32, 12.3, "max abs(v1) + W1 abs(u1) + W2 abs(u2)"),
-        "alpha1": Promise(8, 4.5, "A1"),
+        "alpha1": Promise(7, 4.5, "A1"),
         "alpha2": Promise(25, 9.3, "A2 = A1 + abs(psi'') + W1 abs(psi')"),
         "a2": Promise(34, 12.7, "max abs(a1) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)"),
     }

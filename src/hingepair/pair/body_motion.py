@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.numeric.array_libraries import check_tail, is_foreign, library_of
 from hingepair.numeric.arrays import Frozen, broadcast_shape, read_only, vectors
 from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
 
@@ -17,7 +18,8 @@ from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, r
 class BodyMotion(Frozen):
     """Position, attitude and their derivatives of one body, at one sample or many; world axes, classical.
 
-    Arrays are not copied: they are seen through read-only views. Their leading shapes broadcast.
+    Arrays are not copied: they are seen through read-only views. Their leading shapes broadcast. Arrays of JAX,
+    PyTorch and other libraries stay what they are; that S is a rotation is not checked then.
 
     Args:
         R: reference point [m]; shape (..., 3).
@@ -57,15 +59,17 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> None:
-        attitude = vectors("S", S, 3, 3)
-        check_rotation("S", attitude)
-        self._set({"R": R, "S": attitude, "v": v, "omega": omega, "a": a, "alpha": alpha})
+        given: dict[str, Any] = {"R": R, "S": S, "v": v, "omega": omega, "a": a, "alpha": alpha}
+        if library_of(given) is None:
+            given["S"] = vectors("S", S, 3, 3)
+            check_rotation("S", given["S"])
+        self._set(given)
 
     def _set(self, given: Mapping[str, Any]) -> None:
         shapes = {}
         for name, value in given.items():
             tail = (3, 3) if name == "S" else (3,)
-            array = None if value is None else read_only(vectors(name, value, *tail))
+            array = None if value is None else _read(name, value, *tail)
             object.__setattr__(self, name, array)
             if array is not None:
                 shapes[name] = array.shape[: array.ndim - len(tail)]
@@ -178,6 +182,14 @@ def unchecked_motion(**arrays: NDArray[Any] | None) -> BodyMotion:
     motion = BodyMotion.__new__(BodyMotion)
     motion._set(arrays)
     return motion
+
+
+def _read(name: str, value: ArrayLike, *tail: int) -> Any:
+    """A view of an array that cannot be written to; an array of another library as it is."""
+    if not is_foreign(value):
+        return read_only(vectors(name, value, *tail))
+    check_tail(name, value, *tail)
+    return value
 
 
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:

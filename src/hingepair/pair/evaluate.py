@@ -21,6 +21,7 @@ from hingepair.evaluation.plan import (
     outputs_of,
 )
 from hingepair.evaluation.steps import Step
+from hingepair.numeric.array_libraries import Library, foreign_components, library_of
 from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, real_array, result_dtype, vectors
 from hingepair.numeric.blocks import Components, Values, components_of, compute, tabulate
 from hingepair.pair.constants import Constants
@@ -39,10 +40,12 @@ class Coordinates(NamedTuple):
     Attributes:
         parts: q, qd, qdd, as far as given: tuples of components, or arrays with the components last.
         single: whether they are one state in Python floats.
+        library: that they are arrays of; None of NumPy's, and of numbers.
     """
 
     parts: Mapping[str, Components | NDArray[Any]]
     single: bool
+    library: Library | None = None
 
 
 def read_coordinates(q: Any, qd: Any, qdd: Any, names: tuple[str, ...]) -> Coordinates:
@@ -55,6 +58,10 @@ def read_coordinates(q: Any, qd: Any, qdd: Any, names: tuple[str, ...]) -> Coord
     floats = _floats(given, len(names))
     if floats is not None:
         return Coordinates(floats, True)
+    leaves = {f"{name}[{i}]": c for name, v in given.items() if type(v) is tuple for i, c in enumerate(v)}
+    library = library_of({name: v for name, v in given.items() if type(v) is not tuple} | leaves)
+    if library is not None:
+        return Coordinates({n: foreign_components(n, v, len(names)) for n, v in given.items()}, False, library)
     return Coordinates({name: _coordinates(name, value, names) for name, value in given.items()}, False)
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import How
-from hingepair.evaluation.plan import FLAT, PLANAR, Plan, default_outputs, make_plan
+from hingepair.evaluation.plan import FLAT, OUTPUTS, PLANAR, Plan, default_outputs, make_plan
+from hingepair.numeric.array_libraries import foreign_components, is_foreign, library_of
 from hingepair.numeric.blocks import Values
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
@@ -24,6 +25,7 @@ from hingepair.pair.evaluate import (
     read_coordinates,
     wanted,
 )
+from hingepair.pair.foreign_arrays import evaluate_foreign
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.sequences import find_sequence
 
@@ -42,6 +44,8 @@ def from_coordinates(
 ) -> PairState:
     """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10)."""
     plan, values, given = plan_from_coordinates(pair, q, qd, qdd, outputs, out, sequence)
+    if given.library is not None:
+        return evaluate_foreign(PairState, plan, pair, values, leading_shapes(given), given.library, out, how)
     if given.single and pair.single:
         return evaluate_one(PairState, plan, {**pair.values, **values}, out, how)
     plan, values = flattened(plan, pair, values)
@@ -70,6 +74,8 @@ def planar_from_coordinates(
 ) -> PlanarState:
     """The planar pair's state from (x, y, phi, psi) and as many derivatives as are given (E11)."""
     plan, values, given = plan_planar(pair, q, qd, qdd, outputs, out)
+    if given.library is not None:
+        return evaluate_foreign(PlanarState, plan, pair, values, leading_shapes(given), given.library, out, how)
     if given.single and pair.single:
         return evaluate_one(PlanarState, plan, {**pair.values, **values}, out, how)
     return evaluate(PlanarState, plan, pair, values, leading_shapes(given), out, how)
@@ -96,6 +102,10 @@ def from_body1(
 ) -> PairState:
     """The pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
     plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
+    library = library_of({_OF_BODY1.get(name, name): value for name, value in values.items()})
+    if library is not None:
+        parts = {n: v if n in HINGE else foreign_components(n, v, *OUTPUTS[n].tail) for n, v in values.items()}
+        return evaluate_foreign(PairState, plan, pair, parts, shapes, library, out, how)
     if body1.shape == () and pair.single and all(_is_double(name, value) for name, value in values.items()):
         one = {n: value if type(value) is float else tuple(value.ravel().tolist()) for n, value in values.items()}
         return evaluate_one(PairState, plan, {**pair.values, **one}, out, how)
@@ -113,7 +123,8 @@ def plan_from_body1(
     if psi is None:
         raise ArgumentError("psi", "hinge angles", None)
     given = {"psi": psi, "psid": psid, "psidd": psidd}
-    hinge = {name: component(name, value) for name, value in given.items() if value is not None}
+    known_hinge = {name: value for name, value in given.items() if value is not None}
+    hinge = {name: v if is_foreign(v) else component(name, v) for name, v in known_hinge.items()}
     arrays = {name: array for name, letter in _LETTERS.items() if (array := getattr(body1, letter)) is not None}
     known = hinge.keys() | arrays.keys() | pair.values.keys()
     plan = plan_for(wanted(outputs, out, len(hinge) - 1), (None, "home" in pair.values), known, _OF_BODY1)

@@ -42,7 +42,7 @@ class _State:
     shape: tuple[int, ...]
 
     def __init__(self, arrays: Mapping[str, NDArray[Any]], shape: tuple[int, ...]) -> None:
-        self._arrays = {name: read_only(array) for name, array in arrays.items()}
+        self._arrays = {name: _unchangeable(array) for name, array in arrays.items()}
         self._buffer: NDArray[Any] | None = None
         self._layout: Mapping[str, slice] = {}
         self.shape = shape
@@ -84,6 +84,11 @@ class _State:
             array = self._buffer[self._layout[name]].reshape(outputs_of(self._kind)[name].tail)
             self._arrays[name] = array
         return array
+
+
+def _unchangeable(array: Any) -> Any:
+    """A view that cannot be written to; arrays of other libraries are theirs."""
+    return read_only(array) if isinstance(array, np.ndarray) else array
 
 
 class PairState(_State):

@@ -1,0 +1,134 @@
+"""Arrays of other libraries (JAX, PyTorch, what keeps the array API standard): the equations run over them.
+
+Nothing here imports such a library: it is asked of the arrays that came in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
+
+ForeignArray: TypeAlias = Any
+
+_OWN = (np.ndarray, np.generic, float, int, complex, str, bytes, list, tuple, dict, type(None))
+
+
+class Library(NamedTuple):
+    """Where arrays of another library come from, and how to make more of them.
+
+    Attributes:
+        name: of the library.
+        namespace: its functions, by the names of the array API standard.
+        dtype: that the arrays are computed in.
+        device: where they lie; None where the library decides.
+    """
+
+    name: str
+    namespace: Any
+    dtype: Any
+    device: Any
+
+    def array(self, value: Any) -> ForeignArray:
+        """A number or a NumPy array as an array of the library; one of its own as it is."""
+        if is_foreign(value):
+            return value
+        return self.namespace.asarray(value, dtype=self.dtype, device=self.device)
+
+    def joined(self, components: tuple[Any, ...], shape: tuple[int, ...], tail: tuple[int, ...]) -> ForeignArray:
+        """One array of all samples, the components last, from components that broadcast to the samples."""
+        parts = [self.namespace.broadcast_to(self.array(c), shape) for c in components]
+        return self.namespace.reshape(self.namespace.stack(parts, axis=-1), (*shape, *tail)) if tail else parts[0]
+
+
+def is_foreign(value: Any) -> bool:
+    """Whether a value is an array of another library than NumPy."""
+    if isinstance(value, _OWN) or not (hasattr(value, "__array_namespace__") or hasattr(value, "__dlpack__")):
+        return False
+    from array_api_compat import is_array_api_obj
+
+    return bool(is_array_api_obj(value))
+
+
+def library_of(given: Mapping[str, Any]) -> Library | None:
+    """The library that arguments by name are arrays of; None where they are NumPy's, or plain numbers.
+
+    Raises:
+        ArgumentError: they are arrays of two libraries, NumPy among them.
+        DtypeError: arrays of another library are neither float32 nor float64.
+    """
+    foreign = {name: value for name, value in given.items() if is_foreign(value)}
+    if not foreign:
+        return None
+    from array_api_compat import array_namespace, device
+
+    first, one = next(iter(foreign.items()))
+    namespace = array_namespace(one)
+    name = _name_of(one)
+    for other, value in given.items():
+        if other in foreign:
+            same = array_namespace(value) is namespace
+        else:
+            same = value is None or isinstance(value, float | int)
+        if not same:
+            raise ArgumentError(
+                other, f"an array of {name}, as {first} is, or a number", quoted(type(value).__name__)
+            )
+    dtypes = []
+    for other, value in foreign.items():
+        if value.dtype not in (namespace.float32, namespace.float64):
+            raise DtypeError(other, "float32 or float64", str(value.dtype))
+        dtypes.append(value.dtype)
+    place = None if name == "jax" else device(one)  # JAX puts a number where the array beside it is
+    return Library(name, namespace, namespace.result_type(*dtypes), place)
+
+
+def foreign_components(name: str, value: Any, *tail: int) -> tuple[Any, ...]:
+    """The components of an array of shape (..., *tail), row by row, or of a tuple of so many."""
+    count = math.prod(tail)
+    if isinstance(value, tuple):
+        if len(value) != count:
+            raise ShapeError(name, f"a tuple of {count} components", f"one of {len(value)}")
+        return value
+    check_tail(name, value, *tail)
+    if len(tail) == 1:
+        return tuple(value[..., i] for i in range(tail[0]))
+    return tuple(value[..., i, j] for i in range(tail[0]) for j in range(tail[1]))
+
+
+def check_tail(name: str, array: ForeignArray, *tail: int) -> None:
+    """Refuse an array that is not of shape (..., *tail)."""
+    shape = tuple(array.shape)
+    if shape[max(0, len(shape) - len(tail)) :] != tail:
+        raise ShapeError(name, f"shape (..., {', '.join(map(str, tail))})", f"shape {shape}")
+
+
+def sine(x: ForeignArray) -> ForeignArray:
+    """The sine."""
+    return _namespace(x).sin(x)
+
+
+def cosine(x: ForeignArray) -> ForeignArray:
+    """The cosine."""
+    return _namespace(x).cos(x)
+
+
+def versine(x: ForeignArray) -> ForeignArray:
+    """1 - cos x, with all its digits where x is small; 2 sin^2(x/2), whose derivatives exist everywhere."""
+    half = sine(0.5 * x)
+    return 2.0 * half * half
+
+
+def _namespace(x: ForeignArray) -> Any:
+    from array_api_compat import array_namespace
+
+    return array_namespace(x)
+
+
+def _name_of(array: ForeignArray) -> str:
+    name = type(array).__module__.partition(".")[0]
+    return "jax" if name == "jaxlib" else name
