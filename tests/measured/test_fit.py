@@ -83,13 +83,11 @@ def test_errors_are_within_the_covariance() -> None:
     ("count", "loss", "kind"),
     [
         (300, "linear", {"metres": 1e-3, "radians": 2e-3}),
-        (300, "linear", {"metres": 1e-5, "radians": 1e-2}),
-        (300, "linear", {"metres": 1e-2, "radians": 1e-4}),
         (5000, "linear", {"metres": 1e-3, "radians": 3e-2}),
         (300, "linear", {"metres": 1e-3, "radians": 2e-3, "turn": 0.1}),
         (300, "cauchy", {"metres": 1e-3, "radians": 2e-3}),
     ],
-    ids=["both", "attitudes", "places", "many and rough", "little turning", "cauchy"],
+    ids=["both", "many and rough", "little turning", "cauchy"],
 )
 def test_errors_are_within_the_covariance_in_500_runs(count: int, loss: str, kind: dict[str, float]) -> None:
     inside = coverage(500, count, loss, **kind)

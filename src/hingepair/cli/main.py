@@ -10,6 +10,7 @@ import typer
 from hingepair import __version__
 from hingepair.cli.bench import app as bench_app
 from hingepair.cli.derive import derive
+from hingepair.cli.fit import fit_files
 from hingepair.cli.forces import forces
 from hingepair.cli.output import EXIT_BAD, behave, printed
 from hingepair.cli.pairs import mjcf, urdf
@@ -28,6 +29,7 @@ app = typer.Typer(
 
 for command in (run, check, forces, derive, urdf, mjcf, robots):
     app.command()(command)
+app.command("fit")(fit_files)
 app.add_typer(bench_app, name="bench")
 
 

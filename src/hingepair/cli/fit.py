@@ -1,0 +1,76 @@
+"""`hingepair fit FILE...`: the hinge of two recorded bodies."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from hingepair.cli.output import Json, console
+from hingepair.errors import ArgumentError, FitError
+from hingepair.formats.results import check_ending, save
+from hingepair.measured.hinge_fit import GAUGES, fit
+from hingepair.measured.likelihood import LOSSES
+from hingepair.measured.recordings import read_recording
+
+
+def fit_files(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="Poses of both bodies in one file, or of each in a file of its own."),
+    ],
+    loss: Annotated[
+        str, typer.Option(help=f"Of a sample: {', '.join(LOSSES)}; cauchy where there may be outliers.")
+    ] = "linear",
+    gauge: Annotated[str, typer.Option(help=f"Which point of the axis u1, u2 name: {', '.join(GAUGES)}.")] = GAUGES[
+        0
+    ],
+    ignore: Annotated[
+        list[str] | None, typer.Option(metavar="COLUMN", help="A column of no concern; * stands for anything.")
+    ] = None,
+    gaps: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Longest time without a sample that is bridged between clocks.")
+    ] = 0.05,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Write psi and what is left of each sample (.npz or .csv)."),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw psi and what is left over time (.png, .svg, .pdf).")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Find the hinge of two recorded bodies: n, home, u1, u2 and psi, how sure they are, and whether it is one.
+
+    Columns, by name: t; R1_x, R1_y, R1_z or x1, y1, z1; S1_xx, ..., S1_zz or qx1, qy1, qz1, qw1; of body 2 the same
+    with 2. Where each body has a file, the first is body 1, and the digit may be left away. Exit code 1: there is no
+    hinge to rely on.
+    """
+    if out is not None:
+        check_ending(out)
+    if plot is not None and plot.suffix.lower() not in {".png", ".svg", ".pdf"}:
+        raise ArgumentError("plot", "a file name that ends in .png, .svg or .pdf", str(plot))
+    recording = read_recording(files, ignore or (), gaps)
+    try:
+        found = fit(recording.body1, recording.body2, loss, gauge, recording.t)
+    except FitError as error:
+        if as_json:
+            print(json.dumps({"ok": False, "findings": [str(error)]}, indent=2))
+        else:
+            console().print(f"NO HINGE: {error}")
+        raise typer.Exit(1) from None
+    written = []
+    if out is not None:
+        t = np.arange(float(found.psi.size)) if found.t is None else found.t
+        arrays = {"psi": found.psi, "gap": found.gap, "tilt": found.tilt, "weight": found.weights}
+        written.append(save(out, t, arrays, files))
+    if plot is not None:
+        found.plot().savefig(plot)
+        written.append(plot)
+    print(found.to_json() if as_json else found)
+    for path in () if as_json else written:
+        console().print(f"written: {path}")
+    raise typer.Exit(0 if found.ok else 1)

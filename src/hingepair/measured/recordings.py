@@ -1,0 +1,255 @@
+"""Recordings of two bodies in files: columns by name, from .csv, .npz or .parquet, brought to one clock.
+
+| what | columns | as one array in .npz |
+|---|---|---|
+| instants: seconds, or integer nanoseconds since 1970 | t | t |
+| place of body 1, m | R1_x, R1_y, R1_z, or x1, y1, z1 | R1 (N, 3) |
+| its attitude | S1_xx, S1_xy, ..., S1_zz, or qx1, qy1, qz1, qw1 (qw1 the scalar) | S1 (N, 3, 3) |
+| body 2 | the same with 2 | R2, S2 |
+
+A file of one body may leave the digit away (x, y, z, qx, qy, qz, qw): of two files the first is body 1. Results that
+were saved with R1, S1, R2, S2 can be read as they are. Empty cells and nan are missing samples. Columns of no
+concern have to be named, so that a misspelt one is not missed; rates, angles and psi are passed over.
+"""
+
+from __future__ import annotations
+
+import csv
+import fnmatch
+import re
+import zipfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.errors import ArgumentError, MissingDependencyError, nearest
+from hingepair.measured.instants import recorded
+from hingepair.measured.resample import resample
+from hingepair.pair.body_motion import BodyMotion
+
+Float64Array = NDArray[np.float64]
+Columns = dict[str, NDArray[Any]]
+
+_MOST_BYTES = 2_000_000_000
+_PASSED_OVER = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
+_EXACT = 1e14
+
+
+class Recording(NamedTuple):
+    """Both bodies at the same instants.
+
+    Attributes:
+        body1: shape (N,), NaN where nothing was recorded.
+        body2: at the same instants.
+        t: as the file has it; None where it has none.
+    """
+
+    body1: BodyMotion
+    body2: BodyMotion
+    t: NDArray[Any] | None
+
+
+def read_recording(paths: Sequence[Path], ignore: Sequence[str] = (), gaps: float = 0.05) -> Recording:
+    """The poses of two bodies, from one file or from one for each.
+
+    Bodies of different instants are brought to those of the slower recording.
+
+    Args:
+        paths: one file, or two.
+        ignore: columns of no concern; `*` stands for anything.
+        gaps: the longest time without a sample that is bridged [s].
+
+    Raises:
+        ArgumentError: a file or a column cannot be used; names both.
+    """
+    if not 1 <= len(paths) <= 2:
+        raise ArgumentError("FILE", "one file, or two", f"{len(paths)}")
+    found: dict[str, tuple[BodyMotion, NDArray[Any] | None, Path]] = {}
+    for place, path in enumerate(paths, start=1):
+        columns = read_columns(path, ignore)
+        digits = [digit for digit in ("1", "2", "") if any(_has(columns, names) for names in _places(digit))]
+        for digit in digits:
+            name = digit or ("1" if len(paths) == 1 and "2" in digits else str(place))
+            if name in found:
+                raise ArgumentError(f"{path}", f"body {name} once", "a second time")
+            found[name] = _body(path, columns, digit), columns.get("t"), path
+    for name in ("1", "2"):
+        if name not in found:
+            wanted = f"columns of body {name}: R{name}_x, ... or x{name}, ... (without {name} in a file of its own)"
+            raise ArgumentError(", ".join(map(str, paths)), wanted, "none")
+    (body1, t1, path1), (body2, t2, path2) = found["1"], found["2"]
+    if path1 == path2:
+        return Recording(body1, body2, t1)
+    if t1 is None or t2 is None:
+        lacking = path1 if t1 is None else path2
+        raise ArgumentError(f"{lacking}: t", "a column, since each body has a file", "no such column")
+    if np.array_equal(t1, t2):
+        return Recording(body1, body2, t1)
+    steps = [float(np.median(np.diff(recorded(f"{path}: t", t)[0]))) for t, path in ((t1, path1), (t2, path2))]
+    if steps[0] >= steps[1]:
+        return Recording(body1, resample(t2, body2, t1, gaps), t1)
+    return Recording(resample(t1, body1, t2, gaps), body2, t2)
+
+
+def _places(digit: str) -> tuple[tuple[str, ...], ...]:
+    return tuple(f"R{digit}_{c}" for c in "xyz"), tuple(f"{c}{digit}" for c in "xyz")
+
+
+def _attitudes(digit: str) -> tuple[tuple[str, ...], ...]:
+    return tuple(f"S{digit}_{r}{c}" for r in "xyz" for c in "xyz"), tuple(f"q{c}{digit}" for c in "xyzw")
+
+
+def _has(columns: Columns, names: tuple[str, ...]) -> bool:
+    return any(name in columns for name in names)
+
+
+def _body(path: Path, columns: Columns, digit: str) -> BodyMotion:
+    """A body; the attitude of a sample that lacks any of its parts is NaN."""
+    R = _together(path, columns, _places(digit))
+    attitude = _together(path, columns, _attitudes(digit))
+    attitude[~np.isfinite(attitude).all(axis=-1)] = np.nan
+    if attitude.shape[1] == 9:
+        return BodyMotion(R=R, S=attitude.reshape(-1, 3, 3))
+    return BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=attitude)
+
+
+def _together(path: Path, columns: Columns, choices: tuple[tuple[str, ...], ...]) -> Float64Array:
+    """The columns of the first choice of which any is there, side by side."""
+    own = next((names for names in choices if _has(columns, names)), choices[-1])
+    for name in own:
+        if name not in columns:
+            raise ArgumentError(f"{path}: {name}", "a column", "no such column")
+    return np.stack([columns[name].astype(np.float64) for name in own], axis=-1)
+
+
+def read_columns(path: Path, ignore: Sequence[str] = ()) -> Columns:
+    """The columns that a recording is made of, by name.
+
+    Raises:
+        ArgumentError: the file cannot be read, or has a column that is neither known nor ignored.
+        MissingDependencyError: the file is a .parquet and pyarrow is not installed.
+    """
+    read = _READERS.get(path.suffix.lower())
+    if read is None:
+        raise ArgumentError(str(path), f"a file name that ends in {', '.join(_READERS)}", path.suffix or "no ending")
+    if not path.is_file():
+        raise ArgumentError(str(path), "a recording", "no such file")
+    if path.stat().st_size > _MOST_BYTES:
+        raise ArgumentError(str(path), f"at most {_MOST_BYTES} bytes", path.stat().st_size)
+    try:
+        return read(path, lambda names: _wanted(path, names, ignore))
+    except (OSError, ValueError, KeyError, csv.Error, zipfile.BadZipFile) as error:
+        if isinstance(error, ArgumentError):
+            raise
+        raise ArgumentError(str(path), f"a {path.suffix} file of numbers", str(error)) from None
+
+
+def _wanted(path: Path, names: Sequence[str], ignore: Sequence[str]) -> list[str]:
+    """Which of the columns to read.
+
+    Raises:
+        ArgumentError: one comes twice, or is not known.
+    """
+    known = [
+        "t",
+        *(name for digit in ("1", "2", "") for own in (*_places(digit), *_attitudes(digit)) for name in own),
+    ]
+    wanted = []
+    for name in names:
+        if any(fnmatch.fnmatchcase(name, pattern) for pattern in ignore):
+            continue
+        if name in known:
+            if name in wanted:
+                raise ArgumentError(f"{path}: {name}", "a column once", "a second one")
+            wanted.append(name)
+        elif not _PASSED_OVER.fullmatch(name):
+            expected = f"columns of poses{nearest(name, known)}, or --ignore {name[:40]!r}"
+            raise ArgumentError(f"{path}: {name[:40]!r}", expected, "an unknown column")
+    return wanted
+
+
+def _read_csv(path: Path, wanted: Callable[[Sequence[str]], list[str]]) -> Columns:
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        line = stream.readline(100_000)
+        if ";" in line or "\t" in line:
+            raise ArgumentError(str(path), "columns separated by commas, and decimal points", line.strip()[:80])
+        names = [name.strip() for name in next(csv.reader([line]), [])]
+        own = {name: names.index(name) for name in wanted(names)}
+        if not own:
+            return {}
+        start = stream.tell()
+        try:
+            rows = np.loadtxt(
+                stream, delimiter=",", comments=None, ndmin=2, quotechar='"', usecols=list(own.values())
+            )
+        except ValueError:
+            stream.seek(start)
+            rows = _with_holes(path, stream, own)
+        columns: Columns = dict(zip(own, rows.T, strict=True))
+        t = columns.get("t")
+        if t is not None and t.size and np.abs(t).max() > _EXACT:  # integers that a float does not hold
+            stream.seek(start)
+            columns["t"] = np.loadtxt(
+                stream, delimiter=",", comments=None, ndmin=1, quotechar='"', usecols=own["t"], dtype=np.int64
+            )
+    return columns
+
+
+def _with_holes(path: Path, stream: Any, own: dict[str, int]) -> Float64Array:
+    """Rows of which cells may be empty."""
+    rows = []
+    reader = csv.reader(stream)
+    for row in reader:
+        if not row:
+            continue
+        values = []
+        for name, i in own.items():
+            text = row[i].strip() if i < len(row) else None
+            try:
+                values.append(float(text) if text else np.nan)
+            except ValueError:
+                where = f"{path}: line {reader.line_num + 1}: {name}"
+                raise ArgumentError(where, "a number, or nothing where there is none", repr(text)) from None
+            if text is None:
+                where = f"{path}: line {reader.line_num + 1}"
+                raise ArgumentError(where, f"a field of {name}", f"{len(row)} fields")
+        rows.append(values)
+    return np.array(rows, dtype=np.float64).reshape(-1, len(own))
+
+
+def _read_npz(path: Path, wanted: Callable[[Sequence[str]], list[str]]) -> Columns:
+    columns: Columns = {}
+    with np.load(path, allow_pickle=False) as archive:
+        for name in archive.files:
+            array = archive[name]
+            if array.ndim == 2 and array.shape[1] == 3:
+                columns |= {f"{name}_{c}": array[:, i] for i, c in enumerate("xyz")}
+            elif array.ndim == 3 and array.shape[1:] == (3, 3):
+                columns |= {
+                    f"{name}_{r}{c}": array[:, i, j] for i, r in enumerate("xyz") for j, c in enumerate("xyz")
+                }
+            else:
+                columns[name] = array
+    return {name: columns[name] for name in wanted(list(columns))}
+
+
+def _read_parquet(path: Path, wanted: Callable[[Sequence[str]], list[str]]) -> Columns:
+    try:
+        import pyarrow.parquet as pq
+    except ImportError as error:
+        raise MissingDependencyError(
+            str(path), "PyArrow (pip install '.[parquet]' in the project's folder)", str(error)
+        ) from None
+    own = wanted(pq.read_schema(path).names)
+    table = pq.read_table(path, columns=own)
+    return {name: np.asarray(table[name].to_numpy()) for name in own}
+
+
+_READERS: dict[str, Callable[[Path, Callable[[Sequence[str]], list[str]]], Columns]] = {
+    ".csv": _read_csv,
+    ".npz": _read_npz,
+    ".parquet": _read_parquet,
+}

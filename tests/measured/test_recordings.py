@@ -1,0 +1,138 @@
+"""Recordings of two bodies in files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.measured.recordings import read_recording
+from support.recorded import recording
+
+MADE = recording(300, 1e-3, 2e-3)
+
+
+def quaternions(S: np.ndarray) -> np.ndarray:
+    """(x, y, z, w) of rotations, half of them with the other sign."""
+    rotvec = hp.rotation_log(S)
+    angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
+    found = np.concatenate((np.sin(angle / 2) * rotvec / angle, np.cos(angle / 2)), axis=-1)
+    return np.where(np.arange(len(S))[:, None] % 2, found, -found)
+
+
+def table(path: Path, **columns: np.ndarray) -> Path:
+    """A .csv file; NaN are empty cells."""
+    rows = [",".join(columns)]
+    rows += [",".join("" if str(v) == "nan" else str(v) for v in row) for row in zip(*columns.values(), strict=True)]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def pose(digit: str, R: np.ndarray, S: np.ndarray) -> dict[str, np.ndarray]:
+    return dict(
+        zip(
+            (f"{c}{digit}" for c in ("x", "y", "z", "qx", "qy", "qz", "qw")),
+            np.hstack((R, quaternions(S))).T,
+            strict=True,
+        )
+    )
+
+
+def both(made=MADE) -> dict[str, np.ndarray]:
+    return {"t": made.t, **pose("1", made.R1, made.S1), **pose("2", made.R2, made.S2)}
+
+
+def test_columns_are_read_by_name_and_quaternions_may_flip(tmp_path: Path) -> None:
+    columns = both()
+    found = read_recording([table(tmp_path / "a.csv", **dict(reversed(columns.items())))])
+    assert np.abs(found.body1.S - MADE.S1).max() < 1e-14
+    assert (found.body2.R == MADE.R2).all()
+    assert (found.t == MADE.t).all()
+
+
+def test_what_the_library_saved_is_read(tmp_path: Path) -> None:
+    arrays = {"R1": MADE.R1, "S1": MADE.S1, "R2": MADE.R2, "S2": MADE.S2, "psi": MADE.psi}
+    from hingepair.formats.results import save
+
+    for name in ("a.npz", "a.csv"):
+        found = read_recording([save(tmp_path / name, MADE.t, arrays)])
+        assert (found.body2.S == MADE.S2).all()
+        assert (found.body1.R == MADE.R1).all()
+
+
+def test_empty_cells_and_nan_are_missing(tmp_path: Path) -> None:
+    columns = both()
+    columns["x1"] = np.where(np.arange(300) == 7, np.nan, columns["x1"])
+    columns["qy2"] = np.where(np.arange(300) == 9, np.nan, columns["qy2"])
+    found = read_recording([table(tmp_path / "a.csv", **columns)])
+    assert np.flatnonzero(np.isnan(found.body1.R[:, 0])).tolist() == [7]
+    assert np.flatnonzero(np.isnan(found.body2.S).all(axis=(1, 2))).tolist() == [9]
+    assert hp.fit(found.body1, found.body2).samples == 298
+
+
+def test_two_files_with_clocks_of_their_own_meet(tmp_path: Path) -> None:
+    fast, slow = recording(1000), recording(1000)
+    start = 1_700_000_000_000_000_000
+    kept = np.arange(3, 990, 7)
+    stamps = start + np.round(fast.t * 1e9).astype(np.int64)
+    first = table(tmp_path / "one.csv", t=stamps, **pose("", fast.R1, fast.S1))
+    late = stamps[kept]
+    second = table(tmp_path / "two.csv", t=late, **pose("", slow.R2[kept], slow.S2[kept]))
+    found = read_recording([first, second], gaps=0.1)
+    assert found.t.tolist() == late.tolist()  # every nanosecond
+    assert np.abs(found.body1.R - fast.R1[kept]).max() < 1e-9
+    assert hp.fit(found.body1, found.body2, t=found.t).ok
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"temperature": MADE.t}, "'temperature': expected columns of poses.*--ignore 'temperature'"),
+        ({"qx3": MADE.t}, "nearest: qx"),
+        ({"y2": None}, "y2: expected a column, got no such column"),
+        ({"qw1": None}, "qw1: expected a column"),
+    ],
+    ids=["unknown", "misspelt", "lacking", "no scalar"],
+)
+def test_columns_that_cannot_be_used_are_named(tmp_path: Path, change: dict, words: str) -> None:
+    columns = {name: array for name, array in (both() | change).items() if array is not None}
+    path = table(tmp_path / "a.csv", **columns)
+    with pytest.raises(hp.ArgumentError, match=words):
+        read_recording([path])
+
+
+def test_columns_of_no_concern_may_hold_anything(tmp_path: Path) -> None:
+    names = np.array(["left knee"] * 300)
+    path = table(tmp_path / "a.csv", **both(), marker_a=names, marker_b=names)
+    assert read_recording([path], ignore=["marker_*"]).body1.shape == (300,)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("t;x1\n0;1\n", "separated by commas"),
+        ("t,x1,y1,z1\n0,1,2,3\n", "qx1: expected a column"),
+        ("t\n0\n", "columns of body 1"),
+        ("t,x1\n0,one\n", "line 2: x1: expected a number"),
+        ("t,x1\n0,1\n0\n", "line 3: expected a field of x1"),
+        ("t,t\n0,1\n", "t: expected a column once"),
+    ],
+    ids=["semicolons", "no attitude", "no body", "text", "short row", "twice"],
+)
+def test_files_that_cannot_be_used_are_named(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(hp.ArgumentError, match=words) as caught:
+        read_recording([path])
+    assert "a.csv" in caught.value.name
+
+
+def test_names_of_files_are_checked(tmp_path: Path) -> None:
+    with pytest.raises(hp.ArgumentError, match="no such file"):
+        read_recording([tmp_path / "a.csv"])
+    with pytest.raises(hp.ArgumentError, match=r"ends in \.csv, \.npz, \.parquet"):
+        read_recording([tmp_path / "a.txt"])
+    with pytest.raises(hp.ArgumentError, match="one file, or two"):
+        read_recording([])
