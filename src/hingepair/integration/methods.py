@@ -18,8 +18,7 @@ from hingepair.equations.spatial import Scalar, Vector, add, cross, dot, scale, 
 from hingepair.evaluation.loops import Loop
 from hingepair.evaluation.trace import square_root, where_less
 from hingepair.numeric.blocks import cosine, sine
-from hingepair.numeric.compensated import Pair, pair_product, pair_quotient, pair_sum
-from hingepair.numeric.twofold import product
+from hingepair.numeric.twofold import Pair, exact_product, pair_product, pair_quotient, pair_sum
 
 Quaternion: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar]
 
@@ -189,4 +188,4 @@ def integrals(rule: Rule) -> Loop:
 
 
 def _times(p: Scalar, weight: int) -> Pair:
-    return (p, 0.0) if weight == 1 else product(p, float(weight))
+    return (p, 0.0) if weight == 1 else exact_product(p, float(weight))

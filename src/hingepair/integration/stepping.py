@@ -22,7 +22,7 @@ from hingepair.evaluation.backend import How
 from hingepair.evaluation.loops import Loop
 from hingepair.integration.methods import Rule, integrals, quaternion_product, quaternion_unit, turns
 from hingepair.integration.signals import Constant, Signal, Values
-from hingepair.numeric import compensated
+from hingepair.numeric.twofold import Pair, exact_sum, pair_product, pair_sum
 
 SLAB: Final = 16384
 """Steps a slab: 1.2 MB of omega at three nodes."""
@@ -55,7 +55,7 @@ class Steps(NamedTuple):
         edges = np.unique([0, *np.minimum(cuts, len(ends))]).tolist()
         return list(itertools.pairwise(edges))
 
-    def within(self, first: int, last: int) -> tuple[Values, compensated.Pair, NDArray[np.intp] | None]:
+    def within(self, first: int, last: int) -> tuple[Values, Pair, NDArray[np.intp] | None]:
         """Starts and lengths (as two doubles) of the steps of some intervals, and the last step of each interval.
 
         The latter is None where each interval is one step.
@@ -63,14 +63,12 @@ class Steps(NamedTuple):
         counts = self.counts[first:last]
         start, stop = self.t[first:last], self.t[first + 1 : last + 1]
         if counts.max() == 1:
-            return start, compensated.exact_sum(stop, -start), None
+            return start, exact_sum(stop, -start), None
         begin, h, _ = divided(start, stop, counts)
         return begin, h, np.cumsum(counts) - 1
 
 
-def divided(
-    start: Values, stop: Values, counts: NDArray[np.int64]
-) -> tuple[Values, compensated.Pair, NDArray[np.intp]]:
+def divided(start: Values, stop: Values, counts: NDArray[np.int64]) -> tuple[Values, Pair, NDArray[np.intp]]:
     """Starts and lengths (as two doubles) of the steps of intervals, and their numbers within their interval.
 
     A length is the difference between rounded starts, so that the lengths add up to the interval: a rounded length
@@ -81,7 +79,7 @@ def divided(
     begin = np.repeat(start, counts) + part * np.repeat((stop - start) / counts, counts)
     after = np.append(begin[1:], stop[-1])
     after[ends - 1] = stop
-    return begin, compensated.exact_sum(after, -begin), part
+    return begin, exact_sum(after, -begin), part
 
 
 class Prefixes:
@@ -140,7 +138,7 @@ class Prefixes:
 
 
 ROTATIONS: Final = Prefixes("rotations", quaternion_product, (1.0, 0.0, 0.0, 0.0), quaternion_unit)
-SUMS: Final = Prefixes("sums", compensated.pair_sum, (0.0, 0.0), exact=True)
+SUMS: Final = Prefixes("sums", pair_sum, (0.0, 0.0), exact=True)
 
 
 class _Carry:
@@ -204,7 +202,7 @@ def attitudes(omega: Signal, steps: Steps, rule: Rule, how: How, start: Values, 
         Unit quaternions, shape (N, 4), without a jump of their sign.
     """
 
-    def fill(begin: Values, h: compensated.Pair, rows: Values) -> None:
+    def fill(begin: Values, h: Pair, rows: Values) -> None:
         given = {"omega": omega.nodes(begin, h[0], rule.nodes), "h": -h[0] if body else h[0]}
         turns(rule).run(given, {"q": rows}, h[0].shape, _F8, how)
 
@@ -217,12 +215,12 @@ def attitudes(omega: Signal, steps: Steps, rule: Rule, how: How, start: Values, 
 def angles(name: str, rate: Signal, start: float, steps: Steps, rule: Rule, how: How) -> Values:
     """Angles at the instants from their rate, which has a name, to the last bit or so of the sum; shape (N,)."""
     if isinstance(rate, Constant):
-        apart = compensated.exact_sum(steps.t, -steps.t[0])
-        turned = compensated.pair_product((rate.value, 0.0), apart)
-        found = np.stack(compensated.pair_sum(turned, (start, 0.0)), axis=-1)
+        apart = exact_sum(steps.t, -steps.t[0])
+        turned = pair_product((rate.value, 0.0), apart)
+        found = np.stack(pair_sum(turned, (start, 0.0)), axis=-1)
     else:
 
-        def fill(begin: Values, h: compensated.Pair, rows: Values) -> None:
+        def fill(begin: Values, h: Pair, rows: Values) -> None:
             given = {"rate": rate.nodes(begin, h[0], rule.nodes), "h": h}
             integrals(rule).run(given, {"sum": rows}, h[0].shape, _F8, how)
 

@@ -16,6 +16,9 @@ from hingepair.numeric.arrays import Box, Component, boxes, broadcast_shape, loa
 Components: TypeAlias = tuple[Component, ...]
 Values: TypeAlias = dict[str, Any]  # by name: a component, or the tuple of components of a vector or matrix
 
+SMALL = 0.7
+"""Where the cosine of a turn is above this, 1 - cos is taken from the sine."""
+
 BLOCK = 4096
 """Samples a block: 32 kB a component, so that what a block computes on the way stays in the cache."""
 
@@ -135,8 +138,8 @@ def hinge_terms(psi: Component) -> Components:
     if not isinstance(psi, float | np.ndarray | np.generic):
         return s, _own(psi, "versine"), c
     if isinstance(c, np.ndarray):
-        return s, np.where(c > 0.7, s * s / (1 + c), 1 - c), c
-    return s, s * s / (1 + c) if c > 0.7 else 1 - c, c
+        return s, np.where(c > SMALL, s * s / (1 + c), 1 - c), c
+    return s, s * s / (1 + c) if c > SMALL else 1 - c, c
 
 
 def hinge_cosine(hinge: Components) -> Component:

@@ -1,15 +1,21 @@
-"""Numbers of twice the precision of a double, each the sum of two: for constants that must be right to the last bit.
+"""Numbers of twice the precision of a double, each the sum of two: high, and low, what high lost in rounding.
 
-Components are floats or arrays, neither too large to be multiplied by 2^27 nor their products subnormal.
+As pairs (high, low) they are components like any other; as `Twofold` the equations run over them. Components are
+floats, arrays or traced values, neither too large to be multiplied by 2^27 nor their products subnormal. Nothing here
+may be reordered or fused by a compiler.
 """
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 from hingepair.numeric.arrays import Component
+
+Pair: TypeAlias = tuple[Component, Component]
 
 
 class Twofold:
-    """The number high + low, where low is what high lost in rounding; it adds, subtracts and multiplies."""
+    """The number high + low; it adds, subtracts and multiplies."""
 
     __slots__ = ("high", "low")
 
@@ -18,31 +24,52 @@ class Twofold:
         self.low = low
 
     def __add__(self, other: Twofold) -> Twofold:
-        a, b = self.high, other.high
-        total = a + b
-        return normal(total, sum_error(a, b, total) + (self.low + other.low))
+        return Twofold(*pair_sum((self.high, self.low), (other.high, other.low)))
 
     def __neg__(self) -> Twofold:
         return Twofold(-self.high, -self.low)
 
     def __sub__(self, other: Twofold) -> Twofold:
-        a, b = self.high, -other.high
-        total = a + b
-        return normal(total, sum_error(a, b, total) + (self.low - other.low))
+        return Twofold(*pair_sum((self.high, self.low), (-other.high, -other.low)))
 
     def __mul__(self, other: Twofold) -> Twofold:
-        high, error = product(self.high, other.high)
-        return normal(high, error + (self.high * other.low + self.low * other.high))
+        return Twofold(*pair_product((self.high, self.low), (other.high, other.low)))
 
 
-def normal(high: Component, low: Component) -> Twofold:
+def pair_sum(a: Pair, b: Pair) -> Pair:
+    """The sum of two pairs."""
+    total, lost = exact_sum(a[0], b[0])
+    return normal(total, lost + (a[1] + b[1]))
+
+
+def pair_product(a: Pair, b: Pair) -> Pair:
+    """The product of two pairs."""
+    high, lost = exact_product(a[0], b[0])
+    return normal(high, lost + (a[0] * b[1] + a[1] * b[0]))
+
+
+def pair_quotient(a: Pair, divisor: Component) -> Pair:
+    """A pair divided by a number."""
+    quotient = a[0] / divisor
+    high, lost = exact_product(quotient, divisor)
+    return normal(quotient, (((a[0] - high) - lost) + a[1]) / divisor)
+
+
+def normal(high: Component, low: Component) -> Pair:
     """The sum of two numbers of which the second is much smaller."""
     total = high + low
-    return Twofold(total, (high - total) + low)
+    return total, (high - total) + low
 
 
-def product(a: Component, b: Component) -> tuple[Component, Component]:
-    """Dekker: a b = product + error, exactly; a and b split into halves of 26 bits each (Veltkamp)."""
+def exact_sum(a: Component, b: Component) -> Pair:
+    """Knuth: a + b, exactly."""
+    total = a + b
+    shadow = total - a
+    return total, (a - (total - shadow)) + (b - shadow)
+
+
+def exact_product(a: Component, b: Component) -> Pair:
+    """Dekker: a b, exactly; a and b split into halves of 26 bits each (Veltkamp)."""
     high = a * b
     carried = 134217729.0 * a
     ah = carried - (carried - a)
@@ -51,9 +78,3 @@ def product(a: Component, b: Component) -> tuple[Component, Component]:
     bh = carried - (carried - b)
     bl = b - bh
     return high, ((ah * bh - high) + ah * bl + al * bh) + al * bl
-
-
-def sum_error(a: Component, b: Component, total: Component) -> Component:
-    """Knuth: what the rounding of total = a + b lost."""
-    shadow = total - a
-    return (a - (total - shadow)) + (b - shadow)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import AxisError
 from hingepair.numeric.arrays import Component, vectors
 from hingepair.numeric.blocks import Components, components_of, evaluate
-from hingepair.numeric.twofold import Twofold, normal, product, sum_error
+from hingepair.numeric.twofold import Twofold, exact_product, exact_sum, normal
 
 
 def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
@@ -53,9 +53,9 @@ def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
     total: Component = 0.0
     lost: Component = 0.0
     for component in w:
-        square, tail = product(component, component)
-        previous, total = total, total + square
-        lost = lost + (sum_error(previous, square, total) + tail)
+        square, tail = exact_product(component, component)
+        total, rest = exact_sum(total, square)
+        lost = lost + (rest + tail)
     length: Component
     safe: Component
     if type(total) is float:
@@ -64,7 +64,7 @@ def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
     else:
         length = np.sqrt(total)
         safe = np.where(length > 0, length, 1.0)
-    again, tail = product(length, length)
+    again, tail = exact_product(length, length)
     low = ((total - again) - tail + lost) / (2 * safe)
     units = tuple(_quotient(component, safe, low) for component in w)
     return units, Twofold(by_two_to(length, exponent), by_two_to(low, exponent))
@@ -93,5 +93,5 @@ def by_two_to(x: Component, exponent: Component) -> Component:
 def _quotient(a: Component, high: Component, low: Component) -> Twofold:
     """The quotient a / (high + low)."""
     ratio = a / high
-    again, error = product(ratio, high)
-    return normal(ratio, ((a - again) - error - ratio * low) / high)
+    again, error = exact_product(ratio, high)
+    return Twofold(*normal(ratio, ((a - again) - error - ratio * low) / high))
