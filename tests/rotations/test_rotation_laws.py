@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import hingepair as hp
 from hingepair.rotations.sequences import SEQUENCES
-from support.states import generator
+from support.states import generator, rotations
 
 U = 2.0**-53
 
@@ -94,3 +94,14 @@ def test_rates_of_a_sequence(sequence):
     W1 = abs(phid).sum(axis=-1)
     assert np.all(abs((J @ phid[..., None])[..., 0] - omega1).max(axis=-1) <= 8 * U * W1)
     assert np.all(abs(hp.euler_rates(phi, omega1, sequence) - phid).max(axis=-1) <= 64 * U * W1)
+
+
+@pytest.mark.parametrize("function", [hp.rotation_log, hp.matrix_to_euler], ids=lambda f: f.__name__)
+def test_what_is_no_rotation_is_refused(function):
+    S = rotations(generator(47), 3)
+    function(S * (1 + 1e-10))
+    with pytest.raises(hp.RotationError, match=r"S: expected rotations to within 1e-09 .* off the identity by 2e-06"):
+        function(S * (1 + 1e-6))
+    for reflection in (-S, -S[0]):
+        with pytest.raises(hp.RotationError, match=r"S: .* a reflection"):
+            function(reflection)

@@ -1,0 +1,473 @@
+"""Faults that the tests notice: what is harmed, and the test that turns red (its id, from this folder's parent)."""
+
+from __future__ import annotations
+
+from support.harm import Fault
+
+FAULTS = {
+    # equations
+    "a sign in E2": Fault(
+        "equations/spatial.py",
+        "return add(omega1, scale(axis, psid))",
+        "return subtract(omega1, scale(axis, psid))",
+        "pair/test_laws.py::test_hinge_point_moves_as_one[general]",
+    ),
+    "Sh transposed in E5": Fault(
+        "equations/spatial.py",
+        "return compose(compose(S1, Sh), home)",
+        "return compose(compose(S1, transpose(Sh)), home)",
+        "pair/test_laws.py::test_hinge_point_is_shared[general]",
+    ),
+    "home transposed in E5": Fault(
+        "equations/spatial.py",
+        "return compose(compose(S1, Sh), home)",
+        "return compose(compose(S1, Sh), transpose(home))",
+        "pair/test_laws.py::test_hinge_point_is_shared[general]",
+    ),
+    "omega1 x n psi' dropped in E9": Fault(
+        "equations/spatial.py",
+        "add(scale(axis, psidd), scale(cross(omega1, axis), psid))",
+        "scale(axis, psidd)",
+        "pair/test_laws.py::test_hinge_point_moves_as_one[general]",
+    ),
+    "centripetal acceleration dropped in E9": Fault(
+        "equations/spatial.py",
+        "return subtract(scale(scale(pull, psid), psid), scale(slide, psidd))",
+        "return scale(slide, 0 - psidd)",
+        "pair/test_laws.py::test_hinge_point_moves_as_one[general]",
+    ),
+    "Coriolis acceleration halved in E9": Fault(
+        "equations/spatial.py",
+        "subtract(cross(omega1, d), add(half, half))",
+        "subtract(cross(omega1, d), half)",
+        "pair/test_laws.py::test_hinge_point_moves_as_one[general]",
+    ),
+    "a sign in Sx Sy Sz": Fault(
+        "equations/spatial.py",
+        "cx * sz + ss * cz",
+        "cx * sz - ss * cz",
+        "pair/test_laws.py::test_hinge_point_moves_as_one[general]",
+    ),
+    "a sign in Sx Sy Sx": Fault(
+        "equations/spatial.py",
+        "cc * cz - sx * sz",
+        "cc * cz + sx * sz",
+        "rotations/test_rotation_bounds.py::test_euler_angles_give_the_attitude_back[XYX]",
+    ),
+    "a sign in J' phi'": Fault(
+        "equations/spatial.py",
+        "rates[2] + (turn[2] + phid[0] * y)",
+        "rates[2] + (turn[2] - phid[0] * y)",
+        "pair/test_laws.py::test_time_reversed[general]",
+    ),
+    "a sign in J^-1": Fault(
+        "equations/spatial.py",
+        "return axes[0] * omega[2] - axes[1] * omega[1]",
+        "return axes[0] * omega[2] + axes[1] * omega[1]",
+        "rotations/test_rotation_laws.py::test_rates_of_a_sequence[XYX]",
+    ),
+    "psi turns body 2 of a planar pair backwards": Fault(
+        "equations/planar.py",
+        "s + (c * sine - s",
+        "s - (c * sine - s",
+        "pair/test_planar.py::test_equal_to_the_pair_in_space[one_pair-numpy]",
+    ),
+    "the hinge's column of the Jacobian the other way round": Fault(
+        "equations/derivatives.py",
+        "(*eq.cross(r2, axis), *axis))",
+        "(*eq.cross(axis, r2), *axis))",
+        "pair/test_jacobian.py::test_velocity_is_the_jacobian_times_the_velocities[home]",
+    ),
+    "the turning axis stands still in the Jacobian's rate": Fault(
+        "equations/derivatives.py",
+        "axis_rate = eq.cross(omega1, axis)",
+        "axis_rate = eq.scale(axis, 0.0)",
+        "pair/test_jacobian.py::test_coordinate_jacobian_gives_velocity_and_acceleration[XYX]",
+    ),
+    "the axis may be stretched in a derivative by n": Fault(
+        "equations/derivatives.py",
+        "eq.subtract(unit, eq.scale(n, part))",
+        "eq.subtract(unit, eq.scale(n, 0 * part))",
+        "pair/test_sensitivities.py::test_derivatives_are_exact_and_those_left_out_are_zero[home]",
+    ),
+    "velocity by n without its turn": Fault(
+        "equations/derivatives.py",
+        "eq.add(eq.cross(r2, spin), eq.cross(omega2, eq.cross(r2, turn)))",
+        "eq.cross(r2, spin)",
+        "pair/test_sensitivities.py::test_derivatives_are_exact_and_those_left_out_are_zero[home]",
+    ),
+    "a lever's sign in the constraint Jacobian": Fault(
+        "equations/constraints.py",
+        "eq.skew((-r1[0], -r1[1], -r1[2])), eq.skew(r2)",
+        "eq.skew(r1), eq.skew(r2)",
+        "pair/test_constraints.py::test_constraint_jacobian_and_bias_give_the_derivatives[0.0]",
+    ),
+    "the constraint bias without body 2": Fault(
+        "equations/constraints.py",
+        "eq.cross(omega2, eq.cross(omega2, r2)))",
+        "eq.cross(omega2, eq.cross(omega1, r2)))",
+        "pair/test_constraints.py::test_constraint_jacobian_and_bias_give_the_derivatives[0.0]",
+    ),
+    "gyroscopic torque dropped": Fault(
+        "equations/dynamics.py",
+        "cross(spin, momentum)))",
+        "scale(spin, 0.0)))",
+        "pair/test_dynamics.py::test_forces_are_those_of_rnea[0]",
+    ),
+    "a sign off the diagonal of the inertia": Fault(
+        "equations/dynamics.py",
+        "xy, yz, zx = -(mass * (x * y))",
+        "xy, yz, zx = (mass * (x * y))",
+        "pair/test_dynamics.py::test_mass_matrix_is_that_of_crba[0]",
+    ),
+    # constants and numbers
+    "u1 and u2 swapped": Fault(
+        "pair/constants.py",
+        "for name in along.arguments[1:]",
+        "for name in along.arguments[:0:-1]",
+        "pair/test_levers.py::test_levers_are_rounded_once[ordinary]",
+    ),
+    "the shorter lever beside the longer one unscaled": Fault(
+        "pair/constants.py",
+        "shift = exponent2 - exponent",
+        "shift = 0 * exponent2",
+        "pair/test_levers.py::test_levers_are_rounded_once[ordinary]",
+    ),
+    "a copy of a pair made anew from its unit axis": Fault(
+        "pair/hinge_pair.py",
+        '**given | {"n": self.constants.axis}',
+        "**given",
+        "pair/test_pair.py::test_what_is_not_replaced_keeps_its_last_bits[0]",
+    ),
+    "the hinge turns the lever backwards": Fault(
+        "evaluation/steps.py",
+        '("n", "arm")',
+        '("arm", "n")',
+        "pair/test_levers.py::test_levers_are_rounded_once[ordinary]",
+    ),
+    "d computed as R2 - R1": Fault(
+        "evaluation/steps.py",
+        'Step("d", eq.offset, ("S1", "along", "swing"))',
+        'Step("d", lambda *a: eq.subtract(eq.add(a[3], eq.offset(*a[:3])), a[3]), ("S1", "along", "swing", "R1"))',
+        "pair/test_laws.py::test_a_matrix_of_nine_digits_keeps_the_hinge_together[general]",
+    ),
+    "psi reduced modulo 2 pi in double": Fault(
+        "numeric/blocks.py",
+        "s, c = sine(psi), cosine(psi)",
+        "psi = psi % (2 * math.pi)\n    s, c = sine(psi), cosine(psi)",
+        "pair/test_accuracy.py::test_hard_state[numpy-psi=1e+16]",
+    ),
+    "1 - cos psi for the versine": Fault(
+        "numeric/blocks.py",
+        "np.where(c > SMALL, s * s / (1 + c), 1 - c)",
+        "1 - c",
+        "pair/test_accuracy.py::test_small_turn_through_the_pair[numpy]",
+    ),
+    "lengths without scaling": Fault(
+        "numeric/unit_vectors.py",
+        "_, exponent = np.frexp(",
+        "_, exponent = np.frexp(0 * ",
+        "pair/test_accuracy.py::test_hard_attitude[numpy-quaternion_of_length_1e-320]",
+    ),
+    "lengths of one vector without scaling": Fault(
+        "numeric/unit_vectors.py",
+        "_, exponent = math.frexp(max(map(abs, v)))",
+        "exponent = 0",
+        "pair/test_border.py::test_an_axis_has_no_length[numpy]",
+    ),
+    "levers in plain doubles": Fault(
+        "numeric/twofold.py",
+        "lost + (a[0] * b[1] + a[1] * b[0])",
+        "0.0 * lost",
+        "pair/test_levers.py::test_levers_are_rounded_once[ordinary]",
+    ),
+    "a table's columns by position": Fault(
+        "numeric/arrays.py",
+        "[found.index(one) for one in wanted]",
+        "list(range(len(wanted)))",
+        "numeric/test_arrays.py::test_columns_of_a_table_go_by_their_names[-]",
+    ),
+    "weights of a derivative in the wrong place": Fault(
+        "numeric/finite_differences.py",
+        "found.append((-ratio * before * c0",
+        "found.append((ratio * before * c0",
+        "rotations/test_angular_velocity.py::test_reference_example_at_a_millisecond",
+    ),
+    # conventions
+    "wxyz for xyzw": Fault(
+        "pair/body_motion.py",
+        'quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False)',
+        'quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=True)',
+        "rotations/test_rotation_bounds.py::test_quaternions_of_any_length[1e-300]",
+    ),
+    "extrinsic taken for intrinsic": Fault(
+        "rotations/sequences.py",
+        "name.upper()[::-1] if name.islower() else name",
+        "name.upper()",
+        "rotations/test_rotation_bounds.py::test_euler_angles_give_the_attitude_back[xyz]",
+    ),
+    "left-handed sequences taken for right-handed": Fault(
+        "rotations/sequences.py",
+        "sign = 1 if (axes[1] - axes[0]) % 3 == 1 else -1",
+        "sign = 1",
+        "rotations/test_rotation_bounds.py::test_euler_angles_give_the_attitude_back[XZX]",
+    ),
+    "the first angle of a proper sequence half a turn off": Fault(
+        "rotations/euler.py",
+        "(order.sign * S[3], -order.sign * S[6])",
+        "(S[3], -S[6])",
+        "rotations/test_rotation_laws.py::test_angles_come_back[XZX]",
+    ),
+    "lock read off the wrong element": Fault(
+        "rotations/euler.py",
+        "(canonical[3], canonical[6])",
+        "(canonical[3], canonical[7])",
+        "rotations/test_rotation_bounds.py::test_lock_is_told[XYX-float64]",
+    ),
+    "one threshold of lock for all types": Fault(
+        "rotations/euler.py",
+        "_LOCK = {4: 5e-4,",
+        "_LOCK = {4: 1e-12,",
+        "rotations/test_rotation_bounds.py::test_lock_is_told[XYX-float32]",
+    ),
+    "angular velocity of samples backwards": Fault(
+        "rotations/angular_velocity.py",
+        "rotation_vector(stop @ np.swapaxes(start, -1, -2))",
+        "rotation_vector(start @ np.swapaxes(stop, -1, -2))",
+        "rotations/test_angular_velocity.py::test_reference_example_at_a_millisecond",
+    ),
+    "rotation_log by the arc cosine of the trace": Fault(
+        "rotations/matrices.py",
+        "2 * np.arctan2(length, quat[..., 0]) / length",
+        "np.arccos(np.clip((np.trace(S, axis1=-2, axis2=-1) - 1) / 2, -1, 1)) / length",
+        "rotations/test_rotation_bounds.py::test_rotation_log_of_exp[-300.0]",
+    ),
+    "no pivot in the quaternion of a matrix": Fault(
+        "rotations/matrices.py",
+        "pivot = np.argmax(",
+        "pivot = 0 * np.argmax(",
+        "rotations/test_rotation_bounds.py::test_rotation_log_of_exp[-300.0]",
+    ),
+    "long rotation vectors cut to a double": Fault(
+        "rotations/matrices.py",
+        "(c * s_low - s * k_low, lost + (s * s_low + c * k_low))",
+        "(0 * s_low, lost)",
+        "rotations/test_rotation_bounds.py::test_rotation_exp_of_long_vectors",
+    ),
+    "the nearest rotation as the SVD rounds it": Fault(
+        "rotations/matrices.py",
+        "S = _nearer(S, work /",
+        "_nearer(S, work /",
+        "rotations/test_rotation_bounds.py::test_projection",
+    ),
+    "a reflection accepted": Fault(
+        "rotations/matrices.py",
+        'tolerance) | (out["volume"] < 0)',
+        "tolerance)",
+        "rotations/test_rotation_laws.py::test_what_is_no_rotation_is_refused[rotation_log]",
+    ),
+    "matrices not checked": Fault(
+        "rotations/matrices.py",
+        "tolerance = 2 * TOLERANCE[dtype.itemsize]\n    if",
+        "tolerance = 9.0\n    if",
+        "rotations/test_rotation_laws.py::test_what_is_no_rotation_is_refused[rotation_log]",
+    ),
+    # integration
+    "the commutator of magnus4 the other way round": Fault(
+        "integration/methods.py",
+        "scale(cross(w1, w2), h * h",
+        "scale(cross(w2, w1), h * h",
+        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method[reference-magnus4]",
+    ),
+    "a sign in an inner commutator of magnus6": Fault(
+        "integration/methods.py",
+        "-1 / 60)",
+        "1 / 60)",
+        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method[reference-magnus6]",
+    ),
+    "the outer commutator of magnus6 dropped": Fault(
+        "integration/methods.py",
+        "scale(outer, 1 / 240)",
+        "scale(outer, 0.0)",
+        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method[reference-magnus6]",
+    ),
+    "the two exponentials exchanged": Fault(
+        "integration/methods.py",
+        "quaternion_product(quaternion_exp(second), quaternion_exp(first))",
+        "quaternion_product(quaternion_exp(first), quaternion_exp(second))",
+        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method[reference-cf4]",
+    ),
+    "products in the order of time backwards": Fault(
+        "integration/stepping.py",
+        'lambda v: {"own": combine(v["own"], v["before"])}',
+        'lambda v: {"own": combine(v["before"], v["own"])}',
+        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method[reference-magnus6]",
+    ),
+    # Pinocchio
+    "spatial for classical acceleration, going to Pinocchio": Fault(
+        "validation/pinocchio_twin.py",
+        "_to_body(S, a - np.cross(omega, v))",
+        "_to_body(S, a)",
+        "validation/test_pinocchio.py::test_coordinates_come_back_from_pinocchio[()]",
+    ),
+    "spatial for classical acceleration, coming back": Fault(
+        "validation/pinocchio_twin.py",
+        "pin.getFrameClassicalAcceleration(",
+        "pin.getFrameAcceleration(",
+        "validation/test_pinocchio.py::test_body_2_is_read_out_of_pinocchio[()]",
+    ),
+    "wxyz for xyzw, going to Pinocchio": Fault(
+        "validation/pinocchio_twin.py",
+        "np.roll(quat_wxyz, -1, axis=-1)",
+        "quat_wxyz",
+        "validation/test_pinocchio.py::test_coordinates_come_back_from_pinocchio[()]",
+    ),
+    "free-flyer velocity in world axes": Fault(
+        "validation/pinocchio_twin.py",
+        "_joined(_to_body(S, v), _to",
+        "_joined(v, _to",
+        "validation/test_pinocchio.py::test_coordinates_come_back_from_pinocchio[()]",
+    ),
+    "u2 not turned by home in Pinocchio's frame": Fault(
+        "validation/pinocchio_twin.py",
+        "-(home @ pair.u2)",
+        "-np.array(pair.u2)",
+        "validation/test_pinocchio.py::test_body_2_is_read_out_of_pinocchio[()]",
+    ),
+    # files
+    "roll, pitch and yaw of an intrinsic sequence": Fault(
+        "formats/urdf_writer.py",
+        'matrix_to_euler(pair.home, "xyz")',
+        'matrix_to_euler(pair.home, "XYZ")',
+        "formats/test_urdf.py::test_pinocchio_reads_the_same_pair_from_urdf",
+    ),
+    "body 2 at u2 instead of -u2 in URDF": Fault(
+        "formats/urdf_writer.py",
+        "BODY2_AT_HINGE, BODY2), -pair.u2",
+        "BODY2_AT_HINGE, BODY2), pair.u2",
+        "formats/test_urdf.py::test_pinocchio_reads_the_same_pair_from_urdf",
+    ),
+    "the axis of URDF in body 1's axes": Fault(
+        "formats/model_parts.py",
+        "pair.home.T @ pair.n",
+        "pair.home @ pair.n",
+        "formats/test_urdf.py::test_pinocchio_reads_the_same_pair_from_urdf",
+    ),
+    "masses of fixed links without their lever": Fault(
+        "formats/urdf_reader.py",
+        "inertial.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))",
+        "0 * inertial.mass * (arm @ arm)",
+        "formats/test_urdf_masses.py::test_links_fixed_to_each_other_are_one_body[parent-child]",
+    ),
+    "the inertia of a link not turned": Fault(
+        "formats/urdf_reader.py",
+        'axes = rotation @ euler_to_matrix(inertial.rpy, "xyz")',
+        "axes = rotation",
+        "formats/test_urdf_masses.py::test_links_fixed_to_each_other_are_one_body[parent-child]",
+    ),
+    "MJCF's body 2 at u2": Fault(
+        "formats/mjcf_writer.py",
+        "numbers(-pair.u2)",
+        "numbers(pair.u2)",
+        "formats/test_simulators.py::test_mujoco_moves_body2_as_the_pair_does[mjcf-20]",
+    ),
+    "MJCF's quaternion scalar last": Fault(
+        "formats/mjcf_writer.py",
+        "numbers(matrix_to_quaternion(pair.home))",
+        "numbers(np.roll(matrix_to_quaternion(pair.home), -1))",
+        "formats/test_simulators.py::test_mujoco_moves_body2_as_the_pair_does[mjcf-20]",
+    ),
+    # formulas
+    "a product differentiated twice without its middle": Fault(
+        "symbolic/jets.py",
+        "2 * a[1] * b[1]",
+        "a[1] * b[1]",
+        "symbolic/test_expressions.py::test_derivatives_are_exact[sin(3*t)*exp(-0.1*t)]",
+    ),
+    "the chain rule without the curve of the outer function": Fault(
+        "symbolic/jets.py",
+        "second += self._share(slope.diff(v)) * ud * vd",
+        "second += 0 * ud * vd",
+        "symbolic/test_expressions.py::test_derivatives_are_exact[sin(3*t)*exp(-0.1*t)]",
+    ),
+    "sin sin with the sign of cos cos": Fault(
+        "symbolic/trig_sums.py",
+        "((minus, False, half), (plus, False, -half))",
+        "((minus, False, half), (plus, False, half))",
+        "symbolic/test_trig_sums.py::test_sums_add_and_multiply_as_expressions_do",
+    ),
+    "a difference of sums added": Fault(
+        "symbolic/trig_sums.py",
+        "return self + TrigSum({wave: -coefficient for wave, coefficient in _terms_of(other).items()})",
+        "return self + TrigSum(dict(_terms_of(other)))",
+        "symbolic/test_trig_sums.py::test_sums_add_and_multiply_as_expressions_do",
+    ),
+    # traces and loops
+    "a negative that is added": Fault(
+        "evaluation/trace.py",
+        '                return self - other.operands[0]\n            return self.trace.line("+"',
+        '                return self + other.operands[0]\n            return self.trace.line("+"',
+        "evaluation/test_trace.py::test_a_sum_with_a_negative_is_a_difference",
+    ),
+    "a difference taken for a sum that commutes": Fault(
+        "evaluation/trace.py",
+        'operation in {"+", "*"}',
+        'operation in {"+", "*", "-"}',
+        "evaluation/test_trace.py::test_the_same_line_is_written_once",
+    ),
+    "the cosine of -x with the sign of the sine": Fault(
+        "evaluation/trace.py",
+        "return first.cosine() if",
+        "return -first.cosine() if",
+        "evaluation/test_trace.py::test_the_same_line_is_written_once",
+    ),
+    "cosine's sign by sine's quadrant": Fault(
+        "evaluation/llvm_ir.py",
+        "cosine = pick(bit(2, turned)",
+        "cosine = pick(bit(2, quadrant)",
+        "evaluation/test_loops.py::test_every_count[2-float64]",
+    ),
+    "far angles not repaired": Fault(
+        "evaluation/llvm_ir.py",
+        "_REACH: Final = 1e6",
+        "_REACH: Final = 1e300",
+        "evaluation/test_loops.py::test_far_angles_and_none_at_all",
+    ),
+    "everything may be reordered": Fault(
+        "evaluation/llvm_ir.py",
+        '"" if exact else "nsz contract "',
+        '"fast "',
+        "evaluation/test_loops.py::test_exact_arithmetic_is_not_fused",
+    ),
+    "a lane loaded twice": Fault(
+        "evaluation/llvm_ir.py",
+        '{self.number} {one}, i32 {k}"',
+        '{self.number} {one}, i32 {max(k, 1)}"',
+        "evaluation/test_loops.py::test_every_count[8-float64]",
+    ),
+    "components of a vector stored in another order": Fault(
+        "evaluation/llvm_ir.py",
+        "high if i & step else low",
+        "low if i & step else high",
+        "evaluation/test_loops.py::test_every_count[8-float64]",
+    ),
+    "a scan that hands on what it was given": Fault(
+        "evaluation/llvm_ir.py",
+        "self.of(later))",
+        "self.of(self.carry.before[k]))",
+        "evaluation/test_loops.py::test_a_scan_hands_on",
+    ),
+    # measured motion
+    "rotations interpolated the other way round": Fault(
+        "measured/resample.py",
+        "(base @ turn)",
+        "(base @ np.swapaxes(turn, -1, -2))",
+        "measured/test_resample.py::test_the_error_for_rotations_falls_with_the_fourth_power_of_the_step",
+    ),
+    "weights of the neighbours that are not there": Fault(
+        "measured/resample.py",
+        "counts[:, 1:] = samples[:, 1:] != samples[:, :-1]",
+        "counts[:, 1:] = True",
+        "measured/test_resample.py::test_pieces_of_a_few_samples_are_lines_through_them[1]",
+    ),
+}
