@@ -1,0 +1,6 @@
+"""`python -m hingepair`: the command line."""
+
+from hingepair.cli.main import main
+
+if __name__ == "__main__":
+    main()
