@@ -241,6 +241,8 @@ KINKED = {  # value, first and second derivative at -2, 0, 1, 3; those at a kink
     "where(not t >= 0, -t, t)": ([2, 0, 1, 3], [-1, 1, 1, 1], 0),
     "where(0 <= t < 3, 1, 0)": ([0, 1, 1, 0], 0, 0),
     "where(t < -1 or t > 2, 1, 0)": ([1, 0, 0, 1], 0, 0),
+    "where(t > 0 and t < 3, t, -t)": ([2, 0, 1, -3], [-1, 1, 1, -1], 0),
+    "where(not (t > 0 or t < -2), -t, t)": ([2, 0, 1, 3], [-1, 1, 1, 1], 0),
     "where(1 < 2, t, sqrt(-t))": ([-2, 0, 1, 3], 1, 0),
     "where(t >= 0, sqrt(t), 0)**2": ([0, 0, 1, 3], [0, np.nan, 1, 1], [0, np.nan, 0, 0]),
 }
@@ -323,8 +325,11 @@ def test_names_that_constants_cannot_have(name: str) -> None:
         "+".join(["t"] * 1_000),
         "sin(" * 12 + "t" + ")" * 12,
         "*".join(f"cos({k}*t)" for k in range(1, 12)),
+        "where(t < 1 or t > 2, " * 40 + "t" + ", sin(t))" * 40,
+        "where(" + " and ".join(f"t < {k}" for k in range(2, 100)) + ", t, 0)",
+        "max(" + ", ".join(f"sin({k}*t)" for k in range(1, 60)) + ")",
     ],
-    ids=["fourier", "sum", "nested", "product"],
+    ids=["fourier", "sum", "nested", "product", "nested conditions", "many conditions", "largest of many"],
 )
 def test_large_but_honest_is_accepted(text: str) -> None:
     for values in TimeFunctions([parse("x", text)]).derivatives(T):

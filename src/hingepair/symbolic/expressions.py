@@ -59,9 +59,8 @@ _PUNCTUATION = "+-*/().,_<>= \t\r\n\f\v"
 _A_NUMBER = "a finite real number"
 _A_CONDITION = "a condition: comparisons by < <= > >=, joined by and, or, not"
 _SHOWN, _FRAGMENT = 20, 40  # constants, and characters of the text, in a message
-_PRODUCT = re.compile(
-    r"((?<![\w.])\d+\.?\d*(?!e[-+]?\d)|\))\s*((?!and|or|not|if|else)[A-Za-z_]\w*|\()"
-)  # 2t, 2 sin(t), (t)(t)
+# 2t, 2 sin(t), (1 + t)(2 - t)
+_PRODUCT = re.compile(r"((?<![\w.])\d++(?:\.\d*+)?(?!e[-+]?\d)|\))\s*((?!and|or|not|if|else)[A-Za-z_]\w*|\()")
 
 
 class ExpressionError(ArgumentError):
@@ -93,8 +92,8 @@ def parse(name: str, text: str, constants: Mapping[str, float] | None = None, le
 
     >>> parse("psi", "amplitude*sin(2*pi*t) + 0.1", {"amplitude": 0.25})
     sin(2*pi*t)/4 + 1/10
-    >>> parse("psi", "where(0 <= t < 1, abs(t - 0.5), 0)")
-    Where(t, Where(1 - t, Abs(t - 1/2), 0), 0)
+    >>> parse("psi", "where(0 <= t <= 1, abs(t - 0.5), 0)")
+    Where(Smaller(t, 1 - t), Abs(t - 1/2), 0)
     """
     builder = _Builder(name, text, constants or {}, letters)
     try:
@@ -261,15 +260,14 @@ class _Builder:
             self._refuse(node, KINKED[function])
         if function == "where":
             x, y = (self.build(argument, depth).expr for argument in node.args[1:])
-            return self._finish(node, self._choice(node.args[0], x, y, depth), None)
+            guard, inverse = self._guard(node.args[0], depth)
+            return self._finish(node, Where(guard, y, x) if inverse else Where(guard, x, y), None)
         first, *rest = (self.build(argument, depth).expr for argument in node.args)
         match function:
             case "abs" | "sign":
                 expr = getattr(sympy, function.capitalize() if function == "abs" else function)(first)
             case "min" | "max":
-                expr = first
-                for other in rest:
-                    expr = (Smaller if function == "min" else Larger)(expr, other)
+                expr = _of_many(Smaller if function == "min" else Larger, [first, *rest])
             case "clip":
                 expr = Smaller(Larger(first, rest[0]), rest[1])
             case "mod":
@@ -286,35 +284,36 @@ class _Builder:
                 expr = Larger(first, sympy.S.Zero)
         return self._finish(node, expr, None)
 
-    def _choice(self, node: ast.expr, x: Expr, y: Expr, depth: int) -> Expr:
-        """What is x where a condition holds, else y."""
+    def _guard(self, node: ast.expr, depth: int) -> tuple[Expr, bool]:
+        """What is at least 0 where a condition holds; or, if the second is true, where it does not."""
         self._count(node, depth)
         match node:
-            case ast.BoolOp(op=ast.And()):
-                for operand in reversed(node.values):
-                    x = self._choice(operand, x, y, depth + 1)
-                return x
-            case ast.BoolOp(op=ast.Or()):
-                for operand in reversed(node.values):
-                    y = self._choice(operand, x, y, depth + 1)
-                return y
+            case ast.BoolOp():
+                guards = [self._plain_guard(operand, depth + 1) for operand in node.values]
+                return _of_many(Smaller if isinstance(node.op, ast.And) else Larger, guards), False
             case ast.UnaryOp(op=ast.Not()):
-                return self._choice(node.operand, y, x, depth + 1)
+                guard, inverse = self._guard(node.operand, depth + 1)
+                return guard, not inverse
             case ast.Compare():
                 sides = [self.build(side, depth + 1).expr for side in (node.left, *node.comparators)]
-                for sign, left, right in reversed(list(zip(node.ops, sides[:-1], sides[1:], strict=True))):
-                    match sign:
-                        case ast.LtE():
-                            x = Where(right - left, x, y)
-                        case ast.GtE():
-                            x = Where(left - right, x, y)
-                        case ast.Lt():
-                            x = Where(left - right, y, x)
-                        case ast.Gt():
-                            x = Where(right - left, y, x)
-                        case _:
-                            self._refuse(node, _A_CONDITION)
-                return x
+                pairs = zip(node.ops, sides[:-1], sides[1:], strict=True)
+                guards = [self._comparison(node, sign, left, right) for sign, left, right in pairs]
+                return guards[0] if len(guards) == 1 else (_of_many(Smaller, [_plain(*g) for g in guards]), False)
+        self._refuse(node, _A_CONDITION)
+
+    def _plain_guard(self, node: ast.expr, depth: int) -> Expr:
+        return _plain(*self._guard(node, depth))
+
+    def _comparison(self, node: ast.expr, sign: ast.cmpop, left: Expr, right: Expr) -> tuple[Expr, bool]:
+        match sign:
+            case ast.LtE():
+                return right - left, False
+            case ast.GtE():
+                return left - right, False
+            case ast.Lt():
+                return left - right, True
+            case ast.Gt():
+                return right - left, True
         self._refuse(node, _A_CONDITION)
 
     def _chain(self, node: ast.expr, kinds: tuple[type, type]) -> list[tuple[bool, ast.expr]]:
@@ -390,3 +389,14 @@ class _Builder:
 
     def _fail(self, expected: str, got: str) -> NoReturn:
         raise ExpressionError(self.name, expected, got) from None
+
+
+def _of_many(choose: Callable[[Expr, Expr], Expr], parts: list[Expr]) -> Expr:
+    """The largest or smallest of many, by halves: what is nested deeply, SymPy gives up on."""
+    half = len(parts) // 2
+    return parts[0] if not half else choose(_of_many(choose, parts[:half]), _of_many(choose, parts[half:]))
+
+
+def _plain(guard: Expr, inverse: bool) -> Expr:
+    """What is at least 0 where a condition holds."""
+    return Where(guard, sympy.S.NegativeOne, sympy.S.One) if inverse else guard

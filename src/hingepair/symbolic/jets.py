@@ -58,6 +58,7 @@ class JetProgram:
         self.switches: list[Expr] = []
         self._names: dict[Expr, Expr] = {}
         self._jets: dict[Expr, Jet] = {}
+        self._sides: dict[Expr, Expr] = {}
         self._constants: dict[Expr, Expr] = {}
 
     def jet(self, expr: Expr) -> Jet:
@@ -102,26 +103,42 @@ class JetProgram:
     def _applied(self, expr: Expr, jets: list[Jet]) -> Jet:
         """The jet of a function of what has these jets."""
         value = expr.func(*[value for value, _, _ in jets])
+        zero: Jet = (sympy.S.Zero,) * 3
         match expr:
             case sympy.Abs():
-                return self._chosen(value, jets[0], jets[0], self._multiply(jets[0], (sympy.S.NegativeOne, 0, 0)))
+                return self._chosen(
+                    value, expr.args[0], jets[0], self._multiply(jets[0], (sympy.S.NegativeOne, 0, 0))
+                )
             case sympy.sign():
-                return self._chosen(value, jets[0], (0, 0, 0), (0, 0, 0))
+                return self._chosen(value, expr.args[0], zero, zero)
             case Where():
-                return self._chosen(value, *jets)
+                return self._chosen(value, expr.args[0], *jets[1:])
             case Larger() | Smaller():
-                return self._chosen(value, self.jet(expr.guard()), *jets)
+                return self._chosen(value, expr.guard(), *jets)
             case Remainder():
                 self.switches.append(self._name(sympy.floor(jets[0][0] / jets[1][0])))
                 return self._name(value), *jets[0][1:]
         return self._differentiate(value, jets)
 
-    def _chosen(self, value: Expr, guard: Jet, x: Jet, y: Jet) -> Jet:
+    def _chosen(self, value: Expr, guard: Expr, x: Jet, y: Jet) -> Jet:
         """The jet of what is x where the guard is at least 0, else y; derivatives are those just after t."""
-        side = self._name(Side(*guard))
+        side = self._side(guard)
         self.switches.append(side)
         first, second = (self._name(Where(side, *parts)) for parts in list(zip(x, y, strict=True))[1:])
         return self._name(value), first, second
+
+    def _side(self, guard: Expr) -> Expr:
+        """1 or -1, on which side of zero a guard is just after t; one put together of others is judged by them."""
+        if guard not in self._sides:
+            match guard:
+                case Where() | Larger() | Smaller():
+                    side = guard.func(*map(self._side, guard.args))
+                case sympy.Number():
+                    side = sympy.S.One if guard >= 0 else sympy.S.NegativeOne
+                case _:
+                    side = Side(*self.jet(guard))
+            self._sides[guard] = self._name(side)
+        return self._sides[guard]
 
     def _multiply(self, a: Jet, b: Jet) -> Jet:
         """The jet of a product: (a b)'' = a'' b + 2 a' b' + a b''."""
