@@ -206,19 +206,23 @@ def test_an_unknown_base_is_refused():
 
 
 @pytest.mark.parametrize("limits", [(-1, 2), None], ids=["revolute", "continuous"])
-@pytest.mark.parametrize(("torque", "rate"), [(12.5, 3.25), (0.0, 0.0), (None, None)], ids=str)
+@pytest.mark.parametrize(
+    ("torque", "rate"), [(12.5, 3.25), (0.0, 0.0), (12.5, None), (None, 3.25), (None, None)], ids=str
+)
 def test_limits_of_torque_and_rate_reach_the_simulators_and_come_back(limits, torque, rate):
     import mujoco
 
     pair = corner_pair(1, limits=limits, torque_limit=torque, rate_limit=rate)
     back = hp.from_urdf(hp.to_urdf(pair), HINGE)
-    given = torque is not None
-    invented = (1000.0, 100.0) if limits else (None, None)
-    assert (back.torque_limit, back.rate_limit) == ((torque, rate) if given else invented)
-    if given:
-        twin, model = hp.to_pinocchio(pair).model, pin.buildModelFromXML(hp.to_urdf(pair), pin.JointModelFreeFlyer())
-        for key in ("lowerEffortLimit", "upperEffortLimit", "upperVelocityLimit"):
-            assert getattr(twin, key)[-1] == getattr(model, key)[-1], key
+    none = limits is None and torque is None and rate is None
+    expected = [invented if own is None else own for own, invented in ((torque, 1000.0), (rate, 100.0))]
+    assert [back.torque_limit, back.rate_limit] == ([None, None] if none else expected)
+    twin, model = hp.to_pinocchio(pair).model, pin.buildModelFromXML(hp.to_urdf(pair), pin.JointModelFreeFlyer())
+    if torque is not None:
+        assert twin.lowerEffortLimit[-1] == model.lowerEffortLimit[-1] == -torque
+        assert twin.upperEffortLimit[-1] == model.upperEffortLimit[-1] == torque
+    if rate is not None:
+        assert twin.upperVelocityLimit[-1] == model.upperVelocityLimit[-1] == rate
         assert twin.lowerVelocityLimit[-1] == -rate  # Pinocchio 4.1 reads it from URDF without the sign
     model = mujoco.MjModel.from_xml_string(hp.to_mjcf(pair))
     assert model.jnt_actfrclimited[1] == bool(torque)

@@ -51,9 +51,9 @@ def to_urdf(pair: HingePair, *, base: str = "free") -> str:
 
     The link `body1` has the frame (R1, S1). The joint `hinge`, revolute where the pair has limits, else continuous,
     leads from it to the link `body2_at_hinge`, which has body 2's mass and shapes and its origin at the hinge point;
-    the link `body2`, fixed to that at -u2, has the frame (R2, S2). A revolute joint of URDF must say how strong and
-    how fast it is: where the pair has no torque_limit effort="1000.0" (N m) is written, where it has no rate_limit
-    velocity="100.0" (rad/s), which should stop nothing.
+    the link `body2`, fixed to that at -u2, has the frame (R2, S2). A joint of URDF that has
+    any limit must say how strong and how fast it is: where the pair has no torque_limit effort="1000.0" (N m) is
+    written, where it has no rate_limit velocity="100.0" (rad/s), which should stop nothing.
 
     Args:
         pair: the pair; its limits, torque_limit, rate_limit, body1 and body2 are written where given.
@@ -95,13 +95,12 @@ def to_urdf(pair: HingePair, *, base: str = "free") -> str:
 
 
 def _limit(pair: HingePair) -> dict[str, float]:
-    """What URDF says of a joint's limits; a revolute joint must have all of it."""
+    """What URDF says of a joint's limits: effort and velocity, both, where it says anything."""
     given = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
-    if pair.limits is None:
-        return {key: value for key, value in given.items() if value is not None}
-    return dict(zip(("lower", "upper"), pair.limits, strict=True)) | {
-        key: _BEYOND[key] if value is None else value for key, value in given.items()
-    }
+    if pair.limits is None and not any(value is not None for value in given.values()):
+        return {}
+    both = {key: _BEYOND[key] if value is None else value for key, value in given.items()}
+    return both if pair.limits is None else dict(zip(("lower", "upper"), pair.limits, strict=True)) | both
 
 
 def _axis(pair: HingePair) -> NDArray[np.float64]:
