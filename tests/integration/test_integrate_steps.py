@@ -118,7 +118,7 @@ def test_lengths_of_steps_add_up():
     ("method", "at"),
     [
         *((m, at) for at in generator(161).uniform(0.5, 9.5, 4).tolist() for m in ("magnus6", "cf4")),
-        ("euler_angles", 3.3),
+        pytest.param("euler_angles", 3.3, marks=pytest.mark.slow),
     ],
 )
 def test_a_short_pulse_is_seen(method, at):
