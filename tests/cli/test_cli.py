@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import io
 import json
 import os
@@ -253,6 +254,25 @@ def test_what_a_file_holds_is_not_obeyed_by_the_terminal(short_scene: Path, tmp_
     log.write_text(f"t,{ESCAPE}\n0,1\n")
     (tmp_path / "log.toml").write_text(text.split("[motion]")[0] + "[motion]\nfile = 'log.csv'\n")
     assert "\x1b" not in invoke("run", tmp_path / "log.toml")
+
+
+@pytest.mark.parametrize(("error", "code"), [("MemoryError", 2), ("ZeroDivisionError", 3), ("RecursionError", 3)])
+def test_an_error_that_is_none_of_ours_is_no_failed_check(
+    error: str, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from hingepair.cli import main
+
+    def fail() -> None:
+        raise getattr(builtins, error)("unforeseen")
+
+    monkeypatch.setattr(main, "app", fail)
+    assert main._run() == code
+    assert "unforeseen" in capsys.readouterr().err
+
+
+def test_a_closed_standard_output_is_no_error(short_scene: Path) -> None:
+    done = shell(f"hingepair check {short_scene} >&-")
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_a_warning_is_a_line(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from typing import Annotated
 
 import typer
@@ -12,7 +13,7 @@ from hingepair.cli.bench import app as bench_app
 from hingepair.cli.derive import derive
 from hingepair.cli.fit import fit_files
 from hingepair.cli.forces import forces
-from hingepair.cli.output import EXIT_BAD, behave, printed
+from hingepair.cli.output import EXIT_BAD, EXIT_FAULT, behave, printed
 from hingepair.cli.pairs import mjcf, urdf
 from hingepair.cli.robots import robots
 from hingepair.cli.run import check, run
@@ -21,7 +22,7 @@ from hingepair.errors import HingePairError
 app = typer.Typer(
     name="hingepair",
     help="Two rigid bodies joined by a hinge: everything about body 2 from the motion of body 1 and the hinge angle.",
-    epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input, or output that cannot be written.",
+    epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input or output that cannot be written, 3 a fault of ours.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -45,6 +46,14 @@ def _run() -> int:
     except HingePairError as error:
         print(f"hingepair: {error}", file=sys.stderr)
         return EXIT_BAD
+    except MemoryError as error:
+        print(f"hingepair: not enough memory ({error})", file=sys.stderr)
+        return EXIT_BAD
+    except OSError:
+        raise
+    except Exception:
+        traceback.print_exc()
+        return EXIT_FAULT
     except SystemExit as done:
         return done.code if isinstance(done.code, int) else 0
     return 0

@@ -20,6 +20,8 @@ from hingepair.formats.whole_file import whole_file
 EXIT_BAD = 2
 """The exit code of what could not be done; 1 means that a check failed."""
 
+EXIT_FAULT = 3
+"""That of an error which is none of ours: a traceback follows."""
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
@@ -34,7 +36,10 @@ def give(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
     """A text that another program reads, in UTF-8: into a file that is none of the inputs, or to standard output."""
     if out is None:
         sys.stdout.flush()
-        sys.stdout.buffer.write(text.encode())
+        if hasattr(sys.stdout, "buffer"):
+            sys.stdout.buffer.write(text.encode())
+        else:  # a caller's, made of text
+            sys.stdout.write(text)
         return
     with whole_file(out, inputs) as file:
         file.write(text.encode())
@@ -46,6 +51,8 @@ def behave() -> None:
 
     A signal becomes SystemExit, so that a file which is half written is taken away.
     """
+    if sys.stdout is None:  # closed by the shell, >&-
+        sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for as long as the process runs
     if hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
@@ -64,7 +71,7 @@ def printed(run: Callable[[], int]) -> int:
         code = run()
         sys.stdout.flush()
     except OSError as error:
-        print(f"hingepair: standard output: {error.strerror or error}", file=sys.stderr)
+        print(f"hingepair: {error.filename or 'standard output'}: {error.strerror or error}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left would fail again at the end
         return EXIT_BAD
     return code
