@@ -58,7 +58,7 @@ FAULTS = {
         "equations/spatial.py",
         "rates[2] + (turn[2] + phid[0] * y)",
         "rates[2] + (turn[2] - phid[0] * y)",
-        "pair/test_laws.py::test_time_reversed[general]",
+        "pair/test_accuracy.py::test_random_states_of_one_pair[numpy]",
     ),
     "a sign in J^-1": Fault(
         "equations/spatial.py",
@@ -149,7 +149,7 @@ FAULTS = {
         "evaluation/steps.py",
         'Step("d", eq.offset, ("S1", "along", "swing"))',
         'Step("d", lambda *a: eq.subtract(eq.add(a[3], eq.offset(*a[:3])), a[3]), ("S1", "along", "swing", "R1"))',
-        "pair/test_laws.py::test_a_matrix_of_nine_digits_keeps_the_hinge_together[general]",
+        "pair/test_accuracy.py::test_hard_state[numpy-R1=1e+15]",
     ),
     "psi reduced modulo 2 pi in double": Fault(
         "numeric/blocks.py",
@@ -277,31 +277,31 @@ FAULTS = {
         "integration/methods.py",
         "scale(cross(w1, w2), h * h",
         "scale(cross(w2, w1), h * h",
-        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method[reference-magnus4]",
+        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method",
     ),
     "a sign in an inner commutator of magnus6": Fault(
         "integration/methods.py",
         "-1 / 60)",
         "1 / 60)",
-        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method[reference-magnus6]",
+        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method",
     ),
     "the outer commutator of magnus6 dropped": Fault(
         "integration/methods.py",
         "scale(outer, 1 / 240)",
         "scale(outer, 0.0)",
-        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method[reference-magnus6]",
+        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method",
     ),
     "the two exponentials exchanged": Fault(
         "integration/methods.py",
         "quaternion_product(quaternion_exp(second), quaternion_exp(first))",
         "quaternion_product(quaternion_exp(first), quaternion_exp(second))",
-        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method[reference-cf4]",
+        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method",
     ),
     "products in the order of time backwards": Fault(
         "integration/stepping.py",
         'lambda v: {"own": combine(v["own"], v["before"])}',
         'lambda v: {"own": combine(v["before"], v["own"])}',
-        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method[reference-magnus6]",
+        "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method",
     ),
     # Pinocchio
     "spatial for classical acceleration, going to Pinocchio": Fault(
@@ -447,8 +447,8 @@ FAULTS = {
     ),
     "components of a vector stored in another order": Fault(
         "evaluation/llvm_ir.py",
-        "high if i & step else low",
-        "low if i & step else high",
+        "(rows[-1][lane], sample)",
+        "(rows[-1][lane - 1], sample)",
         "evaluation/test_loops.py::test_every_count[8-float64]",
     ),
     "a scan that hands on what it was given": Fault(
