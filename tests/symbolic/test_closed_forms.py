@@ -271,6 +271,14 @@ def test_constants_of_a_scene_stay_letters():
         hp.derive(found, ("speed",))
 
 
+def test_constants_are_as_exact_as_they_are_written(tmp_path):
+    text = (MODELS / "reference_2d.toml").read_text().replace("swing = 0.8", 'swing = "pi/4"')
+    (tmp_path / "scene.toml").write_text(text)
+    found = hp.load_scene(tmp_path / "scene.toml")
+    assert found.expressions["phi"] == sympy.pi / 4 * sympy.sin(9 * T / 10) + 3 * T / 10
+    assert found.constants == {"swing": np.pi / 4}
+
+
 KINKED = {
     "psi": '"abs(t - 1) + max(sin(t), 0.5)"',
     "x": '"where(t < 1, t, t**2)"',

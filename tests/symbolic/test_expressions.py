@@ -263,7 +263,14 @@ def test_what_a_guard_does_not_know_is_nan() -> None:
 
 @pytest.mark.parametrize(
     ("text", "count"),
-    [("t**2", 0), ("abs(t)", 1), ("max(sin(pi*t), 0)", 3), ("mod(t, 0.5)", 7), ("abs(t)+sign(t)", 1)],
+    [
+        ("t**2", 0),
+        ("abs(t)", 1),
+        ("max(sin(pi*t), 0)", 3),
+        ("mod(t, 0.5)", 7),
+        ("abs(t)+sign(t)", 1),
+        ("abs(sqrt(t))", 0),
+    ],
 )
 def test_kinks_are_counted(text: str, count: int) -> None:
     assert TimeFunctions([parse("x", text)]).switches(np.linspace(-1.99, 1.99, 200)).sum() == count
@@ -284,6 +291,7 @@ def test_letters_stay() -> None:
         ("t % 2", "mod(x, period)"),
         ("t^2", "**"),
         ("1 < t", "where(condition, x, y)"),
+        ("t if t < 1 else 2", "where(condition, x, y)"),
         ("where(t == 1, 1, 2)", "comparisons by"),
         ("where(t, 1, 2)", "comparisons by"),
         ("mod(t, t)", "does not depend on t"),

@@ -49,11 +49,11 @@ class FunctionsOfTime:
     names: tuple[str, ...]
     functions: tuple[Expr | WayPoints, ...]
     texts: tuple[str, ...]
-    constants: Mapping[str, float]
+    constants: Mapping[str, Any]
 
     def derivatives(self, t: ArrayLike, order: int) -> Derivatives:
         """(values, first derivatives, ...), each one entry per function; exact, at kinks those from the right."""
-        rows = iter(zip(*self._compiled().derivatives(t, order), strict=True))
+        rows = iter(zip(*self.compiled().derivatives(t, order), strict=True))
         columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]
         return tuple(zip(*columns, strict=True))
 
@@ -67,7 +67,7 @@ class FunctionsOfTime:
 
     def kinks(self, t: Float64Array) -> int:
         """Between how many neighbouring instants there are kinks or jumps."""
-        switched = self._compiled().switches(t)
+        switched = self.compiled().switches(t)
         for function in self.functions:
             if isinstance(function, WayPoints):
                 switched |= function.switches(t)
@@ -84,7 +84,12 @@ class FunctionsOfTime:
             for name, f, text in zip(self.names, self.functions, self.texts, strict=True)
         }
 
-    def _compiled(self) -> TimeFunctions:
+    def compiled(self) -> TimeFunctions:
+        """The expressions among them, ready to be evaluated.
+
+        Raises:
+            ArgumentError: one is not real and finite, whatever t is; names it.
+        """
         kept = [(name, f) for name, f in zip(self.names, self.functions, strict=True) if not isinstance(f, WayPoints)]
         return _time_functions(tuple(f for _, f in kept), tuple(name for name, _ in kept))
 
@@ -203,7 +208,7 @@ def _functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
     texts = tuple(value if isinstance(value := table.values.get(key), str) else "" for key in names)
     functions = FunctionsOfTime(names, found, texts, table.constants)
     with table.naming():
-        functions.derivatives(np.empty(0), 0)
+        functions.compiled()
     return functions
 
 

@@ -313,7 +313,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     planar, pair = tables.flag("planar"), _pair(tables)
     motion = _read_motion(tables, Path(path).parent, planar)
     outputs = _read_outputs(tables.table("outputs", required=False), PLANAR if planar else SPATIAL)
-    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, outputs, tables.constants)
+    constants = {key: float(value) for key, value in tables.constants.items()}
+    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, outputs, constants)
     with tables.table("outputs", required=False).naming("names"):
         scene._wanted(None)
     return scene
@@ -334,14 +335,15 @@ def _read(path: str | os.PathLike[str]) -> Table:
     tables.check_keys(_TABLES)
     motion = tables.table("motion", required=False)
     constants = motion.table("constants", required=False)
-    known: dict[str, float] = {}
-    for key in constants.values:
-        from hingepair.symbolic.expressions import constant_name_fault
+    known: dict[str, Any] = {}
+    for key, value in constants.values.items():
+        from hingepair.symbolic.expressions import constant, constant_name_fault
 
         fault = constant_name_fault(key)
         if fault:
             constants.refuse(key, fault, quoted(key))
-        known[key] = Table(tables.file, constants.name, constants.values, known).number(key)
+        with constants.naming(key):
+            known[key] = constant(key, value, known) if isinstance(value, str) else constants.number(key)
     return Table(tables.file, "", tables.values, known)
 
 

@@ -62,10 +62,10 @@ class Table(Place):
 
     Attributes:
         values: what it holds.
-        constants: numbers that expressions may name.
+        constants: numbers that expressions may name, or SymPy expressions of numbers.
     """
 
-    def __init__(self, file: str, name: str, values: dict[str, Any], constants: Mapping[str, float]) -> None:
+    def __init__(self, file: str, name: str, values: dict[str, Any], constants: Mapping[str, Any]) -> None:
         super().__init__(file, name)
         self.values = values
         self.constants = constants
@@ -153,9 +153,10 @@ class Table(Place):
     def _number(self, key: str, value: Any) -> float:
         if isinstance(value, str):
             from hingepair.symbolic.expressions import constant
+            from hingepair.symbolic.kinks import constant_value
 
             with self.naming(key):
-                return constant(key, value, self.constants)
+                return constant_value(constant(key, value, self.constants))
         try:
             return finite_number(key, value)
         except ArgumentError:

@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable, Collection, Mapping
 from fractions import Fraction
 from types import MappingProxyType
-from typing import Final, NamedTuple, NoReturn
+from typing import Final, NamedTuple, NoReturn, TypeAlias
 
 import sympy
 
@@ -54,6 +54,8 @@ FUNCTIONS: Final = (*SMOOTH, *KINKED)
 CONSTANTS: Final = MappingProxyType({"pi": math.pi, "tau": math.tau, "e": math.e})
 """What has a value by name."""
 
+Number: TypeAlias = float | Expr
+
 _EXACT: Final = MappingProxyType({"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E})
 _PUNCTUATION = "+-*/().,_<>= \t\r\n\f\v"
 _A_NUMBER = "a finite real number"
@@ -75,7 +77,7 @@ class UnknownNameError(ExpressionError):
         self.args = (f"{name}: {got}; known: {expected}",)
 
 
-def parse(name: str, text: str, constants: Mapping[str, float] | None = None, letters: Collection[str] = ()) -> Expr:
+def parse(name: str, text: str, constants: Mapping[str, Number] | None = None, letters: Collection[str] = ()) -> Expr:
     """The SymPy expression that a text in t stands for.
 
     Numbers, `+ - * / **`, brackets, t, pi, tau, e, the named constants and FUNCTIONS; decimal numbers are exact.
@@ -83,7 +85,7 @@ def parse(name: str, text: str, constants: Mapping[str, float] | None = None, le
     Args:
         name: what the text is, for messages: `motion.psi`.
         text: the expression.
-        constants: values of further names, finite; see `constant_name_fault`.
+        constants: values of further names, finite numbers or expressions without t; see `constant_name_fault`.
         letters: those of them that stay letters.
 
     Raises:
@@ -104,8 +106,8 @@ def parse(name: str, text: str, constants: Mapping[str, float] | None = None, le
         raise ExpressionError(name, "an expression that SymPy can work with", text) from None
 
 
-def constant(name: str, text: str, constants: Mapping[str, float] | None = None) -> float:
-    """The number that a text without t stands for: `pi/6`.
+def constant(name: str, text: str, constants: Mapping[str, Number] | None = None) -> Expr:
+    """The SymPy expression that a text without t stands for: `pi/6`.
 
     Raises:
         ExpressionError: as for `parse`, or the text depends on t.
@@ -113,7 +115,7 @@ def constant(name: str, text: str, constants: Mapping[str, float] | None = None)
     expr = parse(name, text, constants)
     if expr.free_symbols:
         raise ExpressionError(name, "a number: an expression without t", text)
-    return constant_value(expr)
+    return expr
 
 
 def constant_name_fault(name: str) -> str | None:
@@ -134,7 +136,7 @@ class _Part(NamedTuple):
 class _Builder:
     """One text on its way to SymPy."""
 
-    def __init__(self, name: str, text: str, constants: Mapping[str, float], letters: Collection[str]) -> None:
+    def __init__(self, name: str, text: str, constants: Mapping[str, Number], letters: Collection[str]) -> None:
         self.name = name
         self.text = text
         self.constants = constants
@@ -181,6 +183,8 @@ class _Builder:
                 return self._call(node, depth + 1)
             case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
                 self._refuse(node, "a condition only in where(condition, x, y)")
+            case ast.IfExp():
+                self._refuse(node, "where(condition, x, y) for a choice")
         self._refuse(node, "numbers, names, calls and + - * / **")
 
     def _number(self, node: ast.Constant) -> _Part:
@@ -200,7 +204,8 @@ class _Builder:
         if node.id in self.letters:
             return _Part(sympy.Symbol(node.id, real=True), None)
         if node.id in self.constants:
-            return self._finish(node, exact(self.constants[node.id]), None)
+            value = self.constants[node.id]
+            return self._finish(node, exact(value) if isinstance(value, int | float) else value, None)
         if node.id in FUNCTIONS:
             self._refuse(node, KINKED.get(node.id, f"{node.id}(...)"))
         self._unknown(node)

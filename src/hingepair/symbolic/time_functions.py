@@ -84,7 +84,7 @@ class TimeFunctions:
         """Whether kinks or jumps lie between neighbours of increasing instants; shape (N - 1,)."""
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         for sides in self._sample([switch for switch in self._program.switches if switch.free_symbols], t):
-            switched |= np.diff(sides) != 0
+            switched |= np.abs(np.diff(sides)) > 0  # not of NaN, where nothing is known
         return switched
 
     def _sample(self, results: list[Expr], t: NDArray[np.float64]) -> list[NDArray[np.float64]]:
