@@ -1,0 +1,110 @@
+"""Programs that shrink by what is known beforehand keep the accuracy contract, against 60 digits.
+
+Each structure of a pair and of its motion, both backends, batches and single states.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import mpmath
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.rotations.sequences import SEQUENCES
+from support import reference, states
+from support.reference import ORDINARY, OUTPUTS
+
+pytestmark = pytest.mark.usefixtures("each_backend")
+
+AXES = {"x": (1, 0, 0), "-y": (0, -3, 0), "z": (0, 0, 1), "-z": (0, 0, -0.1), "xz": (0.6, 0, 0.8)}
+QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+LEVERS = {
+    "levers": ((0.5, -0.2, 0.3), (-0.25, 0.1, 0.7)),
+    "u1 = 0": ((0, 0, 0), (-0.25, 0.1, 0.7)),
+    "u2 = 0": ((0.5, -0.2, 0.3), (0, 0, 0)),
+    "u2 along n": ((1, 0, 0), (0, 0, 2.0)),
+    "in the plane": ((0.5, -0.2, 0), (-0.25, 0.1, 0)),
+}
+MOTIONS = {
+    "upright": (0, 1, 0, 0, 0, None, None),
+    "upright and still": (None, None, 0.5, 0, 0, 0.25, None),
+    "only psi": (0, 0, 0, 0, 0, 0, None),
+    "no psi": (None, 0, None, None, None, None, 0),
+    "one turn": (None, None, None, 0, None, 0, -1),
+    "ones": (1, -1, 1, 1, -1, 1, None),
+}
+
+
+def known_in_part(pattern, rng, count=3):
+    """A tuple of seven coordinates, numbers where the pattern has them."""
+    return tuple(rng.uniform(-3, 3, count) if c is None else float(c) for c in pattern)
+
+
+def require(truth, state, ledger, way):
+    worst = {name: ledger(way, name, truth.errors(name, np.asarray(getattr(state, name)))) for name in state.outputs}
+    late = {name: value for name, value in worst.items() if not value <= ORDINARY[name]}
+    assert not late, f"beyond the promise, in units of u * scale: {late}"
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("axis", AXES)
+def test_known_numbers(axis, motion, ledger):
+    """Coordinates, their rates, axis, levers and home, of which some are 0, 1 or -1."""
+    place = list(AXES).index(axis), list(MOTIONS).index(motion)
+    rng = states.generator(110, *place)
+    sequence = SEQUENCES[rng.integers(len(SEQUENCES))]
+    u1, u2 = list(LEVERS.values())[sum(place) % len(LEVERS)]  # every pair of structures once: a kernel each
+    home = QUARTER if rng.random() < 0.5 else None
+    q, qd, qdd = (known_in_part(MOTIONS[motion], rng) for _ in range(3))
+    full = [np.broadcast_to(np.stack(np.broadcast_arrays(*c), axis=-1), (3, 7)) for c in (q, qd, qdd)]
+    truth = reference.from_euler(tuple(map(_array, (u1, u2, AXES[axis], home))), *full, sequence=sequence)
+    pair = hp.HingePair(u1=u1, u2=u2, n=AXES[axis], home=home)
+    require(truth, pair.forward_kinematics(q, qd, qdd, sequence=sequence, outputs=OUTPUTS), ledger, "folded")
+
+
+def _array(constant):
+    return None if constant is None else np.asarray(constant, float)
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("axis", AXES)
+def test_one_state(axis, ledger):
+    rng = states.generator(111, list(AXES).index(axis))
+    for (u1, u2), pattern in zip(LEVERS.values(), itertools.cycle(("upright", "only psi")), strict=False):
+        constants = tuple(map(_array, (u1, u2, AXES[axis], None)))
+        motion = [
+            np.array([0.3 * rng.normal() if c is None else c for c in MOTIONS[pattern]], float) for _ in range(3)
+        ]
+        truth = reference.from_euler(constants, *(c[None] for c in motion))
+        state = hp.HingePair(*constants[:3]).forward_kinematics(*(tuple(c.tolist()) for c in motion), outputs=OUTPUTS)
+        batch = {name: np.asarray(getattr(state, name))[None] for name in OUTPUTS}
+        worst = {name: ledger("folded, one", name, truth.errors(name, got)) for name, got in batch.items()}
+        assert all(worst[name] <= ORDINARY[name] for name in OUTPUTS), worst
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("levers", ["levers", "u1 = 0", "u2 = 0"])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_planar_pairs(levers, dtype, ledger):
+    """E11 by folding: the scale of a planar pair is that of the spatial one."""
+    rng = states.generator(112, list(LEVERS).index(levers))
+    u1, u2 = (np.array(u[:2], dtype) for u in LEVERS[levers])
+    q, qd, qdd = (c.astype(dtype) for c in rng.uniform(-3, 3, (3, 20, 4)))
+    spatial = (*(np.append(u, 0).astype(float) for u in (u1, u2)), np.eye(3)[2], None)
+    lifted = [np.insert(c.astype(float), (2, 2, 2), 0.0, axis=1) for c in (q, qd, qdd)]
+    truth = reference.from_euler(spatial, *lifted)
+    for name in ("R2", "d", "v2", "a2"):
+        truth.values[name] = truth.values[name][:, :2]
+    for name in ("omega2", "alpha2"):
+        truth.values[name] = truth.values[name][:, 2]
+    outputs = ("R2", "d", "v2", "a2", "omega2", "alpha2", "phi2")
+    state = hp.PlanarPair(u1=u1, u2=u2).forward_kinematics(q, qd, qdd, outputs=outputs)
+    with mpmath.workdps(reference.DIGITS):
+        angle = reference.exactly(q[:, 2]) + reference.exactly(q[:, 3])
+        gap = abs(reference.exactly(state.phi2) - angle)
+        assert all(gap <= reference.UNIT[np.dtype(dtype)] * abs(angle))
+    worst = {name: ledger("planar", name, truth.errors(name, getattr(state, name))) for name in outputs[:-1]}
+    assert all(value <= ORDINARY[name] for name, value in worst.items()), worst
