@@ -41,7 +41,7 @@ def pytest_configure(config):
 @pytest.fixture
 def ledger(request, record_property):
     """record(way, output, errors): keeps the worst error of an output, in units of u * scale, for the last table."""
-    compiled = "numba" in getattr(request.node, "callspec", request.node).__dict__.get("params", {}).values()
+    compiled = "compiled" in getattr(request.node, "callspec", request.node).__dict__.get("params", {}).values()
 
     def record(way, output, errors):
         worst = max(map(float, errors), default=0.0)
@@ -51,7 +51,7 @@ def ledger(request, record_property):
     return record
 
 
-@pytest.fixture(params=["numpy", "numba"])
+@pytest.fixture(params=["numpy", "compiled"])
 def each_backend(request, monkeypatch):
     """Every call that does not name a backend goes to this one."""
     choose = hingepair.pair.hinge_pair.choose

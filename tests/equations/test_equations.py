@@ -1,10 +1,8 @@
-"""The equations are written once: the same functions over floats, NumPy, SymPy, mpmath and compiled code agree."""
+"""The equations are written once: the same functions over floats, NumPy, SymPy, mpmath agree."""
 
 from __future__ import annotations
 
-import inspect
 import math
-from types import FunctionType
 
 import mpmath
 import numpy as np
@@ -111,36 +109,3 @@ def test_one_changed_sign_changes_every_kind_of_number(case, monkeypatch):
     }
     for name, got in kinds.items():
         assert max(abs(float(x) - y) for x, y in zip(got, truth[0], strict=True)) > 1e-3, name
-
-
-def compiled_equations():
-    """Copies of the equations that call compiled copies of one another; the module itself is left as it is."""
-    import numba
-
-    names = {}
-    for name, function in inspect.getmembers(eq, inspect.isfunction):
-        names[name] = numba.njit(FunctionType(function.__code__, names, name))
-    return names
-
-
-def test_the_equations_compile():
-    """No Python object hides in them: Numba compiles them unchanged and they agree with Python."""
-    fast = compiled_equations()
-    numbers = np.random.default_rng(3).uniform(-1.0, 1.0, 40).tolist()
-    v = [tuple(numbers[3 * i : 3 * i + 3]) for i in range(8)]
-    S, T = tuple(numbers[:9]), tuple(numbers[9:18])
-    calls = {
-        "hinge_rotation": (v[0], (numbers[3], numbers[4])),
-        "attitude2": (S, T, tuple(numbers[18:27])),
-        "angular_acceleration1": (tuple(numbers[:5]), v[2], v[3]),
-        "angular_acceleration2": (v[0], v[1], v[2], numbers[9], numbers[10]),
-        "swing": (v[0], v[1], (numbers[3], numbers[4]), numbers[5]),
-        "slide": (S, v[0], v[1], (numbers[3], numbers[4]), numbers[5]),
-        "relative_acceleration": (v[0], v[1], numbers[9], numbers[10]),
-        "acceleration2": (v[0], v[1], v[2], v[3], v[4], numbers[9], v[6]),
-        "tait_bryan_attitude": (tuple(numbers[:6]),),
-        "rotate": (S, v[5]),
-    }
-    for name, arguments in calls.items():
-        got, expected = fast[name](*arguments), getattr(eq, name)(*arguments)
-        assert max(abs(x - y) for x, y in zip(got, expected, strict=True)) <= 16 * U, name

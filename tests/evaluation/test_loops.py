@@ -69,7 +69,7 @@ def test_lanes_do_not_know_of_each_other():
     values = given(40)
     whole = run(MAP, values, (40,))
     for start in range(3):
-        for stop in range(start + 1, 27):
+        for stop in range(start + 2, 27):
             part = {"u": values["u"][start:stop], "angle": values["angle"][start:stop], "more": 0.5}
             for name, array in run(MAP, part, (stop - start,)).items():
                 np.testing.assert_array_equal(array, whole[name][start:stop])

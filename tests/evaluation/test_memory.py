@@ -80,7 +80,7 @@ CASES += [(form, level, 2) for form in (rows, columns, FOREIGN) for level in LEV
 
 
 @pytest.mark.parametrize(("form", "level", "workers"), CASES, ids=lambda c: getattr(c, "__name__", str(c)))
-@pytest.mark.parametrize("backend", ["numpy", "numba"])
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
 def test_coordinates_take_inputs_outputs_and_ten_megabytes(backend, form, level, workers):
     parts = LEVELS.index(level) + 1
     pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
@@ -90,7 +90,7 @@ def test_coordinates_take_inputs_outputs_and_ten_megabytes(backend, form, level,
 
 
 @pytest.mark.parametrize(("dtype", "workers"), [(np.float64, 2), (np.float32, 1), (">f8", 1), (">f8", 2)])
-@pytest.mark.parametrize("backend", ["numpy", "numba"])
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
 def test_given_attitudes_take_inputs_outputs_and_ten_megabytes(backend, dtype, workers):
     pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
     S1 = np.broadcast_to(np.eye(3), (SAMPLES, 3, 3)).astype(dtype)

@@ -219,7 +219,7 @@ def test_out_is_a_dict(out):
                 one.forward_kinematics(q, out=out)
 
 
-@pytest.mark.parametrize("backend", ["numpy", "numba"])
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
 def test_one_state_into_given_arrays(backend):
     pair, q, qd = hp.HingePair(u1=(1, 2, 3), u2=(3, 2, 1), n=(1, 2, 3)), (0.1,) * 7, (0.2,) * 7
     out = {"S2": np.full((3, 3), np.nan), "v2": np.full(3, np.nan)}

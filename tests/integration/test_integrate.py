@@ -18,7 +18,7 @@ from support.states import generator, rotations
 
 PAIR = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5), home=rotations(generator(120), 1)[0])
 ORDERS = {"magnus6": 6, "magnus4": 4, "cf4": 4, "midpoint": 2, "rk4_quaternion": 4, "euler_angles": 4}
-BACKENDS = ("numpy", "numba")
+BACKENDS = ("numpy", "compiled")
 spins = pytest.mark.parametrize("spin", SPINS.values(), ids=SPINS)
 backends = pytest.mark.parametrize("backend", BACKENDS)
 

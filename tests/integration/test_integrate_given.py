@@ -214,7 +214,7 @@ def test_what_cannot_be_used_is_named(change, message):
         hp.integrate(**arguments)
 
 
-@pytest.mark.parametrize("backend", ["numpy", "numba"])
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
 def test_euler_angles_stop_before_lock(backend):
     """Turned so that phi_y reaches pi/2: no silent loss of digits, and the time is named."""
     start = hp.euler_to_matrix((0.2, 1.5, 0.3))
@@ -333,7 +333,7 @@ def test_ten_million_steps_do_not_drift(name):
     spin, count = SPINS[name], 10**7
     t = np.linspace(0, 10, count + 1)
     motion = hp.integrate(
-        PAIR, t, spin.omega, lambda s: 1 + 0.3 * np.cos(s), S1_0=spin.S1_0, psi_0=0.1, outputs=(), backend="numba"
+        PAIR, t, spin.omega, lambda s: 1 + 0.3 * np.cos(s), S1_0=spin.S1_0, psi_0=0.1, outputs=(), backend="compiled"
     )
     for i in generator(131).integers(1, count + 1, 300):
         S = hp.BodyMotion.from_quaternion_wxyz(R=(0, 0, 0), quat_wxyz=motion.quat_wxyz[i]).S

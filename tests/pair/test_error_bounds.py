@@ -248,7 +248,7 @@ def test_sines_are_as_good_as_the_bounds_take_them(dtype):
     angle = bounded.kind_of(np.dtype(dtype))(angles.astype(float))
     sine, cosine = angle.sine(), angle.cosine()
     pair = hp.HingePair(u1=(0, 0, 0), u2=(0, -1, 0), n=(1, 0, 0))
-    for backend in ("numpy", "numba"):
+    for backend in ("numpy", "compiled"):
         _, c, s = pair.forward_kinematics((0, 0, 0, 0, 0, 0, angles), outputs=("d",), backend=backend).d.T
         assert s.dtype == dtype
         assert np.all(abs(s - np.sin(wide)) <= sine.error)

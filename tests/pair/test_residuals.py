@@ -28,7 +28,7 @@ VARIANTS = {
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32], ids=["f64", "f32"])
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("backend", ["numpy", "numba"])
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
 def test_motion_of_the_library_passes(variant, dtype, backend):
     """With a factor of four to spare."""
     changes, fixed = VARIANTS[variant]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pair.forward_kinematics import COORDINATES
+from hingepair.evaluation.steps import COORDINATES
 from hingepair.scenes.log_file import ARRAYS, COLUMNS
 from hingepair.scenes.pair_table import KEYS
 from hingepair.scenes.waypoints import PROFILES

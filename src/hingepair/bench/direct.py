@@ -222,7 +222,7 @@ SEQUENCES = {
     "3 x 1,000,000": "[1_000_000] * 3",
     "100 x 1, 1 x 100,000, 100 x 1": "[1] * 100 + [100_000] + [1] * 100",
 }
-BACKENDS = ("auto", "numpy", "numba")
+BACKENDS = ("auto", "numpy", "compiled")
 
 
 def starts(repeats: int, tell: Callable[[str], None]) -> list[Row]:

@@ -143,4 +143,4 @@ def skip(
     """What it is worth to leave out what a scene does not need."""
     from hingepair.bench.skip import skip as bench
 
-    _report(bench(samples, ("numba", "numpy"), repeats, _tell), "", show_json)
+    _report(bench(samples, ("compiled", "numpy"), repeats, _tell), "", show_json)

@@ -5,19 +5,19 @@ from __future__ import annotations
 import functools
 import os
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.evaluation import kernel_cache
 from hingepair.numeric.arrays import check_choice
 
-BACKENDS = ("auto", "numpy", "numba")
+BACKENDS = ("auto", "numpy", "compiled")
 
-WORTH_LOADING = 100_000
-"""Samples in this process, all calls together, after which Numba is imported: a second, or five the first time."""
+_IMPORTING = 0.04  # seconds that llvmlite takes
+_COMPILING, _A_LINE = 0.03, 0.0006  # seconds for a kernel, and for each of its operations
+_A_CALL, _A_SAMPLE = 0.7e-6, 1.0e-9  # seconds that NumPy takes for each operation, beyond what a kernel does
+_A_STATE = 1.2e-8  # seconds that Python takes for each operation on one state, likewise
 
-_seen = 0
+_broken = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,20 +31,6 @@ class How:
 
     backend: str
     workers: int
-
-    def compiles(self, samples: int, loaded: Callable[[], bool] = kernel_cache.loaded) -> bool:
-        """Whether a batch of so many samples goes to the compiled kernels; `loaded` says if they are in memory."""
-        if self.backend != "auto":
-            return self.backend == "numba"
-        if loaded():
-            return True
-        global _seen  # noqa: PLW0603 (what a process has computed so far decides whether compiling pays)
-        _seen += samples
-        return _seen >= WORTH_LOADING and _can_load()
-
-    def compiles_one(self) -> bool:
-        """Whether one state goes to the compiled kernels: where they are in memory, they are faster."""
-        return self.backend == "numba" or (self.backend == "auto" and kernel_cache.loaded())
 
 
 def choose(backend: str, workers: int) -> How:
@@ -74,14 +60,33 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@functools.cache
-def _can_load() -> bool:
-    """Whether the kernels can be had; said once where Numba is installed but does not work."""
-    if not kernel_cache.available():
-        return False
-    try:
-        kernel_cache.kernels()
-    except MissingDependencyError as error:
+class Account:
+    """Whether a kernel pays: what NumPy has cost so far beyond it, against what compiling costs.
+
+    Skis are rented until the rent has come to their price, then bought: whatever calls come, their time is at most
+    twice that of the better backend in hindsight, and no call waits for a kernel that it does not pay for. The costs
+    are estimates by the number of operations, so that what runs does not depend on how busy the machine is.
+    """
+
+    def __init__(self, operations: int) -> None:
+        self.operations = operations
+        self.owed = 0.0
+        self.price = _IMPORTING + _COMPILING + _A_LINE * operations
+
+    def pays(self, samples: int) -> bool:
+        """Count a call over so many samples, and say whether a kernel pays now."""
+        self.owed += self.operations * (_A_CALL + samples * _A_SAMPLE)
+        return self.owed >= self.price and not _broken
+
+    def pays_one(self) -> bool:
+        """The same for one state, in Python."""
+        self.owed += self.operations * _A_STATE
+        return self.owed >= self.price and not _broken
+
+
+def give_up(error: MissingDependencyError) -> None:
+    """Say once that kernels cannot be had, and ask for none again."""
+    global _broken  # noqa: PLW0603 (what cannot be loaded once is not tried at every call)
+    if not _broken:
+        _broken = True
         warnings.warn(f"{error}; computing with NumPy", RuntimeWarning, stacklevel=2)
-        return False
-    return True

@@ -72,8 +72,8 @@ def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozen
             continue
         if isinstance(value, np.ndarray):
             if value.size == count:
-                for x in value.ravel().tolist():
-                    number(float(x))
+                pattern.extend((None,) * count)
+                constants.extend(map(float, value.ravel().tolist()))
                 continue
             for part in _rows(value, tail):
                 pattern.extend((len(pieces), c) for c in range(part.shape[-1]))
@@ -83,7 +83,8 @@ def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozen
             if not isinstance(component, np.ndarray):
                 number(float(component))
             elif component.size == 1:
-                number(float(component.item()))
+                pattern.append(None)
+                constants.append(float(component.item()))
             else:
                 if id(component) not in seen:
                     seen[id(component)] = len(pieces)

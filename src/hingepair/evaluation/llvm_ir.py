@@ -11,8 +11,10 @@ What is left when the samples are no multiple of eight goes through the same cod
 Every group of components (a row of seven coordinates, say) is given by a line of five integers: address, bytes
 between outer samples, between inner samples, between components, and for outputs how to store: SCATTERED,
 SIDE_BY_SIDE, or past the caches: ON_LINES, where addresses are multiples of a vector's size, and OFF_LINES, where
-they lie 16 bytes behind one, as they do in NumPy's own large arrays. Flags of the arithmetic: `contract` and `nsz`,
-or none where the code must not be fused either. NaN stays NaN, and nothing is reordered.
+they lie 16 bytes behind one, as they do in NumPy's own large arrays.
+
+Where the machine can, every sum with a product is fused with it, here and not at LLVM's choice, so that the bits of a
+result do not depend on what else is computed. Nothing is reordered, and NaN stays NaN.
 """
 
 from __future__ import annotations
@@ -43,7 +45,7 @@ _COSINE: Final = (
     *(2.480158729876456e-05, -0.0013888888888887398, 0.041666666666666664),
 )
 _SINES: Final = ("sin", "cos", "versine")
-_INFIX: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
+_PLAIN: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg", "<": "fcmp olt"}
 _DOUBLES: Final = f"<{LANES} x double>"
 
 
@@ -71,7 +73,7 @@ def kernel_ir(
     outputs: Sequence[Group],
     *,
     single: bool = False,
-    exact: bool = False,
+    fuse: bool = True,
     carry: Carry | None = None,
 ) -> str:
     """The code of `void kernel(i64* table, i64 outer, i64 inner)`.
@@ -80,18 +82,18 @@ def kernel_ir(
         inputs: in the order of the table.
         outputs: those after them.
         single: float32 instead of float64; sines are taken in float64.
-        exact: no operation is fused with another.
+        fuse: whether sums are fused with products.
         carry: makes it a scan: each outer sample is a chain of inner ones.
     """
-    return _Kernel(inputs, outputs, "float" if single else "double", "" if exact else "nsz contract ", carry).text()
+    return _Kernel(inputs, outputs, "float" if single else "double", fuse, carry).text()
 
 
 class _Kernel:
     def __init__(
-        self, inputs: Sequence[Group], outputs: Sequence[Group], number: str, flags: str, carry: Carry | None
+        self, inputs: Sequence[Group], outputs: Sequence[Group], number: str, fuse: bool, carry: Carry | None
     ) -> None:
         self.inputs, self.outputs, self.carry = inputs, outputs, carry
-        self.number, self.flags = number, flags
+        self.number, self.fuse = number, fuse
         self.vector = f"<{LANES} x {number}>"
         self.size = 8 if number == "double" else 4
         self.lines: list[str] = []
@@ -143,6 +145,14 @@ class _Kernel:
         results = [value for group in self.outputs for value in group.values]
         results += list(self.carry.after) if self.carry else []
         self.needed = needed_lines(results)
+        self.alone = {id(value) for value in results}
+        for value in self.needed:
+            rest = list(value.operands)
+            product = self.fused(value)
+            if product is not None:
+                rest.reverse()
+                rest.remove(product)
+            self.alone.update(map(id, rest))
         if self.carry:
             self.scan_loops(self.carry)
         else:
@@ -426,7 +436,7 @@ class _Kernel:
     def compute(self, lines: Sequence[Value]) -> None:
         """Write the lines; sines of angles that are all known are taken together."""
         for i, value in enumerate(lines):
-            if id(value) in self.names or value.operation == "input":
+            if id(value) in self.names or value.operation == "input" or id(value) not in self.alone:
                 continue
             if value.operation in _SINES:
                 ready = dict.fromkeys(later.operands[0] for later in lines[i:] if later.operation in _SINES)
@@ -434,22 +444,42 @@ class _Kernel:
             else:
                 self.names[id(value)] = self.operation(value)
 
+    def fused(self, value: Value) -> Value | None:
+        """The product that a sum is fused with, if any: its second operand before its first."""
+        if self.fuse and value.operation in {"+", "-"}:
+            for one in reversed(value.operands):
+                if isinstance(one, Value) and one.operation == "*":
+                    return one
+        return None
+
     def operation(self, value: Value) -> str:
-        name, kind, flags = value.name, self.vector, self.flags
+        name, kind = value.name, self.vector
         if value.operation == "where":
             condition, *both = value.operands
             chosen = ", ".join(f"{kind} {self.of(one)}" for one in both)
             return self.put(f"select <{LANES} x i1> {self.of(condition)}, {chosen}", name)
+        product = self.fused(value)
+        if product is not None:
+            return self.sum_with(product, value)
         parts = [self.of(one) for one in value.operands]
-        if value.operation in _INFIX:
-            return self.put(f"{_INFIX[value.operation]} {flags}{kind} {parts[0]}, {parts[1]}", name)
-        if value.operation == "negative":
-            return self.put(f"fneg {flags}{kind} {parts[0]}", name)
-        if value.operation == "<":
-            return self.put(f"fcmp olt {kind} {parts[0]}, {parts[1]}", name)
+        if value.operation in _PLAIN:
+            return self.put(f"{_PLAIN[value.operation]} {kind} {', '.join(parts)}", name)
         if value.operation == "sqrt":
-            return self.intrinsic(value.operation, parts, name)
+            return self.intrinsic("sqrt", parts, name)
         return self.narrow(self.put(self.by_lanes(value.operation.replace("arctan2", "atan2"), parts)), name)
+
+    def sum_with(self, product: Value, value: Value) -> str:
+        """A sum or difference with a product, rounded once."""
+        first, second = value.operands
+        x, y = (self.of(one) for one in product.operands)
+        if second is product:
+            if value.operation == "-":
+                x = self.put(f"fneg {self.vector} {x}")
+            return self.intrinsic("fma", [x, y, self.of(first)], value.name)
+        rest = self.of(second)
+        if value.operation == "-":
+            rest = self.put(f"fneg {self.vector} {rest}")
+        return self.intrinsic("fma", [x, y, rest], value.name)
 
     def intrinsic(self, name: str, parts: Sequence[str], wish: str = "", doubles: bool = False) -> str:
         kind = _DOUBLES if doubles else self.vector

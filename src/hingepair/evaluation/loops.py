@@ -12,14 +12,15 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.errors import MissingDependencyError
 from hingepair.evaluation import python_source
-from hingepair.evaluation.backend import How
+from hingepair.evaluation.backend import Account, How, give_up
 from hingepair.evaluation.binding import (
     Bound,
     Pattern,
@@ -33,13 +34,24 @@ from hingepair.evaluation.binding import (
     walk,
 )
 from hingepair.evaluation.llvm_ir import Carry, Group, kernel_ir
-from hingepair.evaluation.trace import FUNCTIONS, Operand, Trace, Value, named, needed_lines
+from hingepair.evaluation.trace import (
+    FUNCTIONS,
+    Operand,
+    Trace,
+    Value,
+    line_name,
+    name_lines,
+    needed_lines,
+    operations,
+)
 from hingepair.numeric.arrays import Box, boxes, load
+
+Out: TypeAlias = Mapping[str, NDArray[Any]]
+Key: TypeAlias = tuple[tuple[bool, ...], tuple[int, ...], str]
+"""Of a kernel: which pieces do not move, components of each part of the outputs, the dtype."""
 
 _BLOCK: Final = 2048
 """Samples that NumPy computes at a time: 16 kB a component."""
-
-_PARTS: Final = {3: "xyz", 4: "wxyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")}
 
 
 class Loop:
@@ -53,6 +65,7 @@ class Loop:
         exact: whether the compiled code may not fuse products with sums (compensated arithmetic cannot bear it).
         carry: makes it a scan: of an input that is handed on, the result that becomes it. What is given for such an
             input is where each chain starts.
+        labels: what the components of inputs are called in generated code, unless it is their name and number.
     """
 
     def __init__(
@@ -64,6 +77,7 @@ class Loop:
         *,
         exact: bool = False,
         carry: Mapping[str, str] | None = None,
+        labels: Mapping[str, Sequence[str]] | None = None,
     ) -> None:
         self.name = name
         self.function = function
@@ -71,6 +85,7 @@ class Loop:
         self.outputs: Spec = tuple(outputs.items())
         self.exact = exact
         self.carry = dict(carry or {})
+        self.labels = dict(labels or {})
         self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
 
     def run(
@@ -97,6 +112,25 @@ class Loop:
         self.program(bound.pattern).run(bound, out, shape, dtype, how)
 
 
+class Operations(NamedTuple):
+    """How many operations a program takes.
+
+    Attributes:
+        each: for each sample.
+        once: for all samples together.
+        full: where nothing is known beforehand.
+    """
+
+    each: int
+    once: int
+    full: int
+
+    @property
+    def known(self) -> int:
+        """Those that fold away."""
+        return self.full - self.each - self.once
+
+
 class Traced(NamedTuple):
     """A function written down: its inputs, and its results by name."""
 
@@ -115,17 +149,16 @@ class Program:
     def __init__(self, loop: Loop, pattern: Pattern) -> None:
         self.loop = loop
         self.pattern = pattern
-        self.kernels: dict[tuple[Any, ...], Any] = {}
-        self.saved = 0.0
+        self.kernels: dict[Key, Any] = {}
+        self.accounts: dict[Key, Account] = {}
 
     # ---- the ways to run it
 
-    def run(
-        self, bound: Bound, out: Mapping[str, NDArray[Any]], shape: tuple[int, ...], dtype: np.dtype[Any], how: How
-    ) -> None:
+    def run(self, bound: Bound, out: Out, shape: tuple[int, ...], dtype: np.dtype[Any], how: How) -> None:
         """As `Loop.run`, of inputs that are bound."""
-        compiled = how.backend == "compiled"
-        if not compiled:
+        if not bound.pieces:
+            self._run_once(bound.constants, out, dtype)
+        elif how.backend == "numpy" or (how.backend == "auto" and not self._pays(bound, out, shape, dtype)):
             self.run_numpy(bound, out, shape, dtype, how.workers)
         elif all(piece.dtype == dtype for piece in bound.pieces):
             self.run_compiled(bound, out, shape, dtype, how.workers)
@@ -135,6 +168,52 @@ class Program:
                 part = {name: array[box] for name, array in out.items()}
                 size = tuple(own.stop - own.start for own in box)
                 self.run_compiled(bound._replace(pieces=pieces), part, size, dtype, how.workers)
+
+    def _run_once(self, constants: list[float], out: Out, dtype: np.dtype[Any]) -> None:
+        """Where nothing differs from sample to sample."""
+        found = self._of_numbers(constants, dtype)
+        for target, one in zip(self._targets(out), found, strict=False):
+            target[...] = one
+
+    def _of_numbers(self, numbers: list[float], dtype: np.dtype[Any]) -> tuple[Any, ...]:
+        if dtype == np.float64:
+            return self.floats_function(*numbers)
+        with np.errstate(all="ignore"):
+            return self.arrays_function(*map(dtype.type, numbers))
+
+    def _pays(self, bound: Bound, out: Out, shape: tuple[int, ...], dtype: np.dtype[Any]) -> bool:
+        """Whether a kernel is there, or pays now and can be had."""
+        key = self._key(bound, out, shape, dtype)
+        if key in self.kernels:
+            return True
+        account = self.accounts.get(key)
+        if account is None:
+            account = self.accounts[key] = Account(self.operations)
+        return account.pays(math.prod(shape)) and self.can_have(key)
+
+    def can_have(self, key: Key) -> bool:
+        """Whether a kernel can be compiled; where it cannot, that is said once."""
+        try:
+            self.kernel(*key)
+        except MissingDependencyError as error:
+            give_up(error)
+            return False
+        return True
+
+    def _key(self, bound: Bound, out: Out, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Key:
+        targets = [part for name, tail in self.loop.outputs for part in split_target(out[name], tail)]
+        layout = layout_of(forms_of((*bound.pieces, *targets)), shape, bool(self.loop.carry))
+        still = tuple(line[1] == 0 for line in layout.lines[: len(bound.pieces)])
+        return still, tuple(part.shape[-1] for part in targets), dtype.char
+
+    def _targets(self, out: Out) -> list[NDArray[Any]]:
+        """The components of the outputs, as views."""
+        return [
+            part[..., c]
+            for name, tail in self.loop.outputs
+            for part in split_target(out[name], tail)
+            for c in range(part.shape[-1])
+        ]
 
     def run_compiled(
         self,
@@ -161,16 +240,16 @@ class Program:
             parts: components of each part of the outputs.
             char: of the dtype.
         """
-        from hingepair.evaluation.native import Kernel
-
         key = (still, parts, char)
         found = self.kernels.get(key)
         if found is None:
-            found = self.kernels[key] = Kernel(self.llvm(*key))
+            from hingepair.evaluation.native import Kernel, can_fuse
+
+            found = self.kernels[key] = Kernel(self.llvm(*key, fuse=can_fuse() and not self.loop.exact))
         return found
 
-    def llvm(self, still: tuple[bool, ...], parts: tuple[int, ...], char: str) -> str:
-        """The LLVM code; arguments as for `kernel`."""
+    def llvm(self, still: tuple[bool, ...], parts: tuple[int, ...], char: str, fuse: bool) -> str:
+        """The LLVM code; arguments as for `kernel`, and whether the machine multiplies and adds in one."""
         traced = self.traced(still)
         inputs = [Group(traced.constants, False)] if traced.constants else []
         inputs += [Group(piece, not quiet) for piece, quiet in zip(traced.pieces, still, strict=True)]
@@ -183,7 +262,7 @@ class Program:
             before = [part for name in self.loop.carry for part in components(traced.results["before"][name])]
             after = [part for name in self.loop.carry.values() for part in components(traced.results[name])]
             carry = Carry(tuple(before), tuple(after))
-        return kernel_ir(inputs, outputs, single=char == "f", exact=self.loop.exact, carry=carry)
+        return kernel_ir(inputs, outputs, single=char == "f", fuse=fuse, carry=carry)
 
     def run_numpy(
         self,
@@ -196,12 +275,7 @@ class Program:
         """By NumPy, block by block."""
         numbers = [x if dtype == np.float64 else dtype.type(x) for x in bound.constants]
         pieces = [piece[..., c] for piece in bound.pieces for c in range(piece.shape[-1])]
-        targets = [
-            part[..., c]
-            for name, tail in self.loop.outputs
-            for part in split_target(out[name], tail)
-            for c in range(part.shape[-1])
-        ]
+        targets = self._targets(out)
         if self.loop.carry:
             self._chain(numbers, pieces, targets, shape, dtype)
             return
@@ -229,7 +303,7 @@ class Program:
     @functools.cached_property
     def source(self) -> str:
         """The Python source."""
-        traced = self.traced((False,) * len({place[0] for place in self.pattern if isinstance(place, tuple)}))
+        traced = self._moving
         inputs = [*traced.constants, *(value for piece in traced.pieces for value in piece)]
         after = [part for name in self.loop.carry.values() for part in components(traced.results[name])]
         return python_source.source_of(self.loop.name, inputs, [*traced.flat(self.loop.outputs), *after])
@@ -247,9 +321,21 @@ class Program:
     @functools.cached_property
     def operations(self) -> int:
         """How many operations are left, sines counted as ten."""
-        traced = self.traced((False,) * len({place[0] for place in self.pattern if isinstance(place, tuple)}))
-        lines = needed_lines(traced.flat(self.loop.outputs))
-        return sum((10 if v.operation in FUNCTIONS else 1) for v in lines if v.operation != "input")
+        return sum((10 if v.operation in FUNCTIONS else 1) for v in self._lines if v.operation != "input")
+
+    def count(self, full: Program) -> Operations:
+        """How many operations are left, beside those of the program that knows nothing beforehand."""
+        each, once = (operations(self._lines, moving) for moving in (True, False))
+        return Operations(each, once, operations(full._lines))
+
+    @functools.cached_property
+    def _lines(self) -> list[Value]:
+        return needed_lines(self._moving.flat(self.loop.outputs))
+
+    @functools.cached_property
+    def _moving(self) -> Traced:
+        """The function written down, for pieces that all move."""
+        return self.traced((False,) * len({place[0] for place in self.pattern if isinstance(place, tuple)}))
 
     def traced(self, still: tuple[bool, ...]) -> Traced:
         """The function written down, for pieces of which some do not move."""
@@ -261,7 +347,8 @@ class Program:
             own: list[Operand] = []
             count = math.prod(tail)
             for k in range(count):
-                place, wish = next(places), _name(name, k, count)
+                place, labels = next(places), self.loop.labels.get(name)
+                wish = labels[k] if labels else line_name(name, k, count)
                 if place is None:
                     constants.append(trace.input(wish, False))
                     own.append(constants[-1])
@@ -276,9 +363,8 @@ class Program:
             values[name] = tuple(own) if tail else own[0]
         before = {name: values[name] for name in self.loop.carry}
         results = {**self.loop.function(values), "before": before}
-        for name, tail in self.loop.outputs:
-            count = math.prod(tail)
-            named(name, results[name], [_part(k, count) for k in range(count)])
+        for name, _ in self.loop.outputs:
+            name_lines(name, results[name])
         ordered = tuple(tuple(piece[c] for c in sorted(piece)) for _, piece in sorted(pieces.items()))
         return Traced(tuple(constants), ordered, results)
 
@@ -313,13 +399,3 @@ class Program:
 def components(value: Any) -> tuple[Any, ...]:
     """A vector's components; of a scalar, itself."""
     return value if isinstance(value, tuple) else (value,)
-
-
-def _part(k: int, count: int) -> str:
-    parts = _PARTS.get(count)
-    return "" if count == 1 else parts[k] if parts else str(k)
-
-
-def _name(name: str, k: int, count: int) -> str:
-    part = _part(k, count)
-    return f"{name}_{part}" if part else name

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import os
+import platform
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from hingepair.errors import MissingDependencyError
@@ -28,15 +30,8 @@ class Kernel:
 
     def __init__(self, ir: str) -> None:
         self.ir = ir
-        try:
-            with _lock:
-                self._engine, self.address = _compile(ir)
-        except MissingDependencyError:
-            raise
-        except Exception as error:
-            raise MissingDependencyError(
-                "backend", "an llvmlite that works", f"{type(error).__name__}: {error}"
-            ) from error
+        with _trouble(), _lock:
+            self._engine, self.address = _compile(ir)
         self.run: Callable[[Any, int, int], None] = _SHARING(self.address)
         self.run_one: Callable[[Any, int, int], None] = _KEEPING(self.address)
 
@@ -46,13 +41,12 @@ _SHARING, _KEEPING = ctypes.CFUNCTYPE(*_ARGUMENTS), ctypes.PYFUNCTYPE(*_ARGUMENT
 
 
 def _compile(ir: str) -> tuple[Any, int]:
+    """Machine code. LLVM's optimiser is left out: what it would find was folded away while tracing."""
     llvm = _llvm()
     name, features = cpu(llvm)
     target = llvm.Target.from_default_triple()
-    machine = target.create_target_machine(cpu=name, features=features, opt=3)  # the engine takes it over
+    machine = target.create_target_machine(cpu=name, features=features, opt=1)  # the engine takes it over
     module = llvm.parse_assembly(ir)
-    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
-    builder.getModulePassManager().run(module, builder)
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
     return engine, engine.get_function_address("kernel")
@@ -75,6 +69,29 @@ def _llvm() -> Any:
     for name in ("sin", "cos", "atan2", "hypot", "fma", "fmaf"):
         llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
     return llvm
+
+
+@functools.cache
+def can_fuse() -> bool:
+    """Whether this machine multiplies and adds in one instruction.
+
+    Raises:
+        MissingDependencyError: llvmlite is not installed, or does not work.
+    """
+    with _trouble():
+        return "+fma" in cpu(_llvm())[1].split(",") or platform.machine().lower() in {"arm64", "aarch64"}
+
+
+@contextlib.contextmanager
+def _trouble() -> Iterator[None]:
+    """Whatever goes wrong with llvmlite is one kind of error."""
+    try:
+        yield
+    except MissingDependencyError:
+        raise
+    except Exception as error:
+        found = f"{type(error).__name__}: {error}"
+        raise MissingDependencyError("backend", "an llvmlite that works", found) from error
 
 
 def cpu(llvm: Any) -> tuple[str, str]:

@@ -14,8 +14,6 @@ from typing import Any, NamedTuple, TypeAlias
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluation.steps import (
-    FLAT_STEPS,
-    FLAT_WITHOUT_HOME,
     GIVEN_S1,
     HINGE_STEPS,
     LEVER_STEPS,
@@ -23,6 +21,7 @@ from hingepair.evaluation.steps import (
     WITHOUT_HOME,
     Step,
 )
+from hingepair.evaluation.trace import name_lines
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
 from hingepair.rotations.sequences import find_sequence
 
@@ -64,8 +63,25 @@ PLANAR_OUTPUTS = {
 }
 """Everything of body 2 of a planar pair."""
 
-SPATIAL, FLAT, PLANAR = "spatial", "flat", "planar"
-"""Kinds of plan: any motion; motion in space whose turns are all about z; the same in two coordinates (E11)."""
+SPATIAL, PLANAR = "spatial", "planar"
+"""Kinds of plan: motion in space, and in two coordinates (E11)."""
+
+INPUTS: dict[str, tuple[int, ...]] = {
+    **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1", "R2", "v2", "omega2", "a2", "alpha2"), (3,)),
+    **dict.fromkeys(("phi", "phid", "phidd", "u1", "u2", "n", "along", "across", "around"), (3,)),
+    **dict.fromkeys(("psi", "psid", "psidd", "phi1", "phi1d", "phi1dd", "psid_given", "psi_torque"), ()),
+    **dict.fromkeys(("S1", "S2"), (3, 3)),
+    **dict.fromkeys(("q", "qd", "qdd"), (7,)),
+    "home": (9,),
+}
+"""The shape of one sample of what can be given in space."""
+
+PLANAR_INPUTS = {
+    **INPUTS,
+    **dict.fromkeys(("R1", "v1", "a1", "u1", "u2"), (2,)),
+    **dict.fromkeys(("q", "qd", "qdd"), (4,)),
+}
+"""The same in the plane."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +95,7 @@ class Plan:
         skipped: the results of the steps that nothing needs.
         sequence: of the Euler angles; None where S1, omega1 and alpha1 are given.
         home: whether C differs from the identity.
-        kind: SPATIAL, FLAT or PLANAR.
+        kind: SPATIAL or PLANAR.
     """
 
     outputs: tuple[str, ...]
@@ -93,7 +109,8 @@ class Plan:
     def run(self, values: dict[str, Any]) -> dict[str, Any]:
         """Run the steps on values by name; the results join the values."""
         for result, function, arguments in self.steps:
-            values[result] = function(*[values[name] for name in arguments])
+            made = values[result] = function(*[values[name] for name in arguments])
+            name_lines(result, made)
         return values
 
 
@@ -118,9 +135,9 @@ def make_plan(
         home: whether C differs from the identity.
         terms: what makes (sin, cos) of the three angles and (sin, 1 - cos) of psi in the numbers at hand. Exact
             numbers (other terms than NUMERIC) go through LEVER_STEPS as well; doubles find them done in the pair.
-        kind: SPATIAL, FLAT or PLANAR; the latter two take phi1 for the three angles.
+        kind: SPATIAL or PLANAR; the latter takes phi1 for the three angles.
     """
-    steps = steps_of(sequence, home, terms) if kind == SPATIAL else _some_steps(kind, home, terms)
+    steps = steps_of(sequence, home, terms) if kind == SPATIAL else _planar_steps(terms)
     taken, inputs = needed_steps(steps, outputs)
     made = {step.result for step in taken}
     skipped = tuple(step.result for step in steps if step.result not in made)
@@ -189,7 +206,8 @@ def _euler_steps(sequence: str) -> tuple[Step, ...]:
     )
 
 
-def steps_of(sequence: str | None, home: bool, terms: Terms = NUMERIC) -> list[Step]:
+@functools.lru_cache(maxsize=256)
+def steps_of(sequence: str | None, home: bool, terms: Terms = NUMERIC) -> tuple[Step, ...]:
     """All steps of motion in space; the arguments are those of `make_plan`."""
     angle_terms, hinge_terms = terms
     if terms is NUMERIC:
@@ -207,25 +225,21 @@ def steps_of(sequence: str | None, home: bool, terms: Terms = NUMERIC) -> list[S
     own = GIVEN_S1 if sequence is None else {}
     for step in HINGE_STEPS:
         steps += own.get(step.result, (step,))
-    return steps if home else [WITHOUT_HOME if step.result == "S2" else step for step in steps]
+    return tuple(steps if home else [WITHOUT_HOME if step.result == "S2" else step for step in steps])
 
 
-def _some_steps(kind: str, home: bool, terms: Terms) -> tuple[Step, ...]:
-    """The steps of motion about one axis; numbers of another kind make the two turns their own way."""
-    steps = _SOME_STEPS[kind, home]
+def _planar_steps(terms: Terms) -> tuple[Step, ...]:
+    """The steps of a planar pair; numbers of another kind make the two turns their own way."""
     if terms == NUMERIC:
-        return steps
+        return PLANAR_STEPS
     angle_terms, hinge_terms = terms
-    own = {"hinge": hinge_terms, "turn1": lambda phi1: angle_terms((phi1,))}
-    return tuple(step._replace(function=own.get(step.result, step.function)) for step in steps)
+    own: dict[str, Callable[..., Any]] = {
+        "hinge": hinge_terms,
+        "cosine": eq.cosine,
+        "turn1": lambda phi1: angle_terms((phi1,)),
+    }
+    return tuple(step._replace(function=own.get(step.result, step.function)) for step in PLANAR_STEPS)
 
 
 def _same(value: Any) -> Any:
     return value
-
-
-_SOME_STEPS = {
-    (PLANAR, False): PLANAR_STEPS,
-    (FLAT, True): FLAT_STEPS,
-    (FLAT, False): tuple(FLAT_WITHOUT_HOME if step.result == "turn2" else step for step in FLAT_STEPS),
-}

@@ -9,7 +9,7 @@ would have made of a NaN.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -187,9 +187,18 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     return np.where(a < b, then, otherwise)
 
 
-def named(prefix: str, value: Any, parts: Sequence[str]) -> None:
-    """Give values their names in generated code: `prefix_part` each, where nobody named them before."""
+_PARTS: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")}
+
+
+def line_name(name: str, k: int, count: int) -> str:
+    """What component k of so many is called in generated code."""
+    parts = _PARTS.get(count)
+    return name if count == 1 else f"{name}_{parts[k] if parts else k + 1}"
+
+
+def name_lines(name: str, value: Any) -> None:
+    """Give the components of a result their names in generated code, where they are traced and have none yet."""
     components = value if isinstance(value, tuple) else (value,)
-    for component, part in zip(components, parts, strict=False):
+    for k, component in enumerate(components):
         if isinstance(component, Value) and not component.name and component.operation != "negative":
-            component.name = f"{prefix}_{part}" if part else prefix
+            component.name = line_name(name, k, len(components))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.evaluation.backend import How, choose
+from hingepair.evaluation.backend import choose
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, check_outputs, default_outputs, make_plan
 from hingepair.integration.signals import Signal, Values, read_position, read_signal
 from hingepair.integration.solve import METHODS, Course, solve
@@ -146,7 +146,7 @@ def integrate(
     check_choice("method", method, METHODS)
     check_choice("frame", frame, FRAMES)
     t = check_instants("t", real_array("t", t), 0)
-    how = How("compiled", 1) if backend == "numba" else choose(backend, 1)
+    how = choose(backend, 1)
     course = Course(t, method, tol, how, frame == "body")
     hinge = finite_number("psi_0", psi_0)
     flat = isinstance(pair, PlanarPair)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +19,8 @@ from hingepair.rotations.matrices import check_rotation
 _IDENTITY = read_only(np.eye(3))
 
 
-class Constants(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class Constants:
     """What a pair brings: u1, u2 and n, home where it is not the identity, and the levers, by component.
 
     Attributes:
@@ -26,12 +28,14 @@ class Constants(NamedTuple):
         arrays: the same as arrays, with the components last; home too where it is the identity.
         shape: leading shape of the pair; () for one pair.
         axis: the hinge axis as it was given, of any length; none of a planar pair.
+        prepared: what single states of this pair were prepared for.
     """
 
     values: Values
     arrays: Values
     shape: tuple[int, ...]
     axis: NDArray[np.float64] | None = None
+    prepared: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     @property
     def single(self) -> bool:

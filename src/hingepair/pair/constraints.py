@@ -13,6 +13,7 @@ from hingepair.equations import constraints as ce
 from hingepair.equations import spatial as eq
 from hingepair.evaluation.plan import needed_steps
 from hingepair.evaluation.steps import ARM_STEPS, Step
+from hingepair.evaluation.trace import arc_tangent, hypotenuse
 from hingepair.numeric.arrays import FloatArray
 from hingepair.numeric.blocks import Components, Values, components_of, numbers
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
@@ -46,15 +47,15 @@ def _joined(gap: Components, tilt: Components) -> Components:
 
 
 def _twist(turn: Components) -> Any:
-    return np.arctan2(turn[0], turn[1])
+    return arc_tangent(turn[0], turn[1])
 
 
 def _tilt_angle(tilt: Components, h1: eq.Vector, h2: eq.Vector) -> Any:
-    return np.arctan2(np.hypot(tilt[0], tilt[1]), eq.dot(h1, h2))
+    return arc_tangent(hypotenuse(tilt[0], tilt[1]), eq.dot(h1, h2))
 
 
 def _quotient(parts: Components) -> Any:
-    return np.divide(parts[0], parts[1])
+    return parts[0] / parts[1]
 
 
 STEPS = (
@@ -149,7 +150,7 @@ def with_hinge_frames(pair: Constants) -> Constants:
         frames = _frames_of_one(pair.values["n"], home)
     else:
         frames = _frames(pair.arrays["n"], None if home is None else pair.arrays["home"])
-    return Constants({**pair.values, **frames}, pair.arrays, pair.shape)
+    return Constants({**pair.values, **frames}, {**pair.arrays, **frames}, pair.shape)
 
 
 @functools.lru_cache(maxsize=256)

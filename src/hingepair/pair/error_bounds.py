@@ -16,7 +16,7 @@ from hingepair.numeric.bounded import Bounded, Double, kind_of
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import Outputs, components, leading_shapes
+from hingepair.pair.evaluate import Outputs, components, leading_shapes, parts_of
 
 Bounds = dict[str, NDArray[np.float64]]
 
@@ -28,9 +28,8 @@ _MADE_OF = {"n": ("n",), "along": ("u1", "u2"), "across": ("u2",), "around": ("u
 
 def error_bounds(pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, sequence: str) -> Bounds:
     """The bounds of what forward_kinematics gives for coordinates."""
-    plan, values, given = kinematics.plan_from_coordinates(pair, q, qd, qdd, outputs, None, sequence)
-    plan, values = kinematics.flattened(plan, pair, values)
-    return _bounds(pair, plan, values, leading_shapes(given))
+    plan, given = kinematics.plan_from_coordinates(pair, q, qd, qdd, outputs, None, sequence)
+    return _bounds(pair, plan, parts_of(given), leading_shapes(given))
 
 
 def error_bounds_from_body1(
@@ -42,8 +41,8 @@ def error_bounds_from_body1(
 
 def planar_error_bounds(pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs) -> Bounds:
     """The bounds of what forward_kinematics of a planar pair gives."""
-    plan, values, given = kinematics.plan_planar(pair, q, qd, qdd, outputs, None)
-    return _bounds(pair, plan, values, leading_shapes(given))
+    plan, given = kinematics.plan_planar(pair, q, qd, qdd, outputs, None)
+    return _bounds(pair, plan, parts_of(given, planar=True), leading_shapes(given))
 
 
 def _bounds(pair: Constants, plan: Plan, values: Values, shapes: Mapping[str, tuple[int, ...]]) -> Bounds:

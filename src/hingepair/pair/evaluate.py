@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import math
+import functools
 from collections.abc import Iterable, Mapping, Set
+from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
@@ -11,7 +12,13 @@ from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices, quoted
 from hingepair.evaluation.backend import How
+from hingepair.evaluation.binding import bind
+from hingepair.evaluation.loops import Loop, Operations
+from hingepair.evaluation.one_state import OneState
 from hingepair.evaluation.plan import (
+    INPUTS,
+    PLANAR,
+    PLANAR_INPUTS,
     SPATIAL,
     Plan,
     check_outputs,
@@ -20,15 +27,17 @@ from hingepair.evaluation.plan import (
     needed_steps,
     outputs_of,
 )
-from hingepair.evaluation.steps import Step
+from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES, PLANAR_ROW_STEPS, ROW_STEPS, Step
 from hingepair.numeric.array_libraries import Library, foreign_components, library_of
 from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, real_array, result_dtype, vectors
-from hingepair.numeric.blocks import Components, Values, components_of, compute, tabulate
+from hingepair.numeric.blocks import Components, Values, components_of
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState, layout_of
 
 Outputs: TypeAlias = Iterable[str] | None
 Out: TypeAlias = Mapping[str, NDArray[Any]] | None
+
+AUTO = How("auto", 1)
 
 _COUNTS = {4: "four", 7: "seven"}
 StateT = TypeVar("StateT", PairState, PlanarState)
@@ -63,6 +72,17 @@ def read_coordinates(q: Any, qd: Any, qdd: Any, names: tuple[str, ...]) -> Coord
     if library is not None:
         return Coordinates({n: foreign_components(n, v, len(names)) for n, v in given.items()}, False, library)
     return Coordinates({name: _coordinates(name, value, names) for name, value in given.items()}, False)
+
+
+def parts_of(given: Coordinates, planar: bool = False) -> Values:
+    """Position, angles and hinge angle, and their derivatives, by the names of a plan's inputs."""
+    values: Values = {}
+    for part, place, (name,) in PLANAR_ROW_STEPS if planar else ROW_STEPS:
+        if name in given.parts:
+            row = given.parts[name]
+            columns = tuple(row[..., i] for i in range(row.shape[-1])) if isinstance(row, np.ndarray) else row
+            values[part] = place(columns)
+    return values
 
 
 def leading_shapes(given: Coordinates) -> dict[str, tuple[int, ...]]:
@@ -131,38 +151,62 @@ def plan_for(
     return plan
 
 
-def evaluate_one(state: type[StateT], plan: Plan, values: Values, out: Out, how: How) -> StateT:
-    """One state in Python floats: no array but the one that holds the results, and those of `out`."""
-    if how.compiles_one():
-        from hingepair.evaluation.compiled import one_state
+@functools.lru_cache(maxsize=1024)
+def loop_of(plan: Plan, rows: bool) -> Loop:
+    """The loop that runs a plan.
 
-        found = one_state(plan, values)
-    else:
-        plan.run(values)
-        numbers: list[float] = []
-        for name in plan.outputs:
-            value = values[name]
-            if type(value) is tuple:
-                numbers.extend(value)
-            else:
-                numbers.append(value)
-        found = np.array(numbers)
+    Args:
+        plan: what to compute.
+        rows: whether the coordinates are given as q, qd, qdd; else part by part.
+    """
+    planar = plan.kind == PLANAR
+    tails, names = (PLANAR_INPUTS, PLANAR_COORDINATES) if planar else (INPUTS, COORDINATES)
+    splits = [step for step in (PLANAR_ROW_STEPS if planar else ROW_STEPS) if rows and step.result in plan.inputs]
+    inputs = sorted(plan.inputs.difference(step.result for step in splits) | {step.arguments[0] for step in splits})
+    whole = replace(plan, steps=(*splits, *plan.steps))
+    outputs = {name: outputs_of(plan.kind)[name].tail for name in plan.outputs}
+    labels = {name: tuple(f"{one}{name[1:]}" for one in names) for name in ("q", "qd", "qdd")}
+    return Loop("state", whole.run, {name: tails[name] for name in inputs}, outputs, labels=labels)
+
+
+def evaluate_one(
+    state: type[StateT], plan: Plan, rows: bool, pair: Constants, values: Mapping[str, Any], out: Out, how: How
+) -> StateT:
+    """One state in float64: no array but the one that holds the results, and those of `out`.
+
+    Args:
+        state: what it is called.
+        plan: what to compute.
+        rows: whether the values are q, qd, qdd.
+        pair: the constants of one pair.
+        values: flat arrays or tuples of floats by name, or floats.
+        out: arrays to write into, by output.
+        how: the backend.
+    """
+    key = plan, rows, how.backend
+    one = pair.prepared.get(key)
+    if one is None:
+        loop = loop_of(plan, rows)
+        own = {name: value for name, value in pair.values.items() if name in plan.inputs}
+        one = pair.prepared[key] = OneState(loop, own, how.backend)
+    found = one([values[name] for name in one.names])
     layout = layout_of(plan.outputs, plan.kind)
     if out is None:
-        return state._of_one(found, layout)
-    known, arrays = outputs_of(plan.kind), {name: found[part] for name, part in layout.items()}
-    rooms = {name: _room(f"out[{name!r}]", room, known[name].tail, found.dtype) for name, room in out.items()}
+        return state.of_one(found, layout)
+    arrays = {name: found[start:stop].reshape(tail) for name, (start, stop, tail) in layout.items()}
+    rooms = {name: _room(f"out[{name!r}]", room, arrays[name].shape, found.dtype) for name, room in out.items()}
     _check_apart(out, {})
     for name, room in rooms.items():
-        room[...] = arrays[name].reshape(room.shape)
-    return state({name: rooms.get(name, array.reshape(known[name].tail)) for name, array in arrays.items()}, ())
+        room[...] = arrays[name]
+    return state(arrays | rooms, ())
 
 
 def evaluate(
     state: type[StateT],
     plan: Plan,
+    rows: bool,
     pair: Constants,
-    values: Values,
+    values: Mapping[str, Any],
     shapes: Mapping[str, tuple[int, ...]],
     out: Out,
     how: How,
@@ -172,30 +216,24 @@ def evaluate(
     Args:
         state: what it is called.
         plan: what to compute.
+        rows: whether the values are q, qd, qdd.
         pair: the pair's constants.
         values: the plan's other inputs by name.
         shapes: of the samples, by argument.
         out: arrays to write into, by output.
         how: backend and threads.
     """
-    dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
+    dtype = _dtype(values)
     shape: tuple[int, ...] = broadcast_shape({**shapes, "pair": pair.shape})
-    known = outputs_of(plan.kind)
+    loop = loop_of(plan, rows)
     arrays: dict[str, NDArray[Any]] = {}
-    for name in plan.outputs:
-        size = shape + known[name].tail
+    for name, tail in loop.outputs:
+        size = shape + tail
         given = out is not None and name in out
         arrays[name] = _room(f"out[{name!r}]", out[name], size, dtype) if out and given else np.empty(size, dtype)
     if out is not None:
         _check_apart(out, values)
-    if how.compiles(math.prod(shape)):
-        from hingepair.evaluation.compiled import compute as compute_compiled
-
-        compute_compiled(plan, {**pair.arrays, **values}, arrays, shape, dtype, how.workers)
-    else:
-        groups = {name: group for name, group in {**pair.values, **values}.items() if name in plan.inputs}
-        parts = {name: components(name, group) for name, group in groups.items()}
-        compute(plan.run, parts, arrays, shape, dtype, how.workers)
+    loop.run({**(pair.values if pair.single else pair.arrays), **values}, arrays, shape, dtype, how)
     return state(arrays, shape)
 
 
@@ -203,11 +241,12 @@ def follow_steps(
     steps: Iterable[Step],
     tails: Mapping[str, tuple[int, ...]],
     pair: Constants,
-    values: Values,
+    values: Mapping[str, Any],
     shapes: Mapping[str, tuple[int, ...]],
     dtype: np.dtype[Any] | None = None,
+    how: How = AUTO,
 ) -> dict[str, NDArray[Any]]:
-    """New arrays of some results of steps at all samples, in NumPy.
+    """New arrays of some results of steps at all samples.
 
     Args:
         steps: where the results come from, in order.
@@ -216,13 +255,58 @@ def follow_steps(
         values: the other inputs by name; those that the results do not need are left alone.
         shapes: of the samples, by argument.
         dtype: to compute in; unless given, that of the other inputs.
+        how: backend and threads.
     """
-    taken, inputs = needed_steps(steps, tails)
-    plan = Plan(tuple(tails), taken, inputs, (), None, True, SPATIAL)
-    if dtype is None:
-        dtype = result_dtype(c for g in values.values() for c in (g if isinstance(g, tuple) else (g,)))
-    parts = {name: components(name, group) for name, group in {**pair.values, **values}.items() if name in inputs}
-    return tabulate(plan.run, parts, tails, broadcast_shape({**shapes, "pair": pair.shape}), dtype)
+    shape = broadcast_shape({**shapes, "pair": pair.shape})
+    dtype = _dtype(values) if dtype is None else dtype
+    if shape == ():
+        values = {name: np.asarray(v) if isinstance(v, float) else v for name, v in values.items()}
+    given = {**(pair.values if pair.single else pair.arrays), **values}
+    inputs = tuple((name, _tail(name, value)) for name, value in given.items())
+    loop = _loop_of_steps(tuple(steps), tuple(tails.items()), inputs)
+    out = {name: np.empty((*shape, *tail), dtype) for name, tail in tails.items()}
+    loop.run(given, out, shape, dtype, how)
+    return out
+
+
+@functools.lru_cache(maxsize=256)
+def _loop_of_steps(
+    steps: tuple[Step, ...], tails: tuple[tuple[str, tuple[int, ...]], ...], given: tuple[tuple[str, Any], ...]
+) -> Loop:
+    taken, needed = needed_steps(steps, (name for name, _ in tails))
+    plan = Plan(tuple(name for name, _ in tails), taken, needed, (), None, True, SPATIAL)
+    return Loop("state", plan.run, {name: tail for name, tail in given if name in needed}, dict(tails))
+
+
+def count_operations(plan: Plan, pair: Constants, rows: Mapping[str, Any]) -> Operations:
+    """How many operations of a plan are left for a pair, with coordinates of which some are known numbers.
+
+    Args:
+        plan: what is computed.
+        pair: the constants of one pair.
+        rows: q, qd, qdd as tuples of numbers and arrays; none where the parts are given otherwise.
+    """
+    loop = loop_of(plan, bool(rows))
+    many = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
+    moving = np.empty(2)  # whatever the number of samples, which may be one
+    own = {name: tuple(moving + 0 if isinstance(c, np.ndarray) else c for c in row) for name, row in rows.items()}
+    full = loop.program(bind(loop.inputs, many).pattern)
+    return loop.program(bind(loop.inputs, {**many, **pair.values, **own}).pattern).count(full)
+
+
+def _tail(name: str, value: Any) -> tuple[int, ...]:
+    """The shape of one sample of an input."""
+    known = INPUTS.get(name)
+    if known is not None:
+        return known
+    if isinstance(value, tuple):
+        return (len(value),)
+    return value.shape[-1:] if isinstance(value, np.ndarray) else ()
+
+
+def _dtype(values: Mapping[str, Any]) -> np.dtype[Any]:
+    """The dtype that values are computed in."""
+    return result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
 
 
 def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | NDArray[Any]:
@@ -259,7 +343,7 @@ def _floats(given: Mapping[str, Any], count: int) -> dict[str, Components] | Non
 
 def components(name: str, group: Any) -> Any:
     """A group as the equations take it: a component, or a tuple of components."""
-    if not isinstance(group, np.ndarray) or name.startswith(("psi", "phi1")):
+    if not isinstance(group, np.ndarray) or INPUTS.get(name) == ():
         return group
     rank = 2 if name in {"S1", "S2"} else 1
     if group.ndim == rank and group.dtype.char == "d":
@@ -279,7 +363,7 @@ def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -
     return array
 
 
-def _check_apart(out: Mapping[str, NDArray[Any]], groups: Values) -> None:
+def _check_apart(out: Mapping[str, NDArray[Any]], groups: Mapping[str, Any]) -> None:
     """Refuse an output that lies over an input or over another output: blocks would read what they wrote."""
     taken = [
         (name, c)

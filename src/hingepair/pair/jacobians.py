@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.equations import derivatives as by
+from hingepair.equations.derivatives import Entries
+from hingepair.equations.spatial import Vector
 from hingepair.errors import ArgumentError
-from hingepair.evaluation.backend import choose
 from hingepair.evaluation.plan import steps_of
-from hingepair.evaluation.steps import ARM_STEPS, Step
+from hingepair.evaluation.steps import ARM_STEPS, COORDINATES, ROW_STEPS, Step
 from hingepair.numeric.arrays import FloatArray
-from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import component, follow_steps, leading_shapes, read_coordinates
@@ -28,26 +29,39 @@ _RATE = (
 )
 
 
+def _both(a2: Vector, alpha2: Vector) -> Entries:
+    return (*a2, *alpha2)
+
+
+JACOBIAN_STEPS = (
+    *ARM_STEPS,
+    Step("turns", lambda: by.WORLD, ()),
+    _JACOBIAN,
+    Step("acceleration_bias", _both, ("a2", "alpha2")),
+)
+"""By the world's axes; the bias where a1, alpha1 and psi'' are none."""
+
+_STILL = {"a1": (0.0, 0.0, 0.0), "alpha1": (0.0, 0.0, 0.0), "psidd": (0.0,)}
+
+
 def jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     """Body 2's velocity by the velocities of the equations: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2)."""
     values = {**motion_arrays("body1", body1, "S"), "psi": component("psi", psi)}
     shapes = {"body1": body1.shape, "psi": np.shape(psi)}
-    world = Step("turns", lambda: by.WORLD, ())
-    steps = (*steps_of(None, "home" in pair.values), *ARM_STEPS, world, _JACOBIAN)
+    steps = (*steps_of(None, "home" in pair.values), *JACOBIAN_STEPS)
     return follow_steps(steps, {"jacobian": (6, 7)}, pair, values, shapes)["jacobian"]
 
 
 def acceleration_bias(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
     """What velocities alone add to body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9)."""
-    arrays = motion_arrays("body1", body1, "R", "S", "omega")
     if psid is None:
         raise ArgumentError("psid", "hinge rates", None)
-    still = np.zeros(3, arrays["S1"].dtype)
-    moving = BodyMotion(R=arrays["R1"], S=arrays["S1"], omega=arrays["omega1"], a=still, alpha=still)
-    outputs = ("a2", "alpha2")
-    state = kinematics.from_body1(pair, moving, psi, psid, 0.0, outputs, None, choose("numpy", 1))
-    found = state.arrays()
-    return np.concatenate([found["a2"], found["alpha2"]], axis=-1)
+    values = motion_arrays("body1", body1, "S", "omega")
+    hinge = {"psi": component("psi", psi), "psid": component("psid", psid)}
+    shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
+    steps = (*steps_of(None, "home" in pair.values), *JACOBIAN_STEPS)
+    given = {**values, **hinge, **_STILL}
+    return follow_steps(steps, {"acceleration_bias": (6,)}, pair, given, shapes)["acceleration_bias"]
 
 
 def coordinate_jacobian(pair: Constants, q: ArrayLike | tuple[Any, ...], sequence: str) -> FloatArray:
@@ -65,15 +79,20 @@ def coordinate_jacobian_rate(
 
 
 def _by_coordinates(pair: Constants, result: str, q: Any, qd: Any, sequence: str) -> FloatArray:
+    given = read_coordinates(q, qd, None, COORDINATES)
+    steps = _coordinate_steps(sequence, "home" in pair.values)
+    return follow_steps(steps, {result: (6, 7)}, pair, given.parts, leading_shapes(given))[result]
+
+
+@functools.lru_cache(maxsize=64)
+def _coordinate_steps(sequence: str, home: bool) -> tuple[Step, ...]:
     order = find_sequence(sequence)
-    given = read_coordinates(q, qd, None, kinematics.COORDINATES)
-    steps = (
-        *steps_of(sequence, "home" in pair.values),
+    return (
+        *ROW_STEPS,
+        *steps_of(sequence, home),
         *ARM_STEPS,
         Step("turns", order.columns, ("axes",)),
         Step("turn_rates", order.column_rates, ("axes", "phid")),
         _JACOBIAN,
         *_RATE,
     )
-    values = kinematics.values_of(given)
-    return follow_steps(steps, {result: (6, 7)}, pair, values, leading_shapes(given))[result]

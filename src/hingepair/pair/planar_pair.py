@@ -86,7 +86,7 @@ class PlanarPair:
                 that the inputs allow.
             out: arrays by output name, written in place; of the samples' shape and the dtype computed in.
             workers: threads; -1 for one on every core.
-            backend: "numpy", "numba" (compiled), or "auto": compiled where it pays (README, "Speed").
+            backend: "numpy", "compiled", or "auto": compiled where it pays (README, "Speed").
 
         Returns:
             The state. float32 where all arrays given are float32, else float64.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hingepair.evaluation.plan import FLAT, PLANAR, Plan
+from hingepair.evaluation.loops import Operations
+from hingepair.evaluation.plan import PLANAR, Plan
 
 _MEANING = {
     "hinge": "sine, versine and cosine of psi",
@@ -50,14 +51,17 @@ class ScenePlan:
         outputs: what comes out.
         computed: the steps on the way, in order, each with whether it is taken once or for each instant.
         skipped: what is left out, and why.
+        operations: how many are left, of how many.
     """
 
     outputs: tuple[str, ...]
     computed: tuple[tuple[str, str], ...]
     skipped: tuple[tuple[str, str], ...]
+    operations: Operations
 
     def __str__(self) -> str:
-        lines = [f"outputs: {', '.join(self.outputs)}", "computed:"]
+        left = f"{self.operations.each} operations at each instant, of {self.operations.full} in all"
+        lines = [f"outputs: {', '.join(self.outputs)}", f"computed: {left}"]
         lines += [
             f"  {name:<10}{_MEANING[name]}{' - once' if often == 'once' else ''}" for name, often in self.computed
         ]
@@ -65,11 +69,12 @@ class ScenePlan:
         return "\n".join(lines)
 
 
-def explain(plan: Plan, order: int, level: int, constant: frozenset[str]) -> ScenePlan:
+def explain(plan: Plan, operations: Operations, order: int, level: int, constant: frozenset[str]) -> ScenePlan:
     """The plan in words.
 
     Args:
         plan: the steps of the outputs.
+        operations: how many of them are left.
         order: of the highest derivative of the coordinates that is computed.
         level: of the highest derivative that the motion has.
         constant: which coordinates, and which inputs of the plan, do not depend on t.
@@ -78,12 +83,17 @@ def explain(plan: Plan, order: int, level: int, constant: frozenset[str]) -> Sce
     for step in plan.steps:
         once = still.issuperset(step.arguments)
         still |= {step.result} if once else set()
-        computed.append((step.result, "once" if once else "each"))
+        if step.result in _MEANING:
+            computed.append((step.result, "once" if once else "each"))
     reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
     skipped = [(f"{_DERIVATIVES[i]} derivatives of the coordinates", reasons[i]) for i in range(order, 2)]
-    if plan.kind == FLAT:
-        skipped.append(("rotations about x and y", "constants prove that all turns are about z"))
-    skipped += [(_MEANING[name], "no output needs it") for name in plan.skipped]
+    if operations.known:
+        skipped.append(
+            (f"{operations.known} of {operations.full} operations", "what is known to be 0, 1 or -1 folds")
+        )
+    if operations.once:
+        skipped.append((f"{operations.once} operations at each instant", "they depend on constants only"))
+    skipped += [(_MEANING[name], "no output needs it") for name in plan.skipped if name in _MEANING]
     if plan.sequence is None and plan.kind != PLANAR:
         skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
     if not plan.home and any(step.result == "S2" for step in plan.steps):
@@ -91,4 +101,4 @@ def explain(plan: Plan, order: int, level: int, constant: frozenset[str]) -> Sce
     for name in ("phi_x", "phi_y", "phi_z", "psi"):
         if name in constant and any(step.result in {"trig", "hinge"} for step in plan.steps):
             skipped.append((f"sine and cosine of {name} at each instant", f"{name} is constant"))
-    return ScenePlan(plan.outputs, tuple(computed), tuple(skipped))
+    return ScenePlan(plan.outputs, tuple(computed), tuple(skipped), operations)

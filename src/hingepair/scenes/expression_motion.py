@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.evaluation.plan import ACCELERATION
+from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES
 from hingepair.integration.signals import Function as Signal
 from hingepair.numeric.arrays import read_only
-from hingepair.pair.forward_kinematics import COORDINATES, PLANAR_COORDINATES
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.integrated_motion import START, IntegratedMotion, integrated_in_plane, integrated_in_space
 from hingepair.scenes.known_motion import ByCoordinates, InPlane, KnownMotion, Rows

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.evaluation.plan import PLANAR, default_outputs, make_plan
+from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
 from hingepair.numeric.blocks import Values
 from hingepair.pair.accuracy import euler_rate_sizes, given_rate_sizes
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.forward_kinematics import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS, flattened
+from hingepair.pair.evaluate import count_operations
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.explain import ScenePlan, explain
@@ -73,8 +74,8 @@ class ByCoordinates:
             values |= dict(zip(parts, (seven[:3], seven[3:6], seven[6]), strict=True))
         names = outputs or default_outputs(self.level)
         plan = make_plan(names, self.sequence, "home" in pair.constants.values)
-        plan, values = flattened(plan, pair.constants, values)
-        return explain(plan, self.level, level, _constant(values, COORDINATES, self.derivatives[0]))
+        operations = count_operations(plan, pair.constants, dict(zip(PARTS, self.derivatives, strict=False)))
+        return explain(plan, operations, self.level, level, _constant(values, COORDINATES, self.derivatives[0]))
 
     def cross_validate(self, pair: HingePair) -> CrossValidation:
         """The equations against Pinocchio."""
@@ -137,7 +138,8 @@ class ByBody1:
         """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
         names = outputs or default_outputs(self.level)
         plan = make_plan(names, None, "home" in pair.constants.values)
-        return explain(plan, self.level, level, frozenset())
+        operations = count_operations(plan, pair.constants, {})
+        return explain(plan, operations, self.level, level, frozenset())
 
     def cross_validate(self, pair: HingePair) -> CrossValidation:
         """The equations against Pinocchio."""
@@ -191,13 +193,15 @@ class InPlane:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
         return pair.forward_kinematics(*_of_many(self.derivatives, self.count), outputs=outputs)
 
-    def plan(self, _: PlanarPair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
+    def plan(self, pair: PlanarPair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
         """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
         values: Values = {}
         for parts, four in zip(PLANAR_PARTS.values(), self.derivatives, strict=False):
             values |= dict(zip(parts, (four[:2], four[2], four[3]), strict=True))
         plan = make_plan(outputs or default_outputs(self.level, PLANAR), None, False, kind=PLANAR)
-        return explain(plan, self.level, level, _constant(values, PLANAR_COORDINATES, self.derivatives[0]))
+        operations = count_operations(plan, pair.constants, dict(zip(PARTS, self.derivatives, strict=False)))
+        known = _constant(values, PLANAR_COORDINATES, self.derivatives[0])
+        return explain(plan, operations, self.level, level, known)
 
     def cross_validate(self, pair: PlanarPair) -> CrossValidation:
         """The equations against Pinocchio."""

@@ -17,8 +17,8 @@ import sympy
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.plan import PLANAR, SPATIAL, Plan, check_outputs, make_plan, outputs_of
+from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
 from hingepair.pair.constants import check_one
-from hingepair.pair.forward_kinematics import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.symbolic import listings
@@ -191,7 +191,8 @@ class _Forms:
         self.sums[result] = summed
         parts, orders = [], []
         for i, part in enumerate(_flat(built)):
-            total = None if summed is None else _flat(summed)[i].terms()
+            own = None if summed is None else _flat(summed)[i]
+            total = own.terms() if isinstance(own, TrigSum) else None  # a number is as short as it is
             kept, terms = self._shorter(part, total)
             if self._count(kept) > MAX_LETTERS:
                 expected = f"an output whose components have at most {MAX_LETTERS} letters"

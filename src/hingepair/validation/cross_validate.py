@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES
 from hingepair.numeric.arrays import result_dtype
 from hingepair.pair.accuracy import error_ratios, euler_rate_sizes, given_rate_sizes, output_scales, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.evaluate import component, read_coordinates
-from hingepair.pair.forward_kinematics import COORDINATES, PLANAR_COORDINATES
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.validation.pinocchio_twin import PinocchioTwin, import_pinocchio, to_pinocchio
@@ -162,7 +162,7 @@ def _compared(
     )  # fmt: skip
     truths = _body2_by_pinocchio(twin, motion.body1, motion.hinge)
     if isinstance(state, PlanarState):
-        phi2 = np.asarray(state.phi2).reshape(-1)[motion.mask]
+        phi2 = np.asarray(state.phi2, np.float64).reshape(-1)[motion.mask]
         truths, scales["phi2"] = _in_the_plane(truths, phi2), 1 + np.abs(phi2) + np.abs(motion.hinge[0])
     rows = []
     for name, truth in truths.items():
