@@ -40,6 +40,8 @@ Out: TypeAlias = Mapping[str, NDArray[Any]] | None
 AUTO = How("auto", 1)
 
 _COUNTS = {4: "four", 7: "seven"}
+_DOUBLES = "dbhilqBHILQ"  # dtypes that are computed in float64, by their characters
+_SEQUENCES, _NUMBERS = {tuple, list}, {float, int, np.float64, np.int64, np.int32}
 StateT = TypeVar("StateT", PairState, PlanarState)
 
 
@@ -328,14 +330,17 @@ def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | 
         raise ShapeError(name, f"{error.expected}, or a tuple of {several}", error.got) from None
 
 
-def _floats(given: Mapping[str, Any], count: int) -> dict[str, Components] | None:
-    """The coordinates as Python floats, where each of q, qd, qdd is one state in float64."""
-    parts = {}
+def _floats(given: Mapping[str, Any], count: int) -> dict[str, Components | NDArray[Any]] | None:
+    """The coordinates as flat arrays or tuples of floats, where each of q, qd, qdd is one state in float64."""
+    parts: dict[str, Components | NDArray[Any]] = {}
     for name, value in given.items():
-        if type(value) is np.ndarray and value.shape == (count,) and value.dtype.char == "d":
-            parts[name] = tuple(value.tolist())
-        elif type(value) is tuple and len(value) == count and all(map(_is_number, value)):
-            parts[name] = tuple(map(float, value))
+        if type(value) is np.ndarray and value.shape == (count,) and value.dtype.char in _DOUBLES:
+            parts[name] = value if value.dtype.char == "d" and value.dtype.isnative else tuple(value.tolist())
+        elif type(value) in _SEQUENCES and len(value) == count and all(type(x) in _NUMBERS for x in value):
+            try:
+                parts[name] = tuple(map(float, value))
+            except OverflowError:
+                return None
         else:
             return None
     return parts
