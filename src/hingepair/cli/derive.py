@@ -40,9 +40,10 @@ def derive(
     ] = None,
     out: TextFile = None,
 ) -> None:
-    """Show the motion in closed form: omega1(t), R2(t), S2(t), v2(t), omega2(t), a2(t), alpha2(t).
+    """Show the motion in closed form.
 
-    Without a motion (a scene that has none, a robot's hinge) the forms are those of any motion.
+    Unless told, omega1(t), R2(t), S2(t), v2(t), omega2(t), a2(t), alpha2(t). Without a motion (a scene that has
+    none, a robot's hinge) the forms are those of any motion.
     """
     if unicode + latex + python + as_json > 1:
         raise ArgumentError("format", "one of --unicode, --latex, --python, --json", "several")

@@ -43,11 +43,11 @@ def fit_files(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Find the hinge of two recorded bodies: n, home, u1, u2 and psi, how sure they are, and whether it is one.
+    """Find the hinge of two recorded bodies.
 
-    Columns, by name: t; R1_x, R1_y, R1_z or x1, y1, z1; S1_xx, ..., S1_zz or qx1, qy1, qz1, qw1; of body 2 the same
-    with 2. Where each body has a file, the first is body 1, and the digit may be left away. Exit code 1: there is no
-    hinge to rely on.
+    Its n, home, u1, u2 and psi, how sure they are, and whether it is a hinge. Columns, by name: t; R1_x, R1_y,
+    R1_z or x1, y1, z1; S1_xx, ..., S1_zz or qx1, qy1, qz1, qw1; of body 2 the same with 2. Where each body has a
+    file, the first is body 1, and the digit may be left away. Exit code 1: there is no hinge to rely on.
     """
     if out is not None:
         check_ending(out)

@@ -34,10 +34,11 @@ def forces(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Compute what acts at the hinge and on body 1 for the motion of a scene whose bodies have masses.
+    """Compute the forces that the motion of a scene takes.
 
-    hinge_torque is what a motor must give about the axis, bearing_torque what the bearing carries across it, both of
-    body 1 on body 2 at the hinge point, as is hinge_force; force1 and torque1 act on body 1 at R1. World axes.
+    The bodies of its pair have masses. hinge_torque is what a motor must give about the axis, bearing_torque what
+    the bearing carries across it, both of body 1 on body 2 at the hinge point, as is hinge_force; force1 and
+    torque1 act on body 1 at R1. World axes.
     """
     if out is not None:
         check_ending(out)

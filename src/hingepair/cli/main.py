@@ -25,6 +25,8 @@ app = typer.Typer(
     epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input or output that cannot be written, 3 a fault of ours.",
     no_args_is_help=True,
     add_completion=False,
+    rich_markup_mode=None,  # of rich boxes: brackets are taken for markup, paragraphs keep the source's lines
+    context_settings={"max_content_width": 110},
     pretty_exceptions_enable=False,
 )
 

@@ -76,7 +76,10 @@ def urdf(
         bool, typer.Option("--floating-base", help="Body 1 hangs on a floating joint from a link `world`.")
     ] = False,
 ) -> None:
-    """Write the pair as a URDF robot; its base is free to get a root joint from the loader."""
+    """Write the pair as a URDF robot.
+
+    Unless told otherwise its base is free: the loader gives it a root joint.
+    """
     if fixed_base and floating_base:
         raise ArgumentError("--fixed-base", "this or --floating-base", "both")
     base = "fixed" if fixed_base else "floating" if floating_base else "free"

@@ -36,7 +36,11 @@ def robots(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """List the robots whose hinges a scene may name; or the hinges of one: links, axis, limits, masses."""
+    """List the robots, or the hinges of one.
+
+    A scene or a command may name any of them. Of a hinge it shows the links, the axis n in body 1's axes, the limits
+    of angle, torque and rate, the masses of both bodies, and the joint that it follows.
+    """
     found = _counts() if name is None else _hinges(name)
     if as_json:
         print(json.dumps(found, indent=2))

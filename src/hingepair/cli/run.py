@@ -92,9 +92,10 @@ def run(
 
 
 def check(scene_file: SceneFile, as_json: Json = False) -> None:
-    """Compute the scene by the equations and by Pinocchio, and compare pose, velocities and accelerations.
+    """Compare the motion of body 2 with Pinocchio's.
 
-    At most 10,001 instants are compared, evenly spread. The exit code is 1 where a difference is past its bound.
+    Pose, velocities and accelerations are computed by the equations and by Pinocchio. At most 10,001 instants are
+    compared, evenly spread. The exit code is 1 where a difference is past its bound.
     """
     scene = load_scene(scene_file)
     report = scene.cross_validate(MOST_CHECKED)
