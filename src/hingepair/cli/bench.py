@@ -135,6 +135,20 @@ def integrate(
 
 
 @app.command()
+def fit(
+    sizes: Annotated[str, typer.Option(help="Numbers of samples.")] = "1000,10000,1000000",
+    repeats: Repeats = 5,
+    show_json: Json = False,
+) -> None:
+    """The hinge from recordings: time and error, beside SciPy's least_squares on the constraints as they are."""
+    from hingepair.bench import fit as bench
+
+    rows = bench.fit([_count(part) for part in sizes.split(",")], repeats, _tell)
+    notes = ["error: largest of the axes and, across them, of the hinge point; root mean square of 5 recordings"]
+    _report(rows, bench.ERROR, show_json, notes, bench.targets(rows))
+
+
+@app.command()
 def skip(
     samples: Annotated[int, typer.Option(min=1, max=10**7, help="Samples.")] = 1_000_000,
     repeats: Repeats = 7,

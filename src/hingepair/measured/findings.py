@@ -14,7 +14,7 @@ from hingepair.rotations.matrices import project_to_rotation, rotation_vector
 
 Float64Array = NDArray[np.float64]
 
-_THIN = 8192
+_THIN = 2048
 _JUDGES = 65536
 _STILL = 0.05
 """Scatter of relative attitudes below which that of noise and that of a motion cannot be told apart by size [rad]."""
@@ -95,7 +95,7 @@ def findings(
 
 
 def _outliers(seen: Judged, given: Float64Array) -> list[Finding]:
-    known = given > 0
+    known = (given > 0) & np.isfinite(seen.sizes)
     sizes = seen.sizes[known] / max(float(np.median(seen.sizes[known])), 1e-300) * _MEDIAN
     far = sizes > _FAR
     if not far.any() or seen.alike > _ALIKE:

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.findings import check_turning, findings
 from hingepair.measured.instants import recorded
-from hingepair.measured.likelihood import LOSSES, frame, judged, most_likely, moved, without_bias
+from hingepair.measured.likelihood import LOSSES, frame, judged, most_likely, without_bias
 from hingepair.measured.relative_poses import Hinge, closed_form, closed_form_of_most, relative_poses
 from hingepair.numeric.arrays import broadcast_shape, check_choice, read_only, real_array
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.rotations.matrices import rotation_vector
+from hingepair.rotations.matrices import rotation_vector, skew
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -207,7 +207,8 @@ def fit(
     whole = {name: np.broadcast_to(array, (*shape, *tails[name[0]])) for name, array in arrays.items()}
     used = given > 0
     for array in whole.values():
-        used &= np.isfinite(array.reshape(shape[0], -1)).all(axis=-1)
+        if not np.isfinite(array.sum()):  # one pass where nothing is missing
+            used &= np.isfinite(array.reshape(shape[0], -1)).all(axis=-1)
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")
     parts = whole if used.all() else {name: array[used] for name, array in whole.items()}
@@ -219,7 +220,7 @@ def fit(
     hinge = _in_gauge(_signed(without_bias(poses, hinge, noise)), gauge)
     seen = judged(poses, hinge, noise, penalty)
     home = _shortest(hinge.m, hinge.n)
-    change = _derivatives(hinge, gauge)
+    change = _derivatives(hinge, home, gauge)
     covariance = change @ seen.covariance @ change.T
     std = dict(zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True))
     found = findings(poses, hinge, noise, seen, still, std)
@@ -300,15 +301,21 @@ def _shortest(m: Float64Array, n: Float64Array) -> Float64Array:
     return np.asarray(once @ (2 * np.outer(m, m) - np.eye(3)))  # after half a turn about m
 
 
-def _derivatives(hinge: Hinge, gauge: str) -> Float64Array:
-    """Of u1, u2, n and home's rotation vector by the parameters of the fit; (12, 9)."""
-    length = max(float(np.abs(hinge.u1).max()), float(np.abs(hinge.u2).max()), 1e-3)
-    columns = []
-    for k, step in enumerate((1e-6,) * 4 + (length,) * 5):
-        high, low = (_in_gauge(moved(hinge, sign * step * np.eye(9)[k]), gauge) for sign in (1, -1))
-        turn = rotation_vector(_shortest(high.m, high.n) @ _shortest(low.m, low.n).T)
-        columns.append(np.concatenate((high.u1 - low.u1, high.u2 - low.u2, high.n - low.n, turn)) / (2 * step))
-    return np.stack(columns, axis=-1)
+def _derivatives(hinge: Hinge, home: Float64Array, gauge: str) -> Float64Array:
+    """Of u1, u2, n and home's rotation vector by the parameters of the fit; (12, 9).
+
+    The rotation d of home by the short way from m to n has `d x n` as its change asks for; about n it turns so that
+    home's axis stays across m + n.
+    """
+    n, m, u1, u2 = hinge
+    first, second = frame(n), frame(m)
+    dn, dm, du1, du2 = np.zeros((4, 3, 9))
+    dn[:, :2], dm[:, 2:4], du1[:, 4:7], du2[:, 7:] = first[:, :2], second[:, :2], first, second[:, :2]
+    slide = -(n @ du1 + u1 @ dn) if gauge == "closest_to_R1" else -(m @ du2 + u2 @ dm)
+    to_n, from_m = skew(n) @ dn, -skew(n) @ home @ dm
+    about = m @ (from_m - to_n) / max(float(1 + m @ n), 1e-12)
+    rows = (du1 + np.outer(n, slide), du2 + np.outer(m, slide), dn, to_n + from_m + np.outer(n, about))
+    return np.concatenate(rows)
 
 
 def _offset(hinge: Hinge, home: Float64Array) -> float:

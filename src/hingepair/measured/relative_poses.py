@@ -18,7 +18,8 @@ from hingepair.numeric.arrays import FloatArray
 Float64Array = NDArray[np.float64]
 
 _BLOCK = 4096
-_PAIRS, _JUDGES = 400, 1000
+_PAIRS, _JUDGES = 200, 300
+_LEAST_TURN = 0.017
 
 
 class Hinge(NamedTuple):
@@ -113,33 +114,35 @@ def closed_form_of_most(poses: RelativePoses) -> Hinge:
     """
     judges = poses.thinned(_JUDGES)
     known = np.flatnonzero(poses.weights > 0)
-    rng = np.random.default_rng(0)
-    first, second = rng.choice(known, (2, _PAIRS))
-    candidates = [closed_form(poses), *_screws(poses, first[first != second], second[first != second])]
-    Q, p = judges.Q.T.reshape(-1, 3, 3), judges.p.T
-    best, least = candidates[0], np.inf
-    for hinge in candidates:
-        tilt = np.median(((Q @ hinge.m - hinge.n) ** 2).sum(axis=-1))
-        gap = np.median(((hinge.u1 - p - Q @ hinge.u2) ** 2).sum(axis=-1))
-        if tilt * gap < least:
-            best, least = hinge, tilt * gap
-    return best
+    first, second = np.random.default_rng(0).choice(known, (2, _PAIRS))
+    n, m, u1, u2 = (
+        np.concatenate(own)[:, :, None]
+        for own in zip([each[None] for each in closed_form(poses)], _screws(poses, first, second), strict=True)
+    )
+    Q, p = judges.Q.reshape(3, 3, -1), judges.p
+    tilt = np.zeros((n.shape[0], judges.samples))
+    gap = np.zeros_like(tilt)
+    for i in range(3):
+        tilt += (m[..., 0] @ Q[i] - n[:, i]) ** 2
+        gap += (u1[:, i] - p[i] - u2[..., 0] @ Q[i]) ** 2
+    best = int(np.argmin(np.median(tilt, axis=-1) * np.median(gap, axis=-1)))
+    return Hinge(*(each[best, :, 0] for each in (n, m, u1, u2))).balanced()
 
 
-def _screws(poses: RelativePoses, first: NDArray[np.intp], second: NDArray[np.intp]) -> list[Hinge]:
-    """The hinge of each pair of samples that turns by a degree or more between them."""
-    found = []
-    for i, j in zip(first, second, strict=True):
-        Q, other = poses.Q[:, i].reshape(3, 3), poses.Q[:, j].reshape(3, 3)
-        turn = other @ Q.T
-        twice = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        sine = float(np.linalg.norm(twice)) / 2
-        angle = np.arctan2(sine, (np.trace(turn) - 1) / 2)
-        if sine < 0.017:
-            continue
-        n = twice / (2 * sine)
-        apart = poses.p[:, i] - poses.p[:, j]
-        apart = apart - (apart @ n) * n
-        lever = -(apart + np.cross(n, apart) / np.tan(angle / 2)) / 2
-        found.append(Hinge(n, Q.T @ n, poses.p[:, i] + lever, Q.T @ lever).balanced())
-    return found
+def _screws(
+    poses: RelativePoses, first: NDArray[np.intp], second: NDArray[np.intp]
+) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
+    """n, m, u1 and u2 of each pair of samples that turns by a degree or more between them; (k, 3) each."""
+    Q, other = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first, second))
+    turn = other @ np.swapaxes(Q, -1, -2)
+    twice = np.stack([turn[:, k, j] - turn[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))], axis=-1)
+    sine = np.sqrt((twice * twice).sum(axis=-1)) / 2
+    kept = sine > _LEAST_TURN
+    Q, n, sine, turn = Q[kept], twice[kept] / (2 * sine[kept, None]), sine[kept], turn[kept]
+    angle = np.arctan2(sine, (np.trace(turn, axis1=1, axis2=2) - 1) / 2)
+    p = poses.p.T[first[kept]]
+    apart = p - poses.p.T[second[kept]]
+    apart = apart - (apart * n).sum(axis=-1, keepdims=True) * n
+    lever = -(apart + np.cross(n, apart) / np.tan(angle / 2)[:, None]) / 2
+    back = np.swapaxes(Q, -1, -2)
+    return n, (back @ n[..., None])[..., 0], p + lever, (back @ lever[..., None])[..., 0]
