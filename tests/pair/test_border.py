@@ -12,7 +12,7 @@ import hingepair as hp
 from support.reference import OUTPUTS, UNIT, euler_scales
 from support.states import generator, rotations
 
-pytestmark = pytest.mark.usefixtures("each_backend")
+backends = pytest.mark.usefixtures("each_backend")
 
 U = 2.0**-53
 PAIR = (
@@ -80,6 +80,7 @@ def require(found, expected, scales, ulps, keep=slice(None)):
         assert np.all(abs(rows).max(axis=-1, initial=0.0)[keep] <= np.broadcast_to(allowed, len(rows))[keep]), name
 
 
+@backends
 @few
 @given(moving, st.tuples(layouts, layouts, layouts))
 def test_any_shape_and_layout(motion, names):
@@ -94,6 +95,7 @@ def test_any_shape_and_layout(motion, names):
         found.R2[...] = 0
 
 
+@backends
 @few
 @given(moving, st.sampled_from(["<f4", ">f4", "<i8", "<i4", ">i2", "<u2", "|i1"]))
 def test_types(motion, dtype):
@@ -106,6 +108,7 @@ def test_types(motion, dtype):
     require(found, ONE.forward_kinematics(*same, outputs=OUTPUTS), scales_of(same), 2)
 
 
+@backends
 @few
 @given(
     st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=7, max_size=7),
@@ -127,6 +130,7 @@ def test_seven_that_broadcast(values, forms):
     require(found, expected, scales_of((packed, 0 * packed, 0 * packed)), 2)
 
 
+@backends
 @few
 @given(hnp.arrays(np.float64, (3, 5, 7), elements=NUMBERS))
 def test_batch_equals_single(motion):
@@ -136,6 +140,7 @@ def test_batch_equals_single(motion):
     require(stacked, expected, scales_of(motion), 2)
 
 
+@backends
 @few
 @given(
     hnp.arrays(np.float64, (3, 6, 7), elements=NUMBERS),
@@ -155,6 +160,7 @@ def test_what_is_no_number_stays_in_its_sample(motion, places, bad):
         assert not np.isfinite(getattr(found, output)[sample]).all(), (level, column)
 
 
+@backends
 @few
 @given(st.integers(0, 4), st.tuples(st.integers(0, 2), st.integers(0, 2)), st.sampled_from([np.nan, np.inf]))
 def test_a_given_attitude_that_is_no_number_poisons_its_own_sample(sample, place, bad):
@@ -184,6 +190,7 @@ def test_an_axis_has_no_length(axis, exponent):
     assert abs(np.swapaxes(one.S2, -1, -2) @ one.S2 - np.eye(3)).max() <= 24 * U
 
 
+@backends
 @few
 @given(
     st.integers(1, 3), st.sets(st.sampled_from(["u1", "u2", "n", "home"])),

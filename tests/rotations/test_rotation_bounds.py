@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -29,6 +30,21 @@ def rotvecs(rng, shortest=-12.0):
     axis[~axis.any(axis=-1)] = 1.0
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
     return axis * np.minimum(length, np.pi)[:, None]
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("psi", [1e-160, 1e-12, 1e-9, 1e-8, 1e-6, 1e-3, 0.1])
+def test_small_turn_keeps_its_digits(psi):
+    """Sh - I, component by component, relatively: 1 - cos psi would have no digit left at 1e-9."""
+    axis = np.array([1.0, 1.0, 0.0])
+    Sh = hp.rodrigues(axis, psi)
+    with mpmath.workdps(2 * 160 + 60):
+        half = mpmath.sin(mpmath.mpf(psi) / 2) ** 2
+        sine = mpmath.sin(mpmath.mpf(psi)) / mpmath.sqrt(2)
+        expected = {(0, 1): half, (1, 0): half, (0, 2): sine, (2, 0): -sine, (1, 2): -sine, (2, 1): sine}
+        for place, value in expected.items():
+            floor = mpmath.mpf(2) ** -1074  # 1 - cos 1e-160 is subnormal
+            assert abs(mpmath.mpf(float(Sh[place])) - value) <= 6 * mpmath.mpf(2) ** -53 * abs(value) + floor, place
 
 
 @pytest.mark.law

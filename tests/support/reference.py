@@ -85,7 +85,8 @@ def remembered(function):
         if isinstance(value, tuple | list):
             return tuple(map(key_of, value))
         if isinstance(value, np.ndarray):
-            return value.shape, value.dtype.str, value.tobytes()
+            numbers = tuple(x._mpf_ for x in value.flat) if value.dtype == object else value.tobytes()
+            return value.shape, value.dtype.str, numbers
         return value
 
     @functools.wraps(function)
