@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from hingepair.scenes.scene import load_scene
     from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
     from hingepair.validation.pinocchio_twin import to_pinocchio
+    from hingepair.view.page import view
 
 __version__ = "0.1.0"
 
@@ -129,9 +130,11 @@ __all__ = [
     "to_pinocchio",
     "to_urdf",
     "unskew",
+    "view",
 ]
 
 _LATER = {
+    "view": "view.page",
     "Body": "pair.body",
     "Box": "pair.body",
     "Cylinder": "pair.body",

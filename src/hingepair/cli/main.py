@@ -17,6 +17,7 @@ from hingepair.cli.output import EXIT_BAD, EXIT_FAULT, behave, printed
 from hingepair.cli.pairs import mjcf, urdf
 from hingepair.cli.robots import robots
 from hingepair.cli.run import check, run
+from hingepair.cli.view import view
 from hingepair.errors import HingePairError
 
 app = typer.Typer(
@@ -30,7 +31,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (run, check, forces, derive, urdf, mjcf, robots):
+for command in (run, check, forces, derive, urdf, mjcf, view, robots):
     app.command()(command)
 app.command("fit")(fit_files)
 app.add_typer(bench_app, name="bench")

@@ -215,6 +215,8 @@ def simulate(
         t=read_only(instants),
         quat_wxyz=read_only(found.quats),
         psi=read_only(found.psi),
+        R1=found.body1.R,
+        pair=pair,
         state=pair.forward_kinematics_from_body1(
             found.body1, found.psi, found.psid, found.psidd, outputs=outputs, backend=backend
         ),

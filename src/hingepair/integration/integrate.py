@@ -177,7 +177,8 @@ def integrate(
         return PlanarTrajectory(phi=turned, state=in_plane, **given)
     body = frame == "body"
     state = _spatial_state(pair, t, found.turned, found.psi, rates, point, outputs, body=body, backend=backend)
-    return Trajectory(quat_wxyz=turned, state=state, **given)
+    place = read_only(np.broadcast_to(point["R1"], (len(t), 3)))
+    return Trajectory(quat_wxyz=turned, R1=place, state=state, pair=pair, **given)
 
 
 def _rates(given: Mapping[str, Any], t: Values, tail: tuple[int, ...]) -> dict[str, Signal | None]:

@@ -14,6 +14,7 @@ from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.blocks import components_of, evaluate
+from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.sequences import SEQUENCES
@@ -108,7 +109,9 @@ class Trajectory(_OfState):
         t: the instants [s]; shape (N,).
         quat_wxyz: attitude of body 1, body to world, unit quaternions without a jump of sign; shape (N, 4).
         psi: hinge angle [rad]; shape (N,).
+        R1: reference point of body 1, world axes [m]; shape (N, 3).
         state: the PairState at the instants.
+        pair: the pair that moves.
         method: the method.
         steps: how many steps were made; 0 where SciPy chose them.
     """
@@ -116,7 +119,9 @@ class Trajectory(_OfState):
     t: NDArray[np.float64]
     quat_wxyz: NDArray[np.float64]
     psi: NDArray[np.float64]
+    R1: NDArray[Any]
     state: PairState
+    pair: HingePair
     method: str
     steps: int
     _error: Later = field(repr=False)

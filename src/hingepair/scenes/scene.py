@@ -78,22 +78,24 @@ class SceneResult:
     Attributes:
         t: instants; shape (samples,) s.
         state: the PairState, or PlanarState, at these instants.
+        scene: where it comes from.
     """
 
     t: NDArray[np.float64]
     state: PairState | PlanarState
+    scene: Scene
 
     def __getattr__(self, name: str) -> Any:
-        if not name.startswith("_") and name not in {"t", "state"} and hasattr(type(self.state), name):
+        if not name.startswith("_") and name not in {"t", "state", "scene"} and hasattr(type(self.state), name):
             return getattr(self.state, name)
-        known = ", ".join(("t", "state", *self.state.outputs))
+        known = ", ".join(("t", "state", "scene", *self.state.outputs))
         raise AttributeError(f"SceneResult has no {name!r}; it has {known}")
 
     def __repr__(self) -> str:
         return f"SceneResult({span(self.t)}, state={self.state!r})"
 
     def __dir__(self) -> list[str]:
-        return ["t", "state", *(name for name in dir(type(self.state)) if not name.startswith("_"))]
+        return ["t", "state", "scene", *(name for name in dir(type(self.state)) if not name.startswith("_"))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,7 +206,7 @@ class Scene:
         """
         names, order = self._wanted(outputs)
         known = self.motion.known(slice(None), order)
-        return SceneResult(self.motion.t, known.forward_kinematics(self.pair, names))
+        return SceneResult(self.motion.t, known.forward_kinematics(self.pair, names), self)
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """What `evaluate` computes and what it leaves out, and why; print it.

@@ -1,0 +1,262 @@
+"""A page on which the pair moves: one file that needs nothing else, for any browser.
+
+The drawing is done by MeshCat's viewer (three.js), which Pinocchio's users know; its JavaScript is taken out of the
+installed package `meshcat` and put into the page, so that the page opens from a disk without a network.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+from collections.abc import Iterable
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.errors import ArgumentError, MissingDependencyError, quoted
+from hingepair.evaluation.plan import VELOCITY
+from hingepair.formats.model_parts import drawn_shapes
+from hingepair.formats.whole_file import whole_file
+from hingepair.integration.trajectory import Trajectory
+from hingepair.pair.body import Box, Cylinder, Shape, Sphere
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.constants import check_one
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.scenes.scene import Scene, SceneResult
+
+Array: TypeAlias = NDArray[Any]
+
+MOST_FRAMES: Final = 2000
+"""Instants on a page at most, evenly spread: what a browser plays in a minute."""
+
+Source: TypeAlias = HingePair | Scene | SceneResult | Trajectory
+
+
+class Frames(NamedTuple):
+    """A motion as a page shows it.
+
+    Attributes:
+        t: instants [s]; shape (N,).
+        placements: of body 1 and of body 2, (R, S) each; shapes (N, 3), (N, 3, 3).
+        psi: hinge angle [rad]; shape (N,).
+        readings: further vectors by name, such as v2; shape (N, 3).
+    """
+
+    t: Array
+    placements: tuple[tuple[Array, Array], tuple[Array, Array]]
+    psi: Array
+    readings: dict[str, Array]
+
+
+def view(source: Source, path: str | os.PathLike[str] | None = None) -> Page:
+    """A page on which the pair moves: bodies, hinge axis, frames and trails, with a time slider and readings.
+
+    Args:
+        source: a scene or its result, a trajectory of `integrate` or `simulate`, or a pair, which then turns through
+            its limits (a whole turn where it has none).
+        path: a file to write the page to, ending in .html; none unless given.
+
+    Returns:
+        The page: `.html` is its text, `.save(path)` writes it; in a notebook it shows itself.
+
+    Raises:
+        ArgumentError: what has no motion to show, or a file that cannot be written; names the argument.
+        MissingDependencyError: the package meshcat is not installed.
+
+    >>> import hingepair as hp
+    >>> page = hp.view(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1)))
+    >>> page
+    Page(hinge_pair, frames=181)
+    """
+    pair, title, frames = _frames_of(source)
+    page = Page(title, len(frames.t), _html(pair, title, frames))
+    if path is not None:
+        page.save(path, [source.path] if isinstance(source, Scene) else ())
+    return page
+
+
+class Page:
+    """One HTML file, and everything that it needs in it.
+
+    Attributes:
+        title: what it shows.
+        frames: number of instants.
+        html: its text.
+    """
+
+    def __init__(self, title: str, frames: int, html: str) -> None:
+        self.title = title
+        self.frames = frames
+        self.html = html
+
+    def __repr__(self) -> str:
+        return f"Page({self.title}, frames={self.frames})"
+
+    def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
+        """Write it to a file.
+
+        Args:
+            path: ends in .html.
+            inputs: files that are being read from, which the path must not be.
+
+        Raises:
+            ArgumentError: another ending, or the file cannot be written; what was there before stays.
+        """
+        target = Path(path)
+        if target.suffix.lower() not in {".html", ".htm"}:
+            raise ArgumentError("path", "a file name that ends in .html", quoted(str(target)))
+        with whole_file(target, inputs) as file:
+            file.write(self.html.encode())
+        return target
+
+    def _repr_html_(self) -> str:
+        return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: 480px; border: 0"></iframe>'
+
+
+def _frames_of(source: object) -> tuple[HingePair, str, Frames]:
+    if isinstance(source, HingePair):
+        return source, source.name, _turning(source)
+    if isinstance(source, SceneResult):
+        source = source.scene
+    if isinstance(source, Scene):
+        return source.space, source.title or source.pair.name, _of_scene(source)
+    if isinstance(source, Trajectory):
+        return source.pair, source.pair.name, _of_trajectory(source)
+    expected = "a pair in space, a scene, its result, or a trajectory in space"
+    raise ArgumentError("source", expected, type(source).__name__)
+
+
+def _turning(pair: HingePair) -> Frames:
+    """A pair whose hinge turns through its limits and back, body 1 at rest."""
+    check_one(pair)
+    lower, upper = pair.limits or (-np.pi, np.pi)
+    share = np.linspace(0, 1, 181)
+    psi = lower + (upper - lower) * (share if pair.limits is None else (1 - np.cos(2 * np.pi * share)) / 2)
+    names = ("R1", "S1", "R2", "S2")
+    a = pair.forward_kinematics((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, psi), outputs=names).arrays()
+    return Frames(6 * share, ((a["R1"], a["S1"]), (a["R2"], a["S2"])), psi, {})
+
+
+def _of_scene(scene: Scene) -> Frames:
+    rows = _spread(scene.samples)
+    known = scene.motion.known(rows, min(scene.motion.level, VELOCITY))
+    bodies = known.bodies(scene.pair)
+    state = known.forward_kinematics(scene.pair, None).arrays()
+    readings: dict[str, Array] = {name: _in_space(state[name]) for name in ("v2", "omega2") if name in state}
+    placements = (bodies["R1"], bodies["S1"]), (bodies["R2"], bodies["S2"])
+    return Frames(scene.times()[rows], placements, known.psi, readings)
+
+
+def _of_trajectory(motion: Trajectory) -> Frames:
+    rows = _spread(len(motion.t))
+    body1 = BodyMotion(R=motion.R1[rows], S=motion.S1[rows])
+    a = motion.pair.forward_kinematics_from_body1(body1, motion.psi[rows]).arrays()
+    found = motion.state.arrays()
+    readings: dict[str, Array] = {name: found[name][rows] for name in ("v2", "omega2") if name in found}
+    return Frames(motion.t[rows], ((body1.R, body1.S), (a["R2"], a["S2"])), motion.psi[rows], readings)
+
+
+def _spread(count: int) -> NDArray[np.intp]:
+    """Rows that a page shows."""
+    return np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).astype(np.intp))
+
+
+def _in_space(vectors: Array) -> Array:
+    """Vectors of the plane as vectors of space; numbers as vectors along z."""
+    flat = vectors.reshape(len(vectors), -1)
+    if flat.shape[1] == 3:
+        return flat
+    zero = np.zeros((len(flat), 3 - flat.shape[1]))
+    return np.concatenate((flat, zero) if flat.shape[1] == 2 else (zero, flat), axis=1)
+
+
+def _html(pair: HingePair, title: str, frames: Frames) -> str:
+    """The page: the viewer's code, the motion as JSON, and what brings the two together."""
+    (R1, S1), (R2, S2) = frames.placements
+    hinge = R1 + S1 @ pair.u1
+    seen: Array = np.isfinite(np.concatenate([R1, R2], axis=1)).all(axis=1)
+    origin = R1[seen][0] if seen.any() else np.zeros(3)  # drawn from here: a browser's numbers have seven digits
+    places = np.concatenate([R1[seen], R2[seen], hinge[seen]]) - origin if seen.any() else np.zeros((1, 3))
+    low, high = places.min(axis=0), places.max(axis=0)
+    size = float(np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)) or 1.0
+    one, two = drawn_shapes(pair)
+    reach = max(size, *map(_reach, (*one, *two)))
+    motion = {
+        "title": title,
+        "t": frames.t.tolist(),
+        "psi": _plain(frames.psi),
+        "axis": pair.n.tolist(),
+        "hinge": pair.u1.tolist(),
+        "size": size,
+        "reach": reach,
+        "extent": max(float(np.linalg.norm(high - low)), reach),
+        "centre": ((low + high) / 2).tolist(),
+        "origin": origin.tolist(),
+        "play": True,
+        "body1": {"shapes": [_drawn(shape) for shape in one], "placements": _placements(R1 - origin, S1)},
+        "body2": {"shapes": [_drawn(shape) for shape in two], "placements": _placements(R2 - origin, S2)},
+        "trails": {
+            name: _plain(np.where(seen[:, None], R - origin, 0.0))
+            for name, R in (("body1", R1), ("body2", R2), ("hinge", hinge))
+        },
+        **{name: _plain(vectors) for name, vectors in frames.readings.items()},
+    }
+    text = json.dumps(motion, allow_nan=False).replace("<", "\\u003c")
+    page = files("hingepair.view").joinpath("page.html").read_text(encoding="utf-8")
+    parts = {"@TITLE@": escape(title), "@VIEWER@": _viewer(), "@MOTION@": text}
+    return re.sub("@[A-Z]+@", lambda found: parts[found[0]], page)
+
+
+def _viewer() -> str:
+    """MeshCat's JavaScript, out of the installed package, which is not imported: it would load a server."""
+    found = importlib.util.find_spec("meshcat")
+    places = found.submodule_search_locations if found else None
+    for place in places or ():
+        script = Path(place) / "viewer" / "dist" / "main.min.js"
+        if script.is_file():
+            return script.read_text(encoding="utf-8").replace("</script", "<\\/script")
+    raise MissingDependencyError("view", "the package meshcat: pip install 'hingepair[view]'", "none")
+
+
+def _plain(array: Array) -> list[Any]:
+    """Numbers for JSON, None for what is not finite."""
+    found = array.astype(object)
+    found[~np.isfinite(array)] = None
+    return list(found.tolist())
+
+
+def _placements(R: Array, S: Array) -> list[list[float] | None]:
+    """The 4 x 4 matrices, row by row; None where one is not finite."""
+    matrices = np.zeros((len(R), 4, 4))
+    matrices[:, :3, :3], matrices[:, :3, 3], matrices[:, 3, 3] = S, R, 1.0
+    return [m if np.isfinite(m).all() else None for m in matrices.reshape(-1, 16).tolist()]
+
+
+def _reach(shape: Shape) -> float:
+    """How far a shape goes from its body's reference point, at most."""
+    own = shape.size / 2 if isinstance(shape, Box) else (shape.radius,)
+    half = shape.length / 2 if isinstance(shape, Cylinder) else 0.0
+    return float(np.linalg.norm(shape.center) + np.linalg.norm([*own, half]))
+
+
+def _drawn(shape: Shape) -> dict[str, Any]:
+    """A shape as the page builds it; three.js has the axis of a cylinder along y."""
+    turn = np.eye(3)
+    found: dict[str, Any] = {"kind": type(shape).__name__.lower()}
+    if isinstance(shape, Box):
+        found["size"], turn = shape.size.tolist(), shape.axes
+    elif isinstance(shape, Sphere):
+        found["radius"] = shape.radius
+    else:
+        found |= {"radius": shape.radius, "length": shape.length}
+        across = np.cross(shape.axis, np.eye(3)[np.argmin(np.abs(shape.axis))])
+        across /= np.linalg.norm(across)
+        turn = np.stack([across, shape.axis, np.cross(across, shape.axis)], axis=1)
+    found["placement"] = _placements(shape.center[None], turn[None])[0]
+    return found

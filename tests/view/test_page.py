@@ -1,0 +1,145 @@
+"""The page on which a pair moves, in a browser where there is one."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+
+MODELS = Path(__file__).parents[2] / "models"
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--window-size=900,600", "--enable-logging=stderr", "--virtual-time-budget=3000"),
+)
+PROBE = """<script>
+const slider = document.getElementById("time");
+slider.value = 700;
+slider.dispatchEvent(new Event("input"));
+const probe = document.createElement("pre");
+probe.id = "probe";
+probe.textContent = JSON.stringify({
+  matrix: window.hingepair.bodies.body2.matrix.elements,
+  numbers: document.getElementById("numbers").textContent,
+  origin: window.hingepair.motion.origin,
+  asked: performance.getEntriesByType("resource").map((entry) => entry.name),
+});
+document.body.append(probe);
+</script>"""
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return hp.load_scene(MODELS / "satellite_panel.toml")
+
+
+def motion_of(page):
+    return json.loads(
+        re.search(r'<script id="motion" type="application/json">(.*?)</script>', page.html, re.DOTALL)[1]
+    )
+
+
+def test_the_page_holds_the_motion_and_asks_for_nothing_else(scene):
+    page = hp.view(scene)
+    motion = motion_of(page)
+    state = scene.evaluate(("R2", "S2", "v2", "omega2")).state
+    rows = np.searchsorted(scene.times(), motion["t"])
+    placements = np.array(motion["body2"]["placements"]).reshape(-1, 4, 4)
+    np.testing.assert_array_equal(placements[:, :3, :3], state.S2[rows])
+    np.testing.assert_allclose(placements[:, :3, 3] + motion["origin"], state.R2[rows], rtol=1e-15)
+    np.testing.assert_array_equal(motion["v2"], state.v2[rows])
+    head = page.html[: page.html.index("<script>")] + page.html[page.html.index("</script>") :]
+    assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", head)
+
+
+@pytest.mark.parametrize("name", ["reference_2d", "talos_elbow", "landing_gear", "spinning_satellite", "logged_arm"])
+def test_any_scene_is_shown(name):
+    scene = hp.load_scene(MODELS / f"{name}.toml")
+    motion = motion_of(hp.view(scene.evaluate()))
+    assert len(motion["t"]) == min(scene.samples, 2000)
+    assert motion["body1"]["shapes"]
+    assert motion["title"] == scene.title
+
+
+def test_a_trajectory_and_a_pair_are_shown():
+    pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1), limits=(-0.5, 1))
+    t = np.linspace(0, 1, 11)
+    moved = hp.integrate(pair, t, omega1=(0, 0, 1), psid=np.cos, R1=np.stack([t, 0 * t, 0 * t], axis=-1))
+    placements = np.array(motion_of(hp.view(moved))["body1"]["placements"]).reshape(-1, 4, 4)
+    np.testing.assert_array_equal(placements[:, 0, 3], t)
+    motion = motion_of(hp.view(pair))
+    assert (min(motion["psi"]), max(motion["psi"])) == (-0.5, 1)
+
+
+def test_a_gap_hides_the_body_and_a_title_is_only_text(tmp_path):
+    log = "t,x,y,z,phi_x,phi_y,phi_z,psi\n" + "".join(
+        f"{i / 10},{'nan' if i == 3 else i},0,0,0,0,0,{i}\n" for i in range(8)
+    )
+    (tmp_path / "log.csv").write_text(log)
+    title = "</script><script>alert(1)</script>"
+    text = f"title = '{title}'\n[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\n[motion]\nfile = 'log.csv'\n"
+    (tmp_path / "scene.toml").write_text(text)
+    page = hp.view(hp.load_scene(tmp_path / "scene.toml"), tmp_path / "page.html")
+    assert motion_of(page)["body2"]["placements"][3] is None
+    assert title not in page.html
+    assert (tmp_path / "page.html").read_text() == page.html
+
+
+def test_what_cannot_be_shown_or_written_is_named(tmp_path):
+    flat = hp.PlanarPair(u1=(1, 0), u2=(0, 1))
+    with pytest.raises(hp.ArgumentError, match=r"^source: expected a pair in space"):
+        hp.view(flat)
+    with pytest.raises(hp.ArgumentError, match=r"^path: expected a file name that ends in \.html"):
+        hp.view(flat.to_spatial(), tmp_path / "page.png")
+    several = hp.HingePair(u1=np.zeros((2, 3)), u2=(1, 0, 0), n=(0, 0, 1))
+    with pytest.raises(hp.ShapeError, match="pair"):
+        hp.view(several)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no browser: apt-get install chromium")
+def test_in_a_browser_the_slider_moves_body2_to_where_it_is(scene, tmp_path):
+    page = hp.view(scene)
+    path = tmp_path / "page.html"
+    path.write_text(page.html.replace("</body>", PROBE + "</body>"))
+    profile = f"--user-data-dir={tmp_path / 'profile'}"
+    done = subprocess.run(
+        [CHROMIUM, *FLAGS, profile, "--dump-dom", path.as_uri()],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert "CONSOLE" not in done.stderr, done.stderr
+    found = json.loads(unescape(re.search(r'<pre id="probe">(.*?)</pre>', done.stdout, re.DOTALL)[1]))
+    row = int(np.searchsorted(scene.times(), motion_of(page)["t"][700]))
+    state = scene.evaluate(("R2", "S2")).state
+    placement = np.array(found["matrix"]).reshape(4, 4).T
+    np.testing.assert_array_equal(placement[:3, :3], state.S2[row])
+    np.testing.assert_allclose(placement[:3, 3] + found["origin"], state.R2[row], rtol=1e-15)
+    assert "omega2" in found["numbers"]
+    assert found["asked"] == []
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no browser: apt-get install chromium")
+@pytest.mark.slow
+def test_in_a_browser_something_is_drawn(scene, tmp_path):
+    from matplotlib.image import imread
+
+    path, picture = hp.view(scene).save(tmp_path / "page.html"), tmp_path / "page.png"
+    profile = f"--user-data-dir={tmp_path / 'profile'}"
+    subprocess.run(
+        [CHROMIUM, *FLAGS, profile, f"--screenshot={picture}", path.as_uri()],
+        capture_output=True,
+        timeout=120,
+        check=True,
+    )
+    middle = imread(picture)[150:500, 150:750, :3]
+    blue, orange = (middle[..., 2] - middle[..., 0] > 0.2), (middle[..., 0] - middle[..., 2] > 0.2)
+    assert blue.sum() > 200
+    assert orange.sum() > 200
