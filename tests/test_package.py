@@ -40,6 +40,12 @@ def test_import_loads_numpy_and_no_other_package() -> None:
     assert loaded - own - {"hingepair"} == {"numpy"}
 
 
+def test_no_wing_takes_the_name_of_a_function() -> None:
+    """To import a wing would put it where the function was."""
+    rooms = {source.stem for source in PACKAGE.glob("*.py")} | {folder.name for folder in PACKAGE.iterdir()}
+    assert not rooms & set(hp.__all__)
+
+
 def test_everything_exported_exists_once() -> None:
     assert len(hp.__all__) == len(set(hp.__all__))
     for name in hp.__all__:
@@ -48,7 +54,7 @@ def test_everything_exported_exists_once() -> None:
 
 WINGS = (
     *("errors", "numeric", "equations", "rotations", "evaluation", "pair", "measured", "integration"),
-    *("dynamics", "symbolic", "formats", "validation", "scenes", "view", "bench", "cli"),
+    *("dynamics", "symbolic", "formats", "validation", "scenes", "pictures", "bench", "cli"),
 )
 UPHILL = {("evaluation", "integration")}
 """Wings that still import one above them."""

@@ -62,11 +62,11 @@ if TYPE_CHECKING:
     from hingepair.measured.resample import resample
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
+    from hingepair.pictures.page import view
     from hingepair.scenes.derive import derive
     from hingepair.scenes.scene import load_scene
     from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
     from hingepair.validation.pinocchio_twin import to_pinocchio
-    from hingepair.view.page import view
 
 __version__ = "0.1.0"
 
@@ -134,7 +134,7 @@ __all__ = [
 ]
 
 _LATER = {
-    "view": "view.page",
+    "view": "pictures.page",
     "Body": "pair.body",
     "Box": "pair.body",
     "Cylinder": "pair.body",

@@ -10,8 +10,8 @@ import typer
 from hingepair.cli.output import console
 from hingepair.cli.pairs import Joint, Source, inputs_of, named_pair
 from hingepair.pair.hinge_pair import HingePair
+from hingepair.pictures.page import view as page_of
 from hingepair.scenes.scene import load_scene
-from hingepair.view.page import view as page_of
 
 
 def view(

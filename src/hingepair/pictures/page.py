@@ -208,7 +208,7 @@ def _html(pair: HingePair, title: str, frames: Frames) -> str:
         **{name: _plain(vectors) for name, vectors in frames.readings.items()},
     }
     text = json.dumps(motion, allow_nan=False).replace("<", "\\u003c")
-    page = files("hingepair.view").joinpath("page.html").read_text(encoding="utf-8")
+    page = files("hingepair.pictures").joinpath("page.html").read_text(encoding="utf-8")
     parts = {"@TITLE@": escape(title), "@VIEWER@": _viewer(), "@MOTION@": text}
     return re.sub("@[A-Z]+@", lambda found: parts[found[0]], page)
 
