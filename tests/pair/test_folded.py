@@ -96,10 +96,9 @@ def test_planar_pairs(levers, dtype, ledger):
     spatial = (*(np.append(u, 0).astype(float) for u in (u1, u2)), np.eye(3)[2], None)
     lifted = [np.insert(c.astype(float), (2, 2, 2), 0.0, axis=1) for c in (q, qd, qdd)]
     truth = reference.from_euler(spatial, *lifted)
-    for name in ("R2", "d", "v2", "a2"):
-        truth.values[name] = truth.values[name][:, :2]
-    for name in ("omega2", "alpha2"):
-        truth.values[name] = truth.values[name][:, 2]
+    points = {name: truth.values[name][:, :2] for name in ("R2", "d", "v2", "a2")}
+    turns = {name: truth.values[name][:, 2] for name in ("omega2", "alpha2")}
+    truth = reference.Truth(points | turns, truth.scales)
     outputs = ("R2", "d", "v2", "a2", "omega2", "alpha2", "phi2")
     state = hp.PlanarPair(u1=u1, u2=u2).forward_kinematics(q, qd, qdd, outputs=outputs)
     with mpmath.workdps(reference.DIGITS):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hingepair.evaluation.trace import Operand, Value, needed_lines
+from hingepair.numeric.blocks import versine, versines
 
 _WIDTH = 110
 _INFIX = {"+": 1, "-": 1, "*": 2, "/": 2}
@@ -128,18 +129,10 @@ def _list(opening: str, parts: Iterable[str], closing: str) -> list[str]:
     return lines
 
 
-def _versine(sine: float, cosine: float) -> float:
-    return sine * sine / (1 + cosine) if cosine > 0 else 1 - cosine
-
-
-def _versines(sine: Any, cosine: Any) -> Any:
-    return np.where(cosine > 0, sine * sine / (1 + cosine), 1 - cosine)
-
-
 _OF_FLOATS = {
     "sin": math.sin,
     "cos": math.cos,
-    "versine": _versine,
+    "versine": versine,
     "sqrt": math.sqrt,
     "arctan2": math.atan2,
     "hypot": math.hypot,
@@ -148,7 +141,7 @@ _OF_FLOATS = {
 _OF_ARRAYS = {
     "sin": np.sin,
     "cos": np.cos,
-    "versine": _versines,
+    "versine": versines,
     "sqrt": np.sqrt,
     "arctan2": np.arctan2,
     "hypot": np.hypot,

@@ -137,9 +137,17 @@ def hinge_terms(psi: Component) -> Components:
     s, c = sine(psi), cosine(psi)
     if not isinstance(psi, float | np.ndarray | np.generic):
         return s, _own(psi, "versine"), c
-    if isinstance(c, np.ndarray):
-        return s, np.where(c > SMALL, s * s / (1 + c), 1 - c), c
-    return s, s * s / (1 + c) if c > SMALL else 1 - c, c
+    return s, (versines if isinstance(c, np.ndarray) else versine)(s, c), c
+
+
+def versine(sine: float, cosine: float) -> float:
+    """1 - cos of an angle, from its sine and cosine."""
+    return sine * sine / (1 + cosine) if cosine > SMALL else 1 - cosine
+
+
+def versines(sine: Component, cosine: Component) -> Component:
+    """The same for arrays."""
+    return np.where(cosine > SMALL, sine * sine / (1 + cosine), 1 - cosine)
 
 
 def hinge_cosine(hinge: Components) -> Component:
