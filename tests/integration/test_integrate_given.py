@@ -114,8 +114,8 @@ def test_angular_velocity_may_jump_where_a_tolerance_is_asked():
 
     motion = hp.integrate(PAIR, T, omega, 0.0, tol=1e-5, outputs=())
     exact = T + np.maximum(0, T - 0.4567)
-    np.testing.assert_allclose(motion.euler_angles(1)[:, 0], exact, rtol=0, atol=1e-4)
-    assert motion.steps < 50_000
+    np.testing.assert_allclose(motion.euler_angles(1)[:, 0], exact, rtol=0, atol=1e-5)
+    assert motion.steps < 200
 
 
 def test_constant_rates():

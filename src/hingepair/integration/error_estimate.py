@@ -200,7 +200,7 @@ def turn_errors(
     rounding = interval_rounding(omega, *ends, counts)
     products = np.minimum(rounding.size, 4 * np.sqrt(np.minimum(rounding.size, finer * counts)))
     noise = rounding.noise + _U * products
-    return apart, above(_hidden(omega, *ends, fine, rule), 4 * noise), noise
+    return apart, above(_hidden(omega, *ends, coarse, fine, rule), 4 * noise), noise
 
 
 def sum_errors(
@@ -213,7 +213,7 @@ def sum_errors(
     noise = interval_rounding(psid, *ends, counts).noise + _U * np.abs(whole)
     return (
         (_sums(coarse, rule) - whole) * _whole(finer, rule),
-        above(_hidden(psid, *ends, fine, rule), 4 * noise),
+        above(_hidden(psid, *ends, coarse, fine, rule), 4 * noise),
         noise,
     )
 
@@ -287,11 +287,17 @@ def _turns(looks: _Looks, rule: Rule, *, body: bool) -> Any:
 
 def _sums(looks: _Looks, rule: Rule) -> Values:
     """The integrals over intervals."""
-    each: Values = looks.h * (looks.values @ (np.array(rule.weights) / sum(rule.weights)))
-    return np.add.reduceat(each, np.cumsum(looks.counts) - looks.counts)
+    return np.add.reduceat(_each(looks, rule)[:, 0], np.cumsum(looks.counts) - looks.counts)
 
 
-def _hidden(signal: Signal, start: Values, stop: Values, fine: _Looks, rule: Rule) -> Values:
+def _each(looks: _Looks, rule: Rule) -> Values:
+    """The integrals over steps, by columns."""
+    values = looks.values.reshape(len(looks.h), len(rule.nodes), -1)
+    found: Values = looks.h[:, None] * np.einsum("n,snk->sk", np.array(rule.weights) / sum(rule.weights), values)
+    return found
+
+
+def _hidden(signal: Signal, start: Values, stop: Values, coarse: _Looks, fine: _Looks, rule: Rule) -> Values:
     """What a jump or a kink may come to that two quadratures do not show, since they agree by chance.
 
     Where a callable jumps between two nodes of a pair of steps, the integral may be off by as much as it jumps times
@@ -299,15 +305,19 @@ def _hidden(signal: Signal, start: Values, stop: Values, fine: _Looks, rule: Rul
     """
     if not isinstance(signal, Function) or rule.nodes[0] == 0:
         return np.zeros(len(start))
-    pairs = fine.counts // 2
-    begin, (h, _), _ = divided(start, stop, pairs)
+    begin, (h, _), _ = divided(start, stop, fine.counts // 2)
     inside = fine.values.reshape(len(h), 2 * len(rule.nodes), -1)
     ends = signal.nodes(begin, h, (_EDGE, 1 - _EDGE)).reshape(len(h), 2, -1)
     values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1).transpose(1, 0, 2)
     columns = values.reshape(len(values), -1)
     seen = [_size((rows @ columns).reshape(-1, *values.shape[1:])).max(axis=0) for rows in _jump_weights(rule)]
     largest: Values = h * np.minimum(*seen)
-    return np.sqrt(np.add.reduceat(largest**2, np.cumsum(pairs) - pairs))
+    finer = np.repeat(fine.counts // coarse.counts, coarse.counts)
+    of_steps, of_pairs = np.cumsum(finer) - finer, np.cumsum(finer // 2) - finer // 2
+    squares = np.add.reduceat(largest**2, of_pairs)
+    shown = _size(_each(coarse, rule) - np.add.reduceat(_each(fine, rule), of_steps))
+    squares = np.where(squares > (_SURE * shown) ** 2, squares, 0.0)
+    return np.sqrt(np.add.reduceat(squares, np.cumsum(coarse.counts) - coarse.counts))
 
 
 @functools.cache

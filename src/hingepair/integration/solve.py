@@ -7,24 +7,15 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, GimbalLockError, MissingDependencyError
 from hingepair.evaluation.backend import How
-from hingepair.integration.error_estimate import (
-    angle_error,
-    attitude_error,
-    exact,
-    probes,
-    sizes,
-    spread,
-    sum_errors,
-    turn_errors,
-)
+from hingepair.integration.error_estimate import angle_error, attitude_error
 from hingepair.integration.euler_angles import RULE as EULER_RULE
 from hingepair.integration.euler_angles import euler_angles, quaternions_of_euler
 from hingepair.integration.methods import RULES, Rule, quaternion_product
-from hingepair.integration.signals import Constant, Samples, Signal, Values
+from hingepair.integration.signals import Samples, Signal, Values
+from hingepair.integration.step_selection import MOST_STEPS, selected_steps
 from hingepair.integration.stepping import Steps, angles, attitudes
 from hingepair.integration.trajectory import Later
 from hingepair.numeric.arrays import check_choice, finite_number
@@ -33,22 +24,11 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 
 METHODS: Final = (*RULES, "euler_angles", "dop853")
 
-MOST_STEPS: Final = 2_000_000
-"""That a tolerance may ask for; where they are not enough, `Solution.check` says how far they got."""
-
 MOST_LOOKS: Final = 1_000_000
 """At omega1, one at a time, that SciPy's solver may take: some twenty seconds."""
 
-FEWEST: Final = 16
-"""Steps over the whole time that a tolerance begins with."""
-
 _BEST = RULES["magnus6"]
 _CERTAIN = 1e-14  # the tolerance of what others are compared with [rad]
-_FINEST = 1e-15  # rad: below, rounding is all that is left
-_ROUNDS = 16
-_COARSE = 1e-3  # rad: errors of intervals from here on do not follow the order of the rule
-_GROWTH = 4.0
-_HUGE = 1e30  # rad, or steps; anything larger is as bad
 _STEPS_TO_LOCK = 50_000  # that are tried for a motion that comes near gimbal lock
 _SCIPY_TOLERANCE = 1e-12
 _SHARPEST = 3e-14  # SciPy takes no smaller relative tolerance
@@ -109,11 +89,16 @@ class Solution(NamedTuple):
 
 
 class _Turned(NamedTuple):
-    """Attitudes or angles at the instants, how far they are off, and the steps made."""
+    """Attitudes or angles at the instants that the steps are between, how far they are off, and the steps made."""
 
     values: Values
     error: Later
     steps: Steps
+
+    @property
+    def asked(self) -> Values:
+        """The values at the instants that were asked for."""
+        return self.values if self.steps.asked is None else self.values[self.steps.asked]
 
 
 def solve(course: Course, omega: Signal, psid: Signal, start: Values | float, psi_0: float) -> Solution:
@@ -146,7 +131,7 @@ def solve(course: Course, omega: Signal, psid: Signal, start: Values | float, ps
             steps = _steps_of_angles(course, (psid,), rule)
     hinge = _angle(course, course.names[1], psid, psi_0, steps, rule)
     made = 0 if course.method == "dop853" else int(turned.steps.counts.sum())
-    return Solution(turned.values, hinge.values, made, turned.error, hinge.error)
+    return Solution(turned.asked, hinge.asked, made, turned.error, hinge.error)
 
 
 def _attitudes(course: Course, omega: Signal, psid: Signal, S1_0: Values) -> _Turned:
@@ -169,13 +154,13 @@ def _angle(course: Course, name: str, rate: Signal, start: float, steps: Steps, 
 def _steps_of_angles(course: Course, rates: Sequence[Signal], rule: Rule) -> Steps:
     """The steps that angles need, no attitude being integrated in them."""
     tol = _SCIPY_TOLERANCE if course.tol is None and course.method == "dop853" else course.tol
-    return Steps(course.t, substeps(None, rates, course.t, rule, tol))
+    return selected_steps(None, rates, course.t, rule, tol)
 
 
 def _steps_of_attitude(
     course: Course, omega: Signal, rates: Sequence[Signal], rule: Rule, tol: float | None
 ) -> Steps:
-    return Steps(course.t, substeps(omega, rates, course.t, rule, tol, body=course.body))
+    return selected_steps(omega, rates, course.t, rule, tol, body=course.body)
 
 
 def _by_rule(course: Course, omega: Signal, start: Values, steps: Steps, rule: Rule) -> _Turned:
@@ -242,73 +227,8 @@ def _checked(course: Course, omega: Signal, start: Values, quats: Values, steps:
     def error() -> float:
         enough = _steps_of_attitude(course, omega, (), _BEST, _CERTAIN)
         best = _by_rule(course, omega, start, enough, _BEST)
-        w, x, y, z = quaternion_product(tuple(quats.T), tuple((best.values * [1, -1, -1, -1]).T))
+        w, x, y, z = quaternion_product(tuple(quats.T), tuple((best.asked * [1, -1, -1, -1]).T))
         apart = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
         return min(float(apart.max()) + best.error(), math.pi)
 
     return _Turned(quats, Later(error), steps)
-
-
-class _Round(NamedTuple):
-    errors: Values
-    counts: NDArray[np.int64]
-
-
-@np.errstate(all="ignore")
-def substeps(
-    omega: Signal | None, rates: Sequence[Signal], t: Values, rule: Rule, tol: float | None, *, body: bool = False
-) -> NDArray[np.int64]:
-    """Steps for each interval that keep the error of attitude and angles below tol, but for that of interpolation.
-
-    With an error e of an interval in one step, m steps make it e / m^order; the least number of steps in all for a
-    sum of errors has m in proportion to e^(1/(order + 1)).
-    """
-    ones = np.ones(max(0, len(t) - 1), np.int64)
-    turning = omega is not None and not exact(omega, rule)
-    rates = [rate for rate in rates if not isinstance(rate, Constant)]
-    if tol is None or len(t) < 2 or not (turning or rates):
-        return ones
-    goal = 0.4 * max(tol, _FINEST)
-    looked = probes(t, [*([omega] if omega is not None and turning else ()), *rates])
-    chosen = looked.intervals
-    counts = spread(t, chosen, FEWEST)
-    before = _Round(np.zeros(len(chosen)), counts)
-    for _ in range(_ROUNDS):
-        errors = np.zeros(len(chosen))
-        if omega is not None and turning:
-            errors = sizes(turn_errors(omega, t, chosen, counts, rule, body=body))
-        for rate in rates:
-            errors = np.maximum(errors, sizes(sum_errors(rate, t, chosen, counts, rule)))
-        weights = looked.stand_for(looked.counts(counts), rule.order)
-        total = (errors * weights).sum()
-        if total <= 1.2 * goal or np.isnan(total):
-            break
-        now = _Round(np.minimum(errors, _HUGE), counts)
-        asked = _asked(*now, weights, goal, _order_seen(before, now, rule), rule)
-        before = now
-        room = MOST_STEPS / (asked * weights).sum()
-        counts = np.maximum(counts, np.ceil(asked * min(room, 1.0)).astype(np.int64))
-        if room < 1:
-            break
-    return looked.counts(counts)
-
-
-def _asked(
-    errors: Values, counts: NDArray[np.int64], weights: Values, goal: float, order: Values, rule: Rule
-) -> Values:
-    """The steps of intervals that make their errors as large as the goal, in all.
-
-    Errors that large steps make are of no order yet; then more than a few times as many are not asked for at once.
-    Nor are they where the rate has a corner or a root, and errors fall by a lower order than the rule's.
-    """
-    shares: Values = (errors * counts.astype(float) ** rule.order) ** (1 / (rule.order + 1))
-    more = ((shares * weights).sum() / goal) ** (1 / rule.order) * shares / counts
-    slower = np.maximum(more, np.minimum(np.maximum(more, 1.0) ** (rule.order / order), _GROWTH))
-    asked: Values = counts * np.where(errors > _COARSE, np.minimum(more, _GROWTH), slower)
-    return np.clip(asked, counts, _HUGE)
-
-
-def _order_seen(before: _Round, now: _Round, rule: Rule) -> Values:
-    """The order by which errors fell with the steps, from 1 up to the rule's."""
-    seen = np.log(before.errors / now.errors) / np.log(now.counts / before.counts)
-    return np.clip(np.where(np.isfinite(seen), seen, rule.order), 1, rule.order)

@@ -41,10 +41,12 @@ class Steps(NamedTuple):
     Attributes:
         t: the instants, shape (N,).
         counts: steps of each interval, shape (N - 1,).
+        asked: which of the instants were asked for; None for all.
     """
 
     t: Values
     counts: NDArray[np.int64]
+    asked: NDArray[np.intp] | None = None
 
     def slabs(self) -> list[tuple[int, int]]:
         """Ranges of intervals that hold about SLAB steps each."""
