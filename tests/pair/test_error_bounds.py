@@ -163,6 +163,22 @@ def test_planar_pairs_keep_their_bounds(dtype):
     require(values, pair.forward_kinematics(q, qd, qdd, outputs=tuple(values)), bounds)
 
 
+@pytest.mark.law
+def test_the_rounding_of_axis_and_levers_counts():
+    """At rest at the origin d is u1 - u2 and omega2 is n: nothing is rounded but what the pair computed."""
+    u1, u2, n = states.generator(101).normal(size=(3, 500, 3))
+    pair = hp.HingePair(u1=u1, u2=u2, n=n)
+    still, turning = (0.0,) * 7, (0.0,) * 6 + (1.0,)
+    state = pair.forward_kinematics(still, turning, outputs=("d", "omega2"))
+    bounds = pair.error_bounds(still, turning, outputs=("d", "omega2"))
+    wide = n.astype(np.longdouble)
+    exact = {"d": u1.astype(np.longdouble) - u2, "omega2": wide / np.sqrt((wide * wide).sum(axis=-1, keepdims=True))}
+    for name, truth in exact.items():
+        error = abs(getattr(state, name) - truth).max(axis=-1)
+        assert np.all(error <= bounds[name])
+        assert np.any(error > 0.5 * bounds[name])
+
+
 # ---- the promise
 
 

@@ -457,6 +457,43 @@ FAULTS = {
         "self.of(self.carry.before[k]))",
         "evaluation/test_loops.py::test_a_scan_hands_on",
     ),
+    # error bounds, arrays of other libraries
+    "what one factor carries dropped from the bound of a product": Fault(
+        "numeric/bounded.py",
+        "np.abs(x.value) * y.bound + np.abs(y.value) * x.bound",
+        "np.abs(x.value) * y.bound",
+        "pair/test_error_bounds.py::test_a_bound_covers_the_worst_of_an_operation[*-Double]",
+    ),
+    "rounding dropped from the bound of a sum": Fault(
+        "numeric/bounded.py",
+        "np.minimum(rounding, least))",
+        "0.0)",
+        "pair/test_error_bounds.py::test_a_bound_covers_the_worst_of_an_operation[+-Double]",
+    ),
+    "bounds that float32 never overflows": Fault(
+        "numeric/bounded.py",
+        "np.where(np.isinf(rounding), np.inf, np.minimum(rounding, least))",
+        "np.minimum(rounding, least)",
+        "pair/test_error_bounds.py::test_a_bound_covers_the_worst_of_an_operation[+-Single]",
+    ),
+    "bounds of sines that are right to a third of a last place": Fault(
+        "numeric/bounded.py",
+        "SINE_ULPS = 1.5",
+        "SINE_ULPS = 0.33",
+        "pair/test_error_bounds.py::test_sines_are_as_good_as_the_bounds_take_them[float64]",
+    ),
+    "rounding of axis and levers dropped from the bounds": Fault(
+        "pair/error_bounds.py",
+        "np.spacing(np.abs(c)) / 2 + _BEYOND * size",
+        "_BEYOND * size",
+        "pair/test_error_bounds.py::test_the_rounding_of_axis_and_levers_counts",
+    ),
+    "components of another library's arrays side by side the other way": Fault(
+        "numeric/array_libraries.py",
+        "stack(parts, axis=-1)",
+        "stack(parts, axis=0)",
+        "pair/test_array_libraries.py::test_coordinates_in_one_array[XYZ-strict]",
+    ),
     # measured motion
     "rotations interpolated the other way round": Fault(
         "measured/resample.py",

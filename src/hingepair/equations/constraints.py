@@ -27,12 +27,12 @@ def tilt_axes(f1: Vector, f2: Vector, h2: Vector) -> tuple[Vector, Vector]:
     return eq.cross(f2, h2), eq.cross(h2, f1)
 
 
-def relative(omega1: Vector, omega2: Vector) -> Vector:
+def relative_turn(omega1: Vector, omega2: Vector) -> Vector:
     """How body 2 turns against body 1: omega2 - omega1, or alpha2 - alpha1."""
     return eq.subtract(omega2, omega1)
 
 
-def along(axes: tuple[Vector, Vector], spin: Vector) -> Pair:
+def tilt_rate(axes: tuple[Vector, Vector], spin: Vector) -> Pair:
     """The tilt's rate c . (omega2 - omega1) (E2); spin = omega2 - omega1."""
     return eq.dot(axes[0], spin), eq.dot(axes[1], spin)
 
