@@ -270,3 +270,8 @@ def test_what_cannot_be_used_is_named(change: dict[str, object], name: str) -> N
     with pytest.raises(hp.ArgumentError) as caught:
         hp.fit(**{"body1": body1, "body2": body2} | change)
     assert caught.value.name == name
+
+
+def test_few_samples_are_said_to_be_few() -> None:
+    found = hp.fit(*bodies(recording(5, 1e-3, 2e-3)))
+    assert "5 samples" in found.findings[-1]

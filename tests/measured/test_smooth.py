@@ -156,3 +156,10 @@ def test_what_cannot_be_used_is_named(name: str) -> None:
     call, words = cases[name]
     with pytest.raises(hp.ArgumentError, match=words):
         call()
+
+
+def test_rough_attitudes_are_smoothed_along_a_smooth_path() -> None:
+    t = np.arange(1000) / 200
+    truth = motion(t)
+    found = hp.smooth(t, noisy(truth, 1e-3, 0.1, 8))
+    assert rms(found.alpha - truth.alpha1) < 4 * found.noise["alpha"]

@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.findings import check_turning, findings
 from hingepair.measured.instants import recorded
-from hingepair.measured.likelihood import LOSSES, frame, judged, most_likely, without_bias
-from hingepair.measured.relative_poses import Hinge, closed_form, closed_form_of_most, relative_poses
+from hingepair.measured.likelihood import LOSSES, judged, most_likely, without_bias
+from hingepair.measured.relative_poses import closed_form, closed_form_of_most, relative_poses
+from hingepair.measured.rules import GAUGES, derivatives, in_gauge, offset, shortest_turn, signed
 from hingepair.numeric.arrays import broadcast_shape, check_choice, read_only, real_array
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.rotations.matrices import rotation_vector, skew
+from hingepair.rotations.matrices import rotation_vector
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,9 +28,9 @@ if TYPE_CHECKING:
 
 Float64Array = NDArray[np.float64]
 
-GAUGES: Final = ("closest_to_R1", "closest_to_R2")
 PARAMETERS: Final = tuple(f"{name}_{axis}" for name in ("u1", "u2", "n", "home") for axis in "xyz")
 _WITHIN = 5.0
+_FEW = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -217,21 +218,23 @@ def fit(
     penalty = LOSSES[loss]
     start = closed_form(poses.thinned(65536)) if penalty is None else closed_form_of_most(poses)
     hinge, noise, still = most_likely(poses, start, penalty)
-    hinge = _in_gauge(_signed(without_bias(poses, hinge, noise)), gauge)
+    hinge = in_gauge(signed(without_bias(poses, hinge, noise)), gauge)
     seen = judged(poses, hinge, noise, penalty)
-    home = _shortest(hinge.m, hinge.n)
-    change = _derivatives(hinge, home, gauge)
+    home = shortest_turn(hinge.m, hinge.n)
+    change = derivatives(hinge, home, gauge)
     covariance = change @ seen.covariance @ change.T
     std = dict(zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True))
     found = findings(poses, hinge, noise, seen, still, std)
     texts = [finding.text for finding in found]
     if not used.all():
         texts.append(f"{int((~used).sum())} of {shape[0]} samples are missing or have no weight.")
+    if poses.samples < _FEW:
+        texts.append(f"Of {poses.samples} samples, the standard deviations are no more than a hint.")
     total = seen.weights.sum()
     gaps = np.sqrt((seen.gap * seen.gap).sum(axis=0))
     return HingeFit(
         pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home),
-        psi=_spread(_unwrapped(seen.psi - _offset(hinge, home), seen.weights >= 0.1 * given[used]), used),
+        psi=_spread(_unwrapped(seen.psi - offset(hinge, home), seen.weights >= 0.1 * given[used]), used),
         covariance=read_only(covariance),
         std=MappingProxyType({name: read_only(value) for name, value in std.items()}),
         rms_position=float(np.sqrt(seen.weights @ (gaps * gaps) / total)),
@@ -276,49 +279,3 @@ def _unwrapped(psi: Float64Array, good: NDArray[np.bool_]) -> Float64Array:
     whole = np.unwrap(psi[good])
     before = whole[np.maximum(np.cumsum(good) - 1, 0)] if whole.size else np.zeros_like(psi)
     return psi - 2 * np.pi * np.rint((psi - before) / (2 * np.pi))
-
-
-def _signed(hinge: Hinge) -> Hinge:
-    """The hinge with the sign of its axis by the rule."""
-    large = np.abs(hinge.n) >= 0.5 * np.abs(hinge.n).max()
-    sign = 1.0 if hinge.n[np.argmax(large)] > 0 else -1.0
-    return hinge._replace(n=sign * hinge.n, m=sign * hinge.m)
-
-
-def _in_gauge(hinge: Hinge, gauge: str) -> Hinge:
-    """The hinge by that point of its axis which the gauge names."""
-    slide = -(hinge.u1 @ hinge.n) if gauge == "closest_to_R1" else -(hinge.u2 @ hinge.m)
-    return hinge._replace(u1=hinge.u1 + slide * hinge.n, u2=hinge.u2 + slide * hinge.m)
-
-
-def _shortest(m: Float64Array, n: Float64Array) -> Float64Array:
-    """The rotation by the least angle that takes one unit vector to another: twice a reflection."""
-    half = m + n
-    if half @ half < 1e-20:
-        half = frame(n)[:, 0]
-        return 2 * np.outer(half, half) - np.eye(3)
-    once = 2 * np.outer(half, half) / (half @ half) - np.eye(3)  # half a turn about the middle
-    return np.asarray(once @ (2 * np.outer(m, m) - np.eye(3)))  # after half a turn about m
-
-
-def _derivatives(hinge: Hinge, home: Float64Array, gauge: str) -> Float64Array:
-    """Of u1, u2, n and home's rotation vector by the parameters of the fit; (12, 9).
-
-    The rotation d of home by the short way from m to n has `d x n` as its change asks for; about n it turns so that
-    home's axis stays across m + n.
-    """
-    n, m, u1, u2 = hinge
-    first, second = frame(n), frame(m)
-    dn, dm, du1, du2 = np.zeros((4, 3, 9))
-    dn[:, :2], dm[:, 2:4], du1[:, 4:7], du2[:, 7:] = first[:, :2], second[:, :2], first, second[:, :2]
-    slide = -(n @ du1 + u1 @ dn) if gauge == "closest_to_R1" else -(m @ du2 + u2 @ dm)
-    to_n, from_m = skew(n) @ dn, -skew(n) @ home @ dm
-    about = m @ (from_m - to_n) / max(float(1 + m @ n), 1e-12)
-    rows = (du1 + np.outer(n, slide), du2 + np.outer(m, slide), dn, to_n + from_m + np.outer(n, about))
-    return np.concatenate(rows)
-
-
-def _offset(hinge: Hinge, home: Float64Array) -> float:
-    """The angle about the axis from body 1's frame to that of body 2, at psi = 0."""
-    first, second = frame(hinge.n), home @ frame(hinge.m)
-    return float(np.arctan2(first[:, 1] @ second[:, 0], first[:, 0] @ second[:, 0]))

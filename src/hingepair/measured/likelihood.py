@@ -241,7 +241,7 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
     sizes, weights = np.full(count, np.nan), np.empty(count)
     slope, scores, run, alike = np.zeros((PARAMETERS, PARAMETERS)), [], 1, 0.0
     every = max(1, count // _SCORED)
-    for k, (own, seen) in enumerate(_blocks(poses, hinge)):
+    for k, (own, seen) in enumerate(seen_from(poses, hinge)):
         q, (x, y, z) = seen.q, seen.arms
         tilt[own] = np.arctan2(np.hypot(q[2], q[5]), q[8])
         gap[:2, own] = seen.gap[:2] - 0.5 * z * seen.tilt
@@ -287,7 +287,7 @@ def _run(residuals: Float64Array) -> tuple[int, float]:
     return (1 if lag == 1 else max(1, min(4 * lag, many // _GROUPS))), found[0]
 
 
-def _blocks(poses: RelativePoses, hinge: Hinge) -> Iterator[tuple[slice, Residuals]]:
+def seen_from(poses: RelativePoses, hinge: Hinge) -> Iterator[tuple[slice, Residuals]]:
     """What the constraints leave of the samples, some at a time."""
     first, second = frame(hinge.n), frame(hinge.m)
     turned = np.kron(first.T, second.T)
@@ -311,7 +311,7 @@ def _normal_equations(
 ) -> tuple[Float64Array, Float64Array]:
     """J^T W J and J^T W r of one step."""
     total = np.zeros((PARAMETERS + 1, PARAMETERS + 1))
-    for own, seen in _blocks(poses, hinge):
+    for own, seen in seen_from(poses, hinge):
         plus, minus = seen.rows(noise)
         weights = poses.weights[own]
         if loss is not None:
@@ -333,7 +333,7 @@ def _noise(poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss 
     The noise found before tells which samples are so far off that they are left out of the medians.
     """
     parts = []
-    for _, seen in _blocks(poses, hinge):
+    for _, seen in seen_from(poses, hinge):
         sizes = np.zeros(seen.q.shape[1]) if loss is None or before is None else seen.sizes(before)
         parts.append((*((row * row).sum(axis=0) for row in (seen.tilt, seen.gap)), seen.spread, sizes))
     tilt, gap, spread, sizes = (np.concatenate(own) for own in zip(*parts, strict=True))

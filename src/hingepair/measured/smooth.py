@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.measured.instants import MeasurementWarning, checked_gaps, pieces, recorded, warn_of_jitter
 from hingepair.measured.resample import interpolated
-from hingepair.measured.spline import FEWEST, smooth_columns
+from hingepair.measured.spline import FEWEST, Smoothed, smooth_columns
 from hingepair.numeric.arrays import finite_number, read_only, real_array
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
@@ -141,7 +141,7 @@ def _smooth_body(t: Float64Array, body: BodyMotion, bandwidth: float | None, gap
     origin = R[where[0][0]]
     places = smooth_columns(t, R - origin, where, bandwidth)
     arrays = dict(zip(("R", "v", "a"), (places.values[0] + origin, *places.values[1:]), strict=True))
-    noise = dict(zip(("R", "v", "a"), (places.noise, *places.errors[1:]), strict=True))
+    noise = _named(("R", "v", "a"), places)
     where = _pieces("body.S", t, S, gaps)
     turns, attitude, hertz = _smooth_attitudes(t, S, where, gaps, bandwidth)
     arrays |= turns
@@ -165,7 +165,7 @@ def _smooth_attitudes(
     omega, alpha = np.full((2, t.size, 3), np.nan)
     for piece in whole:
         omega[piece], alpha[piece] = angular_velocity_from_samples(t[piece], base[piece], _ORDER, with_alpha=True)
-    noise = dict(zip(("S", "omega", "alpha"), (found.noise, *found.errors[1:]), strict=True))
+    noise = _named(("S", "omega", "alpha"), found)
     return {"S": base, "omega": omega, "alpha": alpha}, noise, found.bandwidth
 
 
@@ -201,7 +201,7 @@ def _smooth_angle(t: Float64Array, psi: Float64Array, bandwidth: float | None, g
     found = smooth_columns(t, whole[:, None], where, bandwidth)
     names = ("psi", "psid", "psidd")
     arrays = {name: read_only(array[:, 0]) for name, array in zip(names, found.values, strict=True)}
-    noise = dict(zip(names, (found.noise, *map(float, found.errors[1:])), strict=True))
+    noise = _named(names, found)
     _warn_of_noise(arrays, noise)
     return SmoothedAngle(**arrays, noise=MappingProxyType(noise), bandwidth=found.bandwidth)
 
@@ -213,6 +213,11 @@ def _pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> li
         expected = f"at least {FEWEST} finite samples without a gap"
         raise ArgumentError(name, expected, f"{int(known.sum())} finite samples, none so many together")
     return found
+
+
+def _named(names: tuple[str, str, str], found: Smoothed) -> dict[str, float]:
+    """Noise of the samples, and what it leaves in both derivatives."""
+    return dict(zip(names, (found.noise, *found.errors[1:].tolist()), strict=True))
 
 
 def _warn_of_noise(arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float]) -> None:
