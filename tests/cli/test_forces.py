@@ -15,7 +15,6 @@ from hingepair.cli.main import app
 MODELS = Path(__file__).parents[2] / "models"
 
 
-@pytest.mark.law
 def test_forces_of_a_scene_are_those_of_its_motion():
     scene = hp.load_scene(MODELS / "landing_gear.toml")
     found = scene.forces(gravity=(0, 0, 0))

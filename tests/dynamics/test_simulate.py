@@ -33,7 +33,6 @@ def flywheel():
     return hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=np.eye(3)))
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("tol", [1e-7, 1e-11])
 def test_a_pendulum_swings_as_jacobi_says(tol):
     """Let go at 2 rad from rest below: sin(angle / 2) = k cd(w t), k = sin 1, of a compound pendulum."""
@@ -47,7 +46,6 @@ def test_a_pendulum_swings_as_jacobi_says(tol):
     assert error <= 3 * swing.psi_error_estimate + 1e-13
 
 
-@pytest.mark.law
 def test_a_symmetric_top_precesses():
     """Two bodies of one axis, which is the hinge's: body 1 precesses about the angular momentum, uniformly."""
     transverse, axial = 0.8, 0.3
@@ -64,7 +62,6 @@ def test_a_symmetric_top_precesses():
     np.testing.assert_allclose(top.psi, -1.5 * t, rtol=0, atol=2e-13)
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("seed", range(3))
 def test_a_free_pair_keeps_its_momenta_and_its_energy(seed):
     rng = generator(30, seed)
@@ -78,7 +75,6 @@ def test_a_free_pair_keeps_its_momenta_and_its_energy(seed):
     assert np.ptp(energy) <= 2e-13 * energy.max()
 
 
-@pytest.mark.law
 def test_forces_are_found_again_from_the_motion():
     rng = generator(31)
     pair, start = heavy(rng), thrown(rng)
@@ -99,7 +95,6 @@ def test_forces_are_found_again_from_the_motion():
     np.testing.assert_allclose(forces.hinge_torque, motor(t, moved.psi, moved.psid), rtol=0, atol=1e-12)
 
 
-@pytest.mark.law
 def test_the_motion_is_the_integral_of_its_accelerations():
     """By Simpson's rule between the instants; of body 1, of psi, and of body 2 by its own state."""
     rng = generator(32)
@@ -117,7 +112,6 @@ def test_the_motion_is_the_integral_of_its_accelerations():
         np.testing.assert_allclose(np.diff(value[::2], axis=0), simpson(rate), rtol=0, atol=1e-11)
 
 
-@pytest.mark.law
 def test_a_base_that_moves_as_given_carries_the_hinge_along():
     """Shaken sideways, a pendulum in no gravity sees the inertia of its mass: the torques agree at each instant."""
     pair = pendulum()

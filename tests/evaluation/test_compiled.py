@@ -43,7 +43,6 @@ def both(one, *motion, **options):
     return a, b
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("home", [False, True], ids=["no_home", "home"])
 @pytest.mark.parametrize("sequence", ["XYZ", "ZYX", "zyx", "XZY", "ZXZ", "yzy", "YXY", "xyx"])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
@@ -61,7 +60,6 @@ def test_every_output_alone(name):
     both(pair_of(rng), *coordinates(rng, 20), outputs=(name,))
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("count", [1, 2, LANES - 1, LANES, LANES + 1, 3 * LANES, 1000])
 def test_every_count_around_the_block(count):
     rng = generator(62)
@@ -152,7 +150,6 @@ def test_batched_pairs():
             np.testing.assert_array_equal(getattr(found, name)[i], getattr(alone, name))
 
 
-@pytest.mark.law
 def test_far_angles_and_no_numbers_stay_in_their_lane():
     rng = generator(67)
     one, (q, qd, qdd) = pair_of(rng), coordinates(rng, 64)
@@ -167,7 +164,6 @@ def test_far_angles_and_no_numbers_stay_in_their_lane():
     assert np.isfinite(found.a2[18]).all()
 
 
-@pytest.mark.law
 def test_sine_and_cosine_to_one_and_a_half_ulp():
     def terms(values):
         x = values["x"]

@@ -36,7 +36,6 @@ def require(found, expected, scales, ulps=2, index=slice(None)):
         assert np.all(gap <= ulps * unit * scales[name][index]), name
 
 
-@pytest.mark.law
 def test_batch_equals_single_states(given):
     one, motion, expected, scales = given
     for i in range(24):
@@ -108,7 +107,6 @@ def test_inputs_are_not_changed(given):
         assert np.array_equal(before, after)
 
 
-@pytest.mark.law
 def test_tuple_of_seven_equals_packed(given):
     one, motion, expected, scales = given
     require(one.forward_kinematics(*(tuple(c.T) for c in motion), outputs=OUTPUTS), expected, scales)
@@ -153,7 +151,6 @@ def test_other_shapes_are_refused(given, shape):
         given[0].forward_kinematics(np.zeros(shape))
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("level", [0, 1, 2])
 def test_level_follows_the_inputs(given, level):
     one, motion, expected, _ = given

@@ -35,7 +35,6 @@ def laden_pair(k, flat=False):
     return corner_pair(k, body1=random_body(rng, flat), body2=random_body(rng, flat))
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("k", range(6))
 def test_pinocchio_reads_the_mass_properties(k):
     pair = laden_pair(k)

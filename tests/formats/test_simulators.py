@@ -83,7 +83,7 @@ def in_mujoco(text, body1, hinge):
 
 WRITERS = {"mjcf": hp.to_mjcf, "urdf": lambda pair: hp.to_urdf(pair, base="floating")}
 COUNTS = [
-    pytest.param(range(20), id="20", marks=pytest.mark.law),
+    pytest.param(range(20), id="20"),
     pytest.param(range(20, 1000), id="1000", marks=pytest.mark.slow),
 ]
 
@@ -229,7 +229,6 @@ def test_limits_of_torque_and_rate_reach_the_simulators_and_come_back(limits, to
     assert tuple(model.jnt_actfrcrange[1]) == ((-torque, torque) if torque else (0, 0))
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("value", [-1, float("nan"), float("inf"), "1", True], ids=repr)
 @pytest.mark.parametrize("name", ["torque_limit", "rate_limit"])
 def test_a_limit_that_is_none_is_refused(name, value):

@@ -20,6 +20,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from support import states
+from support.hinged import pair_of
 
 U = 2.0**-53
 ARM = """
@@ -43,11 +44,6 @@ ARM = """
   </joint>
 </robot>
 """
-
-
-def pair_of(constants, **change):
-    u1, u2, n, home = constants
-    return HingePair(**{"u1": u1, "u2": u2, "n": n, "home": home} | change)
 
 
 def random_pair(k):
@@ -90,8 +86,6 @@ def pinocchio_of_urdf(pair, body1, psi, psid, psidd):
 # ---------------------------------------------------------------- written
 
 
-@pytest.mark.law
-@pytest.mark.law
 def test_pinocchio_reads_the_same_pair_from_urdf():
     for k in range(60):
         rng, pair = states.generator(81, k), random_pair(k)
@@ -163,7 +157,6 @@ def test_a_pair_that_varies_from_sample_to_sample_has_no_urdf():
         to_urdf(HingePair(u1=(1, 0, 0), u2=np.ones((2, 3)), n=(0, 0, 1)))
 
 
-@pytest.mark.law
 # ---------------------------------------------------------------- read
 
 
@@ -237,7 +230,6 @@ def welded_robot(rng):
     return f'<robot name="welded">{"".join(parts)}</robot>'
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("body2", ["child", "near", "far"])
 @pytest.mark.parametrize("body1", ["parent", "middle", "side", "top"])
 def test_frames_are_found_along_fixed_joints_up_and_down(body1, body2):

@@ -34,7 +34,6 @@ def laden_robot(seed):
     return re.sub(r'<link name="(\w+)"/>', lambda m: f'<link name="{m[1]}">{inertial(rng)}</link>', welded_robot(rng))
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("frames", [("parent", "child"), ("top", "far"), ("side", "near")], ids="-".join)
 def test_links_fixed_to_each_other_are_one_body(frames):
     text = laden_robot(88)

@@ -31,7 +31,6 @@ def attitudes(spin, t, **options):
     return hp.integrate(PAIR, t, spin.omega, 1.0, S1_0=spin.S1_0, outputs=(), **options)
 
 
-@pytest.mark.law
 @pytest.mark.parametrize(
     ("name", "method"), [(name, m) for name in SPINS for m in ORDERS if (name, m) != ("reference", "euler_angles")]
 )
@@ -46,7 +45,6 @@ def test_error_falls_with_the_order_of_the_method(name, method):
     assert math.log2(errors[0] / errors[1]) == pytest.approx(ORDERS[method], abs=0.2)
 
 
-@pytest.mark.law
 @spins
 @pytest.mark.parametrize(
     ("method", "h", "bound"), [("magnus6", 0.01, 2e-11), ("magnus6", 0.002, 3e-14), ("cf4", 0.001, 3e-12)]
@@ -77,7 +75,6 @@ def test_euler_angles_are_exact_where_they_are_linear():
     assert motion.error_estimate <= 200 * U
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("method", [*ORDERS, "dop853"])
 def test_body_axes_are_world_axes_turned(method):
     """S' = [omega]x S and S' = S [S^T omega]x are one motion, of the same accuracy."""
@@ -153,7 +150,6 @@ def test_backends_agree(method, backend):
     np.testing.assert_allclose(plain.quat_wxyz, other.quat_wxyz, rtol=0, atol=30 * U)
 
 
-@pytest.mark.law
 def test_state_is_that_of_the_coordinates():
     """Everything about body 2 as forward_kinematics has it from Euler angles."""
     t = instants(1.5, 0.005)
@@ -182,7 +178,6 @@ def test_euler_angles_stay_continuous_through_lock():
     assert np.abs(np.diff(proper, axis=0)).max() < 1
 
 
-@pytest.mark.law
 def test_planar_pair_is_two_integrals():
     """phi_1 = int omega, phi_2 = int (omega + psi'), and the rest as PlanarPair has it (E11)."""
     pair = hp.PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))

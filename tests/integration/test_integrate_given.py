@@ -27,7 +27,6 @@ def attitudes(spin, t, given=None, **options):
     return hp.integrate(PAIR, t, omega, 1.0, S1_0=spin.S1_0, outputs=(), **options)
 
 
-@pytest.mark.law
 @spins
 @pytest.mark.parametrize("even", [True, False], ids=["even", "uneven"])
 def test_samples_keep_order_6(spin, even):

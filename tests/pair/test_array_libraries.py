@@ -52,7 +52,6 @@ def require(state, expected, kind, ulps=64):
 LIBRARIES = {"jax": (jnp, jax.Array), "strict": (strict, type(strict.asarray(0.0)))}
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("library", LIBRARIES)
 @pytest.mark.parametrize("sequence", ["XYZ", "zxz"])
 def test_coordinates_in_one_array(library, sequence):
@@ -64,7 +63,6 @@ def test_coordinates_in_one_array(library, sequence):
     require(one, pair.forward_kinematics(motion[0][0]), kind)
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("library", LIBRARIES)
 def test_seven_coordinates_with_numbers_among_them(library):
     """What is a number stays one: outputs that do not depend on an array are arrays all the same."""
@@ -82,7 +80,6 @@ def test_seven_coordinates_with_numbers_among_them(library):
     require(state, pair.forward_kinematics((*still, motion[:, 6]), outputs=("S1", "R2")), kind)
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("library", LIBRARIES)
 def test_a_given_motion_of_body_1(library):
     module, kind = LIBRARIES[library]
@@ -94,7 +91,6 @@ def test_a_given_motion_of_body_1(library):
     require(turned, pair.forward_kinematics_from_body1(body1_of(np, 2), 0.5, outputs=("R2", "S2")), kind)
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("library", LIBRARIES)
 def test_planar_pairs_and_pairs_of_their_own(library):
     module, kind = LIBRARIES[library]
@@ -120,7 +116,6 @@ def test_float32_stays_float32(library):
 # ---- JAX's own ways
 
 
-@pytest.mark.law
 def test_jit_and_vmap():
     pair, (q, qd, _) = some(4)
     q, qd = jnp.asarray(q), jnp.asarray(qd)
@@ -135,7 +130,6 @@ def test_jit_and_vmap():
     assert np.allclose(found(body1.S, 0.3), again.R2, rtol=0, atol=1e-12)
 
 
-@pytest.mark.law
 def test_derivatives_are_the_jacobians():
     """Of the position by the coordinates, of omega2 by their rates, and along the motion: the velocity."""
     pair, (q, qd, _) = some(5)
@@ -154,7 +148,6 @@ def test_derivatives_are_the_jacobians():
     assert np.allclose(v2, pair.forward_kinematics(q, qd).v2, rtol=0, atol=1e-11)
 
 
-@pytest.mark.law
 def test_derivatives_exist_at_every_angle():
     """1 - cos psi has no branch whose other side is not a number."""
     pair = hp.HingePair(u1=(1, 0, 0), u2=(0.3, -1, 0), n=(0, 0, 1))

@@ -94,7 +94,6 @@ def test_what_is_no_body_is_refused(name):
         hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), **{name: 2.5})
 
 
-@pytest.mark.law
 def test_limits_and_bodies_do_not_touch_the_kinematics():
     u1, u2, n, home = states.pair(states.generator(90))
     q, qd, qdd = states.coordinates(states.generator(91), 5)

@@ -237,7 +237,6 @@ def test_attitudes_of_other_forms(sample, place, bad):
             assert caught.value.name == name
 
 
-@pytest.mark.law
 @few
 @given(st.floats(0.0, 2e-10), st.floats(1e-8, 0.5), hnp.arrays(np.float64, (3, 3), elements=st.floats(-1.0, 1.0)))
 def test_how_far_from_a_rotation(honest, bad, noise):

@@ -9,6 +9,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.validation.pinocchio_twin import to_pinocchio
+from support.hinged import pair_of
 from support.reference import DIGITS, Series, exactly, nearest_rotation, skew, unit
 from support.states import body1 as random_body
 from support.states import generator
@@ -97,7 +98,7 @@ def test_residuals_and_derivatives_are_exact_on_the_hinge_and_off_it(size, home)
     """A tilt of up to about one radian; the twist divides by 1 + h1 . h2."""
     rng = generator(80, home)
     constants = random_pair(rng, home)
-    pair = hp.HingePair(**dict(zip(("u1", "u2", "n", "home"), constants, strict=True)))
+    pair = pair_of(constants)
     body1, body2 = near(pair, rng, size)
     found = pair.residuals(body1, body2)
     W = np.linalg.norm(body1.omega, axis=-1) + np.linalg.norm(body2.omega, axis=-1)
@@ -114,7 +115,7 @@ def test_constraint_jacobian_and_bias_give_the_derivatives(size):
     """G @ velocities = (gap', tilt'), G @ accelerations + bias = (gap'', tilt'')."""
     rng = generator(81)
     constants = random_pair(rng)
-    pair = hp.HingePair(**dict(zip(("u1", "u2", "n", "home"), constants, strict=True)))
+    pair = pair_of(constants)
     body1, body2 = near(pair, rng, size)
     exact = truth(constants, body1, body2)
     G, bias = pair.constraint_jacobian(body1, body2), pair.constraint_bias(body1, body2)
@@ -151,7 +152,7 @@ def test_the_constraints_allow_what_the_pair_does_and_nothing_else(n):
 def test_forces_of_constraint_give_the_dynamics_of_pinocchio():
     """Two free bodies under gravity and the forces G^T lambda of G a + bias = 0 move as the articulated body does."""
     rng = generator(84)
-    pair = hp.HingePair(**dict(zip(("u1", "u2", "n", "home"), random_pair(rng), strict=True)))
+    pair = pair_of(random_pair(rng))
     body1, (psi, psid) = motion(rng), rng.normal(size=(2, COUNT))
     s = pair.forward_kinematics_from_body1(body1, psi, psid)
     body2 = hp.BodyMotion(R=s.R2, S=s.S2, v=s.v2, omega=s.omega2)

@@ -63,7 +63,6 @@ def case(request):
     return pair, body1, rates, Twin(pair, body1, *rates)
 
 
-@pytest.mark.law
 def test_mass_matrix_is_that_of_crba(case):
     pair, body1, (psi, psid, psidd), twin = case
     half = np.triu(pin.crba(twin.model, twin.data, twin.q))
@@ -74,7 +73,6 @@ def test_mass_matrix_is_that_of_crba(case):
     assert np.abs(ours - theirs).max() <= 16 * U * size_of(pair, body1, psid, psidd)[0]
 
 
-@pytest.mark.law
 def test_forces_are_those_of_rnea(case):
     pair, body1, (psi, psid, psidd), twin = case
     theirs = twin.turn @ pin.rnea(twin.model, twin.data, twin.q, twin.v, twin.a)
@@ -83,7 +81,6 @@ def test_forces_are_those_of_rnea(case):
     assert np.abs(ours - theirs).max() <= 16 * U * mass * push
 
 
-@pytest.mark.law
 def test_accelerations_are_those_of_aba(case):
     pair, body1, (psi, psid, psidd), twin = case
     force1, torque1 = generator(18).normal(size=(2, 3))
@@ -99,7 +96,6 @@ def test_accelerations_are_those_of_aba(case):
     assert np.abs(ours - theirs).max() <= 16 * U * mass * push * mass / weakest
 
 
-@pytest.mark.law
 def test_energy_and_momentum_are_those_of_pinocchio(case):
     pair, body1, (psi, psid, psidd), twin = case
     mass, push = size_of(pair, body1, psid, psidd)
@@ -116,7 +112,6 @@ def test_energy_and_momentum_are_those_of_pinocchio(case):
     assert np.abs(angular - about_origin).max() <= 16 * U * mass * speed * (1 + np.linalg.norm(body1.R))
 
 
-@pytest.mark.law
 def test_what_acts_and_what_moves_are_each_others_inverse(case):
     """Loads on body 2 included: they count as what they are about R1 and about the hinge."""
     pair, body1, (psi, psid, psidd), _ = case
@@ -137,7 +132,6 @@ def test_what_acts_and_what_moves_are_each_others_inverse(case):
     np.testing.assert_allclose(forces.hinge_torque, motor, rtol=0, atol=near)
 
 
-@pytest.mark.law
 def test_power_is_the_rate_of_the_energy(case):
     """By differences of the energy along the motion that the forces cause."""
     pair, body1, (psi, psid, psidd), _ = case
@@ -157,7 +151,6 @@ def test_power_is_the_rate_of_the_energy(case):
     assert power == pytest.approx(slope, abs=1e-7 * np.prod(size_of(pair, body1, psid, psidd)))
 
 
-@pytest.mark.law
 def test_the_hinge_carries_what_the_forces_say(case):
     pair, body1, (psi, psid, psidd), _ = case
     wrench = pair.hinge_wrench(body1, psi, psid, psidd, GRAVITY)

@@ -14,6 +14,7 @@ from hingepair.numeric.bounded import Double, Single
 from hingepair.pair.accuracy import PROMISES
 from hingepair.rotations.sequences import SEQUENCES
 from support import reference, states
+from support.hinged import pair_of
 from support.reference import DIGITS, exactly
 from support.worst_bounds import FORMS, search
 
@@ -47,7 +48,7 @@ def require(truth, state, bounds):
 
 
 def as_pair(constants):
-    return hp.HingePair(**dict(zip(("u1", "u2", "n", "home"), constants, strict=True)))
+    return pair_of(constants)
 
 
 def rounded(dtype, *arrays):
@@ -163,7 +164,6 @@ def test_planar_pairs_keep_their_bounds(dtype):
     require(values, pair.forward_kinematics(q, qd, qdd, outputs=tuple(values)), bounds)
 
 
-@pytest.mark.law
 def test_the_rounding_of_axis_and_levers_counts():
     """At rest at the origin d is u1 - u2 and omega2 is n: nothing is rounded but what the pair computed."""
     u1, u2, n = states.generator(101).normal(size=(3, 500, 3))
@@ -192,7 +192,6 @@ SEARCHED = [
 ]
 
 
-@pytest.mark.law
 @pytest.mark.parametrize(("form", "output"), SEARCHED)
 def test_no_bound_passes_the_promise(form, output):
     """The largest bound, searched for from other starts than those that the promise comes from."""
@@ -215,7 +214,6 @@ def test_no_bound_passes_the_promise_in_a_long_search(form, output, dtype):
 NUMBERS = (0.0, 1.0, -1.0, 0.7, -1.9, 1e-3, 3e200, -5e-310, 3e38)
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("kind", [Double, Single])
 @pytest.mark.parametrize("operation", ["+", "-", "*", "/"])
 def test_a_bound_covers_the_worst_of_an_operation(operation, kind):
@@ -243,7 +241,6 @@ def test_a_bound_covers_the_worst_of_an_operation(operation, kind):
             assert got <= most, (x, y, i, j, got, float(most))
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("kind", [Double, Single])
 def test_what_is_exact_has_no_bound(kind):
     """Sums with 0, products with 0, 1 and -1, negation."""
@@ -253,7 +250,6 @@ def test_what_is_exact_has_no_bound(kind):
     assert np.array_equal((x * 0.0).bound, np.zeros(3))
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_sines_are_as_good_as_the_bounds_take_them(dtype):
     """Those of NumPy and those of the compiled kernels, through a pair, against extended precision."""

@@ -48,7 +48,6 @@ def require(truth, state, ledger, way):
     assert not late, f"beyond the promise, in units of u * scale: {late}"
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("axis", AXES)
 def test_known_numbers(axis, motion, ledger):
@@ -69,7 +68,6 @@ def _array(constant):
     return None if constant is None else np.asarray(constant, float)
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("axis", AXES)
 def test_one_state(axis, ledger):
     rng = states.generator(111, list(AXES).index(axis))
@@ -85,7 +83,6 @@ def test_one_state(axis, ledger):
         assert all(worst[name] <= ORDINARY[name] for name in OUTPUTS), worst
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("levers", ["levers", "u1 = 0", "u2 = 0"])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_planar_pairs(levers, dtype, ledger):

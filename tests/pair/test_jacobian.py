@@ -11,17 +11,12 @@ import pytest
 import hingepair as hp
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.validation.pinocchio_twin import to_pinocchio
+from support.hinged import made, pair_of
 from support.states import body1 as random_body1
 from support.states import coordinates, generator, hard_states
-from support.states import pair as random_pair
 
 U = 2.0**-53
 COUNT = 40
-
-
-def made(key, **changes):
-    constants = dict(zip(("u1", "u2", "n", "home"), random_pair(generator(70, key)), strict=True)) | changes
-    return hp.HingePair(**constants)
 
 
 def moving(key, count=COUNT):
@@ -123,7 +118,7 @@ def test_coordinate_jacobian_rate_is_the_difference_in_time(sequence):
 def test_jacobians_of_hard_states_follow_the_motion():
     """Tiny and huge angles, lock, far away: Jq qd is v2 and omega2 wherever forward_kinematics has them."""
     for name, (constants, q, qd, _) in hard_states().items():
-        pair = hp.HingePair(**dict(zip(("u1", "u2", "n", "home"), constants, strict=True)))
+        pair = pair_of(constants)
         state = pair.forward_kinematics(q, qd)
         found = pair.coordinate_jacobian(q) @ qd
         W = abs(qd[3:]).sum()

@@ -57,7 +57,6 @@ def turned(S, u):
     return (np.asarray(S) @ np.asarray(u)[..., None])[..., 0]
 
 
-@pytest.mark.law
 def test_hinge_point_is_shared(case):
     """E1 and E7, and d is what lies between the reference points."""
     s, R1 = case.state, case.motion[0][:, :3]
@@ -67,7 +66,6 @@ def test_hinge_point_is_shared(case):
     case.require("R2", R1 + s.d, s.R2, 4)
 
 
-@pytest.mark.law
 def test_hinge_point_moves_as_one(case):
     """E8, E9: velocity and classical acceleration of the hinge point are the same on both bodies."""
     s, (_, v1, a1) = case.state, (c[:, :3] for c in case.motion)
@@ -78,7 +76,6 @@ def test_hinge_point_moves_as_one(case):
     case.require("a2", a1 + a[0], s.a2 + a[1], 24)
 
 
-@pytest.mark.law
 def test_a_matrix_of_nine_digits_keeps_the_hinge_together(case):
     """What is given is a rotation to 1e-10 only: E1, E8 and E9 hold to round-off all the same."""
     S = case.body1().S + 1e-10 * case.rng.normal(size=(COUNT, 3, 3))
@@ -93,7 +90,6 @@ def test_a_matrix_of_nine_digits_keeps_the_hinge_together(case):
         case.require("a2", body1.a + a[0], s.a2 + a[1], 32)
 
 
-@pytest.mark.law
 def test_bodies_turn_apart_about_the_hinge_axis_only(case):
     """E2, and the axis S1 n = S2 C^T n is fixed in both bodies."""
     s, axis = case.state, turned(case.state.S1, case.n)
@@ -103,7 +99,6 @@ def test_bodies_turn_apart_about_the_hinge_axis_only(case):
     case.require("S2", turned(s.S2, case.home.T @ case.n), axis, 32)
 
 
-@pytest.mark.law
 def test_relative_attitude_is_the_hinge_rotation(case):
     """E5: S1^T S2 C^T turns about n by psi, right hand."""
     s = case.state
@@ -115,14 +110,12 @@ def test_relative_attitude_is_the_hinge_rotation(case):
     case.require("S2", moved @ np.cross(case.n, across), np.sin(case.psi), 48)
 
 
-@pytest.mark.law
 def test_attitude_is_a_rotation(case):
     for S in (case.state.S1, case.state.S2):
         case.require("S2", S @ np.swapaxes(S, -1, -2), np.broadcast_to(np.eye(3), S.shape), 24)
         assert np.all(np.linalg.det(S) > 0)
 
 
-@pytest.mark.law
 def test_given_attitude_gives_the_same(case):
     """The way through BodyMotion against the way through Euler angles."""
     again = case.pair.forward_kinematics_from_body1(case.body1(), case.psi, case.psid, case.psidd, outputs=OUTPUTS)
@@ -130,7 +123,6 @@ def test_given_attitude_gives_the_same(case):
         case.require(name, getattr(again, name), getattr(case.state, name), 16)
 
 
-@pytest.mark.law
 def test_turned_and_shifted_scene(case):
     """Turn and shift everything: body 2 turns and shifts along."""
     Q, b = rotations(case.rng, 1)[0], case.rng.normal(size=3)
@@ -147,7 +139,6 @@ def test_turned_and_shifted_scene(case):
         case.require(name, getattr(got, name), getattr(s, name) @ Q.T, 48)
 
 
-@pytest.mark.law
 def test_bodies_swapped(case):
     """From body 2, with n' = -C^T n and C' = C^T, the same hinge leads back to body 1."""
     C, s = case.home, case.state
@@ -160,7 +151,6 @@ def test_bodies_swapped(case):
         case.require(name, getattr(got, name), value, 64)
 
 
-@pytest.mark.law
 def test_time_reversed(case):
     """The film run backwards: the same poses and accelerations, the velocities turned about."""
     q, qd, qdd = case.motion
@@ -169,7 +159,6 @@ def test_time_reversed(case):
         case.require(name, getattr(got, name), sign * np.asarray(getattr(case.state, name)), 16)
 
 
-@pytest.mark.law
 def test_axis_reversed(case):
     """About -n by -psi is about n by psi."""
     turned_about = hp.HingePair(**(case.constants | {"n": -case.constants["n"]}))
@@ -179,7 +168,6 @@ def test_axis_reversed(case):
         case.require(name, getattr(got, name), getattr(case.state, name), 16)
 
 
-@pytest.mark.law
 def test_one_more_turn_changes_nothing(case):
     q = case.motion[0].copy()
     q[:, 6] += 2 * np.pi
@@ -188,7 +176,6 @@ def test_one_more_turn_changes_nothing(case):
         case.require(name, getattr(got, name), getattr(case.state, name), 40)
 
 
-@pytest.mark.law
 def test_rates_are_the_derivatives(case):
     """v2, omega2, a2, alpha2 against differences of R2, S2, v2, omega2, extrapolated by Richardson to h^6."""
     q, qd, qdd = (c.copy() for c in case.motion)
@@ -217,7 +204,6 @@ def test_rates_are_the_derivatives(case):
         assert np.all(gap <= limit), (name, float((gap / limit).max()))
 
 
-@pytest.mark.law
 def test_closed_form_of_the_reference_example():
     t = np.linspace(0.0, 10.0, 10_001)
     u1, u2, n, _ = REFERENCE_PAIR
@@ -230,7 +216,6 @@ def test_closed_form_of_the_reference_example():
     assert abs(omega1 - exact).max() <= 16 * U * 9
 
 
-@pytest.mark.law
 def test_planar_pair():
     """E11: about e_z the angles add, and R2 follows in the plane."""
     rng = generator(31)
@@ -249,7 +234,6 @@ def test_planar_pair():
     assert np.all(abs(s.S2[:, 1, 0] - s2) <= 16 * U)
 
 
-@pytest.mark.law
 def test_turn_about_x_alone():
     """S = Sx(phi) gives omega = (phi', 0, 0), exactly."""
     phi, dphi = generator(32).normal(size=(2, COUNT))
@@ -260,7 +244,6 @@ def test_turn_about_x_alone():
     assert np.all(abs(s.S1[:, 2, 1] - np.sin(phi)) <= 2 * U)
 
 
-@pytest.mark.law
 def test_hinge_alone_moves_body_2():
     """With body 1 at rest, R2 runs on a circle about the hinge axis and v2 = S1 (n x -Sh u2) psi'."""
     one = hp.HingePair(u1=(0, 0, 0), u2=(-1, 0, 0), n=(0, 0, 3))
@@ -274,7 +257,6 @@ def test_hinge_alone_moves_body_2():
         assert abs(got - np.stack(expected, axis=-1)).max() <= 8 * U * 9
 
 
-@pytest.mark.law
 def test_pinocchio_says_the_same(case):
     """Another engine, driven through its own conventions (README)."""
     report = cross_validate(case.pair, *case.motion)

@@ -22,7 +22,6 @@ CASES = {
 }
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("case", CASES)
 def test_levers_are_rounded_once(case):
     sizes, rng = CASES[case], generator(80)
@@ -41,7 +40,6 @@ def test_levers_are_rounded_once(case):
             assert np.all(abs(exactly(found[name]) - value) <= rounding), name
 
 
-@pytest.mark.law
 def test_numbers_of_twice_the_precision():
     a, b, c, d = generator(81).normal(size=(4, 200))
     found = (Twofold(a) * Twofold(b) - Twofold(c) * Twofold(d)) * (Twofold(a) + -Twofold(c))

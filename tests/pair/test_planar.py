@@ -48,7 +48,6 @@ def off(found, true, scale, dtype=np.float64):
     return float((error / (scale * np.finfo(dtype).eps / 2)).max())
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("leading", [(), (5, 1)], ids=["one_pair", "five_pairs"])
 def test_equal_to_the_pair_in_space(backend, leading):
@@ -71,7 +70,6 @@ def test_equal_to_the_pair_in_space(backend, leading):
     assert np.abs(apart).max() <= ULPS * 2.0**-53 * np.abs(motion[0][..., 2:]).sum(axis=-1).max()
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_equal_to_pinocchios_planar_joint(backend):
     import pinocchio as pin

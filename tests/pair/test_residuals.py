@@ -10,7 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.validation.pinocchio_twin import to_pinocchio
-from support.hinged import LETTERS, bodies, made, only
+from support.hinged import LETTERS, bodies, made, only, pair_of
 from support.states import coordinates, generator, hard_states
 from support.states import pair as random_pair
 
@@ -44,7 +44,7 @@ def test_motion_of_the_library_passes(variant, dtype, backend):
 
 def test_hard_states_pass():
     for name, (constants, *motion) in hard_states().items():
-        pair = hp.HingePair(**dict(zip(("u1", "u2", "n", "home"), constants, strict=True)))
+        pair = pair_of(constants)
         found = pair.residuals(*bodies(pair, motion))
         assert found.ok, f"{name}\n{found}"
 
@@ -142,8 +142,8 @@ def test_an_axis_the_other_way_round_is_a_tilt_of_pi():
 def test_what_both_motions_hold_is_judged(letters, kinds, angles):
     pair, motion = made(), coordinates(generator(92), 5)
     body1, body2 = bodies(pair, motion)
-    for pair_of in ((only(body1, *letters.split()), body2), (body1, only(body2, *letters.split()))):
-        found = pair.residuals(*pair_of)
+    for both in ((only(body1, *letters.split()), body2), (body1, only(body2, *letters.split()))):
+        found = pair.residuals(*both)
         assert tuple(row.residual for row in found.rows) == kinds
         assert {name for name in (*KINDS, "psi", "psid", "psidd") if getattr(found, name) is not None} == {
             *kinds,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from support.hinged import pair_of
 from support.reference import DIGITS, exactly, from_attitude, unit
 from support.states import body1 as random_body
 from support.states import generator
@@ -69,7 +70,7 @@ def test_derivatives_are_exact_and_those_left_out_are_zero(kind):
 
 
 def test_shapes_levels_and_samples():
-    pair = hp.HingePair(**dict(zip(("u1", "u2", "n", "home"), random_pair(generator(101)), strict=True)))
+    pair = pair_of(random_pair(generator(101)))
     R, S, _, omega, _, _ = random_body(generator(102), 6)
     body1 = hp.BodyMotion(R=R, S=S, omega=omega)
     pose = pair.sensitivities(body1, np.linspace(0, 1, 6))

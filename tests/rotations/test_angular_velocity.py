@@ -45,7 +45,6 @@ def uneven(count, seed=0):
     return np.cumsum(generator(80, seed).uniform(0.5, 1.5, count))
 
 
-@pytest.mark.law
 def test_reference_example_at_a_millisecond():
     t = np.arange(10_001) * 1e-3
     omega, alpha = hp.angular_velocity_from_samples(t, reference(t), with_alpha=True)
@@ -70,7 +69,6 @@ def test_error_falls_with_the_order(order):
     assert (observed[3:] > order - 1.5).all(), observed
 
 
-@pytest.mark.law
 def test_a_steady_turn_is_exact_to_round_off():
     axis = np.array([0.6, 0.0, -0.8])
     t = 1e6 + np.arange(40) / 64  # differences are exact
@@ -178,7 +176,6 @@ def test_a_turn_just_below_the_limit_is_right():
                 hp.angular_velocity_from_samples(t, S, 2)
 
 
-@pytest.mark.law
 def test_defect_is_the_symmetric_part():
     rng = generator(83)
     S, w = rotations(rng, 30), rng.normal(size=(30, 3))

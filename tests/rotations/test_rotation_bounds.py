@@ -32,7 +32,6 @@ def rotvecs(rng, shortest=-12.0):
     return axis * np.minimum(length, np.pi)[:, None]
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("psi", [1e-160, 1e-12, 1e-9, 1e-8, 1e-6, 1e-3, 0.1])
 def test_small_turn_keeps_its_digits(psi):
     """Sh - I, component by component, relatively: 1 - cos psi would have no digit left at 1e-9."""
@@ -47,13 +46,11 @@ def test_small_turn_keeps_its_digits(psi):
             assert abs(mpmath.mpf(float(Sh[place])) - value) <= 6 * mpmath.mpf(2) ** -53 * abs(value) + floor, place
 
 
-@pytest.mark.law
 def test_rotation_exp(ledger):
     rotvec = rotvecs(generator(60))
     assert ledger("rotation_exp", "S1", off(hp.rotation_exp(rotvec), extended.attitude_of_rotvec(rotvec))) <= 6
 
 
-@pytest.mark.law
 def test_rotation_exp_of_long_vectors():
     rng = generator(61)
     rotvec = rng.normal(size=(COUNT, 3)) * 10.0 ** rng.uniform(0, 3, (COUNT, 1))
@@ -62,7 +59,6 @@ def test_rotation_exp_of_long_vectors():
     assert off(hp.rotation_exp(rotvec), extended.attitude_of_rotvec(rotvec)).max() <= 6
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("shortest", [-300.0, -12.0])
 def test_rotation_log_of_exp(shortest):
     """Relative to the angle, near 0 and near pi too; at pi either sign of the axis is right."""
@@ -73,7 +69,6 @@ def test_rotation_log_of_exp(shortest):
     assert np.all(gap <= 6 * angle)
 
 
-@pytest.mark.law
 def test_rotation_log_of_rounded_rotations():
     """Of the matrix next to the exact one: what any other program hands over."""
     rotvec = rotvecs(generator(63))
@@ -83,7 +78,6 @@ def test_rotation_log_of_rounded_rotations():
     assert np.all(gap <= 6 * angle)
 
 
-@pytest.mark.law
 def test_half_turns_and_the_identity():
     for S in (np.eye(3), np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), np.diag([-1.0, -1.0, 1.0])):
         rotvec = hp.rotation_log(S)
@@ -91,7 +85,6 @@ def test_half_turns_and_the_identity():
         assert abs(hp.rotation_exp(rotvec) - S).max() <= 6 * U
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("scale", [1e-300, 1e-170, 1.0, 1e170, 1e300], ids=str)
 def test_quaternions_of_any_length(scale, ledger):
     quat = generator(64).normal(size=(COUNT, 4))
@@ -117,7 +110,6 @@ def around_lock(rng, sequence):
     return phi
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_euler_angles_give_the_attitude_back(sequence, ledger):
     """S(euler(S)) to 6 u, at lock too: the angles that come back are a representative, whatever the outer two are."""
@@ -136,7 +128,6 @@ LOCK = {
 }
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("dtype", LOCK)
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_lock_is_told(sequence, dtype):
@@ -163,7 +154,6 @@ def test_lock_is_told(sequence, dtype):
     assert (one.shape, lock.shape, bool(lock)) == ((3,), (), proper)
 
 
-@pytest.mark.law
 def test_projection():
     rng = generator(67)
     S = extended.attitude_of_quaternion(rng.normal(size=(COUNT, 4))).astype(float)

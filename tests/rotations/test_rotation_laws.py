@@ -20,7 +20,6 @@ def quats():
     return np.concatenate([rng.normal(size=(40, 4)) * 10 ** rng.uniform(-3, 3, (40, 1)), np.eye(4), -np.eye(4)])
 
 
-@pytest.mark.law
 def test_quaternion_orders(quats):
     expected = Rotation.from_quat(quats).as_matrix()
     R = np.zeros((len(quats), 3))
@@ -31,7 +30,6 @@ def test_quaternion_orders(quats):
     assert np.array_equal(xyzw.S, wxyz.S)
 
 
-@pytest.mark.law
 def test_rotation_vectors():
     rotvec = generator(51).normal(size=(40, 3)) * 10 ** generator(52).uniform(-12, 0.4, (40, 1))
     S = Rotation.from_rotvec(rotvec).as_matrix()
@@ -46,7 +44,6 @@ def test_there_are_24_sequences():
     assert len(set(SEQUENCES)) == 24
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_sequence_means_what_scipy_says(sequence):
     phi = generator(53).uniform(-np.pi, np.pi, (50, 3))
@@ -58,7 +55,6 @@ def test_sequence_means_what_scipy_says(sequence):
     assert abs(one.forward_kinematics(q, sequence=sequence, outputs=("S1",)).S1 - expected).max() <= 16 * U
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_angles_come_back(sequence):
     """Angles in the standard range come back themselves; at gimbal lock they give the same attitude."""
@@ -79,7 +75,6 @@ def test_angles_come_back(sequence):
             assert abs(again - S).max() <= 32 * U, (lock, off)
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_rates_of_a_sequence(sequence):
     """omega1 of the pair is J phi', and euler_rates takes it back to phi'."""

@@ -10,9 +10,14 @@ LETTERS = {"R": "R2", "S": "S2", "v": "v2", "omega": "omega2", "a": "a2", "alpha
 OUTPUTS = ("S1", "omega1", "alpha1", *LETTERS.values())
 
 
+def pair_of(constants, **changes):
+    """The pair of (u1, u2, n, home)."""
+    return hp.HingePair(**dict(zip(("u1", "u2", "n", "home"), constants, strict=True)) | changes)
+
+
 def made(key=0, **changes):
-    constants = dict(zip(("u1", "u2", "n", "home"), random_pair(generator(85, key)), strict=True)) | changes
-    return hp.HingePair(**constants)
+    """A random pair."""
+    return pair_of(random_pair(generator(85, key)), **changes)
 
 
 def bodies(pair, motion, backend="numpy", **changes):

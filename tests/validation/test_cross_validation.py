@@ -21,7 +21,6 @@ HARD = states.hard_states()
 # ---------------------------------------------------------------- what is right passes
 
 
-@pytest.mark.law
 def test_random_pairs_agree_with_pinocchio():
     for k in range(15):
         rng = states.generator(55, k)
@@ -29,7 +28,6 @@ def test_random_pairs_agree_with_pinocchio():
         assert report.ok, report
 
 
-@pytest.mark.law
 def test_given_attitudes_agree_with_pinocchio():
     for k in range(10):
         rng = states.generator(54, k)

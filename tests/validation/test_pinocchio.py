@@ -20,13 +20,9 @@ from hingepair.scenes.derive import derive
 from hingepair.validation.cross_validate import cross_validate
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from support import states
+from support.hinged import pair_of
 
 U = 2.0**-53
-
-
-def pair_of(constants):
-    u1, u2, n, home = constants
-    return HingePair(u1=u1, u2=u2, n=n, home=home, name="tested")
 
 
 def body1_of(rng, *shape):
@@ -80,7 +76,6 @@ def test_what_was_not_given_does_not_come_back():
         twin.velocity(BodyMotion(R=body1.R, S=body1.S), 0.0, 0.0)
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("shape", [(), (1,), (4, 5), (0,)], ids=str)
 def test_body_2_is_read_out_of_pinocchio(shape):
     """World axes, classical accelerations, the leading shape of what was given."""
