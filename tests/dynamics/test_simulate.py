@@ -62,6 +62,19 @@ def test_a_symmetric_top_precesses():
     np.testing.assert_allclose(top.psi, -1.5 * t, rtol=0, atol=2e-13)
 
 
+@pytest.mark.parametrize("base", ["free", "fixed"])
+def test_motion_starts_where_it_is_told_to(base):
+    rng = generator(31)
+    pair, start = heavy(rng), thrown(rng)
+    if base == "fixed":
+        start = hp.BodyMotion(R=start.R, S=start.S)
+    found = hp.simulate(pair, [0.0, 0.1], start, 0.3, 1.0, base=base)
+    moving = ("v", "omega") if base == "free" else ()
+    for letter in ("R", "S", *moving):
+        np.testing.assert_allclose(getattr(found.body1, letter)[0], getattr(start, letter), rtol=0, atol=2e-14)
+    assert (found.psi[0], found.psid[0]) == pytest.approx((0.3, 1.0), abs=1e-14)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_free_pair_keeps_its_momenta_and_its_energy(seed):
     rng = generator(30, seed)
