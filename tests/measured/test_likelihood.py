@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hingepair.measured.likelihood import Noise, Residuals, frame, moved, seen_from
-from hingepair.measured.relative_poses import Hinge, relative_poses
+from hingepair.measured.likelihood import Noise, Residuals, frame, judged, most_likely, moved, seen_from
+from hingepair.measured.relative_poses import Hinge, closed_form, relative_poses
 from hingepair.measured.rules import GAUGES, derivatives, in_gauge, shortest_turn
 from hingepair.rotations.matrices import rotation_log
 from support.recorded import HOME, N1, U1, U2, recording
@@ -87,3 +87,19 @@ def test_the_shortest_turn_of_opposite_axes_is_half_a_turn() -> None:
         turn = shortest_turn(-n, n)
         assert np.abs(turn @ -n - n).max() < 1e-15
         assert np.abs(turn @ turn - np.eye(3)).max() < 1e-15
+
+
+def test_no_hinge_near_the_most_likely_one_is_likelier() -> None:
+    made = recording(400, 1e-5, 2e-2)
+    poses = relative_poses(made.R1, made.S1, made.R2, made.S2, np.ones(400))
+    best, noise, still = most_likely(poses, closed_form(poses), None)
+    scatter = np.sqrt(np.diagonal(judged(poses, best, noise, None).covariance))
+
+    def misfit(hinge: Hinge) -> float:
+        return sum(found.sizes(noise).sum() for _, found in seen_from(poses, hinge))
+
+    least = misfit(best)
+    assert still
+    for k in range(9):
+        for sign in (1, -1):
+            assert misfit(moved(best, sign * 0.4 * scatter[k] * np.eye(9)[k]).balanced()) > least
