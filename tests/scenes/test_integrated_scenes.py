@@ -299,3 +299,25 @@ def test_start_attitudes_are_said_by_axis_and_angle(tmp_path):
     scene = scene_of(tmp_path, text)
     np.testing.assert_allclose(scene.evaluate(("S1",)).S1[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], rtol=0, atol=4 * U)
     assert scene.motion.given.psi[0] == np.pi / 4
+
+
+@pytest.mark.parametrize(
+    ("rate", "whole"),
+    [
+        ('"abs(t - 0.7)"', lambda t: (0.49 + (t - 0.7) * abs(t - 0.7)) / 2),
+        ('"where(t < 0.7, 1, -2)"', lambda t: np.minimum(t, 0.7) - 2 * np.maximum(t - 0.7, 0)),
+        (
+            "{ t = [0.7, 1.4], value = [0, 1] }",
+            lambda t: np.clip(t - 0.7, 0, 0.7) ** 2 / 1.4 + np.maximum(t - 1.4, 0),
+        ),
+    ],
+    ids=["kink", "jump", "way points"],
+)
+def test_rates_with_kinks_and_jumps_between_the_instants(tmp_path, rate, whole):
+    scene = scene_of(
+        tmp_path, (GOOD.replace("psi_dot = 10", f"psi_dot = {rate}")).replace("samples = 41", "samples = 12")
+    )
+    error = np.abs(scene.motion.given.psi - whole(scene.times())).max()
+    assert error <= 2 * scene.motion.error_estimate
+    assert error <= 1e-11
+    assert any("kinks" in note for note in scene.notes())

@@ -285,7 +285,7 @@ def test_only_the_derivatives_that_are_needed(monkeypatch: pytest.MonkeyPatch) -
 def test_result_says_what_it_has(tmp_path: Path) -> None:
     result = scene_of(tmp_path, GOOD).evaluate(("R2",))
     assert result.state.R2 is result.R2
-    with pytest.raises(AttributeError, match=r"R3.*t, state, R2"):
+    with pytest.raises(AttributeError, match=r"R3.*t, state, .*R2"):
         _ = result.R3
     with pytest.raises(AttributeError):
         result.t = 0
