@@ -151,7 +151,6 @@ class Program:
         self.pattern = pattern
         self.kernels: dict[Key, Any] = {}
         self.accounts: dict[Key, Account] = {}
-        self.fronts: dict[Key, Any] = {}
 
     # ---- the ways to run it
 
@@ -247,22 +246,6 @@ class Program:
             from hingepair.evaluation.native import Kernel, can_fuse
 
             found = self.kernels[key] = Kernel(self.llvm(*key, fuse=can_fuse() and not self.loop.exact))
-        return found
-
-    def front(self, key: Key) -> Any:
-        """The way into a kernel by arrays' heads; None where the kernel is not there, or heads are not known."""
-        if key not in self.kernels:
-            return None
-        found = self.fronts.get(key)
-        if found is None:
-            from hingepair.evaluation.front import Front, heads_are_known
-
-            if not heads_are_known():
-                return None
-            inputs = [len(piece) for piece in self.traced(key[0]).pieces]
-            outputs = [tail for _, tail in self.loop.outputs]
-            constants = any(place is None for place in self.pattern)
-            found = self.fronts[key] = Front(self.kernels[key], constants, inputs, outputs)
         return found
 
     def llvm(self, still: tuple[bool, ...], parts: tuple[int, ...], char: str, fuse: bool) -> str:

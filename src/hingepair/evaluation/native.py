@@ -8,7 +8,7 @@ import functools
 import os
 import platform
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from hingepair.errors import MissingDependencyError
@@ -30,7 +30,8 @@ class Kernel:
 
     def __init__(self, ir: str) -> None:
         self.ir = ir
-        self._engine, (self.address,) = compiled_functions(ir, ("kernel",))
+        with _trouble(), _lock:
+            self._engine, self.address = _compile(ir)
         self.run: Callable[[Any, int, int], None] = _SHARING(self.address)
         self.run_one: Callable[[Any, int, int], None] = _KEEPING(self.address)
 
@@ -39,17 +40,7 @@ _ARGUMENTS = (None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
 _SHARING, _KEEPING = ctypes.CFUNCTYPE(*_ARGUMENTS), ctypes.PYFUNCTYPE(*_ARGUMENTS)
 
 
-def compiled_functions(ir: str, names: Sequence[str]) -> tuple[Any, list[int]]:
-    """Machine code: what keeps it alive, and the addresses of its functions.
-
-    Raises:
-        MissingDependencyError: llvmlite is not installed, or does not work.
-    """
-    with _trouble(), _lock:
-        return _compile(ir, names)
-
-
-def _compile(ir: str, names: Sequence[str]) -> tuple[Any, list[int]]:
+def _compile(ir: str) -> tuple[Any, int]:
     """Machine code. LLVM's optimiser is left out: what it would find was folded away while tracing."""
     llvm = _llvm()
     name, features = cpu(llvm)
@@ -58,7 +49,7 @@ def _compile(ir: str, names: Sequence[str]) -> tuple[Any, list[int]]:
     module = llvm.parse_assembly(ir)
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
-    return engine, [engine.get_function_address(name) for name in names]
+    return engine, engine.get_function_address("kernel")
 
 
 @functools.cache

@@ -29,7 +29,6 @@ class Constants:
         shape: leading shape of the pair; () for one pair.
         axis: the hinge axis as it was given, of any length; none of a planar pair.
         prepared: what single states of this pair were prepared for.
-        short: the short ways of this pair, by what is asked for.
     """
 
     values: Values
@@ -37,7 +36,6 @@ class Constants:
     shape: tuple[int, ...]
     axis: NDArray[np.float64] | None = None
     prepared: dict[Any, Any] = field(default_factory=dict, repr=False)
-    short: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     @property
     def single(self) -> bool:

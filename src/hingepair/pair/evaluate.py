@@ -32,7 +32,7 @@ from hingepair.numeric.array_libraries import Library, foreign_components, libra
 from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, real_array, result_dtype, vectors
 from hingepair.numeric.blocks import Components, Values, components_of
 from hingepair.pair.constants import Constants
-from hingepair.pair.states import PairState, PlanarState, record_of
+from hingepair.pair.states import PairState, PlanarState, layout_of
 
 Outputs: TypeAlias = Iterable[str] | None
 Out: TypeAlias = Mapping[str, NDArray[Any]] | None
@@ -192,10 +192,10 @@ def evaluate_one(
         own = {name: value for name, value in pair.values.items() if name in plan.inputs}
         one = pair.prepared[key] = OneState(loop, own, how.backend)
     found = one([values[name] for name in one.names])
-    record: NDArray[np.void] = np.ndarray((), record_of(plan.outputs, plan.kind), found)
+    layout = layout_of(plan.outputs, plan.kind)
     if out is None:
-        return state.of_one(record)
-    arrays = {name: record[name] for name in plan.outputs}
+        return state.of_one(found, layout)
+    arrays = {name: found[start:stop].reshape(tail) for name, (start, stop, tail) in layout.items()}
     rooms = {name: _room(f"out[{name!r}]", room, arrays[name].shape, found.dtype) for name, room in out.items()}
     _check_apart(out, {})
     for name, room in rooms.items():

@@ -30,7 +30,6 @@ from hingepair.pair.evaluate import (
     wanted,
 )
 from hingepair.pair.foreign_arrays import evaluate_foreign
-from hingepair.pair.short_way import ShortWay
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.sequences import find_sequence
 
@@ -44,20 +43,7 @@ def from_coordinates(
     pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str, how: How
 ) -> PairState:
     """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10)."""
-    rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
-    way: ShortWay | None = None
-    words = (len(rows), outputs, sequence, how.backend)
-    known = (qd is not None or qdd is None) and (out is None or outputs is not None)
-    if known:
-        try:
-            way = pair.short.get(words)
-        except TypeError:  # outputs in a list
-            known = False
-    if way is not None and (state := way(rows, out)) is not None:
-        return state
     plan, given = plan_from_coordinates(pair, q, qd, qdd, outputs, out, sequence)
-    if known and way is None and pair.single and how.backend != "numpy":
-        pair.short[words] = ShortWay(plan, pair, len(rows))
     return _of_rows(PairState, plan, pair, given, out, how)
 
 
