@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.formats.results import column_names
-from hingepair.numeric.arrays import boxes
+from hingepair.numeric.arrays import split
 from hingepair.numeric.tables import finite_or_none
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.constraints import constraint_values
@@ -55,7 +55,7 @@ def residuals(scene: Scene) -> tuple[Residual, ...]:
     motion = scene.motion
     meanings = _MEANINGS[: motion.level + 1]
     worst = np.full((len(meanings), 2), np.nan)
-    for (rows,) in boxes(motion.t.shape, _SLAB):
+    for (rows,) in split(motion.t.shape, _SLAB):
         worst = np.fmax(worst, _worst(scene, motion.known(rows, len(meanings) - 1)))
     return tuple(
         Residual(label, meaning, unit, largest, ratio, scale)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.evaluation.llvm_ir import FIELDS, LANES, OFF_LINES, ON_LINES, PIECE, SCATTERED, SIDE_BY_SIDE
-from hingepair.numeric.arrays import Box, boxes
+from hingepair.numeric.arrays import Block, split
 
 Tail: TypeAlias = tuple[int, ...]
 Spec: TypeAlias = tuple[tuple[str, Tail], ...]
@@ -251,12 +251,12 @@ def address(array: NDArray[Any]) -> int:
     return _POINTER(id(array) + _OFFSET).value or 0
 
 
-def converted(array: NDArray[Any], box: Box, dtype: np.dtype[Any]) -> NDArray[Any]:
+def converted(array: NDArray[Any], box: Block, dtype: np.dtype[Any]) -> NDArray[Any]:
     """The part of a piece that belongs to a box, in the dtype computed in."""
     own = zip(box[len(box) - array.ndim + 1 :], array.shape[:-1], strict=True)
     return array[tuple(piece if n != 1 else slice(None) for piece, n in own)].astype(dtype, copy=False)
 
 
-def slabs(shape: tuple[int, ...], pieces: Sequence[NDArray[Any]], dtype: np.dtype[Any]) -> Iterator[Box]:
+def slabs(shape: tuple[int, ...], pieces: Sequence[NDArray[Any]], dtype: np.dtype[Any]) -> Iterator[Block]:
     """Parts of the samples whose inputs are converted at a time."""
-    return boxes(shape, max(1, _SLAB // (dtype.itemsize * sum(array.shape[-1] for array in pieces))))
+    return split(shape, max(1, _SLAB // (dtype.itemsize * sum(array.shape[-1] for array in pieces))))

@@ -44,7 +44,7 @@ from hingepair.evaluation.trace import (
     needed_lines,
     operations,
 )
-from hingepair.numeric.arrays import Box, boxes, load
+from hingepair.numeric.arrays import Block, load, split
 
 Out: TypeAlias = Mapping[str, NDArray[Any]]
 Key: TypeAlias = tuple[tuple[bool, ...], tuple[int, ...], str]
@@ -281,14 +281,14 @@ class Program:
             return
         function = self.arrays_function
 
-        def work(some: list[Box]) -> None:
+        def work(some: list[Block]) -> None:
             with np.errstate(all="ignore"):
                 for box in some:
                     found = function(*numbers, *(load(piece, box, dtype) for piece in pieces))
                     for target, part in zip(targets, found, strict=True):
                         target[box] = part
 
-        all_boxes = list(boxes(shape, _BLOCK))
+        all_boxes = list(split(shape, _BLOCK))
         workers = min(workers, len(all_boxes))
         if workers <= 1:
             work(all_boxes)

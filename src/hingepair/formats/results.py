@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.whole_file import whole_file
-from hingepair.numeric.arrays import boxes
+from hingepair.numeric.arrays import split
 
 _AXES = "xyz"
 _ROWS = 65536
@@ -74,7 +74,7 @@ def _write_npz(file: IO[bytes], t: NDArray[Any], arrays: Mapping[str, NDArray[An
 
 def _write_csv(file: IO[bytes], t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
     file.write((",".join(["t", *column_names(arrays)]) + "\n").encode())
-    for (rows,) in boxes(t.shape, _ROWS):
+    for (rows,) in split(t.shape, _ROWS):
         parts = [t[rows, None], *(array[rows].reshape(rows.stop - rows.start, -1) for array in arrays.values())]
         np.savetxt(file, np.concatenate(parts, axis=1), fmt="%s", delimiter=",")
 

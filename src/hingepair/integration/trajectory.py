@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice, read_only
-from hingepair.numeric.blocks import components_of, evaluate
+from hingepair.numeric.blocks import components_of, tabulate_one
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.euler import matrix_to_euler
@@ -198,7 +198,7 @@ def span(t: NDArray[np.float64]) -> str:
 def rotations(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
     """The matrices of unit quaternions, shape (N, 3, 3), orthonormal to 4 u."""
     parts = {"q": components_of(quat_wxyz)}
-    return evaluate(lambda v: _mended(eq.quaternion_attitude(v["q"])), parts, (3, 3), np.dtype(np.float64))
+    return tabulate_one(lambda v: _mended(eq.quaternion_attitude(v["q"])), parts, (3, 3), np.dtype(np.float64))
 
 
 def _mended(S: eq.Matrix) -> eq.Matrix:
@@ -213,7 +213,7 @@ def _mended(S: eq.Matrix) -> eq.Matrix:
 def world_vectors(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Vectors from body 1's axes to the world's."""
     parts = {"S1": components_of(S1, 2), "w": components_of(vectors)}
-    return evaluate(lambda v: eq.rotate(v["S1"], v["w"]), parts, (3,), np.dtype(np.float64))
+    return tabulate_one(lambda v: eq.rotate(v["S1"], v["w"]), parts, (3,), np.dtype(np.float64))
 
 
 def continuous(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The border: what comes in is checked once here, and what is large is walked through in boxes."""
+"""The border: what comes in is checked once here, and what is large is walked through in blocks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices, quo
 
 FloatArray: TypeAlias = NDArray[np.floating[Any]]
 Component: TypeAlias = Any  # a float, a NumPy scalar, or an array that broadcasts against the samples
-Box: TypeAlias = tuple[slice, ...]
+Block: TypeAlias = tuple[slice, ...]
 
 _ACCEPTED = "real numbers (float64, float32 or integers)"
 
@@ -149,10 +149,10 @@ def result_dtype(components: Iterable[Component]) -> np.dtype[Any]:
     return np.dtype(np.float64)
 
 
-def boxes(shape: tuple[int, ...], size: int) -> Iterator[Box]:
+def split(shape: tuple[int, ...], size: int) -> Iterator[Block]:
     """Slices that cover an array of this shape in pieces of about `size` elements, last axes whole.
 
-    >>> [tuple((s.start, s.stop) for s in box) for box in boxes((2, 3), 4)]
+    >>> [tuple((s.start, s.stop) for s in block) for block in split((2, 3), 4)]
     [((0, 1), (0, 3)), ((1, 2), (0, 3))]
     """
     axis = len(shape)
@@ -174,11 +174,11 @@ def boxes(shape: tuple[int, ...], size: int) -> Iterator[Box]:
             yield (*outer, piece, *whole)
 
 
-def load(component: Component, box: Box, dtype: np.dtype[Any]) -> Component:
-    """The part of a component that belongs to a box: contiguous, of the dtype computed in; scalars as they are."""
+def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
+    """The part of a component that belongs to a block: contiguous, of the dtype computed in; scalars as they are."""
     if not isinstance(component, np.ndarray):
         return component
-    fitting = zip(box[len(box) - component.ndim :], component.shape, strict=True)
+    fitting = zip(block[len(block) - component.ndim :], component.shape, strict=True)
     part = component[tuple(piece if n != 1 else slice(None) for piece, n in fitting)]
     return np.ascontiguousarray(part, dtype=dtype)
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.numeric import array_libraries
-from hingepair.numeric.arrays import Box, Component, boxes, broadcast_shape, load, scalar_component
+from hingepair.numeric.arrays import Block, Component, broadcast_shape, load, scalar_component, split
 
 Components: TypeAlias = tuple[Component, ...]
 Values: TypeAlias = dict[str, Any]  # by name: a component, or the tuple of components of a vector or matrix
@@ -36,46 +36,31 @@ def numbers(components: Components) -> Components:
     return tuple(float(c) if c.ndim == 0 else c for c in components)
 
 
-def compute(
+def tabulate(
     function: Callable[[Values], Mapping[str, Any]],
     inputs: Values,
-    out: Mapping[str, NDArray[Any]],
+    tails: Mapping[str, tuple[int, ...]],
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
-    workers: int = 1,
-) -> None:
-    """Write function(inputs) into the arrays of `out`, which have the shape of the samples and then their own.
+) -> dict[str, NDArray[Any]]:
+    """New arrays of what function(inputs) holds, for all samples; `tails` are the results' own shapes, by name.
 
     `function` takes and returns components by name. A component of one element reaches it as a number, so that
     what depends on such alone costs nothing per sample, and a single sample costs no array at all.
     """
+    out = {name: np.empty((*shape, *tail), dtype) for name, tail in tails.items()}
+    targets = {name: _flat(array, len(shape)) for name, array in out.items()}
     values = {name: _each(group, lambda c: _number_or_array(c, dtype)) for name, group in inputs.items()}
     moving = {name: group for name, group in values.items() if _holds_array(group)}
-    targets = {name: _flat(array, len(shape)) for name, array in out.items()}
-
-    def work(some: Iterable[Box]) -> None:
-        with np.errstate(all="ignore"):
-            for box in some:
-                part = functools.partial(load, box=box, dtype=dtype)
-                own = {name: _each(group, part) for name, group in moving.items()}
-                _store(function({**values, **own}), targets, box)
-
-    if not moving:
-        with np.errstate(all="ignore"):
-            _store(function(values), targets, ())
-        return
-    pieces = list(boxes(shape, BLOCK))
-    workers = min(workers, len(pieces))
-    if workers <= 1:
-        work(pieces)
-    else:
-        from concurrent.futures import ThreadPoolExecutor
-
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(work, (pieces[i::workers] for i in range(workers))))
+    with np.errstate(all="ignore"):
+        for block in split(shape, BLOCK) if moving else [()]:
+            part = functools.partial(load, block=block, dtype=dtype)
+            own = {name: _each(group, part) for name, group in moving.items()}
+            _store(function({**values, **own}), targets, block)
+    return out
 
 
-def evaluate(
+def tabulate_one(
     function: Callable[[Values], Any], inputs: Values, tail: tuple[int, ...], dtype: np.dtype[Any]
 ) -> NDArray[Any]:
     """One new array of function(inputs), for all samples; `tail` is the result's own shape.
@@ -86,19 +71,6 @@ def evaluate(
     groups = {name: group if isinstance(group, tuple) else (group,) for name, group in inputs.items()}
     shape = broadcast_shape({name: np.broadcast_shapes(*(c.shape for c in g)) for name, g in groups.items()})
     return tabulate(lambda values: {"result": function(values)}, inputs, {"result": tail}, shape, dtype)["result"]
-
-
-def tabulate(
-    function: Callable[[Values], Mapping[str, Any]],
-    inputs: Values,
-    tails: Mapping[str, tuple[int, ...]],
-    shape: tuple[int, ...],
-    dtype: np.dtype[Any],
-) -> dict[str, NDArray[Any]]:
-    """New arrays of what function(inputs) holds, for all samples; `tails` are the results' own shapes, by name."""
-    out = {name: np.empty((*shape, *tail), dtype) for name, tail in tails.items()}
-    compute(function, inputs, out, shape, dtype)
-    return out
 
 
 def sine(x: Component) -> Component:
@@ -181,11 +153,11 @@ def _flat(array: NDArray[Any], sample_axes: int) -> Any:
     return components_of(array, rank) if rank else array
 
 
-def _store(results: Mapping[str, Any], targets: Mapping[str, Any], box: Box) -> None:
+def _store(results: Mapping[str, Any], targets: Mapping[str, Any], block: Block) -> None:
     for name, target in targets.items():
         result = results[name]
         if isinstance(target, tuple):
             for view, component in zip(target, result, strict=True):
-                view[box] = component
+                view[block] = component
         else:
-            target[box] = result
+            target[block] = result

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import AxisError
 from hingepair.numeric.arrays import Component, vectors
-from hingepair.numeric.blocks import Components, components_of, evaluate
+from hingepair.numeric.blocks import Components, components_of, tabulate_one
 from hingepair.numeric.twofold import Twofold, exact_product, exact_sum, normal
 
 
@@ -25,7 +25,7 @@ def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
         AxisError: n is zero or not finite.
     """
     axis = components_of(finite_axis(name, n))
-    return evaluate(lambda values: direction(values["n"]), {"n": axis}, (3,), np.dtype(np.float64))
+    return tabulate_one(lambda values: direction(values["n"]), {"n": axis}, (3,), np.dtype(np.float64))
 
 
 def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:

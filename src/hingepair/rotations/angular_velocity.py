@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, broadcast_shape, real_array, result_dtype, vectors
-from hingepair.numeric.blocks import Values, components_of, compute
+from hingepair.numeric.blocks import Values, components_of, tabulate
 from hingepair.numeric.finite_differences import Float64Array, check_instants, stencils
 from hingepair.rotations.matrices import check_rotation, rotation_vector
 
@@ -51,11 +51,9 @@ def angular_velocity(
     check_rotation("S", attitude)
     shape = broadcast_shape({"S": attitude.shape[:-2], "S_dot": rate.shape[:-2]})
     inputs = {"S": components_of(attitude, 2), "S_dot": components_of(rate, 2)}
-    dtype = result_dtype((attitude, rate))
-    found = {"omega": np.empty((*shape, 3), dtype)}
-    if with_defect:
-        found["defect"] = np.empty(shape, dtype)
-    compute(_turning_with_defect if with_defect else _turning, inputs, found, shape, dtype)
+    tails: dict[str, tuple[int, ...]] = {"omega": (3,), "defect": ()} if with_defect else {"omega": (3,)}
+    function = _turning_with_defect if with_defect else _turning
+    found = tabulate(function, inputs, tails, shape, result_dtype((attitude, rate)))
     return (found["omega"], found["defect"]) if with_defect else found["omega"]
 
 

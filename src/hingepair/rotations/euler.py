@@ -25,7 +25,7 @@ from hingepair.numeric.arrays import (
     result_dtype,
     vectors,
 )
-from hingepair.numeric.blocks import Values, angle_terms, components_of, compute, evaluate, tabulate
+from hingepair.numeric.blocks import Values, angle_terms, components_of, tabulate, tabulate_one
 from hingepair.rotations.matrices import check_rotation
 from hingepair.rotations.sequences import Sequence, find_sequence, nine
 
@@ -68,7 +68,7 @@ def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     def attitude(values: Values) -> eq.Matrix:
         return order.attitude(angle_terms(order.angles(values["phi"])))
 
-    return evaluate(attitude, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
+    return tabulate_one(attitude, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
 
 
 @overload
@@ -117,9 +117,8 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
         opening = (canonical[3], canonical[6]) if order.proper else (canonical[5], canonical[8])
         return {"phi": phi, "lock": np.hypot(*opening)}
 
-    dtype, shape = result_dtype((matrix,)), matrix.shape[:-2]
-    out = {"phi": np.empty((*shape, 3), dtype), "lock": np.empty(shape, dtype)}
-    compute(angles, {"S": components_of(matrix, 2)}, out, shape, dtype)
+    tails: dict[str, tuple[int, ...]] = {"phi": (3,), "lock": ()}
+    out = tabulate(angles, {"S": components_of(matrix, 2)}, tails, matrix.shape[:-2], result_dtype((matrix,)))
     return (out["phi"], np.asarray(out["lock"] < _lock_limit(matrix))) if with_lock else out["phi"]
 
 
@@ -147,7 +146,7 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
         x, y, z = order.columns(axes)
         return eq.transpose((*x, *y, *z))
 
-    return evaluate(rate_matrix, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
+    return tabulate_one(rate_matrix, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
 
 
 def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_lock: str = "raise") -> FloatArray:
@@ -176,15 +175,14 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
     order = find_sequence(sequence)
     angles, velocity = vectors("phi", phi, 3), vectors("omega", omega, 3)
     shape = broadcast_shape({"phi": angles.shape[:-1], "omega": velocity.shape[:-1]})
-    dtype = result_dtype((angles, velocity))
-    out = {"phid": np.empty((*shape, 3), dtype), "lock": np.empty(shape, dtype)}
+    inputs = {"phi": components_of(angles), "omega": components_of(velocity)}
 
     def rates(values: Values) -> Values:
         trig = angle_terms(order.angles(values["phi"]))
         phid = order.angles(_canonical_rates(order, trig, values["omega"]))
         return {"phid": phid, "lock": trig[2] if order.proper else trig[3]}
 
-    compute(rates, {"phi": components_of(angles), "omega": components_of(velocity)}, out, shape, dtype)
+    out = tabulate(rates, inputs, {"phid": (3,), "lock": ()}, shape, result_dtype((angles, velocity)))
     limit = _lock_limit(angles)
     locked = np.abs(out["lock"]) < limit
     if locked.any():

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, RotationError
 from hingepair.numeric.arrays import FloatArray, real_array, result_dtype, vectors
-from hingepair.numeric.blocks import SMALL, Values, components_of, evaluate, hinge_terms, tabulate
+from hingepair.numeric.blocks import SMALL, Values, components_of, hinge_terms, tabulate, tabulate_one
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import direction, polar, unit_axis
 
@@ -67,7 +67,7 @@ def unskew(W: ArrayLike) -> FloatArray:
         bad = np.isfinite(size) & (rest > 2 * TOLERANCE[dtype.itemsize] * size)
     if np.any(bad):
         raise ArgumentError("W", "antisymmetric matrices", f"W + W^T up to {np.max(rest[bad]):.3g}")
-    return evaluate(lambda v: eq.unskew(v["W"]), {"W": components_of(matrix, 2)}, (3,), dtype)
+    return tabulate_one(lambda v: eq.unskew(v["W"]), {"W": components_of(matrix, 2)}, (3,), dtype)
 
 
 def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
@@ -93,7 +93,7 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
     axis, angle = real_array("n", n), real_array("psi", psi)
     inputs = {"n": components_of(unit_axis("n", axis)), "psi": angle}
     dtype = result_dtype((axis, angle))
-    return evaluate(lambda v: eq.hinge_rotation(v["n"], hinge_terms(v["psi"])), inputs, (3, 3), dtype)
+    return tabulate_one(lambda v: eq.hinge_rotation(v["n"], hinge_terms(v["psi"])), inputs, (3, 3), dtype)
 
 
 def rotation_exp(rotvec: ArrayLike) -> FloatArray:
@@ -124,7 +124,7 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
         a, b, c, d, e, f, g, h, i = (x + y for x, y in zip(eq.hinge_rotation((x, y, z), (s, k)), rest, strict=True))
         return a, b, c, d, e, f, g, h, i
 
-    S = evaluate(rotation, {"rotvec": components_of(vector)}, (3, 3), np.dtype(np.float64))
+    S = tabulate_one(rotation, {"rotvec": components_of(vector)}, (3, 3), np.dtype(np.float64))
     return S.astype(result_dtype((vector,)), copy=False)
 
 
@@ -218,7 +218,7 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
         raise RotationError(name, "non-zero quaternions", "a zero quaternion")
     parts = components_of(given)
     order = parts if scalar_first else (parts[3], *parts[:3])
-    S = evaluate(lambda v: eq.quaternion_attitude(direction(v["q"])), {"q": order}, (3, 3), np.dtype(np.float64))
+    S = tabulate_one(lambda v: eq.quaternion_attitude(direction(v["q"])), {"q": order}, (3, 3), np.dtype(np.float64))
     return S.astype(result_dtype((given,)), copy=False)
 
 
