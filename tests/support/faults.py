@@ -159,8 +159,8 @@ FAULTS = {
     ),
     "1 - cos psi for the versine": Fault(
         "numeric/blocks.py",
-        "np.where(c > SMALL, s * s / (1 + c), 1 - c)",
-        "1 - c",
+        "np.where(cosine > SMALL, sine * sine / (1 + cosine), 1 - cosine)",
+        "1 - cosine",
         "pair/test_accuracy.py::test_small_turn_through_the_pair[numpy]",
     ),
     "lengths without scaling": Fault(

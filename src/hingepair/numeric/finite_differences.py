@@ -161,9 +161,3 @@ def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tupl
             first[rows] = (w1 * rises).sum(axis=-1)
             second[rows] = (w2 * rises).sum(axis=-1)
     return first, second
-
-
-def unwrap(angles: Float64Array) -> Float64Array:
-    """Angles along time without their jumps by 2 pi: no step is longer than pi."""
-    turns = np.rint(np.diff(angles, prepend=angles[:1]) / (2 * np.pi))
-    return angles - 2 * np.pi * np.cumsum(turns)

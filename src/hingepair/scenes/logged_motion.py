@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hingepair.integration.signals import Samples
 from hingepair.numeric.arrays import read_only
-from hingepair.numeric.finite_differences import check_instants, differentiate, unwrap
+from hingepair.numeric.finite_differences import check_instants, differentiate
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import quaternion_to_matrix
@@ -159,7 +159,7 @@ class _Log:
                 omega, alpha = angular_velocity_from_samples(self.t, self.rotations(array), ORDER, with_alpha=True)
             return np.asarray(omega), np.asarray(alpha)
         angles = name in {"phi", "psi"}
-        found = [differentiate(self.t, unwrap(column) if angles else column, ORDER) for column in array.T]
+        found = [differentiate(self.t, np.unwrap(column) if angles else column, ORDER) for column in array.T]
         return np.stack([first for first, _ in found], axis=-1), np.stack([second for _, second in found], axis=-1)
 
 
