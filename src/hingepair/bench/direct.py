@@ -58,13 +58,15 @@ def direct(
             errors(pair, ways, Truth(CONSTANTS, states, outputs))
             for states in (random_states(rng, _COMPARED, parts), hard_states(rng, parts))
         )
-        for size in sizes:
+        found = {}
+        for size in sorted(sizes, reverse=True):  # the largest first: what is measured of small ones is warm
             motion, room = random_states(rng, size, parts), room_for(outputs, size)
             counts = {way.name: min(size, way.most) for way in ways if size >= way.least}
             jobs = {way.name: _job(way, pair, motion, room, counts[way.name]) for way in ways if way.name in counts}
             tell(f"{level}, N = {size:,}: {len(jobs)} ways, {repeats} repeats")
             more = {name: {HARD: value} for name, value in hard.items()}
-            rows += measured(case_of(level, size), jobs, repeats, counts, random, more)
+            found[size] = measured(case_of(level, size), jobs, repeats, counts, random, more)
+        rows += [row for size in sizes for row in found[size]]
     return rows
 
 

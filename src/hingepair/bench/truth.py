@@ -2,7 +2,7 @@
 
 S1(t) is the product of three turns about fixed axes by phi + phi' t + phi'' t^2/2 (E10), S2(t) and R2(t) follow (E5,
 E6, E7). Velocities and accelerations are differences of S2(t) and R2(t) over a time so short that their error lies
-far beyond the digits of a double, and omega is read off S' S^T (E3).
+far beyond the digits of a double, and omega is read off S' S^T of S = S1 Sh (E3).
 """
 
 from __future__ import annotations
@@ -36,28 +36,29 @@ def exact(pair: Constants, q: Any, qd: Any = None, qdd: Any = None) -> dict[str,
         zero = [0.0] * 7
         parts = [[mpmath.mpf(float(x)) for x in (zero if c is None else c)] for c in (q, qd, qdd)]
         h = mpmath.mpf(10) ** -_STEP / (1 + sum(abs(x) for x in parts[1]) + mpmath.sqrt(sum(map(abs, parts[2]))))
-        (R0, S0), (R, S), (R3, S3) = (_body2(pair, parts, t) for t in (-h, mpmath.mpf(0), h))
-        rate, change = (S3 - S0) / (2 * h), (S3 - 2 * S + S0) / h**2
+        (R0, _, T0), (R, S, T), (R3, _, T3) = (_body2(pair, parts, t) for t in (-h, mpmath.mpf(0), h))
+        rate, change = (T3 - T0) / (2 * h), (T3 - 2 * T + T0) / h**2
         found = {
             "R2": R,
             "S2": S,
             "v2": (R3 - R0) / (2 * h),
-            "omega2": _vee(rate * S.T),
+            "omega2": _vee(rate * T.T),
             "a2": (R3 - 2 * R + R0) / h**2,
-            "alpha2": _vee(change * S.T),  # S' S'^T, the other part of the derivative, is symmetric
+            "alpha2": _vee(change * T.T),  # S' S'^T, the other part of the derivative, is symmetric
         }
         return {name: list(value) for name, value in found.items()}
 
 
-def _body2(pair: Constants, parts: Any, t: Any) -> tuple[Any, Any]:
-    """R2 and S2 at a time."""
+def _body2(pair: Constants, parts: Any, t: Any) -> tuple[Any, Any, Any]:
+    """R2 and S2 at a time, and S1 Sh: home is taken as it stands, and may be a rotation to sixteen digits only."""
     x, y, z, *angles, psi = (a + t * (b + t * c / 2) for a, b, c in zip(*parts, strict=True))
     S1 = mpmath.eye(3)
     for axis, angle in zip(np.eye(3).tolist(), angles, strict=True):
         S1 = S1 * _turn(axis, angle)
-    S2 = S1 * _turn(pair["n"], psi) * _nearest_rotation(mpmath.matrix(pair["home"]))
+    turned = S1 * _turn(pair["n"], psi)
+    S2 = turned * mpmath.matrix(pair["home"])
     u1, u2 = mpmath.matrix(pair["u1"]), mpmath.matrix(pair["u2"])
-    return mpmath.matrix([x, y, z]) + S1 * u1 - S2 * u2, S2
+    return mpmath.matrix([x, y, z]) + S1 * u1 - S2 * u2, S2, turned
 
 
 def _turn(axis: Any, angle: Any) -> Any:
@@ -72,13 +73,6 @@ def _turn(axis: Any, angle: Any) -> Any:
             [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
         ]
     )
-
-
-def _nearest_rotation(C: Any) -> Any:
-    """What a matrix of doubles stands for; each step squares its distance from a rotation."""
-    for _ in range(6):
-        C = C * (3 * mpmath.eye(3) - C.T * C) / 2
-    return C
 
 
 def _vee(W: Any) -> Any:
