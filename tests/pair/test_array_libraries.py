@@ -68,14 +68,14 @@ def test_seven_coordinates_with_numbers_among_them(library):
     """What is a number stays one: outputs that do not depend on an array are arrays all the same."""
     module, kind = LIBRARIES[library]
     pair, (motion, *_) = some(1, home=False)
-    q = (0.5, 1, 0.0, *motion[:, 3:5].T, 0.0, motion[:, 6])
+    q = (0.5, 1, 0, *motion[:, 3:5].T, 0, motion[:, 6])
     qd = (0.0, 0.0, 1.0, 0.0, motion[:, 1], 0.0, 2.0)
     foreign = [
         tuple(module.asarray(np.array(c)) if isinstance(c, np.ndarray) else c for c in part) for part in (q, qd)
     ]
     outputs = ("R1", "v1", "v2", "S2", "omega1")
     require(pair.forward_kinematics(*foreign, outputs=outputs), pair.forward_kinematics(q, qd, outputs=outputs), kind)
-    still = (0.0,) * 6
+    still = (0,) * 6
     state = pair.forward_kinematics((*still, module.asarray(motion[:, 6])), outputs=("S1", "R2"))
     require(state, pair.forward_kinematics((*still, motion[:, 6]), outputs=("S1", "R2")), kind)
 
@@ -157,6 +157,22 @@ def test_derivatives_exist_at_every_angle():
     assert np.allclose(slope, -np.sin(psi), rtol=0, atol=1e-15)
     curved = jax.jit(jax.vmap(jax.hessian(lambda x: pair.forward_kinematics((*still, x)).R2)))(psi)
     assert np.isfinite(curved).all()
+
+
+def test_the_other_questions_are_answered_in_numpy():
+    """Jacobians, residuals and error bounds of such arrays: those of the same numbers."""
+    pair, (q, qd, _) = some(10)
+    body1, own = body1_of(jnp, 10), body1_of(np, 10)
+    for ask in (
+        lambda convert, _: pair.coordinate_jacobian(convert(q)),
+        lambda convert, _: pair.error_bounds(convert(q), convert(qd))["v2"],
+        lambda convert, body: pair.error_bounds_from_body1(body, convert(q[:, 6]))["R2"],
+        lambda convert, body: pair.jacobian(body, convert(q[:, 6])),
+        lambda _, body: pair.residuals(body, own).gap,
+    ):
+        found = ask(jnp.asarray, body1)
+        assert isinstance(found, np.ndarray)
+        assert np.array_equal(found, ask(np.asarray, own))
 
 
 # ---- what is refused

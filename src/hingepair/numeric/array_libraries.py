@@ -93,7 +93,7 @@ def foreign_components(name: str, value: Any, *tail: int) -> tuple[Any, ...]:
     if isinstance(value, tuple):
         if len(value) != count:
             raise ShapeError(name, f"a tuple of {count} components", f"one of {len(value)}")
-        return value
+        return tuple(c if is_foreign(c) else float(c) for c in value)
     check_tail(name, value, *tail)
     if len(tail) == 1:
         return tuple(value[..., i] for i in range(tail[0]))

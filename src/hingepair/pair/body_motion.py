@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
@@ -193,7 +194,7 @@ def _read(name: str, value: ArrayLike, *tail: int) -> Any:
 
 
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
-    """Some arrays of a body, by its argument's name: of "body1", R is R1.
+    """Some arrays of a body, by its argument's name: of "body1", R is R1. Those of other libraries become NumPy's.
 
     Raises:
         ArgumentError: it is no BodyMotion, or lacks one of them; names the argument.
@@ -204,4 +205,4 @@ def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[A
     for letter, array in zip(letters, arrays.values(), strict=True):
         if array is None:
             raise ArgumentError(f"{name}.{letter}", "a value, since it is needed here", None)
-    return arrays
+    return {key: np.asarray(array) if is_foreign(array) else array for key, array in arrays.items()}

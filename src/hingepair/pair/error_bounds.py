@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.evaluation.plan import Plan
+from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Values, tabulate
 from hingepair.numeric.bounded import Bounded, Double, kind_of
@@ -36,7 +37,9 @@ def error_bounds_from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs
 ) -> Bounds:
     """The bounds of what forward_kinematics_from_body1 gives."""
-    return _bounds(pair, *kinematics.plan_from_body1(pair, body1, psi, psid, psidd, outputs, None))
+    plan, values, shapes = kinematics.plan_from_body1(pair, body1, psi, psid, psidd, outputs, None)
+    own = {name: np.asarray(value) if is_foreign(value) else value for name, value in values.items()}
+    return _bounds(pair, plan, own, shapes)
 
 
 def planar_error_bounds(pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs) -> Bounds:

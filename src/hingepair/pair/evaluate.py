@@ -59,8 +59,8 @@ class Coordinates(NamedTuple):
     library: Library | None = None
 
 
-def read_coordinates(q: Any, qd: Any, qdd: Any, names: tuple[str, ...]) -> Coordinates:
-    """The coordinates of these names as plans take them."""
+def read_coordinates(q: Any, qd: Any, qdd: Any, names: tuple[str, ...], foreign: bool = False) -> Coordinates:
+    """The coordinates of these names as plans take them; arrays of other libraries as they are where `foreign`."""
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives beside the second", None)
     if q is None:
@@ -70,7 +70,7 @@ def read_coordinates(q: Any, qd: Any, qdd: Any, names: tuple[str, ...]) -> Coord
     if floats is not None:
         return Coordinates(floats, True)
     leaves = {f"{name}[{i}]": c for name, v in given.items() if type(v) is tuple for i, c in enumerate(v)}
-    library = library_of({name: v for name, v in given.items() if type(v) is not tuple} | leaves)
+    library = library_of({name: v for name, v in given.items() if type(v) is not tuple} | leaves) if foreign else None
     if library is not None:
         return Coordinates({n: foreign_components(n, v, len(names)) for n, v in given.items()}, False, library)
     return Coordinates({name: _coordinates(name, value, names) for name, value in given.items()}, False)

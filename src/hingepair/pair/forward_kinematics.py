@@ -43,17 +43,17 @@ def from_coordinates(
     pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str, how: How
 ) -> PairState:
     """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10)."""
-    plan, given = plan_from_coordinates(pair, q, qd, qdd, outputs, out, sequence)
+    plan, given = plan_from_coordinates(pair, q, qd, qdd, outputs, out, sequence, foreign=True)
     return _of_rows(PairState, plan, pair, given, out, how)
 
 
 def plan_from_coordinates(
-    pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str
+    pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str, foreign: bool = False
 ) -> tuple[Plan, Coordinates]:
     """What to compute from the seven coordinates, and of what."""
     if type(sequence) is not str or sequence != "XYZ":
         find_sequence(sequence)
-    given = read_coordinates(q, qd, qdd, COORDINATES)
+    given = read_coordinates(q, qd, qdd, COORDINATES, foreign)
     level, home = len(given.parts) - 1, "home" in pair.values
     if outputs is None and out is None:
         return make_plan(default_outputs(level), sequence, home), given
@@ -65,13 +65,15 @@ def planar_from_coordinates(
     pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, how: How
 ) -> PlanarState:
     """The planar pair's state from (x, y, phi, psi) and as many derivatives as are given (E11)."""
-    plan, given = plan_planar(pair, q, qd, qdd, outputs, out)
+    plan, given = plan_planar(pair, q, qd, qdd, outputs, out, foreign=True)
     return _of_rows(PlanarState, plan, pair, given, out, how)
 
 
-def plan_planar(pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out) -> tuple[Plan, Coordinates]:
+def plan_planar(
+    pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, foreign: bool = False
+) -> tuple[Plan, Coordinates]:
     """What to compute from the four coordinates of a planar pair, and of what."""
-    given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES)
+    given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES, foreign)
     names = wanted(outputs, out, len(given.parts) - 1, PLANAR)
     return plan_for(names, (None, False), _parts(given, PLANAR_PARTS, pair), _OF_COORDINATES, PLANAR), given
 
