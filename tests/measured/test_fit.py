@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -249,6 +250,7 @@ def test_the_report_reads_plots_and_travels() -> None:
     told = json.loads(found.to_json())
     assert told["ok"] is True
     assert told["n"] == found.pair.n.tolist()
+    assert (pickle.loads(pickle.dumps(found)).psi == found.psi).all()
     assert [axes.get_ylabel() for axes in found.plot().axes] == ["psi [deg]", "gap [mm]", "tilt [deg]"]
 
 

@@ -136,3 +136,18 @@ def test_names_of_files_are_checked(tmp_path: Path) -> None:
         read_recording([tmp_path / "a.txt"])
     with pytest.raises(hp.ArgumentError, match="one file, or two"):
         read_recording([])
+
+
+def test_attitudes_of_a_few_digits_and_of_zeros_are_read(tmp_path: Path) -> None:
+    S2 = MADE.S2.round(6)
+    S2[5] = 0
+    columns = {
+        f"S{i}_{a}{b}": S[:, j, k]
+        for i, S in ((1, MADE.S1), (2, S2))
+        for j, a in enumerate("xyz")
+        for k, b in enumerate("xyz")
+    }
+    places = {f"R{i}_{a}": R[:, j] for i, R in ((1, MADE.R1), (2, MADE.R2)) for j, a in enumerate("xyz")}
+    found = read_recording([table(tmp_path / "a.csv", **columns, **places)])
+    assert np.isnan(found.body2.S[5]).all()
+    assert np.abs(np.delete(found.body2.S - MADE.S2, 5, axis=0)).max() < 1e-6

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+import sys
+
 import numpy as np
 import pytest
 from scipy.signal import savgol_filter
@@ -163,3 +167,18 @@ def test_rough_attitudes_are_smoothed_along_a_smooth_path() -> None:
     truth = motion(t)
     found = hp.smooth(t, noisy(truth, 1e-3, 0.1, 8))
     assert rms(found.alpha - truth.alpha1) < 4 * found.noise["alpha"]
+
+
+def test_what_is_smoothed_can_be_copied_and_kept() -> None:
+    t = np.arange(200) / 200
+    truth = motion(t)
+    found = hp.smooth(t, hp.BodyMotion(R=truth.R1, S=truth.S1))
+    for other in (copy.deepcopy(found), pickle.loads(pickle.dumps(found))):
+        assert (other.alpha == found.alpha).all()
+        assert other.noise == found.noise
+
+
+def test_without_scipy_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "scipy.linalg", None)
+    with pytest.raises(hp.MissingDependencyError, match="measured"):
+        hp.smooth(np.arange(20) / 10, np.zeros(20))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, FitError, ShapeError
+from hingepair.errors import ArgumentError, FitError, MissingDependencyError, ShapeError
 from hingepair.measured.findings import check_turning, findings
 from hingepair.measured.instants import recorded
 from hingepair.measured.likelihood import LOSSES, judged, most_likely, without_bias
@@ -89,8 +88,15 @@ class HingeFit:
         return self.pair.residuals(first, second, tolerances, self.t)
 
     def plot(self) -> Figure:
-        """The hinge angle and what is left of each sample, over time."""
-        from matplotlib.figure import Figure
+        """The hinge angle and what is left of each sample, over time.
+
+        Raises:
+            MissingDependencyError: Matplotlib is not installed.
+        """
+        try:
+            from matplotlib.figure import Figure
+        except ImportError as error:
+            raise MissingDependencyError("plot", "Matplotlib (pip install matplotlib)", str(error)) from None
 
         figure = Figure(figsize=(8, 6), layout="constrained")
         x = np.arange(self.psi.size) if self.t is None else self.t
@@ -236,7 +242,7 @@ def fit(
         pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home),
         psi=_spread(_unwrapped(seen.psi - offset(hinge, home), seen.weights >= 0.1 * given[used]), used),
         covariance=read_only(covariance),
-        std=MappingProxyType({name: read_only(value) for name, value in std.items()}),
+        std={name: read_only(value) for name, value in std.items()},
         rms_position=float(np.sqrt(seen.weights @ (gaps * gaps) / total)),
         rms_angle=float(np.sqrt(seen.weights @ (seen.tilt * seen.tilt) / total)),
         noise_position=float(np.sqrt(noise.place)),

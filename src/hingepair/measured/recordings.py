@@ -8,8 +8,8 @@
 | body 2 | the same with 2 | R2, S2 |
 
 A file of one body may leave the digit away (x, y, z, qx, qy, qz, qw): of two files the first is body 1. Results that
-were saved with R1, S1, R2, S2 can be read as they are. Empty cells and nan are missing samples. Columns of no
-concern have to be named, so that a misspelt one is not missed; rates, angles and psi are passed over.
+were saved with R1, S1, R2, S2 can be read as they are. Empty cells, nan and attitudes of zeros are missing samples.
+Columns of no concern have to be named, so that a misspelt one is not missed; rates, angles and psi are passed over.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError, MissingDependencyError, nearest
+from hingepair.errors import ArgumentError, MissingDependencyError, RotationError, nearest
 from hingepair.measured.instants import recorded
 from hingepair.measured.resample import resample
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.rotations.matrices import project_to_rotation
 
 Float64Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
@@ -107,12 +108,16 @@ def _has(columns: Columns, names: tuple[str, ...]) -> bool:
 
 
 def _body(path: Path, columns: Columns, digit: str) -> BodyMotion:
-    """A body; the attitude of a sample that lacks any of its parts is NaN."""
+    """A body; the attitude of a sample that lacks any of its parts, or is 0, is NaN."""
     R = _together(path, columns, _places(digit))
     attitude = _together(path, columns, _attitudes(digit))
-    attitude[~np.isfinite(attitude).all(axis=-1)] = np.nan
+    attitude[~np.isfinite(attitude).all(axis=-1) | (attitude == 0).all(axis=-1)] = np.nan
     if attitude.shape[1] == 9:
-        return BodyMotion(R=R, S=attitude.reshape(-1, 3, 3))
+        S = attitude.reshape(-1, 3, 3)
+        try:
+            return BodyMotion(R=R, S=S)
+        except RotationError:  # of a few digits
+            return BodyMotion(R=R, S=project_to_rotation(S))
     return BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=attitude)
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, overload
 
 import numpy as np
@@ -38,6 +37,7 @@ _UNITS = {
 }
 
 
+@dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class SmoothedMotion(BodyMotion):
     """A smooth motion of one body with its rates and accelerations, NaN in gaps: what `hingepair.smooth` returns.
 
@@ -47,17 +47,15 @@ class SmoothedMotion(BodyMotion):
         bandwidth: of the smoothing, of R and S [Hz]: a cosine of this frequency is halved.
     """
 
-    __slots__ = ("bandwidth", "noise")
-
     noise: Mapping[str, float]
     bandwidth: Mapping[str, float]
 
     def __init__(
         self, arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float], bandwidth: Mapping[str, float]
     ) -> None:
-        super().__init__(**arrays)
-        object.__setattr__(self, "noise", MappingProxyType(dict(noise)))
-        object.__setattr__(self, "bandwidth", MappingProxyType(dict(bandwidth)))
+        BodyMotion.__init__(self, **arrays)
+        object.__setattr__(self, "noise", noise)
+        object.__setattr__(self, "bandwidth", bandwidth)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,7 +201,7 @@ def _smooth_angle(t: Float64Array, psi: Float64Array, bandwidth: float | None, g
     arrays = {name: read_only(array[:, 0]) for name, array in zip(names, found.values, strict=True)}
     noise = _named(names, found)
     _warn_of_noise(arrays, noise)
-    return SmoothedAngle(**arrays, noise=MappingProxyType(noise), bandwidth=found.bandwidth)
+    return SmoothedAngle(**arrays, noise=noise, bandwidth=found.bandwidth)
 
 
 def _pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> list[NDArray[np.intp]]:

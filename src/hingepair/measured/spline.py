@@ -70,6 +70,11 @@ def smooth_columns(
     Raises:
         MissingDependencyError: SciPy is not installed.
     """
+    try:
+        import scipy.linalg  # noqa: F401
+    except ImportError as error:
+        wanted = "SciPy (pip install '.[measured]' in the project's folder)"
+        raise MissingDependencyError("smooth", wanted, str(error)) from None
     used = np.concatenate(pieces)
     if bandwidth is None:
         bandwidth = _chosen_bandwidth(t, columns, pieces)
@@ -144,6 +149,8 @@ class Spline:
     """
 
     def __init__(self, times: Sequence[Float64Array], bandwidth: float) -> None:
+        from scipy.linalg import cholesky_banded
+
         spans = np.array([time[-1] - time[0] for time in times])
         counts = np.array([time.size for time in times])
         step = float(spans.sum() / (counts - 1).sum())
@@ -156,7 +163,7 @@ class Spline:
         self.rows, self.basis = self._located(np.concatenate(times), owners, 0)
         self.normal = self._normal()
         weight = (2 * np.pi * bandwidth) ** (-2 * _PENALTY) / step
-        self.factor = _cholesky(self.normal + weight * self._penalty())
+        self.factor = cholesky_banded(self.normal + weight * self._penalty(), check_finite=False)
 
     def _located(
         self, t: Float64Array, owners: NDArray[np.intp], order: int
@@ -254,13 +261,3 @@ def _pieces_of_basis(order: int) -> Float64Array:
     for _ in range(order):
         coefficients = coefficients[:, 1:] * np.arange(1, coefficients.shape[1])
     return np.ascontiguousarray(coefficients)
-
-
-def _cholesky(bands: Float64Array) -> Float64Array:
-    try:
-        from scipy.linalg import cholesky_banded
-    except ImportError as error:
-        raise MissingDependencyError(
-            "smooth", "SciPy (pip install '.[measured]' in the project's folder)", str(error)
-        ) from None
-    return np.asarray(cholesky_banded(bands, check_finite=False))
