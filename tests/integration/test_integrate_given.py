@@ -261,7 +261,7 @@ def test_components_side_by_side_are_refused_at_any_number_of_instants(pair, cou
     assert hp.integrate(pair, t, omega, 0.0, R1=lambda t: aside(t).T, outputs=("R2",)).R2.shape == (count, size)
     if pair is PAIR:
         with pytest.raises(hp.ShapeError, match=r"^omega1\(t\): expected shape"):
-            hp.integrate(pair, t, aside, 0.0, method="midpoint", tol=0.1)
+            hp.integrate(pair, t[:2], aside, 0.0, outputs=())
 
 
 def test_a_tuple_of_as_many_points_as_instants_is_refused():

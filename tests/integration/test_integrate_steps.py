@@ -142,7 +142,7 @@ def kinked(order, at):
 
 
 @pytest.mark.parametrize("order", [0, 1], ids=["jump", "kink"])
-@pytest.mark.parametrize("count", [2, 11, 101, 3001])
+@pytest.mark.parametrize("count", [2, 11, 101, 12_001])
 @pytest.mark.parametrize("method", RULES)
 def test_a_jump_of_a_callable_is_seen(method, count, order):
     """Wherever it is, also where rules of few nodes agree by chance; on more intervals than are looked at, too."""

@@ -73,9 +73,9 @@ class Account:
         self.owed = 0.0
         self.price = _IMPORTING + _COMPILING + _A_LINE * operations
 
-    def pays(self, samples: int) -> bool:
-        """Count a call over so many samples, and say whether a kernel pays now."""
-        self.owed += self.operations * (_A_CALL + samples * _A_SAMPLE)
+    def pays(self, samples: int, links: int = 1) -> bool:
+        """Count a call over so many samples, in chains of so many links, and say whether a kernel pays now."""
+        self.owed += self.operations * (links * _A_CALL + samples * _A_SAMPLE)
         return self.owed >= self.price and not _broken
 
     def pays_one(self) -> bool:

@@ -189,7 +189,7 @@ class Program:
         account = self.accounts.get(key)
         if account is None:
             account = self.accounts[key] = Account(self.operations)
-        return account.pays(math.prod(shape)) and self.can_have(key)
+        return account.pays(math.prod(shape), shape[-1] if self.loop.carry else 1) and self.can_have(key)
 
     def can_have(self, key: Key) -> bool:
         """Whether a kernel can be compiled; where it cannot, that is said once."""
