@@ -120,7 +120,6 @@ def _times(p, q):
     ])  # fmt: skip
 
 
-@pytest.mark.law
 @backends
 def test_psi_is_a_compensated_sum(backend):
     """Psi = t + 0.3 sin t to 2u of psi, over several slabs."""

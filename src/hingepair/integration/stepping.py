@@ -209,7 +209,7 @@ def attitudes(omega: Signal, steps: Steps, rule: Rule, how: How, start: Values, 
         turns(rule).run(given, {"q": rows}, h[0].shape, _F8, how)
 
     found = _accumulate(steps, ROTATIONS, start * _INVERSE if body else start, fill, how)
-    _check_finite("omega1", "angles of each step that have a sine", found)
+    _check_finite("omega1", "angles of each step that have a sine", found, steps)
     return found * _INVERSE if body else found
 
 
@@ -227,12 +227,14 @@ def angles(name: str, rate: Signal, start: float, steps: Steps, rule: Rule, how:
             integrals(rule).run(given, {"sum": rows}, h[0].shape, _F8, how)
 
         found = _accumulate(steps, SUMS, np.array([start, 0.0]), fill, how)
-    _check_finite(name, "a rate whose integral is finite", found)
+    _check_finite(name, "a rate whose integral is finite", found, steps)
     return found[:, 0].copy()
 
 
-def _check_finite(name: str, expected: str, rows: Values) -> None:
+def _check_finite(name: str, expected: str, rows: Values, steps: Steps) -> None:
     """Refuse what has overflowed on the way, which the last row shows; names the first interval that did."""
     if not np.isfinite(rows[-1]).all():
         first = int(np.argmin(np.isfinite(rows).all(axis=1)))
+        if steps.asked is not None:
+            first = int(np.searchsorted(steps.asked, first))
         raise ArgumentError(name, expected, f"overflow between the instants {first - 1} and {first}")
