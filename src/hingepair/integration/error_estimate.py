@@ -1,10 +1,10 @@
 """How far the steps are from the truth (E12): by steps of half the length, or shorter ones, on probes.
 
 The errors of the intervals, turned back to the first instant, add up to the error at any later one. They are measured
-on all intervals, or on PROBES of them: the longest of each part of the time, which stands for the part, and those over
-which a callable changes most abruptly, since it may jump there. Two quadratures may agree by chance on a jump near the
-end of a step; divided differences of all nodes and of two looks beside the ends do not.
-Of samples it is the interpolant that is integrated so; what this misses is added (`interpolation_error`).
+on all intervals, or on PROBES of them: the longest of each part of the time, which stands for the part, and those
+over which a callable changes most abruptly, since it may jump there. Two quadratures may agree by chance on a jump
+near the end of a step; divided differences of all nodes and of two looks beside the ends do not. Of samples it is the
+interpolant that is integrated so; what this misses is added (`interpolation_error`).
 
 Rounding: a step that turns by an angle a is rounded by about u a. Its nodes are rounded by about u t where a callable
 is given, which adds u t times the change of the rate over the step. Each step is rounded in its own way, so that the
