@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import How
-from hingepair.evaluation.plan import Plan, outputs_of
-from hingepair.numeric.array_libraries import Library
+from hingepair.evaluation.plan import PLANAR, SPATIAL, Output, Plan, outputs_of
+from hingepair.numeric.array_libraries import ForeignArray, Library
 from hingepair.numeric.arrays import broadcast_shape
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import Out, StateT
+from hingepair.pair.states import PairState, PlanarState
 
 
 def evaluate_foreign(
@@ -49,35 +50,51 @@ def evaluate_foreign(
     if how.workers != 1:
         raise ArgumentError("workers", f"1, since {library.name} has threads of its own", how.workers)
     shape = broadcast_shape({**shapes, "pair": pair.shape})
-    constants = {name: tuple(map(_own_constant(library), group)) for name, group in pair.values.items()}
-    found = plan.run({**constants, **values})
-    tails = outputs_of(plan.kind)
-    arrays = {}
-    for name in plan.outputs:
-        group = found[name]
-        arrays[name] = library.joined(group if isinstance(group, tuple) else (group,), shape, tails[name].tail)
+    tails = {name: outputs_of(plan.kind)[name].tail for name in plan.outputs}
+    return state(run_foreign(plan.run, pair, values, tails, shape, library), shape)
+
+
+def run_foreign(
+    run: Callable[[dict[str, Any]], Mapping[str, Any]],
+    pair: Constants,
+    values: Mapping[str, Any],
+    tails: Mapping[str, tuple[int, ...]],
+    shape: tuple[int, ...],
+    library: Library,
+) -> dict[str, ForeignArray]:
+    """What some steps make of a pair and of arrays of another library: arrays of that library, by name.
+
+    Args:
+        run: of values by name, to results by name.
+        pair: the pair's constants.
+        values: the other inputs: components, arrays of the library or numbers.
+        tails: shape of one sample of each result.
+        shape: of the samples.
+        library: of the arrays.
+    """
+    constants = {
+        name: tuple(library.array(c) if isinstance(c, np.ndarray) else c for c in group)  # a number stays one
+        for name, group in pair.values.items()
+    }
+    found = run({**constants, **values})
     if library.name == "jax":
-        known: Any = state
-        _teach_jax(known, plan.kind)
-    return state(arrays, shape)
-
-
-def _own_constant(library: Library) -> Any:
-    """What makes a pair's constant one of the library: a number stays one."""
-    return lambda c: library.array(c) if isinstance(c, np.ndarray) else c
+        _teach_jax()
+    results = {name: found[name] if isinstance(found[name], tuple) else (found[name],) for name in tails}
+    return {name: library.joined(results[name], shape, tail) for name, tail in tails.items()}
 
 
 @functools.cache
-def _teach_jax(state: Any, kind: str) -> None:
+def _teach_jax() -> None:
     """Tell JAX what states are made of, so that its functions take and return them."""
     from jax.tree_util import register_pytree_node
 
-    def parts(made: Any) -> tuple[tuple[Any, ...], tuple[str, ...]]:
-        return tuple(made.arrays().values()), made.outputs
+    def parts(state: Any) -> tuple[tuple[Any, ...], tuple[str, ...]]:
+        return tuple(state.arrays().values()), state.outputs
 
-    def joined(names: tuple[str, ...], arrays: Any) -> Any:
-        first, axes = next(iter(arrays), None), len(outputs_of(kind)[names[0]].tail)
-        own = getattr(first, "shape", ())
-        return state(dict(zip(names, arrays, strict=True)), tuple(own[: len(own) - axes]))
+    def joined(state: Any, known: Mapping[str, Output], names: tuple[str, ...], arrays: Any) -> Any:
+        own = dict(zip(names, arrays, strict=True))
+        shape = getattr(own[names[0]], "shape", ())  # JAX also asks for states of what is no array
+        return state(own, tuple(shape[: len(shape) - len(known[names[0]].tail)]))
 
-    register_pytree_node(state, parts, joined)
+    for state, kind in ((PairState, SPATIAL), (PlanarState, PLANAR)):
+        register_pytree_node(state, parts, functools.partial(joined, state, outputs_of(kind)))
