@@ -417,6 +417,6 @@ def test_version() -> None:
 
 def test_run_explains() -> None:
     out = hingepair("run", MODELS / "truck_trailer.toml", "--explain").stdout
-    assert "rotations about x and y: constants prove that all turns are about z" in out
+    assert re.search(r"computed: \d+ operations at each instant, of \d+ in all", out)
     assert "phi_x is constant" in out
     assert "skipped:" in out

@@ -82,6 +82,13 @@ def test_a_malformed_urdf_is_refused_by_name(old, new, message):
     assert isinstance(raised.value, ValueError)
 
 
+def test_links_fixed_in_a_circle_are_refused():
+    circle = '<joint name="{0}" type="fixed"><parent link="{1}"/><child link="{2}"/></joint>'
+    extra = '<link name="foot"/>' + circle.format("down", "base", "foot") + circle.format("up", "foot", "base")
+    with pytest.raises(URDFError, match=r"joint '(up|down)': expected a tree of links, got a circle through"):
+        from_urdf(ARM.replace("</robot>", f"{extra}</robot>"), "shoulder")
+
+
 NO_MASS = '<inertial><mass value="nan"/></inertial>'
 ELSEWHERE = {
     "reversed limits": ('<limit effort="1" velocity="1"/>', '<limit lower="1" upper="-1"/>'),

@@ -144,7 +144,18 @@ def test_the_standard_output_is_written_to_as_it_is(tmp_path):
         "print('before', flush=True)\n"
         "with whole_file('/dev/stdout') as file: file.write(b'text\\n')\n"
     )
+    (tmp_path / "out").write_text("long ago\n")
+    place = (tmp_path / "out").stat().st_ino
     with (tmp_path / "out").open("ab") as out:
         subprocess.run([sys.executable, "-c", code], stdout=out, check=True)
     assert os.listdir(tmp_path) == ["out"]
-    assert (tmp_path / "out").read_text().endswith("text\n")
+    assert (tmp_path / "out").stat().st_ino == place
+    assert (tmp_path / "out").read_text() == "long ago\nbefore\ntext\n"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may give files away")
+def test_anothers_file_stays_his(tmp_path):
+    (tmp_path / "a").write_bytes(b"old")
+    os.chown(tmp_path / "a", 1234, 4321)
+    write(tmp_path / "a")
+    assert ((tmp_path / "a").stat().st_uid, (tmp_path / "a").stat().st_gid) == (1234, 4321)

@@ -33,7 +33,11 @@ def whole_file(target: str | os.PathLike[str], inputs: Iterable[str | os.PathLik
         there = _status(target)
         if there is not None and any(os.path.samestat(there, other) for other in map(_status, inputs) if other):
             raise ArgumentError("out", "a file other than those that are read", repr(os.fspath(target)))
-        if there is not None and not _replaceable(there):
+        if there is not None and _is_own_output(there):
+            sys.stdout.flush()
+            with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as file:
+                yield file
+        elif there is not None and not stat.S_ISREG(there.st_mode):
             with Path(target).open("wb") as file:
                 yield file
         else:
@@ -74,9 +78,8 @@ def _status(path: str | os.PathLike[str]) -> os.stat_result | None:
         raise OSError(str(error)) from None
 
 
-def _replaceable(there: os.stat_result) -> bool:
+def _is_own_output(there: os.stat_result) -> bool:
     try:
-        own = os.fstat(sys.stdout.fileno())
-    except (OSError, ValueError, AttributeError):  # closed, or captured by a caller
-        own = None
-    return stat.S_ISREG(there.st_mode) and not (own is not None and os.path.samestat(there, own))
+        return os.path.samestat(there, os.fstat(sys.stdout.fileno()))
+    except (OSError, ValueError, AttributeError):  # closed, or a caller's
+        return False
