@@ -603,4 +603,83 @@ FAULTS = {
         "counts[:, 1:] = True",
         "measured/test_resample.py::test_pieces_of_a_few_samples_are_lines_through_them[1]",
     ),
+    # scenes and their language
+    "at a kink the side that t comes from": Fault(
+        "symbolic/kinks.py",
+        "numpy.sign({first}), numpy.where({second} < 0, -1.0, 1.0)",
+        "-numpy.sign({first}), numpy.where({second} < 0, -1.0, 1.0)",
+        "symbolic/test_expressions.py::test_kinks_take_their_derivatives_from_the_right[abs(-t)]",
+    ),
+    "the smaller of two with the larger's derivative": Fault(
+        "symbolic/kinks.py",
+        "return self.args[1] - self.args[0]",
+        "return self.args[0] - self.args[1]",
+        "symbolic/test_expressions.py::test_kinks_take_their_derivatives_from_the_right[clip(-t, -1, 0)]",
+    ),
+    "below taken for at most": Fault(
+        "symbolic/expressions.py",
+        "                return left - right, True\n",
+        "                return right - left, False\n",
+        "symbolic/test_expressions.py::test_kinks_take_their_derivatives_from_the_right[where(t < 1, 0, t**2)]",
+    ),
+    "and taken for or": Fault(
+        "symbolic/expressions.py",
+        "Smaller if isinstance(node.op, ast.And) else Larger",
+        "Larger if isinstance(node.op, ast.And) else Smaller",
+        "symbolic/test_expressions.py::test_kinks_take_their_derivatives_from_the_right[where(0 <= t < 3, 1, 0)]",
+    ),
+    "the module of a closed form without its second derivatives": Fault(
+        "symbolic/closed_forms.py",
+        "return expr, jet[1].xreplace(meaning), jet[2].xreplace(meaning)",
+        "return expr, jet[1].xreplace(meaning), 0 * jet[2].xreplace(meaning)",
+        "symbolic/test_closed_forms.py::test_rates_are_derivatives[v2-a2]",
+    ),
+    "a cubic spline with a jump of acceleration": Fault(
+        "scenes/waypoints.py",
+        "(h[i] / h[i + 1]) ** k",
+        "(h[i] / h[i + 1])",
+        "scenes/test_scene.py::test_way_points_are_passed_and_their_derivatives_belong_together[cubic]",
+    ),
+    "a trapezoid that does not brake": Fault(
+        "scenes/waypoints.py",
+        "[values[i + 1] - rate * ramp / 2, rate, -bend]",
+        "[values[i + 1] - rate * ramp / 2, rate, 0.0]",
+        "scenes/test_scene.py::test_way_points_are_passed_and_their_derivatives_belong_together[trapezoid]",
+    ),
+    "degrees taken for radians": Fault(
+        "scenes/tables.py",
+        'unit = math.pi / 180 if turn.endswith("deg") else 1.0',
+        "unit = 1.0",
+        "scenes/test_scene.py::test_roll_comes_before_yaw",
+    ),
+    "roll after yaw": Fault(
+        "scenes/tables.py",
+        'table.numbers(turn, 3)], "xyz")',
+        'table.numbers(turn, 3)], "XYZ")',
+        "scenes/test_scene.py::test_roll_comes_before_yaw",
+    ),
+    "a log's angles differentiated across their jumps": Fault(
+        "scenes/logged_motion.py",
+        "unwrap(column) if angles else column",
+        "column",
+        "scenes/test_logged_scenes.py::test_derivatives_found_are_those_of_the_motion[wrapped angles]",
+    ),
+    "omega1 of a gyroscope left in body axes": Fault(
+        "scenes/integrated_motion.py",
+        "    if body:\n        rates",
+        "    if not body:\n        rates",
+        "scenes/test_integrated_scenes.py::test_a_scene_is_what_integrate_makes_of_it",
+    ),
+    "columns of an array file as rows": Fault(
+        "scenes/log_file.py",
+        'order="F" if fortran else "C"',
+        'order="C"',
+        "scenes/test_log_file.py::test_arrays_of_any_order_and_type_are_read[F]",
+    ),
+    "planar rates of body 2": Fault(
+        "symbolic/closed_forms.py",
+        "found[angle] = row[size] if kind == PLANAR",
+        "found[angle] = -row[size] if kind == PLANAR",
+        "symbolic/test_closed_forms.py::test_a_scene_in_the_plane_gives_e11",
+    ),
 }
