@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 import pytest
-from test_pinocchio import pair_of
 
 from hingepair.pair.accuracy import PROMISES
 from hingepair.pair.body_motion import BodyMotion
@@ -14,6 +13,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
 from support import states
+from support.hinged import pair_of
 
 HARD = states.hard_states()
 
