@@ -19,9 +19,9 @@ OUTPUTS = ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "S1", "omega1", "alp
 BOUNDS = {
     "S1": 6, "S2": 13, "d": 10, "R2": 10, "omega1": 4, "omega2": 6, "v2": 10, "alpha1": 4, "alpha2": 8, "a2": 12,
 }  # fmt: skip
-"""What hard states keep to, and all that were not searched for; what is proved is more (`pair.accuracy`)."""
+"""What all keep to that are not searched for; what is proved is more (`pair.accuracy`)."""
 ORDINARY = BOUNDS | {"S2": 12, "d": 8, "R2": 8, "omega1": 3, "omega2": 3, "v2": 6, "alpha2": 4, "a2": 6}
-"""What random states keep to."""
+"""What random states keep to, thousands of them, and hard ones."""
 UNIT = {np.dtype(np.float64): 2.0**-53, np.dtype(np.float32): 2.0**-24}
 
 _AXES = {"X": (1, 0, 0), "Y": (0, 1, 0), "Z": (0, 0, 1)}
