@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.numeric.finite_differences import check_instants, differentiate, stencils, unwrap
+from hingepair.numeric.finite_differences import check_instants, differentiate, stencils
 from support.states import generator, rotations
 
 U = 2.0**-53
@@ -203,11 +203,3 @@ def test_polynomials_of_the_degree_are_differentiated_exactly(order):
     assert abs(second - poly.deriv(2)(x) / 400).max() <= 1e3 * U * 512
     with pytest.raises(hp.ShapeError):
         check_instants("t", t[:order], order)
-
-
-def test_unwrapped_angles_are_the_same_without_jumps():
-    angle = 30 * np.sin(np.linspace(-2, 3, 300))
-    wrapped = np.arctan2(np.sin(angle), np.cos(angle))
-    back = unwrap(wrapped)
-    assert abs(back - back[0] - (angle - angle[0])).max() <= 16 * U * 50
-    assert np.array_equal(unwrap(angle), angle)
