@@ -411,6 +411,16 @@ def test_a_scene_without_a_finite_instant_shows_no_residuals(short_scene: Path) 
     assert report["plan"]["outputs"]
 
 
+def test_no_zero_has_a_sign(tmp_path: Path) -> None:
+    (tmp_path / "still.toml").write_text(
+        "[pair]\nu1 = [0, 0, 1]\nu2 = [-1, 0, 0]\nn = [0, 0, 1]\n[motion]\nx = 0\ny = 0\nz = 0\n"
+        "phi_x = 0\nphi_y = 0\nphi_z = 0\npsi = 't'\n[time]\nstart = 0\nstop = 1\nsamples = 3\n"
+    )
+    found = hp.load_scene(tmp_path / "still.toml").evaluate()
+    assert any(np.signbit(array[array == 0]).any() for array in found.state.arrays().values())
+    assert not re.search(r"\s-0\s", hingepair("run", tmp_path / "still.toml").stdout)
+
+
 def test_version() -> None:
     assert hp.__version__ in hingepair("--version").stdout
 

@@ -76,7 +76,7 @@ def table(result: SceneResult) -> Table:
         found.add_column(heading, justify="right", no_wrap=True)
     for name, column in zip(names, values, strict=True):
         cells = [*(column[i] for i in instants), *_range(column)]
-        found.add_row(name, *(f"{cell:.6g}" for cell in cells), end_section=name.endswith(("_z", "_zz")))
+        found.add_row(name, *(f"{cell + 0.0:.6g}" for cell in cells), end_section=name.endswith(("_z", "_zz")))
     return found
 
 
