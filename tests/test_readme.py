@@ -48,3 +48,9 @@ def test_names_of_the_package_exist(page: str) -> None:
 def test_the_table_of_accuracy_is_the_promise(output: str) -> None:
     promise = PROMISES[output]
     assert f"| {output} | {promise.proved} | {promise.seen} | {promise.scale} |" in README
+
+
+def test_ci_runs_the_command_that_the_readme_names() -> None:
+    lines = [line for line in README.splitlines() if "bin/pytest" in line and line.startswith("python3 -m venv")]
+    assert len(lines) == 1
+    assert lines[0] == next(line for line in README.splitlines() if "bin/pytest" in line)  # .ci/run takes the first
