@@ -384,14 +384,13 @@ class Program:
         at = [index[place] for place in carried if isinstance(place, tuple)]
         chains = shape[:-1]
         own = [np.broadcast_to(piece, shape) for piece in pieces]
-        state = [own[k][..., 0].astype(dtype) for k in at]
+        state = {k: own[k][..., 0].astype(dtype) for k in at}
         with np.errstate(all="ignore"):
             for j in range(shape[-1]):
-                given = [piece[..., j].astype(dtype) for piece in own]
-                for k, value in zip(at, state, strict=True):
-                    given[k] = value
+                given = [state[k] if k in state else piece[..., j].astype(dtype) for k, piece in enumerate(own)]
                 found = self.arrays_function(*numbers, *given)
-                state = [np.broadcast_to(np.asarray(one, dtype), chains) for one in found[len(targets) :]]
+                for k, one in zip(at, found[len(targets) :], strict=True):
+                    state[k] = one if np.shape(one) == chains else np.broadcast_to(np.asarray(one, dtype), chains)
                 for target, one in zip(targets, found, strict=False):
                     target[..., j] = one
 
