@@ -223,3 +223,23 @@ def test_seconds_since_1970_are_as_good_as_their_stamps(tmp_path):
         results.append(scene_of(tmp_path, moved, "differentiate = true\n").evaluate().state.arrays())
     for name, array in results[0].items():
         np.testing.assert_array_equal(array, results[1][name])
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).nmant < 60, reason="no number here holds more digits than a float")
+@pytest.mark.parametrize("more", ["differentiate = true\n", "integrate = true\ndifferentiate = true\n"])
+def test_stamps_since_1970_keep_the_digits_of_their_text(tmp_path, more):
+    """A float64 at 1.7e9 s is off by 1e-7 s, 1e-5 of a step: rates would be, too."""
+    if "integrate" in more:
+        names = ("t", "omega1_x", "omega1_y", "omega1_z", "psid")
+        columns = dict(
+            zip(names, np.loadtxt(MODELS / "gyro_log.csv", delimiter=",", skiprows=1)[:200].T, strict=True)
+        )
+    else:
+        columns = some(logged(200), *BODY)
+    first = scene_of(tmp_path, columns, more)
+    lines = (tmp_path / "log.csv").read_text().splitlines()
+    late = [lines[0], *(f"{1_700_000_000 + int(row[0])}{row[1:]}" for row in lines[1:])]
+    second = scene_of(tmp_path, "\n".join(late) + "\n", more)
+    assert second.times()[0] == 1.7e9
+    for name, array in first.evaluate(("v2", "omega2", "S2")).state.arrays().items():
+        np.testing.assert_allclose(getattr(second.evaluate((name,)), name), array, rtol=0, atol=2e-7)

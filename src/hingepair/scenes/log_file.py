@@ -25,6 +25,7 @@ from hingepair.scenes.tables import Place
 MAX_ROWS: Final = 10_000_000
 MAX_BYTES: Final = 2_000_000_000
 _MAX_HEADER: Final = 10_000
+_LATE: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
 _REAL_ARRAY: Final = "an array of real numbers (float64, float32 or integers)"
 _ARRAY_HEADER: Final = re.compile(
     r"\{'descr': '([<>|=]?[A-Za-z]\d{0,9})', 'fortran_order': (True|False), "
@@ -53,11 +54,17 @@ COLUMNS: Final = tuple(dict.fromkeys(("t", *(c for own in ARRAYS.values() for c 
 
 
 class LogFile(Place):
-    """A file of samples, and its name in messages."""
+    """A file of samples, and its name in messages.
+
+    Attributes:
+        path: where it is.
+        since: the instants since the first, with digits that the column t has lost; None where it has them all.
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
         self.path = path
+        self.since: NDArray[np.float64] | None = None
 
     def columns(self) -> Columns:
         """The columns by name, all of one length, which is not 0.
@@ -128,7 +135,17 @@ def _read_csv(file: LogFile) -> Columns:
     if rows.size and rows.shape[1] != len(names):
         _fail_at_row(file, f"{rows.shape[1]} fields")
     file.check_rows(len(rows))
+    if "t" in names and rows.size and abs(rows[0, names.index("t")]) > _LATE:
+        file.since = _since_first(file, names.index("t"))
     return {name: np.ascontiguousarray(rows[:, i]) if rows.size else np.empty(0) for i, name in enumerate(names)}
+
+
+def _since_first(file: LogFile, column: int) -> NDArray[np.float64]:
+    """The instants of a file since the first, of which more digits stand in the text than a float holds."""
+    with file.path.open(encoding="utf-8-sig", newline="") as stream:
+        stream.readline()
+        t = np.loadtxt(stream, np.longdouble, delimiter=",", comments=None, ndmin=1, quotechar='"', usecols=column)
+    return np.asarray(t - t[0], dtype=np.float64)
 
 
 def _header(file: LogFile, stream: TextIO) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, Final, TypeAlias
 
@@ -110,6 +110,7 @@ class _Log:
         with file.naming():
             t = check_instants("t", self.columns["t"], ORDER if completed else 0)
         self.t = np.asarray(read_only(t))
+        self.since = self.t - self.t[0] if file.since is None else file.since
 
     def part(self, names: tuple[str, ...], required: bool = True) -> Part:
         """A quantity and its derivatives: what is there and, where that is asked for, what can be found.
@@ -156,10 +157,12 @@ class _Log:
         self.finite(name, array, "differentiated")
         if name == "quat_xyzw":
             with self.file.naming(", ".join(ARRAYS[name])):
-                omega, alpha = angular_velocity_from_samples(self.t, self.rotations(array), ORDER, with_alpha=True)
+                omega, alpha = angular_velocity_from_samples(
+                    self.since, self.rotations(array), ORDER, with_alpha=True
+                )
             return np.asarray(omega), np.asarray(alpha)
         angles = name in {"phi", "psi"}
-        found = [differentiate(self.t, np.unwrap(column) if angles else column, ORDER) for column in array.T]
+        found = [differentiate(self.since, np.unwrap(column) if angles else column, ORDER) for column in array.T]
         return np.stack([first for first, _ in found], axis=-1), np.stack([second for _, second in found], axis=-1)
 
 
@@ -201,8 +204,9 @@ def _integrated(table: Table, log: _Log) -> IntegratedMotion:
     if "v1" not in position:
         log.file.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
     known = position | turning | {name: column[:, 0] for name, column in hinge.items()}
-    signals = Samples(log.t, known["omega1"]), Samples(log.t, known["psid"])
-    return integrated_in_space(table, log.t, signals, known, None, hint="" if log.completed else _HINT)
+    signals = Samples(log.since, known["omega1"]), Samples(log.since, known["psid"])
+    found = integrated_in_space(table, log.since, signals, known, None, hint="" if log.completed else _HINT)
+    return replace(found, t=log.t)
 
 
 def _attitude(file: LogFile, columns: Columns) -> tuple[str, ...]:
