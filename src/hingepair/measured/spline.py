@@ -251,13 +251,21 @@ def _sum(basis: Float64Array, rows: NDArray[np.intp], coefficients: Float64Array
 
 @cache
 def _pieces_of_basis(order: int) -> Float64Array:
-    """Coefficients, in powers of the place in an interval, of the derivative of the eight B-splines on it; (8, .)."""
-    from scipy.interpolate import BSpline, PPoly
+    """Coefficients, in powers of the place u in an interval, of a derivative of the eight B-splines on it; (8, .).
 
-    spline = BSpline.basis_element(np.arange(_DEGREE + 2.0), extrapolate=False)
-    own = PPoly.from_spline(spline)
-    inner = own.c[:, _DEGREE : 2 * _DEGREE + 1]  # the knots are padded by the degree on either side
-    coefficients = inner[::-1].T[::-1]
+    By the recursion of Cox and de Boor for uniform knots: of degree k the a-th is (u + k - a) / k times that before
+    it of degree k - 1, and (1 + a - u) / k times that of its own place.
+    """
+    found = np.ones((1, 1))
+    for k in range(1, _DEGREE + 1):
+        lower, found = found, np.zeros((k + 1, k + 1))
+        for a in range(k + 1):
+            if a > 0:
+                found[a, :k] += (k - a) / k * lower[a - 1]
+                found[a, 1:] += lower[a - 1] / k
+            if a < k:
+                found[a, :k] += (1 + a) / k * lower[a]
+                found[a, 1:] -= lower[a] / k
     for _ in range(order):
-        coefficients = coefficients[:, 1:] * np.arange(1, coefficients.shape[1])
-    return np.ascontiguousarray(coefficients)
+        found = found[:, 1:] * np.arange(1, found.shape[1])
+    return found
