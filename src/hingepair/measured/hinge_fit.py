@@ -178,7 +178,8 @@ def fit(
         body2: R and S of body 2 at the same instants.
         loss: "linear", or one that makes outliers count little: "soft_l1", "huber", "cauchy", "arctan", as SciPy's
             `least_squares` defines them, of each sample as a whole. Then the start is that which most samples agree
-            with. With far outliers "cauchy" or "arctan".
+            with, and what is thirty standard deviations off counts nothing. "cauchy" and "arctan" mind outliers
+            least.
         gauge: "closest_to_R1" (u1 is across n) or "closest_to_R2".
         t: instants [s], datetime64 or nanoseconds, for reports; shape (N,).
         weights: of the samples, such as inverse variances; shape (N,); 0 leaves one out.

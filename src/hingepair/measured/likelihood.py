@@ -34,11 +34,11 @@ _MOST = 40
 _THIN = 16384
 _SCORED = 131072
 _LONGEST = 0.3
-_CLOSE, _NEXT = 1e-3, 0.1
+_CLOSE, _NEXT = 0.02, 0.1
 _EXACT, _NO_BIAS = 100, 0.1
 _GROUPS = 40
 _FLIPPED = -0.999999
-_FAR = 100.0
+_FAR, _GROSS = 100.0, 900.0
 _U = 2.0**-53
 _CUT = 11.07
 """Losses other than "linear" bend at this size of r^T C^-1 r: 95 % of good samples are below."""
@@ -189,9 +189,10 @@ def most_likely(poses: RelativePoses, start: Hinge, loss: Loss | None) -> tuple[
                 step *= _LONGEST / turn
             hinge = moved(hinge, step).balanced()
             noise = _noise(thin, hinge, noise, loss)
-            # in standard deviations; the next step is about this one times the noise
+            # in standard deviations; without a loss the next step is about this one times the noise
             size = np.sqrt(step @ normal @ step)
-            still = bool(size < _CLOSE or size * (turn + np.sqrt(noise.attitude)) < _NEXT)
+            quick = loss is None and size * (turn + np.sqrt(noise.attitude)) < _NEXT
+            still = bool(size < _CLOSE or quick)
             if still:
                 break
     return hinge, noise, still
@@ -252,11 +253,11 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
             weights[own] = given
             if loss is not None:
                 sizes[own] = seen.sizes(noise)
-                weights[own] *= loss(given * sizes[own] / _CUT)[0]
+                weights[own] *= _slopes(loss, given * sizes[own])[0]
             continue
         plus, minus = seen.rows(noise)
         sizes[own] = (plus[-1] ** 2).sum(axis=0) - minus[-1] ** 2
-        first, second = (1.0, 0.0) if loss is None else loss(given * sizes[own] / _CUT)
+        first, second = (1.0, 0.0) if loss is None else _slopes(loss, given * sizes[own])
         weights[own] = given * first
         score = np.einsum("kri,ri->ki", plus[:-1], plus[-1]) - minus[:-1] * minus[-1]
         slope += _gram(plus, minus, weights[own])[:-1, :-1] + 2 / _CUT * (score * (second * given**2)) @ score.T
@@ -316,9 +317,16 @@ def _normal_equations(
         weights = poses.weights[own]
         if loss is not None:
             sizes = (plus[-1] ** 2).sum(axis=0) - minus[-1] ** 2
-            weights = weights * loss(weights * sizes / _CUT)[0]
+            weights = weights * _slopes(loss, weights * sizes)[0]
         total += _gram(plus, minus, weights)
     return total[:-1, :-1], total[:-1, -1]
+
+
+def _slopes(loss: Loss, sizes: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """First and second derivative of a loss; none where a sample is so far off that it can be no noise."""
+    first, second = loss(sizes / _CUT)
+    gross = sizes > _GROSS
+    return np.where(gross, 0.0, first), np.where(gross, 0.0, second)
 
 
 def _gram(plus: Float64Array, minus: Float64Array, weights: Float64Array) -> Float64Array:
