@@ -279,7 +279,10 @@ class Scene:
                 where = f"{outside.size} of {psi.size} instants, {first}"
                 found.append(f"psi leaves its limits, {lower:g} to {upper:g} rad, at {where}")
         if motion.kinks:
-            found.append(f"kinks or jumps in {motion.kinks} intervals; derivatives at one are those from its right")
+            plural = "s" * (motion.kinks != 1)
+            found.append(
+                f"kinks or jumps in {motion.kinks} interval{plural}; derivatives there are those from the right"
+            )
         if math.isnan(motion.error_estimate) and motion.sequence is None and "integrated" in motion.origin:
             found.append("too few samples to estimate the error of the integration")
         elif math.isnan(motion.error_estimate):
