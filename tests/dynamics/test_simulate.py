@@ -62,6 +62,14 @@ def test_a_symmetric_top_precesses():
     np.testing.assert_allclose(top.psi, -1.5 * t, rtol=0, atol=2e-13)
 
 
+@pytest.mark.parametrize("load", ["hinge_torque", "torque2"])
+def test_a_wheel_on_a_fixed_base_is_turned_by_what_acts_about_its_axis(load):
+    t = np.linspace(0, 2, 9)
+    about = 3.0 if load == "hinge_torque" else (5.0, -4.0, 3.0)
+    wheel = hp.simulate(flywheel(), t, STILL, 0.5, -1.0, base="fixed", gravity=WEIGHTLESS, **{load: about})
+    np.testing.assert_allclose(wheel.psi, 0.5 - t + 1.5 * t**2, rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize("base", ["free", "fixed"])
 def test_motion_starts_where_it_is_told_to(base):
     rng = generator(31)

@@ -120,6 +120,30 @@ FAULTS = {
         "xy, yz, zx = (mass * (x * y))",
         "pair/test_dynamics.py::test_mass_matrix_is_that_of_crba[0]",
     ),
+    "psi' of the residuals along one axis alone": Fault(
+        "equations/constraints.py",
+        "return eq.dot(spin, eq.add(h1, h2)), 1.0",
+        "return 2 * eq.dot(spin, h1), 1.0",
+        "pair/test_constraints.py::test_residuals_and_derivatives_are_exact_on_the_hinge_and_off_it[home-1e-06]",
+    ),
+    "simulated motion starts at the centre of mass": Fault(
+        "dynamics/simulate.py",
+        "self.state = np.hstack([R + centre, ",
+        "self.state = np.hstack([R, ",
+        "dynamics/test_simulate.py::test_motion_starts_where_it_is_told_to[free]",
+    ),
+    "a torque on body 2 turns the wheel backwards": Fault(
+        "dynamics/simulate.py",
+        '"acting", lambda own, other: own + other',
+        '"acting", lambda own, other: own - other',
+        "dynamics/test_simulate.py::test_a_wheel_on_a_fixed_base_is_turned_by_what_acts_about_its_axis[torque2]",
+    ),
+    "an error bound that forgets half of a product": Fault(
+        "numeric/bounded.py",
+        "carried = np.abs(x.value) * y.bound + np.abs(y.value) * x.bound + 3 * x.bound * y.bound",
+        "carried = np.abs(x.value) * y.bound",
+        "pair/test_error_bounds.py::test_random_states_keep_their_bounds[numpy-XYZ-float64]",
+    ),
     # constants and numbers
     "u1 and u2 swapped": Fault(
         "pair/constants.py",
@@ -473,6 +497,12 @@ FAULTS = {
         "numbers(np.roll(matrix_to_quaternion(pair.home), -1))",
         "formats/test_simulators.py::test_mujoco_moves_body2_as_the_pair_does[mjcf-20]",
     ),
+    "a log's quaternion scalar first": Fault(
+        "scenes/log_file.py",
+        '"quat_xyzw": ("qx", "qy", "qz", "qw"),',
+        '"quat_xyzw": ("qw", "qx", "qy", "qz"),',
+        "scenes/test_logged_scenes.py::test_quaternions_go_the_way_of_given_attitudes[columns]",
+    ),
     # formulas
     "a product differentiated twice without its middle": Fault(
         "symbolic/jets.py",
@@ -529,6 +559,18 @@ FAULTS = {
         "_REACH: Final = 1e300",
         "evaluation/test_loops.py::test_far_angles_and_none_at_all",
     ),
+    "pi/2 in one part": Fault(
+        "evaluation/llvm_ir.py",
+        "6.123233995736766e-17",
+        "0.0",
+        "evaluation/test_compiled.py::test_sine_and_cosine_to_one_and_a_half_ulp",
+    ),
+    "1 - cos psi for the versine, compiled": Fault(
+        "evaluation/llvm_ir.py",
+        "pick(bit(3, quadrant), rest, drop)",
+        "rest",
+        "pair/test_accuracy.py::test_small_turn_through_the_pair[compiled]",
+    ),
     "everything may be reordered": Fault(
         "evaluation/loops.py",
         "fuse=can_fuse() and not self.loop.exact",
@@ -546,6 +588,12 @@ FAULTS = {
         "(rows[-1][lane], sample)",
         "(rows[-1][lane - 1], sample)",
         "evaluation/test_loops.py::test_every_count[8-float64]",
+    ),
+    "compensated sums fused": Fault(
+        "evaluation/loops.py",
+        "fuse=can_fuse() and not self.loop.exact",
+        "fuse=can_fuse()",
+        "evaluation/test_loops.py::test_exact_arithmetic_is_not_fused",
     ),
     "a scan that hands on what it was given": Fault(
         "evaluation/llvm_ir.py",
