@@ -354,7 +354,7 @@ torque_limit = 5
 mass = 12
 center_of_mass = [0, 0, "1/8"]
 inertia = [1, 1, 0.5]
-shapes = [{ box = [1, 2, 3] }, { cylinder = 0.1, length = 2, axis = [0, 1, 0] }]
+shapes = [{ box = [1, 2, 3], axes = { axis = [0, 0, 1], deg = 90 } }, { cylinder = 0.1, length = 2, axis = [0, 1, 0] }]
 [pair.body2]
 inertia = [[1, 0.1, 0], [0.1, 1, 0], [0, 0, 1]]
 shapes = [{ sphere = 0.2, center = [0, 0, 1] }]
@@ -363,7 +363,8 @@ shapes = [{ sphere = 0.2, center = [0, 0, 1] }]
     pair = scene_of(tmp_path, GOOD.replace("\n[motion]\n", bodies)).pair
     assert (pair.body1.mass, pair.body1.center_of_mass.tolist()) == (12, [0, 0, 0.125])
     assert pair.body1.inertia.diagonal().tolist() == [1, 1, 0.5]
-    assert repr(pair.body1.shapes[0]) == "Box(size=[1.0, 2.0, 3.0], center=[0.0, 0.0, 0.0])"
+    assert pair.body1.shapes[0].size.tolist() == [1, 2, 3]
+    np.testing.assert_allclose(pair.body1.shapes[0].axes, hp.rodrigues((0, 0, 1), np.pi / 2), rtol=0, atol=4 * U)
     assert pair.body1.shapes[1].length == 2
     assert (pair.body2.inertia[0, 1], pair.body2.shapes[0].radius, pair.torque_limit) == (0.1, 0.2, 5)
 

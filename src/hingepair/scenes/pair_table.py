@@ -67,23 +67,24 @@ def _body(table: Table) -> Body:
 
 
 def _shape(table: Table) -> Shape:
-    kinds: dict[str, tuple[Callable[..., Shape], str, dict[str, int]]] = {
-        "box": (Box, "size", {"center": 3}),
-        "cylinder": (Cylinder, "radius", {"length": 0, "center": 3, "axis": 3}),
-        "sphere": (Sphere, "radius", {"center": 3}),
+    kinds: dict[str, tuple[Callable[..., Shape], tuple[str, ...]]] = {
+        "box": (Box, ("center", "axes")),
+        "cylinder": (Cylinder, ("length", "center", "axis")),
+        "sphere": (Sphere, ("center",)),
     }
     named = [kind for kind in kinds if kind in table.values]
     if len(named) != 1:
         table.refuse("", f"one of {', '.join(kinds)}", ", ".join(named) or "none of them")
-    make, size, others = kinds[named[0]]
-    table.check_keys((named[0], *others))
-    first = table.numbers(named[0], 3) if named[0] == "box" else table.number(named[0])
-    values = {
-        key: table.numbers(key, n) if n else table.number(key) for key, n in others.items() if key in table.values
-    }
-    if "length" in others and "length" not in values:
-        table.fail("length", "a finite number")
-    return _made(table, make, **{size: first}, **values)
+    (kind,) = named
+    make, others = kinds[kind]
+    table.check_keys((kind, *others))
+    values: dict[str, Any] = {"size": table.numbers(kind, 3)} if kind == "box" else {"radius": table.number(kind)}
+    values |= {key: table.numbers(key, 3) for key in ("center", "axis") if key in table.values}
+    if kind == "cylinder":
+        values["length"] = table.number("length")
+    if "axes" in table.values:
+        values["axes"] = table.rotation("axes")
+    return _made(table, make, **values)
 
 
 def _made(table: Table, make: Callable[..., Made], **values: Any) -> Made:
