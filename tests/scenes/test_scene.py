@@ -354,7 +354,7 @@ torque_limit = 5
 mass = 12
 center_of_mass = [0, 0, "1/8"]
 inertia = [1, 1, 0.5]
-shapes = [{ box = [1, 2, 3], axes = { axis = [0, 0, 1], deg = 90 } }, { cylinder = 0.1, length = 2, axis = [0, 1, 0] }]
+shapes = [{ box = [1, 2, 3], axes = { rpy_deg = [0, 0, 90] } }, { cylinder = 0.1, length = 2 }]
 [pair.body2]
 inertia = [[1, 0.1, 0], [0.1, 1, 0], [0, 0, 1]]
 shapes = [{ sphere = 0.2, center = [0, 0, 1] }]
