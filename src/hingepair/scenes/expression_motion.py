@@ -117,6 +117,7 @@ class ExpressionMotion:
     error_estimate: ClassVar[float] = 0.0
     origin: ClassVar[str] = "coordinates as expressions in t"
     hint: ClassVar[str] = ""
+    doubt: ClassVar[str] = ""
 
     @property
     def turning(self) -> str:

@@ -52,6 +52,7 @@ class IntegratedMotion:
     kinks: int = 0
     hint: str = ""
     origin: ClassVar[str] = "integrated from rates"
+    doubt: ClassVar[str] = "too few samples to tell how far the integration is off"
 
     @property
     def level(self) -> int:

@@ -51,6 +51,7 @@ class LoggedMotion:
     found: bool
     hint: str
     origin: ClassVar[str] = "samples in a file"
+    doubt: ClassVar[str] = "rates were found by finite differences; how far they are off is not known"
     kinks: ClassVar[int] = 0
 
     @property

@@ -64,6 +64,10 @@ class Motion(Protocol):
         """How far attitude and psi are off, and rates; 0 of what is exact, NaN where it is not known."""
 
     @property
+    def doubt(self) -> str:
+        """Why the error is not known, where it is not."""
+
+    @property
     def kinks(self) -> int:
         """Between how many neighbouring instants there is a kink or a jump."""
 
@@ -283,11 +287,7 @@ class Scene:
             found.append(
                 f"kinks or jumps in {motion.kinks} interval{plural}; derivatives there are those from the right"
             )
-        if math.isnan(motion.error_estimate) and motion.sequence is None and "integrated" in motion.origin:
-            found.append("too few samples to estimate the error of the integration")
-        elif math.isnan(motion.error_estimate):
-            found.append("rates were found by finite differences; how far they are off is not known")
-        return tuple(found)
+        return (*found, motion.doubt) if math.isnan(motion.error_estimate) else tuple(found)
 
     def _wanted(self, outputs: Iterable[str] | None) -> tuple[tuple[str, ...] | None, int]:
         """The outputs, None for all of body 2, and the derivatives of the motion that they need."""
