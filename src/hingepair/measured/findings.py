@@ -98,7 +98,7 @@ def _outliers(seen: Judged, given: Float64Array) -> list[Finding]:
     known = (given > 0) & np.isfinite(seen.sizes)
     sizes = seen.sizes[known] / max(float(np.median(seen.sizes[known])), 1e-300) * _MEDIAN
     far = sizes > _FAR
-    if not far.any() or seen.alike > _ALIKE:
+    if not far.any() or max(seen.alike) > _ALIKE:
         return []
     share = f"{100 * far.mean():.2g} % of the samples are outliers"
     if float(seen.weights[known][far].sum()) < 0.5 * far.sum() * given.mean():
@@ -112,7 +112,7 @@ def _axis(poses: RelativePoses, seen: Judged, turning: float) -> list[Finding]:
     weights = seen.weights / seen.weights.sum()
     tilt = float(np.sqrt(weights @ (seen.tilt * seen.tilt)))
     degrees = f"{np.degrees(tilt):.2g} deg rms"
-    alike = seen.alike > _ALIKE
+    alike = seen.alike[0] > _ALIKE
     if tilt < 0.03 * turning or tilt < 1e-9:
         return []
     if not alike and tilt < 0.2:
@@ -160,7 +160,7 @@ def _point(poses: RelativePoses, noise: Noise, seen: Judged, reach: float) -> li
     across, along = (x + y) / 2, z
     attitude = noise.attitude / 2 * float(weights @ (poses.p**2).sum(axis=0)) / 3
     size = float(np.sqrt(2 * across + along))
-    alike = seen.alike > _ALIKE
+    alike = seen.alike[1] > _ALIKE
     if size < max(1e-9 * poses.size, 0.005 * reach) or not (alike or size > 0.1 * reach):
         return []
     if along > 9 * across:

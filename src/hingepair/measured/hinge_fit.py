@@ -233,6 +233,9 @@ def fit(
     std = dict(zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True))
     found = findings(poses, hinge, noise, seen, still, std)
     texts = [finding.text for finding in found]
+    ok = all(finding.harmless for finding in found)
+    if not ok and penalty is None and 'loss="cauchy"' not in " ".join(texts):
+        texts.append('Where some samples may be outliers, loss="cauchy" tells.')
     if not used.all():
         texts.append(f"{int((~used).sum())} of {shape[0]} samples are missing or have no weight.")
     if poses.samples < _FEW:
@@ -248,7 +251,7 @@ def fit(
         rms_angle=float(np.sqrt(seen.weights @ (seen.tilt * seen.tilt) / total)),
         noise_position=float(np.sqrt(noise.place)),
         noise_angle=float(np.sqrt(noise.attitude)),
-        ok=all(finding.harmless for finding in found),
+        ok=ok,
         findings=tuple(texts),
         gauge=gauge,
         loss=loss,

@@ -29,19 +29,19 @@ Float64Array = NDArray[np.float64]
 
 PARAMETERS = 9
 """Turns of n (2) and m (2), across; u1 (3); u2 across m (2): along the axis only u1 - u2 is seen."""
-_BLOCK = 2048
-_MOST = 40
-_THIN = 16384
-_SCORED = 131072
-_LONGEST = 0.3
-_CLOSE, _NEXT = 0.02, 0.1
-_EXACT, _NO_BIAS = 100, 0.1
-_GROUPS = 40
-_FLIPPED = -0.999999
-_FAR, _GROSS = 100.0, 900.0
+_BLOCK = 2048  # samples, that fit the caches
+_THIN = 16384  # samples that the first steps are taken with
+_SCORED, _STRETCH = 131072, 16  # samples that the covariance is taken from; blocks of them that follow each other
+_GROUPS = 40  # sums of scores, at least
+_MOST, _LONGEST = 40, 0.3  # steps; of one, the turn of an axis [rad]
+_CLOSE, _NEXT = 0.02, 0.1  # at rest: standard deviations of a step, and of the next one
+_EXACT, _NO_BIAS = 100, 0.1  # samples that the bias is taken at; standard deviations that are none
+_FLIPPED = -0.999999  # cosine of axes that point against each other
 _U = 2.0**-53
 _CUT = 11.07
 """Losses other than "linear" bend at this size of r^T C^-1 r: 95 % of good samples are below."""
+_FAR, _GROSS = 100.0, 900.0
+"""Sizes from which samples tell nothing of the noise, and from which they count nothing in losses but "linear"."""
 _MEDIAN = {2: 1.3863, 3: 2.3660}
 """Medians of chi-squared by degrees of freedom."""
 
@@ -140,7 +140,7 @@ class Judged(NamedTuple):
         psi: angle about the hinge from one `frame` to the other, in [-pi, pi] [rad]; shape (N,).
         sizes: r^T C^-1 r; shape (N,); NaN where it was not looked at, of very many.
         weights: given, times those of the loss; shape (N,).
-        alike: correlation of neighbours' residuals.
+        alike: correlations of neighbours, of tilts and of gaps.
         covariance: of the parameters.
     """
 
@@ -149,7 +149,7 @@ class Judged(NamedTuple):
     psi: Float64Array
     sizes: Float64Array
     weights: Float64Array
-    alike: float
+    alike: tuple[float, float]
     covariance: Float64Array
 
 
@@ -240,7 +240,7 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
     count = poses.samples
     tilt, gap, psi = np.empty(count), np.empty((3, count)), np.empty(count)
     sizes, weights = np.full(count, np.nan), np.empty(count)
-    slope, scores, run, alike = np.zeros((PARAMETERS, PARAMETERS)), [], 1, 0.0
+    slope, scores, left = np.zeros((PARAMETERS, PARAMETERS)), [], []
     every = max(1, count // _SCORED)
     for k, (own, seen) in enumerate(seen_from(poses, hinge)):
         q, (x, y, z) = seen.q, seen.arms
@@ -249,7 +249,7 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
         gap[2, own] = seen.gap[2] + 0.5 * (seen.tilt[0] * x + seen.tilt[1] * y)
         psi[own] = np.arctan2(q[3] - q[1], q[0] + q[4])
         given = poses.weights[own]
-        if k % every:
+        if (k // _STRETCH) % every:
             weights[own] = given
             if loss is not None:
                 sizes[own] = seen.sizes(noise)
@@ -262,10 +262,11 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
         score = np.einsum("kri,ri->ki", plus[:-1], plus[-1]) - minus[:-1] * minus[-1]
         slope += _gram(plus, minus, weights[own])[:-1, :-1] + 2 / _CUT * (score * (second * given**2)) @ score.T
         scores.append(weights[own] * score)
-        if k == 0:
-            run, alike = _run(np.concatenate((plus[-1], minus[-1:])) * weights[own])
+        left.append(weights[own] * plus[-1])
     whole = np.concatenate(scores, axis=1)
-    added = np.add.reduceat(whole, np.arange(0, whole.shape[1], run), axis=1)
+    rest = np.concatenate(left, axis=1)
+    alike = _alike(rest[:2], 1), _alike(rest[2:], 1)
+    added = np.add.reduceat(whole, np.arange(0, whole.shape[1], _run(whole)), axis=1)
     share = whole.shape[1] / count
     # a sample tells less of itself than of others, by its part of the parameters
     free = 5 * whole.shape[1] / max(5 * whole.shape[1] - PARAMETERS, 1)
@@ -273,19 +274,22 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
     return Judged(tilt, gap, psi, sizes, weights, alike, share * free * inverse @ (added @ added.T) @ inverse.T)
 
 
-def _run(residuals: Float64Array) -> tuple[int, float]:
-    """Over how many neighbours scores are added up: far more than residuals are correlated over; and how much."""
-    many = residuals.shape[1]
-    power = float((residuals * residuals).sum()) / many
-    if not power or many < 3:
-        return 1, 0.0
-    lag, found = 1, []
-    while lag == 1 or 4 * lag * _GROUPS <= many:
-        found.append(float((residuals[:, lag:] * residuals[:, :-lag]).sum()) / (many - lag) / power)
-        if found[-1] < max(0.1, 3 / np.sqrt(many)):
-            break
+def _alike(rows: Float64Array, lag: int) -> float:
+    """Correlation of numbers with those so many samples later, of the row where it is largest."""
+    power = (rows * rows).sum(axis=1)
+    known = power > 0
+    if not known.any() or rows.shape[1] <= lag:
+        return 0.0
+    products = (rows[:, lag:] * rows[:, :-lag]).sum(axis=1)
+    return float((products[known] / power[known]).max())
+
+
+def _run(scores: Float64Array) -> int:
+    """Over how many neighbours scores are added up: over more than they are correlated."""
+    many, lag = scores.shape[1], 1
+    while 4 * lag * _GROUPS <= many and _alike(scores, lag) > max(0.1, 3 / np.sqrt(many)):
         lag *= 2
-    return (1 if lag == 1 else max(1, min(4 * lag, many // _GROUPS))), found[0]
+    return 1 if lag == 1 else min(4 * lag, many // _GROUPS)
 
 
 def seen_from(poses: RelativePoses, hinge: Hinge) -> Iterator[tuple[slice, Residuals]]:
