@@ -83,7 +83,7 @@ def ours(*, fresh: bool = False, **how: Any) -> Make:
 def prepared(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:
     """`pair.prepare`, called with one state, or with a batch and `out=`."""
     level, names = list(LEVELS)[len(motion) - 1], tuple(room)
-    fk = pair.prepare(level, outputs=names)  # type: ignore[attr-defined]
+    fk = pair.prepare(level, outputs=names)
     one = len(motion[0]) == 1
     given = tuple(c[0] for c in motion) if one else motion
     how: dict[str, Any] = {} if one else {"out": room}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias, TypeVar
@@ -194,10 +195,10 @@ def evaluate_one(
     found = one([values[name] for name in one.names])
     layout = layout_of(plan.outputs, plan.kind)
     if out is None:
-        return state.of_one(found, layout)
-    arrays = {name: found[start:stop].reshape(tail) for name, (start, stop, tail) in layout.items()}
-    rooms = {name: _room(f"out[{name!r}]", room, arrays[name].shape, found.dtype) for name, room in out.items()}
-    _check_apart(out, {})
+        return state.of_buffer(found, layout)
+    arrays = state.of_buffer(found, layout).arrays()
+    rooms = {name: room_for(f"out[{name!r}]", room, arrays[name].shape, found.dtype) for name, room in out.items()}
+    check_apart(out, {})
     for name, room in rooms.items():
         room[...] = arrays[name]
     return state(arrays | rooms, ())
@@ -232,11 +233,20 @@ def evaluate(
     for name, tail in loop.outputs:
         size = shape + tail
         given = out is not None and name in out
-        arrays[name] = _room(f"out[{name!r}]", out[name], size, dtype) if out and given else np.empty(size, dtype)
+        arrays[name] = room_for(f"out[{name!r}]", out[name], size, dtype) if out and given else np.empty(size, dtype)
     if out is not None:
-        _check_apart(out, values)
+        check_apart(out, values)
     loop.run({**(pair.values if pair.single else pair.arrays), **values}, arrays, shape, dtype, how)
     return state(arrays, shape)
+
+
+def rows_kernel(plan: Plan, pair: Constants) -> Any:
+    """The kernel of rows of float64 for one pair, where it has been compiled; else None."""
+    loop = loop_of(plan, True)
+    some = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
+    bound = bind(loop.inputs, {**some, **pair.values})
+    counts = tuple(math.prod(tail) for _, tail in loop.outputs)
+    return loop.program(bound.pattern).kernels.get(((False,) * len(bound.pieces), counts, "d"))
 
 
 def follow_steps(
@@ -356,7 +366,8 @@ def components(name: str, group: Any) -> Any:
     return components_of(group, rank)
 
 
-def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+def room_for(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """An array to write into, if it is one of this shape and dtype."""
     if not isinstance(array, np.ndarray):
         raise ArgumentError(name, "an array to write into", quoted(array))
     if array.shape != shape:
@@ -368,7 +379,7 @@ def _room(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -
     return array
 
 
-def _check_apart(out: Mapping[str, NDArray[Any]], groups: Mapping[str, Any]) -> None:
+def check_apart(out: Mapping[str, NDArray[Any]], groups: Mapping[str, Any]) -> None:
     """Refuse an output that lies over an input or over another output: blocks would read what they wrote."""
     taken = [
         (name, c)

@@ -27,9 +27,11 @@ from hingepair.pair.evaluate import (
     parts_of,
     plan_for,
     read_coordinates,
+    rows_kernel,
     wanted,
 )
 from hingepair.pair.foreign_arrays import evaluate_foreign
+from hingepair.pair.prepared import Prepared
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.sequences import find_sequence
 
@@ -43,8 +45,25 @@ def from_coordinates(
     pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str, how: How
 ) -> PairState:
     """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10)."""
+    rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
+    ready: Prepared | None = None
+    if out is None and how.workers == 1:
+        try:
+            ready = pair.prepared.get((outputs, sequence, how.backend, len(rows)))
+        except TypeError:  # outputs in a list
+            outputs = tuple(outputs or ())
+        found = None if ready is None else ready.quick(rows)
+        if found is not None:
+            return found
     plan, given = plan_from_coordinates(pair, q, qd, qdd, outputs, out, sequence, foreign=True)
-    return _of_rows(PairState, plan, pair, given, out, how)
+    state = _of_rows(PairState, plan, pair, given, out, how)
+    if out is None and how.workers == 1 and pair.single and type(q) is np.ndarray and how.backend != "numpy":
+        if ready is None and rows_kernel(plan, pair) is not None:
+            ready = Prepared(pair, tuple(given.parts), plan.outputs, sequence, how)
+            pair.prepared[outputs, sequence, how.backend, len(rows)] = ready
+        if ready is not None:
+            ready.learn(rows)
+    return state
 
 
 def plan_from_coordinates(

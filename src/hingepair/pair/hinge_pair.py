@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any
@@ -20,6 +20,7 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants, pair_constants
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.evaluate import Out, Outputs
+from hingepair.pair.prepared import Prepared, prepare
 from hingepair.pair.residual_report import Residuals
 from hingepair.pair.sensitivities import Sensitivities
 from hingepair.pair.states import PairState
@@ -160,6 +161,49 @@ class HingePair:
         """
         how = choose(backend, workers)
         return kinematics.from_coordinates(self.constants, q, qd, qdd, outputs, out, sequence, how)
+
+    def prepare(
+        self,
+        given: str | Iterable[str],
+        *,
+        outputs: Iterable[str] | None = None,
+        sequence: str = "XYZ",
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> Prepared:
+        """Plan, check and compile once, for loops over single states or small batches.
+
+        Args:
+            given: what each call will bring, and its order: "pose" is ("q",), "velocity" ("q", "qd"), "acceleration"
+                ("q", "qd", "qdd"); or names with one attitude of body 1, out of q, qd, qdd, R1, S1, quat_xyzw,
+                quat_wxyz, v1, omega1, a1, alpha1, psi, psid, psidd; for residuals R2, S2, v2, omega2, a2, alpha2 too.
+            outputs: what to compute: the names that forward_kinematics knows; jacobian, acceleration_bias,
+                coordinate_jacobian, coordinate_jacobian_rate; those of `sensitivities` (d_by_u1, ...) and, where body
+                2 is given, of `residuals` and constraints (gap, tilt, psi, constraint_jacobian, ...). Unless given,
+                all of body 2 that the level allows.
+            sequence: the Euler sequence of body 1.
+            workers: threads; -1 for one on every core.
+            backend: "auto" and "compiled" compile here and now; "numpy" never does.
+
+        Returns:
+            A callable of the arrays in the order of `given`, and `out=`, that gives a `PairState`; all broadcast.
+            What has no attribute of its own is `state["gap"]`. `.source` is the Python code that was generated,
+            `.llvm` the LLVM code.
+
+        Raises:
+            ArgumentError: an unknown name, or an output that needs more than is given; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+        >>> fk = pair.prepare("velocity", outputs=("R2", "omega2"))
+        >>> fk(np.zeros(7), np.ones(7)).omega2
+        array([1., 1., 2.])
+        >>> at = pair.prepare(("quat_xyzw", "psi"), outputs=("S2", "jacobian"))
+        >>> at(np.array([0.0, 0.0, 0.0, 1.0]), 0.0).jacobian @ (0, 0, 0, 0, 0, 1, 2)
+        array([0., 4., 0., 0., 0., 3.])
+        """
+        return prepare(self.constants, given, outputs, sequence, choose(backend, workers))
 
     def forward_kinematics_from_body1(
         self,

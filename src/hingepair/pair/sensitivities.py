@@ -54,30 +54,30 @@ class Sensitivities(Frozen):
     omega2_by_n: FloatArray | None = None
 
 
-_POSE = {
+POSE_TAILS = {
     "d_by_u1": (3, 3),
     "d_by_u2": (3, 3),
     "d_by_n": (3, 3),
     "d_by_psi": (3,),
-    "S2_by_n": (9, 3),
+    "S2_by_n": (3, 3, 3),
     "S2_by_psi": (3, 3),
 }
-_VELOCITY = {"v2_by_u1": (3, 3), "v2_by_u2": (3, 3), "v2_by_n": (3, 3), "v2_by_psi": (3,), "omega2_by_n": (3, 3)}
-_STEPS = (
-    Step("turns", by.turns_by_n, ("S1", "n", "hinge")),
+VELOCITY_TAILS = {"v2_by_u1": (3, 3), "v2_by_u2": (3, 3), "v2_by_n": (3, 3), "v2_by_psi": (3,), "omega2_by_n": (3, 3)}
+SENSITIVITY_STEPS = (
+    Step("turned_by_n", by.turns_by_n, ("S1", "n", "hinge")),
     Step("d_by_u1", by.positive, ("S1",)),
     Step("d_by_u2", by.negative, ("S2",)),
-    Step("d_by_n", by.difference_by_turns, ("turns", "r2")),
+    Step("d_by_n", by.difference_by_turns, ("turned_by_n", "r2")),
     Step("d_by_psi", eq.cross, ("r2", "axis")),
-    Step("S2_by_n", by.attitude_by_turns, ("turns", "S2")),
+    Step("S2_by_n", by.attitude_by_turns, ("turned_by_n", "S2")),
     Step("S2_by_psi", by.spun, ("axis", "S2")),
-    Step("spins", by.spins_by_n, ("S1", "n", "psid")),
+    Step("spun_by_n", by.spins_by_n, ("S1", "n", "psid")),
     Step("v2_by_u1", by.spun, ("omega1", "S1")),
     Step("S2_rate", by.spun, ("omega2", "S2")),
     Step("v2_by_u2", by.negative, ("S2_rate",)),
-    Step("v2_by_n", by.velocity_by_n, ("spins", "turns", "omega2", "r2")),
+    Step("v2_by_n", by.velocity_by_n, ("spun_by_n", "turned_by_n", "omega2", "r2")),
     Step("v2_by_psi", by.velocity_by_psi, ("omega2", "r2", "axis")),
-    Step("omega2_by_n", lambda spins: by.beside(*spins), ("spins",)),
+    Step("omega2_by_n", lambda spins: by.beside(*spins), ("spun_by_n",)),
 )
 
 
@@ -85,12 +85,11 @@ def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: Arra
     """Derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d."""
     values: dict[str, Any] = {**motion_arrays("body1", body1, "S"), "psi": component("psi", psi)}
     shapes = {"body1": body1.shape, "psi": np.shape(psi)}
-    tails: dict[str, tuple[int, ...]] = {**_POSE}
+    tails: dict[str, tuple[int, ...]] = {**POSE_TAILS}
     if psid is not None:
         values |= {**motion_arrays("body1", body1, "omega"), "psid": component("psid", psid)}
         shapes["psid"] = np.shape(psid)
-        tails |= _VELOCITY
-    steps = (*steps_of(None, "home" in pair.values), *ARM_STEPS, *_STEPS)
+        tails |= VELOCITY_TAILS
+    steps = (*steps_of(None, "home" in pair.values), *ARM_STEPS, *SENSITIVITY_STEPS)
     found = follow_steps(steps, tails, pair, values, shapes)
-    found["S2_by_n"] = found["S2_by_n"].reshape(*found["S2_by_n"].shape[:-2], 3, 3, 3)
     return Sensitivities(**{name: read_only(array) for name, array in found.items()})

@@ -13,39 +13,58 @@ from numpy.typing import NDArray
 from hingepair.evaluation.plan import SPATIAL, outputs_of
 from hingepair.numeric.arrays import FloatArray, read_only
 
-Layout: TypeAlias = Mapping[str, tuple[int, int, tuple[int, ...]]]
-"""Where each output stands in the buffer of one state, and its shape."""
+Layout: TypeAlias = Mapping[str, tuple[int, int, tuple[int, ...]] | None]
+"""Where each output stands in the buffer, and its shape; None of one that is an array of its own."""
 
 
 class _State:
     """What was computed at every sample, by name."""
 
-    __slots__ = ("_buffer", "_layout", "outputs", "shape")
+    __slots__ = ("_arrays", "_buffer", "_layout", "shape")
 
-    outputs: tuple[str, ...]
     shape: tuple[int, ...]
+    _arrays: dict[str, Any]
+    _buffer: NDArray[np.float64]
+    _layout: Layout
 
     def __init__(self, arrays: Mapping[str, NDArray[Any]], shape: tuple[int, ...]) -> None:
-        _set(self, "_layout", {})
-        _set(self, "outputs", tuple(arrays))
+        own = {name: _unchangeable(array) for name, array in arrays.items()}
+        _set(self, "_arrays", own)
+        _set(self, "_layout", dict.fromkeys(own))
         _set(self, "shape", shape)
-        for name, array in arrays.items():
-            _set(self, name, _unchangeable(array))
 
     @classmethod
-    def of_one(cls, buffer: NDArray[np.float64], layout: Layout) -> Self:
-        """One state: its numbers one after the other; the arrays are made when they are looked at."""
+    def of_buffer(cls, buffer: NDArray[np.float64], layout: Layout, shape: tuple[int, ...] = ()) -> Self:
+        """The outputs one after the other in one array; those of their own are made when they are looked at."""
         state = cls.__new__(cls)
         buffer.setflags(write=False)
         _set(state, "_buffer", buffer)
         _set(state, "_layout", layout)
-        _set(state, "outputs", tuple(layout))
-        _set(state, "shape", ())
+        _set(state, "shape", shape)
         return state
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of what was computed."""
+        return tuple(self._layout)
 
     def arrays(self) -> dict[str, FloatArray]:
         """What was computed, by name."""
-        return {name: getattr(self, name) for name in self.outputs}
+        return {name: self[name] for name in self._layout}
+
+    def __getitem__(self, name: str) -> FloatArray:
+        """An output by its name; what `prepare` computes beyond kinematics has no attribute of its own.
+
+        Raises:
+            KeyError: it was not computed.
+        """
+        place = self._layout[name]
+        if place is None:
+            found: FloatArray = self._arrays[name]
+            return found
+        start, stop, shape = place
+        array = self._buffer[start:stop]
+        return array if len(shape) == 1 else array.reshape(shape)
 
     if not TYPE_CHECKING:  # the names of the outputs are known to a type checker, all others are mistakes
 
@@ -55,13 +74,7 @@ class _State:
             if name not in names:
                 known = ", ".join(("shape", "outputs", "arrays", *names))
                 raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {known}", name=name, obj=self)
-            place = self._layout.get(name)
-            if place is None:
-                return None
-            start, stop, tail = place
-            array = self._buffer[start:stop]
-            if len(tail) != 1:
-                array = array.reshape(tail)
+            array = self[name] if name in self._layout else None
             _set(self, name, array)
             return array
 
@@ -112,6 +125,10 @@ class PairState(_State):
         "omega1": "Angular velocity of body 1; (..., 3) rad/s.",
         "a1": "Classical acceleration of body 1's reference point; (..., 3) m/s^2.",
         "alpha1": "Angular acceleration of body 1; (..., 3) rad/s^2.",
+        "jacobian": "Of `prepare`: (v2, omega2) by (v1, omega1, psi'); (..., 6, 7).",
+        "acceleration_bias": "Of `prepare`: (a2, alpha2) where a1, alpha1, psi'' are none; (..., 6).",
+        "coordinate_jacobian": "Of `prepare`: (v2, omega2) by the rates of the coordinates; (..., 6, 7).",
+        "coordinate_jacobian_rate": "Of `prepare`: its time derivative; (..., 6, 7).",
     }
 
     R2: FloatArray
@@ -127,6 +144,10 @@ class PairState(_State):
     omega1: FloatArray
     a1: FloatArray
     alpha1: FloatArray
+    jacobian: FloatArray
+    acceleration_bias: FloatArray
+    coordinate_jacobian: FloatArray
+    coordinate_jacobian_rate: FloatArray
 
 
 class PlanarState(_State):

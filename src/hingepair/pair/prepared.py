@@ -1,0 +1,380 @@
+"""A plan made ready: checked and compiled once, then called for one state or small batches, again and again."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.equations import spatial as eq
+from hingepair.errors import ArgumentError, MissingDependencyError, RotationError, choices, quoted
+from hingepair.evaluation.backend import How, give_up
+from hingepair.evaluation.binding import address, bind
+from hingepair.evaluation.llvm_ir import FIELDS, SCATTERED, SIDE_BY_SIDE
+from hingepair.evaluation.loops import Loop, Program
+from hingepair.evaluation.plan import (
+    INPUTS,
+    OUTPUTS,
+    SPATIAL,
+    Plan,
+    default_outputs,
+    make_plan,
+    needed_steps,
+    steps_of,
+)
+from hingepair.evaluation.steps import ARM_STEPS, COORDINATES, ROW_STEPS, Step
+from hingepair.evaluation.trace import square_root, where_less
+from hingepair.numeric.arrays import broadcast_shape, real_array, result_dtype, vectors
+from hingepair.pair.constants import Constants
+from hingepair.pair.constraints import STEPS as CONSTRAINT_STEPS
+from hingepair.pair.constraints import TAILS as CONSTRAINT_TAILS
+from hingepair.pair.constraints import with_hinge_frames
+from hingepair.pair.evaluate import Out, check_apart, loop_of, room_for
+from hingepair.pair.jacobians import COORDINATE_TAILS, JACOBIAN_STEPS, JACOBIAN_TAILS, coordinate_steps
+from hingepair.pair.sensitivities import POSE_TAILS, SENSITIVITY_STEPS, VELOCITY_TAILS
+from hingepair.pair.states import PairState
+from hingepair.rotations.matrices import TOLERANCE, check_rotation
+from hingepair.rotations.sequences import find_sequence
+
+Tails: TypeAlias = dict[str, tuple[int, ...]]
+
+LEVELS: Final = {"pose": ("q",), "velocity": ("q", "qd"), "acceleration": ("q", "qd", "qdd")}
+QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")
+
+TAILS: Final[Tails] = {
+    **{name: output.tail for name, output in OUTPUTS.items()},
+    **JACOBIAN_TAILS,
+    **COORDINATE_TAILS,
+    **POSE_TAILS,
+    **VELOCITY_TAILS,
+    **CONSTRAINT_TAILS,
+}
+"""All that can be prepared, and the shape of one sample of it."""
+
+_GIVEN: Final[Tails] = {
+    **{name: INPUTS[name] for name in ("q", "qd", "qdd", "psi", "psid", "psidd")},
+    **{name: INPUTS[name] for name in ("R1", "S1", "v1", "omega1", "a1", "alpha1")},
+    **{name: INPUTS[name] for name in ("R2", "S2", "v2", "omega2", "a2", "alpha2")},
+    **dict.fromkeys(QUATERNIONS, (4,)),
+}
+_CHECK: Final = "_check"  # an output that nobody asked for: whether the attitude given is one
+_SMALL: Final = 2**21  # bytes of outputs that are one array
+_KEPT: Final = 64  # layouts of inputs that are remembered
+_WITHOUT_LOCK: Final = 4096  # samples from which other threads may go on
+
+
+def _attitude_of(quat: tuple[Any, ...]) -> eq.Matrix:
+    """The rotation of a quaternion (w, x, y, z) of any length but zero."""
+    size = _size(quat)
+    w, x, y, z = (c / size for c in quat)
+    length = square_root(w * w + x * x + y * y + z * z)
+    return eq.quaternion_attitude((w / length, x / length, y / length, z / length))
+
+
+def _size(parts: tuple[Any, ...]) -> Any:
+    """The largest absolute component."""
+    return functools.reduce(lambda a, b: where_less(a, b, b, a), (where_less(c, 0.0, -c, c) for c in parts))
+
+
+def _orthonormality(S: eq.Matrix) -> Any:
+    """The largest element of S S^T - I; of a reflection, 2."""
+    x, y, z = S[0:3], S[3:6], S[6:9]
+    products = ((x, x, 1.0), (y, y, 1.0), (z, z, 1.0), (x, y, 0.0), (y, z, 0.0), (z, x, 0.0))
+    error = _size(tuple(eq.dot(a, b) - expected for a, b, expected in products))
+    return where_less(eq.dot(x, eq.cross(y, z)), 0.0, 2.0, error)
+
+
+_ATTITUDES: Final = {
+    "S1": (Step(_CHECK, _orthonormality, ("S1",)),),
+    "quat_xyzw": (
+        Step("quat", lambda q: (q[3], *q[:3]), ("quat_xyzw",)),
+        Step("S1", _attitude_of, ("quat",)),
+        Step(_CHECK, _size, ("quat",)),
+    ),
+    "quat_wxyz": (Step("S1", _attitude_of, ("quat_wxyz",)), Step(_CHECK, _size, ("quat_wxyz",))),
+}
+
+
+@functools.lru_cache(maxsize=256)
+def _steps(given: tuple[str, ...], sequence: str | None, home: bool) -> tuple[Step, ...]:
+    """Everything that can be had from what is given."""
+    steps = [step for name in given for step in _ATTITUDES.get(name, ())]
+    steps += [*ROW_STEPS, *steps_of(sequence, home)]
+    steps += CONSTRAINT_STEPS if "S2" in given else ARM_STEPS
+    steps += [*JACOBIAN_STEPS, *SENSITIVITY_STEPS]
+    if sequence is not None:
+        steps += coordinate_steps(sequence)
+    return tuple(step for step in steps if step.result not in given)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shot:
+    """A kernel aimed at arrays of one layout: all that is left to do is to fill in where they are."""
+
+    kernel: Any
+    table: tuple[int, ...]
+    inner: int
+    size: int
+    starts: tuple[int, ...]
+    layout: Mapping[str, tuple[int, int, tuple[int, ...]]]
+    shape: tuple[int, ...]
+    constants: NDArray[Any]
+    tables: list[Any]
+
+
+class Prepared:
+    """What `HingePair.prepare` gives: call it with arrays in the order of `given`.
+
+    Attributes:
+        given: what it takes, in order.
+        outputs: what it computes.
+        source: the Python code that runs where nothing is compiled.
+        llvm: the LLVM code that runs else.
+    """
+
+    def __init__(
+        self, pair: Constants, given: tuple[str, ...], outputs: tuple[str, ...], sequence: str, how: How
+    ) -> None:
+        self.given, self.outputs = given, outputs
+        self._pair, self._how = with_hinge_frames(pair) if "S2" in given else pair, how
+        self._loop = _loop(given, outputs, sequence if "q" in given else None, "home" in pair.values)
+        self._known = {name: value for name, value in self._pair.values.items() if name in dict(self._loop.inputs)}
+        self._rows = tuple(given.index(name) for name, _ in self._loop.inputs if name in given)
+        some = {name: np.empty((2, *tail)) for name, tail in self._loop.inputs}
+        self._bound = bind(self._loop.inputs, {**some, **(self._known if pair.single else {})})
+        self._program: Program = self._loop.program(self._bound.pattern)
+        self._checked = self._loop.outputs[-1][0] == _CHECK
+        self._shots: dict[Any, _Shot] = {}
+        if how.backend == "compiled" or (how.backend == "auto" and pair.single):
+            try:
+                self._program.kernel(*self._key("d"))
+            except MissingDependencyError as error:
+                if how.backend == "compiled":
+                    raise
+                give_up(error)
+
+    def __repr__(self) -> str:
+        return f"Prepared(given={self.given}, outputs={self.outputs})"
+
+    @property
+    def source(self) -> str:
+        """The Python code that runs where nothing is compiled."""
+        return self._program.source
+
+    @property
+    def llvm(self) -> str:
+        """The LLVM code that runs for one state and for rows of states."""
+        code: str = self._program.kernel(*self._key("d")).ir
+        return code
+
+    def __call__(self, *given: Any, out: Out = None) -> PairState:
+        """The state: one sample or many.
+
+        Args:
+            *given: what it was prepared for, in that order; shape (..., 7), (..., 3), (..., 3, 3), (..., 4) or (...);
+                they broadcast.
+            out: arrays by output name, written in place.
+
+        Raises:
+            ArgumentError: an argument cannot be used; names it.
+        """
+        found = self.quick(given) if out is None else None
+        return self._first(given, out) if found is None else found
+
+    def quick(self, given: Sequence[Any]) -> PairState | None:
+        """The state, where arrays of this layout came before."""
+        try:
+            shot = self._shots.get(tuple([(array.shape, array.strides, array.dtype) for array in given]))
+        except AttributeError:
+            return None
+        return None if shot is None else self._fire(shot, given)
+
+    def learn(self, given: Sequence[Any]) -> None:
+        """Remember the layout of arrays that went the long way, if the quick one is open to them."""
+        if len(self._shots) < _KEPT and all(type(array) is np.ndarray for array in given):
+            self._shot_at(given, given[0].shape[:-1], np.dtype(np.float64))
+
+    def _fire(self, shot: _Shot, given: Sequence[NDArray[Any]]) -> PairState:
+        """Run a kernel over arrays whose layout it knows."""
+        buffer = np.empty(shot.size)
+        try:
+            table = shot.tables.pop()
+        except IndexError:
+            table = (ctypes.c_int64 * len(shot.table))(*shot.table)
+        place = len(shot.table) - FIELDS * (len(self._rows) + len(shot.starts))
+        for k in self._rows:
+            table[place] = address(given[k])
+            place += FIELDS
+        start = address(buffer)
+        for offset in shot.starts:
+            table[place] = start + offset
+            place += FIELDS
+        shot.kernel(table, 1, shot.inner)
+        shot.tables.append(table)
+        if self._checked:
+            self._check(buffer[shot.size - shot.inner :], given)
+        return PairState.of_buffer(buffer, shot.layout, shot.shape)
+
+    def _first(self, given: Sequence[Any], out: Out) -> PairState:
+        """The long way: everything is looked at; what can be remembered is."""
+        if len(given) != len(self.given):
+            raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
+        arrays = {name: _array(name, value) for name, value in zip(self.given, given, strict=True)}
+        shapes = {name: a.shape[: a.ndim - len(_GIVEN[name])] for name, a in arrays.items()}
+        shape = broadcast_shape({**shapes, "pair": self._pair.shape})
+        dtype = result_dtype(arrays.values())
+        tails = dict(self._loop.outputs)
+        rooms: dict[str, NDArray[Any]] = {}
+        for name, tail in tails.items():
+            size, own = (*shape, *tail), out is not None and name in out
+            rooms[name] = room_for(f"out[{name!r}]", out[name], size, dtype) if own and out else np.empty(size, dtype)
+        if out is not None:
+            for name in out:
+                if name not in self.outputs:
+                    raise ArgumentError("out", f"arrays for nothing but {', '.join(self.outputs)}", quoted(name))
+            check_apart(out, arrays)
+        shot = self._shot_at(given, shape, dtype) if out is None and 0 not in shape else None
+        if shot is not None:
+            return self._fire(shot, given)
+        constants = self._known if self._pair.single else self._pair.arrays
+        if shape == ():
+            arrays = {name: array[None] for name, array in arrays.items()}
+            whole = {name: room[None] for name, room in rooms.items()}
+            self._loop.run({**constants, **arrays}, whole, (1,), dtype, self._how)
+        else:
+            self._loop.run({**constants, **arrays}, rooms, shape, dtype, self._how)
+        if self._checked:
+            self._check(rooms.pop(_CHECK), [arrays[name] for name in self.given])
+        return PairState(rooms, shape)
+
+    def _shot_at(self, given: Sequence[Any], shape: tuple[int, ...], dtype: np.dtype[Any]) -> _Shot | None:
+        """A shot at arrays like these, if they are such that one can be."""
+        outputs = [math.prod(tail) for _, tail in self._loop.outputs]
+        count = math.prod(shape)
+        plain = all(type(a) is np.ndarray and a.dtype == np.float64 and a.dtype.isnative for a in given)
+        key = self._key("d")
+        kernel = self._program.kernels.get(key)
+        small = 8 * count * sum(outputs) <= _SMALL
+        if kernel is None or not plain or not small or dtype != np.float64 or self._how.workers != 1:
+            return None
+        lines = []
+        for k in self._rows:
+            array, tail = given[k], _GIVEN[self.given[k]]
+            axes = array.ndim - len(tail)
+            if array.shape[:axes] != shape or len(shape) > 1:
+                return None
+            if len(tail) == 2 and array.strides[-2] != tail[-1] * array.strides[-1]:
+                return None
+            lines.append((0, 0, array.strides[0] if shape else 0, array.strides[-1] if tail else 8, 0))
+        constants = np.array(self._bound.constants)
+        table = [address(constants), 0, 0, 8, 0] if len(constants) else []
+        starts, layout, begin = [], {}, 0
+        for line in lines:
+            table += line
+        for (name, tail), width in zip(self._loop.outputs, outputs, strict=True):
+            mode = SIDE_BY_SIDE if count > 1 else SCATTERED
+            table += (0, 0, 8 * width, 8, mode)
+            starts.append(8 * begin)
+            if name != _CHECK:
+                layout[name] = begin, begin + width * count, (*shape, *tail)
+            begin += width * count
+        run = kernel.run_one if count < _WITHOUT_LOCK else kernel.run
+        shot = _Shot(run, tuple(table), count, begin, tuple(starts), layout, shape, constants, [])
+        if len(self._shots) >= _KEPT:
+            self._shots.clear()
+        self._shots[tuple([(array.shape, array.strides, array.dtype) for array in given])] = shot
+        return shot
+
+    def _key(self, char: str) -> Any:
+        """Of the kernel for rows of states."""
+        counts = tuple(math.prod(tail) for _, tail in self._loop.outputs)
+        return (False,) * len(self._bound.pieces), counts, char
+
+    def _check(self, found: NDArray[Any], given: Sequence[Any]) -> None:
+        """Refuse a quaternion of zero, and a matrix that is no rotation."""
+        name = next(name for name in self.given if name in _ATTITUDES)
+        if name in QUATERNIONS:
+            if (found == 0).any():
+                raise RotationError(name, "non-zero quaternions", "a zero quaternion")
+        elif (found > 2 * TOLERANCE[found.dtype.itemsize]).any():
+            check_rotation(name, np.asarray(given[self.given.index(name)]))
+
+
+def prepare(
+    pair: Constants, given: str | Iterable[str], outputs: Iterable[str] | None, sequence: str, how: How
+) -> Prepared:
+    """A plan made ready; see `HingePair.prepare`."""
+    names = _checked_given(given)
+    rows = "q" in names
+    if rows:
+        find_sequence(sequence)
+    level = sum(name in names for name in (("qd", "qdd") if rows else ("psid", "psidd")))
+    steps = _steps(names, sequence if rows else None, "home" in pair.values)
+    known = {*names, *with_hinge_frames(pair).values}
+    if outputs is None:
+        wanted: tuple[str, ...] = default_outputs(level)
+    else:
+        wanted = _checked_outputs(outputs)
+    for name in wanted:
+        missing = sorted(needed_steps(steps, (name,))[1] - known)
+        if missing:
+            raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
+    return Prepared(pair, names, wanted, sequence, how)
+
+
+def _checked_given(given: str | Iterable[str]) -> tuple[str, ...]:
+    if isinstance(given, str):
+        if given not in LEVELS:
+            raise ArgumentError("given", f"{choices(tuple(LEVELS))}, or a tuple of names", quoted(given))
+        return LEVELS[given]
+    try:
+        names = tuple(given)
+    except TypeError:
+        raise ArgumentError("given", f"{choices(tuple(LEVELS))}, or a tuple of names", quoted(given)) from None
+    for name in names:
+        if name not in _GIVEN:
+            raise ArgumentError("given", choices(tuple(_GIVEN)), quoted(name))
+    attitudes = [name for name in names if name in {"q", *_ATTITUDES}]
+    if len(attitudes) != 1 or len({*names}) != len(names):
+        raise ArgumentError("given", "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz", quoted(names))
+    return names
+
+
+def _checked_outputs(outputs: Iterable[str]) -> tuple[str, ...]:
+    if isinstance(outputs, str):
+        raise ArgumentError("outputs", "a tuple of names such as ('R2', 'jacobian')", quoted(outputs))
+    names = tuple(dict.fromkeys(outputs))
+    if not names:
+        raise ArgumentError("outputs", "at least one name", "none")
+    for name in names:
+        if name not in TAILS:
+            raise ArgumentError("outputs", choices(tuple(TAILS)), quoted(name))
+    return names
+
+
+@functools.lru_cache(maxsize=256)
+def _loop(given: tuple[str, ...], outputs: tuple[str, ...], sequence: str | None, home: bool) -> Loop:
+    """The loop from what is given to the outputs, and to what the attitude is checked by."""
+    if all(name in LEVELS["acceleration"] for name in given) and all(name in OUTPUTS for name in outputs):
+        return loop_of(make_plan(outputs, sequence, home), True)
+    checks = (_CHECK,) if any(name in _ATTITUDES for name in given) else ()
+    tails = {**{name: TAILS[name] for name in outputs}, **dict.fromkeys(checks, ())}
+    steps, inputs = needed_steps(_steps(given, sequence, home), tails)
+    plan = Plan(tuple(tails), steps, inputs, (), sequence, home, SPATIAL)
+    known = {name: _GIVEN[name] for name in given if name in inputs}
+    known |= {name: INPUTS.get(name, (3,)) for name in sorted(inputs - known.keys())}
+    labels = {name: tuple(f"{one}{name[1:]}" for one in COORDINATES) for name in ("q", "qd", "qdd")}
+    return Loop("state", plan.run, known, tails, labels=labels)
+
+
+def _array(name: str, value: Any) -> NDArray[Any]:
+    if value is None:
+        raise ArgumentError(name, "a value, since this was prepared for it", None)
+    tail = _GIVEN[name]
+    return vectors(name, value, *tail) if tail else real_array(name, value)
