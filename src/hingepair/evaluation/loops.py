@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from hingepair.errors import MissingDependencyError
 from hingepair.evaluation import python_source
+from hingepair.evaluation.array_heads import known_heads, objects_ir
 from hingepair.evaluation.backend import Account, How, give_up
 from hingepair.evaluation.binding import (
     Bound,
@@ -245,8 +246,23 @@ class Program:
         if found is None:
             from hingepair.evaluation.native import Kernel, can_fuse
 
-            found = self.kernels[key] = Kernel(self.llvm(*key, fuse=can_fuse() and not self.loop.exact))
+            found = self.kernels[key] = Kernel(
+                self.llvm(*key, fuse=can_fuse() and not self.loop.exact), self._objects(*key)
+            )
         return found
+
+    def _objects(self, still: tuple[bool, ...], parts: tuple[int, ...], char: str) -> str:
+        """Code that takes arrays as they are, where each input is one; else none."""
+        places = iter(self.pattern)
+        own = [(tail, [next(places) for _ in range(math.prod(tail))]) for _, tail in self.loop.inputs]
+        moving = [(tail, where) for tail, where in own if all(isinstance(place, tuple) for place in where)]
+        whole = [where == [(k, c) for c in range(math.prod(tail))] for k, (tail, where) in enumerate(moving)]
+        counts = tuple(math.prod(tail) for _, tail in self.loop.outputs)
+        if char != "d" or any(still) or self.loop.carry or parts != counts or not all(whole) or not known_heads():
+            return ""
+        if len(moving) != len(still):
+            return ""
+        return "\n" + objects_ir([tail for tail, _ in moving], parts, any(place is None for place in self.pattern))
 
     def llvm(self, still: tuple[bool, ...], parts: tuple[int, ...], char: str, fuse: bool) -> str:
         """The LLVM code; arguments as for `kernel`, and whether the machine multiplies and adds in one."""

@@ -26,15 +26,36 @@ class Kernel:
         address: of the function, for as long as this object lives.
         run: the function of (table, outer, inner); other threads go on while it runs.
         run_one: the same for a microsecond's work, which keeps the interpreter's lock.
+        run_objects: the function of `array_heads.objects_ir`, where its code was given.
     """
 
-    def __init__(self, ir: str) -> None:
+    def __init__(self, ir: str, objects: str = "") -> None:
         self.ir = ir
         with _trouble(), _lock:
-            self._engine, self.address = _compile(ir)
+            self._engine, self.address = _compile(ir + objects)
+            self.run_objects: Callable[..., bool] | None = None
+            if objects:
+                self._method = _Method(b"kernel", self._engine.get_function_address("objects"), _FASTCALL, None)
+                self.run_objects = _made_built_in(ctypes.byref(self._method), None, None)
         self.run: Callable[[Any, int, int], None] = _SHARING(self.address)
         self.run_one: Callable[[Any, int, int], None] = _KEEPING(self.address)
 
+
+class _Method(ctypes.Structure):
+    """What Python knows of a built-in function: PyMethodDef."""
+
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("function", ctypes.c_void_p),
+        ("flags", ctypes.c_int),
+        ("doc", ctypes.c_char_p),
+    )
+
+
+_FASTCALL = 0x0080
+_made_built_in: Any = ctypes.pythonapi.PyCFunction_NewEx
+_made_built_in.restype = ctypes.py_object
+_made_built_in.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
 _ARGUMENTS = (None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
 _SHARING, _KEEPING = ctypes.CFUNCTYPE(*_ARGUMENTS), ctypes.PYFUNCTYPE(*_ARGUMENTS)
@@ -65,6 +86,7 @@ def _llvm() -> Any:
         raise MissingDependencyError("backend", "llvmlite (pip install llvmlite)", str(error)) from None
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+    llvm.add_symbol("PyBool_FromLong", ctypes.cast(ctypes.pythonapi.PyBool_FromLong, ctypes.c_void_p).value)
     library = ctypes.CDLL(None) if os.name == "posix" else ctypes.CDLL("ucrtbase")
     for name in ("sin", "cos", "atan2", "hypot", "fma", "fmaf"):
         llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)

@@ -47,17 +47,18 @@ def from_coordinates(
     """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10)."""
     rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
     ready: Prepared | None = None
-    if out is None and how.workers == 1:
+    short = out is None and how.workers == 1 and (qd is not None or qdd is None)
+    if short:
         try:
             ready = pair.prepared.get((outputs, sequence, how.backend, len(rows)))
         except TypeError:  # outputs in a list
             outputs = tuple(outputs or ())
-        found = None if ready is None else ready.quick(rows)
+        found = None if ready is None else ready.short(*rows)
         if found is not None:
             return found
     plan, given = plan_from_coordinates(pair, q, qd, qdd, outputs, out, sequence, foreign=True)
     state = _of_rows(PairState, plan, pair, given, out, how)
-    if out is None and how.workers == 1 and pair.single and type(q) is np.ndarray and how.backend != "numpy":
+    if short and pair.single and type(q) is np.ndarray and how.backend != "numpy":
         if ready is None and rows_kernel(plan, pair) is not None:
             ready = Prepared(pair, tuple(given.parts), plan.outputs, sequence, how)
             pair.prepared[outputs, sequence, how.backend, len(rows)] = ready

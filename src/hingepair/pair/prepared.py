@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
@@ -38,7 +38,7 @@ from hingepair.pair.constraints import with_hinge_frames
 from hingepair.pair.evaluate import Out, check_apart, loop_of, room_for
 from hingepair.pair.jacobians import COORDINATE_TAILS, JACOBIAN_STEPS, JACOBIAN_TAILS, coordinate_steps
 from hingepair.pair.sensitivities import POSE_TAILS, SENSITIVITY_STEPS, VELOCITY_TAILS
-from hingepair.pair.states import PairState
+from hingepair.pair.states import PairState, State
 from hingepair.rotations.matrices import TOLERANCE, check_rotation
 from hingepair.rotations.sequences import find_sequence
 
@@ -105,7 +105,9 @@ _ATTITUDES: Final = {
 def _steps(given: tuple[str, ...], sequence: str | None, home: bool) -> tuple[Step, ...]:
     """Everything that can be had from what is given."""
     steps = [step for name in given for step in _ATTITUDES.get(name, ())]
-    steps += [*ROW_STEPS, *steps_of(sequence, home)]
+    if sequence is not None:
+        steps += ROW_STEPS
+    steps += steps_of(sequence, home)
     steps += CONSTRAINT_STEPS if "S2" in given else ARM_STEPS
     steps += [*JACOBIAN_STEPS, *SENSITIVITY_STEPS]
     if sequence is not None:
@@ -136,6 +138,7 @@ class Prepared:
         outputs: what it computes.
         source: the Python code that runs where nothing is compiled.
         llvm: the LLVM code that runs else.
+        short: the state of arrays that need no looking at; None of others.
     """
 
     def __init__(
@@ -149,8 +152,10 @@ class Prepared:
         some = {name: np.empty((2, *tail)) for name, tail in self._loop.inputs}
         self._bound = bind(self._loop.inputs, {**some, **(self._known if pair.single else {})})
         self._program: Program = self._loop.program(self._bound.pattern)
+        self._quaternion = any(name in QUATERNIONS for name in given)
         self._checked = self._loop.outputs[-1][0] == _CHECK
         self._shots: dict[Any, _Shot] = {}
+        self.short: Callable[..., PairState | None] = self._again
         if how.backend == "compiled" or (how.backend == "auto" and pair.single):
             try:
                 self._program.kernel(*self._key("d"))
@@ -158,6 +163,9 @@ class Prepared:
                 if how.backend == "compiled":
                     raise
                 give_up(error)
+            else:
+                run = self._program.kernel(*self._key("d")).run_objects
+                self.short = self._again if run is None else self._straight_way(run)
 
     def __repr__(self) -> str:
         return f"Prepared(given={self.given}, outputs={self.outputs})"
@@ -184,10 +192,54 @@ class Prepared:
         Raises:
             ArgumentError: an argument cannot be used; names it.
         """
-        found = self.quick(given) if out is None else None
-        return self._first(given, out) if found is None else found
+        if out is None and len(given) == len(self.given):
+            found = self.short(*given)
+            if found is not None:
+                return found
+        return self._first(given, out)
 
-    def quick(self, given: Sequence[Any]) -> PairState | None:
+    def _straight_way(self, run: Any) -> Callable[..., PairState | None]:
+        """`short`, unrolled: at first for one state in arrays of float64."""
+        layout: dict[str, tuple[int, int, tuple[int, ...]]] = {}
+        scope: dict[str, Any] = {"run": run, "new": PairState.__new__, "PairState": PairState, "empty": np.empty}
+        scope |= {"constants": np.array(self._bound.constants), "refuse": self._refuse, "again": self._again}
+        scope |= {"layout": layout, "shape": ()}
+        rows = all(tail in {(3,), (3, 3)} for name, tail in self._loop.outputs if name != _CHECK)
+        begin, lines = 0, []
+        for name, tail in self._loop.outputs:
+            end = begin + math.prod(tail)
+            if name != _CHECK:
+                layout[name] = begin, end, tail
+            if name in PairState.__slots__:
+                scope[f"set_{name}"] = PairState.__dict__[name].__set__
+                if rows:  # one row of the buffer, or three
+                    part = f"[{begin // 3}]" if tail == (3,) else f"[{begin // 3} : {end // 3}]"
+                else:
+                    part = f"[{begin}:{end}]" + ("" if len(tail) == 1 else f".reshape({tail})")
+                lines.append(f"    set_{name}(state, buffer{part})")
+            begin = end
+        scope["size"] = (-(-begin // 3), 3) if rows else begin
+        scope["content"] = State.__dict__["_content"].__set__
+        arguments = [f"in{k}" for k in range(len(self.given))]
+        given = ", ".join(arguments)
+        bad = "== 0.0" if self._quaternion else f"> {2 * TOLERANCE[8]!r}"
+        checked = [f"    if buffer.item({begin - 1}) {bad}:", f"        refuse(({given},))"]
+        source = [
+            f"def straight({given}):",
+            "    buffer = empty(size)",
+            f"    if not run({', '.join(arguments[k] for k in self._rows)}, constants, buffer):",
+            f"        return again({given})",
+            *(checked if self._checked else ()),
+            "    state = new(PairState)",
+            "    content(state, (buffer, layout, shape))",
+            *lines,
+            "    return state",
+        ]
+        exec("\n".join(source), scope)
+        made: Callable[..., PairState | None] = scope["straight"]
+        return made
+
+    def _again(self, *given: Any) -> PairState | None:
         """The state, where arrays of this layout came before."""
         try:
             shot = self._shots.get(tuple([(array.shape, array.strides, array.dtype) for array in given]))
@@ -298,12 +350,15 @@ class Prepared:
 
     def _check(self, found: NDArray[Any], given: Sequence[Any]) -> None:
         """Refuse a quaternion of zero, and a matrix that is no rotation."""
+        bad = found == 0 if self._quaternion else found > 2 * TOLERANCE[found.dtype.itemsize]
+        if bad.any():
+            self._refuse(given)
+
+    def _refuse(self, given: Sequence[Any]) -> None:
         name = next(name for name in self.given if name in _ATTITUDES)
-        if name in QUATERNIONS:
-            if (found == 0).any():
-                raise RotationError(name, "non-zero quaternions", "a zero quaternion")
-        elif (found > 2 * TOLERANCE[found.dtype.itemsize]).any():
-            check_rotation(name, np.asarray(given[self.given.index(name)]))
+        if self._quaternion:
+            raise RotationError(name, "non-zero quaternions", "a zero quaternion")
+        check_rotation(name, np.asarray(given[self.given.index(name)]))
 
 
 def prepare(
@@ -322,7 +377,8 @@ def prepare(
     else:
         wanted = _checked_outputs(outputs)
     for name in wanted:
-        missing = sorted(needed_steps(steps, (name,))[1] - known)
+        unknown = name in CONSTRAINT_TAILS and "S2" not in names
+        missing = sorted(needed_steps(CONSTRAINT_STEPS if unknown else steps, (name,))[1] - known)
         if missing:
             raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
     return Prepared(pair, names, wanted, sequence, how)

@@ -17,40 +17,38 @@ Layout: TypeAlias = Mapping[str, tuple[int, int, tuple[int, ...]] | None]
 """Where each output stands in the buffer, and its shape; None of one that is an array of its own."""
 
 
-class _State:
+class State:
     """What was computed at every sample, by name."""
 
-    __slots__ = ("_arrays", "_buffer", "_layout", "shape")
+    __slots__ = ("_content",)
 
-    shape: tuple[int, ...]
-    _arrays: dict[str, Any]
-    _buffer: NDArray[np.float64]
-    _layout: Layout
+    _content: tuple[Any, Layout, tuple[int, ...]]  # a buffer or arrays by name, where in the buffer, shape
 
     def __init__(self, arrays: Mapping[str, NDArray[Any]], shape: tuple[int, ...]) -> None:
         own = {name: _unchangeable(array) for name, array in arrays.items()}
-        _set(self, "_arrays", own)
-        _set(self, "_layout", dict.fromkeys(own))
-        _set(self, "shape", shape)
+        _set(self, "_content", (own, dict.fromkeys(own), shape))
 
     @classmethod
     def of_buffer(cls, buffer: NDArray[np.float64], layout: Layout, shape: tuple[int, ...] = ()) -> Self:
         """The outputs one after the other in one array; those of their own are made when they are looked at."""
         state = cls.__new__(cls)
         buffer.setflags(write=False)
-        _set(state, "_buffer", buffer)
-        _set(state, "_layout", layout)
-        _set(state, "shape", shape)
+        _set(state, "_content", (buffer, layout, shape))
         return state
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Leading shape of the samples; () for one state."""
+        return self._content[2]
 
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of what was computed."""
-        return tuple(self._layout)
+        return tuple(self._content[1])
 
     def arrays(self) -> dict[str, FloatArray]:
         """What was computed, by name."""
-        return {name: self[name] for name in self._layout}
+        return {name: self[name] for name in self._content[1]}
 
     def __getitem__(self, name: str) -> FloatArray:
         """An output by its name; what `prepare` computes beyond kinematics has no attribute of its own.
@@ -58,12 +56,13 @@ class _State:
         Raises:
             KeyError: it was not computed.
         """
-        place = self._layout[name]
+        content, layout, _ = self._content
+        place = layout[name]
         if place is None:
-            found: FloatArray = self._arrays[name]
+            found: FloatArray = content[name]
             return found
         start, stop, shape = place
-        array = self._buffer[start:stop]
+        array: FloatArray = content.reshape(-1)[start:stop]
         return array if len(shape) == 1 else array.reshape(shape)
 
     if not TYPE_CHECKING:  # the names of the outputs are known to a type checker, all others are mistakes
@@ -74,7 +73,7 @@ class _State:
             if name not in names:
                 known = ", ".join(("shape", "outputs", "arrays", *names))
                 raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {known}", name=name, obj=self)
-            array = self[name] if name in self._layout else None
+            array = self[name] if name in self._content[1] else None
             _set(self, name, array)
             return array
 
@@ -100,7 +99,7 @@ def _unchangeable(array: Any) -> Any:
     return read_only(array) if isinstance(array, np.ndarray) else array
 
 
-class PairState(_State):
+class PairState(State):
     """Body 2 (and body 1, where named) at every sample, as far as it was computed; world axes, SI units.
 
     Arrays are read-only views. What was not asked for, or cannot be had from the inputs, is None; to a type checker
@@ -150,7 +149,7 @@ class PairState(_State):
     coordinate_jacobian_rate: FloatArray
 
 
-class PlanarState(_State):
+class PlanarState(State):
     """Body 2 of a planar pair at every sample, as far as it was computed; world axes, SI units.
 
     Arrays are read-only views. What was not asked for, or cannot be had from the inputs, is None; to a type checker

@@ -1,0 +1,262 @@
+"""`prepare` gives what the plain calls give: of every kind of input, one by one and many, with every output."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.states import coordinates, generator, pair, rotations
+
+U = 2.0**-53
+BACKENDS = ("numpy", "compiled")
+
+
+def made(rng, home=True):
+    u1, u2, n, C = pair(rng, home)
+    return hp.HingePair(u1=u1, u2=u2, n=n, home=C)
+
+
+def close(found, expected, ulps=64):
+    found, expected = np.asarray(found), np.asarray(expected)
+    assert found.shape == expected.shape
+    size = max(1.0, np.nanmax(np.abs(expected), initial=0.0))
+    assert np.nanmax(np.abs(found - expected), initial=0.0) <= ulps * U * size
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("level", ["pose", "velocity", "acceleration"])
+def test_coordinates(level, backend):
+    rng = generator(1001)
+    one, motion = made(rng), coordinates(rng, 20)
+    count = ["pose", "velocity", "acceleration"].index(level) + 1
+    fk = one.prepare(level, backend=backend)
+    whole = one.forward_kinematics(*motion[:count], backend=backend)
+    assert fk.outputs == whole.outputs
+    for _ in range(2):  # the second time takes the short way
+        many = fk(*motion[:count])
+        assert many.shape == (20,)
+        for name in whole.outputs:
+            np.testing.assert_array_equal(many[name], whole[name])
+            assert not many[name].flags.writeable
+    for i in (0, 19):
+        for form in (np.array, lambda c: c.tolist(), lambda c: tuple(c.tolist()), lambda c: c[::-1].copy()[::-1]):
+            state = fk(*(form(c[i]) for c in motion[:count]))
+            assert state.shape == ()
+            for name in whole.outputs:
+                close(state[name], whole[name][i], 8)
+                assert not getattr(state, name).flags.writeable
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("given", ["S1", "quat_xyzw", "quat_wxyz"])
+def test_body1(given, backend):
+    rng = generator(1002)
+    one, count = made(rng), 30
+    quat = rng.normal(size=(count, 4)) * 10.0 ** rng.uniform(-200, 200, (count, 1))
+    R, v, omega, a, alpha = rng.normal(size=(5, count, 3))
+    psi, psid, psidd = rng.normal(size=(3, count))
+    S = rotations(rng, count)
+    if given == "S1":
+        body = hp.BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+    else:
+        body = getattr(hp.BodyMotion, f"from_{given.replace('quat', 'quaternion')}")(
+            R=R, v=v, omega=omega, a=a, alpha=alpha, **{given: quat}
+        )
+    names = ("R1", given, "psi", "v1", "omega1", "psid", "a1", "alpha1", "psidd")
+    arrays = (R, S if given == "S1" else quat, psi, v, omega, psid, a, alpha, psidd)
+    outputs = ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "S1", "jacobian", "acceleration_bias", "d_by_n")
+    ready = one.prepare(names, outputs=outputs, backend=backend)
+    state = one.forward_kinematics_from_body1(body, psi, psid, psidd, outputs=outputs[:8]).arrays()
+    state["jacobian"] = one.jacobian(body, psi)
+    state["acceleration_bias"] = one.acceleration_bias(body, psi, psid)
+    state["d_by_n"] = one.sensitivities(body, psi, psid).d_by_n
+    for _ in range(2):
+        many = ready(*arrays)
+        assert many.outputs == outputs
+        for name, expected in state.items():
+            close(many[name], expected)
+    for i in (0, 7):
+        for form in (np.array, lambda c: c.tolist()):
+            single = ready(*(form(c[i]) for c in arrays))
+            for name, expected in state.items():
+                close(single[name], expected[i])
+    np.testing.assert_array_equal(single.jacobian, single["jacobian"])
+
+
+@pytest.mark.law
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_quaternions_keep_the_promise_of_an_attitude(backend):
+    """S1 to 6 u, from quaternions near length 1 and far from it."""
+    rng = generator(1003)
+    quat = rng.normal(size=(3000, 4))
+    quat[:1000] /= np.linalg.norm(quat[:1000], axis=-1, keepdims=True)
+    quat[2000:] *= 10.0 ** rng.uniform(-300, 300, (1000, 1))
+    exact = hp.BodyMotion.from_quaternion_xyzw(R=np.zeros(3), quat_xyzw=quat.astype(np.longdouble).astype(float)).S
+    S1 = made(rng).prepare(("quat_xyzw",), outputs=("S1",), backend=backend)(quat).S1
+    assert np.abs(S1 - exact).max() <= (6 + 3.5) * U  # the other is within 3.5 u of the truth
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_coordinate_jacobians(backend):
+    rng = generator(1004)
+    one, (q, qd, _) = made(rng), coordinates(rng, 9)
+    outputs = ("coordinate_jacobian", "coordinate_jacobian_rate", "omega2")
+    found = one.prepare(("q", "qd"), outputs=outputs, sequence="zxy", backend=backend)(q, qd)
+    close(found.coordinate_jacobian, one.coordinate_jacobian(q, sequence="zxy"))
+    close(found.coordinate_jacobian_rate, one.coordinate_jacobian_rate(q, qd, sequence="zxy"))
+    close(np.einsum("nij,nj->ni", found.coordinate_jacobian, qd)[:, 3:], found.omega2, 256)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_two_bodies(backend):
+    rng = generator(1005)
+    one, (q, qd, qdd) = made(rng), coordinates(rng, 11)
+    s = one.forward_kinematics(q, qd, qdd, outputs=("R2", "S2", "v2", "omega2", "S1", "omega1"))
+    letters = ("R1", "S1", "v1", "omega1", "R2", "S2", "v2", "omega2")
+    arrays = (q[:, :3], s.S1, qd[:, :3], s.omega1, s.R2, s.S2, s.v2, s.omega2)
+    outputs = ("gap", "tilt", "tilt_angle", "psi", "gap_rate", "psid", "constraint_jacobian")
+    found = one.prepare(letters, outputs=outputs, backend=backend)(*arrays)
+    b1 = hp.BodyMotion(R=q[:, :3], S=s.S1, v=qd[:, :3], omega=s.omega1)
+    b2 = hp.BodyMotion(R=s.R2, S=s.S2, v=s.v2, omega=s.omega2)
+    residuals = one.residuals(b1, b2)
+    for name in outputs[:-1]:
+        close(found[name], getattr(residuals, name), 600)
+    close(found["constraint_jacobian"], one.constraint_jacobian(b1, b2))
+    close(np.sin(found["psi"] - q[:, 6]), np.zeros(11), 64)
+
+
+def test_pairs_of_their_own_and_float32_and_out():
+    rng = generator(1006)
+    many = hp.HingePair(u1=rng.normal(size=(8, 3)), u2=(1, 2, 3), n=(0, 0, 1))
+    motion = coordinates(rng, 8)
+    for dtype in (np.float64, np.float32):
+        given = [c.astype(dtype) for c in motion[:2]]
+        found, expected = many.prepare("velocity")(*given), many.forward_kinematics(*given)
+        assert found.v2.dtype == dtype
+        np.testing.assert_array_equal(found.v2, expected.v2)
+    fk = many.prepare("velocity", outputs=("R2", "v2"))
+    room = np.empty((8, 3))
+    assert np.shares_memory(fk(*motion[:2], out={"v2": room}).v2, room)
+    np.testing.assert_array_equal(room, fk(*motion[:2]).v2)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 7, 8, 9, 300, 20_000])
+def test_batches_of_every_size(count):
+    rng = generator(1007)
+    one, motion = made(rng), coordinates(rng, count)
+    fk = one.prepare("velocity", backend="compiled")
+    expected = one.forward_kinematics(*motion[:2], backend="numpy")
+    for _ in range(2):
+        found = fk(*motion[:2])
+        assert found.S2.shape == (count, 3, 3)
+        for name in expected.outputs:
+            close(found[name], expected[name])
+
+
+def test_what_is_no_row_of_doubles_is_not_taken_for_one():
+    """The short way looks at the heads of arrays; whatever is another thing goes the long way, or is refused."""
+    rng = generator(1008)
+    one, (q, qd, _) = made(rng), coordinates(rng, 1)
+    fk = one.prepare("velocity", backend="compiled")
+    expected = fk(q[0], qd[0])
+    forms = (
+        lambda c: np.repeat(c, 2)[::2],
+        lambda c: c[::-1].copy()[::-1],
+        lambda c: c.astype(">f8"),
+        np.asfortranarray,
+        list,
+        lambda c: np.broadcast_to(c, (7,)),
+    )
+    for form in forms:
+        for name in expected.outputs:
+            close(fk(form(q[0]), form(qd[0]))[name], expected[name], 8)
+    close(fk(q[0].astype(np.float32), qd[0].astype(np.float32)).v2, expected.v2, 2**31)
+    assert fk(np.round(q[0]).astype(int), qd[0]).v2.dtype == np.float64
+    for bad in (np.zeros(6), np.zeros(8), np.float64(1), 1.0, None, "q", np.zeros(7, complex), object()):
+        with pytest.raises(hp.ArgumentError):
+            fk(bad, qd[0])
+    for wrong in ((), (q[0],), (q[0], qd[0], qd[0])):
+        with pytest.raises(hp.ArgumentError):
+            fk(*wrong)
+
+
+def test_numbers_beside_arrays():
+    one = made(generator(1009))
+    at = one.prepare(("S1", "psi"), outputs=("S2",), backend="compiled")
+    expected = one.forward_kinematics_from_body1(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), 0.5).S2
+    for psi in (0.5, np.float64(0.5), np.array(0.5), np.float32(0.5)):
+        close(at(np.eye(3), psi).S2, expected, 8)
+    assert np.isnan(at(np.eye(3), np.nan).S2).any()
+    assert at(np.eye(3), 1).S2.shape == (3, 3)
+
+
+def test_what_is_no_rotation_is_refused():
+    one = made(generator(1010))
+    for backend in BACKENDS:
+        by_matrix = one.prepare(("S1", "psi"), outputs=("S2",), backend=backend)
+        by_quaternion = one.prepare(("quat_wxyz", "psi"), outputs=("S2",), backend=backend)
+        for shape in ((), (5,)):
+            psi = np.zeros(shape)
+            for bad in (2 * np.eye(3), np.diag([1.0, 1.0, -1.0]), np.eye(3) + 1e-8):
+                with pytest.raises(hp.RotationError, match="S1"):
+                    by_matrix(np.broadcast_to(bad, (*shape, 3, 3)), psi)
+            with pytest.raises(hp.RotationError, match="quat_wxyz"):
+                by_quaternion(np.zeros((*shape, 4)), psi)
+            assert np.isnan(by_matrix(np.full((*shape, 3, 3), np.nan), psi).S2).all()
+            assert np.isnan(by_quaternion(np.full((*shape, 4), np.inf), psi).S2).any()
+
+
+@pytest.mark.parametrize(
+    ("given", "outputs", "word"),
+    [
+        ("speed", None, "pose"),
+        (3, None, "given"),
+        (("R1", "psi"), None, "attitude"),
+        (("S1", "quat_xyzw", "psi"), None, "attitude"),
+        (("S1", "psi", "phi"), None, "quat_xyzw"),
+        ("pose", ("v2",), "v2"),
+        ("pose", "R2", "outputs"),
+        ("pose", (), "outputs"),
+        ("pose", ("r2",), "R2"),
+        (("S1", "psi"), ("R2",), "R1"),
+        (("S1", "R1", "psi"), ("gap",), "S2"),
+    ],
+)
+def test_bad_words_are_named(given, outputs, word):
+    with pytest.raises(hp.ArgumentError, match=word):
+        made(generator(1011)).prepare(given, outputs=outputs)
+
+
+def test_threads_do_not_mix():
+    rng = generator(1012)
+    fk = made(rng).prepare("acceleration", backend="compiled")
+    motion = coordinates(rng, 8)
+    batch = [np.repeat(c[:, None], 50, axis=1) for c in motion]
+    expected = [fk(*(c[i] for c in motion)).a2.copy() for i in range(8)]
+    wrong = []
+
+    def work(i):
+        for _ in range(300):
+            if not np.array_equal(fk(*(c[i] for c in motion)).a2, expected[i]):
+                wrong.append(i)
+            if not (fk(*(c[i] for c in batch)).a2 == expected[i]).all():
+                wrong.append(-i)
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert wrong == []
+
+
+def test_the_code_can_be_read():
+    fk = made(generator(1013)).prepare("velocity", outputs=("R2",))
+    assert "def state(" in fk.source
+    assert "S1_xx = " in fk.source
+    assert "define void @kernel" in fk.llvm
+    assert "%S1_xx = " in fk.llvm
+    assert repr(fk) == "Prepared(given=('q', 'qd'), outputs=('R2',))"
