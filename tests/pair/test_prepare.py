@@ -86,7 +86,6 @@ def test_body1(given, backend):
     np.testing.assert_array_equal(single.jacobian, single["jacobian"])
 
 
-@pytest.mark.law
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_quaternions_keep_the_promise_of_an_attitude(backend):
     """S1 to 6 u, from quaternions near length 1 and far from it."""

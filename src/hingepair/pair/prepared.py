@@ -241,10 +241,10 @@ class Prepared:
 
     def _again(self, *given: Any) -> PairState | None:
         """The state, where arrays of this layout came before."""
-        try:
-            shot = self._shots.get(tuple([(array.shape, array.strides, array.dtype) for array in given]))
-        except AttributeError:
-            return None
+        for array in given:
+            if type(array) is not np.ndarray:
+                return None
+        shot = self._shots.get(tuple([(array.shape, array.strides, array.dtype) for array in given]))
         return None if shot is None else self._fire(shot, given)
 
     def learn(self, given: Sequence[Any]) -> None:
