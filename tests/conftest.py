@@ -1,4 +1,4 @@
-"""What every test shares: each backend in turn, and the table of measured errors at the end."""
+"""What every test shares: each backend in turn, and at the end killers of faults and the table of measured errors."""
 
 from __future__ import annotations
 
@@ -9,19 +9,25 @@ from hingepair.pair.accuracy import PROMISES
 
 
 class Ledger:
-    """The largest error of each output by the way it was computed; of all processes that run tests."""
+    """What tests found out, of all processes that run them: errors by the way of computing, and killers of faults."""
 
     def __init__(self):
-        self.measured = {}
+        self.measured, self.killers = {}, {}
 
     def pytest_runtest_logreport(self, report):
         for key, value in report.user_properties if report.when == "call" else ():
-            if key == "error":
+            if key == "fault":
+                self.killers.update([value])
+            elif key == "error":
                 way, output, error = value
                 own = self.measured.setdefault(way, {})
                 own[output] = max(error, own.get(output, 0.0))
 
     def pytest_terminal_summary(self, terminalreporter):
+        if self.killers:
+            terminalreporter.section("injected faults, and the test that noticed")
+            for name, killer in self.killers.items():
+                terminalreporter.write_line(f"{name} -> {killer}")
         if not self.measured:
             return
         terminalreporter.section("largest error in units of u * scale, below the promise; (c) compiled")

@@ -30,11 +30,10 @@ def test_without_a_fault_the_killers_pass():
 @forking
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
-def test_fault_is_found(name, capsys):
+def test_fault_is_found(name, record_property):
     fault = FAULTS[name]
     code, output = run(fault, [fault.killer])
     killer = re.search(r"^FAILED tests/(.*?)(?: - .*)?$", output, re.MULTILINE)
     assert code == pytest.ExitCode.TESTS_FAILED, f"{name}: {fault.killer} did not notice\n{output}"
     assert killer, f"{name}: {fault.killer} broke before it could fail\n{output}"
-    with capsys.disabled():
-        print(f"\n  {name} -> {killer[1]}")
+    record_property("fault", (name, killer[1]))
