@@ -8,7 +8,7 @@ import numpy as np
 from typer.testing import CliRunner
 
 from hingepair.cli.main import app
-from hingepair.formats.results import save
+from hingepair.pair.results import save
 from support.recorded import HOME, recording
 
 

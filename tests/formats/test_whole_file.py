@@ -12,7 +12,7 @@ import threading
 import pytest
 
 from hingepair.errors import ArgumentError
-from hingepair.formats.whole_file import whole_file
+from hingepair.numeric.whole_file import whole_file
 
 
 def write(target, content=b"new", inputs=()):
@@ -124,7 +124,7 @@ def test_an_error_inside_leaves_what_was_there(tmp_path, error):
 def test_a_signal_takes_the_half_written_file_away(tmp_path, number):
     code = (
         "import signal, time; from hingepair.cli.output import behave\n"
-        "from hingepair.formats.whole_file import whole_file\n"
+        "from hingepair.numeric.whole_file import whole_file\n"
         f"signal.signal({int(number)}, signal.SIG_DFL); behave()\n"  # ignored in what a shell runs in the background
         f"with whole_file({str(tmp_path / 'a')!r}) as file:\n"
         "    file.write(b'half'); print('.', flush=True); time.sleep(60)"
@@ -140,7 +140,7 @@ def test_a_signal_takes_the_half_written_file_away(tmp_path, number):
 
 def test_the_standard_output_is_written_to_as_it_is(tmp_path):
     code = (
-        "from hingepair.formats.whole_file import whole_file\n"
+        "from hingepair.numeric.whole_file import whole_file\n"
         "print('before', flush=True)\n"
         "with whole_file('/dev/stdout') as file: file.write(b'text\\n')\n"
     )

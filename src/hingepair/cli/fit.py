@@ -11,11 +11,11 @@ import typer
 
 from hingepair.cli.output import Json, console
 from hingepair.errors import ArgumentError, FitError
-from hingepair.formats.results import check_ending, save
 from hingepair.measured.hinge_fit import fit
 from hingepair.measured.likelihood import LOSSES
 from hingepair.measured.recordings import read_recording
 from hingepair.measured.rules import GAUGES
+from hingepair.pair.results import check_ending, save
 
 
 def fit_files(

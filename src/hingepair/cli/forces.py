@@ -15,9 +15,9 @@ from rich.table import Table
 from hingepair.cli.output import Json, console
 from hingepair.cli.run import SceneFile, head
 from hingepair.errors import ArgumentError
-from hingepair.formats.results import check_ending, column_names, save
 from hingepair.numeric.tables import finite_or_none
 from hingepair.pair.dynamics import GRAVITY
+from hingepair.pair.results import ENDINGS, check_ending, column_names, save
 from hingepair.scenes.scene import load_scene, scene_files
 
 _GRAVITY = ",".join(f"{component:g}" for component in GRAVITY)
@@ -30,7 +30,8 @@ def forces(
         str, typer.Option(metavar="X,Y,Z", help="Acceleration of free fall, world axes [m/s^2].")
     ] = _GRAVITY,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write all instants to FILE (.npz or .csv).")
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help=f"Write all instants to FILE ({', '.join(ENDINGS)})."),
     ] = None,
     as_json: Json = False,
 ) -> None:

@@ -15,7 +15,7 @@ import typer
 from rich.console import Console
 
 from hingepair.errors import printable
-from hingepair.formats.whole_file import whole_file
+from hingepair.numeric.whole_file import whole_file
 
 EXIT_BAD = 2
 """The exit code of what could not be done; 1 means that a check failed."""

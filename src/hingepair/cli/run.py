@@ -14,9 +14,9 @@ from hingepair.cli import summary
 from hingepair.cli.output import Json, console
 from hingepair.errors import printable
 from hingepair.evaluation.plan import OUTPUTS, PLANAR_OUTPUTS
-from hingepair.formats.results import check_ending, save
 from hingepair.numeric.tables import finite_or_none
 from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.results import ENDINGS, check_ending
 from hingepair.scenes.scene import load_scene, scene_files
 
 if TYPE_CHECKING:
@@ -31,7 +31,8 @@ SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TO
 def run(
     scene_file: SceneFile,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write all instants to FILE (.npz or .csv).")
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help=f"Write all instants to FILE ({', '.join(ENDINGS)})."),
     ] = None,
     outputs: Annotated[
         str | None,
@@ -55,7 +56,7 @@ def run(
     names = None if outputs is None else [name.strip() for name in outputs.split(",") if name.strip()]
     result = scene.evaluate(names)
     residuals = summary.residuals(scene)
-    written = None if out is None else save(out, result.t, result.state.arrays(), scene_files(scene_file))
+    written = None if out is None else result.save(out, scene_files(scene_file))
     if as_json:
         found = {
             **_facts(scene),
@@ -86,9 +87,7 @@ def run(
         screen.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
     for note in scene.notes():
         screen.print(f"note: {note}")
-    screen.print(
-        f"written: {written}" if written else "nothing written (--out FILE.npz or FILE.csv writes all instants)"
-    )
+    screen.print(f"written: {written}" if written else "nothing written (--out FILE writes all instants)")
 
 
 def check(scene_file: SceneFile, as_json: Json = False) -> None:

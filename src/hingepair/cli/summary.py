@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.formats.results import column_names
 from hingepair.numeric.arrays import split
 from hingepair.numeric.tables import finite_or_none
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.constraints import constraint_values
+from hingepair.pair.results import column_names
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -15,6 +15,7 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.blocks import components_of, tabulate_one
 from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.sequences import SEQUENCES
@@ -53,7 +54,7 @@ class Later:
         return Later, (None, self())
 
 
-class _OfState:
+class _OfState(Result):
     """The fields of the state as attributes."""
 
     __slots__ = ()
@@ -61,6 +62,16 @@ class _OfState:
 
     _error: Later
     _psi_error: Later
+
+    @property
+    def described(self) -> str:
+        """The method."""
+        return f"motion by {self.method}"
+
+    def recorded(self) -> dict[str, NDArray[Any]]:
+        """The outputs of the state, the motion of body 1 and the hinge angle, by name; shape (N, ...)."""
+        own = {name: getattr(self, name) for name in ("R1", "S1", "phi", "psi") if hasattr(type(self), name)}
+        return {**self.state.arrays(), **own}
 
     @property
     def error_estimate(self) -> float:

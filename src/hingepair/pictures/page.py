@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.evaluation.plan import VELOCITY
 from hingepair.formats.model_parts import drawn_shapes
-from hingepair.formats.whole_file import whole_file
 from hingepair.integration.trajectory import Trajectory
+from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_one

@@ -57,6 +57,13 @@ class ByCoordinates:
         """The hinge angle; shape (count,) rad."""
         return np.broadcast_to(np.asarray(self.derivatives[0][6], dtype=np.float64), (self.count,))
 
+    def coordinates(self) -> dict[str, Float64Array]:
+        """The coordinates by name; shape (count,) each."""
+        values = (
+            np.broadcast_to(np.asarray(value, dtype=np.float64), (self.count,)) for value in self.derivatives[0]
+        )
+        return dict(zip(COORDINATES, values, strict=True))
+
     def part(self, rows: Rows, order: int) -> ByCoordinates:
         """Some of the instants, with the derivatives up to an order."""
         return ByCoordinates(_count(self.count, rows), _part(self.derivatives, rows, order), self.sequence)
@@ -124,6 +131,10 @@ class ByBody1:
         """The hinge angle; shape (count,) rad."""
         return self.hinge[0]
 
+    def coordinates(self) -> dict[str, Float64Array]:
+        """The hinge angle, by name; shape (count,)."""
+        return {"psi": self.psi}
+
     def part(self, rows: Rows, order: int) -> ByBody1:
         """Some of the instants, with the derivatives up to an order."""
         letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * order + 2]
@@ -185,6 +196,13 @@ class InPlane:
         """The hinge angle; shape (count,) rad."""
         return np.broadcast_to(np.asarray(self.derivatives[0][3], dtype=np.float64), (self.count,))
 
+    def coordinates(self) -> dict[str, Float64Array]:
+        """The coordinates by name; shape (count,) each."""
+        values = (
+            np.broadcast_to(np.asarray(value, dtype=np.float64), (self.count,)) for value in self.derivatives[0]
+        )
+        return dict(zip(PLANAR_COORDINATES, values, strict=True))
+
     def part(self, rows: Rows, order: int) -> InPlane:
         """Some of the instants, with the derivatives up to an order."""
         return InPlane(_count(self.count, rows), _part(self.derivatives, rows, order))
@@ -241,6 +259,9 @@ class KnownMotion(Protocol):
     @property
     def psi(self) -> Float64Array:
         """The hinge angle; shape (count,) rad."""
+
+    def coordinates(self) -> dict[str, Float64Array]:
+        """The coordinates that there are, by name; shape (count,) each."""
 
     def forward_kinematics(self, pair: Any, outputs: tuple[str, ...] | None, /) -> PairState | PlanarState:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""

@@ -18,6 +18,7 @@ from hingepair.integration.trajectory import span
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.scenes.explain import ScenePlan
 from hingepair.scenes.known_motion import ByBody1, ByCoordinates, Derivatives, KnownMotion, Rows
@@ -76,7 +77,7 @@ class Motion(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SceneResult:
+class SceneResult(Result):
     """A scene evaluated: `t`, `state`, and every attribute of the state (R2, S2, d, v2, ...).
 
     Attributes:
@@ -88,6 +89,15 @@ class SceneResult:
     t: NDArray[np.float64]
     state: PairState | PlanarState
     scene: Scene
+
+    @property
+    def described(self) -> str:
+        """The title of the scene."""
+        return self.scene.title or self.scene.pair.name
+
+    def recorded(self) -> dict[str, NDArray[Any]]:
+        """The outputs of the state and the coordinates, by name; shape (samples, ...)."""
+        return {**self.state.arrays(), **self.scene.motion.known(slice(None), POSE).coordinates()}
 
     def __getattr__(self, name: str) -> Any:
         if not name.startswith("_") and name not in {"t", "state", "scene"} and hasattr(type(self.state), name):

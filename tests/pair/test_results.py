@@ -1,0 +1,84 @@
+"""Results as tables and files that other tools read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pyarrow.parquet
+import pytest
+import xarray
+
+import hingepair as hp
+
+MODELS = Path(__file__).parents[2] / "models"
+
+
+@pytest.fixture(scope="module")
+def result():
+    return hp.load_scene(MODELS / "landing_gear.toml").evaluate(("R2", "S2", "v2"))
+
+
+def same(result, columns):
+    """Every component came back to the last bit."""
+    np.testing.assert_array_equal(columns["t"], result.t)
+    np.testing.assert_array_equal(columns["R2_y"], result.R2[:, 1])
+    np.testing.assert_array_equal(columns["S2_zx"], result.S2[:, 2, 0])
+    np.testing.assert_array_equal(columns["v2_z"], result.v2[:, 2])
+    np.testing.assert_array_equal(columns["psi"], result.scene.motion.known(slice(None), 0).psi)
+    assert {"x", "y", "z", "phi_x", "phi_y", "phi_z"} <= set(columns)
+
+
+def test_a_data_frame_has_a_column_a_component(result):
+    frame = result.to_dataframe()
+    same(result, frame)
+    assert frame.attrs["units"]["v2"] == "m/s"
+    assert frame.attrs["description"] == result.scene.title
+
+
+def test_csv_and_parquet_are_read_back_to_the_last_bit(result, tmp_path):
+    same(result, pandas.read_csv(result.save(tmp_path / "a.csv")))
+    same(result, pandas.read_parquet(result.save(tmp_path / "a.parquet")))
+    facts = pyarrow.parquet.read_metadata(tmp_path / "a.parquet").metadata
+    assert facts[b"R2"] == b"m"
+
+
+def test_npz_and_netcdf_keep_vectors_together(result, tmp_path):
+    with np.load(result.save(tmp_path / "a.npz")) as arrays:
+        np.testing.assert_array_equal(arrays["S2"], result.S2)
+        np.testing.assert_array_equal(arrays["t"], result.t)
+    with xarray.open_dataset(result.save(tmp_path / "a.nc"), engine="scipy") as data:
+        np.testing.assert_array_equal(data.R2.sel(xyz="y"), result.R2[:, 1])
+        np.testing.assert_array_equal(data.S2.values, result.S2)
+        assert data.S2.dims == ("time", "xyz", "body_xyz")
+        assert (data.v2.attrs["units"], data.time.attrs["units"]) == ("m/s", "s")
+        assert data.attrs["description"] == result.scene.title
+
+
+def test_trajectories_and_the_plane_are_results_too(tmp_path):
+    pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    moved = hp.integrate(pair, np.linspace(0, 1, 5), omega1=(0, 0, 1), psid=np.cos)
+    frame = pandas.read_parquet(moved.save(tmp_path / "a.parquet"))
+    np.testing.assert_array_equal(frame["psi"], moved.psi)
+    np.testing.assert_array_equal(frame["S1_xy"], moved.S1[:, 0, 1])
+    flat = hp.load_scene(MODELS / "reference_2d.toml").evaluate(("R2", "phi2"))
+    data = flat.to_xarray()
+    assert data.R2.dims == ("time", "xy")
+    np.testing.assert_array_equal(data.phi2, flat.phi2)
+    assert "phi" in data
+
+
+def test_an_unknown_ending_lists_the_known_and_nothing_is_written(result, tmp_path):
+    with pytest.raises(hp.ArgumentError, match=r"ends in \.csv, \.npz, \.parquet, \.nc"):
+        result.save(tmp_path / "a.xlsx")
+    with pytest.raises(hp.ArgumentError, match="out"):
+        result.save(tmp_path / "nowhere" / "a.nc")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_package_is_named(result, tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
+    with pytest.raises(hp.MissingDependencyError, match=r"hingepair\[data\]"):
+        result.save(tmp_path / "a.parquet")
+    assert not list(tmp_path.iterdir())
