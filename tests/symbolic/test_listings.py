@@ -168,18 +168,19 @@ ACROSS = {"u1": (1, 2, 3), "u2": (0.1, 0, 0), "n": (1, 1, 0)}
 
 
 @pytest.mark.slow
-def test_latex_parses():
+@pytest.mark.parametrize("short", [False, True], ids=["full", "short"])
+def test_latex_parses(short):
     """By the parser of Matplotlib, which knows this much of LaTeX; braces and environment apart from it."""
     from matplotlib.mathtext import MathTextParser
 
     motions = hp.load_scene(MODELS / "truck_trailer.toml"), hp.PlanarPair((1, 2), (3, 4)), hp.HingePair(**ACROSS)
     for forms in (hp.derive(value, ("u1", "u2")) for value in motions):
-        first, *rows, last = forms.to_latex(("R2", "omega2")).splitlines()
+        first, *rows, last = forms.to_latex(("R2", "omega2"), short=short).splitlines()
         assert (first.split()[0], last) == (r"\begin{align*}", r"\end{align*}")
         assert [row.endswith(r" \\") for row in rows] == [True] * (len(rows) - 1) + [False]
         for row in rows:
-            left, right = row.removesuffix(r"\\").split("&=")
-            MathTextParser("agg").parse(f"${left} = {right}$")
+            left, right = row.removesuffix(r"\\").split("&", maxsplit=1)
+            MathTextParser("agg").parse(f"${left} x {right}$")
 
 
 def test_python_is_numpy_only_and_vectorised():
