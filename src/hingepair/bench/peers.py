@@ -81,15 +81,13 @@ def ours(*, fresh: bool = False, **how: Any) -> Make:
 
 
 def prepared(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:
-    """`pair.prepare`, called with one state, or with a batch and `out=`."""
-    level, names = list(LEVELS)[len(motion) - 1], tuple(room)
-    fk = pair.prepare(level, outputs=names)
-    one = len(motion[0]) == 1
-    given = tuple(c[0] for c in motion) if one else motion
-    how: dict[str, Any] = {} if one else {"out": room}
+    """`pair.prepare`, called with one state or a batch; the outputs are new arrays."""
+    names = tuple(room)
+    fk = pair.prepare(list(LEVELS)[len(motion) - 1], outputs=names)
+    given = tuple(c[0] for c in motion) if len(motion[0]) == 1 else motion
 
     def run() -> Room:
-        state = fk(*given, **how)
+        state = fk(*given)
         return {name: getattr(state, name) for name in names}
 
     return run
@@ -376,10 +374,10 @@ OURS, FRESH, PREPARED, NUMPY = "hingepair", "hingepair, fresh", "hingepair, prep
 PYTHON_LOOP, CPP = "Pinocchio, Python loop", "Pinocchio, C++ loop"
 
 WAYS = (
-    Way(OURS, ours(), drawn=True),
-    Way(PREPARED, prepared, most=10**4, drawn=False),
-    Way(FRESH, ours(fresh=True), least=2, drawn=False),
-    Way("hingepair, 2 workers", ours(workers=2), least=10**5),
+    Way(OURS, ours(backend="compiled")),
+    Way(PREPARED, prepared, drawn=False),
+    Way(FRESH, ours(fresh=True, backend="compiled"), least=2, drawn=False),
+    Way("hingepair, 2 workers", ours(workers=2, backend="compiled"), least=10**5),
     Way(NUMPY, ours(backend="numpy")),
     Way(PYTHON_LOOP, pinocchio_loop, most=10**4, needs="pinocchio"),
     Way(CPP, pinocchio_cpp, most=10**6, needs="pinocchio"),
@@ -403,8 +401,6 @@ def ways(cpp: bool) -> tuple[list[Way], list[str]]:
         reason = None
         if way.needs and find_spec(way.needs) is None:
             reason = f"{way.needs} is not installed"
-        elif way.make is prepared and not hasattr(HingePair, "prepare"):
-            reason = "not in this version"
         elif way.name == CPP:
             reason = _cpp_missing() if cpp else "compiled where --cpp asks for it"
         if reason is None:
