@@ -121,11 +121,12 @@ def singles(repeats: int, tell: Callable[[str], None]) -> list[Row]:
     R, quat, v, omega = (rng.normal(size=k) for k in (3, 4, 3, 3))
     quat /= np.sqrt(quat @ quat)
     psi, psid = 0.3, -0.7
+    plain = {key: value for key, value in CONSTANTS.items() if key != "home"}
     jobs = {"Pinocchio": _pinocchio_cycle(pair, R, quat, v, omega, psi, psid)}
     jobs[peers.OURS] = _our_cycle(pair, R, quat, v, omega, psi, psid)
     return [
         *measured(CYCLE, jobs, repeats),
-        *measured(MADE, {peers.OURS: lambda: HingePair(**CONSTANTS)}, repeats),
+        *measured(MADE, {peers.OURS: lambda: HingePair(**plain)}, repeats),
     ]
 
 

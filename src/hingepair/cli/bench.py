@@ -96,9 +96,9 @@ def direct(
     rows += bench.starts(repeats, _tell) if cold else []
     notes = [
         *(f"left out: {line}" for line in left_out),
-        "a call, each: medians, kernels compiled before; ratio: of a sample's time, against the first way of the case; errors: largest of any "
-        f"output against {truth.DIGITS} digits [u * scale], on random and on hard states; inf: refuses one, or "
-        "has no finite result where there is one",
+        "a call, each: medians, kernels compiled before; ratio: of a sample's time, against the first way of a case; "
+        f"errors: largest of any output against {truth.DIGITS} digits [u * scale], on random and on hard states; "
+        "inf: refuses one, or has no finite result where there is one",
     ]
     _report(rows, bench.ERROR, show_json, notes, bench.targets(rows), (plot, [bench.panels(rows)]))
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,8 @@ from hingepair.errors import AxisError
 from hingepair.numeric.arrays import Component, vectors
 from hingepair.numeric.blocks import Components, components_of, tabulate_one
 from hingepair.numeric.twofold import Twofold, exact_product, exact_sum, normal
+
+_MODERATE: Final = 2.0**-10, 2.0**10  # sizes that need no scaling: metres, and axes that are nearly unit vectors
 
 
 def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
@@ -71,9 +73,12 @@ def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
 
 
 def by_power_of_two(v: Components) -> tuple[Components, Component]:
-    """The vector scaled exactly so that its largest component is in [0.5, 1), and the exponent taken out."""
+    """The vector scaled exactly so that its largest component is about one, and the exponent taken out."""
     if all(type(component) is float for component in v):
-        _, exponent = math.frexp(max(map(abs, v)))
+        size = max(map(abs, v))
+        if _MODERATE[0] < size < _MODERATE[1]:
+            return v, 0
+        _, exponent = math.frexp(size)
     else:
         _, exponent = np.frexp(functools.reduce(np.maximum, (np.abs(component) for component in v)))
     half = -exponent // 2  # in two steps: 2^-e itself overflows for subnormal vectors
@@ -83,6 +88,8 @@ def by_power_of_two(v: Components) -> tuple[Components, Component]:
 def by_two_to(x: Component, exponent: Component) -> Component:
     """The product x 2^exponent."""
     if type(x) is float and type(exponent) is int:
+        if exponent == 0:
+            return x
         try:
             return math.ldexp(x, exponent)
         except OverflowError:
