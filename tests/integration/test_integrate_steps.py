@@ -306,6 +306,19 @@ def test_a_corner_costs_some_forty_steps(tmp_path):
         assert len(motion.t) == len(motion.psi) == len(motion.S1) == 2
 
 
+def test_samples_beside_a_callable_that_jumps():
+    """Halved intervals are parts of those between samples, whose errors keep their places."""
+    t = np.linspace(0, 3, 61)
+    for at in (0.123, 2.9):
+        jump = hp.integrate(
+            PAIR, t, about_x(np.square)(t), lambda s, at=at: 1.0 * (s > at), tol=1e-4, method="midpoint", outputs=()
+        )
+        off = np.abs(jump.euler_angles(1)[:, 0] - t**3 / 3).max()
+        assert jump.steps > len(t) + 8
+        assert off / 1.2 <= jump.error_estimate <= 1.2 * off
+        np.testing.assert_allclose(jump.psi, np.maximum(0, t - at), rtol=0, atol=1e-4)
+
+
 def test_a_pole_is_reported(tmp_path, monkeypatch):
     """No number of steps follows the attitude through it; that is said."""
     monkeypatch.setattr(step_selection, "MOST_STEPS", 2000)

@@ -137,11 +137,12 @@ def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, bo
     if isinstance(omega, Samples):
         seen = above(_size(errors), rounding) > 0
         errors = np.where(seen[:, None], errors, 0.0) * weights[:, None]
+        at_samples = q if steps.asked is None else q[steps.asked]
         # In body axes it is S^T that is turned, the other way
         return rounded + largest_error(
             omega,
-            (chosen, -errors if body else errors),
-            lambda first, last, vectors: _rotate(q[first + 1 : last + 1], vectors),
+            _between_samples(steps, chosen, -errors if body else errors),
+            lambda first, last, vectors: _rotate(at_samples[first + 1 : last + 1], vectors),
         )
     total = np.cumsum(_rotate(q[chosen + 1], errors * weights[:, None]), axis=0)
     return rounded + _largest(_size(total), hidden, rounding, weights, looked.stand_for(steps.counts, 1))
@@ -161,9 +162,17 @@ def angle_error(rate: Signal, steps: Steps, rule: Rule) -> float:
     errors, hidden, rounding = sum_errors(rate, steps.t, chosen, steps.counts[chosen], rule)
     if isinstance(rate, Samples):
         seen = np.where(above(errors, rounding) > 0, errors, 0.0) * weights
-        return rounded + largest_error(rate, (chosen, seen))
+        return rounded + largest_error(rate, _between_samples(steps, chosen, seen))
     total = np.abs(np.cumsum(errors * weights))
     return rounded + _largest(total, hidden, rounding, weights, looked.stand_for(steps.counts, 1))
+
+
+def _between_samples(steps: Steps, chosen: NDArray[np.intp], errors: Values) -> tuple[NDArray[np.intp], Values]:
+    """Errors of intervals as those of the intervals between samples, of which they may be parts."""
+    if steps.asked is None:
+        return chosen, errors
+    whole, first = np.unique(np.searchsorted(steps.asked, chosen, side="right") - 1, return_index=True)
+    return whole, np.add.reduceat(errors, first, axis=0)
 
 
 def _rounding(signal: Signal, steps: Steps, looked: Probes) -> tuple[Rounding, float, float]:
