@@ -113,6 +113,28 @@ def test_float32_stays_float32(library):
     require(state, pair.forward_kinematics(*motion), kind)
 
 
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_prepared_calls(library):
+    """Coordinates, and the quaternion of body 1 with what is beyond kinematics."""
+    module, kind = LIBRARIES[library]
+    pair, (q, qd, _) = some(11)
+    fk = pair.prepare("velocity", outputs=("R2", "omega2"))
+    require(fk(*map(module.asarray, (q, qd))), fk(q, qd), kind)
+    require(fk(*map(module.asarray, (q[0], qd[0]))), fk(q[0], qd[0]), kind)
+    half = pair.prepare(("S1", "psi"), outputs=("S2",))
+    assert np.allclose(np.asarray(half(module.eye(3), 1).S2), half(np.eye(3), 1).S2, rtol=0, atol=1e-15)
+    quat, psi = states.generator(102).normal(size=(6, 4)), q[:, 6]
+    at = pair.prepare(("quat_xyzw", "psi"), outputs=("S2", "jacobian"))
+    found, expected = at(module.asarray(quat), module.asarray(psi)), at(quat, psi)
+    for name in ("S2", "jacobian"):
+        assert isinstance(found[name], kind)
+        assert np.allclose(np.asarray(found[name]), expected[name], rtol=0, atol=1e-13)
+    with pytest.raises(hp.ArgumentError, match="psi"):
+        at(module.asarray(quat), psi)
+    with pytest.raises(hp.ArgumentError, match="out"):
+        fk(module.asarray(q), module.asarray(qd), out={"R2": np.empty((6, 3))})
+
+
 # ---- JAX's own ways
 
 

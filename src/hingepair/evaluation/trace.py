@@ -14,6 +14,8 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from hingepair.numeric import array_libraries
+
 Operand: TypeAlias = "Value | float"
 
 FUNCTIONS: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "arctan2", "hypot"})
@@ -158,7 +160,9 @@ def operations(lines: Iterable[Value], moving: bool | None = None) -> int:
 
 def square_root(x: Any) -> Any:
     """The square root of a traced value, a number or an array."""
-    return x.trace.line("sqrt", x) if isinstance(x, Value) else np.sqrt(x)
+    if isinstance(x, Value):
+        return x.trace.line("sqrt", x)
+    return array_libraries.square_root(x) if array_libraries.is_foreign(x) else np.sqrt(x)
 
 
 def arc_tangent(y: Any, x: Any) -> Any:
@@ -184,6 +188,8 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     for one in (a, b):
         if isinstance(one, Value):
             return one.trace.line("where", one.trace.line("<", a, b), then, otherwise)
+        if array_libraries.is_foreign(one):
+            return array_libraries.where_less(a, b, then, otherwise)
     return np.where(a < b, then, otherwise)
 
 

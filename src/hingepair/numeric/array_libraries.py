@@ -123,6 +123,16 @@ def versine(x: ForeignArray) -> ForeignArray:
     return 2.0 * half * half
 
 
+def square_root(x: ForeignArray) -> ForeignArray:
+    """The square root."""
+    return _namespace(x).sqrt(x)
+
+
+def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> ForeignArray:
+    """`then` where a < b, `otherwise` elsewhere; one of a and b is an array of another library."""
+    return _namespace(a if is_foreign(a) else b).where(a < b, then, otherwise)
+
+
 def _namespace(x: ForeignArray) -> Any:
     from array_api_compat import array_namespace
 

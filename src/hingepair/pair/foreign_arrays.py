@@ -10,7 +10,7 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import How
-from hingepair.evaluation.plan import PLANAR, SPATIAL, Output, Plan, outputs_of
+from hingepair.evaluation.plan import Plan, outputs_of
 from hingepair.numeric.array_libraries import ForeignArray, Library
 from hingepair.numeric.arrays import broadcast_shape
 from hingepair.pair.constants import Constants
@@ -43,15 +43,24 @@ def evaluate_foreign(
     Raises:
         ArgumentError: an option that is of NumPy arrays only.
     """
+    check_options(library, out, how)
+    shape = broadcast_shape({**shapes, "pair": pair.shape})
+    tails = {name: outputs_of(plan.kind)[name].tail for name in plan.outputs}
+    return state(run_foreign(plan.run, pair, values, tails, shape, library), shape)
+
+
+def check_options(library: Library, out: Out, how: How) -> None:
+    """Refuse what is of NumPy arrays only.
+
+    Raises:
+        ArgumentError: names the option.
+    """
     if out is not None:
         raise ArgumentError("out", f"None, since {library.name} makes its own arrays", quoted(out))
     if how.backend != "auto":
         raise ArgumentError("backend", f"'auto', since {library.name} runs the equations", quoted(how.backend))
     if how.workers != 1:
         raise ArgumentError("workers", f"1, since {library.name} has threads of its own", how.workers)
-    shape = broadcast_shape({**shapes, "pair": pair.shape})
-    tails = {name: outputs_of(plan.kind)[name].tail for name in plan.outputs}
-    return state(run_foreign(plan.run, pair, values, tails, shape, library), shape)
 
 
 def run_foreign(
@@ -88,13 +97,15 @@ def _teach_jax() -> None:
     """Tell JAX what states are made of, so that its functions take and return them."""
     from jax.tree_util import register_pytree_node
 
-    def parts(state: Any) -> tuple[tuple[Any, ...], tuple[str, ...]]:
-        return tuple(state.arrays().values()), state.outputs
+    def parts(state: Any) -> tuple[tuple[Any, ...], tuple[tuple[str, ...], int]]:
+        arrays = tuple(state.arrays().values())
+        return arrays, (state.outputs, arrays[0].ndim - len(state.shape))
 
-    def joined(state: Any, known: Mapping[str, Output], names: tuple[str, ...], arrays: Any) -> Any:
+    def joined(state: Any, form: tuple[tuple[str, ...], int], arrays: Any) -> Any:
+        names, axes = form  # of the first output, how many axes one sample has
         own = dict(zip(names, arrays, strict=True))
         shape = getattr(own[names[0]], "shape", ())  # JAX also asks for states of what is no array
-        return state(own, tuple(shape[: len(shape) - len(known[names[0]].tail)]))
+        return state(own, tuple(shape[: len(shape) - axes]))
 
-    for state, kind in ((PairState, SPATIAL), (PlanarState, PLANAR)):
-        register_pytree_node(state, parts, functools.partial(joined, state, outputs_of(kind)))
+    for state in (PairState, PlanarState):
+        register_pytree_node(state, parts, functools.partial(joined, state))

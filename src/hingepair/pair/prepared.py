@@ -30,12 +30,14 @@ from hingepair.evaluation.plan import (
 )
 from hingepair.evaluation.steps import ARM_STEPS, COORDINATES, ROW_STEPS, Step
 from hingepair.evaluation.trace import square_root, where_less
+from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign, library_of
 from hingepair.numeric.arrays import broadcast_shape, real_array, result_dtype, vectors
 from hingepair.pair.constants import Constants
 from hingepair.pair.constraints import STEPS as CONSTRAINT_STEPS
 from hingepair.pair.constraints import TAILS as CONSTRAINT_TAILS
 from hingepair.pair.constraints import with_hinge_frames
 from hingepair.pair.evaluate import Out, check_apart, loop_of, room_for
+from hingepair.pair.foreign_arrays import check_options, run_foreign
 from hingepair.pair.jacobians import COORDINATE_TAILS, JACOBIAN_STEPS, JACOBIAN_TAILS, coordinate_steps
 from hingepair.pair.sensitivities import POSE_TAILS, SENSITIVITY_STEPS, VELOCITY_TAILS
 from hingepair.pair.states import PairState, State
@@ -277,7 +279,11 @@ class Prepared:
         """The long way: everything is looked at; what can be remembered is."""
         if len(given) != len(self.given):
             raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
-        arrays = {name: _array(name, value) for name, value in zip(self.given, given, strict=True)}
+        values = dict(zip(self.given, given, strict=True))
+        library = library_of(values)
+        if library is not None:
+            return self._foreign(values, library, out)
+        arrays = {name: _array(name, value) for name, value in values.items()}
         shapes = {name: a.shape[: a.ndim - len(_GIVEN[name])] for name, a in arrays.items()}
         shape = broadcast_shape({**shapes, "pair": self._pair.shape})
         dtype = result_dtype(arrays.values())
@@ -304,6 +310,16 @@ class Prepared:
         if self._checked:
             self._check(rooms.pop(_CHECK), [arrays[name] for name in self.given])
         return PairState(rooms, shape)
+
+    def _foreign(self, given: Mapping[str, Any], library: Library, out: Out) -> PairState:
+        """The state of arrays of another library; whether an attitude is one is not checked."""
+        check_options(library, out, How("auto", self._how.workers))
+        parts: dict[str, Any] = {n: foreign_components(n, v, *_GIVEN[n]) for n, v in given.items() if _GIVEN[n]}
+        parts |= {n: v if is_foreign(v) else float(v) for n, v in given.items() if not _GIVEN[n]}
+        shapes = {name: np.shape(v)[: np.ndim(v) - len(_GIVEN[name])] for name, v in given.items()}
+        shape = broadcast_shape({**shapes, "pair": self._pair.shape})
+        tails = {name: tail for name, tail in self._loop.outputs if name != _CHECK}
+        return PairState(run_foreign(self._loop.function, self._pair, parts, tails, shape, library), shape)
 
     def _shot_at(self, given: Sequence[Any], shape: tuple[int, ...], dtype: np.dtype[Any]) -> _Shot | None:
         """A shot at arrays like these, if they are such that one can be."""
