@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_simulators import WRITERS, corner_pair
 
 import hingepair as hp
 from hingepair.formats.model_parts import BODY1, BODY2, BODY2_AT_HINGE, HINGE
 from hingepair.rotations.matrices import rotation_exp
 from support import states
+from support.exported import WRITERS, corner_pair
 
 U = 2.0**-53
 

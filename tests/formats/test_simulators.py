@@ -3,35 +3,19 @@
 from __future__ import annotations
 
 import io
-import math
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_urdf import pinocchio_of_urdf
 
 import hingepair as hp
 from hingepair.formats.model_parts import BODY1, BODY2, HINGE
 from hingepair.pair.accuracy import error_ratios, given_rate_sizes, output_scales
-from hingepair.rotations.euler import euler_to_matrix
 from support import states
+from support.exported import WRITERS, corner_pair, pinocchio_of_urdf
 
 U = 2.0**-53
 OUTPUTS = ("R2", "S2", "v2", "omega2", "a2", "alpha2")
-
-
-def corner_pair(k, **change):
-    """Axes along coordinates, a hair off them, or of any direction; homes of any kind, a third at pitch +-90."""
-    rng = states.generator(84, k)
-    u1, u2, n, home = states.pair(rng, home=k % 4 > 0)
-    if k % 3 == 2:
-        off = rng.choice([0.0, 1e-16, 1e-12, 1e-9, 1e-8, 1e-6]) * rng.normal()
-        outer = rng.choice([0.0, math.pi, math.pi / 2, rng.uniform(-3, 3)], 2)
-        home = euler_to_matrix((outer[0], rng.choice([-1, 1]) * math.pi / 2 + off, outer[1]), "xyz")
-    if k % 5 < 2:
-        n = np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
-        n = n + rng.choice([0.0, 1e-170, 1e-17, 1e-14, 1e-12, 1e-9]) * rng.normal(size=3)
-    return hp.HingePair(**{"u1": u1, "u2": u2, "n": n, "home": home, "name": f"pair {k}"} | change)
 
 
 def motion_of(k, count=2):
@@ -81,7 +65,6 @@ def in_mujoco(text, body1, hinge):
     return {name: np.array(values) for name, values in found.items()}
 
 
-WRITERS = {"mjcf": hp.to_mjcf, "urdf": lambda pair: hp.to_urdf(pair, base="floating")}
 COUNTS = [
     pytest.param(range(20), id="20"),
     pytest.param(range(20, 1000), id="1000", marks=pytest.mark.slow),

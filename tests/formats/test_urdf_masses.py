@@ -8,7 +8,6 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_urdf import ARM, welded_robot
 
 from hingepair.errors import URDFError
 from hingepair.formats.robots import load_robot_hinge, robot_names, robot_urdf
@@ -16,6 +15,7 @@ from hingepair.formats.urdf_file import read_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair
 from hingepair.rotations.matrices import rotation_exp
 from support import states
+from support.exported import ARM, welded_robot
 
 U = 2.0**-53
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 
 import pytest
-from test_urdf import ARM
 
 from hingepair.errors import HingePairError, URDFError
 from hingepair.formats.urdf_file import read_urdf
 from hingepair.formats.urdf_reader import from_urdf
+from support.exported import ARM
 
 
 @pytest.mark.parametrize("joint", ["weld", "slide", "knee", "", None])
