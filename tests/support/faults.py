@@ -730,4 +730,77 @@ FAULTS = {
         "found[angle] = -row[size] if kind == PLANAR",
         "symbolic/test_closed_forms.py::test_a_scene_in_the_plane_gives_e11",
     ),
+    # measured motion
+    "stamps since 1970 subtracted as floats": Fault(
+        "measured/instants.py",
+        "differences = stamps - first",
+        "differences = stamps.astype(float) - float(first)",
+        "measured/test_resample.py::test_two_clocks_of_nanoseconds_meet",
+    ),
+    "gaps bridged": Fault(
+        "measured/instants.py",
+        "> max(gaps, 1.5 * usual)",
+        "> 1e9 * max(gaps, 1.5 * usual)",
+        "measured/test_smooth.py::test_gaps_stay_gaps_and_holes_are_filled",
+    ),
+    "a rolled out path that spins": Fault(
+        "measured/smooth.py",
+        "rotation_exp(-0.5 * steps)",
+        "rotation_exp(-1.0 * steps)",
+        "measured/test_smooth.py::test_a_steady_spin_costs_nothing_however_fast",
+    ),
+    "no second round along the smooth path": Fault(
+        "measured/smooth.py",
+        "_ROUNDS = 2",
+        "_ROUNDS = 1",
+        "measured/test_smooth.py::test_rough_attitudes_are_smoothed_along_a_smooth_path",
+    ),
+    "degrees of freedom hardly counted": Fault(
+        "measured/spline.py",
+        "_COUNTED = 1.4",
+        "_COUNTED = 0.3",
+        "measured/test_smooth.py::test_errors_of_derivatives_are_what_it_says[0.001-0.002]",
+    ),
+    "a sign in the tilt's share of the gap": Fault(
+        "measured/likelihood.py",
+        "gaps[k, 2] = -0.5",
+        "gaps[k, 2] = 0.5",
+        "measured/test_likelihood.py::test_derivatives_are_those_of_the_residuals[0]",
+    ),
+    "noise about the axis forgotten in the weights": Fault(
+        "measured/likelihood.py",
+        "return np.asarray(rows @ rows.T - taken @ taken.T)",
+        "return np.asarray(rows @ rows.T)",
+        "measured/test_likelihood.py::test_no_hinge_near_the_most_likely_one_is_likelier",
+    ),
+    "scores of neighbours taken for independent": Fault(
+        "measured/likelihood.py",
+        "return 1 if lag == 1 else",
+        "return 1 if lag else",
+        "measured/test_fit.py::test_noise_that_is_correlated_in_time_widens_the_covariance[40]",
+    ),
+    "home turns the long way in the covariance": Fault(
+        "measured/rules.py",
+        "m @ (from_m - to_n)",
+        "m @ (from_m + to_n)",
+        "measured/test_likelihood.py::test_what_the_fit_returns_changes_as_its_derivatives_say[closest_to_R1]",
+    ),
+    "a slide taken for a hinge": Fault(
+        "measured/findings.py",
+        "along > 9 * across",
+        "along > 1e9 * across",
+        "measured/test_fit.py::test_what_is_no_hinge_is_said_in_a_sentence[sliding hinge-noisy]",
+    ),
+    "gross outliers that count": Fault(
+        "measured/likelihood.py",
+        "gross = sizes > _GROSS",
+        "gross = sizes > np.inf",
+        "measured/test_fit.py::test_outliers_that_agree_with_each_other_are_survived[swapped-soft_l1]",
+    ),
+    "the sign between two axes left to chance": Fault(
+        "measured/inertial.py",
+        "if alike[1] > alike[0]:",
+        "if alike[1] < alike[0]:",
+        "measured/test_inertial.py::test_exact_rates_give_both_axes_and_the_sign_between_them",
+    ),
 }
