@@ -207,7 +207,7 @@ def shell(line: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
 
 
 def test_a_closed_pipe_is_no_failed_check(short_scene: Path) -> None:
-    done = shell(f"hingepair check {short_scene} | true")
+    done = shell(f"hingepair urdf {short_scene} | true")
     assert done.stderr == b""
     assert done.returncode in {0, 128 + 13}  # the pipe was still open, or the signal that a shell expects
 
@@ -273,7 +273,7 @@ def test_an_error_that_is_none_of_ours_is_no_failed_check(
 
 
 def test_a_closed_standard_output_is_no_error(short_scene: Path) -> None:
-    done = shell(f"hingepair check {short_scene} >&-")
+    done = shell(f"hingepair urdf {short_scene} >&-")
     assert (done.returncode, done.stderr) == (0, b"")
 
 

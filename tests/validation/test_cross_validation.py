@@ -236,7 +236,7 @@ def test_the_table_shows_errors_scales_and_the_verdict():
     text = str(report)
     title, header, *rows, unit, verdict = text.splitlines()
     assert "u*scale" in header
-    assert "tested" in title
+    assert "hinge_pair" in title
     assert "XYZ" in title
     assert [row.split()[0] for row in rows] == ["R2", "S2", "d", "v2", "omega2", "a2", "alpha2"]
     for line, row in zip(rows, report.rows, strict=True):

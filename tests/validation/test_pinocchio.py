@@ -136,7 +136,7 @@ def test_pinocchio_quaternions_of_any_length_are_normalised():
 
 def test_the_twin_is_a_free_flyer_and_a_hinge():
     twin = to_pinocchio(pair_of(states.pair(states.generator(54))))
-    assert (twin.model.nq, twin.model.nv, twin.model.name) == (8, 7, "tested")
+    assert (twin.model.nq, twin.model.nv, twin.model.name) == (8, 7, "hinge_pair")
     assert twin.model.frames[twin.body2_frame].name == "body2"
     assert twin.model.frames[twin.body2_frame].type == pin.FrameType.OP_FRAME
 
