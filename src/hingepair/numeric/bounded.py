@@ -2,7 +2,7 @@
 
 The equations run over them unchanged. A bound is rigorous for every way to evaluate the same equations in the same
 order, with fused multiply-add or without, by either backend; it holds where numbers underflow, and is infinite or NaN
-where they overflow. It is worst-case arithmetic: what rounding really does is a third of it, or less.
+where they overflow. It is worst-case arithmetic: after many operations, what rounding really did is a third of it.
 
 Components are floats or arrays, in float64 whatever the precision that is bounded.
 """

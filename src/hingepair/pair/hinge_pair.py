@@ -257,7 +257,7 @@ class HingePair:
 
         Exact is what the equations say of the coordinates and of u1, u2, n (of any length) and home, all as they were
         given. The bounds are rigorous, of either backend, as far as sines and cosines are right to 1.5 units in the
-        last place. Actual errors are a third of them, or less.
+        last place. Actual errors are a third of them at most, but for motion with few roundings.
 
         Args:
             q: coordinates [m, rad], in either form that forward_kinematics takes.
