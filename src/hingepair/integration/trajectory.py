@@ -83,8 +83,9 @@ class _OfState(Result):
         What is narrower than a 509th of the time and leaves no trace in such values is missed. Of samples by what
         interpolation misses: gaps, motion that the samples hardly follow, jumps and kinks, which may be anywhere
         between two of them; and by the rounding of stamps, where the values are as rough as that makes them. NaN of
-        fewer than four samples. Not part of it: noise in what was given, and what happens in a gap or faster than
-        two samples a period and leaves no trace in the samples.
+        fewer than four samples. Not part of it: noise in what was given, stamps whose rounding drifts too slowly to
+        be seen in so few samples, and what happens in a gap or faster than two samples a period and leaves no trace
+        in the samples.
         """
         return self._error()
 
