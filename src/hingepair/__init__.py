@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
     from hingepair.pictures.page import view
+    from hingepair.pictures.plot import plot
     from hingepair.scenes.derive import derive
     from hingepair.scenes.scene import load_scene
     from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
@@ -118,6 +119,7 @@ __all__ = [
     "load_robot_hinge",
     "load_scene",
     "matrix_to_euler",
+    "plot",
     "project_to_rotation",
     "resample",
     "rodrigues",
@@ -134,6 +136,7 @@ __all__ = [
 ]
 
 _LATER = {
+    "plot": "pictures.plot",
     "view": "pictures.page",
     "Body": "pair.body",
     "Box": "pair.body",

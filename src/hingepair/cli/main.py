@@ -15,6 +15,7 @@ from hingepair.cli.fit import fit_files
 from hingepair.cli.forces import forces
 from hingepair.cli.output import EXIT_BAD, EXIT_FAULT, behave, printed
 from hingepair.cli.pairs import mjcf, urdf
+from hingepair.cli.plot import plot
 from hingepair.cli.robots import robots
 from hingepair.cli.run import check, run
 from hingepair.cli.view import view
@@ -31,7 +32,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (run, check, forces, derive, urdf, mjcf, view, robots):
+for command in (run, check, forces, derive, urdf, mjcf, plot, view, robots):
     app.command()(command)
 app.command("fit")(fit_files)
 app.add_typer(bench_app, name="bench")

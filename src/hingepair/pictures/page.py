@@ -14,44 +14,17 @@ from collections.abc import Iterable
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.evaluation.plan import VELOCITY
 from hingepair.formats.model_parts import drawn_shapes
-from hingepair.integration.trajectory import Trajectory
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.scenes.scene import Scene, SceneResult
-
-Array: TypeAlias = NDArray[Any]
-
-MOST_FRAMES: Final = 2000
-"""Instants on a page at most, evenly spread: what a browser plays in a minute."""
-
-Source: TypeAlias = HingePair | Scene | SceneResult | Trajectory
-
-
-class Frames(NamedTuple):
-    """A motion as a page shows it.
-
-    Attributes:
-        t: instants [s]; shape (N,).
-        placements: of body 1 and of body 2, (R, S) each; shapes (N, 3), (N, 3, 3).
-        psi: hinge angle [rad]; shape (N,).
-        readings: further vectors by name, such as v2; shape (N, 3).
-    """
-
-    t: Array
-    placements: tuple[tuple[Array, Array], tuple[Array, Array]]
-    psi: Array
-    readings: dict[str, Array]
+from hingepair.pictures.frames import Array, Frames, Source, frames_of
+from hingepair.scenes.scene import Scene
 
 
 def view(source: Source, path: str | os.PathLike[str] | None = None) -> Page:
@@ -74,7 +47,7 @@ def view(source: Source, path: str | os.PathLike[str] | None = None) -> Page:
     >>> page
     Page(hinge_pair, frames=181)
     """
-    pair, title, frames = _frames_of(source)
+    pair, title, frames = frames_of(source)
     page = Page(title, len(frames.t), _html(pair, title, frames))
     if path is not None:
         page.save(path, [source.path] if isinstance(source, Scene) else ())
@@ -119,63 +92,6 @@ class Page:
         return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: 480px; border: 0"></iframe>'
 
 
-def _frames_of(source: object) -> tuple[HingePair, str, Frames]:
-    if isinstance(source, HingePair):
-        return source, source.name, _turning(source)
-    if isinstance(source, SceneResult):
-        source = source.scene
-    if isinstance(source, Scene):
-        return source.space, source.title or source.pair.name, _of_scene(source)
-    if isinstance(source, Trajectory):
-        return source.pair, source.pair.name, _of_trajectory(source)
-    expected = "a pair in space, a scene, its result, or a trajectory in space"
-    raise ArgumentError("source", expected, type(source).__name__)
-
-
-def _turning(pair: HingePair) -> Frames:
-    """A pair whose hinge turns through its limits and back, body 1 at rest."""
-    check_one(pair)
-    lower, upper = pair.limits or (-np.pi, np.pi)
-    share = np.linspace(0, 1, 181)
-    psi = lower + (upper - lower) * (share if pair.limits is None else (1 - np.cos(2 * np.pi * share)) / 2)
-    names = ("R1", "S1", "R2", "S2")
-    a = pair.forward_kinematics((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, psi), outputs=names).arrays()
-    return Frames(6 * share, ((a["R1"], a["S1"]), (a["R2"], a["S2"])), psi, {})
-
-
-def _of_scene(scene: Scene) -> Frames:
-    rows = _spread(scene.samples)
-    known = scene.motion.known(rows, min(scene.motion.level, VELOCITY))
-    bodies = known.bodies(scene.pair)
-    state = known.forward_kinematics(scene.pair, None).arrays()
-    readings: dict[str, Array] = {name: _in_space(state[name]) for name in ("v2", "omega2") if name in state}
-    placements = (bodies["R1"], bodies["S1"]), (bodies["R2"], bodies["S2"])
-    return Frames(scene.times()[rows], placements, known.psi, readings)
-
-
-def _of_trajectory(motion: Trajectory) -> Frames:
-    rows = _spread(len(motion.t))
-    body1 = BodyMotion(R=motion.R1[rows], S=motion.S1[rows])
-    a = motion.pair.forward_kinematics_from_body1(body1, motion.psi[rows]).arrays()
-    found = motion.state.arrays()
-    readings: dict[str, Array] = {name: found[name][rows] for name in ("v2", "omega2") if name in found}
-    return Frames(motion.t[rows], ((body1.R, body1.S), (a["R2"], a["S2"])), motion.psi[rows], readings)
-
-
-def _spread(count: int) -> NDArray[np.intp]:
-    """Rows that a page shows."""
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).astype(np.intp))
-
-
-def _in_space(vectors: Array) -> Array:
-    """Vectors of the plane as vectors of space; numbers as vectors along z."""
-    flat = vectors.reshape(len(vectors), -1)
-    if flat.shape[1] == 3:
-        return flat
-    zero = np.zeros((len(flat), 3 - flat.shape[1]))
-    return np.concatenate((flat, zero) if flat.shape[1] == 2 else (zero, flat), axis=1)
-
-
 def _html(pair: HingePair, title: str, frames: Frames) -> str:
     """The page: the viewer's code, the motion as JSON, and what brings the two together."""
     (R1, S1), (R2, S2) = frames.placements
@@ -187,7 +103,7 @@ def _html(pair: HingePair, title: str, frames: Frames) -> str:
     size = float(np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)) or 1.0
     one, two = drawn_shapes(pair)
     reach = max(size, *map(_reach, (*one, *two)))
-    motion = {
+    motion: dict[str, Any] = {
         "title": title,
         "t": frames.t.tolist(),
         "psi": _plain(frames.psi),
@@ -205,7 +121,7 @@ def _html(pair: HingePair, title: str, frames: Frames) -> str:
             name: _plain(np.where(seen[:, None], R - origin, 0.0))
             for name, R in (("body1", R1), ("body2", R2), ("hinge", hinge))
         },
-        **{name: _plain(vectors) for name, vectors in frames.readings.items()},
+        **{name: _plain(frames.readings[name]) for name in ("v2", "omega2") if name in frames.readings},
     }
     text = json.dumps(motion, allow_nan=False).replace("<", "\\u003c")
     page = files("hingepair.pictures").joinpath("page.html").read_text(encoding="utf-8")

@@ -1,0 +1,62 @@
+"""The figure of a motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from typer.testing import CliRunner
+
+import hingepair as hp
+from hingepair.cli.main import app
+
+MODELS = Path(__file__).parents[2] / "models"
+
+
+def lines_of(figure, title):
+    (axes,) = (axes for axes in figure.axes if axes.get_title() == title)
+    return axes, [line.get_ydata() for line in axes.get_lines()]
+
+
+def test_what_is_drawn_is_what_was_computed():
+    scene = hp.load_scene(MODELS / "talos_elbow.toml")
+    figure, state = hp.plot(scene), scene.evaluate().state
+    for title, array, unit in (
+        ("position of body 2, R2", state.R2, "m"), ("velocity, v2", state.v2, "m/s"),
+        ("angular acceleration, alpha2", state.alpha2, "rad/s^2"),
+    ):  # fmt: skip
+        axes, lines = lines_of(figure, title)
+        np.testing.assert_array_equal(np.stack(lines, axis=1), array)
+        assert axes.get_ylabel() == unit
+    _, (residual, _) = lines_of(figure, "residual of E1 (exact ones at the bottom)")
+    assert residual.max() < 1e-14
+
+
+@pytest.mark.parametrize("name", ["reference_2d", "landing_gear", "gyro_log", "logged_arm"])
+def test_every_kind_of_motion_has_a_figure(name):
+    figure = hp.plot(hp.load_scene(MODELS / f"{name}.toml").evaluate())
+    assert len(figure.axes) >= 7
+    angles = lines_of(figure, "attitude of body 2, Euler angles XYZ")[1]
+    assert all(np.abs(np.diff(angle)).max() < 3 for angle in angles)
+
+
+def test_a_gap_is_shaded(tmp_path):
+    rows = (f"{i / 10},{'nan' if i in {3, 4} else i},0,0,0,0,0,{i}\n" for i in range(9))
+    (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + "".join(rows))
+    text = "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\n[motion]\nfile = 'log.csv'\n"
+    (tmp_path / "scene.toml").write_text(text)
+    figure = hp.plot(hp.load_scene(tmp_path / "scene.toml"))
+    axes, lines = lines_of(figure, "position of body 2, R2")
+    assert np.isnan(lines[0][3:5]).all()
+    assert [patch.get_extents().width > 0 for patch in axes.patches] == [True]
+
+
+def test_the_command_writes_a_picture_that_is_not_blank(tmp_path):
+    scene, out = str(MODELS / "talos_elbow.toml"), tmp_path / "a.png"
+    done = CliRunner().invoke(app, ["plot", scene, "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert imread(out).std() > 0.05
+    refused = CliRunner().invoke(app, ["plot", scene, "--out", str(tmp_path / "a.doc")])
+    assert "ends in .png, .svg, .pdf" in str(refused.exception)
