@@ -276,6 +276,11 @@ def test_kinks_are_counted(text: str, count: int) -> None:
     assert TimeFunctions([parse("x", text)]).switches(np.linspace(-1.99, 1.99, 200)).sum() == count
 
 
+def test_constants_named_as_newer_functions_are_told_by_their_use() -> None:
+    assert constant_name_fault("step") is None
+    assert parse("x", "step*step(1)*t", {"step": 0.25}) == time_symbol() / 4
+
+
 def test_letters_stay() -> None:
     w = sympy.Symbol("w", real=True)
     assert parse("x", "2*w*t + v", {"w": 1.5, "v": 2.0}, ("w",)) == 2 * w * time_symbol() + 2

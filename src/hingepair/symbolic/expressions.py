@@ -122,7 +122,7 @@ def constant_name_fault(name: str) -> str | None:
     """What is expected of a constant's name that this one is not; None for a good one."""
     if not (name.isascii() and name.isidentifier()) or keyword.iskeyword(name):
         return "a name of letters, digits and _"
-    taken = ("t", *CONSTANTS, *FUNCTIONS)
+    taken = ("t", *CONSTANTS, *SMOOTH)  # a constant named step or max is told from step(x) by its use
     return f"a name other than {', '.join(taken)}" if name in taken else None
 
 
