@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,17 @@ def test_the_command_prints_and_writes_them(tmp_path):
     np.testing.assert_array_equal(columns["hinge_torque"], hp.load_scene(scene).forces()["hinge_torque"])
     report = json.loads(CliRunner().invoke(app, ["forces", scene, "--gravity", "0,0,0", "--json"]).output)
     assert report["outputs"]["force1_x"]["first"] == pytest.approx(1171 * 1.6, rel=0.1)
+
+
+def test_an_inertia_that_was_not_given_is_said(tmp_path):
+    note = "note: body2: no inertia is given, a radius of gyration of 0.1 m is taken"
+    assert "no inertia" not in CliRunner().invoke(app, ["forces", str(MODELS / "landing_gear.toml")]).output
+    text = (MODELS / "landing_gear.toml").read_text()
+    bodies = re.sub(r"(?m)^inertia = .*$", "", text[text.index("[pair.body2]") :], count=1)
+    (tmp_path / "light.toml").write_text(text[: text.index("[pair.body2]")] + bodies)
+    assert note in CliRunner().invoke(app, ["forces", str(tmp_path / "light.toml")]).output
+    assert hp.Body(mass=3).inertia_is_assumed
+    assert not hp.Body(mass=3, inertia=np.eye(3)).inertia_is_assumed
 
 
 @pytest.mark.parametrize(

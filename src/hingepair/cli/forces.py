@@ -64,8 +64,12 @@ def forces(
         table.add_column(heading, justify="right", no_wrap=True)
     for name, row in rows.items():
         unit = next((unit for output, unit in _UNITS.items() if name.startswith(output)), "N m")
-        table.add_row(name, unit, *(f"{value:.5g}" for value in row.values()), end_section=name.endswith("_z"))
+        table.add_row(name, unit, *(f"{value + 0.0:.5g}" for value in row.values()), end_section=name.endswith("_z"))
     screen.print(table)
+    bodies = {"body1": scene.space.body1, "body2": scene.space.body2}
+    assumed = [name for name, body in bodies.items() if body is not None and body.inertia_is_assumed]
+    if assumed:
+        screen.print(f"note: {' and '.join(assumed)}: no inertia is given, a radius of gyration of 0.1 m is taken")
     screen.print(
         f"written: {written}" if written else "nothing written (--out FILE.npz or FILE.csv writes all instants)"
     )

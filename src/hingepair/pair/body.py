@@ -163,6 +163,11 @@ class Body(Frozen):
         centre = one_constant("center_of_mass", center_of_mass, 3)
         _freeze(self, mass=value, center_of_mass=centre, inertia=_checked_inertia(tensor), shapes=drawn)
 
+    @property
+    def inertia_is_assumed(self) -> bool:
+        """Its inertia is the one of a body whose inertia is not given: a radius of gyration of 0.1 m."""
+        return np.array_equal(self.inertia, self.mass * _GYRATION_SQUARED * np.eye(3))
+
     def __repr__(self) -> str:
         return _show(self, "mass", "center_of_mass", "inertia", *(["shapes"] if self.shapes else []))
 
