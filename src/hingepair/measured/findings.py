@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.errors import FitError
 from hingepair.measured.likelihood import Judged, Noise
 from hingepair.measured.relative_poses import Hinge, RelativePoses
+from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import project_to_rotation, rotation_vector
-
-Float64Array = NDArray[np.float64]
 
 _THIN = 2048
 _JUDGES = 65536

@@ -15,7 +15,7 @@ from hingepair.measured.instants import recorded
 from hingepair.measured.likelihood import LOSSES, judged, most_likely, without_bias
 from hingepair.measured.relative_poses import closed_form, closed_form_of_most, relative_poses
 from hingepair.measured.rules import GAUGES, derivatives, in_gauge, offset, shortest_turn, signed
-from hingepair.numeric.arrays import broadcast_shape, check_choice, read_only, real_array
+from hingepair.numeric.arrays import Float64Array, broadcast_shape, check_choice, read_only, real_array
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import rotation_vector
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from hingepair.pair.residual_report import Residuals
 
-Float64Array = NDArray[np.float64]
 
 PARAMETERS: Final = tuple(f"{name}_{axis}" for name in ("u1", "u2", "n", "home") for axis in "xyz")
 _WITHIN = 5.0

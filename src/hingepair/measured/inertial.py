@@ -22,11 +22,10 @@ from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.instants import checked_gaps, pieces, recorded
 from hingepair.measured.likelihood import frame
 from hingepair.measured.spline import FEWEST, smooth_columns
-from hingepair.numeric.arrays import read_only, vectors
+from hingepair.numeric.arrays import Float64Array, read_only, vectors
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import skew
 
-Float64Array = NDArray[np.float64]
 Linearise = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 Move = Callable[[Float64Array, Float64Array], Float64Array]
 

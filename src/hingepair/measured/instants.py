@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, DtypeError, ShapeError
-from hingepair.numeric.arrays import finite_number, real_array
-
-Float64Array = NDArray[np.float64]
+from hingepair.numeric.arrays import Float64Array, finite_number, real_array
 
 _EPOCH_NS = 10**17
 """Integers from here on are nanoseconds since 1970 (1973 and later)."""

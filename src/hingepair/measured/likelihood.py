@@ -20,12 +20,10 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.measured.relative_poses import Hinge, RelativePoses
+from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import rotation_exp
-
-Float64Array = NDArray[np.float64]
 
 PARAMETERS = 9
 """Turns of n (2) and m (2), across; u1 (3); u2 across m (2): along the axis only u1 - u2 is seen."""

@@ -28,10 +28,10 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, MissingDependencyError, RotationError, nearest
 from hingepair.measured.instants import recorded
 from hingepair.measured.resample import resample
+from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import project_to_rotation
 
-Float64Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 
 _MOST_BYTES = 2_000_000_000

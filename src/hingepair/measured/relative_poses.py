@@ -13,9 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.numeric.arrays import FloatArray
-
-Float64Array = NDArray[np.float64]
+from hingepair.numeric.arrays import Float64Array, FloatArray
 
 _BLOCK = 4096
 _PAIRS, _JUDGES = 200, 300

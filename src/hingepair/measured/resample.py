@@ -10,11 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ShapeError
 from hingepair.measured.instants import checked_gaps, elapsed, pieces, recorded
-from hingepair.numeric.arrays import real_array
+from hingepair.numeric.arrays import Float64Array, real_array
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
-
-Float64Array = NDArray[np.float64]
 
 
 class Neighbours(NamedTuple):

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.measured.likelihood import frame
 from hingepair.measured.relative_poses import Hinge
+from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import skew
-
-Float64Array = NDArray[np.float64]
 
 GAUGES: Final = ("closest_to_R1", "closest_to_R2")
 

@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import MissingDependencyError
-
-Float64Array = NDArray[np.float64]
+from hingepair.numeric.arrays import Float64Array
 
 FEWEST = 8
 """Samples of a piece that is smoothed."""

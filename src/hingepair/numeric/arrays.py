@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices, quoted
 
 FloatArray: TypeAlias = NDArray[np.floating[Any]]
+Float64Array: TypeAlias = NDArray[np.float64]
 Component: TypeAlias = Any  # a float, a NumPy scalar, or an array that broadcasts against the samples
 Block: TypeAlias = tuple[slice, ...]
 

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, ShapeError
-
-Float64Array = NDArray[np.float64]
+from hingepair.numeric.arrays import Float64Array
 
 _BLOCK = 16384
 

@@ -14,9 +14,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike
 
-Float64Array = NDArray[np.float64]
+from hingepair.numeric.arrays import Float64Array
 
 
 class Promise(NamedTuple):

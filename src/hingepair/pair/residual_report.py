@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import Frozen
+from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.numeric.tables import aligned, finite_or_none, left_out
-
-Float64Array = NDArray[np.float64]
 
 _HEADER = (
     *("residual", "", "rms", "largest", "worst", "unit", "tolerance", "worst/tolerance", "at sample", "at t"),

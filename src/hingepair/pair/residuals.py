@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
-from hingepair.numeric.arrays import broadcast_shape, finite_number, read_only, real_array
+from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.constraints import TAILS, available, constraint_values
 from hingepair.pair.residual_report import ResidualCheck, Residuals
-
-Float64Array = NDArray[np.float64]
 
 ROUNDOFF = 32
 """Residuals that round-off explains, in units of u * scale: of motion that the library computed, 6 was the largest

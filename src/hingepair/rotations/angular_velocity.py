@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import FloatArray, broadcast_shape, real_array, result_dtype, vectors
+from hingepair.numeric.arrays import Float64Array, FloatArray, broadcast_shape, real_array, result_dtype, vectors
 from hingepair.numeric.blocks import Values, components_of, tabulate
-from hingepair.numeric.finite_differences import Float64Array, check_instants, stencils
+from hingepair.numeric.finite_differences import check_instants, stencils
 from hingepair.rotations.matrices import check_rotation, rotation_vector
 
 ORDERS = (2, 4, 6, 8)

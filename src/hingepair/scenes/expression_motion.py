@@ -8,15 +8,15 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, TypeAlias
+from typing import Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hingepair.evaluation.plan import ACCELERATION
 from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES
 from hingepair.integration.signals import Function as Signal
-from hingepair.numeric.arrays import read_only
+from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.integrated_motion import START, IntegratedMotion, integrated_in_plane, integrated_in_space
 from hingepair.scenes.known_motion import ByCoordinates, InPlane, KnownMotion, Rows
@@ -25,8 +25,6 @@ from hingepair.scenes.waypoints import MAX_POINTS, PROFILES, WayPoints, through
 from hingepair.symbolic.expressions import parse
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.time_functions import Derivatives, TimeFunctions, exact
-
-Float64Array: TypeAlias = NDArray[np.float64]
 
 MAX_SAMPLES: Final = 10_000_000
 TOLERANCE: Final = 1e-12

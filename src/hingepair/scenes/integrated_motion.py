@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, TypeAlias
+from typing import Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.evaluation.backend import choose
 from hingepair.integration.integrate import FRAMES
@@ -16,13 +15,11 @@ from hingepair.integration.methods import RULES
 from hingepair.integration.signals import Signal
 from hingepair.integration.solve import METHODS, Course, Solution, solve
 from hingepair.integration.trajectory import rotations, world_vectors
-from hingepair.numeric.arrays import read_only
+from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import check_rotation
 from hingepair.scenes.known_motion import ByBody1, InPlane, KnownMotion, Rows
 from hingepair.scenes.tables import Table
-
-Float64Array: TypeAlias = NDArray[np.float64]
 
 START: Final = ("psi_0", "method")
 """Keys that every such motion may have in its table, beside S1_0 and frame in space, phi_0 in the plane."""

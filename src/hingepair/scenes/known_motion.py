@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hingepair.evaluation.plan import PLANAR, default_outputs, make_plan
 from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
+from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.blocks import Values
 from hingepair.pair.accuracy import euler_rate_sizes, given_rate_sizes
 from hingepair.pair.body_motion import BodyMotion
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from hingepair.pair.planar_pair import PlanarPair
     from hingepair.validation.report import CrossValidation
 
-Float64Array: TypeAlias = NDArray[np.float64]
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
 Rows: TypeAlias = slice | NDArray[np.intp]
 Accelerated: TypeAlias = tuple[BodyMotion, Float64Array, Float64Array, Float64Array]

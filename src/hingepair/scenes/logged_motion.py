@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import ClassVar, Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.integration.signals import Samples
-from hingepair.numeric.arrays import read_only
+from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.finite_differences import check_instants, differentiate
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
@@ -24,7 +23,6 @@ from hingepair.scenes.tables import Table
 ORDER: Final = 6
 """Of the derivatives in the step between samples."""
 
-Float64Array: TypeAlias = NDArray[np.float64]
 Part: TypeAlias = dict[str, Float64Array]
 """A quantity and its derivatives by name, as far as they are known; shape (N, k) each."""
 

@@ -12,14 +12,13 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError
-
-Float64Array: TypeAlias = NDArray[np.float64]
+from hingepair.numeric.arrays import Float64Array
 
 PROFILES: Final = ("linear", "trapezoid", "cubic", "quintic")
 MAX_POINTS: Final = 200

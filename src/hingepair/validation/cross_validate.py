@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES
-from hingepair.numeric.arrays import result_dtype
+from hingepair.numeric.arrays import Float64Array, result_dtype
 from hingepair.pair.accuracy import error_ratios, euler_rate_sizes, given_rate_sizes, output_scales, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.evaluate import component, read_coordinates
@@ -19,8 +19,6 @@ from hingepair.validation.report import Comparison, CrossValidation
 
 if TYPE_CHECKING:
     from hingepair.pair.hinge_pair import HingePair
-
-Float64Array = NDArray[np.float64]
 
 
 def cross_validate(

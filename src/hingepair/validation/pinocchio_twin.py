@@ -15,16 +15,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, MissingDependencyError, RotationError
-from hingepair.numeric.arrays import broadcast_shape, real_array, vectors
+from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_one, check_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import matrix_to_quaternion, unit_quaternion
 
-Float64Array = NDArray[np.float64]
 Motion = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]
 
 
