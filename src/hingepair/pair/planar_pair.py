@@ -118,7 +118,7 @@ class PlanarPair:
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
         >>> f"{pair.error_bounds((0, 0, 0.5, 0.25))['R2']:.0e}"
-        '6e-16'
+        '7e-16'
         """
         return planar_error_bounds(self.constants, q, qd, qdd, outputs)
 
