@@ -39,6 +39,15 @@ def test_exact_motion_gives_the_hinge_to_rounding(gauge: str, turn: float) -> No
     assert max(found.rms_position, found.rms_angle) < 1e-14
 
 
+def test_rounding_is_no_outlier() -> None:
+    t = np.linspace(0, 10, 1001)
+    pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))
+    state = pair.forward_kinematics((t, t, 0.0, t / 3, t, 5 * t, 10 * t), outputs=("R1", "S1", "R2", "S2"))
+    found = hp.fit(hp.BodyMotion(R=state.R1, S=state.S1), hp.BodyMotion(R=state.R2, S=state.S2))
+    assert found.findings == ()
+    assert np.ptp(found.psi) == pytest.approx(100, rel=1e-13)
+
+
 def test_psi_is_the_angle_that_home_and_sign_say() -> None:
     made = recording(turn=8.0)
     found = hp.fit(*bodies(made))

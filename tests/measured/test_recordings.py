@@ -53,7 +53,15 @@ def test_columns_are_read_by_name_and_quaternions_may_flip(tmp_path: Path) -> No
 
 
 def test_what_the_library_saved_is_read(tmp_path: Path) -> None:
-    arrays = {"R1": MADE.R1, "S1": MADE.S1, "R2": MADE.R2, "S2": MADE.S2, "psi": MADE.psi}
+    arrays = {
+        "R1": MADE.R1,
+        "S1": MADE.S1,
+        "R2": MADE.R2,
+        "S2": MADE.S2,
+        "psi": MADE.psi,
+        "x": MADE.psi,
+        "y": MADE.psi,
+    }
     from hingepair.pair.results import save
 
     for name in ("a.npz", "a.csv"):

@@ -23,6 +23,7 @@ _ALIKE = 0.5
 _FAR = 50.0
 """Of r^T C^-1 r, scaled to its median: an outlier."""
 _MEDIAN = 4.35
+_ROUNDING = 1e-12
 _VAGUE_AXIS, _VAGUE_POINT = np.radians(2.0), 0.1
 
 
@@ -73,7 +74,7 @@ def findings(
     poses = poses.thinned(_JUDGES)
     turning = _turning(seen.psi, seen.weights / seen.weights.sum())
     reach = max(float(np.linalg.norm(hinge.u1)), float(np.linalg.norm(hinge.u2)), _length(poses.p))
-    outliers = _outliers(seen, poses.weights)
+    outliers = _outliers(seen, poses)
     if any(not finding.harmless for finding in outliers):
         return outliers  # whatever else is seen is theirs
     axis = _axis(poses, seen, turning)
@@ -92,11 +93,14 @@ def findings(
     return found
 
 
-def _outliers(seen: Judged, given: Float64Array) -> list[Finding]:
+def _outliers(seen: Judged, poses: RelativePoses) -> list[Finding]:
+    given = poses.weights
     known = (given > 0) & np.isfinite(seen.sizes)
     sizes = seen.sizes[known] / max(float(np.median(seen.sizes[known])), 1e-300) * _MEDIAN
     far = sizes > _FAR
     if not far.any() or max(seen.alike) > _ALIKE:
+        return []
+    if max(np.abs(seen.gap[:, known][:, far]).max() / poses.size, seen.tilt[known][far].max()) < _ROUNDING:
         return []
     share = f"{100 * far.mean():.2g} % of the samples are outliers"
     if float(seen.weights[known][far].sum()) < 0.5 * far.sum() * given.mean():

@@ -72,6 +72,8 @@ def read_recording(paths: Sequence[Path], ignore: Sequence[str] = (), gaps: floa
     for place, path in enumerate(paths, start=1):
         columns = read_columns(path, ignore)
         digits = [digit for digit in ("1", "2", "") if any(_has(columns, names) for names in _places(digit))]
+        if "1" in digits and "" in digits:
+            digits.remove("")  # coordinates beside poses, as results are saved
         for digit in digits:
             name = digit or ("1" if len(paths) == 1 and "2" in digits else str(place))
             if name in found:
