@@ -107,8 +107,8 @@ def mass_constants(bodies: Bodies, *needed: str) -> dict[str, Any]:
     for name, body in zip(("body1", "body2"), bodies, strict=True):
         if body is None:
             if name in needed:
-                expected = f"mass properties, as in HingePair(..., {name}=hp.Body(mass=2.0))"
-                raise ArgumentError(f"pair.{name}", expected, None)
+                ways = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
+                raise ArgumentError(f"pair.{name}", f"mass properties, as in {ways}", None)
             continue
         digit = name[-1]
         values[f"m{digit}"] = body.mass
