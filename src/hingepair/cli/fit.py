@@ -15,6 +15,7 @@ from hingepair.measured.hinge_fit import fit
 from hingepair.measured.likelihood import LOSSES
 from hingepair.measured.recordings import read_recording
 from hingepair.measured.rules import GAUGES
+from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.results import check_ending, save
 
 
@@ -69,7 +70,8 @@ def fit_files(
         arrays = {"psi": found.psi, "gap": found.gap, "tilt": found.tilt, "weight": found.weights}
         written.append(save(out, t, arrays, files))
     if plot is not None:
-        found.plot().savefig(plot)
+        with whole_file(plot, files) as file:
+            found.plot().savefig(file, format=plot.suffix.lower()[1:])
         written.append(plot)
     print(found.to_json() if as_json else found)
     for path in () if as_json else written:
