@@ -23,7 +23,10 @@ def plot(
         Path, typer.Option("--out", "-o", metavar="FILE", help=f"Where the figure goes ({', '.join(_ENDINGS)}).")
     ] = Path("hingepair.png"),
 ) -> None:
-    """Draw a scene: position, attitude and rates over time, psi, paths in space, the residual of E1."""
+    """Draw a scene over time and in space.
+
+    Position, attitude and rates over time, psi, paths in space, the residual of E1.
+    """
     if out.suffix.lower() not in _ENDINGS:
         raise ArgumentError("out", f"a file name that ends in {', '.join(_ENDINGS)}", repr(str(out)))
     figure = figure_of(load_scene(scene_file))

@@ -21,9 +21,10 @@ def view(
         "hingepair.html"
     ),
 ) -> None:
-    """Write a page on which the pair moves: one HTML file for any browser, without a network.
+    """Write a web page on which the pair moves.
 
-    A scene moves as it says; the joint of a robot or of a URDF file turns through its limits.
+    One HTML file for any browser, without a network. A scene moves as it says; the joint of a robot or of a URDF
+    file turns through its limits.
     """
     if joint is None and source.lower().endswith(".toml"):
         page = page_of(load_scene(source))
