@@ -31,13 +31,16 @@ _TO_SERIES: Final[Array] = np.stack(
 )
 
 
+_TO_INTEGRAL: Final[Array] = (
+    np.stack([np.pad(c := legendre.legint(unit, lbnd=-1), (0, NODES + 1 - len(c))) for unit in np.eye(NODES)], axis=1)
+    @ _TO_SERIES
+    / 2
+)
+
+
 def integrals(times: Array) -> Array:
     """The integral from 0 to each time of the polynomial through eight values at the nodes: a matrix (m, 8)."""
-    x = 2 * times - 1
-    columns = [
-        legendre.legval(x, legendre.legint(np.eye(NODES)[k], lbnd=-1)) / 2 for k in range(NODES)
-    ]  # fmt: skip
-    return np.stack(columns, axis=-1) @ _TO_SERIES
+    return legendre.legvander(2 * times - 1, NODES) @ _TO_INTEGRAL
 
 
 def values(times: Array) -> Array:

@@ -15,12 +15,13 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.dynamics.collocation import Array, Stepper, TooStiffError
+from hingepair.dynamics.collocation import NODES, Array, Stepper, TooStiffError
 from hingepair.dynamics.loads import Base, HingeTorque, Load, Loads, Moving
 from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, HingePairError, quoted
 from hingepair.evaluation.backend import How, choose
+from hingepair.evaluation.binding import Bound, bind
 from hingepair.evaluation.loops import Loop
 from hingepair.evaluation.plan import steps_of
 from hingepair.evaluation.steps import Step
@@ -324,7 +325,7 @@ class _Driven:
         R, S, v, omega, a, alpha = arrays.values()
         forces = self._loads.forces(t, Moving(R, S, v, omega, psi, psid))
         given = {"S1": S, "omega1": omega, "a1": a, "alpha1": alpha, "psi": psi, "psid": psid}
-        return self._program(len(t), **given, psi_torque=self._loads.torque(t, psi, psid), **forces)["driven"]
+        return self._program(len(t), **given, psi_torque=self._loads.torque(t, psi, psid), **forces)["driven"].copy()
 
 
 class _Fixed(_Driven):
@@ -379,14 +380,14 @@ class _Free:
         """The derivatives of the state at some instants."""
         S0 = eq.quaternion_attitude(tuple(self.quat.tolist()))
         now = self._now(states, S0) if self._loads.look_at_motion else None
-        return self._at(t, now, states, S0)["slopes"]
+        return self._at(t, now, states, S0)["slopes"].copy()
 
     def _now(self, states: Array, S0: Any) -> Moving:
         """The motion that loads may look at."""
         found = self._motion(len(states), state=states, S0=S0)
         R1 = states[:, 0:3] - found["centre"]
         v1 = states[:, 3:6] / self._mass - found["v_centre"]
-        return Moving(R1, found["S1"], v1, found["omega1"], states[:, 12], states[:, 13])
+        return Moving(R1, found["S1"].copy(), v1, found["omega1"].copy(), states[:, 12], states[:, 13])
 
     def _at(self, t: Array, now: Moving | None, states: Array, S0: Any) -> dict[str, Array]:
         torque = self._loads.torque(t, states[:, 12], states[:, 13])
@@ -414,17 +415,30 @@ class _Free:
 
 
 class _Program:
-    """A loop with the constants of one pair."""
+    """A loop with the constants of one pair, for a few instants; what it reads and writes stays in place."""
 
     def __init__(self, loop: Loop, known: Mapping[str, Any], how: How) -> None:
         self._loop, self._how = loop, how
         self._known = {name: known[name] for name, _ in loop.inputs if name in known}
+        self._ready: dict[int, tuple[dict[str, Array], dict[str, Array], Bound]] = {}
 
     def __call__(self, count: int, **values: Any) -> dict[str, Array]:
-        """The outputs at so many instants."""
-        out = {name: np.empty((count, *tail)) for name, tail in self._loop.outputs}
-        self._loop.run({**self._known, **values}, out, (count,), _DOUBLE, self._how)
+        """The outputs at so many instants; of the nodes of a step they hold until the next call."""
+        if count != NODES:
+            out = self._rooms(count)
+            self._loop.run({**self._known, **values}, out, (count,), _DOUBLE, self._how)
+            return out
+        if count not in self._ready:
+            given = {name: np.empty((count, *tail)) for name, tail in self._loop.inputs if name not in self._known}
+            self._ready[count] = given, self._rooms(count), bind(self._loop.inputs, {**self._known, **given})
+        given, out, bound = self._ready[count]
+        for name, array in given.items():
+            array[...] = values[name]
+        self._loop.program(bound.pattern).run(bound, out, (count,), _DOUBLE, self._how)
         return out
+
+    def _rooms(self, count: int) -> dict[str, Array]:
+        return {name: np.empty((count, *tail)) for name, tail in self._loop.outputs}
 
 
 @functools.cache
