@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import functools
+import platform
 
 import numpy as np
 import pytest
 
 from hingepair.equations import spatial as eq
-from hingepair.evaluation import binding
-from hingepair.evaluation.backend import How
+from hingepair.evaluation import binding, native
+from hingepair.evaluation.backend import Account, How
 from hingepair.evaluation.llvm_ir import LANES
 from hingepair.evaluation.loops import Loop
 from hingepair.evaluation.trace import arc_tangent, hypotenuse, square_root, where_less
@@ -215,3 +216,39 @@ def test_exact_arithmetic_is_not_fused():
     expected = run(loop, {"a": a, "b": b}, (100,), how=NUMPY)
     np.testing.assert_array_equal(found["low"], expected["low"])
     assert (found["low"] != 0).any()
+
+
+CPUS = {
+    "with AVX2": ("haswell", ""),
+    "without fused arithmetic": ("x86-64", ""),
+    "with AVX-512": ("skylake-avx512", ""),
+}
+
+
+@pytest.mark.skipif(platform.machine() not in {"x86_64", "AMD64"}, reason="names of processors of one kind")
+@pytest.mark.parametrize("cpu", CPUS.values(), ids=CPUS)
+def test_other_processors(monkeypatch, cpu):
+    """Code for a processor with fewer features runs here, and gives the same numbers."""
+    needed = {"haswell": "+avx2", "skylake-avx512": "+avx512f", "x86-64": ""}[cpu[0]]
+    if needed not in native.cpu(native.llvmlite())[1]:
+        pytest.skip("this processor cannot run it")
+    monkeypatch.setattr(native, "cpu", lambda _: cpu)
+    native.can_fuse.cache_clear()
+    try:
+        loop = Loop("turned", turned, dict(MAP.inputs), dict(MAP.outputs))
+        values = given(41)
+        values["angle"][[3, 20, 40]] = 1e300, 2e7, -1e7
+        agree(run(loop, values, (41,), how=NUMPY), run(loop, values, (41,)))
+        single = given(41, F4)
+        agree(run(loop, single, (41,), F4, NUMPY), run(loop, single, (41,), F4), F4)
+    finally:
+        monkeypatch.undo()
+        native.can_fuse.cache_clear()
+
+
+def test_an_account_pays_when_the_rent_has_come_to_the_price():
+    account = Account(200)
+    calls = next(k for k in range(1, 10_000) if account.pays(100))
+    assert 100 < calls < 3000
+    assert Account(200).pays(10**7)
+    assert not Account(200).pays(100_000)

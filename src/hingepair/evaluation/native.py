@@ -63,7 +63,7 @@ _SHARING, _KEEPING = ctypes.CFUNCTYPE(*_ARGUMENTS), ctypes.PYFUNCTYPE(*_ARGUMENT
 
 def _compile(ir: str) -> tuple[Any, int]:
     """Machine code. LLVM's optimiser is left out: what it would find was folded away while tracing."""
-    llvm = _llvm()
+    llvm = llvmlite()
     name, features = cpu(llvm)
     target = llvm.Target.from_default_triple()
     machine = target.create_target_machine(cpu=name, features=features, opt=1)  # the engine takes it over
@@ -74,7 +74,7 @@ def _compile(ir: str) -> tuple[Any, int]:
 
 
 @functools.cache
-def _llvm() -> Any:
+def llvmlite() -> Any:
     """Llvmlite, ready to compile for this machine.
 
     Raises:
@@ -101,7 +101,7 @@ def can_fuse() -> bool:
         MissingDependencyError: llvmlite is not installed, or does not work.
     """
     with _trouble():
-        return "+fma" in cpu(_llvm())[1].split(",") or platform.machine().lower() in {"arm64", "aarch64"}
+        return "+fma" in cpu(llvmlite())[1].split(",") or platform.machine().lower() in {"arm64", "aarch64"}
 
 
 @contextlib.contextmanager

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
@@ -240,15 +239,6 @@ def evaluate(
     return state(arrays, shape)
 
 
-def rows_kernel(plan: Plan, pair: Constants) -> Any:
-    """The kernel of rows of float64 for one pair, where it has been compiled; else None."""
-    loop = loop_of(plan, True)
-    some = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
-    bound = bind(loop.inputs, {**some, **pair.values})
-    counts = tuple(math.prod(tail) for _, tail in loop.outputs)
-    return loop.program(bound.pattern).kernels.get(((False,) * len(bound.pieces), counts, "d"))
-
-
 def follow_steps(
     steps: Iterable[Step],
     tails: Mapping[str, tuple[int, ...]],
@@ -354,6 +344,22 @@ def _floats(given: Mapping[str, Any], count: int) -> dict[str, Components | NDAr
         else:
             return None
     return parts
+
+
+def one_in_floats(rows: Sequence[Any], count: int) -> list[NDArray[np.float64]] | None:
+    """One state of numbers that are computed in float64, as arrays of it; None of anything else."""
+    found = []
+    for row in rows:
+        if type(row) is np.ndarray:
+            if row.shape != (count,) or row.dtype.char not in _DOUBLES:
+                return None
+        elif type(row) not in _SEQUENCES or len(row) != count or not _NUMBERS.issuperset(map(type, row)):
+            return None
+        try:
+            found.append(np.array(row, np.float64))
+        except OverflowError:
+            return None
+    return found
 
 
 def components(name: str, group: Any) -> Any:

@@ -24,10 +24,10 @@ from hingepair.pair.evaluate import (
     evaluate,
     evaluate_one,
     leading_shapes,
+    one_in_floats,
     parts_of,
     plan_for,
     read_coordinates,
-    rows_kernel,
     wanted,
 )
 from hingepair.pair.foreign_arrays import evaluate_foreign
@@ -48,21 +48,29 @@ def from_coordinates(
     rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
     ready: Prepared | None = None
     short = out is None and how.workers == 1 and (qd is not None or qdd is None)
+    if type(outputs) is list:
+        outputs = tuple(outputs)
     if short:
         try:
             ready = pair.prepared.get((outputs, sequence, how.backend, len(rows)))
-        except TypeError:  # outputs in a list
-            outputs = tuple(outputs or ())
-        found = None if ready is None else ready.short(*rows)
-        if found is not None:
-            return found
+        except TypeError:  # outputs that are no key
+            short = False
+        else:
+            found: PairState | None = None if ready is None else ready.short(*rows)
+            if found is not None:
+                return found
+            if ready is not None:
+                floats = one_in_floats(rows, len(COORDINATES))
+                state: PairState | None = None if floats is None else ready.short(*floats)
+                if state is not None:
+                    return state
     plan, given = plan_from_coordinates(pair, q, qd, qdd, outputs, out, sequence, foreign=True)
     state = _of_rows(PairState, plan, pair, given, out, how)
-    if short and pair.single and type(q) is np.ndarray and how.backend != "numpy":
-        if ready is None and rows_kernel(plan, pair) is not None:
-            ready = Prepared(pair, tuple(given.parts), plan.outputs, sequence, how)
+    if short and pair.single and given.library is None:
+        if ready is None:
+            ready = Prepared(pair, tuple(given.parts), plan.outputs, sequence, how, now=False)
             pair.prepared[outputs, sequence, how.backend, len(rows)] = ready
-        if ready is not None:
+        if how.backend != "numpy":
             ready.learn(rows)
     return state
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, MissingDependencyError, RotationError, choices, quoted
-from hingepair.evaluation.backend import How, give_up
+from hingepair.evaluation.backend import Account, How, give_up
 from hingepair.evaluation.binding import address, bind
 from hingepair.evaluation.llvm_ir import FIELDS, SCATTERED, SIDE_BY_SIDE
 from hingepair.evaluation.loops import Loop, Program
@@ -65,6 +65,7 @@ _GIVEN: Final[Tails] = {
     **{name: INPUTS[name] for name in ("R2", "S2", "v2", "omega2", "a2", "alpha2")},
     **dict.fromkeys(QUATERNIONS, (4,)),
 }
+_F8: Final = np.dtype(np.float64)
 _CHECK: Final = "_check"  # an output that nobody asked for: whether the attitude given is one
 _SMALL: Final = 2**21  # bytes of outputs that are one array
 _KEPT: Final = 64  # layouts of inputs that are remembered
@@ -144,7 +145,7 @@ class Prepared:
     """
 
     def __init__(
-        self, pair: Constants, given: tuple[str, ...], outputs: tuple[str, ...], sequence: str, how: How
+        self, pair: Constants, given: tuple[str, ...], outputs: tuple[str, ...], sequence: str, how: How, *, now: bool
     ) -> None:
         self.given, self.outputs = given, outputs
         self._pair, self._how = with_hinge_frames(pair) if "S2" in given else pair, how
@@ -157,17 +158,28 @@ class Prepared:
         self._quaternion = any(name in QUATERNIONS for name in given)
         self._checked = self._loop.outputs[-1][0] == _CHECK
         self._shots: dict[Any, _Shot] = {}
-        self.short: Callable[..., PairState | None] = self._again
-        if how.backend == "compiled" or (how.backend == "auto" and pair.single):
-            try:
-                self._program.kernel(*self._key("d"))
-            except MissingDependencyError as error:
-                if how.backend == "compiled":
-                    raise
-                give_up(error)
-            else:
-                run = self._program.kernel(*self._key("d")).run_objects
-                self.short = self._again if run is None else self._straight_way(run)
+        self._layout: dict[str, tuple[int, int, tuple[int, ...]]] = {}
+        begin = 0
+        for name, tail in self._loop.outputs:
+            end = begin + math.prod(tail)
+            if name != _CHECK:
+                self._layout[name] = begin, end, tail
+            begin = end
+        self._account = Account(self._program.operations)
+        self.short: Callable[..., PairState | None] = self._by_python if pair.single else self._again
+        if how.backend == "compiled" or (how.backend == "auto" and pair.single and now):
+            self._compile()
+
+    def _compile(self) -> None:
+        """Go over to compiled code, if it can be had."""
+        try:
+            run = self._program.kernel(*self._key("d")).run_objects
+        except MissingDependencyError as error:
+            if self._how.backend == "compiled":
+                raise
+            give_up(error)
+        else:
+            self.short = self._again if run is None or not self._pair.single else self._straight_way(run)
 
     def __repr__(self) -> str:
         return f"Prepared(given={self.given}, outputs={self.outputs})"
@@ -202,16 +214,13 @@ class Prepared:
 
     def _straight_way(self, run: Any) -> Callable[..., PairState | None]:
         """`short`, unrolled: at first for one state in arrays of float64."""
-        layout: dict[str, tuple[int, int, tuple[int, ...]]] = {}
         scope: dict[str, Any] = {"run": run, "new": PairState.__new__, "PairState": PairState, "empty": np.empty}
         scope |= {"constants": np.array(self._bound.constants), "refuse": self._refuse, "again": self._again}
-        scope |= {"layout": layout, "shape": ()}
+        scope |= {"layout": self._layout, "shape": ()}
         rows = all(tail in {(3,), (3, 3)} for name, tail in self._loop.outputs if name != _CHECK)
         begin, lines = 0, []
         for name, tail in self._loop.outputs:
             end = begin + math.prod(tail)
-            if name != _CHECK:
-                layout[name] = begin, end, tail
             if name in PairState.__slots__:
                 scope[f"set_{name}"] = PairState.__dict__[name].__set__
                 if rows:  # one row of the buffer, or three
@@ -241,6 +250,24 @@ class Prepared:
         made: Callable[..., PairState | None] = scope["straight"]
         return made
 
+    def _by_python(self, *given: Any) -> PairState | None:
+        """`short`, while nothing is compiled: one state by the generated function."""
+        numbers = list(self._bound.constants)
+        for k in self._rows:
+            value = given[k]
+            if type(value) is np.ndarray and value.dtype is _F8 and value.shape == _GIVEN[self.given[k]]:
+                numbers += value.ravel().tolist()
+            elif type(value) is float and _GIVEN[self.given[k]] == ():
+                numbers.append(value)
+            else:
+                return self._again(*given)
+        if self._how.backend == "auto" and self._account.pays_one():
+            self._compile()
+        found = np.array(self._program.floats_function(*numbers))
+        if self._checked:
+            self._check(found[-1:], given)
+        return PairState.of_buffer(found, self._layout)
+
     def _again(self, *given: Any) -> PairState | None:
         """The state, where arrays of this layout came before."""
         for array in given:
@@ -251,12 +278,14 @@ class Prepared:
 
     def learn(self, given: Sequence[Any]) -> None:
         """Remember the layout of arrays that went the long way, if the quick one is open to them."""
+        if self._program.kernels.get(self._key("d")) is not None and self.short == self._by_python:
+            self._compile()
         if len(self._shots) < _KEPT and all(type(array) is np.ndarray for array in given):
-            self._shot_at(given, given[0].shape[:-1], np.dtype(np.float64))
+            self._shot_at(given, given[0].shape[:-1], result_dtype(given))
 
     def _fire(self, shot: _Shot, given: Sequence[NDArray[Any]]) -> PairState:
         """Run a kernel over arrays whose layout it knows."""
-        buffer = np.empty(shot.size)
+        buffer = np.empty(shot.size, shot.constants.dtype)
         try:
             table = shot.tables.pop()
         except IndexError:
@@ -300,6 +329,10 @@ class Prepared:
         shot = self._shot_at(given, shape, dtype) if out is None and 0 not in shape else None
         if shot is not None:
             return self._fire(shot, given)
+        if shape == () and out is None and dtype == np.float64:
+            one = self.short(*(array.astype(np.float64) for array in arrays.values()))
+            if one is not None:
+                return one
         constants = self._known if self._pair.single else self._pair.arrays
         if shape == ():
             arrays = {name: array[None] for name, array in arrays.items()}
@@ -325,11 +358,15 @@ class Prepared:
         """A shot at arrays like these, if they are such that one can be."""
         outputs = [math.prod(tail) for _, tail in self._loop.outputs]
         count = math.prod(shape)
-        plain = all(type(a) is np.ndarray and a.dtype == np.float64 and a.dtype.isnative for a in given)
-        key = self._key("d")
+        plain = all(type(a) is np.ndarray and a.dtype == dtype and a.dtype.isnative for a in given)
+        size = dtype.itemsize
+        if not plain or size * count * sum(outputs) > _SMALL or self._how.workers != 1 or not self._pair.single:
+            return None
+        key = self._key(dtype.char)
         kernel = self._program.kernels.get(key)
-        small = 8 * count * sum(outputs) <= _SMALL
-        if kernel is None or not plain or not small or dtype != np.float64 or self._how.workers != 1:
+        if kernel is None and self._how.backend == "compiled":
+            kernel = self._program.kernel(*key)
+        if kernel is None:
             return None
         lines = []
         for k in self._rows:
@@ -339,16 +376,16 @@ class Prepared:
                 return None
             if len(tail) == 2 and array.strides[-2] != tail[-1] * array.strides[-1]:
                 return None
-            lines.append((0, 0, array.strides[0] if shape else 0, array.strides[-1] if tail else 8, 0))
-        constants = np.array(self._bound.constants)
-        table = [address(constants), 0, 0, 8, 0] if len(constants) else []
+            lines.append((0, 0, array.strides[0] if shape else 0, array.strides[-1] if tail else size, 0))
+        constants = np.array(self._bound.constants, dtype)
+        table = [address(constants), 0, 0, size, 0] if len(constants) else []
         starts, layout, begin = [], {}, 0
         for line in lines:
             table += line
         for (name, tail), width in zip(self._loop.outputs, outputs, strict=True):
             mode = SIDE_BY_SIDE if count > 1 else SCATTERED
-            table += (0, 0, 8 * width, 8, mode)
-            starts.append(8 * begin)
+            table += (0, 0, size * width, size, mode)
+            starts.append(size * begin)
             if name != _CHECK:
                 layout[name] = begin, begin + width * count, (*shape, *tail)
             begin += width * count
@@ -397,7 +434,7 @@ def prepare(
         missing = sorted(needed_steps(CONSTRAINT_STEPS if unknown else steps, (name,))[1] - known)
         if missing:
             raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
-    return Prepared(pair, names, wanted, sequence, how)
+    return Prepared(pair, names, wanted, sequence, how, now=True)
 
 
 def _checked_given(given: str | Iterable[str]) -> tuple[str, ...]:
