@@ -219,9 +219,9 @@ def test_exact_arithmetic_is_not_fused():
 
 
 CPUS = {
-    "with AVX2": ("haswell", ""),
+    "with AVX2": ("haswell", "+fma"),
     "without fused arithmetic": ("x86-64", ""),
-    "with AVX-512": ("skylake-avx512", ""),
+    "with AVX-512": ("skylake-avx512", "+fma"),
 }
 
 
