@@ -338,6 +338,7 @@ def test_exports_need_no_motion(tmp_path: Path) -> None:
         assert invoke("urdf", path) == hp.to_urdf(pair)
         assert invoke("mjcf", path) == hp.to_mjcf(pair)
     assert "v2_x = x'" in invoke("derive", tmp_path / "bare.toml", "--outputs", "v2")
+    assert "written" in invoke("view", tmp_path / "bare.toml", "-o", tmp_path / "bare.html")
     assert "expected a table [" in invoke("run", tmp_path / "bare.toml")
 
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from hingepair.cli.output import give
-from hingepair.cli.pairs import Joint, Source, TextFile, inputs_of, is_urdf, named_pair
+from hingepair.cli.pairs import Joint, Source, TextFile, inputs_of, named
 from hingepair.errors import ArgumentError
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.scenes.scene import load_scene
-from hingepair.scenes.tables import read_tables
+from hingepair.scenes.scene import Scene
 
 DEFAULT = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """What is derived unless the command line or the scene says otherwise."""
@@ -50,12 +48,12 @@ def derive(
     from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
 
-    if joint or is_urdf(source) or not _moves(source):
-        pair = named_pair(source, joint)
-        forms, title, asked = closed_forms(pair, _names(symbolic)), pair.name, None
+    found = named(source, joint)
+    if isinstance(found, Scene):
+        pair, title, asked = found.pair, found.title, found.outputs
     else:
-        scene = load_scene(source)
-        forms, title, asked, pair = closed_forms(scene, _names(symbolic)), scene.title, scene.outputs, scene.pair
+        pair, title, asked = found, found.name, None
+    forms = closed_forms(found, _names(symbolic))
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
     usual = default_outputs(ACCELERATION, PLANAR) if kind == PLANAR else DEFAULT
     names = asked or usual if outputs is None else check_outputs(_names(outputs), kind)
@@ -70,11 +68,6 @@ def derive(
         if short is None and "\n      " in text:
             text = forms.to_text(names, short=True)
     give(text, out, inputs_of(source))
-
-
-def _moves(source: str) -> bool:
-    """Whether the scene file has a motion; of a pair alone the forms hold for any motion."""
-    return not Path(source).exists() or "motion" in read_tables(source).values
 
 
 def _names(text: str) -> list[str]:

@@ -17,7 +17,8 @@ from hingepair.formats.urdf_reader import from_urdf
 from hingepair.formats.urdf_writer import to_urdf
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.scenes.scene import load_pair, scene_files
+from hingepair.scenes.scene import Scene, load_pair, load_scene, scene_files
+from hingepair.scenes.tables import read_tables
 
 Source = Annotated[
     str,
@@ -51,6 +52,12 @@ def named_pair(source: str, joint: str | None) -> HingePair | PlanarPair:
         if not Path(source).exists() and source in robot_names():
             _given(source, joint)
     return load_pair(source)
+
+
+def named(source: str, joint: str | None) -> Scene | HingePair | PlanarPair:
+    """The scene of a file that says a motion; else the pair."""
+    scene = joint is None and Path(source).is_file() and not is_urdf(source)
+    return load_scene(source) if scene and "motion" in read_tables(source).values else named_pair(source, joint)
 
 
 def inputs_of(source: str) -> tuple[Path, ...]:
