@@ -205,7 +205,7 @@ def test_a_sequence_that_is_none_is_refused(given, sequence):
             one.forward_kinematics(*arguments, sequence=sequence)
 
 
-@pytest.mark.parametrize("out", [np.empty((5, 3)), np.empty(1), np.empty(0), [1], "R2"], ids=repr)
+@pytest.mark.parametrize("out", [np.zeros((5, 3)), np.zeros(1), np.zeros(0), [1], "R2"], ids=repr)
 def test_out_is_a_dict(out):
     for one, count in (
         (hp.HingePair(u1=(1, 2, 3), u2=(3, 2, 1), n=(1, 2, 3)), 7),
