@@ -84,6 +84,15 @@ PLANAR_INPUTS = {
 """The same in the plane."""
 
 
+_LABELS = {
+    "hinge": ("sin_psi", "versine_psi", "cos_psi"),
+    "trig": ("sin_x", "cos_x", "sin_y", "cos_y", "sin_z", "cos_z"),
+    "turn1": ("sin_phi", "cos_phi"),
+    "axes": ("b_y", "b_z", "c_x", "c_y", "c_z"),
+}
+"""What components are called in generated code, where their step's name and a letter would say less."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """The steps that lead from what is given to the outputs, in order.
@@ -110,7 +119,7 @@ class Plan:
         """Run the steps on values by name; the results join the values."""
         for result, function, arguments in self.steps:
             made = values[result] = function(*[values[name] for name in arguments])
-            name_lines(result, made)
+            name_lines(result, made, _LABELS.get(result))
         return values
 
 

@@ -9,7 +9,7 @@ would have made of a NaN.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -202,9 +202,9 @@ def line_name(name: str, k: int, count: int) -> str:
     return name if count == 1 else f"{name}_{parts[k] if parts else k + 1}"
 
 
-def name_lines(name: str, value: Any) -> None:
+def name_lines(name: str, value: Any, labels: Sequence[str] | None = None) -> None:
     """Give the components of a result their names in generated code, where they are traced and have none yet."""
     components = value if isinstance(value, tuple) else (value,)
     for k, component in enumerate(components):
         if isinstance(component, Value) and not component.name and component.operation != "negative":
-            component.name = line_name(name, k, len(components))
+            component.name = labels[k] if labels else line_name(name, k, len(components))
