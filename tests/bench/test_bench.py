@@ -230,6 +230,10 @@ def test_skip_compares_every_program_with_the_whole_one():
     for name in skip.cases(2):
         assert len([row for row in found if row["method"] == name]) == 2
     assert [row["ratio"] for row in found if row["method"] == skip.WHOLE] == [1, 1]
+    operations = {row["method"]: row["more"]["operations"] for row in found}
+    whole = operations.pop(skip.WHOLE)
+    assert operations.pop("float32") == operations.pop("constant rates") == whole
+    assert all(0 < left < whole for left in operations.values())
 
 
 def test_what_is_known_changes_no_output():

@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from hingepair.bench.direct import CONSTANTS
 from hingepair.bench.measure import Job, Row, measured
 from hingepair.bench.peers import LEVELS
+from hingepair.pair.evaluate import count_operations
+from hingepair.pair.forward_kinematics import plan_from_coordinates, plan_planar
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 
 WHOLE = "nothing known"
+OPERATIONS = "operations"
 _PLANAR = ("R2", "phi2", "v2", "omega2")
 
 Pair: TypeAlias = HingePair | PlanarPair
@@ -28,8 +31,19 @@ def skip(samples: int, backends: tuple[str, ...], repeats: int, tell: Callable[[
         known = cases(samples)
         tell(f"{backend}, N = {samples:,}: {len(known)} programs, {repeats} repeats")
         jobs = {name: _job(*case, backend) for name, case in known.items()}
-        rows += measured(f"velocity, {backend}", jobs, repeats, samples)
+        more = {name: {OPERATIONS: operations(*case)} for name, case in known.items()}
+        rows += measured(f"velocity, {backend}", jobs, repeats, samples, more=more)
     return rows
+
+
+def operations(pair: Pair, motion: Motion, outputs: tuple[str, ...]) -> int:
+    """How many a sample are left, those taken once for all samples not counted."""
+    q, qd = (*motion, None)[:2]
+    if isinstance(pair, PlanarPair):
+        plan, given = plan_planar(pair.constants, q, qd, None, outputs, None)
+    else:
+        plan, given = plan_from_coordinates(pair.constants, q, qd, None, outputs, None, "XYZ")
+    return count_operations(plan, pair.constants, given.parts).each
 
 
 def cases(samples: int) -> dict[str, tuple[Pair, Motion, tuple[str, ...]]]:
