@@ -206,6 +206,7 @@ def shell(line: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
     )
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_is_no_failed_check(short_scene: Path) -> None:
     done = shell(f"hingepair urdf {short_scene} | true")
     assert done.stderr == b""
@@ -272,6 +273,7 @@ def test_an_error_that_is_none_of_ours_is_no_failed_check(
     assert "unforeseen" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_closed_standard_output_is_no_error(short_scene: Path) -> None:
     done = shell(f"hingepair urdf {short_scene} >&-")
     assert (done.returncode, done.stderr) == (0, b"")

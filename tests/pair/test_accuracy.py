@@ -9,6 +9,7 @@ import hingepair as hp
 from support import reference, states
 from support.hinged import pair_of
 from support.reference import ORDINARY, OUTPUTS
+from support.sparse import sparse
 
 pytestmark = pytest.mark.usefixtures("each_backend")
 
@@ -61,7 +62,7 @@ def test_random_states_of_one_pair(ledger):
     require(truth, one_by_one(pair, motion), ledger, "one_by_one")
 
 
-@pytest.mark.parametrize("sequence", ["ZYX", "zyx", "XZY", "ZXZ", "zxz", "YXY", "xyz", "yzy"])
+@pytest.mark.parametrize("sequence", sparse(["ZYX", "zyx", "XZY", "ZXZ", "zxz", "YXY", "xyz", "yzy"], 4))
 def test_other_sequences(sequence, ledger):
     rng = states.generator(3)
     constants, motion = states.pair(rng), states.coordinates(rng, 25)
@@ -123,7 +124,7 @@ def test_float32_states(way, ledger):
     require(reference.from_euler(constants, *motion), found, ledger, "float32")
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, id=name.replace(" ", "_")) for name in HARD])
+@pytest.mark.parametrize("name", sparse(HARD, 6))
 def test_hard_state(name, ledger):
     """Alone, and in a batch whose other samples are ordinary."""
     constants, *motion = HARD[name]
@@ -165,7 +166,7 @@ _MAKERS = {
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, id=name.replace(" ", "_")) for name in GIVEN])
+@pytest.mark.parametrize("name", sparse(GIVEN, 6))
 def test_hard_attitude(name, ledger):
     """Given from outside, alone and between ordinary ones."""
     kind, numbers = GIVEN[name]
@@ -202,7 +203,7 @@ def test_small_turn_through_the_pair():
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("place", range(7))
+@pytest.mark.parametrize("place", sparse(range(7), 3))
 def test_a_sample_that_is_no_number_stays_in_its_sample(bad, place, ledger):
     rng = states.generator(10)
     constants, motion = states.pair(rng), states.coordinates(rng, 4)

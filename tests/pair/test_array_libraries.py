@@ -138,6 +138,7 @@ def test_prepared_calls(library):
 # ---- JAX's own ways
 
 
+@pytest.mark.slow
 def test_jit_and_vmap():
     pair, (q, qd, _) = some(4)
     q, qd = jnp.asarray(q), jnp.asarray(qd)
@@ -152,6 +153,7 @@ def test_jit_and_vmap():
     assert np.allclose(found(body1.S, 0.3), again.R2, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_derivatives_are_the_jacobians():
     """Of the position by the coordinates, of omega2 by their rates, and along the motion: the velocity."""
     pair, (q, qd, _) = some(5)

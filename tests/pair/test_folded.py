@@ -15,6 +15,7 @@ import hingepair as hp
 from hingepair.rotations.sequences import SEQUENCES
 from support import reference, states
 from support.reference import ORDINARY, OUTPUTS
+from support.sparse import sparse
 
 pytestmark = pytest.mark.usefixtures("each_backend")
 
@@ -49,7 +50,7 @@ def require(truth, state, ledger, way):
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("axis", sparse(AXES, 5))
 def test_known_numbers(axis, motion, ledger):
     """Coordinates, their rates, axis, levers and home, of which some are 0, 1 or -1."""
     place = list(AXES).index(axis), list(MOTIONS).index(motion)
@@ -68,7 +69,7 @@ def _array(constant):
     return None if constant is None else np.asarray(constant, float)
 
 
-@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("axis", sparse(AXES, 5))
 def test_one_state(axis, ledger):
     rng = states.generator(111, list(AXES).index(axis))
     for (u1, u2), pattern in zip(LEVERS.values(), itertools.cycle(("upright", "only psi")), strict=False):

@@ -9,6 +9,7 @@ import hingepair as hp
 from hingepair.evaluation import binding
 from hingepair.evaluation.llvm_ir import LANES
 from hingepair.pair.accuracy import output_scales
+from support.sparse import sparse
 from support.states import generator
 
 OUTPUTS = ("R2", "phi2", "d", "v2", "omega2", "a2", "alpha2")
@@ -187,7 +188,7 @@ def upright(rng, backend, *, sequence, n, home):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("sequence", ["XYZ", "ZYX", "zyx", "YZX"])
+@pytest.mark.parametrize("sequence", sparse(["XYZ", "ZYX", "zyx", "YZX"], 4))
 @pytest.mark.parametrize("n", [1, -2])
 @pytest.mark.parametrize("turn", [0.0, 0.7], ids=["no_home", "home"])
 def test_motion_proven_flat_is_the_same_motion(backend, sequence, n, turn):
