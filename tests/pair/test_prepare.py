@@ -259,3 +259,37 @@ def test_the_code_can_be_read():
     assert "define void @kernel" in fk.llvm
     assert "%S1_xx = " in fk.llvm
     assert repr(fk) == "Prepared(given=('q', 'qd'), outputs=('R2',))"
+
+
+@pytest.mark.parametrize("count", [None, 2, 100])
+def test_arrays_are_filled_at_every_call_and_refused_at_every_call(count):
+    """The first call goes the long way, later ones do not: same bits, same errors, nothing written where refused."""
+    pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
+    shape = () if count is None else (count,)
+    names = ("v2", "R2", "S2")
+    for call in range(3):
+        q, qd = generator(31, call).normal(size=(2, *shape, 7))
+        room = {"R2": np.zeros((*shape, 3)), "v2": np.zeros((*shape, 5))[..., 1:4]}
+        expected = pair.forward_kinematics(q, qd, outputs=names, backend="compiled")
+        found = pair.forward_kinematics(q, qd, outputs=names, out=room, backend="compiled")
+        assert found.outputs == names
+        assert found.shape == shape
+        for name in names:
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+            assert np.shares_memory(getattr(found, name), room[name]) if name in room else True
+        both = np.zeros((2 * q.size, 3))
+        frozen = np.zeros((*shape, 3))
+        frozen.setflags(write=False)
+        kept = [part.copy() for part in (q, qd)]
+        for wrong in (
+            {"R2": frozen},
+            {"R2": np.zeros((*shape, 4))},
+            {"R2": np.zeros((*shape, 3), np.float32)},
+            {"R2": None},
+            {"omega2": np.zeros((*shape, 3))},
+            {"R2": q[..., :3] if shape else None},
+            {"R2": both[: q.size // 7].reshape(*shape, 3), "v2": both[: q.size // 7].reshape(*shape, 3)},
+        ):
+            with pytest.raises(hp.ArgumentError, match="out"):
+                pair.forward_kinematics(q, qd, outputs=names, out=room | wrong, backend="compiled")
+        np.testing.assert_array_equal((q, qd), kept)

@@ -29,6 +29,7 @@ from hingepair.pair.evaluate import (
     plan_for,
     read_coordinates,
     wanted,
+    written,
 )
 from hingepair.pair.foreign_arrays import evaluate_foreign
 from hingepair.pair.prepared import Prepared
@@ -47,9 +48,11 @@ def from_coordinates(
     """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10)."""
     rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
     ready: Prepared | None = None
-    short = out is None and how.workers == 1 and (qd is not None or qdd is None)
+    short = how.workers == 1 and (qd is not None or qdd is None)
     if type(outputs) is list:
         outputs = tuple(outputs)
+    if out is not None:
+        short = short and type(outputs) is tuple and type(out) is dict and out.keys() <= {*outputs}
     if short:
         try:
             ready = pair.prepared.get((outputs, sequence, how.backend, len(rows)))
@@ -58,8 +61,9 @@ def from_coordinates(
         else:
             found: PairState | None = None if ready is None else ready.short(*rows)
             if found is not None:
-                return found
-            if ready is not None:
+                inputs = dict(zip(PARTS, rows, strict=False)) if found.shape else {}
+                return found if out is None else written(found, out, inputs)
+            if ready is not None and out is None:
                 floats = one_in_floats(rows, len(COORDINATES))
                 state: PairState | None = None if floats is None else ready.short(*floats)
                 if state is not None:
