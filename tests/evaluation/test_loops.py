@@ -26,7 +26,7 @@ def turned(v):
     big = where_less(length, 2.0, (x, y), (z, length))
     return {
         "r": (x * turn.cosine() - y * turn.sine(), x * turn.sine() + y * turn.cosine(), z * turn.versine()),
-        "length": length / (1.0 + turn * turn),
+        "length": length / (1.0 + turn * turn) + (x * y - z),
         "m": (*big, arc_tangent(y, x), hypotenuse(z, x)),
     }
 
