@@ -72,3 +72,11 @@ def test_without_scipy_dop853_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.integrate", None)
     with pytest.raises(hp.MissingDependencyError, match=r"^method: expected scipy \(pip install scipy\), or another"):
         hp.integrate(PAIR, T, (0, 0, 1), 1.0, method="dop853")
+
+
+def test_nanoseconds_are_no_seconds():
+    pair = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    stamps = 1_700_000_000_000_000_000 + 10_000_000 * np.arange(5)
+    with pytest.raises(hp.ArgumentError, match=r"t: expected seconds, such as \(t - t\[0\]\) \* 1e-9 of nanoseconds"):
+        hp.integrate(pair, stamps, (0, 0, 1), 0.5)
+    assert hp.integrate(pair, np.arange(5), (0, 0, 1), 0.5).psi[-1] == 2

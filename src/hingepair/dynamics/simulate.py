@@ -125,6 +125,11 @@ class SimulatedMotion(Trajectory):
     psid: Array
     psidd: Array
 
+    def recorded(self) -> dict[str, Array]:
+        """The outputs of the state, the motion of body 1 and that of the hinge, by name; shape (N, ...)."""
+        body1 = {f"{letter}1": getattr(self.body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha")}
+        return {**self.state.arrays(), **body1, "psi": self.psi, "psid": self.psid, "psidd": self.psidd}
+
 
 def simulate(
     pair: HingePair,
@@ -147,7 +152,8 @@ def simulate(
     """The motion of a pair under what acts on it (D1-D6), from its start at t[0].
 
     Steps of Gauss collocation of order 16, their lengths chosen by the tolerance; attitudes on the rotation group. A
-    free pair on which nothing acts keeps its momenta to the last bit.
+    free pair on which nothing acts keeps its momenta to the last bit. The limits of the pair are not enforced: a
+    `HingeLoad(stops=pair.limits)` does that. An inertia that was not given is that of a radius of gyration of 0.1 m.
 
     Args:
         pair: a HingePair whose bodies have mass properties (body 2 alone where the base is not free).

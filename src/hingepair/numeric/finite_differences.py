@@ -39,6 +39,9 @@ class Stencils(NamedTuple):
     second: Float64Array
 
 
+_NO_SECONDS = 1e11  # whole numbers from here on, 3,000 years, are stamps in milliseconds or nanoseconds
+
+
 def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
     """Instants that can be differentiated at, as float64.
 
@@ -49,6 +52,8 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
     if t.ndim != 1 or t.size < order + 1:
         fewest = f" with at least {order + 1} samples" if order else ""
         raise ShapeError(name, f"shape (N,){fewest}", f"shape {t.shape}")
+    if t.dtype.kind in "iu" and t.size and np.abs(t.astype(np.float64)).max() >= _NO_SECONDS:
+        raise ArgumentError(name, "seconds, such as (t - t[0]) * 1e-9 of nanoseconds", f"{t.dtype.name} from {t[0]}")
     instants = t.astype(np.float64)
     bad = np.flatnonzero(~np.isfinite(instants))
     if bad.size:

@@ -123,7 +123,7 @@ Shape: TypeAlias = Box | Cylinder | Sphere
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Body(Frozen):
-    """Mass properties and shapes of one body, for `to_urdf` and `to_mjcf`; the kinematics do not depend on them.
+    """Mass properties and shapes of one body: for its dynamics and for exports; the kinematics do not depend on them.
 
     Args:
         mass: above zero [kg].
