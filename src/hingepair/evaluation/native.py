@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from hingepair.errors import MissingDependencyError
+from hingepair.evaluation.backend import give_up
 
 _lock = threading.Lock()
 if hasattr(os, "register_at_fork"):  # a fork waits for a kernel that is being compiled: the child starts whole
@@ -91,6 +92,17 @@ def llvmlite() -> Any:
     for name in ("sin", "cos", "atan2", "hypot", "fma", "fmaf"):
         llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
     return llvm
+
+
+@functools.cache
+def can_compile() -> bool:
+    """Whether code can be compiled here; where it cannot, that is said once."""
+    try:
+        Kernel("define void @kernel() { ret void }")
+    except MissingDependencyError as error:
+        give_up(error)
+        return False
+    return True
 
 
 @functools.cache

@@ -6,7 +6,6 @@ The sequence is E10's, XYZ. The rates grow without bound towards gimbal lock, an
 from __future__ import annotations
 
 import functools
-import importlib.util
 import math
 from typing import Any, Final
 
@@ -18,6 +17,7 @@ from hingepair.errors import GimbalLockError
 from hingepair.evaluation.backend import How
 from hingepair.evaluation.binding import bind
 from hingepair.evaluation.loops import Loop
+from hingepair.evaluation.native import can_compile
 from hingepair.evaluation.trace import where_less
 from hingepair.integration.methods import Quaternion, Rule, quaternion_product
 from hingepair.integration.signals import Signal, Values
@@ -75,7 +75,7 @@ def _compiles(how: How, steps: int) -> bool:
     """Whether the steps, each of which needs the one before it, are worth compiling."""
     if how.backend != "auto":
         return how.backend == "compiled"
-    return steps >= _WORTH_COMPILING and importlib.util.find_spec("llvmlite") is not None
+    return steps >= _WORTH_COMPILING and can_compile()
 
 
 def _run(omega: Values, h: Values, start: Values, body: bool, rows: Values) -> None:
