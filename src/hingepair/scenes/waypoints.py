@@ -91,8 +91,9 @@ def through(
     Raises:
         ArgumentError: a limit is passed; says by how much, or what a segment needs.
 
-    >>> through(np.array([0.0, 2.0]), np.array([0.0, 4.0]), "quintic").derivatives(1.0, 1)
-    (array(2.), array(3.75))
+    >>> position, speed = through(np.array([0.0, 2.0]), np.array([0.0, 4.0]), "quintic").derivatives(1.0, 1)
+    >>> round(float(position), 9), round(float(speed), 9)
+    (2.0, 3.75)
     """
     if profile == "trapezoid":
         return _trapezoids(t, values, speed, acceleration)
