@@ -36,7 +36,7 @@ from hingepair.pair.constants import Constants
 from hingepair.pair.constraints import STEPS as CONSTRAINT_STEPS
 from hingepair.pair.constraints import TAILS as CONSTRAINT_TAILS
 from hingepair.pair.constraints import with_hinge_frames
-from hingepair.pair.evaluate import Out, check_apart, loop_of, room_for
+from hingepair.pair.evaluate import Out, check_apart, loop_of, room_for, written
 from hingepair.pair.foreign_arrays import check_options, run_foreign
 from hingepair.pair.jacobians import COORDINATE_TAILS, JACOBIAN_STEPS, JACOBIAN_TAILS, coordinate_steps
 from hingepair.pair.sensitivities import POSE_TAILS, SENSITIVITY_STEPS, VELOCITY_TAILS
@@ -206,10 +206,14 @@ class Prepared:
         Raises:
             ArgumentError: an argument cannot be used; names it.
         """
-        if out is None and len(given) == len(self.given):
+        known = out is None or (type(out) is dict and out.keys() <= {*self.outputs})
+        if known and len(given) == len(self.given):
             found = self.short(*given)
-            if found is not None:
+            if found is not None and out is None:
                 return found
+            if found is not None and out is not None:
+                inputs = zip(self.given, given, strict=True) if found.shape else ()
+                return written(found, out, dict(inputs))
         return self._first(given, out)
 
     def _straight_way(self, run: Any) -> Callable[..., PairState | None]:
