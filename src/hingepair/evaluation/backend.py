@@ -13,7 +13,7 @@ from hingepair.numeric.arrays import check_choice
 BACKENDS = ("auto", "numpy", "compiled")
 
 _IMPORTING = 0.035  # seconds that llvmlite takes
-_COMPILING, _A_LINE = 0.02, 0.0003  # seconds for a kernel, and for each of its operations
+_COMPILING, _A_LINE = 0.02, 0.0002  # seconds for a kernel, and for each of its operations
 _A_CALL, _A_SAMPLE = 1.0e-6, 1.0e-9  # seconds that NumPy takes for each operation, beyond what a kernel does
 _A_STATE = 1.2e-8  # seconds that Python takes for each operation on one state, likewise
 
