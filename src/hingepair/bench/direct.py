@@ -95,22 +95,29 @@ def errors(pair: HingePair, ways: Iterable[Way], truth: Truth) -> dict[str, floa
 
 
 def panels(rows: Sequence[Row]) -> list[Panel]:
-    """The picture: error against run time at the largest size of each level, ordinary states and hard ones."""
+    """The picture: error against run time at the largest size of each level, ordinary states and hard ones.
+
+    The smallest times of the repeats: beside other work, medians of neighbouring points trade places.
+    """
     drawn = {way.name for way in peers.WAYS if way.drawn}
     found: list[Panel] = []
     for level in LEVELS:
         cases = [row.case for row in rows if row.case.startswith(f"{level},")]
         block = [row for row in rows if cases and row.case == cases[-1]]
         curves = [
-            Curve(row.method, [(row.each * 1e9, row.error), (row.each * 1e9, row.more[HARD])], hard=True)
+            Curve(row.method, [(_nanoseconds(row), row.error), (_nanoseconds(row), row.more[HARD])], hard=True)
             for row in block
             if row.method in drawn and row.error is not None
         ]
-        floor = next((row.each * 1e9 for row in block if row.method == peers.FLOOR), None)
+        floor = next((_nanoseconds(row) for row in block if row.method == peers.FLOOR), None)
         if curves:
             up = "largest error [u * scale]" if not found else ""
             found.append(Panel(cases[-1], "run time [ns a sample]", up, curves, floor, most=10.0))
     return found
+
+
+def _nanoseconds(row: Row) -> float:
+    return row.least / row.count * 1e9
 
 
 def singles(repeats: int, tell: Callable[[str], None]) -> list[Row]:
