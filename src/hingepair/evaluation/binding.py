@@ -30,7 +30,7 @@ FEWEST_A_WORKER: Final = 8192
 """Samples that are worth a thread: a tenth of a millisecond of work, which is what starting one takes."""
 
 _KNOWN: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
-_SLAB: Final = 6_000_000  # bytes converted at a time, where inputs are of another dtype than the one computed in
+_SLAB: Final = 4_000_000  # bytes converted at a time (one slab is still held while the next is made)
 _TOO_MUCH_FOR_CACHES: Final = 2**21  # bytes of output, past which they are stored past the caches
 
 
