@@ -225,7 +225,7 @@ SEQUENCES = {
     "300 x 1,000": "[1000] * 300",
     "20 x 10,000": "[10_000] * 20",
     "3 x 1,000,000": "[1_000_000] * 3",
-    "100 x 1, 1 x 100,000, 100 x 1": "[1] * 100 + [100_000] + [1] * 100",
+    "1 x 100,000 among 200 x 1": "[1] * 100 + [100_000] + [1] * 100",
 }
 BACKENDS = ("auto", "numpy", "compiled")
 
@@ -287,7 +287,7 @@ def targets(rows: Sequence[Row]) -> list[Target]:
     def compare(what: str, case: str, way: str, beside: str, target: float, least: bool) -> None:
         if (case, way) in by and (case, beside) in by:
             a, b = by[case, way].ratio, by[case, beside].ratio
-            found.append(Target(what, b / a if least else a / b, target, f"times {beside}", least))
+            found.append(Target(what, b / a if least else a / b, target, f"x {beside}", least))
 
     one, many = case_of("velocity", 1), 1_000_000
     take("one state", (one, peers.OURS), "us", 1e-6, 5.0)
@@ -309,9 +309,9 @@ def targets(rows: Sequence[Row]) -> list[Target]:
         if auto is None or best is None:
             continue
         if name == FIRST_CALL and others[0] is not None:
-            found.append(Target(f"first call, {name}, beyond NumPy's", auto.seconds - others[0].seconds, 0.05, "s"))
+            found.append(Target(f"first call, {name}: over NumPy", auto.seconds - others[0].seconds, 0.05, "s"))
         beyond = auto.seconds - 2 * best
-        found.append(Target(f"first calls, {name}, beyond twice the better backend's", beyond, 0.05, "s"))
+        found.append(Target(f"first calls, {name}: over twice the better", beyond, 0.05, "s"))
     take("HingePair(...)", (MADE, peers.OURS), "us", 1e-6, 60.0)
     compare("import", f"{STARTS}: import", "hingepair", "numpy", 1.3, False)
     take("hingepair run, reference scene", (f"{STARTS}: hingepair run, reference scene", peers.OURS), "s", 1.0, 1.0)
