@@ -311,7 +311,7 @@ def targets(rows: Sequence[Row]) -> list[Target]:
         if name == FIRST_CALL and others[0] is not None:
             found.append(Target(f"first call, {name}: over NumPy", auto.seconds - others[0].seconds, 0.05, "s"))
         beyond = auto.seconds - 2 * best
-        found.append(Target(f"first calls, {name}: over twice the better", beyond, 0.05, "s"))
+        found.append(Target(f"calls {name}: over 2 x the better", beyond, 0.05, "s"))
     take("HingePair(...)", (MADE, peers.OURS), "us", 1e-6, 60.0)
     compare("import", f"{STARTS}: import", "hingepair", "numpy", 1.3, False)
     take("hingepair run, reference scene", (f"{STARTS}: hingepair run, reference scene", peers.OURS), "s", 1.0, 1.0)
