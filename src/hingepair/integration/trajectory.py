@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import check_choice, read_only
+from hingepair.numeric.arrays import Frozen, check_choice, read_only
 from hingepair.numeric.blocks import components_of, tabulate_one
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import Result
@@ -54,7 +54,7 @@ class Later:
         return Later, (None, self())
 
 
-class _OfState(Result):
+class _OfState(Frozen, Result):
     """The fields of the state as attributes."""
 
     __slots__ = ()

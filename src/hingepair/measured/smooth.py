@@ -20,7 +20,7 @@ from hingepair.errors import ArgumentError, ShapeError
 from hingepair.measured.instants import MeasurementWarning, checked_gaps, pieces, recorded, warn_of_jitter
 from hingepair.measured.resample import interpolated
 from hingepair.measured.spline import FEWEST, Smoothed, smooth_columns
-from hingepair.numeric.arrays import Float64Array, finite_number, read_only, real_array
+from hingepair.numeric.arrays import Float64Array, Frozen, finite_number, read_only, real_array
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
@@ -57,7 +57,7 @@ class SmoothedMotion(BodyMotion):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothedAngle:
+class SmoothedAngle(Frozen):
     """A smooth angle with its rates, NaN in gaps; unpacks as psi, psid, psidd.
 
     Attributes:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, check_outputs, outputs_of
 from hingepair.integration.trajectory import span
+from hingepair.numeric.arrays import Frozen
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -77,7 +78,7 @@ class Motion(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SceneResult(Result):
+class SceneResult(Frozen, Result):
     """A scene evaluated: `t`, `state`, and every attribute of the state (R2, S2, d, v2, ...).
 
     Attributes:
