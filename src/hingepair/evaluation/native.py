@@ -14,8 +14,8 @@ from typing import Any
 from hingepair.errors import MissingDependencyError
 from hingepair.evaluation.backend import give_up
 
-_lock = threading.Lock()
-if hasattr(os, "register_at_fork"):  # a fork waits for a kernel that is being compiled: the child starts whole
+_lock = threading.RLock()
+if hasattr(os, "register_at_fork"):  # a fork waits for what is being imported or compiled: the child starts whole
     os.register_at_fork(before=_lock.acquire, after_in_parent=_lock.release, after_in_child=_lock.release)
 
 
@@ -81,6 +81,11 @@ def llvmlite() -> Any:
     Raises:
         MissingDependencyError: llvmlite is not installed.
     """
+    with _lock:
+        return _imported()
+
+
+def _imported() -> Any:
     try:
         from llvmlite import binding as llvm
     except ModuleNotFoundError as error:
@@ -112,7 +117,7 @@ def can_fuse() -> bool:
     Raises:
         MissingDependencyError: llvmlite is not installed, or does not work.
     """
-    with _trouble():
+    with _trouble(), _lock:
         return "+fma" in cpu(llvmlite())[1].split(",") or platform.machine().lower() in {"arm64", "aarch64"}
 
 
