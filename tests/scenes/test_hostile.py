@@ -20,7 +20,7 @@ from support import hostile
 SCRIPT = Path(hostile.__file__)
 FEW = {"expression": 60, "scene": 12, "urdf": 150}
 MANY = {"expression": 12_000, "scene": 3_000, "urdf": 20_000}
-LIMIT = 10  # seconds a text
+LIMIT = 10  # seconds of the processor a text
 
 
 @pytest.mark.parametrize("kind", FEW)

@@ -179,7 +179,7 @@ def attempt(kind, seed, folder, seconds):
     """(what is wrong or None, whether it was refused, the text)."""
     steps = USES[kind](random.Random(f"{kind} {seed}"), folder)
     text = next(steps)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -190,12 +190,12 @@ def attempt(kind, seed, folder, seconds):
     except BaseException as error:
         return f"{type(error).__name__}: {error}"[:300], False, text
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
     return None, False, text
 
 
 class Late(BaseException):
-    """The text took longer than it may."""
+    """The text took more of the processor than it may."""
 
 
 @contextlib.contextmanager
@@ -203,11 +203,11 @@ def alarms():
     def late(*_):
         raise Late
 
-    before = signal.signal(signal.SIGALRM, late)
+    before = signal.signal(signal.SIGPROF, late)
     try:
         yield
     finally:
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGPROF, before)
 
 
 def findings(kind, first, count, seconds):
