@@ -127,7 +127,8 @@ def integrate(
         attribute of its `.state` (`.R2` (N, 3) m, ...), `.error_estimate` and `.psi_error_estimate` rad.
 
     Raises:
-        ArgumentError: an argument cannot be used, is not finite (names the first index), or tol is not reached.
+        ArgumentError: an argument cannot be used, a rate is not finite (names the first index), or tol is not
+            reached. What is not finite in R1 stays in its instant.
         GimbalLockError: `euler_angles` came too near to lock, or its steps are too long.
         MissingDependencyError: `dop853` without SciPy.
 
