@@ -92,6 +92,7 @@ def test_hard_states_keep_their_bounds(name):
     assert all(share <= 1 for share in shares(truth, found, {o: b[None] for o, b in bounds.items()}).values())
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("each_backend")
 def test_constants_that_fold_away_keep_their_bounds():
     """Numbers among the coordinates, axes along e_z, upright motion: fewer roundings, and smaller bounds."""

@@ -26,6 +26,16 @@ def close(found, expected, ulps=64):
     assert np.nanmax(np.abs(found - expected), initial=0.0) <= ulps * U * size
 
 
+def test_numpy_is_numpy_where_a_kernel_is_there_already():
+    rng = generator(1020)
+    one, motion = made(rng), coordinates(rng, 20)
+    expected = one.prepare("velocity", backend="numpy")(*motion[:2])["v2"].copy()
+    one.forward_kinematics(*motion[:2], backend="compiled")
+    fk = one.prepare("velocity", backend="numpy")
+    for _ in range(2):
+        np.testing.assert_array_equal(fk(*motion[:2])["v2"], expected)
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("level", ["pose", "velocity", "acceleration"])
 def test_coordinates(level, backend):

@@ -366,6 +366,8 @@ class Prepared:
         size = dtype.itemsize
         if not plain or size * count * sum(outputs) > _SMALL or self._how.workers != 1 or not self._pair.single:
             return None
+        if self._how.backend == "numpy":  # also where somebody else had the kernel compiled
+            return None
         key = self._key(dtype.char)
         kernel = self._program.kernels.get(key)
         if kernel is None and self._how.backend == "compiled":
