@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.evaluation.backend import Account
 from hingepair.integration.error_estimate import PROBES
-from hingepair.integration.methods import RULES
+from hingepair.integration.methods import RULES, integrals, turns
+from hingepair.integration.signals import interpolation
 from support.reference import DIGITS
 from support.spins import REFERENCE, SPINS, TURNED, U, angle
 from support.states import generator
@@ -72,6 +74,28 @@ def test_error_estimate_is_honest(spin, kind, method):
         true = spin.error(t, motion.S1, instants=8)
         assert motion.error_estimate <= 10 * max(true, 20 * U)
         assert true <= 10 * motion.error_estimate
+
+
+@pytest.mark.parametrize("tol", [None, 1e-6])
+@pytest.mark.parametrize("kind", ["callable", "samples"])
+def test_numpy_is_numpy_where_kernels_are_there_already(kind, tol, monkeypatch):
+    """The same bits of motion and estimates, before and after all that runs was compiled."""
+    for loops in (turns, integrals, interpolation):
+        loops.cache_clear()
+    t = np.linspace(0, 1, 200)
+    given = TURNED.omega(t) if kind == "samples" else TURNED.omega
+    rate = np.sin(3 * t) if kind == "samples" else np.sin
+
+    def found(backend):
+        motion = hp.integrate(PAIR, t, given, rate, tol=tol, backend=backend)
+        return motion.quat_wxyz, motion.psi, motion.v2, motion.error_estimate, motion.psi_error_estimate
+
+    before = found("numpy")
+    with monkeypatch.context() as patch:
+        patch.setattr(Account, "pays", lambda *_: True)
+        found("auto")
+    for one, other in zip(found("numpy"), before, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("shift", range(3))

@@ -38,7 +38,6 @@ What is narrower than one of these, and than half a step, may lie between their 
 """
 
 _U = 2.0**-53
-_HOW = How("auto", 1)
 _NODES = 0.4  # measured; a step's outer nodes are rounded in opposite senses, the middle one counts 4/9
 _WINDOW = 11  # samples whose highest divided difference tells roughness; of a smooth motion it is as good as none
 _WINDOWS = 2048
@@ -117,7 +116,7 @@ def _most_abrupt(columns: Values, lengths: Values) -> NDArray[np.intp]:
 
 
 @np.errstate(all="ignore")
-def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, body: bool) -> float:
+def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, how: How, *, body: bool) -> float:
     """How far the attitudes are off at the worst instant [rad]; NaN where it cannot be told.
 
     Rounding comes to that of the steps, and of products of rotations by a radian or so. Both are random walks, but
@@ -132,7 +131,7 @@ def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, *, bo
     if exact(omega, rule):
         return rounded
     chosen, weights = looked.intervals, looked.stand_for(steps.counts, rule.order)
-    errors, hidden, rounding = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, body=body)
+    errors, hidden, rounding = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, how, body=body)
     q = quats if body else quats * np.array([1, -1, -1, -1])
     if isinstance(omega, Samples):
         seen = above(_size(errors), rounding) > 0
@@ -198,7 +197,14 @@ def _largest(total: Values, hidden: Values, noise: Values, weights: Values, squa
 
 
 def turn_errors(
-    omega: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule, *, body: bool
+    omega: Signal,
+    t: Values,
+    chosen: NDArray[np.intp],
+    counts: NDArray[np.int64],
+    rule: Rule,
+    how: How,
+    *,
+    body: bool,
 ) -> tuple[Values, Values, Values]:
     """Errors of some intervals in so many steps.
 
@@ -207,7 +213,7 @@ def turn_errors(
     """
     ends, finer = (t[chosen], t[chosen + 1]), _finer(t, chosen, counts)
     coarse, fine = _looks(omega, *ends, counts, rule), _looks(omega, *ends, finer * counts, rule)
-    apart = _apart(_turns(coarse, rule, body=body), _turns(fine, rule, body=body)) * _whole(finer, rule)[:, None]
+    apart = _apart(*(_turns(looks, rule, how, body=body) for looks in (coarse, fine))) * _whole(finer, rule)[:, None]
     rounding = interval_rounding(omega, *ends, counts)
     products = np.minimum(rounding.size, 4 * np.sqrt(np.minimum(rounding.size, finer * counts)))
     noise = rounding.noise + _U * products
@@ -279,12 +285,12 @@ def _looks(signal: Signal, start: Values, stop: Values, counts: NDArray[np.int64
     return _Looks(counts, h, part, signal.nodes(begin, h, rule.nodes))
 
 
-def _turns(looks: _Looks, rule: Rule, *, body: bool) -> Any:
+def _turns(looks: _Looks, rule: Rule, how: How, *, body: bool) -> Any:
     """The rotations over intervals: neighbours are multiplied until one is left."""
     part = looks.part
     rows = np.empty((len(looks.h), 4))
     given = {"omega": looks.values, "h": -looks.h if body else looks.h}
-    turns(rule).run(given, {"q": rows}, looks.h.shape, rows.dtype, _HOW)
+    turns(rule).run(given, {"q": rows}, looks.h.shape, rows.dtype, how)
     q = rows.T.copy()
     while len(part) > len(looks.counts):
         even = np.flatnonzero(part % 2 == 0)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.evaluation.backend import choose
+from hingepair.evaluation.backend import How, choose
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, check_outputs, default_outputs, make_plan
 from hingepair.integration.signals import Signal, Values, read_position, read_signal
 from hingepair.integration.solve import METHODS, Course, solve
@@ -163,7 +163,7 @@ def integrate(
             raise ArgumentError("phi_0", "nothing beside a HingePair, which takes S1_0", quoted(phi_0))
         start = one_constant("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
         check_rotation("S1_0", start)
-    rates = _rates({"omega1": omega1, "psid": psid, "alpha1": alpha1, "psidd": psidd}, t, () if flat else (3,))
+    rates = _rates({"omega1": omega1, "psid": psid, "alpha1": alpha1, "psidd": psidd}, t, () if flat else (3,), how)
     size = 2 if flat else 3
     point = read_position(np.zeros(size) if R1 is None else R1, t, size)
     found = solve(course, _needed(rates, "omega1"), _needed(rates, "psid"), start, hinge)
@@ -182,10 +182,11 @@ def integrate(
     return Trajectory(quat_wxyz=turned, R1=place, state=state, pair=pair, **given)
 
 
-def _rates(given: Mapping[str, Any], t: Values, tail: tuple[int, ...]) -> dict[str, Signal | None]:
+def _rates(given: Mapping[str, Any], t: Values, tail: tuple[int, ...], how: How) -> dict[str, Signal | None]:
     tails = {"omega1": tail, "psid": (), "alpha1": tail, "psidd": ()}
     return {
-        name: None if value is None else read_signal(name, value, t, tails[name]) for name, value in given.items()
+        name: None if value is None else read_signal(name, value, t, tails[name], how)
+        for name, value in given.items()
     }
 
 

@@ -30,7 +30,6 @@ POINTS: Final = 6
 _POINT = ("R1", "v1", "a1")
 
 _BEFORE = POINTS // 2 - 1  # samples before the interval in whose middle the others are
-_HOW = How("auto", 1)
 
 
 class Constant:
@@ -87,11 +86,17 @@ class Samples:
     """Values at the instants, and between them a polynomial through those nearby.
 
     Only differences of instants that are near each other enter, so that stamps since 1970 lose nothing.
+
+    Args:
+        t: the instants, shape (N,).
+        values: at these, shape (N, ...).
+        how: backend that interpolates.
     """
 
-    def __init__(self, t: Values, values: Values) -> None:
+    def __init__(self, t: Values, values: Values, how: How) -> None:
         self.t = t
         self.values = values
+        self.how = how
         self.count = min(POINTS, len(t))
 
     def nodes(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
@@ -108,7 +113,7 @@ class Samples:
             "values": sliding_window_view(columns[near], POINTS, axis=0)[: len(inner)],
             "h": h[steps],
         }
-        interpolation(c, columns.shape[1]).run(given, {"values": found[steps]}, (len(inner),), found.dtype, _HOW)
+        interpolation(c, columns.shape[1]).run(given, {"values": found[steps]}, (len(inner),), found.dtype, self.how)
         for edge in (slice(0, steps.start), slice(steps.stop, len(h))):
             found[edge] = self._between(start[edge], h[edge], c).reshape(-1, *found.shape[1:])
         return found.reshape(len(h), len(c), *self.values.shape[1:])
@@ -134,7 +139,7 @@ class Samples:
 Signal: TypeAlias = Constant | Function | Samples
 
 
-def read_signal(name: str, value: Any, t: Values, tail: tuple[int, ...]) -> Signal:
+def read_signal(name: str, value: Any, t: Values, tail: tuple[int, ...], how: How) -> Signal:
     """What was given as a signal.
 
     Args:
@@ -142,6 +147,7 @@ def read_signal(name: str, value: Any, t: Values, tail: tuple[int, ...]) -> Sign
         value: a callable of t; one value of shape `tail`; or samples, of shape t.shape + tail.
         t: the instants, shape (N,).
         tail: shape of one value.
+        how: backend.
 
     Raises:
         ShapeError, DtypeError: it is none of these.
@@ -157,7 +163,7 @@ def read_signal(name: str, value: Any, t: Values, tail: tuple[int, ...]) -> Sign
         first = _first_not_finite(array.reshape(-1, *tail))
         where = f" at index {first}" if array.shape != tail else ""
         raise ArgumentError(name, "finite numbers", f"{array.reshape(-1, *tail)[first]}{where}")
-    return Constant(array) if array.shape == tail else Samples(t, array)
+    return Constant(array) if array.shape == tail else Samples(t, array, how)
 
 
 def unmistakable(row: Values, tail: tuple[int, ...]) -> Values:

@@ -154,20 +154,19 @@ def _angle(course: Course, name: str, rate: Signal, start: float, steps: Steps, 
 def _steps_of_angles(course: Course, rates: Sequence[Signal], rule: Rule) -> Steps:
     """The steps that angles need, no attitude being integrated in them."""
     tol = _SCIPY_TOLERANCE if course.tol is None and course.method == "dop853" else course.tol
-    return selected_steps(None, rates, course.t, rule, tol)
+    return selected_steps(None, rates, course.t, rule, tol, course.how)
 
 
 def _steps_of_attitude(
     course: Course, omega: Signal, rates: Sequence[Signal], rule: Rule, tol: float | None
 ) -> Steps:
-    return selected_steps(omega, rates, course.t, rule, tol, body=course.body)
+    return selected_steps(omega, rates, course.t, rule, tol, course.how, body=course.body)
 
 
 def _by_rule(course: Course, omega: Signal, start: Values, steps: Steps, rule: Rule) -> _Turned:
     quats = attitudes(omega, steps, rule, course.how, start, body=course.body)
-    return _Turned(
-        quats, Later(lambda: min(attitude_error(omega, steps, rule, quats, body=course.body), math.pi)), steps
-    )
+    error = Later(lambda: min(attitude_error(omega, steps, rule, quats, course.how, body=course.body), math.pi))
+    return _Turned(quats, error, steps)
 
 
 def _by_euler_angles(course: Course, omega: Signal, start: Values, S1_0: Values) -> _Turned:

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.evaluation.backend import How
 from hingepair.integration.error_estimate import exact, probes, sizes, spread, sum_errors, turn_errors
 from hingepair.integration.methods import Rule
 from hingepair.integration.signals import Constant, Function, Signal, Values
@@ -41,12 +42,14 @@ class _Rates(NamedTuple):
         omega: angular velocity, or None where there is no attitude, or none that steps are too long for.
         others: rates of angles that are not constant.
         rule: that makes the steps.
+        how: backend.
         body: whether omega is in body axes.
     """
 
     omega: Signal | None
     others: Sequence[Signal]
     rule: Rule
+    how: How
     body: bool
 
     @property
@@ -57,7 +60,7 @@ class _Rates(NamedTuple):
         """The largest error of each chosen interval in so many steps."""
         found = np.zeros(len(chosen))
         if self.omega is not None:
-            found = sizes(turn_errors(self.omega, t, chosen, counts, self.rule, body=self.body))
+            found = sizes(turn_errors(self.omega, t, chosen, counts, self.rule, self.how, body=self.body))
         for rate in self.others:
             found = np.maximum(found, sizes(sum_errors(rate, t, chosen, counts, self.rule)))
         return found
@@ -65,7 +68,14 @@ class _Rates(NamedTuple):
 
 @np.errstate(all="ignore")
 def selected_steps(
-    omega: Signal | None, rates: Sequence[Signal], t: Values, rule: Rule, tol: float | None, *, body: bool = False
+    omega: Signal | None,
+    rates: Sequence[Signal],
+    t: Values,
+    rule: Rule,
+    tol: float | None,
+    how: How,
+    *,
+    body: bool = False,
 ) -> Steps:
     """Steps that keep the error of attitude and angles below tol, but for that of interpolation; one each without.
 
@@ -75,11 +85,12 @@ def selected_steps(
         t: the instants that are asked for.
         rule: that makes the steps.
         tol: largest error [rad].
+        how: backend.
         body: whether omega is in body axes.
     """
     moving = [rate for rate in rates if not isinstance(rate, Constant)]
     turning = None if omega is None or exact(omega, rule) else omega
-    given = _Rates(turning, moving, rule, body)
+    given = _Rates(turning, moving, rule, how, body)
     if tol is None or len(t) < 2 or not given.all:
         return Steps(t, np.ones(max(0, len(t) - 1), np.int64))
     goal, refined = 0.4 * max(tol, _FINEST), t

@@ -12,6 +12,7 @@ from hingepair.integration.signals import Samples
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.finite_differences import check_instants, differentiate
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.evaluate import AUTO
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCES
@@ -203,7 +204,7 @@ def _integrated(table: Table, log: _Log) -> IntegratedMotion:
     if "v1" not in position:
         log.file.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
     known = position | turning | {name: column[:, 0] for name, column in hinge.items()}
-    signals = Samples(log.since, known["omega1"]), Samples(log.since, known["psid"])
+    signals = Samples(log.since, known["omega1"], AUTO), Samples(log.since, known["psid"], AUTO)
     found = integrated_in_space(table, log.since, signals, known, None, hint="" if log.completed else _HINT)
     return replace(found, t=log.t)
 
