@@ -8,12 +8,12 @@ import numpy as np
 from typer.testing import CliRunner
 
 from hingepair.cli.main import app
-from hingepair.pair.results import save
+from hingepair.pair.results import Record
 from support.recorded import HOME, recording
 
 
 def saved(path, made):
-    return str(save(path, made.t, {"R1": made.R1, "S1": made.S1, "R2": made.R2, "S2": made.S2}))
+    return str(Record(made.t, {"R1": made.R1, "S1": made.S1, "R2": made.R2, "S2": made.S2}).save(path))
 
 
 def test_the_hinge_of_a_file_is_told_written_and_drawn(tmp_path):

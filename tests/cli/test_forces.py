@@ -24,9 +24,14 @@ def test_forces_of_a_scene_are_those_of_its_motion():
     lever = state.S2 @ body2.center_of_mass
     acceleration = state.a2 + np.cross(state.alpha2, lever)
     acceleration += np.cross(state.omega2, np.cross(state.omega2, lever))
-    np.testing.assert_allclose(found["hinge_force"], body2.mass * acceleration, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(found.hinge_force, body2.mass * acceleration, rtol=0, atol=1e-10)
     assert found["hinge_torque"].shape == (scene.samples,)
-    assert set(found) == {"hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1"}
+    assert set(found.recorded()) == {"hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1"}
+    with pytest.raises(AttributeError, match=r"no 'force2'; it has t, hinge_torque"):
+        _ = found.force2
+    units = found.to_dataframe().attrs["units"]
+    assert (units["hinge_torque"], units["bearing_torque"], units["hinge_force"]) == ("N m", "N m", "N")
+    assert (units["force1"], units["torque1"]) == ("N", "N m")
 
 
 def test_the_command_prints_and_writes_them(tmp_path):
@@ -35,7 +40,7 @@ def test_the_command_prints_and_writes_them(tmp_path):
     assert done.exit_code == 0, done.output
     assert "hinge_torque" in done.output
     columns = np.genfromtxt(out, delimiter=",", names=True)
-    np.testing.assert_array_equal(columns["hinge_torque"], hp.load_scene(scene).forces()["hinge_torque"])
+    np.testing.assert_array_equal(columns["hinge_torque"], hp.load_scene(scene).forces().hinge_torque)
     report = json.loads(CliRunner().invoke(app, ["forces", scene, "--gravity", "0,0,0", "--json"]).output)
     assert report["outputs"]["force1_x"]["first"] == pytest.approx(1171 * 1.6, rel=0.1)
 

@@ -62,10 +62,10 @@ def test_what_the_library_saved_is_read(tmp_path: Path) -> None:
         "x": MADE.psi,
         "y": MADE.psi,
     }
-    from hingepair.pair.results import save
+    from hingepair.pair.results import Record
 
     for name in ("a.npz", "a.csv"):
-        found = read_recording([save(tmp_path / name, MADE.t, arrays)])
+        found = read_recording([Record(MADE.t, arrays).save(tmp_path / name)])
         assert (found.body2.S == MADE.S2).all()
         assert (found.body1.R == MADE.R1).all()
 

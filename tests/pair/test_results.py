@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import xarray
 
 import hingepair as hp
+from hingepair.pair.results import Record, result_file
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -69,8 +71,45 @@ def test_trajectories_and_the_plane_are_results_too(tmp_path):
     assert "phi" in data
 
 
+def in_pieces(path, record, *counts):
+    with result_file(path, len(record.t), record.described) as add:
+        for start, stop in itertools.pairwise((0, *np.cumsum(counts))):
+            add(record.t[start:stop], {name: array[start:stop] for name, array in record.recorded().items()})
+    return path
+
+
+@pytest.mark.parametrize("kind", ["csv", "npz", "parquet", "nc"])
+def test_a_file_is_the_same_in_pieces(tmp_path, kind, monkeypatch):
+    monkeypatch.setattr("hingepair.pair.results.ROWS", 16)
+    monkeypatch.setattr("hingepair.pair.results._TEXT_ROWS", 5)
+    rng = np.random.default_rng(1)
+    record = Record(np.arange(40.0), {"R2": rng.standard_normal((40, 3)), "psi": rng.standard_normal(40)}, "a walk")
+    whole = record.save(tmp_path / f"whole.{kind}").read_bytes()
+    assert in_pieces(tmp_path / f"pieces.{kind}", record, 16, 16, 8).read_bytes() == whole
+    if kind == "parquet":
+        assert pyarrow.parquet.ParquetFile(tmp_path / "pieces.parquet").num_row_groups == 3
+
+
+def test_what_is_held_until_the_end_is_refused_where_it_is_too_much(tmp_path):
+    with pytest.raises(hp.ArgumentError, match=r"\.csv or \.parquet for more than 10000000"):
+        result_file(tmp_path / "a.npz", 10**8).__enter__()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_left_half_way_is_not_there(tmp_path):
+    def stopped(path):
+        with result_file(path, 10) as add:
+            add(np.arange(5.0), {"psi": np.zeros(5)})
+            raise KeyboardInterrupt
+
+    for kind in ("csv", "parquet"):
+        with pytest.raises(KeyboardInterrupt):
+            stopped(tmp_path / f"a.{kind}")
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_unknown_ending_lists_the_known_and_nothing_is_written(result, tmp_path):
-    with pytest.raises(hp.ArgumentError, match=r"ends in \.csv, \.npz, \.parquet, \.nc"):
+    with pytest.raises(hp.ArgumentError, match=r"ends in \.csv, \.parquet, \.npz, \.nc"):
         result.save(tmp_path / "a.xlsx")
     with pytest.raises(hp.ArgumentError, match="out"):
         result.save(tmp_path / "nowhere" / "a.nc")

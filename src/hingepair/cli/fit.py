@@ -16,7 +16,7 @@ from hingepair.measured.likelihood import LOSSES
 from hingepair.measured.recordings import read_recording
 from hingepair.measured.rules import GAUGES
 from hingepair.numeric.whole_file import whole_file
-from hingepair.pair.results import check_ending, save
+from hingepair.pair.results import Record, check_ending
 
 
 def fit_files(
@@ -68,7 +68,7 @@ def fit_files(
     if out is not None:
         t = np.arange(float(found.psi.size)) if found.t is None else found.t
         arrays = {"psi": found.psi, "gap": found.gap, "tilt": found.tilt, "weight": found.weights}
-        written.append(save(out, t, arrays, files))
+        written.append(Record(t, arrays, "what is left of each sample").save(out, files))
     if plot is not None:
         with whole_file(plot, files) as file:
             found.plot().savefig(file, format=plot.suffix.lower()[1:])

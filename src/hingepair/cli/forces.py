@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 from rich import box
 from rich.table import Table
 
-from hingepair.cli.output import Json, console
+from hingepair.cli.output import NOTHING_WRITTEN, Json, console
 from hingepair.cli.run import SceneFile, head
 from hingepair.errors import ArgumentError
 from hingepair.numeric.tables import finite_or_none
 from hingepair.pair.dynamics import GRAVITY
-from hingepair.pair.results import ENDINGS, check_ending, column_names, save
+from hingepair.pair.results import ENDINGS, Record, check_ending, column_names, unit_of
 from hingepair.scenes.scene import load_scene, scene_files
 
 _GRAVITY = ",".join(f"{component:g}" for component in GRAVITY)
-_UNITS = {"hinge_force": "N", "force1": "N"}  # torques in N m
 
 
 def forces(
@@ -45,8 +43,8 @@ def forces(
         check_ending(out)
     scene = load_scene(scene_file)
     found = scene.forces(_vector(gravity))
-    written = None if out is None else save(out, scene.times(), found, scene_files(scene_file))
-    rows = _rows(scene.times(), found)
+    written = None if out is None else found.save(out, scene_files(scene_file))
+    rows = _rows(found)
     if as_json:
         numbers = {name: {key: finite_or_none(value) for key, value in row.items()} for name, row in rows.items()}
         facts = {
@@ -63,21 +61,20 @@ def forces(
     for heading in ("unit", "first", "smallest", "largest", "rms", "largest at t"):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, row in rows.items():
-        unit = next((unit for output, unit in _UNITS.items() if name.startswith(output)), "N m")
-        table.add_row(name, unit, *(f"{value + 0.0:.5g}" for value in row.values()), end_section=name.endswith("_z"))
+        cells = (f"{value + 0.0:.5g}" for value in row.values())
+        table.add_row(name, unit_of(name), *cells, end_section=name.endswith("_z"))
     screen.print(table)
     bodies = {"body1": scene.space.body1, "body2": scene.space.body2}
     assumed = [name for name, body in bodies.items() if body is not None and body.inertia_is_assumed]
     if assumed:
         screen.print(f"note: {' and '.join(assumed)}: no inertia is given, a radius of gyration of 0.1 m is taken")
-    screen.print(
-        f"written: {written}" if written else "nothing written (--out FILE.npz or FILE.csv writes all instants)"
-    )
+    screen.print(f"written: {written}" if written else NOTHING_WRITTEN)
 
 
-def _rows(t: NDArray[Any], found: dict[str, NDArray[Any]]) -> dict[str, dict[str, float]]:
+def _rows(found: Record) -> dict[str, dict[str, float]]:
     """What a table says of each component."""
-    columns = [column for array in found.values() for column in array.reshape(len(t), -1).T]
+    t, arrays = found.t, found.recorded()
+    columns = [column for array in arrays.values() for column in array.reshape(len(t), -1).T]
     return {
         name: {
             "first": float(column[0]),
@@ -86,7 +83,7 @@ def _rows(t: NDArray[Any], found: dict[str, NDArray[Any]]) -> dict[str, dict[str
             "rms": float(np.sqrt(np.nanmean(column * column))),
             "t_of_largest_size": float(t[np.nanargmax(np.abs(column))]),
         }
-        for name, column in zip(column_names(found), columns, strict=True)
+        for name, column in zip(column_names(arrays), columns, strict=True)
     }
 
 

@@ -23,6 +23,8 @@ EXIT_BAD = 2
 EXIT_FAULT = 3
 """That of an error which is none of ours: a traceback follows."""
 
+NOTHING_WRITTEN = "nothing written (--out FILE writes all instants)"
+
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 

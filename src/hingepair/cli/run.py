@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 
 from hingepair.cli import summary
-from hingepair.cli.output import Json, console
+from hingepair.cli.output import NOTHING_WRITTEN, Json, console
 from hingepair.errors import printable
 from hingepair.evaluation.plan import OUTPUTS, PLANAR_OUTPUTS
 from hingepair.numeric.tables import finite_or_none
@@ -87,7 +87,7 @@ def run(
         screen.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
     for note in scene.notes():
         screen.print(f"note: {note}")
-    screen.print(f"written: {written}" if written else "nothing written (--out FILE writes all instants)")
+    screen.print(f"written: {written}" if written else NOTHING_WRITTEN)
 
 
 def check(scene_file: SceneFile, as_json: Json = False) -> None:

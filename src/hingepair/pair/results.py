@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import importlib
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,22 +16,27 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.numeric.whole_file import whole_file
 
+ROWS: Final = 131072
+"""Rows that a file takes at a time, and of a row group of a .parquet: its bytes do not depend on how rows come."""
+MOST_HELD: Final = 10_000_000
+"""Instants that are held in memory at most."""
+
 _AXES = "xyz"
-_ROWS = 65536
+_TEXT_ROWS = 8192
 _UNITS = {
-    **{
-        "R": "m",
-        "d": "m",
-        "v": "m/s",
-        "omega": "rad/s",
-        "a": "m/s^2",
-        "alpha": "rad/s^2",
-        "phi": "rad",
-        "psi": "rad",
-    },
-    **dict.fromkeys(("phi_x", "phi_y", "phi_z"), "rad"),
-    **dict.fromkeys("xyz", "m"),
+    **dict.fromkeys(("t",), "s"),
+    **dict.fromkeys(("R", "d", "x", "y", "z", "gap"), "m"),
+    **dict.fromkeys(("phi", "psi", "tilt"), "rad"),
+    "v": "m/s",
+    "a": "m/s^2",
+    **dict.fromkeys(("omega", "phid", "psid"), "rad/s"),
+    **dict.fromkeys(("alpha", "phidd", "psidd"), "rad/s^2"),
+    **dict.fromkeys(("force", "hinge_force"), "N"),
+    **dict.fromkeys(("torque", "hinge_torque", "bearing_torque"), "N m"),
 }
+
+Add: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None]
+"""Takes some instants, and what was found at them by name."""
 
 
 class Result:
@@ -92,53 +99,75 @@ class Result:
             ArgumentError: another ending, or the file cannot be written; what was there before stays.
             MissingDependencyError: the package for this kind of file is not installed.
         """
-        return save(path, self.t, self.recorded(), inputs, self)
+        with result_file(path, len(self.t), self.described, inputs) as add:
+            add(self.t, self.recorded())
+        return Path(path)
 
 
-def save(
-    path: str | os.PathLike[str],
-    t: NDArray[Any],
-    arrays: Mapping[str, NDArray[Any]],
-    inputs: Iterable[str | os.PathLike[str]] = (),
-    result: Result | None = None,
-) -> Path:
-    """Write t and the arrays to a file whose ending says how.
+class Record(Result):
+    """Arrays over instants by name: `record.hinge_torque`, `record["hinge_torque"]`.
 
     Args:
-        path: ends in one of `ENDINGS`.
         t: instants [s]; shape (N,).
-        arrays: by output name; shape (N,), (N, 2), (N, 3) or (N, 3, 3).
-        inputs: files that are being read from, which the path must not be.
-        result: what they are, for files that describe themselves.
+        arrays: by name; shape (N,), (N, 2), (N, 3) or (N, 3, 3).
+        described: what they are, in a sentence.
 
-    Raises:
-        ArgumentError: another ending, or the file cannot be written; what was there before stays.
+    >>> Record(np.zeros(2), {"force1": np.ones((2, 3))}, "a push").force1.shape
+    (2, 3)
     """
-    target = Path(path)
-    check_ending(target)
-    record = result or _Arrays(t, dict(arrays))
-    with whole_file(target, inputs) as file:
-        _WRITERS[target.suffix.lower()](file, record)
-    return target
 
+    __slots__ = ("_arrays", "described", "t")
 
-class _Arrays(Result):
-    """Arrays over instants, by themselves."""
+    described: str
 
-    __slots__ = ("_arrays", "t")
-
-    def __init__(self, t: NDArray[Any], arrays: dict[str, NDArray[Any]]) -> None:
+    def __init__(self, t: NDArray[Any], arrays: Mapping[str, NDArray[Any]], described: str = "") -> None:
         self.t = t
-        self._arrays = arrays
-
-    @property
-    def described(self) -> str:
-        """Nothing is known of them."""
-        return ""
+        self.described = described
+        self._arrays = dict(arrays)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """The arrays."""
         return self._arrays
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self._arrays[name]
+
+    def __getattr__(self, name: str) -> NDArray[Any]:
+        if name.startswith("_") or name not in self._arrays:
+            raise AttributeError(f"Record has no {name!r}; it has {', '.join(('t', *self._arrays))}")
+        return self._arrays[name]
+
+    def __repr__(self) -> str:
+        return f"Record({self.described!r}, samples={len(self.t)}, {', '.join(self._arrays)})"
+
+
+@contextlib.contextmanager
+def result_file(
+    path: str | os.PathLike[str], samples: int, described: str = "", inputs: Iterable[str | os.PathLike[str]] = ()
+) -> Iterator[Add]:
+    """A file that results go to, block after block: there whole when the block is left without an error, or not.
+
+    .csv and .parquet are written as the blocks come; of .npz and .nc all that came is held until the end.
+
+    Args:
+        path: ends in one of `ENDINGS`.
+        samples: how many instants will come.
+        described: what they are, for files that describe themselves.
+        inputs: files that are being read from, which the path must not be.
+
+    Raises:
+        ArgumentError: another ending, one that does not take so many, or the file cannot be written; what was there
+            before stays.
+        MissingDependencyError: the package for this kind of file is not installed.
+    """
+    target = Path(path)
+    check_ending(target)
+    kind = target.suffix.lower()
+    if samples > MOST_HELD and kind in _WHOLE:
+        expected = f"a name that ends in .csv or .parquet for more than {MOST_HELD} instants, which go block by block"
+        raise ArgumentError("out", expected, quoted(str(target)))
+    with whole_file(target, inputs) as file, _WRITERS[kind](file, samples, described) as add:
+        yield add
 
 
 def check_ending(path: Path) -> None:
@@ -152,12 +181,13 @@ def check_ending(path: Path) -> None:
 
 
 def unit_of(name: str) -> str:
-    """The unit of an output.
+    """The unit of an output, or of one of its components.
 
-    >>> unit_of("omega2"), unit_of("R2"), unit_of("S2")
-    ('rad/s', 'm', '1')
+    >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
+    ('rad/s', 'm', '1', 'N m')
     """
-    return _UNITS.get(name.rstrip("12"), "1")
+    vector = name.rpartition("_")[0]
+    return _UNITS.get(name.rstrip("12")) or _UNITS.get(vector.rstrip("12"), "1")
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
@@ -179,33 +209,65 @@ def _columns(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> list[NDArra
     return [t, *(column for array in arrays.values() for column in array.reshape(len(t), -1).T)]
 
 
-def _write_npz(file: IO[bytes], result: Result) -> None:
-    named: dict[str, Any] = {"t": result.t, **result.recorded()}
-    np.savez(file, **named)  # no other keyword: NumPy 2.1 takes each for an array
+@contextlib.contextmanager
+def _csv(file: IO[bytes], _: int, __: str) -> Iterator[Add]:
+    begun = False
+
+    def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+        nonlocal begun
+        if not begun:
+            begun = True
+            file.write((",".join(["t", *column_names(arrays)]) + "\n").encode())
+        columns = _columns(t, arrays)
+        for start in range(0, len(t), _TEXT_ROWS):
+            rows = np.stack([column[start : start + _TEXT_ROWS] for column in columns], axis=1)
+            file.write("".join([",".join(map(repr, row)) + "\n" for row in rows.tolist()]).encode())
+
+    yield add
 
 
-def _write_csv(file: IO[bytes], result: Result) -> None:
-    arrays = result.recorded()
-    columns = _columns(result.t, arrays)
-    file.write((",".join(["t", *column_names(arrays)]) + "\n").encode())
-    for start in range(0, len(result.t), _ROWS):
-        rows = np.stack([column[start : start + _ROWS] for column in columns], axis=1)
-        np.savetxt(file, rows, fmt="%s", delimiter=",")
+@contextlib.contextmanager
+def _parquet(file: IO[bytes], _: int, described: str) -> Iterator[Add]:
+    arrow, parquet = _needed("pyarrow", "save"), _needed("pyarrow.parquet", "save")
+    writer: Any = None
+
+    def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+        nonlocal writer
+        columns = [arrow.array(np.ascontiguousarray(column)) for column in _columns(t, arrays)]
+        facts = {"description": described, "t": "s", **{name: unit_of(name) for name in arrays}}
+        table = arrow.table(columns, names=["t", *column_names(arrays)]).replace_schema_metadata(facts)
+        writer = writer or opened.enter_context(parquet.ParquetWriter(file, table.schema))
+        writer.write_table(table, ROWS)
+
+    with contextlib.ExitStack() as opened:
+        yield add
 
 
-def _write_parquet(file: IO[bytes], result: Result) -> None:
-    arrow = _needed("pyarrow", "save")
-    parquet = _needed("pyarrow.parquet", "save")
-    arrays = result.recorded()
-    names = ["t", *column_names(arrays)]
-    columns = [arrow.array(np.ascontiguousarray(column)) for column in _columns(result.t, arrays)]
-    facts = {"description": result.described, "t": "s", **{name: unit_of(name) for name in arrays}}
-    parquet.write_table(arrow.table(columns, names=names).replace_schema_metadata(facts), file)
+@contextlib.contextmanager
+def _held(file: IO[bytes], samples: int, described: str, write: Callable[..., None]) -> Iterator[Add]:
+    found: dict[str, Any] = {}
+    count = 0
+
+    def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+        nonlocal count
+        for name, array in {"t": t, **arrays}.items():
+            if len(t) == samples:
+                found[name] = array
+            else:
+                found.setdefault(name, np.empty((samples, *array.shape[1:]), array.dtype))[count:][: len(t)] = array
+        count += len(t)
+
+    yield add
+    write(file, found, described)
 
 
-def _write_netcdf(file: IO[bytes], result: Result) -> None:
+def _write_npz(file: IO[bytes], found: dict[str, Any], _: str) -> None:
+    np.savez(file, **found)  # no other keyword: NumPy 2.1 takes each for an array
+
+
+def _write_netcdf(file: IO[bytes], found: dict[str, Any], described: str) -> None:
     _needed("scipy", "save")
-    file.write(result.to_xarray().to_netcdf(engine="scipy"))
+    file.write(Record(found.pop("t"), found, described).to_xarray().to_netcdf(engine="scipy"))
 
 
 def _needed(package: str, caller: str) -> Any:
@@ -216,6 +278,11 @@ def _needed(package: str, caller: str) -> Any:
         raise MissingDependencyError(caller, expected, "none") from None
 
 
-_WRITERS = {".csv": _write_csv, ".npz": _write_npz, ".parquet": _write_parquet, ".nc": _write_netcdf}
-ENDINGS = tuple(_WRITERS)
+_WHOLE: Final = {".npz": _write_npz, ".nc": _write_netcdf}
+_WRITERS: Final[dict[str, Callable[..., contextlib.AbstractContextManager[Add]]]] = {
+    ".csv": _csv,
+    ".parquet": _parquet,
+    **{kind: functools.partial(_held, write=write) for kind, write in _WHOLE.items()},
+}
+ENDINGS: Final = tuple(_WRITERS)
 """Endings of files that results are written to."""

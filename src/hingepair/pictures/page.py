@@ -114,7 +114,6 @@ def _html(pair: HingePair, title: str, frames: Frames) -> str:
         "extent": max(float(np.linalg.norm(high - low)), reach),
         "centre": ((low + high) / 2).tolist(),
         "origin": origin.tolist(),
-        "play": True,
         "body1": {"shapes": [_drawn(shape) for shape in one], "placements": _placements(R1 - origin, S1)},
         "body2": {"shapes": [_drawn(shape) for shape in two], "placements": _placements(R2 - origin, S2)},
         "trails": {

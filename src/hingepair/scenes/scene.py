@@ -19,7 +19,7 @@ from hingepair.numeric.arrays import Frozen
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.results import Result
+from hingepair.pair.results import Record, Result
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.scenes.explain import ScenePlan
 from hingepair.scenes.known_motion import ByBody1, ByCoordinates, Derivatives, KnownMotion, Rows
@@ -249,12 +249,12 @@ class Scene:
             rows = np.linspace(0, self.samples - 1, most).astype(np.intp)
         return self.motion.known(rows, self.motion.level).cross_validate(self.pair)
 
-    def forces(self, gravity: ArrayLike = GRAVITY) -> dict[str, NDArray[Any]]:
-        """What acts for the pair to move as the scene says (D1-D5), by name, at the scene's instants.
+    def forces(self, gravity: ArrayLike = GRAVITY) -> Record:
+        """What acts for the pair to move as the scene says (D1-D5), at the scene's instants.
 
-        hinge_torque [N m], shape (N,), about the hinge axis, bearing_torque [N m], (N, 3), across it, and hinge_force
-        [N], (N, 3), are what body 1 exerts on body 2 at the hinge point; force1 and torque1 what must act on body 1
-        at R1, where it has mass properties. World axes.
+        Its attributes: hinge_torque [N m], shape (N,), about the hinge axis, bearing_torque [N m], (N, 3), across it,
+        and hinge_force [N], (N, 3), are what body 1 exerts on body 2 at the hinge point; force1 and torque1 what must
+        act on body 1 at R1, where it has mass properties. World axes.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
@@ -279,7 +279,7 @@ class Scene:
         if self.pair.body1 is not None:
             forces = self.pair.inverse_dynamics(*moved, gravity)
             found |= {"force1": forces.force1, "torque1": forces.torque1}
-        return found
+        return Record(self.motion.t, found, f"forces: {self.title}")
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the results should know: psi past its limits, kinks, rates by finite differences."""
