@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.bench import direct, peers, skip, truth
-from hingepair.bench.measure import Row, measured
+from hingepair.bench.measure import Report, Row, measured
 from hingepair.bench.peers import LEVELS, Way, ways
 from hingepair.bench.plot import Curve, Panel, draw
 from hingepair.cli import bench as command
@@ -20,9 +20,9 @@ from hingepair.cli.main import app
 from support.reference import from_euler
 from support.states import generator
 
-PAIR = hp.HingePair(**direct.CONSTANTS)
+PAIR = hp.HingePair(**peers.CONSTANTS)
 PRESENT = ways(cpp=False)[0]
-MEASURED = [way for way in PRESENT if way.make not in {peers.copy, peers.copy_fresh}]
+MEASURED = [way for way in PRESENT if way.name not in {peers.FLOOR, peers.FRESH_FLOOR}]
 FEW = tuple(way for way in PRESENT if way.name in {peers.OURS, peers.PYTHON_LOOP, peers.FLOOR})
 
 
@@ -40,24 +40,24 @@ def few(monkeypatch):
 @pytest.fixture(scope="module")
 def ordinary():
     return {
-        level: truth.Truth(direct.CONSTANTS, truth.random_states(generator(80), 5, parts), LEVELS[level])
+        level: truth.Truth(peers.CONSTANTS, truth.random_states(generator(80), 5, parts), LEVELS[level])
         for parts, level in enumerate(LEVELS, 1)
     }
 
 
 @pytest.fixture(scope="module")
 def hard():
-    return truth.Truth(direct.CONSTANTS, truth.hard_states(generator(82), 3), LEVELS["acceleration"])
+    return truth.Truth(peers.CONSTANTS, truth.hard_states(generator(82), 3), LEVELS["acceleration"])
 
 
 def test_the_truth_is_that_of_the_tests():
     """Two routes, differences in time and Taylor series, meet in 40 digits."""
     states = (*truth.random_states(generator(79), 3, 3), *truth.hard_states(generator(79), 3))
     for motion in (states[:3], states[3:]):
-        constants = [np.array(direct.CONSTANTS[key]) for key in ("u1", "u2", "n", "home")]
+        constants = [np.array(peers.CONSTANTS[key]) for key in ("u1", "u2", "n", "home")]
         expected = from_euler(constants, *motion)
         for i, state in enumerate(zip(*motion, strict=True)):
-            found = truth.exact(direct.CONSTANTS, *state)
+            found = truth.exact(peers.CONSTANTS, *state)
             with mpmath.workdps(60):
                 for name in LEVELS["acceleration"]:
                     true, scale = expected.values[name][i].ravel(), mpmath.mpf(float(expected.scales[name][i]))
@@ -80,7 +80,7 @@ def test_every_way_computes_the_truth(way, level, ordinary):
 def test_one_state_is_computed_as_a_batch_is(ordinary):
     one = [way for way in MEASURED if way.needs != "jax" and way.least == 1]
     motion = tuple(c[:1] for c in ordinary["acceleration"].motion)
-    single = truth.Truth(direct.CONSTANTS, motion, LEVELS["acceleration"])
+    single = truth.Truth(peers.CONSTANTS, motion, LEVELS["acceleration"])
     found = direct.errors(PAIR, one, single)
     assert found.keys() == {way.name for way in one}
     assert max(found.values()) < 20
@@ -186,7 +186,7 @@ def test_no_cell_of_the_report_is_cut(capsys):
     rows += [_row(case, peers.OURS, 1.0) for case in (direct.CYCLE, direct.MADE)]
     targets = direct.targets(rows)
     assert len(targets) == 6 + 9 + 2 + 1 + len(direct.SEQUENCES) + 2
-    command._report(rows, direct.ERROR, False, (), targets)
+    command._print(Report(rows, "error", targets), False)
     assert "…" not in capsys.readouterr().out
 
 

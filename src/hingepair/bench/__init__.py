@@ -1,5 +1,5 @@
 """`hingepair bench`: run time against error, beside what else a user could pick.
 
-A bench is a function that gives rows (`measure.Row`), a command in `cli/bench.py` reports them, and both pictures and
-tables come out of rows; nothing else is needed for another one. Imports everything but the command line.
+A bench is a function that gives a `measure.Report`, and a command in `cli/bench.py` that calls it; tables, JSON and
+picture come out of the report, and nothing else is needed for another one. Imports everything but the command line.
 """

@@ -6,49 +6,44 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
-from math import hypot
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from statistics import median
-from typing import Any
 
 import numpy as np
 
 from hingepair.bench import peers
-from hingepair.bench.measure import Job, Row, Target, measured
-from hingepair.bench.peers import LEVELS, Way, room_for
+from hingepair.bench.measure import Job, Report, Row, Target, Tell, measured, rows_of
+from hingepair.bench.peers import CONSTANTS, LEVELS, Way, room_for
 from hingepair.bench.plot import Curve, Panel
-from hingepair.bench.truth import Motion, Truth, hard_states, random_states
-from hingepair.pair.body_motion import BodyMotion
+from hingepair.bench.truth import DIGITS, Motion, Truth, hard_states, random_states
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.validation.pinocchio_twin import to_pinocchio
 
-ERROR = "error"
 HARD = "on hard states"
 CYCLE = "one state: FK, Jacobian, bias from a quaternion"
 MADE = "a pair made"
 STARTS = "a fresh process"
 
 _COMPARED = 40  # random states, compared with the exact ones
-
-_LENGTH = hypot(3, 1, 1, 1)
-_A, _B, _C, _D = 3 / _LENGTH, 1 / _LENGTH, -1 / _LENGTH, 1 / _LENGTH
-CONSTANTS: dict[str, Any] = {
-    "u1": [0.5, 0.2, 0.1],
-    "u2": [-0.25, 0.1, 0.3],
-    "n": [1.0, 2.0, -0.5],
-    "home": [
-        [1 - 2 * (_C * _C + _D * _D), 2 * (_B * _C - _A * _D), 2 * (_B * _D + _A * _C)],
-        [2 * (_B * _C + _A * _D), 1 - 2 * (_B * _B + _D * _D), 2 * (_C * _D - _A * _B)],
-        [2 * (_B * _D - _A * _C), 2 * (_C * _D + _A * _B), 1 - 2 * (_B * _B + _C * _C)],
-    ],
-}
+_NOTE = (
+    "a call, each: medians, kernels compiled before; ratio: of a sample's time, against the first way of a case; "
+    f"errors: largest of any output against {DIGITS} digits [u * scale], on random and on hard states; "
+    "inf: refuses one, or has no finite result where there is one"
+)
 
 
-def direct(
-    ways: Sequence[Way], sizes: Sequence[int], levels: Sequence[str], repeats: int, tell: Callable[[str], None]
-) -> list[Row]:
-    """All ways at all sizes, interleaved with the copy floor; a way with a limit is given fewer samples."""
+def direct(sizes: Sequence[int], levels: Sequence[str], repeats: int, cpp: bool, cold: bool, tell: Tell) -> Report:
+    """All ways at all sizes beside the copy floor; single states; with `cold`, the first seconds of a process."""
+    if cpp:
+        tell("compiling Pinocchio's C++ loop (up to a minute)")
+    ways, left_out = peers.ways(cpp)
+    rows = batches(ways, sizes, levels, repeats, tell) + singles(repeats, tell)
+    rows += starts(repeats, tell) if cold else []
+    notes = [*(f"left out: {line}" for line in left_out), _NOTE]
+    return Report(rows, "error", targets(rows), notes, [panels(rows)])
+
+
+def batches(ways: Sequence[Way], sizes: Sequence[int], levels: Sequence[str], repeats: int, tell: Tell) -> list[Row]:
+    """All ways at all sizes, interleaved; a way with a limit is given fewer samples."""
     rng = np.random.default_rng(20)
     pair = HingePair(**CONSTANTS)
     rows: list[Row] = []
@@ -103,78 +98,31 @@ def panels(rows: Sequence[Row]) -> list[Panel]:
     found: list[Panel] = []
     for level in LEVELS:
         cases = [row.case for row in rows if row.case.startswith(f"{level},")]
-        block = [row for row in rows if cases and row.case == cases[-1]]
+        times = {row.method: (row.least / row.count * 1e9, row) for row in rows if cases and row.case == cases[-1]}
         curves = [
-            Curve(row.method, [(_nanoseconds(row), row.error), (_nanoseconds(row), row.more[HARD])], hard=True)
-            for row in block
-            if row.method in drawn and row.error is not None
+            Curve(name, [(ns, row.error), (ns, row.more[HARD])], hard=True)
+            for name, (ns, row) in times.items()
+            if name in drawn and row.error is not None
         ]
-        floor = next((_nanoseconds(row) for row in block if row.method == peers.FLOOR), None)
         if curves:
-            up = "largest error [u * scale]" if not found else ""
-            found.append(Panel(cases[-1], "run time [ns a sample]", up, curves, floor, most=10.0))
+            up, floor = "" if found else "largest error [u * scale]", times.get(peers.FLOOR)
+            found.append(Panel(cases[-1], "run time [ns a sample]", up, curves, floor and floor[0], most=10.0))
     return found
 
 
-def _nanoseconds(row: Row) -> float:
-    return row.least / row.count * 1e9
-
-
-def singles(repeats: int, tell: Callable[[str], None]) -> list[Row]:
+def singles(repeats: int, tell: Tell) -> list[Row]:
     """What one state costs beside forward kinematics: a pair made, and a control cycle from a quaternion."""
     tell(f"one state: a pair made, a control cycle; {repeats} repeats")
     pair = HingePair(**CONSTANTS)
     rng = np.random.default_rng(21)
     R, quat, v, omega = (rng.normal(size=k) for k in (3, 4, 3, 3))
-    quat /= np.sqrt(quat @ quat)
-    psi, psid = 0.3, -0.7
+    given = R, quat / np.sqrt(quat @ quat), v, omega, 0.3, -0.7
     plain = {key: value for key, value in CONSTANTS.items() if key != "home"}
-    jobs = {"Pinocchio": _pinocchio_cycle(pair, R, quat, v, omega, psi, psid)}
-    jobs[peers.OURS] = _our_cycle(pair, R, quat, v, omega, psi, psid)
+    jobs = {"Pinocchio": peers.pinocchio_cycle(pair, *given), peers.OURS: peers.our_cycle(pair, *given)}
     return [
         *measured(CYCLE, jobs, repeats),
         *measured(MADE, {peers.OURS: lambda: HingePair(**plain)}, repeats),
     ]
-
-
-def _our_cycle(pair: HingePair, *given: Any) -> Job:
-    names = ("R2", "S2", "v2", "omega2", "jacobian", "acceleration_bias")
-    cycle = pair.prepare(("R1", "quat_xyzw", "v1", "omega1", "psi", "psid"), outputs=names)
-
-    def run() -> Any:
-        state = cycle(*given)
-        return state.R2, state.S2, state.v2, state.omega2, state.jacobian, state.acceleration_bias
-
-    return run
-
-
-def _pinocchio_cycle(pair: HingePair, R: Any, quat: Any, v: Any, omega: Any, psi: float, psid: float) -> Job:
-    import pinocchio as pin
-
-    twin = to_pinocchio(pair)
-    model, data, frame = twin.model, twin.data, twin.body2_frame
-    body1 = BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=quat, v=v, omega=omega)
-    rates = twin.velocity(body1, psi, psid)
-    q, still = np.array([*R, *quat, psi]), np.zeros(7)
-
-    def run() -> Any:
-        pin.forwardKinematics(model, data, q, rates, still)
-        placement = pin.updateFramePlacement(model, data, frame)
-        twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        pin.computeJointJacobians(model, data)
-        jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        bias = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        return (
-            placement.translation,
-            placement.rotation,
-            twist.linear,
-            twist.angular,
-            jacobian,
-            bias.linear,
-            bias.angular,
-        )
-
-    return run
 
 
 _FIRST = """
@@ -217,6 +165,7 @@ with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
     main()
 print(time.perf_counter() - start)
 """
+IMPORT, RUN = f"{STARTS}: import", f"{STARTS}: hingepair run, reference scene"
 FIRST_CALL = "1 x 200,000"
 SEQUENCES = {
     FIRST_CALL: "[200_000]",
@@ -230,43 +179,29 @@ SEQUENCES = {
 BACKENDS = ("auto", "numpy", "compiled")
 
 
-def starts(repeats: int, tell: Callable[[str], None]) -> list[Row]:
+def starts(repeats: int, tell: Tell) -> list[Row]:
     """The first seconds of a process: imports, a scene, sequences of calls by each backend; each in a fresh one."""
     tell(f"fresh processes: imports and {len(SEQUENCES)} sequences of calls, {repeats} repeats")
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.toml"
         scene.write_text(_SCENE, encoding="utf-8")
-        imports = {name: _CLOCK.format(f"import {name}") for name in ("numpy", "hingepair")}
-        cases = {
-            "import": imports,
-            "hingepair run, reference scene": {"hingepair": _RUN.format(scene=str(scene))},
-            **{
-                name: {backend: _FIRST.format(sizes=sizes, backend=backend) for backend in BACKENDS}
-                for name, sizes in SEQUENCES.items()
-            },
-        }
-        times: dict[str, dict[str, list[float]]] = {
-            case: {name: [] for name in codes} for case, codes in cases.items()
-        }
+        run = _RUN.format(scene=str(scene))
+        codes = {IMPORT: {name: _CLOCK.format(f"import {name}") for name in ("numpy", "hingepair")}}
+        codes[RUN] = {peers.OURS: run}
+        for name, sizes in SEQUENCES.items():
+            own = {backend: _FIRST.format(sizes=sizes, backend=backend) for backend in BACKENDS}
+            codes[f"{STARTS}: {name}"] = own
         bytecode = os.environ | {"PYTHONPYCACHEPREFIX": folder, "PYTHONDONTWRITEBYTECODE": ""}
-        for repeat in range(repeats + 1):
-            for case, codes in cases.items():
-                for name, code in codes.items():
-                    if repeat or case not in SEQUENCES:  # the first time round, modules are compiled to bytecode
-                        times[case][name].append(_inside(code, bytecode))
-    times = {case: {n: t[-repeats:] for n, t in found.items()} for case, found in times.items()}
-    return [
-        Row(
-            f"{STARTS}: {case}",
-            name,
-            1,
-            median(taken),
-            min(taken),
-            median(own / base for own, base in zip(taken, next(iter(found.values())), strict=True)),
-        )
-        for case, found in times.items()
-        for name, taken in found.items()
-    ]
+        for code in (run, _FIRST.format(sizes="[1]", backend="compiled")):  # modules are compiled to bytecode
+            _inside(code, bytecode)
+        rows = []
+        for case, ways in codes.items():
+            times: dict[str, list[float]] = {name: [] for name in ways}
+            for _ in range(repeats):
+                for name, code in ways.items():
+                    times[name].append(_inside(code, bytecode))
+            rows += rows_of(case, times)
+    return rows
 
 
 def _inside(code: str, environment: dict[str, str]) -> float:
@@ -280,39 +215,38 @@ def targets(rows: Sequence[Row]) -> list[Target]:
     by = {(row.case, row.method): row for row in rows}
     found: list[Target] = []
 
-    def take(what: str, mine: tuple[str, str], unit: str, size: float, target: float) -> None:
-        if mine in by:
-            found.append(Target(what, by[mine].seconds / size, target, unit))
+    def take(what: str, case: str, way: str, unit: str, size: float, target: float) -> None:
+        if (case, way) in by:
+            found.append(Target(what, by[case, way].seconds / size, target, unit))
 
     def compare(what: str, case: str, way: str, beside: str, target: float, least: bool) -> None:
         if (case, way) in by and (case, beside) in by:
             a, b = by[case, way].ratio, by[case, beside].ratio
             found.append(Target(what, b / a if least else a / b, target, f"x {beside}", least))
 
-    one, many = case_of("velocity", 1), 1_000_000
-    take("one state", (one, peers.OURS), "us", 1e-6, 5.0)
+    one, hundred, many = (case_of("velocity", size) for size in (1, 100, 1_000_000))
+    take("one state", one, peers.OURS, "us", 1e-6, 5.0)
     compare("one state, prepared", one, peers.PREPARED, peers.PYTHON_LOOP, 1.0, False)
-    take("one state with Jacobian and bias, prepared", (CYCLE, peers.OURS), "us", 1e-6, 10.0)
-    take("100 samples", (case_of("velocity", 100), peers.FRESH), "us", 1e-6, 12.0)
-    take("100 samples, prepared", (case_of("velocity", 100), peers.PREPARED), "us", 1e-6, 12.0)
-    take("10,000 samples", (case_of("velocity", 10_000), peers.OURS), "ms", 1e-3, 0.16)
+    take("one state with Jacobian and bias, prepared", CYCLE, peers.OURS, "us", 1e-6, 10.0)
+    take("100 samples", hundred, peers.FRESH, "us", 1e-6, 12.0)
+    take("100 samples, prepared", hundred, peers.PREPARED, "us", 1e-6, 12.0)
+    take("10,000 samples", case_of("velocity", 10_000), peers.OURS, "ms", 1e-3, 0.16)
     for level in LEVELS:
-        case = case_of(level, many)
-        compare(f"{level} of a million", case, peers.OURS, peers.FLOOR, 1.3, False)
-        compare(f"{level} of a million", case, peers.OURS, peers.PYTHON_LOOP, 180.0, True)
-        compare(f"{level} of a million", case, peers.OURS, peers.CPP, 12.0, True)
-    compare("velocity of a million, fresh", case_of("velocity", many), peers.FRESH, peers.PYTHON_LOOP, 90.0, True)
-    compare("velocity of a million, fresh", case_of("velocity", many), peers.FRESH, peers.FRESH_FLOOR, 1.3, False)
+        what, case = f"{level} of a million", case_of(level, 1_000_000)
+        compare(what, case, peers.OURS, peers.FLOOR, 1.3, False)
+        compare(what, case, peers.OURS, peers.PYTHON_LOOP, 180.0, True)
+        compare(what, case, peers.OURS, peers.CPP, 12.0, True)
+    compare("velocity of a million, fresh", many, peers.FRESH, peers.PYTHON_LOOP, 90.0, True)
+    compare("velocity of a million, fresh", many, peers.FRESH, peers.FRESH_FLOOR, 1.3, False)
     for name in SEQUENCES:
-        auto, *others = (by.get((f"{STARTS}: {name}", backend)) for backend in BACKENDS)
-        best = min((row.seconds for row in others if row is not None), default=None)
-        if auto is None or best is None:
+        cases = [(f"{STARTS}: {name}", backend) for backend in BACKENDS]
+        if not by.keys() >= {*cases}:
             continue
-        if name == FIRST_CALL and others[0] is not None:
-            found.append(Target(f"first call, {name}: over NumPy", auto.seconds - others[0].seconds, 0.05, "s"))
-        beyond = auto.seconds - 2 * best
-        found.append(Target(f"calls {name}: over 2 x the better", beyond, 0.05, "s"))
-    take("HingePair(...)", (MADE, peers.OURS), "us", 1e-6, 60.0)
-    compare("import", f"{STARTS}: import", "hingepair", "numpy", 1.3, False)
-    take("hingepair run, reference scene", (f"{STARTS}: hingepair run, reference scene", peers.OURS), "s", 1.0, 1.0)
+        auto, numpy, compiled = (by[case].seconds for case in cases)
+        if name == FIRST_CALL:
+            found.append(Target(f"first call, {name}: over NumPy", auto - numpy, 0.05, "s"))
+        found.append(Target(f"calls {name}: over 2 x the better", auto - 2 * min(numpy, compiled), 0.05, "s"))
+    take("HingePair(...)", MADE, peers.OURS, "us", 1e-6, 60.0)
+    compare("import", IMPORT, "hingepair", "numpy", 1.3, False)
+    take("hingepair run, reference scene", RUN, peers.OURS, "s", 1.0, 1.0)
     return found

@@ -5,20 +5,21 @@ The recordings are made by SciPy's rotations; nothing of hingepair has a part in
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import functools
+from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.bench.measure import Job, Row, Target, measured
+from hingepair.bench.measure import Report, Row, Target, Tell, measured
 from hingepair.measured.hinge_fit import fit as fit_pair
 from hingepair.pair.body_motion import BodyMotion
 
 Array: TypeAlias = NDArray[np.float64]
 
 OURS, GENERIC, RAW = "hingepair.fit", "least_squares on E1, E2", "least_squares on E1, E5, every psi too"
-ERROR = "error [rad, m]"
+_NOTE = "error: largest of the axes and, across them, of the hinge point; root mean square of 5 recordings"
 METRES, RADIANS = 1e-3, 2e-3
 _RECORDINGS = 5
 _N = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
@@ -44,9 +45,9 @@ class Line(NamedTuple):
     u2: Array
 
 
-def fit(sizes: Sequence[int], repeats: int, tell: Callable[[str], None]) -> list[Row]:
+def fit(sizes: Sequence[int], repeats: int, tell: Tell) -> Report:
     """Recordings of several lengths, with noise, and with outliers."""
-    rows = []
+    rows: list[Row] = []
     for count in sizes:
         for outliers, loss in ((0.0, "linear"), (0.3, "cauchy")):
             case = f"{'30 % outliers, cauchy' if outliers else 'noise'}, N = {count:,}"
@@ -55,13 +56,13 @@ def fit(sizes: Sequence[int], repeats: int, tell: Callable[[str], None]) -> list
             ways = {OURS: ours} | ({GENERIC: generic} if count < 10**5 else {})
             if count <= 10**3 and not outliers:
                 ways[RAW] = raw
-            jobs: dict[str, Job] = {name: _job(way, made[0], loss) for name, way in ways.items()}
+            jobs = {name: functools.partial(way, made[0], loss) for name, way in ways.items()}
             errors = {
                 name: float(np.sqrt(np.mean([error_of(way(p, loss)) ** 2 for p in made])))
                 for name, way in ways.items()
             }
             rows += measured(case, jobs, repeats, count, errors)
-    return rows
+    return Report(rows, "error [rad, m]", targets(rows), [_NOTE])
 
 
 def targets(rows: Sequence[Row]) -> list[Target]:
@@ -172,7 +173,3 @@ def error_of(found: Line) -> float:
         across[1] @ (found.u2 - truth.u2),
     )
     return float(np.abs(np.concatenate(parts)).max())
-
-
-def _job(way: Callable[[Poses, str], Line], poses: Poses, loss: str) -> Job:
-    return lambda: way(poses, loss)

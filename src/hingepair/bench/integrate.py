@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.bench.measure import Row, Target, measured
+from hingepair.bench.measure import Job, Report, Row, Target, Tell, measured
 from hingepair.bench.plot import Curve, Panel
+from hingepair.bench.truth import rotation, turn, vee
 from hingepair.errors import GimbalLockError
 from hingepair.integration.integrate import integrate as integrate_pair
 from hingepair.pair.hinge_pair import HingePair
@@ -30,6 +31,7 @@ COMPARED: Final = 25  # instants, evenly spread; every method has them among its
 GOAL: Final = 1e-11
 """Error at which the methods' run times are compared [rad]."""
 
+_DIGITS: Final = 50
 _PAIR = HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))
 _OURS = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
 _SCIPY = ("DOP853", "RK45", "LSODA")
@@ -48,13 +50,8 @@ class Spin(NamedTuple):
 
     def matrix(self) -> tuple[list[list[int]], int]:
         """Q: whole numbers, and what they are divided by."""
-        w, x, y, z = self.turn
-        rows = [
-            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-        ]
-        return rows, w * w + x * x + y * y + z * z
+        size = sum(c * c for c in self.turn)
+        return [[round(c) for c in row] for row in (rotation(self.turn) * size).tolist()], size
 
     def start(self) -> Array:
         """The attitude at t = 0."""
@@ -70,41 +67,23 @@ class Spin(NamedTuple):
         return np.stack([(a * x + b * y + c * z) / size for a, b, c in rows], axis=-1)
 
     def exact(self, t: Array) -> list[Any]:
-        """The attitudes to 50 digits: products of quaternions about x, y and z."""
-        found = []
-        with mpmath.workdps(50):
-            for time in t.tolist():
-                quat: Any = [mpmath.mpf(k) for k in self.turn]
-                for axis, rate in enumerate((3, 1, 5)):
-                    half = rate * mpmath.mpf(time) / 2
-                    turn = [mpmath.cos(half), *[mpmath.mpf(0)] * 3]
-                    turn[1 + axis] = mpmath.sin(half)
-                    quat = _times(quat, turn)
-                found.append(quat)
-        return found
+        """The attitudes to 50 digits: Q, and turns about x, y and z by 3t, t and 5t."""
+        x, y, z = np.eye(3).tolist()
+        with mpmath.workdps(_DIGITS):
+            Q, times = rotation(self.turn), [mpmath.mpf(s) for s in t.tolist()]
+            return [Q * turn(x, 3 * s) * turn(y, s) * turn(z, 5 * s) for s in times]
 
     def error(self, quats: Array, exact: list[Any]) -> float:
-        """The largest angle between attitudes and the exact ones [rad]; infinite where one is not finite."""
+        """The largest angle between attitudes (w, x, y, z) and the exact ones [rad]; infinite where one is none."""
         if not np.isfinite(quats).all():
             return math.inf
-        with mpmath.workdps(50):
+        with mpmath.workdps(_DIGITS):
             worst = mpmath.mpf(0)
-            for (w, x, y, z), truth in zip(quats.tolist(), exact, strict=True):
-                scalar, *vector = _times([mpmath.mpf(w), -mpmath.mpf(x), -mpmath.mpf(y), -mpmath.mpf(z)], truth)
-                worst = max(worst, 2 * mpmath.atan2(mpmath.norm(vector), abs(scalar)))
+            for quat, truth in zip(quats.tolist(), exact, strict=True):
+                off = rotation([mpmath.mpf(c) for c in quat]).T * truth
+                cosine = (off[0, 0] + off[1, 1] + off[2, 2] - 1) / 2
+                worst = max(worst, mpmath.atan2(mpmath.norm(vee(off)), cosine))
             return float(worst)
-
-
-def _times(p: Any, q: Any) -> list[Any]:
-    """The product of two quaternions (w, x, y, z)."""
-    a, b, c, d = p
-    e, f, g, h = q
-    return [
-        a * e - b * f - c * g - d * h,
-        a * f + b * e + c * h - d * g,
-        a * g - b * h + c * e + d * f,
-        a * h + b * g - c * f + d * e,
-    ]
 
 
 SPINS: Final = (Spin("reference", (1, 0, 0, 0)), Spin("turned", (6, 1, -1, 1)))
@@ -132,38 +111,49 @@ def ways() -> tuple[Way, ...]:
     tolerances = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)
     solvers = _SCIPY if importlib.util.find_spec("scipy") else ()
     return (
-        *(Way(name, steps, False, _ours(name)) for name in _OURS),
-        *(Way(f"SciPy {name}", tolerances, True, _scipy(name)) for name in solvers),
+        *(Way(name, steps, False, functools.partial(_ours, name)) for name in _OURS),
+        *(Way(f"SciPy {name}", tolerances, True, functools.partial(_scipy, name)) for name in solvers),
     )
 
 
-def integrate(repeats: int, tell: Callable[[str], None]) -> list[Row]:
-    """All methods at all their finenesses on all motions."""
-    rows: list[Row] = []
-    for spin in SPINS:
-        exact = spin.exact(np.linspace(0, STOP, COMPARED + 1))
-        found = {_label(way, f): (way, f, _error(way, spin, f, exact)) for way in ways() for f in way.finenesses}
-        jobs = {label: _run(way, spin, f) for label, (way, f, error) in found.items() if error is not None}
-        tell(f"{spin.name}: {len(jobs)} runs, {repeats} repeats")
-        errors = {label: error for label, (_, _, error) in found.items() if error is not None}
-        more = {label: {STEP: None if way.solver else STOP / f} for label, (way, f, _) in found.items()}
-        rows += _with_orders(measured(spin.name, jobs, repeats, 1, errors, more))
-    return rows
+def integrate(repeats: int, steps: int, tell: Tell) -> Report:
+    """All methods at all their finenesses on all motions; with `steps`, a long run too."""
+    rows = [row for spin in SPINS for row in _all_ways(spin, repeats, tell)]
+    more = goals(rows) + (long_run(steps, min(repeats, 3), tell) if steps else [])
+    notes = ["left out: finenesses at which a method stops at gimbal lock"]
+    return Report([*rows, *more], ERROR, targets(more), notes, panels(rows))
 
 
-def _with_orders(rows: list[Row]) -> list[Row]:
-    """How fast the error falls against the step, between a row and the one before; where rounding is not all."""
-    found = []
-    for before, row in zip([None, *rows], rows, strict=False):
-        h, order = row.more[STEP], None
-        falls = before is not None and h and method_of(before) == method_of(row)
-        if before and falls and before.error and row.error and min(before.error, row.error) > 1e-14:
-            order = math.log(before.error / row.error) / math.log(before.more[STEP] / h)
-        found.append(replace(row, more={STEP: h, ORDER: order}))
-    return found
+def _all_ways(spin: Spin, repeats: int, tell: Tell) -> list[Row]:
+    exact = spin.exact(np.linspace(0, STOP, COMPARED + 1))
+    jobs: dict[str, Job] = {}
+    errors: dict[str, float] = {}
+    more: dict[str, dict[str, float | None]] = {}
+    for way in ways():
+        before = None
+        for fineness in way.finenesses:
+            job = functools.partial(way.run, spin, fineness)
+            try:
+                error = spin.error(job(), exact)
+            except GimbalLockError:
+                continue
+            label = f"{way.name}, {fineness:g}" + ("" if way.solver else " steps")
+            own = None if way.solver else (STOP / fineness, error)
+            jobs[label], errors[label] = job, error
+            more[label] = {STEP: own and own[0], ORDER: _order(before, own)}
+            before = own
+    tell(f"{spin.name}: {len(jobs)} runs, {repeats} repeats")
+    return measured(spin.name, jobs, repeats, 1, errors, more)
 
 
-def long_run(steps: int, repeats: int, tell: Callable[[str], None]) -> list[Row]:
+def _order(before: tuple[float, float] | None, own: tuple[float, float] | None) -> float | None:
+    """How fast the error falls between two steps; each is (h, error). Where rounding is all: none."""
+    if before is None or own is None or min(before[1], own[1]) <= 1e-14:
+        return None
+    return math.log(before[1] / own[1]) / math.log(before[0] / own[0])
+
+
+def long_run(steps: int, repeats: int, tell: Tell) -> list[Row]:
     """`magnus6` in so many steps, omega at its nodes computed beforehand: the time for a step, and the drift."""
     rows = []
     for spin in SPINS:
@@ -176,7 +166,7 @@ def long_run(steps: int, repeats: int, tell: Callable[[str], None]) -> list[Row]
     return rows
 
 
-def _long_job(spin: Spin, t: Array) -> Callable[[], Any]:
+def _long_job(spin: Spin, t: Array) -> Job:
     computed: dict[Any, Array] = {}
 
     def omega(nodes: Array) -> Array:
@@ -193,55 +183,32 @@ def targets(rows: Sequence[Row]) -> list[Target]:
     return [Target(row.case, row.each * 1e9, 120.0, "ns a step") for row in rows if row.method == LONG]
 
 
-def _ours(method: str) -> Callable[[Spin, float], Array]:
-    def run(spin: Spin, steps: float) -> Array:
-        t = np.linspace(0, STOP, int(steps) + 1)
-        motion = integrate_pair(_PAIR, t, spin.omega, 0.0, S1_0=spin.start(), method=method, outputs=())
-        return motion.quat_wxyz[:: int(steps) // COMPARED]
-
-    return run
+def _ours(method: str, spin: Spin, steps: float) -> Array:
+    t = np.linspace(0, STOP, int(steps) + 1)
+    motion = integrate_pair(_PAIR, t, spin.omega, 0.0, S1_0=spin.start(), method=method, outputs=())
+    return motion.quat_wxyz[:: int(steps) // COMPARED]
 
 
-def _scipy(solver: str) -> Callable[[Spin, float], Array]:
+def _scipy(solver: str, spin: Spin, tol: float) -> Array:
     """SciPy on the quaternion's four equations, written out for a single time, which Python computes fastest."""
+    from scipy.integrate import solve_ivp
 
-    def run(spin: Spin, tol: float) -> Array:
-        from scipy.integrate import solve_ivp
+    rows, size = spin.matrix()
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    sin, cos = math.sin, math.cos
 
-        rows, size = spin.matrix()
-        (a, b, c), (d, e, f), (g, h, i) = rows
-        sin, cos = math.sin, math.cos
+    def rate(t: float, quat: Any) -> tuple[float, ...]:
+        u = (1.5 + 2.5 * sin(t)) / size
+        v = (0.5 * cos(3 * t) - 1.25 * (sin(2 * t) + sin(4 * t))) / size
+        w = (0.5 * sin(3 * t) + 1.25 * (cos(4 * t) + cos(2 * t))) / size
+        x, y, z = a * u + b * v + c * w, d * u + e * v + f * w, g * u + h * v + i * w
+        k, l, m, n = quat.tolist()  # noqa: E741
+        return -(x * l + y * m + z * n), x * k + y * n - z * m, y * k + z * l - x * n, z * k + x * m - y * l
 
-        def rate(t: float, quat: Any) -> tuple[float, ...]:
-            u = (1.5 + 2.5 * sin(t)) / size
-            v = (0.5 * cos(3 * t) - 1.25 * (sin(2 * t) + sin(4 * t))) / size
-            w = (0.5 * sin(3 * t) + 1.25 * (cos(4 * t) + cos(2 * t))) / size
-            x, y, z = a * u + b * v + c * w, d * u + e * v + f * w, g * u + h * v + i * w
-            k, l, m, n = quat.tolist()  # noqa: E741
-            return -(x * l + y * m + z * n), x * k + y * n - z * m, y * k + z * l - x * n, z * k + x * m - y * l
-
-        begin = np.array(spin.turn) / math.sqrt(size)
-        instants = np.linspace(0, STOP, COMPARED + 1)
-        done = solve_ivp(rate, (0, STOP), begin, method=solver, t_eval=instants, rtol=max(tol, 3e-14), atol=tol)
-        return np.asarray(done.y.T)
-
-    return run
-
-
-def _run(way: Way, spin: Spin, fineness: float) -> Callable[[], Any]:
-    return lambda: way.run(spin, fineness)
-
-
-def _error(way: Way, spin: Spin, fineness: float, exact: list[Any]) -> float | None:
-    """The error; None where the method stops at gimbal lock."""
-    try:
-        return spin.error(way.run(spin, fineness), exact)
-    except GimbalLockError:
-        return None
-
-
-def _label(way: Way, fineness: float) -> str:
-    return f"{way.name}, {fineness:g}" + ("" if way.solver else " steps")
+    begin = np.array(spin.turn) / math.sqrt(size)
+    instants = np.linspace(0, STOP, COMPARED + 1)
+    done = solve_ivp(rate, (0, STOP), begin, method=solver, t_eval=instants, rtol=max(tol, 3e-14), atol=tol)
+    return np.asarray(done.y.T)
 
 
 def method_of(row: Row) -> str:

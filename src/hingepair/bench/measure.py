@@ -1,7 +1,7 @@
-"""What every bench is made of: one timer, one row, one table.
+"""What every bench is made of: one timer, one row, one report.
 
-A bench is a function that gives rows. It makes the jobs of a case (functions of no argument, by the name of who does
-the case this way), hands them to `measured`, and adds what it alone knows to `Row.more`.
+A bench is a function that gives a `Report`. It makes the jobs of a case (functions of no argument, by the name of who
+does the case this way), hands them to `measured`, and adds what it alone knows to `Row.more`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,16 @@ from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
 from statistics import median
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from hingepair.bench.plot import Panel
+
 Job: TypeAlias = Callable[[], Any]
+Tell: TypeAlias = Callable[[str], None]
+"""Where a bench says what it is about to measure."""
 
 _PACKAGES = ("hingepair", "numpy", "llvmlite", "pin", "mujoco", "scipy", "jax")
 _LEAST = 2e-3  # seconds that one repeat should take
@@ -66,8 +70,8 @@ class Target:
         what: is measured.
         reached: the number.
         target: what it should be.
-        least: whether it should be at least that, not at most.
         unit: of both.
+        least: whether it should be at least that, not at most.
     """
 
     what: str
@@ -80,6 +84,49 @@ class Target:
     def ok(self) -> bool:
         """Whether it is reached."""
         return self.reached >= self.target if self.least else self.reached <= self.target
+
+
+class Report(NamedTuple):
+    """What a bench found.
+
+    Attributes:
+        rows: a block of them for each case.
+        unit: of their errors.
+        targets: as far as they were measured.
+        notes: lines to read the numbers by.
+        panels: of the picture, row by row.
+    """
+
+    rows: Sequence[Row]
+    unit: str = ""
+    targets: Sequence[Target] = ()
+    notes: Sequence[str] = ()
+    panels: Sequence[Sequence[Panel]] = ()
+
+    def tables(self) -> list[Table]:
+        """The rows, a block under each case, and the targets."""
+        columns = list(dict.fromkeys(key for row in self.rows for key in row.more))
+        errors = [self.unit] if any(row.error is not None for row in self.rows) else []
+        found = _table("", right=("N", "a call", "each", "ratio", *errors, *columns))
+        for i, row in enumerate(self.rows):
+            if i == 0 or self.rows[i - 1].case != row.case:
+                found.add_row(row.case)
+            last = i + 1 == len(self.rows) or self.rows[i + 1].case != row.case
+            cells = [f"{row.count:,}", duration(row.seconds), duration(row.each), digits(row.ratio)]
+            cells += [_cell(number) for number in (*([row.error] if errors else []), *map(row.more.get, columns))]
+            found.add_row(f"  {row.method}", *cells, end_section=last)
+        aims = _table("aimed at, on the reference machine", right=("target", "reached", "", ""))
+        for target in self.targets:
+            aim, verdict = f"{'>=' if target.least else '<='} {target.target:g}", "ok" if target.ok else "missed"
+            aims.add_row(target.what, aim, digits(target.reached), target.unit, verdict)
+        return [found, aims] if self.targets else [found]
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything but the picture, for JSON: a number that is not finite is None."""
+        targets = [asdict(target) | {"ok": target.ok} for target in self.targets]
+        rows = [asdict(row) for row in self.rows]
+        found: dict[str, Any] = _finite({"facts": facts(), "rows": rows, "targets": targets, "notes": self.notes})
+        return found
 
 
 def measured(
@@ -100,23 +147,26 @@ def measured(
         errors: by name, as far as known.
         more: further columns, by name.
     """
-    times = interleaved(jobs, repeats)
-    number = {name: counts if isinstance(counts, int) else counts[name] for name in jobs}
-    each = {name: [t / number[name] for t in found] for name, found in times.items()}
-    first = next(iter(each.values()), [])
-    return [
-        Row(
-            case,
-            name,
-            number[name],
-            median(found),
-            min(found),
-            median(own / base for own, base in zip(each[name], first, strict=True)),
-            (errors or {}).get(name),
-            (more or {}).get(name, {}),
-        )
-        for name, found in times.items()
-    ]
+    return rows_of(case, interleaved(jobs, repeats), counts, errors, more)
+
+
+def rows_of(
+    case: str,
+    times: Mapping[str, Sequence[float]],
+    counts: int | Mapping[str, int] = 1,
+    errors: Mapping[str, float] | None = None,
+    more: Mapping[str, Mapping[str, Any]] | None = None,
+) -> list[Row]:
+    """The rows of a case whose times are known: seconds of a call in each repeat, by name; else as `measured`."""
+    number = {name: counts if isinstance(counts, int) else counts[name] for name in times}
+    first = next(iter(times), "")
+    rows = []
+    for name, own in times.items():
+        scale = number[first] / number[name]
+        ratio = median(scale * t / base for t, base in zip(own, times[first], strict=True))
+        extra = (errors or {}).get(name), (more or {}).get(name, {})
+        rows.append(Row(case, name, number[name], median(own), min(own), ratio, *extra))
+    return rows
 
 
 def interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]:
@@ -147,30 +197,13 @@ def _seconds(job: Job, calls: int) -> float:
     return time.perf_counter() - start
 
 
-def table(rows: Sequence[Row], unit: str) -> Table:
-    """The rows as a table, a block under each case; `unit` heads the errors."""
-    columns = list(dict.fromkeys(key for row in rows for key in row.more))
-    errors = any(row.error is not None for row in rows)
-    found = empty_table("", right=("N", "a call", "each", "ratio", *([unit] if errors else []), *columns))
-    for i, row in enumerate(rows):
-        if i == 0 or rows[i - 1].case != row.case:
-            found.add_row(row.case)
-        last = i + 1 == len(rows) or rows[i + 1].case != row.case
-        cells = [f"{row.count:,}", duration(row.seconds), duration(row.each), digits(row.ratio)]
-        cells += [_cell(row.error)] if errors else []
-        cells += [_cell(row.more.get(key)) for key in columns]
-        found.add_row(f"  {row.method}", *cells, end_section=last)
-    return found
-
-
-def empty_table(*left: str, right: Sequence[str] = ()) -> Table:
-    """A table with columns of words and of numbers."""
+def _table(left: str, right: Sequence[str]) -> Table:
+    """A table with a column of words, and columns of numbers."""
     from rich import box
     from rich.table import Table
 
     found = Table(box=box.SIMPLE_HEAD)
-    for heading in left:
-        found.add_column(heading, no_wrap=True)
+    found.add_column(left, no_wrap=True)
     for heading in right:
         found.add_column(heading, justify="right", no_wrap=True)
     return found
@@ -203,20 +236,13 @@ def duration(seconds: float) -> str:
     return f"{digits(seconds * 1e9)} ns"
 
 
-def as_json(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """The rows for JSON, in which a number that is not finite is null."""
-    return [finite(asdict(row)) for row in rows]
-
-
-def finite(values: Mapping[str, Any]) -> dict[str, Any]:
+def _finite(value: Any) -> Any:
     """The same with None for numbers that are not finite."""
-    found: dict[str, Any] = {}
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            found[key] = finite(value)
-        else:
-            found[key] = None if isinstance(value, float) and not isfinite(value) else value
-    return found
+    if isinstance(value, Mapping):
+        return {key: _finite(own) for key, own in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(own) for own in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def facts() -> dict[str, Any]:

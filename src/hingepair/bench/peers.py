@@ -36,6 +36,14 @@ Make: TypeAlias = Callable[[HingePair, Motion, Room], Callable[[], Any]]
 LEVELS = {"pose": ("R2", "S2"), "velocity": ("R2", "S2", "v2", "omega2")}
 LEVELS["acceleration"] = (*LEVELS["velocity"], "a2", "alpha2")
 
+CONSTANTS: dict[str, Any] = {
+    "u1": [0.5, 0.2, 0.1],
+    "u2": [-0.25, 0.1, 0.3],
+    "n": [1.0, 2.0, -0.5],
+    "home": [[2 / 3, -2 / 3, -1 / 3], [1 / 3, 2 / 3, -2 / 3], [2 / 3, 1 / 3, 2 / 3]],
+}
+"""Of the pair that is measured."""
+
 
 class Way(NamedTuple):
     """One way.
@@ -93,21 +101,19 @@ def prepared(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:
     return run
 
 
-def copy(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:  # noqa: ARG001
-    """The floor: as many bytes as the outputs have, copied into arrays that are there."""
-    source = {name: np.ones_like(array) for name, array in room.items()}
+def copies(*, fresh: bool = False) -> Make:
+    """The floor: as many bytes as the outputs have, copied into arrays that are there, or into new ones."""
 
-    def run() -> None:
-        for name, array in source.items():
-            np.copyto(room[name], array)
+    def make(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:  # noqa: ARG001
+        source = {name: np.ones_like(array) for name, array in room.items()}
 
-    return run
+        def run() -> None:
+            for name, array in source.items():
+                np.copyto(room[name], array)
 
+        return (lambda: [array.copy() for array in source.values()]) if fresh else run
 
-def copy_fresh(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:  # noqa: ARG001
-    """The same into new arrays."""
-    source = {name: np.ones_like(array) for name, array in room.items()}
-    return lambda: [array.copy() for array in source.values()]
+    return make
 
 
 def pinocchio_loop(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:
@@ -140,6 +146,42 @@ def pinocchio_loop(pair: HingePair, motion: Motion, room: Room) -> Callable[[], 
             for name, value in read(*given).items():
                 room[name][i] = value
         return room
+
+    return run
+
+
+def our_cycle(pair: HingePair, *given: Any) -> Callable[[], Any]:
+    """Body 2, its Jacobian and its bias from R1, quat_xyzw, v1, omega1, psi, psi', as a controller asks for them."""
+    names = ("R2", "S2", "v2", "omega2", "jacobian", "acceleration_bias")
+    cycle = pair.prepare(("R1", "quat_xyzw", "v1", "omega1", "psi", "psid"), outputs=names)
+
+    def run() -> Any:
+        state = cycle(*given)
+        return state.R2, state.S2, state.v2, state.omega2, state.jacobian, state.acceleration_bias
+
+    return run
+
+
+def pinocchio_cycle(
+    pair: HingePair, R: Array, quat: Array, v: Array, omega: Array, psi: float, psid: float
+) -> Callable[[], Any]:
+    """The same of Pinocchio, whose q and v are made beforehand."""
+    import pinocchio as pin
+
+    twin = to_pinocchio(pair)
+    model, data, frame, world = twin.model, twin.data, twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
+    body1 = BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=quat, v=v, omega=omega)
+    q, rates, still = np.array([*R, *quat, psi]), twin.velocity(body1, psi, psid), np.zeros(7)
+
+    def run() -> Any:
+        pin.forwardKinematics(model, data, q, rates, still)
+        placement = pin.updateFramePlacement(model, data, frame)
+        twist = pin.getFrameVelocity(model, data, frame, world)
+        pin.computeJointJacobians(model, data)
+        jacobian = pin.getFrameJacobian(model, data, frame, world)
+        bias = pin.getFrameClassicalAcceleration(model, data, frame, world)
+        pose = placement.translation, placement.rotation
+        return *pose, twist.linear, twist.angular, jacobian, bias.linear, bias.angular
 
     return run
 
@@ -385,8 +427,8 @@ WAYS = (
     Way("JAX, compiled, one core", jax_compiled, needs="jax"),
     Way("SciPy Rotation + NumPy", scipy_rotation, most=10**5, needs="scipy"),
     Way("NumPy, stacks of 3x3", numpy_stacks, most=10**5),
-    Way(FLOOR, copy, least=2, drawn=False),
-    Way(FRESH_FLOOR, copy_fresh, least=2, drawn=False),
+    Way(FLOOR, copies(), least=2, drawn=False),
+    Way(FRESH_FLOOR, copies(fresh=True), least=2, drawn=False),
 )
 
 

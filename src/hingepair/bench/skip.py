@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hingepair.bench.direct import CONSTANTS
-from hingepair.bench.measure import Job, Row, measured
-from hingepair.bench.peers import LEVELS
+from hingepair.bench.measure import Job, Report, Tell, measured
+from hingepair.bench.peers import CONSTANTS, LEVELS
 from hingepair.pair.evaluate import count_operations
 from hingepair.pair.forward_kinematics import plan_from_coordinates, plan_planar
 from hingepair.pair.hinge_pair import HingePair
@@ -18,22 +15,20 @@ from hingepair.pair.planar_pair import PlanarPair
 
 WHOLE = "nothing known"
 OPERATIONS = "operations"
-_PLANAR = ("R2", "phi2", "v2", "omega2")
 
 Pair: TypeAlias = HingePair | PlanarPair
 Motion: TypeAlias = tuple[Any, ...]
 
 
-def skip(samples: int, backends: tuple[str, ...], repeats: int, tell: Callable[[str], None]) -> list[Row]:
+def skip(samples: int, repeats: int, tell: Tell) -> Report:
     """Velocities with more and more known beforehand, by each backend."""
-    rows = []
-    for backend in backends:
-        known = cases(samples)
+    rows, known = [], cases(samples)
+    more = {name: {OPERATIONS: operations(*case)} for name, case in known.items()}
+    for backend in ("compiled", "numpy"):
         tell(f"{backend}, N = {samples:,}: {len(known)} programs, {repeats} repeats")
         jobs = {name: _job(*case, backend) for name, case in known.items()}
-        more = {name: {OPERATIONS: operations(*case)} for name, case in known.items()}
         rows += measured(f"velocity, {backend}", jobs, repeats, samples, more=more)
-    return rows
+    return Report(rows)
 
 
 def operations(pair: Pair, motion: Motion, outputs: tuple[str, ...]) -> int:
@@ -49,28 +44,26 @@ def operations(pair: Pair, motion: Motion, outputs: tuple[str, ...]) -> int:
 def cases(samples: int) -> dict[str, tuple[Pair, Motion, tuple[str, ...]]]:
     """What is known, and the pair, motion and outputs that say so."""
     rng = np.random.default_rng(21)
-    q, qd = ([np.ascontiguousarray(c) for c in part.T] for part in rng.normal(size=(2, samples, 7)))
+    q, qd = (tuple(np.ascontiguousarray(c) for c in part.T) for part in rng.normal(size=(2, samples, 7)))
     turned = HingePair(**CONSTANTS)
     plain = HingePair(**CONSTANTS | {"home": None})
     along = HingePair(**CONSTANTS | {"home": None, "n": [1, 0, 0]})
     flat = PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))
     every = LEVELS["velocity"]
-    upright = [(*c[:3], 0.0, 0.0, *c[5:]) for c in (q, qd)]
+    still = (*q[:3], 0.1, 0.2, 0.3, q[6]), (*qd[:3], 0.0, 0.0, 0.0, qd[6])
+    yawing = (*q[:3], 0.1, 0.2, *q[5:]), (*qd[:3], 0.0, 0.0, *qd[5:])
+    upright = tuple((*c[:3], 0.0, 0.0, *c[5:]) for c in (q, qd))
     return {
-        WHOLE: (turned, (tuple(q), tuple(qd)), every),
-        "home = identity": (plain, (tuple(q), tuple(qd)), every),
-        "axis along e_x": (along, (tuple(q), tuple(qd)), every),
-        "pose only": (turned, (tuple(q),), LEVELS["pose"]),
-        "R2 alone": (turned, (tuple(q), tuple(qd)), ("R2",)),
-        "constant attitude of body 1": (
-            turned,
-            ((*q[:3], 0.1, 0.2, 0.3, q[6]), (*qd[:3], 0.0, 0.0, 0.0, qd[6])),
-            every,
-        ),
-        "constant phi_x and phi_y": (turned, ((*q[:3], 0.1, 0.2, *q[5:]), (*qd[:3], 0.0, 0.0, *qd[5:])), every),
-        "constant rates": (turned, (tuple(q), (1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 4.0)), every),
-        "upright (phi_x = phi_y = 0, axis along e_z)": (flat.to_spatial(), tuple(upright), every),
-        "PlanarPair": (flat, tuple((*c[:2], *c[5:]) for c in (q, qd)), _PLANAR),
+        WHOLE: (turned, (q, qd), every),
+        "home = identity": (plain, (q, qd), every),
+        "axis along e_x": (along, (q, qd), every),
+        "pose only": (turned, (q,), LEVELS["pose"]),
+        "R2 alone": (turned, (q, qd), ("R2",)),
+        "constant attitude of body 1": (turned, still, every),
+        "constant phi_x and phi_y": (turned, yawing, every),
+        "constant rates": (turned, (q, (1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 4.0)), every),
+        "upright (phi_x = phi_y = 0, axis along e_z)": (flat.to_spatial(), upright, every),
+        "PlanarPair": (flat, tuple((*c[:2], *c[5:]) for c in (q, qd)), ("R2", "phi2", "v2", "omega2")),
         "float32": (turned, tuple(tuple(c.astype(np.float32) for c in part) for part in (q, qd)), every),
     }
 
@@ -78,5 +71,5 @@ def cases(samples: int) -> dict[str, tuple[Pair, Motion, tuple[str, ...]]]:
 def _job(pair: Pair, motion: Motion, outputs: tuple[str, ...], backend: str) -> Job:
     """The program into arrays that are there."""
     state = pair.forward_kinematics(*motion, outputs=outputs, backend=backend)
-    out: dict[str, NDArray[Any]] = {name: np.array(getattr(state, name)) for name in outputs}
+    out = {name: np.array(state[name]) for name in outputs}
     return lambda: pair.forward_kinematics(*motion, outputs=outputs, out=out, backend=backend)

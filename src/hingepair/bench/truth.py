@@ -42,9 +42,9 @@ def exact(pair: Constants, q: Any, qd: Any = None, qdd: Any = None) -> dict[str,
             "R2": R,
             "S2": S,
             "v2": (R3 - R0) / (2 * h),
-            "omega2": _vee(rate * T.T),
+            "omega2": vee(rate * T.T),
             "a2": (R3 - 2 * R + R0) / h**2,
-            "alpha2": _vee(change * T.T),  # S' S'^T, the other part of the derivative, is symmetric
+            "alpha2": vee(change * T.T),  # S' S'^T, the other part of the derivative, is symmetric
         }
         return {name: list(value) for name, value in found.items()}
 
@@ -54,28 +54,31 @@ def _body2(pair: Constants, parts: Any, t: Any) -> tuple[Any, Any, Any]:
     x, y, z, *angles, psi = (a + t * (b + t * c / 2) for a, b, c in zip(*parts, strict=True))
     S1 = mpmath.eye(3)
     for axis, angle in zip(np.eye(3).tolist(), angles, strict=True):
-        S1 = S1 * _turn(axis, angle)
-    turned = S1 * _turn(pair["n"], psi)
+        S1 = S1 * turn(axis, angle)
+    turned = S1 * turn(pair["n"], psi)
     S2 = turned * mpmath.matrix(pair["home"])
     u1, u2 = mpmath.matrix(pair["u1"]), mpmath.matrix(pair["u2"])
     return mpmath.matrix([x, y, z]) + S1 * u1 - S2 * u2, S2, turned
 
 
-def _turn(axis: Any, angle: Any) -> Any:
-    """The turn about an axis of any length, through the unit quaternion."""
-    axis = mpmath.matrix(axis)
-    w = mpmath.cos(angle / 2)
-    x, y, z = axis * (mpmath.sin(angle / 2) / mpmath.norm(axis))
-    return mpmath.matrix(
-        [
-            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-        ]
-    )
+def turn(axis: Any, angle: Any) -> Any:
+    """The turn about an axis of any length."""
+    part = mpmath.sin(angle / 2) / mpmath.norm(mpmath.matrix(axis))
+    return rotation((mpmath.cos(angle / 2), *(part * c for c in axis)))
 
 
-def _vee(W: Any) -> Any:
+def rotation(quat: Any) -> Any:
+    """The rotation of a quaternion (w, x, y, z) of any length but zero."""
+    w, x, y, z = quat
+    rows = [
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+    return mpmath.matrix(rows) / (w * w + x * x + y * y + z * z)
+
+
+def vee(W: Any) -> Any:
     """The vector of the skew part of a matrix."""
     return mpmath.matrix([(W[2, 1] - W[1, 2]) / 2, (W[0, 2] - W[2, 0]) / 2, (W[1, 0] - W[0, 1]) / 2])
 
