@@ -664,7 +664,7 @@ FAULTS = {
         "pair/test_error_bounds.py::test_sines_are_as_good_as_the_bounds_take_them[float64]",
     ),
     "rounding of axis and levers dropped from the bounds": Fault(
-        "pair/error_bounds.py",
+        "pair/accuracy.py",
         "np.spacing(np.abs(c)) / 2 + _BEYOND * size",
         "_BEYOND * size",
         "pair/test_error_bounds.py::test_the_rounding_of_axis_and_levers_counts",

@@ -23,7 +23,7 @@ from hingepair.rotations.matrices import rotation_vector
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from hingepair.pair.residual_report import Residuals
+    from hingepair.pair.residuals import Residuals
 
 
 PARAMETERS: Final = tuple(f"{name}_{axis}" for name in ("u1", "u2", "n", "home") for axis in "xyz")

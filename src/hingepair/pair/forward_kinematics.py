@@ -22,6 +22,7 @@ from hingepair.pair.evaluate import (
     StateT,
     component,
     evaluate,
+    evaluate_foreign,
     evaluate_one,
     leading_shapes,
     one_in_floats,
@@ -31,7 +32,6 @@ from hingepair.pair.evaluate import (
     wanted,
     written,
 )
-from hingepair.pair.foreign_arrays import evaluate_foreign
 from hingepair.pair.prepared import Prepared
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.sequences import find_sequence

@@ -13,16 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
-from hingepair.pair import constraints, dynamics, error_bounds, jacobians, residuals, sensitivities
+from hingepair.pair import accuracy, constraints, derivatives, dynamics, residuals
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants, pair_constants
+from hingepair.pair.derivatives import Sensitivities
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.evaluate import Out, Outputs
 from hingepair.pair.prepared import Prepared, prepare
-from hingepair.pair.residual_report import Residuals
-from hingepair.pair.sensitivities import Sensitivities
+from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
 
 
@@ -280,7 +280,7 @@ class HingePair:
         >>> [f"{bound:.0e}" for bound in bounds["R2"]], [f"{bound:.0e}" for bound in bounds["d"]]
         (['2e-15', '6e-08'], ['2e-15', '2e-15'])
         """
-        return error_bounds.error_bounds(self.constants, q, qd, qdd, outputs, sequence)
+        return accuracy.error_bounds(self.constants, q, qd, qdd, outputs, sequence)
 
     def error_bounds_from_body1(
         self,
@@ -314,7 +314,7 @@ class HingePair:
         >>> f"{pair.error_bounds_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.5)['R2']:.0e}"
         '5e-16'
         """
-        return error_bounds.error_bounds_from_body1(self.constants, body1, psi, psid, psidd, outputs)
+        return accuracy.error_bounds_from_body1(self.constants, body1, psi, psid, psidd, outputs)
 
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
         """The mass matrix M of M (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (D6).
@@ -556,7 +556,7 @@ class HingePair:
         >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return jacobians.jacobian(self.constants, body1, psi)
+        return derivatives.jacobian(self.constants, body1, psi)
 
     def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
         """What velocities alone add to body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9).
@@ -579,7 +579,7 @@ class HingePair:
         >>> pair.acceleration_bias(body1, 0.0, 2.0)
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
-        return jacobians.acceleration_bias(self.constants, body1, psi, psid)
+        return derivatives.acceleration_bias(self.constants, body1, psi, psid)
 
     def coordinate_jacobian(self, q: ArrayLike | tuple[Any, ...], *, sequence: str = "XYZ") -> FloatArray:
         """Body 2's velocity by the rates of the seven coordinates: (v2, omega2) = Jq @ qd (E8, E2, E4).
@@ -597,7 +597,7 @@ class HingePair:
         >>> pair.coordinate_jacobian(np.zeros(7)) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return jacobians.coordinate_jacobian(self.constants, q, sequence)
+        return derivatives.coordinate_jacobian(self.constants, q, sequence)
 
     def coordinate_jacobian_rate(
         self, q: ArrayLike | tuple[Any, ...], qd: ArrayLike | tuple[Any, ...], *, sequence: str = "XYZ"
@@ -619,7 +619,7 @@ class HingePair:
         >>> pair.coordinate_jacobian_rate(np.zeros(7), qd) @ qd
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
-        return jacobians.coordinate_jacobian_rate(self.constants, q, qd, sequence)
+        return derivatives.coordinate_jacobian_rate(self.constants, q, qd, sequence)
 
     def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
         """Derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d.
@@ -641,10 +641,10 @@ class HingePair:
         >>> import numpy as np
         >>> import hingepair as hp
         >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> pair.sensitivities(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
+        >>> pair.derivatives(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
         array([0., 1., 0.])
         """
-        return sensitivities.sensitivities(self.constants, body1, psi, psid)
+        return derivatives.sensitivities(self.constants, body1, psi, psid)
 
     def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
         """The constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2).

@@ -13,8 +13,8 @@ from hingepair.evaluation.backend import choose
 from hingepair.numeric.arrays import broadcast_shape, constant
 from hingepair.numeric.blocks import components_of, numbers
 from hingepair.pair import forward_kinematics as kinematics
+from hingepair.pair.accuracy import planar_error_bounds
 from hingepair.pair.constants import Constants
-from hingepair.pair.error_bounds import planar_error_bounds
 from hingepair.pair.evaluate import Out, Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.states import PlanarState

@@ -36,10 +36,16 @@ from hingepair.pair.constants import Constants
 from hingepair.pair.constraints import STEPS as CONSTRAINT_STEPS
 from hingepair.pair.constraints import TAILS as CONSTRAINT_TAILS
 from hingepair.pair.constraints import with_hinge_frames
-from hingepair.pair.evaluate import Out, check_apart, loop_of, room_for, written
-from hingepair.pair.foreign_arrays import check_options, run_foreign
-from hingepair.pair.jacobians import COORDINATE_TAILS, JACOBIAN_STEPS, JACOBIAN_TAILS, coordinate_steps
-from hingepair.pair.sensitivities import POSE_TAILS, SENSITIVITY_STEPS, VELOCITY_TAILS
+from hingepair.pair.derivatives import (
+    COORDINATE_TAILS,
+    JACOBIAN_STEPS,
+    JACOBIAN_TAILS,
+    POSE_TAILS,
+    SENSITIVITY_STEPS,
+    VELOCITY_TAILS,
+    coordinate_steps,
+)
+from hingepair.pair.evaluate import Out, check_apart, check_options, loop_of, room_for, run_foreign, written
 from hingepair.pair.states import PairState, State
 from hingepair.rotations.matrices import TOLERANCE, check_rotation
 from hingepair.rotations.sequences import find_sequence
