@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ from hingepair.integration.interpolation_error import largest_error
 from hingepair.integration.methods import RULES, Quaternion, Rule, quaternion_product, turns
 from hingepair.integration.signals import Constant, Function, Samples, Signal, Values
 from hingepair.integration.stepping import Steps, divided
+
+_Errors: TypeAlias = tuple[Values, Values, Values]
 
 PROBES: Final = 2048
 
@@ -45,6 +47,7 @@ _ROUGH = 0.02  # of the roughness that rounded stamps make, in the mean of squar
 _OUTER = RULES["magnus6"].nodes[0], RULES["magnus6"].nodes[-1]
 _SURE = 2.0  # times the noise of rounding: what is larger has another cause
 _EDGE = 1e-4  # of a step: how near to its ends a callable is looked at, since it may jump at the instants themselves
+_GROUP = 1 << 14  # steps that are looked at in one go, but for those of one interval: arrays of a megabyte or two
 
 
 class Probes(NamedTuple):
@@ -196,6 +199,22 @@ def _largest(total: Values, hidden: Values, noise: Values, weights: Values, squa
     return float(np.maximum(0.0 if apart <= enlarged else apart, np.sqrt((hidden**2 * squares).sum())))
 
 
+def _few_at_a_time(errors: Callable[..., _Errors]) -> Callable[..., _Errors]:
+    """The same errors, of so many intervals at a time that the values at their nodes stay in the caches."""
+
+    @functools.wraps(errors)
+    def each(
+        signal: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], *rest: Any, **how: Any
+    ) -> _Errors:
+        cuts = np.flatnonzero(np.diff(np.cumsum(counts) // _GROUP)) + 1
+        groups = zip(np.split(chosen, cuts), np.split(counts, cuts), strict=True)
+        apart, hidden, noise = zip(*(errors(signal, t, *group, *rest, **how) for group in groups), strict=True)
+        return np.concatenate(apart), np.concatenate(hidden), np.concatenate(noise)
+
+    return each
+
+
+@_few_at_a_time
 def turn_errors(
     omega: Signal,
     t: Values,
@@ -205,7 +224,7 @@ def turn_errors(
     how: How,
     *,
     body: bool,
-) -> tuple[Values, Values, Values]:
+) -> _Errors:
     """Errors of some intervals in so many steps.
 
     Returns:
@@ -220,9 +239,8 @@ def turn_errors(
     return apart, above(_hidden(omega, *ends, coarse, fine, rule), 4 * noise), noise
 
 
-def sum_errors(
-    psid: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule
-) -> tuple[Values, Values, Values]:
+@_few_at_a_time
+def sum_errors(psid: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule) -> _Errors:
     """The same of the integrals over some intervals; each of shape (P,)."""
     ends, finer = (t[chosen], t[chosen + 1]), _finer(t, chosen, counts)
     coarse, fine = _looks(psid, *ends, counts, rule), _looks(psid, *ends, finer * counts, rule)
@@ -235,7 +253,7 @@ def sum_errors(
     )
 
 
-def sizes(found: tuple[Values, Values, Values]) -> Values:
+def sizes(found: _Errors) -> Values:
     """How large the errors of intervals are, of those functions, where rounding does not explain them."""
     errors, hidden, noise = found
     return np.maximum(above(_size(errors.reshape(len(errors), -1)), noise), hidden)
