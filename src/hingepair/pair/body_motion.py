@@ -87,17 +87,9 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """The motion with the attitude of quaternions, scalar last (Pinocchio, SciPy, ROS), of any length but zero.
+        """The motion with the attitude of quaternions, scalar last (Pinocchio, SciPy, ROS).
 
-        They are normalised; S is right to 6 u.
-
-        Args:
-            R: reference point [m]; shape (..., 3).
-            quat_xyzw: body to world; shape (..., 4).
-            v: velocity of the reference point [m/s]; shape (..., 3).
-            omega: angular velocity [rad/s]; shape (..., 3).
-            a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
-            alpha: angular acceleration [rad/s^2]; shape (..., 3).
+        quat_xyzw: body to world, any length but zero; shape (..., 4). S is right to 6 u; the rest as in `BodyMotion`.
 
         Raises:
             RotationError: a quaternion is zero.
@@ -122,17 +114,9 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """The motion with the attitude of quaternions, scalar first (MuJoCo), of any length but zero.
+        """The motion with the attitude of quaternions, scalar first (MuJoCo).
 
-        They are normalised; S is right to 6 u.
-
-        Args:
-            R: reference point [m]; shape (..., 3).
-            quat_wxyz: body to world; shape (..., 4).
-            v: velocity of the reference point [m/s]; shape (..., 3).
-            omega: angular velocity [rad/s]; shape (..., 3).
-            a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
-            alpha: angular acceleration [rad/s^2]; shape (..., 3).
+        quat_wxyz: body to world, any length but zero; shape (..., 4). S is right to 6 u; the rest as in `BodyMotion`.
 
         Raises:
             RotationError: a quaternion is zero.
@@ -159,15 +143,8 @@ class BodyMotion(Frozen):
     ) -> BodyMotion:
         """The motion with the attitude of rotation vectors, axis times angle.
 
-        S is right to 6 u, up to an angle of 1e15.
-
-        Args:
-            R: reference point [m]; shape (..., 3).
-            rotvec: body to world [rad]; shape (..., 3).
-            v: velocity of the reference point [m/s]; shape (..., 3).
-            omega: angular velocity [rad/s]; shape (..., 3).
-            a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
-            alpha: angular acceleration [rad/s^2]; shape (..., 3).
+        rotvec: body to world [rad]; shape (..., 3). S is right to 6 u up to an angle of 1e15; the rest as in
+        `BodyMotion`.
 
         >>> import hingepair as hp
         >>> hp.BodyMotion.from_rotvec(R=(0, 0, 0), rotvec=(0, 0, 3.141592653589793)).S.round(12) + 0.0

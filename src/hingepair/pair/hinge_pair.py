@@ -32,6 +32,8 @@ class HingePair:
 
     Values are copied in and read-only; `dataclasses.replace(pair, u1=...)` gives a pair with another u1. u1, u2, n
     and home may carry leading axes that broadcast against the samples: then each sample has a pair of its own.
+    `body1`, wherever a method takes it, is the motion of body 1. An argument that cannot be used raises an
+    ArgumentError, which names it.
 
     Args:
         u1: hinge point from body 1's reference point, body-1 axes [m]; shape (3,) or (..., 3).
@@ -219,21 +221,8 @@ class HingePair:
     ) -> PairState:
         """Body 2 from the motion of body 1 and the hinge angle (E1, E2, E5-E9): no Euler angles.
 
-        Args:
-            body1: the motion of body 1, with as many derivatives as the outputs need.
-            psi: hinge angle, right hand about n [rad]; shape (...,), broadcasts against body1.
-            psid: its time derivative [rad/s].
-            psidd: its second time derivative [rad/s^2].
-            outputs: as for forward_kinematics.
-            out: as for forward_kinematics.
-            workers: as for forward_kinematics.
-            backend: as for forward_kinematics.
-
-        Returns:
-            The state; its level follows psi, psid, psidd.
-
-        Raises:
-            ArgumentError: an argument cannot be used, or body1 lacks what an output needs; names it.
+        The level follows psi, psid, psidd [rad, rad/s, rad/s^2]: shape (...,), right hand about n; they broadcast
+        against body1, which has as many derivatives as the outputs need. All else is as for `forward_kinematics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -259,19 +248,11 @@ class HingePair:
         given. The bounds are rigorous, of either backend, as far as sines and cosines are right to 1.5 units in the
         last place. Actual errors are a third of them at most, but for motion with few roundings.
 
-        Args:
-            q: coordinates [m, rad], in either form that forward_kinematics takes.
-            qd: their time derivatives.
-            qdd: their second time derivatives.
-            outputs: as for forward_kinematics.
-            sequence: as for forward_kinematics.
+        Arguments are those of `forward_kinematics`.
 
         Returns:
             By output, the bound on the error of its largest component, in the output's unit; shape (...,). Infinite
             where numbers overflow, or are none.
-
-        Raises:
-            ArgumentError: an argument cannot be used; names it.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -292,21 +273,9 @@ class HingePair:
     ) -> dict[str, NDArray[np.float64]]:
         """How far rounding can have taken each output of forward_kinematics_from_body1 from the exact result.
 
-        As `error_bounds`. Exact is what E1, E2 and E5 to E9 say of this motion as it stands in body1: what was
-        rounded before, in making S from a quaternion, say, is not counted.
-
-        Args:
-            body1: the motion of body 1, with as many derivatives as the outputs need.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-            psid: its time derivative [rad/s].
-            psidd: its second time derivative [rad/s^2].
-            outputs: as for forward_kinematics.
-
-        Returns:
-            By output, the bound on the error of its largest component, in the output's unit; shape (...,).
-
-        Raises:
-            ArgumentError: an argument cannot be used, or body1 lacks what an output needs; names it.
+        As `error_bounds`, of the arguments of `forward_kinematics_from_body1`. Exact is what E1, E2 and E5 to E9 say
+        of this motion as it stands in body1: what was rounded before, in making S from a quaternion, say, is not
+        counted.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -319,15 +288,11 @@ class HingePair:
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
         """The mass matrix M of M (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (D6).
 
-        Args:
-            body1: the motion of body 1; of it, S is used.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-
-        Returns:
-            M, symmetric, in world axes and about R1 [kg, kg m, kg m^2]; shape (..., 7, 7).
+        Of body1, S is used; psi [rad], shape (...,), broadcasts against it. M is symmetric, in world axes and about
+        R1 [kg, kg m, kg m^2]; shape (..., 7, 7).
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+            ArgumentError: also where a body of the pair has no mass properties.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -348,17 +313,17 @@ class HingePair:
         """What must act on body 1 and at the hinge for the pair to move as it does (D1-D5).
 
         Args:
-            body1: the motion of body 1; of it, S, omega, a and alpha are used.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-            psid: its time derivative [rad/s]; likewise.
-            psidd: its second time derivative [rad/s^2]; likewise.
+            body1: of it, S, omega, a and alpha are used.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1; likewise the next two.
+            psid: its time derivative [rad/s].
+            psidd: its second time derivative [rad/s^2].
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
 
         Returns:
-            force1, torque1 about R1, and hinge_torque.
+            force1 [N], torque1 about R1 and hinge_torque [N m].
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+            ArgumentError: also where a body of the pair has no mass properties.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -387,22 +352,23 @@ class HingePair:
         """How the pair moves under what acts on it (D6).
 
         Args:
-            body1: the motion of body 1; of it, S and omega are used.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-            psid: its time derivative [rad/s]; likewise.
-            force1: on body 1 at R1, world axes [N]; shape (..., 3), or the number 0.
-            torque1: on body 1, world axes [N m]; likewise.
+            body1: of it, S and omega are used.
+            psi: hinge angle [rad]; shape (...,), broadcasts against body1; likewise all that follows.
+            psid: its time derivative [rad/s].
+            force1: on body 1 at R1, world axes [N]; shape (..., 3), or the number 0; likewise the other forces and
+                torques.
+            torque1: on body 1, world axes [N m].
             hinge_torque: of body 1 on body 2 about the hinge axis [N m]; shape (...,).
-            force2: on body 2 at R2, world axes [N]; as force1.
-            torque2: on body 2, world axes [N m]; likewise.
+            force2: on body 2 at R2, world axes [N].
+            torque2: on body 2, world axes [N m].
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
 
         Returns:
-            a1, alpha1 and psidd.
+            a1 [m/s^2], alpha1 and psidd [rad/s^2].
 
         Raises:
-            ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or those leave a
-                motion without resistance; names it.
+            ArgumentError: also where a body of the pair has no mass properties, or those leave a motion without
+                resistance.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -426,18 +392,9 @@ class HingePair:
     ) -> HingeWrench:
         """What body 1 exerts on body 2 at the hinge point (D3, D4); body 2 alone needs mass properties.
 
-        Args:
-            body1: the motion of body 1; of it, S, omega, a and alpha are used.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-            psid: its time derivative [rad/s]; likewise.
-            psidd: its second time derivative [rad/s^2]; likewise.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-
-        Returns:
-            force, torque about the hinge point, and the torque's two parts: hinge_torque, bearing_torque.
-
-        Raises:
-            ArgumentError: an argument cannot be used, or body 2 has no mass properties; names it.
+        Arguments are those of `inverse_dynamics`. Gives force [N], torque about the hinge point [N m] and the
+        torque's two
+        parts: hinge_torque, bearing_torque.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -454,17 +411,11 @@ class HingePair:
     ) -> Energy:
         """Kinetic and potential energy of the pair (D7).
 
-        Args:
-            body1: the motion of body 1; of it, R, S, v and omega are used.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-            psid: its time derivative [rad/s]; likewise.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-
-        Returns:
-            kinetic and potential.
+        Of body1, R, S, v and omega are used; psi [rad] and psid [rad/s], shape (...,), broadcast against it; gravity
+        as for `inverse_dynamics`. Gives kinetic and potential [J].
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+            ArgumentError: also where a body of the pair has no mass properties.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -478,16 +429,7 @@ class HingePair:
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
         """Linear momentum of the pair, and angular momentum about the world's origin (D8).
 
-        Args:
-            body1: the motion of body 1; of it, R, S, v and omega are used.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-            psid: its time derivative [rad/s]; likewise.
-
-        Returns:
-            linear and angular.
-
-        Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+        Arguments are those of `energy`. Gives linear [kg m/s] and angular [kg m^2/s].
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -518,13 +460,12 @@ class HingePair:
             t: instants of the samples, numbers or datetime64, so that the report says when; broadcasts against them.
 
         Returns:
-            The `Residuals`: `.ok`, `.verdict`, str() a table, `.to_json()`, `.rows`; the arrays `.gap` (..., 3) m,
-            `.tilt_angle` (...,) rad, `.tilt` (..., 2), `.psi` (...,) rad; where the motions have the rates
-            `.gap_rate` (..., 3) m/s, `.tilt_rate` (..., 2) rad/s, `.psid` (...,) rad/s; and likewise
-            `.gap_acceleration`, `.tilt_acceleration`, `.psidd`. Samples that are not finite are left out and counted.
+            The `Residuals`: `.ok`, `.verdict`, str() a table, `.to_json()`, `.rows`; and the arrays that it lists,
+            `.gap` (..., 3) m, `.tilt_angle` (...,) rad, `.psi` (...,) rad and others. Samples that are not finite are
+            left out and counted.
 
         Raises:
-            ArgumentError: an argument cannot be used, or a tolerance is of rates that the motions lack; names it.
+            ArgumentError: also where a tolerance is of rates that the motions lack.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -540,15 +481,7 @@ class HingePair:
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
         """Body 2's velocity by the velocities of the equations: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2).
 
-        Args:
-            body1: the motion of body 1; of it, S is used.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-
-        Returns:
-            Jac, world axes; shape (..., 6, 7).
-
-        Raises:
-            ArgumentError: an argument cannot be used; names it.
+        Of body1, S is used; psi [rad], shape (...,), broadcasts against it. Jac is in world axes; shape (..., 6, 7).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -561,16 +494,8 @@ class HingePair:
     def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
         """What velocities alone add to body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9).
 
-        Args:
-            body1: the motion of body 1; of it, S and omega are used.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-            psid: hinge rate [rad/s]; likewise.
-
-        Returns:
-            The bias, world axes; shape (..., 6).
-
-        Raises:
-            ArgumentError: an argument cannot be used, or body1 has no omega; names it.
+        Of body1, S and omega are used; psi [rad] and psid [rad/s], shape (...,), broadcast against it. The bias is in
+        world axes; shape (..., 6).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -584,12 +509,7 @@ class HingePair:
     def coordinate_jacobian(self, q: ArrayLike | tuple[Any, ...], *, sequence: str = "XYZ") -> FloatArray:
         """Body 2's velocity by the rates of the seven coordinates: (v2, omega2) = Jq @ qd (E8, E2, E4).
 
-        Args:
-            q: coordinates [m, rad], in either form that forward_kinematics takes.
-            sequence: the Euler sequence of body 1.
-
-        Returns:
-            Jq, world axes; shape (..., 6, 7).
+        The coordinates and the sequence are those of `forward_kinematics`. Jq is in world axes; shape (..., 6, 7).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -604,13 +524,7 @@ class HingePair:
     ) -> FloatArray:
         """The time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9).
 
-        Args:
-            q: coordinates [m, rad], in either form that forward_kinematics takes.
-            qd: their time derivatives.
-            sequence: the Euler sequence of body 1.
-
-        Returns:
-            Jq', world axes; shape (..., 6, 7).
+        The coordinates and the sequence are those of `forward_kinematics`. Jq' is in world axes; shape (..., 6, 7).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -624,19 +538,9 @@ class HingePair:
     def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
         """Derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d.
 
-        Args:
-            body1: the motion of body 1; of it, S is used, and with psid also omega.
-            psi: hinge angle [rad]; shape (...,), broadcasts against body1.
-            psid: hinge rate [rad/s]; likewise; needed for v2 and omega2.
-
-        Returns:
-            The `Sensitivities`, world axes: `d_by_u1`, `d_by_u2` (..., 3, 3), `d_by_n` (..., 3, 3) m, `d_by_psi`
-            (..., 3) m/rad; `S2_by_n` (..., 3, 3, 3), `S2_by_psi` (..., 3, 3); with psid also `v2_by_u1`, `v2_by_u2`
-            (..., 3, 3) 1/s, `v2_by_n` (..., 3, 3) m/s, `v2_by_psi` (..., 3) m/(s rad), `omega2_by_n` (..., 3, 3)
-            rad/s. The last axis is the component of what is varied.
-
-        Raises:
-            ArgumentError: an argument cannot be used, or body1 has no omega beside psid; names it.
+        Of body1, S is used, and with psid omega; psi [rad] and psid [rad/s], shape (...,), broadcast against it.
+        Without psid, v2 and omega2 have none. The `Sensitivities` say the shape and unit of each, such as `.d_by_u1`
+        (..., 3, 3); the last axis is the component of what is varied.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -651,14 +555,8 @@ class HingePair:
 
         The constraints are gap (E1, world axes) and tilt, the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2,
         where e1 is the axis of body 1 furthest from n, made perpendicular to it, and e2 = n x e1. G is their exact
-        derivative, on the constraint and off it: (gap', tilt') = G @ (v1, omega1, v2, omega2).
-
-        Args:
-            body1: the motion of body 1; of it, S is used.
-            body2: the motion of body 2; likewise.
-
-        Returns:
-            G, world axes; shape (..., 5, 12).
+        derivative, on the constraint and off it: (gap', tilt') = G @ (v1, omega1, v2, omega2), world axes; shape
+        (..., 5, 12). Of both bodies, S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -672,14 +570,8 @@ class HingePair:
     def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
         """What velocities alone add to the constraints' second derivative (E1, E2).
 
-        (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, and zero for motions of the pair.
-
-        Args:
-            body1: the motion of body 1; of it, S and omega are used.
-            body2: the motion of body 2; likewise.
-
-        Returns:
-            The bias, world axes; shape (..., 5).
+        (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, world axes, shape (..., 5); zero for motions of the
+        pair. Of both bodies, S and omega are used.
 
         >>> import numpy as np
         >>> import hingepair as hp

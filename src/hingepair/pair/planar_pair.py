@@ -76,23 +76,8 @@ class PlanarPair:
     ) -> PlanarState:
         """Body 2 from the four coordinates q = (x, y, phi, psi) (E11).
 
-        The level follows the inputs: q alone gives the pose, qd adds velocities, qdd accelerations.
-
-        Args:
-            q: coordinates [m, rad]; one array of shape (..., 4), or a tuple of four that broadcast.
-            qd: their time derivatives, in the same form.
-            qdd: their second time derivatives, in the same form.
-            outputs: names out of R2, phi2, d, v2, omega2, a2, alpha2: exactly these are computed. Unless given, all
-                that the inputs allow.
-            out: arrays by output name, written in place; of the samples' shape and the dtype computed in.
-            workers: threads; -1 for one on every core.
-            backend: "numpy", "compiled", or "auto": compiled where it pays (README, "Speed").
-
-        Returns:
-            The state. float32 where all arrays given are float32, else float64.
-
-        Raises:
-            ArgumentError: an argument cannot be used; names it.
+        As `HingePair.forward_kinematics`, without a sequence: q, qd and qdd are arrays of shape (..., 4), or tuples
+        of four that broadcast [m, rad]; the outputs are R2, d, v2, a2 (..., 2) and phi2, omega2, alpha2 (...,).
 
         >>> import numpy as np
         >>> import hingepair as hp
