@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
@@ -123,36 +124,87 @@ class Loads:
     Args:
         forces: force1, torque1, force2, torque2: constants, the number 0, or callables of (t, now).
         hinge_torque: a number, or a callable of (t, psi, psid).
+        gravity: acceleration of free fall, world axes.
+        flat: whether forces and gravity have two components, and torques one.
+
+    Attributes:
+        known: what does not change, by name, as the equations take it.
+        look_at_motion: whether a load is a callable of the motion.
 
     Raises:
-        ArgumentError: a constant is not finite or of the wrong shape; names it.
+        ArgumentError: a constant is not finite or of the wrong shape, or a callable takes other arguments; names it.
     """
 
-    def __init__(self, forces: Mapping[str, Load], hinge_torque: HingeTorque) -> None:
-        self._forces = {name: load if callable(load) else _constant(name, load) for name, load in forces.items()}
-        self._hinge = hinge_torque if callable(hinge_torque) else finite_number("hinge_torque", hinge_torque)
-        self.look_at_motion = any(map(callable, self._forces.values()))
+    def __init__(
+        self, forces: Mapping[str, Load], hinge_torque: HingeTorque, gravity: ArrayLike, *, flat: bool
+    ) -> None:
+        self._flat = flat
+        self._moving = {name: load for name, load in forces.items() if callable(load)}
+        for name, load in self._moving.items():
+            check_callable(name, load, "t", "now")
+        self._hinge = hinge_torque if callable(hinge_torque) else None
+        self.look_at_motion = bool(self._moving)
+        self.known: dict[str, Any] = {"gravity": self._constant("gravity", gravity)}
+        self.known |= {name: self._constant(name, load) for name, load in forces.items() if not callable(load)}
+        if not callable(hinge_torque):
+            self.known["hinge_torque"] = finite_number("hinge_torque", hinge_torque)
+        else:
+            check_callable("hinge_torque", hinge_torque, "t", "psi", "psid")
 
-    def forces(self, t: Array, now: Moving | None) -> dict[str, Array]:
-        """Forces and torques on the bodies, by name; shape (n, 3)."""
-        return {
-            name: _answer(name, load(t, now) if callable(load) else load, (len(t), 3))  # type: ignore[arg-type]
-            for name, load in self._forces.items()
-        }
+    def at(self, t: Array, now: Moving | None, psi: Array, psid: Array) -> dict[str, Array]:
+        """What changes, by name: forces and torques on the bodies, (n, 3), and hinge_torque, (n,)."""
+        found = {}
+        for name, load in self._moving.items():
+            own = self._answer(name, load(t, now), (len(t), *self._tail(name)))  # type: ignore[arg-type]
+            found[name] = _lifted(own, len(self._tail(name))) if self._flat else own
+        if self._hinge is not None:
+            found["hinge_torque"] = self._answer("hinge_torque", self._hinge(t, psi, psid), t.shape)
+        return found
 
-    def torque(self, t: Array, psi: Array, psid: Array) -> Array:
-        """The torque about the hinge axis; shape (n,)."""
-        torque = self._hinge(t, psi, psid) if callable(self._hinge) else self._hinge
-        return _answer("hinge_torque", torque, t.shape)
+    def everything(self, t: Array, now: Moving) -> dict[str, Array]:
+        """The same and what does not change, but for gravity."""
+        still = {name: np.array(load) for name, load in self.known.items() if name != "gravity"}
+        moving = self.at(t, now, now.psi, now.psid)
+        return moving | {name: np.broadcast_to(load, (len(t), *load.shape)) for name, load in still.items()}
+
+    def _tail(self, name: str) -> tuple[int, ...]:
+        if not self._flat:
+            return (3,)
+        return () if name.startswith("torque") else (2,)
+
+    def _constant(self, name: str, load: Any) -> tuple[float, ...]:
+        tail = self._tail(name)
+        if isinstance(load, int | float) and load == 0:
+            return (0.0, 0.0, 0.0)
+        value = one_constant(name, load, *tail) if tail else np.array(finite_number(name, load))
+        return tuple((_lifted(value, len(tail)) if self._flat else value).tolist())
+
+    @staticmethod
+    def _answer(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+        """What acts, one value for each instant."""
+        try:
+            return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
+        except (TypeError, ValueError):
+            expected = f"a callable that returns shape {shape}, or what broadcasts to it"
+            raise ArgumentError(name, expected, value) from None
 
 
-def _constant(name: str, load: ArrayLike) -> Array:
-    return np.zeros(3) if isinstance(load, int | float) and load == 0 else one_constant(name, load, 3)
+def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> None:
+    """Refuse a callable that does not take so many arguments.
 
-
-def _answer(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """What acts, one value for each instant."""
+    Raises:
+        ArgumentError: names it.
+    """
     try:
-        return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
-    except (TypeError, ValueError):
-        raise ArgumentError(name, f"a callable that returns shape {shape}, or what broadcasts to it", value) from None
+        inspect.signature(function).bind(*arguments)
+    except TypeError:
+        expected = f"a callable of ({', '.join(arguments)})"
+        raise ArgumentError(name, expected, f"one of {inspect.signature(function)}") from None
+    except ValueError:  # some of C have no signature
+        return
+
+
+def _lifted(value: Array, rank: int) -> Array:
+    """A vector of the plane, or a turn about z, in space."""
+    columns = [value[..., 0], value[..., 1], 0 * value[..., 0]] if rank else [0 * value, 0 * value, value]
+    return np.stack(columns, axis=-1)

@@ -1,97 +1,34 @@
-"""The motion of a pair under what acts on it: steps of Gauss collocation over momenta and local coordinates.
-
-The state of a free pair is the place of the common centre of mass, the linear momentum, the angular momentum about
-that centre, the attitude of body 1 as Cayley coordinates g that begin anew with every step, psi and psi'. Where
-nothing acts, the momenta are constants of the integration, not results of it.
-"""
+"""The motion of a pair under what acts on it: from its start to any instant, by steps of Gauss collocation."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping
+import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.collocation import NODES, Array, Stepper, TooStiffError
-from hingepair.dynamics.loads import Base, HingeTorque, Load, Loads, Moving
-from hingepair.equations import dynamics as dyn
-from hingepair.equations import spatial as eq
+from hingepair.dynamics.bases import Carried, Course, Start, Turning
+from hingepair.dynamics.collocation import Array, Stepper, TooStiffError
+from hingepair.dynamics.loads import Base, HingeLoad, HingeTorque, Load, Loads, check_callable
 from hingepair.errors import ArgumentError, HingePairError, quoted
-from hingepair.evaluation.backend import How, choose
-from hingepair.evaluation.binding import Bound, bind
-from hingepair.evaluation.loops import Loop
-from hingepair.evaluation.plan import steps_of
-from hingepair.evaluation.steps import Step
-from hingepair.integration.trajectory import Later, Trajectory, rotations
-from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only, real_array
+from hingepair.evaluation.backend import choose
+from hingepair.integration.trajectory import Later, PlanarTrajectory, Trajectory
+from hingepair.numeric.arrays import check_choice, finite_number, read_only, real_array
 from hingepair.numeric.finite_differences import check_instants
-from hingepair.pair.body_motion import BodyMotion, motion_arrays
+from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_one, check_pair
-from hingepair.pair.dynamics import FORWARD, GRAVITY, LEVERS, mass_constants
+from hingepair.pair.dynamics import GRAVITY, DynamicsWarning, Energy
 from hingepair.pair.evaluate import Outputs
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.rotations.matrices import matrix_to_quaternion
+from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 
-BASES: Final = ("free", "fixed")
+BASES: Final = ("free", "pinned", "fixed")
 _TOLERANCES: Final = (1e-14, 1e-2)
 _FINER = 1e-3  # of the tolerance: the second run that the first is judged by
-_ZERO = (0.0, 0.0, 0.0)
-_Begin: TypeAlias = tuple[Array, Array, Array, Array]
-_DOUBLE = np.dtype(np.float64)
-_TAILS: Final[Mapping[str, tuple[int, ...]]] = {
-    **dict.fromkeys(("psi", "psid", "psidd", "psi_torque", "m1", "m2"), ()),
-    **dict.fromkeys(("S0", "home", "I1", "I2"), (9,)),
-    **{"S1": (3, 3), "state": (14,)},
-}
-"""Shapes of inputs that are no vectors."""
-_G = slice(9, 12)  # where the Cayley coordinates stand in the state of a free pair
-
-_ATTITUDE = Step("S1", dyn.cayley_attitude, ("g", "S0"))
-_CENTRE = (
-    Step("centre", dyn.common_centre, ("masses", "centre1", "e")),
-    Step("v_centre", dyn.velocity_from_centre, ("masses", "centre", "omega1", "push", "psid")),
-)
-_START = (
-    *_CENTRE,
-    Step("spins", lambda one, two: (one, two), ("omega1", "omega2")),
-    Step("angular", dyn.momentum_about, ("masses", "centre1", "e", "inertias", "spins", "push", "psid")),
-)
-_STATE = (
-    Step("momentum", lambda state: state[3:6], ("state",)),
-    Step("angular", lambda state: state[6:9], ("state",)),
-    Step("g", lambda state: state[9:12], ("state",)),
-    Step("psi", lambda state: state[12], ("state",)),
-    Step("psid", lambda state: state[13], ("state",)),
-)
-_FREE = (
-    *_STATE,
-    Step("omega1", dyn.spin_of_momentum,
-         ("masses", "centre1", "e", "inertias", "axis", "push", "angular", "psid")),
-    Step("g_rate", dyn.cayley_rate, ("g", "omega1")),
-    *_CENTRE,
-)  # fmt: skip
-_LOADED = (
-    _CENTRE[0],
-    Step("from_centre", eq.subtract, ("d", "centre")),
-    Step("by1", dyn.torque_from, ("torque1", "centre", "force1")),
-    Step("by2", dyn.torque_about, ("torque2", "from_centre", "force2")),
-    Step("twist", eq.add, ("by1", "by2")),
-)
-_RATES = (
-    Step("mass", lambda masses: masses[0] + masses[1], ("masses",)),
-    Step("velocity", lambda momentum, mass: eq.scale(momentum, 1 / mass), ("momentum", "mass")),
-    Step("weight", eq.scale, ("gravity", "mass")),
-    Step("drive", eq.add, ("pushed", "weight")),
-    Step("slopes", lambda v, drive, twist, g_rate, psid, psidd: (*v, *drive, *twist, *g_rate, psid, psidd),
-         ("velocity", "drive", "twist", "g_rate", "psid", "psidd_found")),
-)  # fmt: skip
-_DRIVEN = (
-    Step("acting", lambda own, other: own + other, ("psi_torque", "torque2_at_hinge")),
-    Step("driven", dyn.driven_acceleration, ("m2", "J2", "axis", "push", "acting", "hinge_torque_bias")),
-)
 
 
 class SimulationError(HingePairError, RuntimeError):
@@ -111,28 +48,68 @@ class SimulationError(HingePairError, RuntimeError):
         return type(self), (self.t, self.why)
 
 
+class _Moved:
+    """What a simulated motion has beside a trajectory."""
+
+    __slots__ = ()
+
+    body1: BodyMotion
+    psi: Array
+    psid: Array
+    psidd: Array
+    loads: Mapping[str, Array]
+    _space: HingePair
+    _gravity: tuple[float, ...]
+
+    def energy(self) -> Energy:
+        """Kinetic and potential energy at the instants, of each body that has mass properties (D7)."""
+        return self._space.energy(self.body1, self.psi, self.psid, self._gravity)
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SimulatedMotion(Trajectory):
-    """The motion of a pair that `simulate` found: a `Trajectory`, and the motion of body 1 and of the hinge.
+class SimulatedMotion(_Moved, Trajectory):
+    """The motion of a pair that `simulate` found: a `Trajectory`, the motion of body 1 and the hinge, and the loads.
 
     Attributes:
         body1: motion of body 1 at the instants, with all its derivatives; shape (N,).
         psid: hinge rate [rad/s]; shape (N,).
         psidd: its rate [rad/s^2]; shape (N,).
+        loads: what acted, by name: hinge_torque, shape (N,), force1, torque1, force2 and torque2, (N, 3).
     """
 
     body1: BodyMotion
     psid: Array
     psidd: Array
+    loads: Mapping[str, Array]
+    _space: HingePair
+    _gravity: tuple[float, ...]
 
-    def recorded(self) -> dict[str, Array]:
+    def recorded(self) -> dict[str, NDArray[Any]]:
         """The outputs of the state, the motion of body 1 and that of the hinge, by name; shape (N, ...)."""
         body1 = {f"{letter}1": getattr(self.body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha")}
-        return {**self.state.arrays(), **body1, "psi": self.psi, "psid": self.psid, "psidd": self.psidd}
+        hinge = {"psi": self.psi, "psid": self.psid, "psidd": self.psidd, "hinge_torque": self.loads["hinge_torque"]}
+        return {**self.state.arrays(), **body1, **hinge}
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SimulatedPlanarMotion(_Moved, PlanarTrajectory):
+    """The motion of a planar pair that `simulate` found: a `PlanarTrajectory`, and what a `SimulatedMotion` has."""
+
+    body1: BodyMotion
+    psid: Array
+    psidd: Array
+    loads: Mapping[str, Array]
+    _space: HingePair
+    _gravity: tuple[float, ...]
+
+    def recorded(self) -> dict[str, NDArray[Any]]:
+        """The outputs of the state, the motion of body 1 and that of the hinge, by name; shape (N, ...)."""
+        hinge = {"psi": self.psi, "psid": self.psid, "psidd": self.psidd, "hinge_torque": self.loads["hinge_torque"]}
+        return {**self.state.arrays(), "phi": self.phi, **hinge}
 
 
 def simulate(
-    pair: HingePair,
+    pair: HingePair | PlanarPair,
     t: ArrayLike,
     body1: BodyMotion | None,
     psi_0: float,
@@ -143,20 +120,22 @@ def simulate(
     torque1: Load = 0,
     force2: Load = 0,
     torque2: Load = 0,
-    gravity: ArrayLike = GRAVITY,
+    gravity: ArrayLike | None = None,
     base: Base = "free",
     tol: float = 1e-10,
     outputs: Outputs = None,
     backend: str = "auto",
-) -> SimulatedMotion:
+) -> SimulatedMotion | SimulatedPlanarMotion:
     """The motion of a pair under what acts on it (D1-D6), from its start at t[0].
 
     Steps of Gauss collocation of order 16, their lengths chosen by the tolerance; attitudes on the rotation group. A
-    free pair on which nothing acts keeps its momenta to the last bit. The limits of the pair are not enforced: a
-    `HingeLoad(stops=pair.limits)` does that. An inertia that was not given is that of a radius of gyration of 0.1 m.
+    free pair on which nothing acts keeps its momenta to the last bit. The limits of the pair are not enforced, but a
+    motion that leaves them without a word from `HingeLoad(stops=...)`, which enforces them, is warned of.
 
     Args:
-        pair: a HingePair whose bodies have mass properties (body 2 alone where the base is not free).
+        pair: a pair whose bodies have mass properties (body 2 alone where the base is fixed or moves as given). A
+            PlanarPair takes forces and gravity of two components and torques of one; its body 1 starts, and is
+            looked at by loads, as in space: R in the plane z = 0, S a turn about z.
         t: instants [s], increasing; shape (N,).
         body1: where body 1 starts: R and S, and v and omega unless they are zero. None beside a base that moves.
         psi_0: hinge angle at t[0] [rad].
@@ -168,16 +147,19 @@ def simulate(
         torque1: on body 1, world axes [N m]; likewise.
         force2: on body 2 at R2, world axes [N]; likewise.
         torque2: on body 2, world axes [N m]; likewise.
-        gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-        base: "free"; "fixed", where body 1 stays where it starts; or a callable of times (n,) that returns the
+        gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), along -z unless given; in the plane (2,),
+            along -y.
+        base: "free"; "pinned", where R1 stays where it starts and body 1 turns about it (in space as in a ball
+            joint); "fixed", where body 1 stays as it starts; or a callable of times (n,) that returns the
             BodyMotion of body 1, with v, omega, a and alpha.
         tol: largest error of a step [rad], of positions in units of the pair's levers; from 1e-14 to 1e-2.
         outputs: as for `forward_kinematics`; all of body 2 unless given.
         backend: as for `forward_kinematics`.
 
     Returns:
-        A `Trajectory` (`.t`, `.S1`, `.psi`, `.R2`, ...), and `.body1`, `.psid` and `.psidd`; `.error_estimate` and
-        `.psi_error_estimate` [rad] come from a second run, of a smaller tolerance, when they are asked for.
+        A `Trajectory` (`.t`, `.S1`, `.psi`, `.R2`, ...; of a PlanarPair a `PlanarTrajectory`), and `.body1`, `.psid`,
+        `.psidd`, `.loads` (what acted) and `.energy()`; `.error_estimate` and `.psi_error_estimate` [rad] come from
+        a second run, of a smaller tolerance, when they are asked for.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
@@ -192,63 +174,109 @@ def simulate(
     >>> round(float(swing.psi.max()), 4)  # let go level, it swings to level on the other side
     3.1416
     """
-    check_pair(pair)
-    check_one(pair)
+    space = _in_space(pair)
     instants = check_instants("t", real_array("t", t), 0)
     tolerance = finite_number("tol", tol)
     if not _TOLERANCES[0] <= tolerance <= _TOLERANCES[1]:
         raise ArgumentError("tol", f"a number from {_TOLERANCES[0]} to {_TOLERANCES[1]}", tol)
-    loads = Loads({"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}, hinge_torque)
-    start = finite_number("psi_0", psi_0), finite_number("psid_0", psid_0)
-    fall = tuple(one_constant("gravity", gravity, 3).tolist())
-    if not callable(base):
-        check_choice("base", base, BASES)
-        _start_of(body1)
-    elif body1 is not None:
-        raise ArgumentError("body1", "None beside a base that moves as given", quoted(body1))
-
+    flat = space is not pair
+    if gravity is None:
+        gravity = PLANAR_GRAVITY if flat else GRAVITY
+    forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
+    loads = Loads(forces, hinge_torque, gravity, flat=flat)
+    start = _start_of(base, body1, flat, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
     how = choose(backend, 1)
 
-    def run(tolerance: float) -> _Course:
-        if callable(base):
-            return _follow(_Driven(pair, base, start, loads, fall, how), instants, tolerance)
-        begin = _start_of(body1)
-        kind = _Free if base == "free" else _Fixed
-        return _follow(kind(pair, begin, start, loads, fall, how), instants, tolerance)
+    def run(tolerance: float) -> Course:
+        moving: Carried | Turning
+        if base in ("free", "pinned"):
+            moving = Turning(space, str(base), flat, start, loads, how)
+        else:
+            moving = Carried(space, base if callable(base) else _still(start), start, loads, how)
+        return _follow(moving, instants, tolerance)
 
     found = run(tolerance)
+    if space.limits is not None and not (isinstance(hinge_torque, HingeLoad) and hinge_torque.stops):
+        _warn_of_limits(space.limits, instants, found.now.psi)
     finer = functools.cache(lambda: run(max(tolerance * _FINER, 1e-15)))
-    return SimulatedMotion(
-        t=read_only(instants),
-        quat_wxyz=read_only(found.quats),
-        psi=read_only(found.psi),
-        R1=found.body1.R,
-        pair=pair,
-        state=pair.forward_kinematics_from_body1(
-            found.body1, found.psi, found.psid, found.psidd, outputs=outputs, backend=backend
-        ),
-        method="collocation",
-        steps=found.steps,
-        _error=Later(lambda: _angle_between(found.quats, finer().quats)),
-        _psi_error=Later(lambda: float(np.abs(found.psi - finer().psi).max(initial=0.0))),
-        body1=found.body1,
-        psid=read_only(found.psid),
-        psidd=read_only(found.psidd),
+    now = found.now
+    moved = BodyMotion(R=now.R1, S=now.S1, v=now.v1, omega=now.omega1, a=found.a1, alpha=found.alpha1)
+    common: dict[str, Any] = {
+        "t": read_only(instants),
+        "psi": read_only(now.psi),
+        "method": "collocation",
+        "steps": found.steps,
+        "_error": Later(lambda: _angle_between(found.quats, finer().quats)),
+        "_psi_error": Later(lambda: float(np.abs(now.psi - finer().now.psi).max(initial=0.0))),
+        "body1": moved,
+        "psid": read_only(now.psid),
+        "psidd": read_only(found.psidd),
+        "loads": {name: read_only(load) for name, load in loads.everything(instants, now).items()},
+        "_space": space,
+        "_gravity": loads.known["gravity"],
+    }
+    if isinstance(pair, PlanarPair):
+        q, qd = (*now.R1.T[:2], found.phi, now.psi), (*now.v1.T[:2], now.omega1[:, 2], now.psid)
+        qdd = (*found.a1.T[:2], found.alpha1[:, 2], found.psidd)
+        planar = pair.forward_kinematics(q, qd, qdd, outputs=outputs, backend=backend)
+        return SimulatedPlanarMotion(**common, phi=read_only(found.phi), state=planar)
+    state = pair.forward_kinematics_from_body1(
+        moved, now.psi, now.psid, found.psidd, outputs=outputs, backend=backend
     )
+    return SimulatedMotion(**common, quat_wxyz=read_only(found.quats), R1=moved.R, pair=pair, state=state)
 
 
-class _Course(NamedTuple):
-    """What was found at the instants."""
+def _in_space(pair: object) -> HingePair:
+    """The pair that moves in space, one."""
+    if isinstance(pair, PlanarPair):
+        check_one(pair)
+        return pair.massive()
+    check_pair(pair)
+    check_one(pair)
+    return pair  # type: ignore[return-value]
 
-    quats: Array
-    body1: BodyMotion
-    psi: Array
-    psid: Array
-    psidd: Array
-    steps: int = 0
+
+def _start_of(base: Base, body1: object, flat: bool, psi: float, psid: float) -> Start:
+    """Where body 1 and the hinge start; of a base that moves as given, body 1 is left open."""
+    zero = np.zeros(3)
+    if callable(base):
+        check_callable("base", base, "t")
+        if body1 is not None:
+            raise ArgumentError("body1", "None beside a base that moves as given", quoted(body1))
+        return zero, np.eye(3), zero, zero, psi, psid
+    check_choice("base", base, BASES)
+    if not isinstance(body1, BodyMotion):
+        raise ArgumentError("body1", "a BodyMotion, where body 1 starts", quoted(body1))
+    if body1.shape != ():
+        expected = "one start, such as BodyMotion(R=(0, 0, 0), S=np.eye(3))"
+        raise ArgumentError("body1", expected, f"shape {body1.shape}")
+    R, S, v, omega = (zero if x is None else x.astype(np.float64) for x in (body1.R, body1.S, body1.v, body1.omega))
+    none = {"free": (), "pinned": ("v",), "fixed": ("v", "omega")}[base]
+    for name, speed in (("v", v), ("omega", omega)):
+        if name in none and speed.any():
+            raise ArgumentError(f"body1.{name}", f"none, of a base that is {base}", speed)
+    if flat and (R[2] or v[2] or omega[:2].any() or S[2, 2] != 1):
+        expected = "a start in the plane: R and v with z = 0, S and omega about z"
+        raise ArgumentError("body1", expected, quoted(body1))
+    return R, S, v, omega, psi, psid
 
 
-def _follow(motion: _Free | _Driven, t: Array, tol: float) -> _Course:
+def _still(start: Start) -> Callable[[Array], BodyMotion]:
+    """A base that stays as it starts."""
+    R, S, zero, *_ = start
+    still = BodyMotion(R=R, S=S, v=zero, omega=zero, a=zero, alpha=zero)
+    return lambda _: still
+
+
+def _warn_of_limits(limits: tuple[float, float], t: Array, psi: Array) -> None:
+    outside = np.flatnonzero((psi < limits[0]) | (psi > limits[1]))
+    if outside.size:
+        where = f"t = {t[outside[0]]:g} s (psi = {psi[outside[0]]:.6g} rad)"
+        left = f"psi leaves the pair's limits, {limits[0]:g} to {limits[1]:g} rad, first at {where}"
+        warnings.warn(f"{left}; HingeLoad(stops=pair.limits) enforces them", DynamicsWarning, stacklevel=3)
+
+
+def _follow(motion: Turning | Carried, t: Array, tol: float) -> Course:
     """The motion from t[0] to t[-1], read out at the instants."""
     states, quats = np.empty((len(t), len(motion.state))), np.empty((len(t), 4))
     states[:1], quats[:1] = motion.state, motion.quat
@@ -267,263 +295,6 @@ def _follow(motion: _Free | _Driven, t: Array, tol: float) -> _Course:
         steps, place = steps + 1, end
         stepper.turn(motion.renew(stepper.state))
     return motion.read(t, states, quats)._replace(steps=steps)
-
-
-class _Driven:
-    """A pair whose body 1 moves as given: psi and psi' are all that is found."""
-
-    moving = np.array([False, True])
-    sizes = np.ones(2)
-    quat = np.array([1.0, 0.0, 0.0, 0.0])
-
-    def __init__(
-        self,
-        pair: HingePair,
-        base: Callable[[Array], BodyMotion],
-        start: tuple[float, float],
-        loads: Loads,
-        fall: tuple[float, ...],
-        how: How,
-    ) -> None:
-        known = mass_constants((pair.body1, pair.body2), "body2") | {
-            "gravity": fall,
-            "psidd": 0.0,
-            **pair.constants.values,
-        }
-        self._program = _Program(_driven_loop("home" in known), known, how)
-        self._base, self._loads = base, loads
-        self.state = np.array(start)
-
-    def first_step(self, t: float, span: float) -> float:
-        """A length to begin with."""
-        return _first_step(self.rates(np.array([t]), self.state[None])[0] / np.maximum(1, abs(self.state)), span)
-
-    def rates(self, t: Array, states: Array) -> Array:
-        """Psi' and psi'' at some instants."""
-        psi, psid = states.T
-        return np.stack([psid, self._acceleration(t, self._moved(t), psi, psid)], axis=-1)
-
-    def renew(self, state: Array) -> Array:
-        """The state that the next step begins with."""
-        return state
-
-    def read(self, t: Array, states: Array, _: Array) -> _Course:
-        """What is asked for at some instants."""
-        body1, (psi, psid) = self._moved(t), states.T.copy()
-        return _Course(matrix_to_quaternion(body1.S), body1, psi, psid, self._acceleration(t, body1, psi, psid))
-
-    def _moved(self, t: Array) -> BodyMotion:
-        """Body 1 at some instants, each of its arrays with an axis of instants."""
-        given = motion_arrays("base1", self._base(t), "R", "S", "v", "omega", "a", "alpha")
-        letters = ("R", "S", "v", "omega", "a", "alpha")
-        try:
-            arrays = {
-                letter: np.broadcast_to(array, (len(t), *((3, 3) if letter == "S" else (3,))))
-                for letter, array in zip(letters, given.values(), strict=True)
-            }
-        except ValueError:
-            expected = f"a callable that returns the motion of body 1 at {len(t)} instants"
-            raise ArgumentError("base", expected, {name: array.shape for name, array in given.items()}) from None
-        return BodyMotion(**arrays)
-
-    def _acceleration(self, t: Array, body1: BodyMotion, psi: Array, psid: Array) -> Array:
-        arrays = motion_arrays("base1", body1, "R", "S", "v", "omega", "a", "alpha")
-        R, S, v, omega, a, alpha = arrays.values()
-        forces = self._loads.forces(t, Moving(R, S, v, omega, psi, psid))
-        given = {"S1": S, "omega1": omega, "a1": a, "alpha1": alpha, "psi": psi, "psid": psid}
-        return self._program(len(t), **given, psi_torque=self._loads.torque(t, psi, psid), **forces)["driven"].copy()
-
-
-class _Fixed(_Driven):
-    """A pair whose body 1 stays where it starts."""
-
-    def __init__(self, pair: HingePair, begin: _Begin, *others: Any) -> None:
-        R, S, *speeds = begin
-        for name, speed in zip(("v", "omega"), speeds, strict=True):
-            if speed.any():
-                raise ArgumentError(f"body1.{name}", "none, of a base that is fixed", speed)
-        zero = np.zeros(3)
-        still = BodyMotion(R=R, S=S, v=zero, omega=zero, a=zero, alpha=zero)
-        super().__init__(pair, lambda _: still, *others)
-
-
-class _Free:
-    """A pair that nothing holds: its state is (centre of mass, linear and angular momentum, g, psi, psi')."""
-
-    moving = np.array([False] * 3 + [True] * 6 + [False] * 4 + [True])
-
-    def __init__(
-        self,
-        pair: HingePair,
-        begin: _Begin,
-        start: tuple[float, float],
-        loads: Loads,
-        fall: tuple[float, ...],
-        how: How,
-    ) -> None:
-        masses = mass_constants((pair.body1, pair.body2), "body1", "body2")
-        known = masses | {"gravity": fall, "a1": _ZERO, "alpha1": _ZERO, "psidd": 0.0, **pair.constants.values}
-        home = "home" in known
-        self._motion, self._rates = (_Program(_free_loop(what, home), known, how) for what in ("motion", "rates"))
-        self._mass, self._fall, self._loads = masses["m1"] + masses["m2"], np.array(fall), loads
-        R, S, v, omega = begin
-        self.quat = matrix_to_quaternion(S)
-        psi, psid = start
-        found = _Program(_start_loop(home), known, how)(1, S1=S, omega1=omega, psi=psi, psid=psid)
-        centre, speed, angular = (found[name][0] for name in ("centre", "v_centre", "angular"))
-        self.state = np.hstack([R + centre, self._mass * (v + speed), angular, np.zeros(3), start])
-        reach = sum(float(np.linalg.norm(x)) for x in (pair.u1, pair.u2, masses["c1"], masses["c2"])) or 1.0
-        inertia = sum(sum(masses[name][0::4]) for name in ("I1", "I2")) + self._mass * reach**2
-        sizes = (reach, self._mass * reach, inertia, 1.0)
-        self.sizes = np.hstack([*(np.full(3, size) for size in sizes), 1.0, 1.0])
-
-    def first_step(self, t: float, span: float) -> float:
-        """A length to begin with."""
-        slopes = self.rates(np.array([t]), self.state[None])[0] / self.sizes
-        return _first_step(slopes[9:] / np.array([1, 1, 1, 1, max(1, abs(self.state[-1]))]), span)
-
-    def rates(self, t: Array, states: Array) -> Array:
-        """The derivatives of the state at some instants."""
-        S0 = eq.quaternion_attitude(tuple(self.quat.tolist()))
-        now = self._now(states, S0) if self._loads.look_at_motion else None
-        return self._at(t, now, states, S0)["slopes"].copy()
-
-    def _now(self, states: Array, S0: Any) -> Moving:
-        """The motion that loads may look at."""
-        found = self._motion(len(states), state=states, S0=S0)
-        R1 = states[:, 0:3] - found["centre"]
-        v1 = states[:, 3:6] / self._mass - found["v_centre"]
-        return Moving(R1, found["S1"].copy(), v1, found["omega1"].copy(), states[:, 12], states[:, 13])
-
-    def _at(self, t: Array, now: Moving | None, states: Array, S0: Any) -> dict[str, Array]:
-        torque = self._loads.torque(t, states[:, 12], states[:, 13])
-        return self._rates(len(t), state=states, S0=S0, psi_torque=torque, **self._loads.forces(t, now))
-
-    def renew(self, state: Array) -> Array:
-        """The state that the next step begins with: the turn of this one goes into the attitude."""
-        self.quat = _turned(state[_G], self.quat)
-        state = state.copy()
-        state[_G] = 0.0
-        return state
-
-    def read(self, t: Array, states: Array, quats: Array) -> _Course:
-        """What is asked for at some instants; quats is the attitude that their steps began with."""
-        found = _turned(states[:, _G], quats)
-        S0 = rotations(found).reshape(-1, 9)
-        states = states.copy()
-        states[:, _G] = 0.0
-        now = self._now(states, S0)
-        rates = self._at(t, now, states, S0)
-        body1 = BodyMotion(
-            R=now.R1, S=now.S1, v=now.v1, omega=now.omega1, a=rates["a1_found"], alpha=rates["alpha1_found"]
-        )
-        return _Course(found, body1, states[:, 12], states[:, 13], rates["slopes"][:, 13])
-
-
-class _Program:
-    """A loop with the constants of one pair, for a few instants; what it reads and writes stays in place."""
-
-    def __init__(self, loop: Loop, known: Mapping[str, Any], how: How) -> None:
-        self._loop, self._how = loop, how
-        self._known = {name: known[name] for name, _ in loop.inputs if name in known}
-        self._ready: dict[int, tuple[dict[str, Array], dict[str, Array], Bound]] = {}
-
-    def __call__(self, count: int, **values: Any) -> dict[str, Array]:
-        """The outputs at so many instants; of the nodes of a step they hold until the next call."""
-        if count != NODES:
-            out = self._rooms(count)
-            self._loop.run({**self._known, **values}, out, (count,), _DOUBLE, self._how)
-            return out
-        if count not in self._ready:
-            given = {name: np.empty((count, *tail)) for name, tail in self._loop.inputs if name not in self._known}
-            self._ready[count] = given, self._rooms(count), bind(self._loop.inputs, {**self._known, **given})
-        given, out, bound = self._ready[count]
-        for name, array in given.items():
-            array[...] = values[name]
-        self._loop.program(bound.pattern).run(bound, out, (count,), _DOUBLE, self._how)
-        return out
-
-    def _rooms(self, count: int) -> dict[str, Array]:
-        return {name: np.empty((count, *tail)) for name, tail in self._loop.outputs}
-
-
-@functools.cache
-def _free_loop(what: str, home: bool) -> Loop:
-    """What a free pair does: its "motion" from its state, or the "rates" of that."""
-    outputs: dict[str, tuple[int, ...]] = {"slopes": (14,), "a1_found": (3,), "alpha1_found": (3,)}
-    if what == "motion":
-        outputs = {"S1": (3, 3), "omega1": (3,), "centre": (3,), "v_centre": (3,)}
-    steps = (*steps_of(None, home), *FORWARD, *_LOADED, *_FREE, *_RATES, _ATTITUDE)
-    return _loop(f"free_{what}", steps, outputs)
-
-
-@functools.cache
-def _driven_loop(home: bool) -> Loop:
-    """Psi'' where body 1 moves as given."""
-    return _loop("driven", (*steps_of(None, home), *FORWARD, *_DRIVEN), {"driven": ()})
-
-
-@functools.cache
-def _start_loop(home: bool) -> Loop:
-    """Centre of mass and angular momentum of a motion."""
-    outputs = {"centre": (3,), "v_centre": (3,), "angular": (3,)}
-    return _loop("start", (*steps_of(None, home), *LEVERS, *_START), outputs)
-
-
-def _loop(name: str, steps: Iterable[Step], outputs: Mapping[str, tuple[int, ...]]) -> Loop:
-    """Steps that lead to some results, in whatever order they stand, as a loop."""
-    by_result = {step.result: step for step in steps}
-    order: dict[str, Step | None] = {}
-
-    def visit(result: str) -> None:
-        if result not in order:
-            step = by_result.get(result)
-            for argument in step.arguments if step else ():
-                visit(argument)
-            order[result] = step
-
-    for result in outputs:
-        visit(result)
-    taken = [step for step in order.values() if step]
-    inputs = {result: _TAILS.get(result, (3,)) for result, step in order.items() if step is None}
-
-    def function(values: dict[str, Any]) -> dict[str, Any]:
-        for result, equation, arguments in taken:
-            values[result] = equation(*[values[argument] for argument in arguments])
-        return values
-
-    return Loop(name, function, inputs, outputs)
-
-
-def _start_of(body1: object) -> _Begin:
-    """R, S, v and omega of body 1 at the start."""
-    if not isinstance(body1, BodyMotion):
-        raise ArgumentError("body1", "a BodyMotion, where body 1 starts", quoted(body1))
-    if body1.shape != ():
-        raise ArgumentError(
-            "body1", "one start, such as BodyMotion(R=(0, 0, 0), S=np.eye(3))", f"shape {body1.shape}"
-        )
-    zero = np.zeros(3)
-    v, omega = (zero if x is None else x.astype(np.float64) for x in (body1.v, body1.omega))
-    return body1.R.astype(np.float64), body1.S.astype(np.float64), v, omega
-
-
-def _first_step(slopes: Array, span: float) -> float:
-    """A length in which nothing turns by more than a tenth of a radian."""
-    fastest = float(np.abs(slopes).max())
-    return min(span, 0.1 / fastest) if 0 < fastest < np.inf else span / 100
-
-
-def _turned(g: Array, quats: Array) -> Array:
-    """Attitudes, unit quaternions (..., 4) with the scalar first, turned by Cayley coordinates (..., 3)."""
-    x, y, z = np.moveaxis(g / 2, -1, 0)
-    a, b, c, d = np.moveaxis(quats, -1, 0)
-    found = np.stack(
-        [a - x * b - y * c - z * d, b + x * a + y * d - z * c, c + y * a + z * b - x * d, d + z * a + x * c - y * b],
-        -1,
-    )
-    unit: Array = found / np.linalg.norm(found, axis=-1, keepdims=True)
-    return unit
 
 
 def _angle_between(one: Array, other: Array) -> float:

@@ -16,6 +16,8 @@ D8  P = sum m_i v_ci, L = sum R_ci x m_i v_ci + I_i omega_i                     
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 from hingepair.equations.derivatives import Entries
 from hingepair.equations.spatial import (
     Matrix,
@@ -75,18 +77,28 @@ def matrix_sum(A: Matrix, B: Matrix) -> Matrix:
     return a, b, c, d, e, f, g, h, i
 
 
-def mass_matrix(
-    masses: tuple[Scalar, Scalar], r1: Vector, e: Vector, inertias: tuple[Matrix, Matrix], axis: Vector, push: Vector
-) -> Entries:
-    """M of D6, 7 x 7, row by row; push = k x h, the velocity of body 2's centre of mass by psi'."""
+Resistance: TypeAlias = tuple[Matrix, Vector, Scalar]
+"""What resists alpha1 and psi'' about a point: by alpha1, by both, by psi'' (the lower right of M, if that is R1)."""
+
+
+def resistance(J: Matrix, J2: Matrix, axis: Vector, push: Vector, mass: Scalar, lever: Vector) -> Resistance:
+    """What resists, about a point: inertia J, and a mass at a lever from there, which psi' moves by push.
+
+    About R1, that is body 2's mass at e, J with body 1's at r1; about the common centre, where no term cancels, the
+    reduced mass m1 m2 / (m1 + m2) at e - r1.
+    """
+    pushed, own = scale(push, mass), rotate(J2, axis)
+    return matrix_sum(J, spread(mass, lever)), add(own, cross(lever, pushed)), dot(axis, own) + dot(push, pushed)
+
+
+def mass_matrix(masses: tuple[Scalar, Scalar], r1: Vector, e: Vector, push: Vector, about: Resistance) -> Entries:
+    """M of D6, 7 x 7, row by row; push = k x h, the velocity of body 2's centre by psi'; about R1."""
     m1, m2 = masses
     zero = 0 * m1
     total = m1 + m2
     x, y, z = add(scale(r1, m1), scale(e, m2))
-    J = matrix_sum(matrix_sum(inertias[0], inertias[1]), matrix_sum(spread(m1, r1), spread(m2, e)))
     px, py, pz = scale(push, m2)
-    turn = add(rotate(inertias[1], axis), cross(e, (px, py, pz)))
-    last = dot(axis, rotate(inertias[1], axis)) + m2 * dot(push, push)
+    J, turn, last = about
     return (
         total, zero, zero, zero, z, -y, px,
         zero, total, zero, -z, zero, x, py,
@@ -98,40 +110,17 @@ def mass_matrix(
     )  # fmt: skip
 
 
-def accelerations(
-    masses: tuple[Scalar, Scalar],
-    r1: Vector,
-    e: Vector,
-    inertias: tuple[Matrix, Matrix],
-    axis: Vector,
-    push: Vector,
-    force: Vector,
-    torque: Vector,
-    hinge_torque: Scalar,
-) -> tuple[Vector, Vector, Scalar, Entries]:
-    """D6 solved for a1, alpha1, psi'': what acts, less the bias, in; and how much of the inertias is left as pivots.
+def turning(about: Resistance, J2: Matrix, torque: Vector, hinge_torque: Scalar) -> tuple[Vector, Scalar, Entries]:
+    """alpha1 and psi'' by what acts about a point, and how much of the inertias is left as pivots (D6).
 
-    a1 is eliminated by the common centre of mass c, about which no term cancels: with s = e - r1 and the reduced mass
-    m1 m2 / (m1 + m2), the matrix of alpha1 and psi'' is that of a mass at s. It is 4 x 4, symmetric and positive
-    definite, and factored as L D L^T.
+    4 x 4, symmetric and positive definite, factored as L D L^T.
     """
-    m1, m2 = masses
-    J1, J2 = inertias
-    total = m1 + m2
-    share = m2 / total
-    apart = subtract(e, r1)
-    reduced = m1 * share
-    centre = add(r1, scale(apart, share))
-    J = matrix_sum(matrix_sum(J1, J2), spread(reduced, apart))
-    turn = add(rotate(J2, axis), scale(cross(apart, push), reduced))
-    last = dot(axis, rotate(J2, axis)) + reduced * dot(push, push)
-    right = (*subtract(torque, cross(centre, force)), hinge_torque - share * dot(push, force))
-    (ax, ay, az, psidd), (px, py, pz, last_pivot) = solve_symmetric((J[0], J[3], J[4], *J[6:9], *turn, last), right)
-    alpha1 = (ax, ay, az)
-    moved = add(cross(alpha1, centre), scale(push, share * psidd))
-    of = last + (J2[0] + J2[4] + J2[8])
-    kept = (px / J[0], py / J[4], pz / J[8], last_pivot / of)
-    return subtract(scale(force, 1 / total), moved), alpha1, psidd, kept
+    J, turn, last = about
+    (ax, ay, az, psidd), (px, py, pz, rest) = solve_symmetric(
+        (J[0], J[3], J[4], *J[6:9], *turn, last), (*torque, hinge_torque)
+    )
+    kept = (px / J[0], py / J[4], pz / J[8], rest / (last + (J2[0] + J2[4] + J2[8])))
+    return (ax, ay, az), psidd, kept
 
 
 def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
@@ -220,57 +209,24 @@ def cayley_rate(g: Vector, omega: Vector) -> Vector:
     return add(subtract(omega, scale(cross(g, omega), 0.5)), scale(g, dot(g, omega) * 0.25))
 
 
-def common_centre(masses: tuple[Scalar, Scalar], r1: Vector, e: Vector) -> Vector:
-    """From R1 to the centre of mass of both bodies."""
-    return add(r1, scale(subtract(e, r1), masses[1] / (masses[0] + masses[1])))
+def share_of(masses: tuple[Scalar, Scalar]) -> Scalar:
+    """What body 2 has of the mass of both."""
+    return masses[1] / (masses[0] + masses[1])
 
 
-def spin_of_momentum(
-    masses: tuple[Scalar, Scalar],
-    r1: Vector,
-    e: Vector,
-    inertias: tuple[Matrix, Matrix],
-    axis: Vector,
-    push: Vector,
-    momentum: Vector,
-    psid: Scalar,
-) -> Vector:
-    """omega1 from the angular momentum about the common centre of mass (D8 solved)."""
-    m1, m2 = masses
-    reduced = m1 * m2 / (m1 + m2)
-    apart = subtract(e, r1)
-    J = matrix_sum(matrix_sum(inertias[0], inertias[1]), spread(reduced, apart))
-    turn = add(rotate(inertias[1], axis), scale(cross(apart, push), reduced))
+def spin_of_momentum(about: Resistance, momentum: Vector, psid: Scalar) -> Vector:
+    """omega1 from the angular momentum about a point (D8 solved)."""
+    J, turn, _ = about
     (x, y, z), _ = solve_symmetric((J[0], J[3], J[4], *J[6:9]), subtract(momentum, scale(turn, psid)))
     return x, y, z
 
 
-def momentum_about(
-    masses: tuple[Scalar, Scalar],
-    r1: Vector,
-    e: Vector,
-    inertias: tuple[Matrix, Matrix],
-    omega: tuple[Vector, Vector],
-    push: Vector,
-    psid: Scalar,
-) -> Vector:
-    """The angular momentum about the common centre of mass; omega of both bodies (D8)."""
-    m1, m2 = masses
-    apart = subtract(e, r1)
-    speed = add(cross(omega[0], apart), scale(push, psid))
-    spins = add(rotate(inertias[0], omega[0]), rotate(inertias[1], omega[1]))
-    return add(spins, scale(cross(apart, speed), m1 * m2 / (m1 + m2)))
+def momentum_about(about: Resistance, omega1: Vector, psid: Scalar) -> Vector:
+    """The angular momentum about a point that moves with the common centre, or rests in body 1 and the world (D8)."""
+    J, turn, _ = about
+    return add(rotate(J, omega1), scale(turn, psid))
 
 
-def velocity_from_centre(
-    masses: tuple[Scalar, Scalar], centre: Vector, omega1: Vector, push: Vector, psid: Scalar
-) -> Vector:
-    """From the velocity of R1 to that of the common centre of mass; centre leads there."""
-    return add(cross(omega1, centre), scale(push, masses[1] / (masses[0] + masses[1]) * psid))
-
-
-def driven_acceleration(
-    m2: Scalar, J2: Matrix, axis: Vector, push: Vector, hinge_torque: Scalar, bias: Scalar
-) -> Scalar:
-    """Psi'' where body 1 moves as given: D4 solved; bias is the hinge torque of psi'' = 0."""
-    return (hinge_torque - bias) / (dot(axis, rotate(J2, axis)) + m2 * dot(push, push))
+def from_centre(at_centre: Vector, turn: Vector, centre: Vector, push: Vector, drift: Scalar) -> Vector:
+    """What R1 does, by what the common centre does, as body 1 turns and the hinge pushes the centre by a drift."""
+    return subtract(at_centre, add(cross(turn, centre), scale(push, drift)))

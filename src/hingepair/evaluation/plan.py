@@ -69,7 +69,7 @@ SPATIAL, PLANAR = "spatial", "planar"
 INPUTS: dict[str, tuple[int, ...]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1", "R2", "v2", "omega2", "a2", "alpha2"), (3,)),
     **dict.fromkeys(("phi", "phid", "phidd", "u1", "u2", "n", "along", "across", "around"), (3,)),
-    **dict.fromkeys(("psi", "psid", "psidd", "phi1", "phi1d", "phi1dd", "psid_given", "psi_torque"), ()),
+    **dict.fromkeys(("psi", "psid", "psidd", "phi1", "phi1d", "phi1dd", "psid_given", "hinge_torque"), ()),
     **dict.fromkeys(("S1", "S2"), (3, 3)),
     **dict.fromkeys(("q", "qd", "qdd"), (7,)),
     "home": (9,),

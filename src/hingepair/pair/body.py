@@ -128,8 +128,9 @@ class Body(Frozen):
     Args:
         mass: above zero [kg].
         center_of_mass: from the body's reference point, body axes [m]; shape (3,).
-        inertia: about the centre of mass, body axes [kg m^2]; shape (3, 3), symmetric, its principal moments above
-            zero and none above the sum of the other two. Unless given, that of a radius of gyration of 0.1 m.
+        inertia: about the centre of mass, body axes [kg m^2]; shape (3, 3), symmetric, or three principal moments,
+            shape (3,); those above zero and none above the sum of the other two. Unless given, that of a radius of
+            gyration of 0.1 m, of which dynamics warns.
         shapes: what a viewer draws: of Box, Cylinder, Sphere. Unless given, an arm to the hinge and half a hinge.
 
     Raises:
@@ -153,7 +154,7 @@ class Body(Frozen):
         shapes: Iterable[Shape] = (),
     ) -> None:
         value = _positive("mass", mass)
-        tensor = value * _GYRATION_SQUARED * np.eye(3) if inertia is None else one_constant("inertia", inertia, 3, 3)
+        tensor = value * _GYRATION_SQUARED * np.eye(3) if inertia is None else _tensor(inertia)
         if not isinstance(shapes, Iterable):
             raise ArgumentError("shapes", "a sequence of Box, Cylinder and Sphere", quoted(shapes))
         drawn = tuple(shapes)
@@ -170,6 +171,13 @@ class Body(Frozen):
 
     def __repr__(self) -> str:
         return _show(self, "mass", "center_of_mass", "inertia", *(["shapes"] if self.shapes else []))
+
+
+def _tensor(inertia: ArrayLike) -> NDArray[np.float64]:
+    """The matrix, of three principal moments that of these."""
+    if np.ndim(inertia) == 1:
+        return np.diag(one_constant("inertia", inertia, 3))
+    return one_constant("inertia", inertia, 3, 3)
 
 
 def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeAlias
 
@@ -26,6 +28,10 @@ GRAVITY = (0.0, 0.0, -9.81)
 Bodies: TypeAlias = tuple[Body | None, Body | None]
 _ZERO: Vector = (0.0, 0.0, 0.0)
 _SINGULAR = 64 * 2.0**-53  # of the inertias: a pivot below is made of their round-off
+
+
+class DynamicsWarning(UserWarning):
+    """Forces or motion may not be what was meant: an inertia was assumed, or a hinge passes its limits."""
 
 
 class Forces(NamedTuple):
@@ -117,9 +123,19 @@ def mass_constants(bodies: Bodies, *needed: str) -> dict[str, Any]:
     return values
 
 
-_BOTH = lambda one, two: (one, two)  # noqa: E731
+def _both(one: Any, two: Any) -> tuple[Any, Any]:
+    return one, two
 
-LEVERS = (
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def _nothing() -> Vector:
+    return _ZERO
+
+
+_LEVERS = (
     *ARM_STEPS,
     Step("centre1", eq.rotate, ("S1", "c1")),
     Step("centre2", eq.rotate, ("S2", "c2")),
@@ -127,15 +143,23 @@ LEVERS = (
     Step("h", eq.rotate, ("S2", "from_hinge")),
     Step("e", eq.add, ("r1", "h")),
     Step("push", eq.cross, ("axis", "h")),
-    Step("masses", _BOTH, ("m1", "m2")),
+    Step("masses", _both, ("m1", "m2")),
+    Step("share", dyn.share_of, ("masses",)),
     Step("J1", dyn.world_inertia, ("S1", "I1")),
     Step("J2", dyn.world_inertia, ("S2", "I2")),
-    Step("inertias", _BOTH, ("J1", "J2")),
+    Step("J", dyn.matrix_sum, ("J1", "J2")),
+    Step("spread1", dyn.spread, ("m1", "centre1")),
+    Step("J_R1", dyn.matrix_sum, ("J", "spread1")),
+    Step("about_R1", dyn.resistance, ("J_R1", "J2", "axis", "push", "m2", "e")),
+    Step("apart", eq.subtract, ("e", "centre1")),
+    Step("reduced", operator.mul, ("m1", "share")),
+    Step("about_centre", dyn.resistance, ("J", "J2", "axis", "push", "reduced", "apart")),
+    Step("to_centre", eq.scale, ("apart", "share")),
+    Step("centre", eq.add, ("centre1", "to_centre")),
 )
-"""Where the masses are, world axes (D1-D6)."""
+"""Where the masses are, world axes, and what resists (D1-D6)."""
 
 _INVERSE = (
-    *LEVERS,
     Step("f1", dyn.inertial_force, ("m1", "a1", "omega1", "alpha1", "centre1", "gravity")),
     Step("f2", dyn.inertial_force, ("m2", "a2", "omega2", "alpha2", "centre2", "gravity")),
     Step("t1", dyn.inertial_torque, ("S1", "I1", "omega1", "alpha1")),
@@ -148,36 +172,15 @@ _INVERSE = (
     Step("about1", dyn.torque_about, ("t1", "centre1", "f1")),
     Step("about2", dyn.torque_about, ("t2", "e", "f2")),
     Step("torque1", eq.add, ("about1", "about2")),
-    Step("mass_matrix", dyn.mass_matrix, ("masses", "centre1", "e", "inertias", "axis", "push")),
 )
-"""What must act (D1-D5), and the mass matrix of D6."""
+"""What must act (D1-D5)."""
 
-_BIAS = {name: f"{name}_bias" for name in ("force1", "torque1", "hinge_torque")}
-FORWARD = (
-    *(step._replace(result=_BIAS.get(step.result, step.result)) for step in _INVERSE),
-    Step("pushed", eq.add, ("force1", "force2")),
-    Step("force", eq.subtract, ("pushed", "force1_bias")),
-    Step("torque2_about1", dyn.torque_about, ("torque2", "d", "force2")),
-    Step("turned", eq.add, ("torque1", "torque2_about1")),
-    Step("torque", eq.subtract, ("turned", "torque1_bias")),
-    Step("torque2_at_hinge", dyn.hinge_torque_of, ("axis", "torque2", "r2", "force2")),
-    Step("motor", lambda own, other, bias: own + other - bias,
-         ("psi_torque", "torque2_at_hinge", "hinge_torque_bias")),
-    Step("solved", dyn.accelerations,
-         ("masses", "centre1", "e", "inertias", "axis", "push", "force", "torque", "motor")),
-    Step("a1_found", lambda solved: solved[0], ("solved",)),
-    Step("alpha1_found", lambda solved: solved[1], ("solved",)),
-    Step("psidd_found", lambda solved: solved[2], ("solved",)),
-    Step("kept", lambda solved: solved[3], ("solved",)),
-)  # fmt: skip
-"""How the pair moves under what acts (D6)."""
-
-_STATE = (
-    *LEVERS,
+_ENERGIES = (
     Step("v_centre1", dyn.point_velocity, ("v1", "omega1", "centre1")),
     Step("v_centre2", dyn.point_velocity, ("v2", "omega2", "centre2")),
-    Step("velocities", _BOTH, ("v_centre1", "v_centre2")),
-    Step("spins", _BOTH, ("omega1", "omega2")),
+    Step("velocities", _both, ("v_centre1", "v_centre2")),
+    Step("spins", _both, ("omega1", "omega2")),
+    Step("inertias", _both, ("J1", "J2")),
     Step("at1", eq.add, ("R1", "centre1")),
     Step("at2", eq.add, ("R1", "e")),
     Step("kinetic", dyn.kinetic_of_both, ("masses", "velocities", "spins", "inertias")),
@@ -189,14 +192,96 @@ _STATE = (
 )
 """Energy and momentum (D7, D8)."""
 
+STEPS = (
+    *_LEVERS,
+    *_INVERSE,
+    Step("mass_matrix", dyn.mass_matrix, ("masses", "centre1", "e", "push", "about_R1")),
+    *_ENERGIES,
+)
+"""What is known of a motion: what must act, the mass matrix, energy and momentum."""
+
+_LOADED = (
+    Step("pushed", eq.add, ("force1", "force2")),
+    Step("force", eq.subtract, ("pushed", "force1_bias")),
+    Step("torque2_about1", dyn.torque_about, ("torque2", "d", "force2")),
+    Step("turned", eq.add, ("torque1", "torque2_about1")),
+    Step("torque", eq.subtract, ("turned", "torque1_bias")),
+    Step("torque2_at_hinge", dyn.hinge_torque_of, ("axis", "torque2", "r2", "force2")),
+    Step("acting", operator.add, ("hinge_torque", "torque2_at_hinge")),
+    Step("motor", operator.sub, ("acting", "hinge_torque_bias")),
+)
+"""What acts, less what it takes to move without accelerations."""
+
+_POINTS = {
+    "free": (Step("point", _same, ("centre",)), Step("about", _same, ("about_centre",))),
+    "pinned": (Step("point", _nothing, ()), Step("about", _same, ("about_R1",))),
+    "carried": (Step("about", dyn.resistance, ("J2", "J2", "axis", "push", "m2", "e")),),
+}
+"""About which point a pair turns, from R1, and what resists there."""
+
+_FREE = (
+    Step("torque_there", dyn.torque_from, ("torque", "centre", "force")),
+    Step("motor_there", lambda motor, share, push, force: motor - share * eq.dot(push, force),
+         ("motor", "share", "push", "force")),
+    Step("solved", dyn.turning, ("about", "J2", "torque_there", "motor_there")),
+    Step("alpha1", operator.itemgetter(0), ("solved",)),
+    Step("psidd", operator.itemgetter(1), ("solved",)),
+    Step("kept", operator.itemgetter(2), ("solved",)),
+    Step("a_centre", lambda force, masses: eq.scale(force, 1 / (masses[0] + masses[1])), ("force", "masses")),
+    Step("drift", operator.mul, ("share", "psidd")),
+    Step("a1", dyn.from_centre, ("a_centre", "alpha1", "centre", "push", "drift")),
+)  # fmt: skip
+_PINNED = (
+    Step("solved", dyn.turning, ("about", "J2", "torque", "motor")),
+    Step("alpha1", operator.itemgetter(0), ("solved",)),
+    Step("psidd", operator.itemgetter(1), ("solved",)),
+    Step("kept", operator.itemgetter(2), ("solved",)),
+    Step("a1", _nothing, ()),
+)
+_CARRIED = (Step("psidd", lambda motor, about: motor / about[2], ("motor", "about")),)
+_SOLVED = {"free": _FREE, "pinned": _PINNED, "carried": _CARRIED}
+_SOUGHT = {"free": ("a1", "alpha1", "psidd"), "pinned": ("a1", "alpha1", "psidd"), "carried": ("psidd",)}
+
+
+def lever_steps(base: str) -> tuple[Step, ...]:
+    """Where the masses are, and about which point a pair turns that is held like this; see `forward_steps`."""
+    return (*_LEVERS, *_POINTS[base])
+
+
+@functools.lru_cache(maxsize=64)
+def forward_steps(kinematics: tuple[Step, ...], base: str = "free") -> tuple[Step, ...]:
+    """How the pair moves under what acts (D6): steps to a1, alpha1 and psidd, and to what follows from these.
+
+    Args:
+        kinematics: steps to S1, omega1 and what the hinge makes of them.
+        base: what holds body 1: nothing ("free"), a ball joint at R1 ("pinned"), or its given motion ("carried").
+    """
+    sought = _SOUGHT[base]
+    still = {"a1": "none", "alpha1": "none", "psidd": "zero"}
+    bias = {name: still[name] for name in sought}
+    fixed, follows = [], []
+    for step in kinematics:
+        if step.result in sought:
+            continue
+        if any(name in bias for name in step.arguments):
+            bias[step.result] = f"{step.result}_bias"
+            follows.append(step)
+        else:
+            fixed.append(step)
+    bias |= {step.result: f"{step.result}_bias" for step in _INVERSE}
+    at_rest = [
+        step._replace(result=bias[step.result], arguments=tuple(bias.get(name, name) for name in step.arguments))
+        for step in (*follows, *_INVERSE)
+    ]
+    none = (Step("none", _nothing, ()), Step("zero", float, ()))
+    return (*fixed, *lever_steps(base), *none, *at_rest, *_LOADED, *_SOLVED[base], *follows)
+
 
 def mass_matrix(constants: Constants, bodies: Bodies, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     """M of D6; see `HingePair.mass_matrix`."""
     masses = mass_constants(bodies, "body1", "body2")
     tails = {"mass_matrix": (7, 7)}
-    return _follow(constants, _INVERSE, tails, masses, motion_arrays("body1", body1, "S"), {"psi": psi})[
-        "mass_matrix"
-    ]
+    return _follow(constants, tails, masses, motion_arrays("body1", body1, "S"), {"psi": psi})["mass_matrix"]
 
 
 def inverse_dynamics(
@@ -212,7 +297,7 @@ def inverse_dynamics(
     masses = mass_constants(bodies, "body1", "body2") | _gravity(gravity)
     given = motion_arrays("body1", body1, "S", "omega", "a", "alpha")
     tails = {"force1": (3,), "torque1": (3,), "hinge_torque": ()}
-    return Forces(**_follow(constants, _INVERSE, tails, masses, given, {"psi": psi, "psid": psid, "psidd": psidd}))
+    return Forces(**_follow(constants, tails, masses, given, {"psi": psi, "psid": psid, "psidd": psidd}))
 
 
 def hinge_wrench(
@@ -228,7 +313,7 @@ def hinge_wrench(
     masses = mass_constants(bodies, "body2") | _gravity(gravity)
     given = motion_arrays("body1", body1, "S", "omega", "a", "alpha")
     tails = {"f2": (3,), "moment": (3,), "hinge_torque": (), "bearing_torque": (3,)}
-    found = _follow(constants, _INVERSE, tails, masses, given, {"psi": psi, "psid": psid, "psidd": psidd})
+    found = _follow(constants, tails, masses, given, {"psi": psi, "psid": psid, "psidd": psidd})
     return HingeWrench(*found.values())
 
 
@@ -244,12 +329,11 @@ def forward_dynamics(
 ) -> Accelerations:
     """How the pair moves (D6); see `HingePair.forward_dynamics`."""
     masses = mass_constants(bodies, "body1", "body2") | _gravity(gravity)
-    still = {"a1": _ZERO, "alpha1": _ZERO, "psidd": 0.0}
     given = motion_arrays("body1", body1, "S", "omega")
     given |= {name: _load(name, value) for name, value in loads.items()}
-    angles = {"psi": psi, "psid": psid, "psi_torque": hinge_torque}
-    tails = {"a1_found": (3,), "alpha1_found": (3,), "psidd_found": (), "kept": (4,)}
-    *found, kept = _follow(constants, FORWARD, tails, masses | still, given, angles).values()
+    angles = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
+    tails = {"a1": (3,), "alpha1": (3,), "psidd": (), "kept": (4,)}
+    *found, kept = _follow(constants, tails, masses, given, angles, forward=True).values()
     if (kept <= _SINGULAR).any():
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])
@@ -260,9 +344,10 @@ def energy(
     constants: Constants, bodies: Bodies, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike
 ) -> Energy:
     """The pair's energy (D7); see `HingePair.energy`."""
-    masses = mass_constants(bodies, "body1", "body2") | _gravity(gravity)
+    none = {"m1": 0.0, "c1": _ZERO, "I1": (0.0,) * 9}
+    masses = none | mass_constants(bodies, "body2") | _gravity(gravity)
     given = motion_arrays("body1", body1, "R", "S", "v", "omega")
-    found = _follow(constants, _STATE, {"kinetic": (), "potential": ()}, masses, given, {"psi": psi, "psid": psid})
+    found = _follow(constants, {"kinetic": (), "potential": ()}, masses, given, {"psi": psi, "psid": psid})
     return Energy(**found)
 
 
@@ -270,29 +355,31 @@ def momentum(constants: Constants, bodies: Bodies, body1: BodyMotion, psi: Array
     """The pair's momentum (D8); see `HingePair.momentum`."""
     masses = mass_constants(bodies, "body1", "body2")
     given = motion_arrays("body1", body1, "R", "S", "v", "omega")
-    found = _follow(constants, _STATE, {"linear": (3,), "angular": (3,)}, masses, given, {"psi": psi, "psid": psid})
+    found = _follow(constants, {"linear": (3,), "angular": (3,)}, masses, given, {"psi": psi, "psid": psid})
     return Momentum(**found)
 
 
 def _follow(
     constants: Constants,
-    steps: tuple[Step, ...],
     tails: Mapping[str, tuple[int, ...]],
     known: Mapping[str, Any],
     arrays: Mapping[str, NDArray[Any]],
     angles: Mapping[str, ArrayLike],
+    *,
+    forward: bool = False,
 ) -> dict[str, NDArray[Any]]:
-    """Some results of steps at all samples."""
+    """Some results at all samples."""
     for name, value in angles.items():
         if value is None:
             raise ArgumentError(name, "a value, since it is needed here", None)
-    values = {**arrays, **{name: component(name.replace("psi_", "hinge_"), v) for name, v in angles.items()}}
+    values = {**arrays, **{name: component(name, v) for name, v in angles.items()}}
     ranks = {name: 2 if name == "S1" else 1 for name in arrays}
     shapes = {name: v.shape[: v.ndim - ranks[name]] for name, v in arrays.items()}
     shapes |= {name: np.shape(values[name]) for name in angles}
-    every = (*steps_of(None, "home" in constants.values), *steps)
+    kinematics = steps_of(None, "home" in constants.values)
+    steps = forward_steps(kinematics) if forward else (*kinematics, *STEPS)
     dtype = result_dtype(values.values())
-    return follow_steps(every, tails, constants, {**known, **values}, shapes, dtype)
+    return follow_steps(steps, tails, constants, {**known, **values}, shapes, dtype)
 
 
 def _gravity(gravity: ArrayLike) -> dict[str, Any]:

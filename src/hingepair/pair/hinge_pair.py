@@ -101,8 +101,8 @@ class HingePair:
             "home": rotation.reshape(*rotation.shape[:-1], 3, 3),
             "name": name,
             "limits": _checked_limits(limits),
-            "body1": _checked_body("body1", body1),
-            "body2": _checked_body("body2", body2),
+            "body1": checked_body("body1", body1),
+            "body2": checked_body("body2", body2),
             **{key: None if value is None else number_not_below_0(key, value) for key, value in most.items()},
             "constants": own,
         }
@@ -409,13 +409,13 @@ class HingePair:
     def energy(
         self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.GRAVITY
     ) -> Energy:
-        """Kinetic and potential energy of the pair (D7).
+        """Kinetic and potential energy of the pair (D7); body 1 counts where it has mass properties.
 
         Of body1, R, S, v and omega are used; psi [rad] and psid [rad/s], shape (...,), broadcast against it; gravity
         as for `inverse_dynamics`. Gives kinetic and potential [J].
 
         Raises:
-            ArgumentError: also where a body of the pair has no mass properties.
+            ArgumentError: also where body 2 has no mass properties.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -593,7 +593,8 @@ def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
     return float(both[0]), float(both[1])
 
 
-def _checked_body(name: str, body: Body | None) -> Body | None:
+def checked_body(name: str, body: Body | None) -> Body | None:
+    """A body or None; refuses all else."""
     if body is None:
         return None
     if not isinstance(body, Body):

@@ -10,14 +10,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
-from hingepair.numeric.arrays import broadcast_shape, constant
+from hingepair.evaluation.steps import PLANAR_COORDINATES
+from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, real_array, vectors
 from hingepair.numeric.blocks import components_of, numbers
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.accuracy import planar_error_bounds
+from hingepair.pair.body import Body
+from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import Out, Outputs
-from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.dynamics import Energy, Forces, Momentum
+from hingepair.pair.evaluate import Out, Outputs, leading_shapes, parts_of, read_coordinates
+from hingepair.pair.hinge_pair import HingePair, checked_body
 from hingepair.pair.states import PlanarState
+from hingepair.rotations.matrices import rotation_exp
+
+PLANAR_GRAVITY = (0.0, -9.81)
+"""Gravity in the plane unless given: y points up [m/s^2]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -32,6 +40,9 @@ class PlanarPair:
         u1: hinge point from body 1's reference point, body-1 axes [m]; shape (2,) or (..., 2).
         u2: hinge point from body 2's reference point, body-2 axes [m]; shape (2,) or (..., 2).
         name: what the pair is called in exports and messages.
+        body1: mass properties and shapes of body 1: a `Body`, as in space, of whose inertia dynamics takes what
+            resists turns about z, and of whose centre of mass x and y.
+        body2: those of body 2.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
@@ -46,22 +57,35 @@ class PlanarPair:
     u1: NDArray[np.float64]
     u2: NDArray[np.float64]
     name: str
+    body1: Body | None
+    body2: Body | None
     constants: Constants = field(init=False)
 
-    def __init__(self, u1: ArrayLike, u2: ArrayLike, name: str = "planar_pair") -> None:
+    def __init__(
+        self,
+        u1: ArrayLike,
+        u2: ArrayLike,
+        name: str = "planar_pair",
+        body1: Body | None = None,
+        body2: Body | None = None,
+    ) -> None:
         if not isinstance(name, str) or not name.strip():
             raise ArgumentError("name", "a text that is not empty", quoted(name))
         arrays = {"u1": constant("u1", u1, 2), "u2": constant("u2", u2, 2)}
         values = {key: numbers(components_of(array)) for key, array in arrays.items()}
         shape = broadcast_shape({key: array.shape[:-1] for key, array in arrays.items()})
-        for key, value in {**arrays, "name": name, "constants": Constants(values, arrays, shape)}.items():
+        bodies = {"body1": checked_body("body1", body1), "body2": checked_body("body2", body2)}
+        own = {**arrays, **bodies, "name": name, "constants": Constants(values, arrays, shape)}
+        for key, value in own.items():
             object.__setattr__(self, key, value)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.u1, self.u2, self.name)
+        return type(self), (self.u1, self.u2, self.name, self.body1, self.body2)
 
     def __repr__(self) -> str:
-        return f"PlanarPair(u1={self.u1.tolist()}, u2={self.u2.tolist()}, name={self.name!r})"
+        given = ((key, getattr(self, key)) for key in ("body1", "body2"))
+        bodies = "".join(f", {key}={body!r}" for key, body in given if body is not None)
+        return f"PlanarPair(u1={self.u1.tolist()}, u2={self.u2.tolist()}, name={self.name!r}{bodies})"
 
     def forward_kinematics(
         self,
@@ -114,5 +138,204 @@ class PlanarPair:
         >>> hp.PlanarPair(u1=(1, 0), u2=(-1, 0)).to_spatial().n
         array([0., 0., 1.])
         """
+        return self._in_space(self.body1, self.body2)
+
+    def massive(self) -> HingePair:
+        """The same pair in space, of bodies that stay in the plane: centres in it, inertias alike about all axes.
+
+        What moves in the plane moves as the pair's bodies do, whatever these have across it.
+
+        >>> import hingepair as hp
+        >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(2, (0, 0, 1), inertia=(1, 2, 3)))
+        >>> pair.massive().body2
+        Body(mass=2.0, center_of_mass=[0.0, 0.0, 0.0], inertia=[[3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]])
+        """
+        return self._in_space(*(None if body is None else _level(body) for body in (self.body1, self.body2)))
+
+    def _in_space(self, body1: Body | None, body2: Body | None) -> HingePair:
         u1, u2 = (np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1) for u in (self.u1, self.u2))
-        return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name)
+        return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name, body1=body1, body2=body2)
+
+    def mass_matrix(self, q: ArrayLike | tuple[Any, ...]) -> FloatArray:
+        """The mass matrix M of M (a1_x, a1_y, phi'', psi'') + bias = (force1, torque1, hinge_torque) (D6).
+
+        Of coordinates as for `forward_kinematics`.
+
+        Returns:
+            M, symmetric [kg, kg m, kg m^2]; shape (..., 4, 4).
+
+        Raises:
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+
+        >>> import hingepair as hp
+        >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
+        >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).mass_matrix((0, 0, 0, 0)).diagonal().tolist()
+        [4.0, 4.0, 10.0, 3.0]
+        """
+        body1, psi = _motion(q)
+        M: FloatArray = self.massive().mass_matrix(body1, psi)[..., _IN_PLANE[:, None], _IN_PLANE]
+        return M
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike | tuple[Any, ...],
+        qd: ArrayLike | tuple[Any, ...],
+        qdd: ArrayLike | tuple[Any, ...],
+        gravity: ArrayLike = PLANAR_GRAVITY,
+    ) -> Forces:
+        """What must act on body 1 and at the hinge for the pair to move as it does (D1-D5).
+
+        As `HingePair`'s, of coordinates as for `forward_kinematics`; gravity [m/s^2] has shape (2,).
+
+        Returns:
+            force1, shape (..., 2), torque1 about R1, and hinge_torque, shape (...).
+
+        Raises:
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+
+        >>> import hingepair as hp
+        >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
+        >>> pair = hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod)
+        >>> forces = pair.inverse_dynamics((0, 0, 0, 0), (0, 0, 0, 0), (0, 0, 0, 0))
+        >>> forces.force1.tolist(), float(forces.hinge_torque)
+        ([0.0, 39.24], 19.62)
+        """
+        body1, psi, psid, psidd = _motion(q, qd, qdd)
+        found = self.massive().inverse_dynamics(body1, psi, psid, psidd, _fall(gravity))
+        return Forces(found.force1[..., :2], found.torque1[..., 2], found.hinge_torque)
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike | tuple[Any, ...],
+        qd: ArrayLike | tuple[Any, ...],
+        *,
+        force1: ArrayLike = 0,
+        torque1: ArrayLike = 0.0,
+        hinge_torque: ArrayLike = 0.0,
+        force2: ArrayLike = 0,
+        torque2: ArrayLike = 0.0,
+        gravity: ArrayLike = PLANAR_GRAVITY,
+    ) -> FloatArray:
+        """How the pair moves under what acts on it (D6).
+
+        Args:
+            q: coordinates (x, y, phi, psi), as for `forward_kinematics`.
+            qd: their time derivatives, in the same form.
+            force1: on body 1 at R1 [N]; shape (..., 2), or the number 0.
+            torque1: on body 1 [N m]; shape (...).
+            hinge_torque: of body 1 on body 2 [N m]; shape (...).
+            force2: on body 2 at R2 [N]; as force1.
+            torque2: on body 2 [N m]; shape (...).
+            gravity: acceleration of free fall [m/s^2]; shape (2,).
+
+        Returns:
+            The second derivatives of the coordinates, qdd; shape (..., 4).
+
+        Raises:
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+
+        >>> import hingepair as hp
+        >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
+        >>> pair = hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod)
+        >>> pair.forward_dynamics((0, 0, 0, 0.3), (0, 0, 0, 0)).round(9).tolist()  # both bodies fall
+        [0.0, -9.81, 0.0, 0.0]
+        """
+        body1, psi, psid = _motion(q, qd)
+        found = self.massive().forward_dynamics(
+            body1,
+            psi,
+            psid,
+            force1=_pushing("force1", force1),
+            torque1=_about_z("torque1", torque1),
+            hinge_torque=hinge_torque,
+            force2=_pushing("force2", force2),
+            torque2=_about_z("torque2", torque2),
+            gravity=_fall(gravity),
+        )
+        return np.concatenate([found.a1[..., :2], found.alpha1[..., 2:], found.psidd[..., None]], axis=-1)
+
+    def energy(
+        self,
+        q: ArrayLike | tuple[Any, ...],
+        qd: ArrayLike | tuple[Any, ...],
+        gravity: ArrayLike = PLANAR_GRAVITY,
+    ) -> Energy:
+        """Kinetic and potential energy (D7); body 1 counts where it has mass properties.
+
+        As `HingePair`'s, of coordinates as for `forward_kinematics`; gravity [m/s^2] has shape (2,).
+
+        Raises:
+            ArgumentError: an argument cannot be used, or body 2 has no mass properties; names it.
+
+        >>> import hingepair as hp
+        >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(mass=2, inertia=(0.1, 1, 1)))
+        >>> pair.energy((0, 1, 0, 0), (1, 0, 0, 0)).potential.round(9).tolist()
+        19.62
+        """
+        body1, psi, psid = _motion(q, qd)
+        return self.massive().energy(body1, psi, psid, _fall(gravity))
+
+    def momentum(self, q: ArrayLike | tuple[Any, ...], qd: ArrayLike | tuple[Any, ...]) -> Momentum:
+        """Linear momentum, shape (..., 2), and angular momentum about the origin, shape (...) (D8).
+
+        Of coordinates as for `forward_kinematics`.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; names it.
+
+        >>> import hingepair as hp
+        >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
+        >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).momentum((0, 1, 0, 0), (1, 0, 0, 0)).linear.tolist()
+        [4.0, 0.0]
+        """
+        found = self.massive().momentum(*_motion(q, qd))
+        return Momentum(found.linear[..., :2], found.angular[..., 2])
+
+
+_IN_PLANE = np.array([0, 1, 5, 6])
+
+
+def _level(body: Body) -> Body:
+    """What of a body moves in the plane."""
+    x, y, _ = body.center_of_mass
+    return Body(body.mass, (x, y, 0), np.eye(3) * body.inertia[2, 2])
+
+
+def _motion(
+    q: ArrayLike | tuple[Any, ...],
+    qd: ArrayLike | tuple[Any, ...] | None = None,
+    qdd: ArrayLike | tuple[Any, ...] | None = None,
+) -> tuple[Any, ...]:
+    """Body 1 in space, and psi and its derivatives, from q, qd, qdd as far as they go."""
+    given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES, False)
+    shape = broadcast_shape(leading_shapes(given))
+    parts = {
+        name: [np.broadcast_to(c, shape) for c in (part if isinstance(part, tuple) else (part,))]
+        for name, part in parts_of(given, planar=True).items()
+    }
+    zero = np.zeros(shape)
+    arrays = {}
+    for letter, part in (("R", "R1"), ("v", "v1"), ("a", "a1")):
+        if part in parts:
+            arrays[letter] = np.stack([*parts[part], zero], axis=-1)
+    for letter, part in (("omega", "phi1d"), ("alpha", "phi1dd")):
+        if part in parts:
+            arrays[letter] = np.stack([zero, zero, *parts[part]], axis=-1)
+    S = rotation_exp(np.stack([zero, zero, *parts["phi1"]], axis=-1))
+    return BodyMotion(S=S, **arrays), *(parts[name][0] for name in ("psi", "psid", "psidd") if name in parts)
+
+
+def _fall(gravity: ArrayLike) -> tuple[float, float, float]:
+    x, y = one_constant("gravity", gravity, 2).tolist()
+    return x, y, 0.0
+
+
+def _pushing(name: str, force: ArrayLike) -> NDArray[Any]:
+    """A force of the plane in space; the number 0 says that there is none."""
+    given = np.zeros(2) if isinstance(force, int | float) and force == 0 else vectors(name, force, 2)
+    return np.concatenate([given, np.zeros((*given.shape[:-1], 1))], axis=-1)
+
+
+def _about_z(name: str, torque: ArrayLike) -> NDArray[Any]:
+    given = real_array(name, torque)
+    return np.stack([0 * given, 0 * given, given], axis=-1)

@@ -1,0 +1,121 @@
+"""A base that is pinned, and motion in the plane: the double pendulum, and laws of what a pin holds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import hingepair as hp
+from support.states import generator, rotations
+
+ROD1 = hp.Body(mass=1.3, center_of_mass=(0.5, 0, 0), inertia=(0.1, 0.1, 0.12))
+ROD2 = hp.Body(mass=0.7, center_of_mass=(0.4, 0, 0), inertia=(0.05, 0.08, 0.09))
+DOUBLE = hp.PlanarPair(u1=(1, 0), u2=(0, 0), body1=ROD1, body2=ROD2)
+HELD = hp.BodyMotion(R=(0, 0, 0), S=hp.rotation_exp((0, 0, 0.3)), omega=(0, 0, 0.2))
+
+
+def textbook(t, angles):
+    """Both angles from the x axis, by Lagrange: m2 l1 c2 couples them; l1 = 1, c1 = 0.5, c2 = 0.4."""
+    m1, m2, c1, c2, g = 1.3, 0.7, 0.5, 0.4, 9.81
+
+    def rates(_, y):
+        a, b, da, db = y
+        off = m2 * c2 * np.cos(a - b)
+        M = [[0.12 + m1 * c1**2 + m2, off], [off, 0.09 + m2 * c2**2]]
+        turn = m2 * c2 * np.sin(a - b)
+        right = [
+            -turn * db**2 - (m1 * c1 + m2) * g * np.cos(a),
+            turn * da**2 - m2 * c2 * g * np.cos(b),
+        ]
+        return [da, db, *np.linalg.solve(M, right)]
+
+    return solve_ivp(rates, (t[0], t[-1]), angles, method="DOP853", rtol=1e-12, atol=1e-12, t_eval=t).y
+
+
+def test_a_double_pendulum_swings_as_the_textbook_says():
+    t = np.linspace(0, 2, 21)
+    found = hp.simulate(DOUBLE, t, HELD, 0.4, -0.1, base="pinned", tol=1e-12)
+    first, second, *_ = textbook(t, [0.3, 0.7, 0.2, 0.1])
+    np.testing.assert_allclose(found.phi, first, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.phi2, second, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(found.body1.R, np.zeros((21, 3)))
+    total = sum(found.energy())
+    assert np.ptp(total) <= 1e-12 * np.abs(total).max()
+    assert found.recorded()["hinge_torque"].shape == (21,)
+
+
+def test_a_pair_in_the_plane_moves_as_in_space():
+    """Loads of the plane included; the angle of body 1 goes on past half a turn."""
+    t = np.linspace(0, 1, 11)
+    loads = {"torque1": 0.3, "force2": (0.1, 0.2), "torque2": lambda t, _: 0.1 * np.sin(t), "hinge_torque": 0.05}
+    start = hp.BodyMotion(R=(0.2, 0.1, 0), S=np.eye(3), v=(1, 2, 0), omega=(0, 0, 9))
+    flat = hp.simulate(DOUBLE, t, start, 0.4, -0.1, **loads, tol=1e-12)
+    lifted = {
+        "torque1": (0, 0, 0.3), "force2": (0.1, 0.2, 0), "hinge_torque": 0.05,
+        "torque2": lambda t, _: np.stack([0 * t, 0 * t, 0.1 * np.sin(t)], axis=-1),
+    }  # fmt: skip
+    space = hp.simulate(DOUBLE.massive(), t, start, 0.4, -0.1, **lifted, gravity=(0, -9.81, 0), tol=1e-12)
+    np.testing.assert_allclose(flat.R2, space.R2[:, :2], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(flat.psi, space.psi, rtol=0, atol=1e-11)
+    assert flat.phi[-1] > 2 * np.pi
+    forces = DOUBLE.inverse_dynamics(
+        (*flat.body1.R.T[:2], flat.phi, flat.psi),
+        (*flat.body1.v.T[:2], flat.body1.omega[:, 2], flat.psid),
+        (*flat.body1.a.T[:2], flat.body1.alpha[:, 2], flat.psidd),
+    )
+    np.testing.assert_allclose(forces.force1, np.broadcast_to((0.1, 0.2), (11, 2)), rtol=0, atol=1e-11)
+
+
+def test_the_plane_has_the_dynamics_of_space():
+    rng = generator(41)
+    q, qd, qdd = rng.normal(size=(3, 5, 4))
+    forces = DOUBLE.inverse_dynamics(q, qd, qdd)
+    back = DOUBLE.forward_dynamics(
+        q, qd, force1=forces.force1, torque1=forces.torque1, hinge_torque=forces.hinge_torque
+    )
+    np.testing.assert_allclose(back, qdd, rtol=0, atol=1e-12)
+    zero = DOUBLE.inverse_dynamics(q, qd, np.zeros((5, 4)))
+    parts = [np.concatenate([f.force1, f.torque1[:, None], f.hinge_torque[:, None]], -1) for f in (forces, zero)]
+    M = DOUBLE.mass_matrix(q)
+    np.testing.assert_allclose((M @ qdd[..., None])[..., 0], parts[0] - parts[1], rtol=0, atol=1e-12)
+    energy, momentum = DOUBLE.energy(q, qd), DOUBLE.momentum(q, qd)
+    np.testing.assert_allclose(energy.kinetic, 0.5 * np.einsum("ni,nij,nj->n", qd, M, qd), rtol=1e-12)
+    np.testing.assert_allclose(momentum.linear, (M @ qd[..., None])[:, :2, 0], rtol=0, atol=1e-13)
+    assert momentum.angular.shape == (5,)
+
+
+def test_a_pin_holds_its_point_and_gives_no_torque():
+    rng = generator(42)
+    bodies = [hp.Body(rng.uniform(1, 2), rng.normal(size=3), rng.uniform(0.6, 1, 3)) for _ in range(2)]
+    pair = hp.HingePair(*rng.normal(size=(3, 3)), home=rotations(rng, 1)[0], body1=bodies[0], body2=bodies[1])
+    start = hp.BodyMotion(R=(1, 2, 3), S=rotations(rng, 1)[0], omega=rng.normal(size=3))
+    t = np.linspace(0, 2, 21)
+    found = hp.simulate(pair, t, start, 0.4, 1.0, base="pinned", torque1=(0.1, 0, 0.2), tol=1e-12)
+    forces = pair.inverse_dynamics(found.body1, found.psi, found.psid, found.psidd)
+    np.testing.assert_array_equal(found.R1, np.broadcast_to((1.0, 2.0, 3.0), (21, 3)))
+    np.testing.assert_allclose(forces.torque1, np.broadcast_to((0.1, 0, 0.2), (21, 3)), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(forces.hinge_torque, 0, rtol=0, atol=1e-12)
+    total, power = sum(found.energy()), found.body1.omega @ (0.1, 0, 0.2)
+    done = np.concatenate([[0], np.cumsum(power[:-1:2] + 4 * power[1::2] + power[2::2]) * t[1] / 3])
+    np.testing.assert_allclose(total[::2] - total[0], done, rtol=0, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("body1.v", {"body1": hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(1, 0, 0))}),
+        ("body1", {"body1": hp.BodyMotion(R=(0, 0, 1), S=np.eye(3))}),
+        ("body1", {"body1": hp.BodyMotion(R=(0, 0, 0), S=hp.rotation_exp((0.1, 0, 0)))}),
+        ("gravity", {"gravity": (0, 0, -9.81)}),
+        ("force2", {"force2": (0, 0, 1)}),
+        ("torque1", {"torque1": (0, 0, 1)}),
+        ("hinge_torque", {"hinge_torque": lambda _: 1}),
+        ("force1", {"force1": lambda _: (0, 0)}),
+        ("base", {"base": lambda: HELD, "body1": None}),
+    ],
+)
+def test_what_does_not_fit_the_plane_or_the_pin_is_named(name, change):
+    given = {"t": [0, 1], "body1": HELD, "psi_0": 0.0, "psid_0": 0.0, "base": "pinned"} | change
+    with pytest.raises(hp.ArgumentError, match=rf"^{name}: expected "):
+        hp.simulate(DOUBLE, **given)
