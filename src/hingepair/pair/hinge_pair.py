@@ -545,7 +545,7 @@ class HingePair:
         >>> import numpy as np
         >>> import hingepair as hp
         >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> pair.derivatives(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
+        >>> pair.sensitivities(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
         array([0., 1., 0.])
         """
         return derivatives.sensitivities(self.constants, body1, psi, psid)
