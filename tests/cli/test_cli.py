@@ -17,6 +17,7 @@ import pytest
 import hingepair as hp
 from hingepair.cli.main import main
 from hingepair.evaluation.backend import choose
+from support.summed import summed
 
 MODELS = Path(__file__).parents[2] / "models"
 REFERENCE = MODELS / "reference_3d.toml"
@@ -134,11 +135,11 @@ def test_residuals_see_a_broken_constraint(monkeypatch: pytest.MonkeyPatch, shor
     from hingepair.cli import summary
 
     scene = hp.load_scene(short_scene)
-    assert max(r.ratio for r in summary.residuals(scene)) < 16
+    assert max(r.ratio for r in summed(scene).residuals()) < 16
     genuine = summary.constraint_values
     moved = lambda pair, names, values, shapes: genuine(pair, names, values | {"R2": values["R2"] + 1e-9}, shapes)  # noqa: E731
     monkeypatch.setattr(summary, "constraint_values", moved)
-    assert summary.residuals(scene)[0].ratio > 1e4
+    assert summed(scene).residuals()[0].ratio > 1e4
 
 
 def test_a_failed_check_exits_with_1(monkeypatch: pytest.MonkeyPatch, short_scene: Path) -> None:

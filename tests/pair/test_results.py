@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import re
 from pathlib import Path
 
+import duckdb
 import numpy as np
 import pandas
 import pyarrow.parquet
@@ -94,6 +96,16 @@ def test_what_is_held_until_the_end_is_refused_where_it_is_too_much(tmp_path):
     with pytest.raises(hp.ArgumentError, match=r"\.csv or \.parquet for more than 10000000"):
         result_file(tmp_path / "a.npz", 10**8).__enter__()
     assert not list(tmp_path.iterdir())
+
+
+def test_sql_reads_a_parquet(result, tmp_path):
+    file = result.save(tmp_path / "a.parquet")
+    asked = f"select t, R2_z, psi from '{file}' where psi > 0.5 order by t limit 1"
+    first = np.flatnonzero(result.psi > 0.5)[0]
+    assert duckdb.sql(asked).fetchall()[0] == (result.t[first], result.R2[first, 2], result.psi[first])
+    names = [name for name, *_ in duckdb.sql(f"describe select * from '{file}'").fetchall()]
+    assert len({name.lower() for name in names}) == len(names)  # SQL takes R2_x and r2_x for one
+    assert all(re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name) for name in names)  # need no quotes
 
 
 def test_a_file_that_is_left_half_way_is_not_there(tmp_path):

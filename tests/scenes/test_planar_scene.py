@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.cli import summary
 from hingepair.cli.main import app
+from support.summed import summed
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -95,7 +95,7 @@ def test_checked_against_pinocchio_and_its_constraints(tmp_path):
     assert report.ok
     assert [row.output for row in report.rows] == ["R2", "phi2", "d", "v2", "omega2", "a2", "alpha2"]
     assert "in the plane" in str(report)
-    for residual in summary.residuals(scene):
+    for residual in summed(scene).residuals():
         assert residual.ratio <= 8
 
 

@@ -394,7 +394,7 @@ def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: P
         assert np.abs(psid[[0, -1]]).max() <= 64 * U
     if profile == "quintic":
         assert np.abs(psidd[[0, -1]]).max() <= 64 * U
-    assert scene.motion.kinks == {"linear": 2, "trapezoid": 6, "cubic": 1, "quintic": 0}[profile]
+    assert scene.motion.kinks(0, 2001) == {"linear": 2, "trapezoid": 6, "cubic": 1, "quintic": 0}[profile]
     assert ("kinks" in " ".join(scene.notes())) == (profile != "quintic")
     assert scene.cross_validate(50).ok
     assert "psi(t)" in str(hp.derive(scene).S2)

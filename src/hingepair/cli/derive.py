@@ -11,7 +11,7 @@ from hingepair.cli.output import give
 from hingepair.cli.pairs import Joint, Source, TextFile, inputs_of, named
 from hingepair.errors import ArgumentError
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.scenes.scene import Scene
+from hingepair.scenes.scene import COORDINATES, Scene
 
 DEFAULT = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """What is derived unless the command line or the scene says otherwise."""
@@ -50,9 +50,10 @@ def derive(
 
     found = named(source, joint)
     if isinstance(found, Scene):
-        pair, title, asked = found.pair, found.title, found.outputs
+        pair, title = found.pair, found.title
+        asked = tuple(name for name in found.outputs or () if name not in COORDINATES)
     else:
-        pair, title, asked = found, found.name, None
+        pair, title, asked = found, found.name, ()
     forms = closed_forms(found, _names(symbolic))
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
     usual = default_outputs(ACCELERATION, PLANAR) if kind == PLANAR else DEFAULT

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
 
 from hingepair.errors import printable
 from hingepair.numeric.whole_file import whole_file
+from hingepair.pair.results import ROWS, Result
+
+Part = TypeVar("Part", bound=Result)
 
 EXIT_BAD = 2
 """The exit code of what could not be done; 1 means that a check failed."""
@@ -32,6 +36,37 @@ def console() -> Console:
     """Where tables go; without a terminal lines are as long as they are and tables 100 characters wide."""
     found = Console(highlight=False, markup=False, soft_wrap=True)
     return found if found.is_terminal else Console(highlight=False, markup=False, soft_wrap=True, width=100)
+
+
+@contextlib.contextmanager
+def progress(samples: int) -> Iterator[Callable[[Iterable[Part]], Iterator[Part]]]:
+    """What runs through the pieces of so many instants and draws a bar, where there are many and someone looks on."""
+    screen = Console(stderr=True)
+    if samples <= ROWS or not screen.is_terminal:
+        yield iter
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    columns = BarColumn(), MofNCompleteColumn(), "instants", TimeRemainingColumn()
+    with Progress(*columns, console=screen, transient=True) as bar:
+        task = bar.add_task("", total=samples)
+
+        def through(parts: Iterable[Part]) -> Iterator[Part]:
+            for part in parts:
+                yield part
+                bar.advance(task, len(part.t))
+
+        yield through
+
+
+@contextlib.contextmanager
+def said_if_stopped(out: Path) -> Iterator[None]:
+    """Say that a signal kept a file from being written; what was there before stays."""
+    try:
+        yield
+    except SystemExit:
+        print(f"hingepair: stopped; {out} is not written", file=sys.stderr)
+        raise
 
 
 def give(text: str, out: Path | None, inputs: Iterable[Path]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import asdict
 from pathlib import Path
@@ -10,14 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from hingepair.cli import summary
-from hingepair.cli.output import NOTHING_WRITTEN, Json, console
+from hingepair.cli.output import NOTHING_WRITTEN, Json, console, progress, said_if_stopped
+from hingepair.cli.summary import Summary
 from hingepair.errors import printable
 from hingepair.evaluation.plan import OUTPUTS, PLANAR_OUTPUTS
-from hingepair.numeric.tables import finite_or_none
+from hingepair.numeric.tables import finite_or_none, instant
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.results import ENDINGS, check_ending
-from hingepair.scenes.scene import load_scene, scene_files
+from hingepair.pair.results import ENDINGS, check_ending, result_file
+from hingepair.scenes.scene import COORDINATES, load_scene, scene_files
 
 if TYPE_CHECKING:
     from hingepair.scenes.scene import Scene
@@ -38,7 +39,8 @@ def run(
         str | None,
         typer.Option(
             metavar="NAMES",
-            help=f"What to compute, of {', '.join(OUTPUTS)}; in the plane of {', '.join(PLANAR_OUTPUTS)}.",
+            help=f"What to compute, of {', '.join(OUTPUTS)}; in the plane of {', '.join(PLANAR_OUTPUTS)}; "
+            f"of the coordinates {', '.join(COORDINATES)}.",
         ),
     ] = None,
     explain: Annotated[
@@ -48,26 +50,34 @@ def run(
 ) -> None:
     """Compute the motion of body 2 and show what came out.
 
-    The table shows three instants and the range of each component; --out writes all of them.
+    The table shows three instants and the range of each component; --out writes all of them. A .csv or .parquet is
+    written as the motion is computed, however long it is.
     """
     if out is not None:
         check_ending(out)
     scene = load_scene(scene_file)
     names = None if outputs is None else [name.strip() for name in outputs.split(",") if name.strip()]
-    result = scene.evaluate(names)
-    residuals = summary.residuals(scene)
-    written = None if out is None else result.save(out, scene_files(scene_file))
+    summary = Summary(scene)
+    with contextlib.ExitStack() as opened:
+        add = None
+        if out is not None:
+            opened.enter_context(said_if_stopped(out))
+            add = opened.enter_context(result_file(out, scene.samples, scene.title, scene_files(scene_file)))
+        for part in opened.enter_context(progress(scene.samples))(scene.blocks(names)):
+            summary.add(part)
+            if add is not None:
+                add(part.t, part.recorded())
     if as_json:
         found = {
             **_facts(scene),
-            "not_finite": summary.not_finite(result),
-            "outputs": summary.as_json(result),
+            "not_finite": summary.lost,
+            "outputs": summary.as_json(),
             "residuals": {
                 r.label: {"largest": finite_or_none(r.largest), "in_u_scale": finite_or_none(r.ratio)}
-                for r in residuals
+                for r in summary.residuals()
             },
-            "notes": scene.notes(),
-            "file": None if written is None else str(written),
+            "notes": summary.notes(),
+            "file": None if out is None else str(out),
             **({"plan": asdict(scene.plan(names))} if explain else {}),
         }
         print(json.dumps(found, indent=2, allow_nan=False))
@@ -76,18 +86,16 @@ def run(
     head(screen, scene)
     if explain:
         screen.print(str(scene.plan(names)))
-    screen.print(summary.table(result))
-    lost = summary.not_finite(result)
-    if lost:
-        others = (
-            "ranges and residuals are those of the others" if lost < len(result.t) else "there is nothing to show"
-        )
-        screen.print(f"{lost} of {len(result.t)} instants are not finite; {others}")
-    for r in residuals if lost < len(result.t) else ():
+    screen.print(summary.table())
+    some = summary.lost < scene.samples
+    if summary.lost:
+        others = "ranges and residuals are those of the others" if some else "there is nothing to show"
+        screen.print(f"{summary.lost} of {scene.samples} instants are not finite; {others}")
+    for r in summary.residuals() if some else ():
         screen.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
-    for note in scene.notes():
+    for note in summary.notes():
         screen.print(f"note: {note}")
-    screen.print(f"written: {written}" if written else NOTHING_WRITTEN)
+    screen.print(f"written: {out}" if out else NOTHING_WRITTEN)
 
 
 def check(scene_file: SceneFile, as_json: Json = False) -> None:
@@ -130,5 +138,7 @@ def head(screen: Console, scene: Scene) -> None:
     own = ("u1", "u2", "n") if isinstance(pair, HingePair) else ("u1", "u2")
     vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in own)
     screen.print(f"{printable(pair.name)}: {vectors}")
-    instants = f"{scene.samples} instant{'s' * (scene.samples != 1)}, t = {scene.start:g} to {scene.stop:g} s"
+    instants = (
+        f"{scene.samples} instant{'s' * (scene.samples != 1)}, t = {instant(scene.start)} to {instant(scene.stop)} s"
+    )
     screen.print(f"{instants}; {scene.motion.turning}")

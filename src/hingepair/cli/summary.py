@@ -9,19 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.numeric.arrays import split
-from hingepair.numeric.tables import finite_or_none
+from hingepair.numeric.tables import finite_or_none, instant
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.constraints import constraint_values
 from hingepair.pair.results import column_names
+from hingepair.scenes.scene import Notes
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from hingepair.scenes.known_motion import KnownMotion
     from hingepair.scenes.scene import Scene, SceneResult
-
-_SLAB = 65536
 
 _MEANINGS = (
     ("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m", "max abs(R1) + abs(u1) + abs(u2)"),
@@ -50,51 +48,82 @@ class Residual:
     scale: str
 
 
-def residuals(scene: Scene) -> tuple[Residual, ...]:
-    """How far the computed motion is from E1, and from E2 where it has rates, over all instants of the scene."""
-    motion = scene.motion
-    meanings = _MEANINGS[: motion.level + 1]
-    worst = np.full((len(meanings), 2), np.nan)
-    for (rows,) in split(motion.t.shape, _SLAB):
-        worst = np.fmax(worst, _worst(scene, motion.known(rows, len(meanings) - 1)))
-    return tuple(
-        Residual(label, meaning, unit, largest, ratio, scale)
-        for (label, meaning, unit, scale), (largest, ratio) in zip(meanings, worst.tolist(), strict=True)
-    )
+class Summary:
+    """A scene's run, gathered from its pieces in order.
 
+    Attributes:
+        lost: how many instants hold a number that is not finite.
+    """
 
-def table(result: SceneResult) -> Table:
-    """First, middle and last instant of every component, and its range."""
-    from rich import box
-    from rich.table import Table
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._notes = Notes(scene)
+        self._instants = sorted({0, (scene.samples - 1) // 2, scene.samples - 1})
+        self._seen: list[tuple[float, list[float]]] = []  # these instants, and each component then
+        self._names: list[str] = []
+        self._ranges = np.empty((0, 2))
+        self._meanings = _MEANINGS[: scene.motion.level + 1]
+        self._worst = np.full((len(self._meanings), 2), np.nan)
+        self.lost = 0
 
-    names, values = _columns(result)
-    instants = sorted({0, (len(result.t) - 1) // 2, len(result.t) - 1})
-    found = Table(box=box.SIMPLE_HEAD)
-    found.add_column("", no_wrap=True)
-    for heading in (*(f"t = {result.t[i]:.6g}" for i in instants), "smallest", "largest"):
-        found.add_column(heading, justify="right", no_wrap=True)
-    for name, column in zip(names, values, strict=True):
-        cells = [*(column[i] for i in instants), *_range(column)]
-        found.add_row(name, *(f"{cell + 0.0:.6g}" for cell in cells), end_section=name.endswith(("_z", "_zz")))
-    return found
+    def add(self, part: SceneResult) -> None:
+        """Look at one piece."""
+        arrays = part.chosen()
+        columns = [column for array in arrays.values() for column in array.reshape(len(part.t), -1).T]
+        if not self._names:
+            self._names = column_names(arrays)
+            self._ranges = np.full((len(columns), 2), np.nan)
+        for i in self._instants:
+            if 0 <= i - part.first < len(part.t):
+                at = i - part.first
+                self._seen.append((float(part.t[at]), [float(column[at]) for column in columns]))
+        ranges = np.array([_range(column) for column in columns])
+        self._ranges = np.stack(
+            [np.fmin(self._ranges[:, 0], ranges[:, 0]), np.fmax(self._ranges[:, 1], ranges[:, 1])], axis=1
+        )
+        self.lost += int(np.count_nonzero(~np.logical_and.reduce([np.isfinite(column) for column in columns])))
+        self._worst = np.fmax(self._worst, _worst(self._scene, part.known))
+        self._notes.add(part)
 
+    def residuals(self) -> tuple[Residual, ...]:
+        """How far the computed motion is from E1, and from E2 where it has rates, over all instants."""
+        return tuple(
+            Residual(label, meaning, unit, largest, ratio, scale)
+            for (label, meaning, unit, scale), (largest, ratio) in zip(
+                self._meanings, self._worst.tolist(), strict=True
+            )
+        )
 
-def as_json(result: SceneResult) -> dict[str, Any]:
-    """The same as numbers; what is not finite is None."""
-    names, values = _columns(result)
-    columns = {}
-    for name, column in zip(names, values, strict=True):
-        smallest, largest = _range(column)
-        numbers = {"first": column[0], "last": column[-1], "smallest": smallest, "largest": largest}
-        columns[name] = {key: finite_or_none(float(number)) for key, number in numbers.items()}
-    return columns
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know."""
+        return self._notes.sentences()
 
+    def table(self) -> Table:
+        """First, middle and last instant of every component, and its range."""
+        from rich import box
+        from rich.table import Table
 
-def not_finite(result: SceneResult) -> int:
-    """How many instants hold a number that is not finite."""
-    _, values = _columns(result)
-    return int(np.count_nonzero(~np.logical_and.reduce([np.isfinite(column) for column in values])))
+        found = Table(box=box.SIMPLE_HEAD)
+        found.add_column("", no_wrap=True)
+        for heading in (*(f"t = {instant(t)}" for t, _ in self._seen), "smallest", "largest"):
+            found.add_column(heading, justify="right", no_wrap=True)
+        for i, name in enumerate(self._names):
+            cells = [*(values[i] for _, values in self._seen), *self._ranges[i]]
+            found.add_row(name, *(f"{cell + 0.0:.6g}" for cell in cells), end_section=name.endswith(("_z", "_zz")))
+        return found
+
+    def as_json(self) -> dict[str, Any]:
+        """The same as numbers; what is not finite is None."""
+        keys = ("first", "last", "smallest", "largest")
+        return {
+            name: {
+                key: finite_or_none(float(number))
+                for key, number in zip(
+                    keys, (self._seen[0][1][i], self._seen[-1][1][i], *self._ranges[i]), strict=True
+                )
+            }
+            for i, name in enumerate(self._names)
+        }
 
 
 def _worst(scene: Scene, known: KnownMotion) -> NDArray[np.float64]:
@@ -112,13 +141,7 @@ def _worst(scene: Scene, known: KnownMotion) -> NDArray[np.float64]:
 
 
 def _largest(values: NDArray[Any]) -> float:
-    finite = values[np.isfinite(values)]
-    return float(finite.max()) if finite.size else math.nan
-
-
-def _columns(result: SceneResult) -> tuple[list[str], list[NDArray[Any]]]:
-    arrays = result.state.arrays()
-    return column_names(arrays), [c for a in arrays.values() for c in a.reshape(len(result.t), -1).T]
+    return _range(values)[1]
 
 
 def _range(column: NDArray[Any]) -> tuple[float, float]:

@@ -176,8 +176,13 @@ def default_outputs(level: int, kind: str = SPATIAL) -> tuple[str, ...]:
     return tuple(name for name, own in levels.items() if own is not None and own <= level)
 
 
-def check_outputs(outputs: Any, kind: str = SPATIAL) -> tuple[str, ...]:
+def check_outputs(outputs: Any, kind: str = SPATIAL, also: tuple[str, ...] = ()) -> tuple[str, ...]:
     """The names asked for, each once.
+
+    Args:
+        outputs: the names.
+        kind: SPATIAL or PLANAR.
+        also: what may be asked for beside what the equations give.
 
     Raises:
         ArgumentError: not a collection of known names.
@@ -190,10 +195,10 @@ def check_outputs(outputs: Any, kind: str = SPATIAL) -> tuple[str, ...]:
         raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", quoted(outputs)) from None
     if not names:
         raise ArgumentError("outputs", "at least one name", "none")
-    known = outputs_of(kind)
+    known = (*outputs_of(kind), *also)
     for name in names:
         if name not in known:
-            raise ArgumentError("outputs", choices(tuple(known)), quoted(name))
+            raise ArgumentError("outputs", choices(known), quoted(name))
     return names
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 
+_LATE = 1e5  # s
+
 
 def aligned(lines: Sequence[Sequence[str]], right: Collection[int]) -> list[str]:
     """The lines of a table, cells padded to columns; the columns numbered in `right` to the right.
@@ -32,6 +34,15 @@ def left_out(skipped: int, samples: int) -> str:
         return ""
     be, been = ("is", "was") if skipped == 1 else ("are", "were")
     return f" ({skipped} of {samples} samples {be} not finite and {been} left out)"
+
+
+def instant(t: float) -> str:
+    """An instant [s] for a reader: six digits, or as many as tell it from its neighbours where it is late.
+
+    >>> instant(1 / 3), instant(1763746391.25)
+    ('0.333333', '1763746391.25')
+    """
+    return f"{t:.6g}" if abs(t) < _LATE else repr(float(t))
 
 
 def finite_or_none(number: float) -> float | None:

@@ -233,10 +233,13 @@ def _parquet(file: IO[bytes], _: int, described: str) -> Iterator[Add]:
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
         nonlocal writer
-        columns = [arrow.array(np.ascontiguousarray(column)) for column in _columns(t, arrays)]
+        own = [np.ascontiguousarray(column) for column in _columns(t, arrays)]
+        columns = [
+            arrow.Array.from_buffers(arrow.from_numpy_dtype(c.dtype), len(c), [None, arrow.py_buffer(c)]) for c in own
+        ]
         facts = {"description": described, "t": "s", **{name: unit_of(name) for name in arrays}}
         table = arrow.table(columns, names=["t", *column_names(arrays)]).replace_schema_metadata(facts)
-        writer = writer or opened.enter_context(parquet.ParquetWriter(file, table.schema))
+        writer = writer or opened.enter_context(parquet.ParquetWriter(file, table.schema, use_dictionary=False))
         writer.write_table(table, ROWS)
 
     with contextlib.ExitStack() as opened:

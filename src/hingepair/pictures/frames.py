@@ -76,7 +76,7 @@ def _of_scene(scene: Scene) -> Frames:
     state = known.forward_kinematics(scene.pair, None).arrays()
     readings: dict[str, Array] = {name: _in_space(state[name]) for name in RATES if name in state}
     placements = (bodies["R1"], bodies["S1"]), (bodies["R2"], bodies["S2"])
-    return Frames(scene.times()[rows], placements, known.psi, readings)
+    return Frames(scene.motion.t[rows], placements, known.psi, readings)
 
 
 def _of_trajectory(motion: Trajectory) -> Frames:

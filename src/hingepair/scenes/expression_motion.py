@@ -11,22 +11,23 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hingepair.evaluation.plan import ACCELERATION
 from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES
 from hingepair.integration.signals import Function as Signal
 from hingepair.numeric.arrays import Float64Array, read_only
+from hingepair.pair.results import MOST_HELD
 from hingepair.rotations.sequences import SEQUENCES
+from hingepair.scenes.instants import Rows, Uniform, read_instants
 from hingepair.scenes.integrated_motion import START, IntegratedMotion, integrated_in_plane, integrated_in_space
-from hingepair.scenes.known_motion import ByCoordinates, InPlane, KnownMotion, Rows
+from hingepair.scenes.known_motion import ByCoordinates, InPlane, KnownMotion
 from hingepair.scenes.tables import Table
 from hingepair.scenes.waypoints import MAX_POINTS, PROFILES, WayPoints, through
 from hingepair.symbolic.expressions import parse
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.time_functions import Derivatives, TimeFunctions, exact
 
-MAX_SAMPLES: Final = 10_000_000
 TOLERANCE: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
 
@@ -63,13 +64,13 @@ class FunctionsOfTime:
             for row in self.derivatives(t, order)
         ]
 
-    def kinks(self, t: Float64Array) -> int:
-        """Between how many neighbouring instants there are kinks or jumps."""
+    def switches(self, t: Float64Array) -> NDArray[np.bool_]:
+        """Whether kinks or jumps lie between neighbouring instants; shape (N - 1,)."""
         switched = self.compiled().switches(t)
         for function in self.functions:
             if isinstance(function, WayPoints):
                 switched |= function.switches(t)
-        return int(switched.sum())
+        return switched
 
     def expressions(self, letters: Sequence[str] = ()) -> dict[str, Expr | None]:
         """The expressions by name; None for way points.
@@ -102,13 +103,13 @@ class ExpressionMotion:
     """The coordinates as functions of t, and the instants to evaluate them at.
 
     Attributes:
-        t: instants; shape (N,) s.
+        t: instants [s].
         functions: of x, y, z, phi_x, phi_y, phi_z, psi, or in the plane of x, y, phi, psi [m, rad].
         sequence: Euler sequence of body 1; None of a planar pair.
         level: the highest derivative that there is.
     """
 
-    t: Float64Array
+    t: Uniform
     functions: FunctionsOfTime
     sequence: str | None
     level: ClassVar[int] = ACCELERATION
@@ -124,10 +125,9 @@ class ExpressionMotion:
             return "in the plane z = 0"
         return f"phi_x, phi_y, phi_z turn about {', '.join(self.sequence)}"
 
-    @property
-    def kinks(self) -> int:
-        """Between how many neighbouring instants a coordinate has a kink or a jump."""
-        return self.functions.kinks(self.t)
+    def kinks(self, start: int, stop: int) -> int:
+        """How many of the intervals that end at these instants have a kink or a jump of a coordinate."""
+        return int(self.functions.switches(self.t[max(start - 1, 0) : stop]).sum())
 
     def known(self, rows: Rows, order: int) -> KnownMotion:
         """The motion at some of the instants, with derivatives up to an order."""
@@ -147,12 +147,12 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Expressi
         SceneError: a value cannot be used; names file, table and key.
     """
     if "omega1" in motion.values or "psi_dot" in motion.values:
-        return _by_rates(motion, _instants(time), planar)
+        return _by_rates(motion, _held(time), planar)
     names = PLANAR_COORDINATES if planar else COORDINATES
     motion.check_keys((*names, "constants", *(() if planar else ("sequence", "file", "omega1"))))
     functions = _functions(motion, names)
     return ExpressionMotion(
-        _instants(time), functions, None if planar else motion.choice("sequence", SEQUENCES, "XYZ")
+        read_instants(time), functions, None if planar else motion.choice("sequence", SEQUENCES, "XYZ")
     )
 
 
@@ -170,9 +170,9 @@ def _by_rates(table: Table, t: Float64Array, planar: bool) -> IntegratedMotion:
     if planar:
         known |= {name: known[name][:, 0] for name in ("omega1", "alpha1")}
     signals = _signal("omega1", turning, planar), _signal("psi_dot", hinge, True)
-    kinks = sum(functions.kinks(t) for functions in (turning, hinge, point))
+    switched = np.logical_or.reduce([functions.switches(t) for functions in (turning, hinge, point)])
     integrate = integrated_in_plane if planar else integrated_in_space
-    return integrate(table, t, signals, known, table.number("tol", TOLERANCE), kinks=kinks)
+    return integrate(table, t, signals, known, table.number("tol", TOLERANCE), switched=switched)
 
 
 def _signal(name: str, functions: FunctionsOfTime, single: bool) -> Signal:
@@ -183,14 +183,12 @@ def _signal(name: str, functions: FunctionsOfTime, single: bool) -> Signal:
     return Signal(name, values, () if single else (3,))
 
 
-def _instants(time: Table) -> Float64Array:
-    """The instants of the table [time]."""
-    time.check_keys(("start", "stop", "samples"))
-    start, stop = time.number("start"), time.number("stop")
-    if not 0 <= stop - start < np.inf:
-        time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
-    samples = time.integer("samples", 1, MAX_SAMPLES)
-    return np.asarray(read_only(np.linspace(start, stop, samples)))
+def _held(time: Table) -> Float64Array:
+    """The instants of the table [time], where all of them are in memory at once."""
+    t = read_instants(time)
+    if len(t) > MOST_HELD:
+        time.fail("samples", f"at most {MOST_HELD} where rates are integrated, which is done in memory")
+    return np.asarray(read_only(t[:]))
 
 
 def _entries(table: Table, key: str) -> Table:

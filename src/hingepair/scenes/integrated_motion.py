@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hingepair.evaluation.backend import choose
 from hingepair.integration.integrate import FRAMES
@@ -18,7 +19,8 @@ from hingepair.integration.trajectory import rotations, world_vectors
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import check_rotation
-from hingepair.scenes.known_motion import ByBody1, InPlane, KnownMotion, Rows
+from hingepair.scenes.instants import Rows
+from hingepair.scenes.known_motion import ByBody1, InPlane, KnownMotion
 from hingepair.scenes.tables import Table
 
 START: Final = ("psi_0", "method")
@@ -38,7 +40,7 @@ class IntegratedMotion:
         method: how it was found.
         error_estimate: how far attitude and psi are off at the worst instant [rad]; NaN where too few samples cannot
             tell.
-        kinks: between how many neighbouring instants a rate has a kink or a jump.
+        switched: whether a rate has a kink or a jump between neighbouring instants; shape (N - 1,); None: none has.
         hint: how to get derivatives that are missing, for messages.
     """
 
@@ -46,7 +48,7 @@ class IntegratedMotion:
     given: ByBody1 | InPlane
     method: str
     error_estimate: float
-    kinks: int = 0
+    switched: NDArray[np.bool_] | None = None
     hint: str = ""
     origin: ClassVar[str] = "integrated from rates"
     doubt: ClassVar[str] = "too few samples to tell how far the integration is off"
@@ -66,6 +68,10 @@ class IntegratedMotion:
         """How body 1 turns, for a reader."""
         error = "unknown" if math.isnan(self.error_estimate) else f"about {self.error_estimate:.1g} rad"
         return f"omega1 and psi' integrated by {self.method}, error {error}"
+
+    def kinks(self, start: int, stop: int) -> int:
+        """How many of the intervals that end at these instants have a kink or a jump of a rate."""
+        return 0 if self.switched is None else int(self.switched[max(start - 1, 0) : max(stop - 1, 0)].sum())
 
     def known(self, rows: Rows, order: int) -> KnownMotion:
         """The motion at some of the instants, with derivatives up to an order."""
@@ -88,7 +94,7 @@ def integrated_in_space(
         signals: omega1 and psi'.
         known: at the instants R1, v1, omega1, psid, and a1, alpha1, psidd where these are known.
         tol: the error that is aimed at; refused where it is missed and the table asks for it.
-        notes: kinks and hint of the motion.
+        notes: switched and hint of the motion.
     """
     body = table.choice("frame", FRAMES) == "body"
     course = Course(t, table.choice("method", METHODS), tol, choose("auto", 1), body, _NAMES)

@@ -21,6 +21,7 @@ from hingepair.pair.evaluate import count_operations
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.explain import ScenePlan, explain
+from hingepair.scenes.instants import Rows
 
 if TYPE_CHECKING:
     from hingepair.pair.hinge_pair import HingePair
@@ -28,7 +29,14 @@ if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
-Rows: TypeAlias = slice | NDArray[np.intp]
+SPATIAL_NAMES = (
+    COORDINATES,
+    ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid"),
+    ("a1_x", "a1_y", "a1_z", "phidd_x", "phidd_y", "phidd_z", "psidd"),
+)
+"""What the coordinates and their derivatives are called in files: as in a log of motion."""
+PLANAR_NAMES = (PLANAR_COORDINATES, ("v1_x", "v1_y", "phid", "psid"), ("a1_x", "a1_y", "phidd", "psidd"))
+"""The same in the plane."""
 Accelerated: TypeAlias = tuple[BodyMotion, Float64Array, Float64Array, Float64Array]
 """The motion of body 1 with its accelerations, psi, psi' and psi''."""
 
@@ -57,21 +65,20 @@ class ByCoordinates:
         """The hinge angle; shape (count,) rad."""
         return np.broadcast_to(np.asarray(self.derivatives[0][6], dtype=np.float64), (self.count,))
 
-    def coordinates(self) -> dict[str, Float64Array]:
-        """The coordinates by name; shape (count,) each."""
-        values = (
-            np.broadcast_to(np.asarray(value, dtype=np.float64), (self.count,)) for value in self.derivatives[0]
-        )
-        return dict(zip(COORDINATES, values, strict=True))
+    def coordinates(self, order: int = 0) -> dict[str, Float64Array]:
+        """The coordinates, or their derivatives of an order that is known, by name; shape (count,) each."""
+        return _named(SPATIAL_NAMES[order], self.derivatives[order], self.count)
 
     def part(self, rows: Rows, order: int) -> ByCoordinates:
         """Some of the instants, with the derivatives up to an order."""
         return ByCoordinates(_count(self.count, rows), _part(self.derivatives, rows, order), self.sequence)
 
-    def forward_kinematics(self, pair: HingePair, outputs: tuple[str, ...] | None) -> PairState:
+    def forward_kinematics(
+        self, pair: HingePair, outputs: tuple[str, ...] | None, backend: str = "auto"
+    ) -> PairState:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
         return pair.forward_kinematics(
-            *_of_many(self.derivatives, self.count), outputs=outputs, sequence=self.sequence
+            *_of_many(self.derivatives, self.count), outputs=outputs, sequence=self.sequence, backend=backend
         )
 
     def plan(self, pair: HingePair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
@@ -79,7 +86,7 @@ class ByCoordinates:
         values: Values = {}
         for parts, seven in zip(PARTS.values(), self.derivatives, strict=False):
             values |= dict(zip(parts, (seven[:3], seven[3:6], seven[6]), strict=True))
-        names = outputs or default_outputs(self.level)
+        names = default_outputs(self.level) if outputs is None else outputs
         plan = make_plan(names, self.sequence, "home" in pair.constants.values)
         operations = count_operations(plan, pair.constants, dict(zip(PARTS, self.derivatives, strict=False)))
         return explain(plan, operations, self.level, level, _constant(values, COORDINATES, self.derivatives[0]))
@@ -131,9 +138,9 @@ class ByBody1:
         """The hinge angle; shape (count,) rad."""
         return self.hinge[0]
 
-    def coordinates(self) -> dict[str, Float64Array]:
-        """The hinge angle, by name; shape (count,)."""
-        return {"psi": self.psi}
+    def coordinates(self, order: int = 0) -> dict[str, Float64Array]:
+        """The hinge angle, or its derivative of an order that is known, by name; shape (count,)."""
+        return {SPATIAL_NAMES[order][-1]: self.hinge[order]}
 
     def part(self, rows: Rows, order: int) -> ByBody1:
         """Some of the instants, with the derivatives up to an order."""
@@ -141,13 +148,15 @@ class ByBody1:
         arrays = {letter: array[rows] for letter in letters if (array := getattr(self.body1, letter)) is not None}
         return ByBody1(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
 
-    def forward_kinematics(self, pair: HingePair, outputs: tuple[str, ...] | None) -> PairState:
+    def forward_kinematics(
+        self, pair: HingePair, outputs: tuple[str, ...] | None, backend: str = "auto"
+    ) -> PairState:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
-        return pair.forward_kinematics_from_body1(self.body1, *self.hinge, outputs=outputs)
+        return pair.forward_kinematics_from_body1(self.body1, *self.hinge, outputs=outputs, backend=backend)
 
     def plan(self, pair: HingePair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
         """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
-        names = outputs or default_outputs(self.level)
+        names = default_outputs(self.level) if outputs is None else outputs
         plan = make_plan(names, None, "home" in pair.constants.values)
         operations = count_operations(plan, pair.constants, {})
         return explain(plan, operations, self.level, level, frozenset())
@@ -196,27 +205,27 @@ class InPlane:
         """The hinge angle; shape (count,) rad."""
         return np.broadcast_to(np.asarray(self.derivatives[0][3], dtype=np.float64), (self.count,))
 
-    def coordinates(self) -> dict[str, Float64Array]:
-        """The coordinates by name; shape (count,) each."""
-        values = (
-            np.broadcast_to(np.asarray(value, dtype=np.float64), (self.count,)) for value in self.derivatives[0]
-        )
-        return dict(zip(PLANAR_COORDINATES, values, strict=True))
+    def coordinates(self, order: int = 0) -> dict[str, Float64Array]:
+        """The coordinates, or their derivatives of an order that is known, by name; shape (count,) each."""
+        return _named(PLANAR_NAMES[order], self.derivatives[order], self.count)
 
     def part(self, rows: Rows, order: int) -> InPlane:
         """Some of the instants, with the derivatives up to an order."""
         return InPlane(_count(self.count, rows), _part(self.derivatives, rows, order))
 
-    def forward_kinematics(self, pair: PlanarPair, outputs: tuple[str, ...] | None) -> PlanarState:
+    def forward_kinematics(
+        self, pair: PlanarPair, outputs: tuple[str, ...] | None, backend: str = "auto"
+    ) -> PlanarState:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
-        return pair.forward_kinematics(*_of_many(self.derivatives, self.count), outputs=outputs)
+        return pair.forward_kinematics(*_of_many(self.derivatives, self.count), outputs=outputs, backend=backend)
 
     def plan(self, pair: PlanarPair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
         """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
         values: Values = {}
         for parts, four in zip(PLANAR_PARTS.values(), self.derivatives, strict=False):
             values |= dict(zip(parts, (four[:2], four[2], four[3]), strict=True))
-        plan = make_plan(outputs or default_outputs(self.level, PLANAR), None, False, kind=PLANAR)
+        names = default_outputs(self.level, PLANAR) if outputs is None else outputs
+        plan = make_plan(names, None, False, kind=PLANAR)
         operations = count_operations(plan, pair.constants, dict(zip(PARTS, self.derivatives, strict=False)))
         known = _constant(values, PLANAR_COORDINATES, self.derivatives[0])
         return explain(plan, operations, self.level, level, known)
@@ -260,10 +269,15 @@ class KnownMotion(Protocol):
     def psi(self) -> Float64Array:
         """The hinge angle; shape (count,) rad."""
 
-    def coordinates(self) -> dict[str, Float64Array]:
-        """The coordinates that there are, by name; shape (count,) each."""
+    def coordinates(self, order: int = 0, /) -> dict[str, Float64Array]:
+        """What there is of the coordinates, or of their derivatives of an order, by name; shape (count,) each."""
 
-    def forward_kinematics(self, pair: Any, outputs: tuple[str, ...] | None, /) -> PairState | PlanarState:
+    def part(self, rows: Rows, order: int, /) -> KnownMotion:
+        """Some of the instants, with the derivatives up to an order."""
+
+    def forward_kinematics(
+        self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto", /
+    ) -> PairState | PlanarState:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
 
     def plan(self, pair: Any, outputs: tuple[str, ...] | None, level: int, /) -> ScenePlan:
@@ -277,6 +291,11 @@ class KnownMotion(Protocol):
 
     def rates(self) -> tuple[Float64Array, Float64Array]:
         """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
+
+
+def _named(names: tuple[str, ...], values: tuple[Any, ...], count: int) -> dict[str, Float64Array]:
+    columns = (np.broadcast_to(np.asarray(value, dtype=np.float64), (count,)) for value in values)
+    return dict(zip(names, columns, strict=True))
 
 
 def _of_many(derivatives: Derivatives, count: int) -> Derivatives:

@@ -16,8 +16,9 @@ from hingepair.pair.evaluate import AUTO
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCES
+from hingepair.scenes.instants import Rows
 from hingepair.scenes.integrated_motion import START, IntegratedMotion, integrated_in_space
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion, Rows
+from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion
 from hingepair.scenes.log_file import ARRAYS, Columns, LogFile
 from hingepair.scenes.tables import Table
 
@@ -51,7 +52,6 @@ class LoggedMotion:
     hint: str
     origin: ClassVar[str] = "samples in a file"
     doubt: ClassVar[str] = "rates were found by finite differences; how far they are off is not known"
-    kinks: ClassVar[int] = 0
 
     @property
     def error_estimate(self) -> float:
@@ -73,6 +73,10 @@ class LoggedMotion:
         """How body 1 turns, for a reader."""
         angles = f"phi_x, phi_y, phi_z turn about {', '.join(self.sequence)}" if self.sequence else None
         return (angles or "attitude as quaternions") + ", rates by finite differences" * self.found
+
+    def kinks(self, _: int, __: int) -> int:
+        """0: samples show none."""
+        return 0
 
     def known(self, rows: Rows, order: int) -> KnownMotion:
         """The motion at some of the instants, with derivatives up to an order."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,14 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, check_outputs, outputs_of
 from hingepair.integration.trajectory import span
-from hingepair.numeric.arrays import Frozen
+from hingepair.numeric.arrays import Float64Array, Frozen, read_only
+from hingepair.numeric.tables import instant
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.results import Record, Result
+from hingepair.pair.results import MOST_HELD, ROWS, Record, Result
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.scenes.explain import ScenePlan
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates, Derivatives, KnownMotion, Rows
+from hingepair.scenes.instants import Instants, Rows
+from hingepair.scenes.known_motion import ByBody1, ByCoordinates, Derivatives, KnownMotion
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
@@ -31,15 +34,28 @@ if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
 _TABLES = ("title", "planar", "pair", "motion", "time", "outputs")
-_LEVELS = {"v": VELOCITY, "omega": VELOCITY, "a": ACCELERATION, "alpha": ACCELERATION}
+_LEVELS = {
+    **dict.fromkeys(("v", "omega", "qd", "psid"), VELOCITY),
+    **dict.fromkeys(("a", "alpha", "qdd", "psidd"), ACCELERATION),
+}
+COORDINATES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
+"""What a scene gives beside the state of the pair: its coordinates, all or psi alone, and their derivatives."""
+
+
+class _Wanted(NamedTuple):
+    """Outputs of the equations (None: all of body 2), coordinates, and the order of derivatives that both need."""
+
+    names: tuple[str, ...] | None
+    asked: tuple[str, ...]
+    order: int
 
 
 class Motion(Protocol):
     """Where the motion of a scene comes from: functions of t, a log, or rates that were integrated."""
 
     @property
-    def t(self) -> NDArray[np.float64]:
-        """The instants [s]; shape (N,)."""
+    def t(self) -> Instants:
+        """The instants [s]."""
 
     @property
     def level(self) -> int:
@@ -69,9 +85,8 @@ class Motion(Protocol):
     def doubt(self) -> str:
         """Why the error is not known, where it is not."""
 
-    @property
-    def kinks(self) -> int:
-        """Between how many neighbouring instants there is a kink or a jump."""
+    def kinks(self, start: int, stop: int, /) -> int:
+        """How many of the intervals that end at the instants from start to stop have a kink or a jump."""
 
     def known(self, rows: Rows, order: int) -> KnownMotion:
         """The motion at some of the instants, with derivatives up to an order."""
@@ -79,38 +94,62 @@ class Motion(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SceneResult(Frozen, Result):
-    """A scene evaluated: `t`, `state`, and every attribute of the state (R2, S2, d, v2, ...).
+    """A scene evaluated: `t`, `state`, every attribute of the state (R2, S2, d, v2, ...), and the coordinates.
+
+    q, qd, qdd have shape (samples, 7), in the plane (samples, 4); psi, psid, psidd (samples,). What the motion does
+    not have is None, as are derivatives that no output needed.
 
     Attributes:
         t: instants; shape (samples,) s.
         state: the PairState, or PlanarState, at these instants.
         scene: where it comes from.
+        known: the motion that the state was computed from.
+        asked: the coordinates among the outputs.
+        first: number of the first instant; 0 but for blocks.
     """
 
     t: NDArray[np.float64]
     state: PairState | PlanarState
     scene: Scene
+    known: KnownMotion
+    asked: tuple[str, ...]
+    first: int = 0
 
     @property
     def described(self) -> str:
         """The title of the scene."""
-        return self.scene.title or self.scene.pair.name
+        return self.scene.title
+
+    def chosen(self) -> dict[str, NDArray[Any]]:
+        """What was asked for, by name; shape (samples, ...); of q, qd and qdd each coordinate is an array."""
+        found: dict[str, NDArray[Any]] = self.state.arrays()
+        for name in self.asked:
+            named = self.known.coordinates(_level(name))
+            own = named if name[0] == "q" else (name,)
+            found |= {key: named[key] for key in own if key.partition("_")[0] not in found}  # v1 has v1_x already
+        return found
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """The outputs of the state and the coordinates, by name; shape (samples, ...)."""
-        return {**self.state.arrays(), **self.scene.motion.known(slice(None), POSE).coordinates()}
+        """The outputs and the coordinates, by name; shape (samples, ...)."""
+        return self.chosen() | self.known.coordinates()
 
     def __getattr__(self, name: str) -> Any:
-        if not name.startswith("_") and name not in {"t", "state", "scene"} and hasattr(type(self.state), name):
+        if name in COORDINATES:
+            known = self.known
+            named = known.coordinates(_level(name)) if _level(name) <= known.level else {}
+            whole = len(named) > 1 or name not in {"q", "qd", "qdd"}
+            return (np.stack([*named.values()], -1) if name[0] == "q" else named[name]) if named and whole else None
+        if not name.startswith("_") and name not in self.__dataclass_fields__ and hasattr(type(self.state), name):
             return getattr(self.state, name)
-        known = ", ".join(("t", "state", "scene", *self.state.outputs))
-        raise AttributeError(f"SceneResult has no {name!r}; it has {known}")
+        known_names = ", ".join(("t", "state", "scene", *self.state.outputs, *COORDINATES))
+        raise AttributeError(f"SceneResult has no {name!r}; it has {known_names}")
 
     def __repr__(self) -> str:
         return f"SceneResult({span(self.t)}, state={self.state!r})"
 
     def __dir__(self) -> list[str]:
-        return ["t", "state", "scene", *(name for name in dir(type(self.state)) if not name.startswith("_"))]
+        state = (name for name in dir(type(self.state)) if not name.startswith("_"))
+        return [*object.__dir__(self), *COORDINATES, *state]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,7 +200,7 @@ class Scene:
     @property
     def samples(self) -> int:
         """Number of instants."""
-        return self.motion.t.size
+        return len(self.motion.t)
 
     @property
     def expressions(self) -> dict[str, Expr | None]:
@@ -187,8 +226,17 @@ class Scene:
         return found
 
     def times(self) -> NDArray[np.float64]:
-        """The instants; shape (samples,) s."""
-        return self.motion.t
+        """The instants; shape (samples,) s.
+
+        Raises:
+            ArgumentError: there are too many to be held in memory.
+        """
+        if self.samples > MOST_HELD:
+            way = (
+                "hingepair run SCENE --out FILE.parquet (or .csv) computes any number, scene.blocks() piece by piece"
+            )
+            raise ArgumentError("samples", f"at most {MOST_HELD} instants to be held in memory; {way}", self.samples)
+        return np.asarray(read_only(self.motion.t[:]))
 
     def coordinates(self, t: ArrayLike) -> Derivatives:
         """The coordinates and their exact derivatives at any instants.
@@ -212,16 +260,42 @@ class Scene:
 
         Args:
             outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1, or in the plane
-                R2, phi2, d, v2, omega2, a2, alpha2; those of the scene file unless given, and without these
-                everything about body 2 that the motion allows. Only the derivatives that the outputs need are
-                computed.
+                R2, phi2, d, v2, omega2, a2, alpha2, and of the coordinates q, qd, qdd, psi, psid, psidd; those of
+                the scene file unless given, and without these everything about body 2 that the motion allows. Only
+                the derivatives that the outputs need are computed.
 
         Raises:
-            ArgumentError: an unknown output, or one that needs derivatives which the motion does not have.
+            ArgumentError: an unknown output, one that needs what the motion does not have, or more instants than can
+                be held in memory.
         """
-        names, order = self._wanted(outputs)
-        known = self.motion.known(slice(None), order)
-        return SceneResult(self.motion.t, known.forward_kinematics(self.pair, names), self)
+        return self._part(self.times(), 0, self._wanted(outputs))
+
+    def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[SceneResult]:
+        """The same in pieces of 131,072 instants, one after the other, for motions longer than memory.
+
+        The motion that a piece comes from, `known`, has rates where the scene has any.
+
+        Args:
+            outputs: as for `evaluate`.
+
+        Raises:
+            ArgumentError: as for `evaluate`, but for the number of instants.
+        """
+        wanted = self._wanted(outputs)
+        for start in range(0, self.samples, ROWS):
+            t = np.asarray(read_only(self.motion.t[start : start + ROWS]))
+            yield self._part(t, start, wanted, min(self.motion.level, VELOCITY))
+
+    def _part(self, t: Float64Array, first: int, wanted: _Wanted, least: int = 0) -> SceneResult:
+        """The state at some instants in a row; derivatives up to the order `least` are kept beside it."""
+        known = self.motion.known(slice(first, first + len(t)), max(wanted.order, least))
+        # Of more than a block all are computed in one way, so that pieces and the whole are the same to the bit.
+        backend = "auto" if self.samples <= ROWS else "compiled" if find_spec("llvmlite") else "numpy"
+        if wanted.names == ():
+            state: PairState | PlanarState = (PairState if self.kind == SPATIAL else PlanarState)({}, t.shape)
+        else:
+            state = known.part(slice(None), wanted.order).forward_kinematics(self.pair, wanted.names, backend)
+        return SceneResult(t, state, self, known, wanted.asked, first)
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """What `evaluate` computes and what it leaves out, and why; print it.
@@ -232,8 +306,8 @@ class Scene:
         Raises:
             ArgumentError: as for `evaluate`.
         """
-        names, order = self._wanted(outputs)
-        return self.motion.known(slice(1), order).plan(self.pair, names, self.motion.level)
+        wanted = self._wanted(outputs)
+        return self.motion.known(slice(1), wanted.order).plan(self.pair, wanted.names, self.motion.level)
 
     def cross_validate(self, most: int | None = None) -> CrossValidation:
         """The pair's motion by the equations and by Pinocchio, compared.
@@ -244,7 +318,7 @@ class Scene:
         Raises:
             MissingDependencyError: Pinocchio is not installed.
         """
-        rows: Rows = slice(None)
+        rows: Rows = slice(len(self.times()) if most is None else most)
         if most is not None and self.samples > most:
             rows = np.linspace(0, self.samples - 1, most).astype(np.intp)
         return self.motion.known(rows, self.motion.level).cross_validate(self.pair)
@@ -262,7 +336,7 @@ class Scene:
         Raises:
             ArgumentError: body 2 has no mass properties, the motion has no accelerations, or the scene is planar.
         """
-        known = self.motion.known(slice(None), ACCELERATION)
+        t, known = self.times(), self.motion.known(slice(None), ACCELERATION)
         if not isinstance(self.pair, HingePair) or not isinstance(known, ByCoordinates | ByBody1):
             raise ArgumentError("scene", "a scene in space, whose bodies can have mass properties", "planar = true")
         if known.level < ACCELERATION:
@@ -279,36 +353,29 @@ class Scene:
         if self.pair.body1 is not None:
             forces = self.pair.inverse_dynamics(*moved, gravity)
             found |= {"force1": forces.force1, "torque1": forces.torque1}
-        return Record(self.motion.t, found, f"forces: {self.title}")
+        return Record(t, found, f"forces: {self.title}")
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the results should know: psi past its limits, kinks, rates by finite differences."""
-        found, motion = [], self.motion
-        limits = getattr(self.pair, "limits", None)
-        if limits is not None:
-            lower, upper = limits
-            psi = motion.known(slice(None), POSE).psi
-            outside = np.flatnonzero((psi < lower) | (psi > upper))
-            if outside.size:
-                first = f"first at t = {motion.t[outside[0]]:g} s (psi = {psi[outside[0]]:.6g} rad)"
-                where = f"{outside.size} of {psi.size} instants, {first}"
-                found.append(f"psi leaves its limits, {lower:g} to {upper:g} rad, at {where}")
-        if motion.kinks:
-            plural = "s" * (motion.kinks != 1)
-            found.append(
-                f"kinks or jumps in {motion.kinks} interval{plural}; derivatives there are those from the right"
-            )
-        return (*found, motion.doubt) if math.isnan(motion.error_estimate) else tuple(found)
+        notes = Notes(self)
+        for part in self.blocks(("psi",)):
+            notes.add(part)
+        return notes.sentences()
 
-    def _wanted(self, outputs: Iterable[str] | None) -> tuple[tuple[str, ...] | None, int]:
-        """The outputs, None for all of body 2, and the derivatives of the motion that they need."""
-        names = self.outputs if outputs is None else check_outputs(outputs, self.kind)
+    def _wanted(self, outputs: Iterable[str] | None) -> _Wanted:
+        names = self.outputs if outputs is None else check_outputs(outputs, self.kind, COORDINATES)
         level = self.motion.level
-        for name in names or ():
-            if _level(name) > level:
-                known = tuple(output for output in outputs_of(self.kind) if _level(output) <= level)
-                raise ArgumentError("outputs", choices(known) + self.motion.hint, quoted(name))
-        return names, level if names is None else max(map(_level, names))
+        if names is None:
+            return _Wanted(None, (), level)
+        whole = self.kind == PLANAR or self.sequence is not None
+        there = [name for name in (*outputs_of(self.kind), *COORDINATES) if whole or name[0] != "q"]
+        known = tuple(name for name in there if _level(name) <= level)
+        for name in names:
+            if name not in known:
+                hint = self.motion.hint if _level(name) > level else ""
+                raise ArgumentError("outputs", choices(known) + hint, quoted(name))
+        asked = tuple(name for name in names if name in COORDINATES)
+        return _Wanted(tuple(name for name in names if name not in asked), asked, max(map(_level, names)))
 
     def _by_functions(self) -> Any:
         """The coordinates as functions of t."""
@@ -316,6 +383,41 @@ class Scene:
             wanted = "a scene whose motion is coordinates as expressions in t"
             raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
         return self.motion.functions
+
+
+class Notes:
+    """What a reader of the results should know, gathered from the pieces of a motion."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._limits: tuple[float, float] | None = getattr(scene.pair, "limits", None)
+        self._outside = self._kinks = 0
+        self._first = ""
+
+    def add(self, part: SceneResult) -> None:
+        """Look at one piece."""
+        self._kinks += self._scene.motion.kinks(part.first, part.first + len(part.t))
+        if self._limits is None:
+            return
+        psi = part.known.psi
+        outside = np.flatnonzero((psi < self._limits[0]) | (psi > self._limits[1]))
+        if outside.size and not self._outside:
+            self._first = f"first at t = {instant(part.t[outside[0]])} s (psi = {psi[outside[0]]:.6g} rad)"
+        self._outside += outside.size
+
+    def sentences(self) -> tuple[str, ...]:
+        """The notes."""
+        found, motion = [], self._scene.motion
+        if self._outside and self._limits is not None:
+            lower, upper = self._limits
+            where = f"{self._outside} of {self._scene.samples} instants, {self._first}"
+            found.append(f"psi leaves its limits, {lower:g} to {upper:g} rad, at {where}")
+        if self._kinks:
+            plural = "s" * (self._kinks != 1)
+            found.append(
+                f"kinks or jumps in {self._kinks} interval{plural}; derivatives there are those from the right"
+            )
+        return (*found, motion.doubt) if math.isnan(motion.error_estimate) else tuple(found)
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -394,7 +496,7 @@ def _read_outputs(table: Table, kind: str) -> tuple[str, ...] | None:
     if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
         table.fail("names", 'a list of names such as ["R2", "v2"]')
     with table.naming("names"):
-        return check_outputs(names, kind)
+        return check_outputs(names, kind, COORDINATES)
 
 
 def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:

@@ -115,7 +115,9 @@ class Table(Place):
 
     def integer(self, key: str, smallest: int, largest: int) -> int:
         """The whole number of a key, within limits."""
-        value = self.values.get(key)
+        value: Any = self.values.get(key)
+        if type(value) is float and value.is_integer():
+            value = int(value)
         if type(value) is not int or not smallest <= value <= largest:
             self.fail(key, f"an integer from {smallest} to {largest}")
         return value

@@ -1,0 +1,65 @@
+"""The instants of a scene: evenly spaced ones are worked out where they are needed, however many there are."""
+
+from __future__ import annotations
+
+from typing import Any, Final, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.numeric.arrays import Float64Array
+from hingepair.scenes.tables import Table
+
+Rows: TypeAlias = slice | NDArray[np.intp]
+"""Some of the instants, by their numbers."""
+
+MAX_SAMPLES: Final = 1_000_000_000
+"""Of a scene; what they come to goes into a file block by block."""
+
+
+class Instants(Protocol):
+    """Increasing instants [s]: an array, or what gives arrays."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, rows: Any, /) -> Any: ...
+
+
+class Uniform:
+    """Evenly spaced instants from start to stop: those of `numpy.linspace`, to the bit, in pieces.
+
+    >>> Uniform(0.0, 1.0, 5)[1:3]
+    array([0.25, 0.5 ])
+    >>> Uniform(0.0, 1.0, 5)[-1]
+    np.float64(1.0)
+    """
+
+    def __init__(self, start: float, stop: float, samples: int) -> None:
+        self.start, self.stop, self.samples = start, stop, samples
+
+    def __len__(self) -> int:
+        return self.samples
+
+    def __getitem__(self, rows: int | Rows) -> Any:
+        """One instant, or those of some rows."""
+        if isinstance(rows, slice):
+            numbers: Any = np.arange(*rows.indices(self.samples), dtype=np.float64)
+        else:
+            numbers = np.asarray(rows, dtype=np.float64) % self.samples
+        step = (self.stop - self.start) / max(self.samples - 1, 1)
+        found: Float64Array = numbers * step + self.start
+        last = (numbers == self.samples - 1) & (self.samples > 1)
+        return np.where(last, self.stop, found)[()]
+
+
+def read_instants(time: Table) -> Uniform:
+    """The instants of the table [time].
+
+    Raises:
+        SceneError: a key cannot be used; names it.
+    """
+    time.check_keys(("start", "stop", "samples"))
+    start, stop = time.number("start"), time.number("stop")
+    if not 0 <= stop - start < np.inf:
+        time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
+    return Uniform(start, stop, time.integer("samples", 1, MAX_SAMPLES))

@@ -1,0 +1,189 @@
+"""Motions longer than memory: piece by piece, into files, to the same bits; and the coordinates as results."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.cli.summary import Summary
+from hingepair.scenes.instants import Uniform
+
+MODELS = Path(__file__).parents[2] / "models"
+RUN = (sys.executable, "-c", "from hingepair.cli.main import main; main()", "run")
+PEAK = """
+import resource, sys
+from hingepair.cli.main import main
+try:
+    main()
+finally:
+    print("peak", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)
+"""
+
+
+def long_scene(folder: Path, samples: int | str, model: str = "reference_3d") -> Path:
+    path = folder / f"{model}_{samples}.toml"
+    text = re.sub(r"(?m)^samples = \d+", f"samples = {samples}", (MODELS / f"{model}.toml").read_text())
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "count"), [(0.0, 10.0, 10_001), (-1 / 3, 0.7, 1000), (2.0, 2.0, 3), (5, 9, 1)]
+)
+def test_instants_are_those_of_linspace_in_pieces_too(start, stop, count):
+    found, expected = Uniform(start, stop, count), np.linspace(start, stop, count)
+    np.testing.assert_array_equal(found[:], expected)
+    pieces = np.concatenate([found[i : i + 64] for i in range(0, count, 64)])
+    np.testing.assert_array_equal(pieces, expected)
+    some = np.array([0, count // 2, count - 1])
+    np.testing.assert_array_equal(found[some], expected[some])
+    assert (found[0], found[-1]) == (start, expected[-1])
+
+
+@pytest.mark.parametrize("model", ["reference_2d", "landing_gear", "spinning_satellite", "logged_arm"])
+def test_pieces_are_the_whole_to_the_bit(tmp_path, monkeypatch, model):
+    monkeypatch.setattr("hingepair.scenes.scene.ROWS", 1024)
+    logged = model == "logged_arm"
+    scene = hp.load_scene(MODELS / f"{model}.toml" if logged else long_scene(tmp_path, 5003, model))
+    whole = scene.evaluate()
+    parts = list(scene.blocks())
+    assert sum(len(part.t) for part in parts) == scene.samples == len(whole.t)
+    for name, array in whole.recorded().items():
+        np.testing.assert_array_equal(np.concatenate([part.recorded()[name] for part in parts]), array)
+    at_once, piecewise = Summary(scene), Summary(scene)
+    at_once.add(scene.evaluate())
+    for part in parts:
+        piecewise.add(part)
+    assert piecewise.as_json() == at_once.as_json()
+    assert piecewise.residuals() == at_once.residuals()
+    assert piecewise.notes() == at_once.notes() == scene.notes()
+
+
+def test_kinks_between_pieces_are_counted_once(tmp_path, monkeypatch):
+    path = tmp_path / "kinked.toml"
+    motion = 'x = "abs(t - 1)"\ny = 0\nz = 0\nphi_x = 0\nphi_y = 0\nphi_z = 0\n'
+    psi = "psi = { t = [0.5, 1], value = [0, 1] }\n[time]\nstart = 0\nstop = 2\nsamples = 33\n"
+    path.write_text(
+        f"[pair]\nu1 = [1, 0, 0]\nu2 = [1, 0, 0]\nn = [0, 0, 1]\nlimits = [0, 0.5]\n[motion]\n{motion}{psi}"
+    )
+    scene = hp.load_scene(path)
+    whole = scene.notes()
+    assert len(whole) == 2
+    for rows in (1, 4, 7):
+        monkeypatch.setattr("hingepair.scenes.scene.ROWS", rows)
+        assert scene.notes() == whole
+
+
+def test_what_memory_cannot_hold_says_what_can(tmp_path):
+    scene = hp.load_scene(long_scene(tmp_path, "1e8"))
+    assert scene.samples == 10**8
+    for ask in (scene.evaluate, scene.times, scene.cross_validate):
+        with pytest.raises(
+            hp.ArgumentError, match=r"samples: expected at most 10000000 .*--out FILE\.parquet.*blocks\(\)"
+        ):
+            ask()
+    first = next(scene.blocks(("R2",)))
+    assert (len(first.t), first.first, first.R2.shape) == (131_072, 0, (131_072, 3))
+    with pytest.raises(hp.SceneError, match=r"time\.samples: expected at most 10000000 where rates are integrated"):
+        hp.load_scene(long_scene(tmp_path, 100_000_000, "spinning_satellite"))
+    with pytest.raises(hp.SceneError, match=r"time\.samples"):
+        hp.load_scene(long_scene(tmp_path, 10**12))
+
+
+@pytest.mark.slow
+def test_a_long_run_takes_little_memory(tmp_path):
+    """Ten million instants: their outputs alone are 2.2 GB."""
+    target = tmp_path / "long.parquet"
+    arguments = ["run", str(long_scene(tmp_path, 10_000_000)), "--out", str(target), "--outputs", "v2"]
+    done = subprocess.run([sys.executable, "-c", PEAK, *arguments], capture_output=True, check=True, text=True)
+    (peak,) = re.findall(r"peak (\d+)", done.stderr)
+    assert int(peak) < 700_000  # KiB
+    import pyarrow.parquet
+
+    assert pyarrow.parquet.read_metadata(target).num_rows == 10_000_000
+    assert "E2" in done.stdout
+
+
+@pytest.mark.slow
+def test_a_run_that_is_stopped_leaves_nothing_half_written(tmp_path):
+    target = tmp_path / "out" / "long.csv"
+    target.parent.mkdir()
+    target.write_text("before")
+    arguments = str(long_scene(tmp_path, 10**8)), "--out", str(target)
+    run = subprocess.Popen([*RUN, *arguments], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while len(os.listdir(target.parent)) < 2 and time.monotonic() < deadline:  # the file beside it
+        time.sleep(0.05)
+    run.send_signal(signal.SIGINT)
+    out, err = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert err == f"hingepair: stopped; {target} is not written\n"
+    assert out == ""
+    assert [path.name for path in target.parent.iterdir()] == ["long.csv"]
+    assert target.read_text() == "before"
+
+
+def test_coordinates_are_results(tmp_path):
+    scene = hp.load_scene(long_scene(tmp_path, 11))
+    t = scene.times()
+    result = scene.evaluate()
+    np.testing.assert_allclose(result.psi, 10 * t, rtol=1e-15)
+    np.testing.assert_array_equal(result.qd[:, 3:], np.tile([3.0, 1, 5, 10], (11, 1)))
+    assert (result.q.shape, result.qdd.shape, result.psidd.shape) == ((11, 7), (11, 7), (11,))
+    named = scene.evaluate(("R2", "psi", "qd", "v1"))
+    assert list(named.recorded())[:4] == ["R2", "v1", "psi", "phid_x"]
+    assert set(named.recorded()) == {"R2", "v1", "x", "y", "z", "phi_x", "phi_y", "phi_z"} | {
+        *("psi", "phid_x", "phid_y", "phid_z", "psid")
+    }
+    assert named.qdd is None
+    alone = scene.evaluate(("psidd",))
+    assert alone.state.outputs == ()
+    np.testing.assert_array_equal(alone.psidd, np.zeros(11))
+    assert scene.plan(("q",)).outputs == ()
+
+
+def test_coordinates_in_a_file_are_a_log_of_the_motion(tmp_path):
+    """The names of the columns are those that a log has."""
+    scene = hp.load_scene(long_scene(tmp_path, 31))
+    part = scene.evaluate(("q", "qd", "qdd"))
+    part.save(tmp_path / "log.csv")
+    pair = scene.path.read_text().split("[motion]", maxsplit=1)[0]
+    (tmp_path / "back.toml").write_text(f'{pair}[motion]\nfile = "log.csv"\n')
+    back, there = hp.load_scene(tmp_path / "back.toml").evaluate(), scene.evaluate()
+    for name in there.state.outputs:
+        np.testing.assert_array_equal(back.state[name], there.state[name])
+
+
+def test_coordinates_of_the_plane_and_of_attitudes(tmp_path):
+    flat = hp.load_scene(long_scene(tmp_path, 11, "reference_2d")).evaluate(("R2", "qd"))
+    assert flat.qd.shape == (11, 4)
+    assert {"v1_x", "v1_y", "phid", "psid"} <= set(flat.recorded())
+    turned = hp.load_scene(long_scene(tmp_path, 101, "spinning_satellite"))
+    result = turned.evaluate(("psi", "psid"))
+    assert result.q is None
+    np.testing.assert_array_equal(result.psid, result.known.hinge[1])
+    with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of .*psi, psid, psidd, got 'q'"):
+        turned.evaluate(("q",))
+
+
+def test_run_shows_and_a_scene_names_coordinates(tmp_path):
+    from typer.testing import CliRunner
+
+    from hingepair.cli.main import app
+
+    path = long_scene(tmp_path, 11)
+    path.write_text(path.read_text() + '\n[outputs]\nnames = ["psi", "qd"]\n')
+    shown = CliRunner().invoke(app, ["run", str(path)]).output
+    assert re.search(r"psi +0 +50 +100", shown)
+    assert re.search(r"phid_z +5 +5 +5", shown)
+    done = CliRunner().invoke(app, ["run", str(path), "--outputs", "R9"])
+    assert "psi, psid, psidd" in str(done.exception)

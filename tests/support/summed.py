@@ -1,0 +1,14 @@
+"""What `hingepair run` says of a scene."""
+
+from __future__ import annotations
+
+from hingepair.cli.summary import Summary
+from hingepair.scenes.scene import Scene
+
+
+def summed(scene: Scene) -> Summary:
+    """The summary of all pieces of a scene."""
+    found = Summary(scene)
+    for part in scene.blocks():
+        found.add(part)
+    return found
