@@ -27,6 +27,7 @@ from hingepair.errors import (
     URDFError,
 )
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.dynamics import DynamicsWarning
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
@@ -81,6 +82,7 @@ __all__ = [
     "Box",
     "Cylinder",
     "DtypeError",
+    "DynamicsWarning",
     "FitError",
     "GimbalLockError",
     "HingeFit",

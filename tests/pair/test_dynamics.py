@@ -180,7 +180,7 @@ def test_samples_are_taken_one_by_one_or_together():
 
 def test_what_is_missing_is_named():
     body1 = moving(generator(21))
-    bare = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body1=hp.Body(mass=1))
+    bare = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body1=hp.Body(1, inertia=(1, 1, 1)))
     with pytest.raises(hp.ArgumentError, match=r"pair\.body2: expected mass properties"):
         bare.mass_matrix(body1, 0.0)
     full = massive(generator(22))
@@ -196,8 +196,26 @@ def test_what_is_missing_is_named():
 
 def test_a_motion_without_resistance_is_refused():
     """Body 2 is a rod along the hinge axis, of no thickness to round-off: nothing resists psi."""
-    needle = hp.Body(mass=1, inertia=np.diag([1.0, 1.0, 1e-30]))
-    pair = hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), body1=hp.Body(mass=1), body2=needle)
+    needle = hp.Body(mass=1, inertia=(1, 1, 1e-30))
+    pair = hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), body1=hp.Body(1, inertia=(1, 1, 1)), body2=needle)
     turned = hp.BodyMotion(R=(0, 0, 0), S=rotations(generator(23), 1)[0], omega=(0, 0, 0))
     with pytest.raises(hp.ArgumentError, match=r"pair\.body2"):
         pair.forward_dynamics(turned, 0.3, 0.0)
+
+
+def test_an_inertia_that_was_not_given_is_warned_of_and_shapes_give_one():
+    body1 = moving(generator(24))
+    shaped = hp.Body(mass=3, shapes=[hp.Box((1, 2, 3), (0, 0, 1)), hp.Sphere(0.5, (0, 0, -1))])
+    pair = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body1=shaped, body2=hp.Body(mass=1))
+    with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no inertia is given"):
+        pair.mass_matrix(body1, 0.0)
+    volumes = np.array([6, np.pi / 6])
+    m = 3 * volumes / volumes.sum()
+    middle = (m[0] - m[1]) / 3
+    about = m[0] * (4 + 9) / 12 + m[0] * (1 - middle) ** 2 + 0.4 * m[1] * 0.25 + m[1] * (1 + middle) ** 2
+    np.testing.assert_allclose(shaped.center_of_mass, (0, 0, middle), rtol=0, atol=1e-15)
+    assert shaped.inertia[0, 0] == pytest.approx(about, rel=1e-14)
+    assert shaped.inertia[2, 2] == pytest.approx(m[0] * 5 / 12 + 0.1 * m[1], rel=1e-14)
+    np.testing.assert_allclose(
+        hp.Body(1, shapes=[hp.Cylinder(1, 2, axis=(1, 0, 0))]).inertia.diagonal(), (1 / 2, 7 / 12, 7 / 12)
+    )

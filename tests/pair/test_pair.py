@@ -60,7 +60,7 @@ def test_leading_axes_that_do_not_fit_are_named(shapes, message):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: hp.Body(1, (0, 0, 0), (1, 1, 1)), r"inertia: expected shape \(3, 3\), got shape \(3,\)"),
+        (lambda: hp.Body(1, (0, 0, 0), (1, 1)), r"inertia: expected shape \(3,\), got shape \(2,\)"),
         (lambda: hp.Body("2"), "mass: expected a finite number, got '2'"),
         (lambda: hp.Box(1), r"size: expected shape \(3,\), got shape \(\)"),
         (lambda: hp.Sphere(1, center=np.zeros((2, 3))), r"center: expected shape \(3,\), got shape \(2, 3\)"),

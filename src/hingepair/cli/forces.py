@@ -64,10 +64,6 @@ def forces(
         cells = (f"{value + 0.0:.5g}" for value in row.values())
         table.add_row(name, unit_of(name), *cells, end_section=name.endswith("_z"))
     screen.print(table)
-    bodies = {"body1": scene.space.body1, "body2": scene.space.body2}
-    assumed = [name for name, body in bodies.items() if body is not None and body.inertia_is_assumed]
-    if assumed:
-        screen.print(f"note: {' and '.join(assumed)}: no inertia is given, a radius of gyration of 0.1 m is taken")
     screen.print(f"written: {written}" if written else NOTHING_WRITTEN)
 
 

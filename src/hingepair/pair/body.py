@@ -127,11 +127,13 @@ class Body(Frozen):
 
     Args:
         mass: above zero [kg].
-        center_of_mass: from the body's reference point, body axes [m]; shape (3,).
+        center_of_mass: from the body's reference point, body axes [m]; shape (3,). Unless given, that of the shapes,
+            or else the reference point.
         inertia: about the centre of mass, body axes [kg m^2]; shape (3, 3), symmetric, or three principal moments,
-            shape (3,); those above zero and none above the sum of the other two. Unless given, that of a radius of
-            gyration of 0.1 m, of which dynamics warns.
-        shapes: what a viewer draws: of Box, Cylinder, Sphere. Unless given, an arm to the hinge and half a hinge.
+            shape (3,); those above zero and none above the sum of the other two. Unless given, that of the shapes,
+            or else of a radius of gyration of 0.1 m, of which dynamics warns.
+        shapes: what a viewer draws, and what gives mass its place, at one density and where shapes overlap counted
+            twice: of Box, Cylinder, Sphere. Unless given, an arm to the hinge and half a hinge are drawn.
 
     Raises:
         ArgumentError: a value is not finite, has the wrong shape, or no rigid body has it; names the argument.
@@ -139,6 +141,9 @@ class Body(Frozen):
     >>> import hingepair as hp
     >>> hp.Body(mass=2, center_of_mass=(0.1, 0, 0)).inertia.diagonal().round(6).tolist()
     [0.02, 0.02, 0.02]
+    >>> rod = hp.Body(mass=3, shapes=[hp.Cylinder(radius=0.02, length=2, center=(1, 0, 0), axis=(1, 0, 0))])
+    >>> rod.center_of_mass.tolist(), rod.inertia.diagonal().round(6).tolist()
+    ([1.0, 0.0, 0.0], [0.0006, 1.0003, 1.0003])
     """
 
     mass: float
@@ -149,19 +154,20 @@ class Body(Frozen):
     def __init__(
         self,
         mass: float = 1.0,
-        center_of_mass: ArrayLike = (0.0, 0.0, 0.0),
+        center_of_mass: ArrayLike | None = None,
         inertia: ArrayLike | None = None,
         shapes: Iterable[Shape] = (),
     ) -> None:
         value = _positive("mass", mass)
-        tensor = value * _GYRATION_SQUARED * np.eye(3) if inertia is None else _tensor(inertia)
         if not isinstance(shapes, Iterable):
             raise ArgumentError("shapes", "a sequence of Box, Cylinder and Sphere", quoted(shapes))
         drawn = tuple(shapes)
         for shape in drawn:
             if not isinstance(shape, Shape):
                 raise ArgumentError("shapes", "Box, Cylinder or Sphere", quoted(shape))
-        centre = one_constant("center_of_mass", center_of_mass, 3)
+        middle, spread = _of_shapes(drawn)
+        centre = middle if center_of_mass is None else one_constant("center_of_mass", center_of_mass, 3)
+        tensor = value * spread if inertia is None else _tensor(inertia)
         _freeze(self, mass=value, center_of_mass=centre, inertia=_checked_inertia(tensor), shapes=drawn)
 
     @property
@@ -171,6 +177,29 @@ class Body(Frozen):
 
     def __repr__(self) -> str:
         return _show(self, "mass", "center_of_mass", "inertia", *(["shapes"] if self.shapes else []))
+
+
+def _of_shapes(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Centre of mass of shapes of one density, and inertia about it for each kilogram."""
+    if not shapes:
+        return np.zeros(3), _GYRATION_SQUARED * np.eye(3)
+    volumes, moments = zip(*map(_volume_and_moments, shapes), strict=True)
+    shares, places = np.array(volumes) / sum(volumes), np.array([shape.center for shape in shapes])
+    middle = shares @ places
+    levers = places - middle
+    spread = np.einsum("n,ni,nj->ij", shares, levers, levers) + np.einsum("n,nij->ij", shares, moments)
+    return read_only(middle), np.trace(spread) * np.eye(3) - spread
+
+
+def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
+    """Volume, and the mean of x x^T about the centre, body axes."""
+    if isinstance(shape, Box):
+        return float(shape.size.prod()), (shape.axes * shape.size**2) @ shape.axes.T / 12
+    square = shape.radius**2
+    if isinstance(shape, Sphere):
+        return 4 / 3 * np.pi * shape.radius * square, square / 5 * np.eye(3)
+    along = np.outer(shape.axis, shape.axis)
+    return np.pi * square * shape.length, square / 4 * (np.eye(3) - along) + shape.length**2 / 12 * along
 
 
 def _tensor(inertia: ArrayLike) -> NDArray[np.float64]:

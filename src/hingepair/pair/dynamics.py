@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import operator
+import sys
+import warnings
 from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeAlias
 
@@ -106,6 +108,8 @@ class Momentum(NamedTuple):
 def mass_constants(bodies: Bodies, *needed: str) -> dict[str, Any]:
     """Masses, centres and inertias as constants of the equations.
 
+    Warns of an inertia that is not given.
+
     Raises:
         ArgumentError: a body that is needed has no mass properties; names it.
     """
@@ -120,7 +124,18 @@ def mass_constants(bodies: Bodies, *needed: str) -> dict[str, Any]:
         values[f"m{digit}"] = body.mass
         values[f"c{digit}"] = tuple(body.center_of_mass.tolist())
         values[f"I{digit}"] = tuple(body.inertia.ravel().tolist())
+        if body.inertia_is_assumed:
+            text = f"pair.{name}: no inertia is given, a radius of gyration of 0.1 m is taken"
+            warnings.warn(f"{text}; Body(inertia=...) or Body(shapes=...) gives it", DynamicsWarning, _caller())
     return values
+
+
+def _caller() -> int:
+    """How far up the code stands that calls this package."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("hingepair."):
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 def _both(one: Any, two: Any) -> tuple[Any, Any]:

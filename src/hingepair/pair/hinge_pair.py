@@ -296,9 +296,10 @@ class HingePair:
 
         >>> import numpy as np
         >>> import hingepair as hp
-        >>> pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=hp.Body(mass=2), body2=hp.Body(mass=3))
+        >>> body = hp.Body(mass=2, inertia=(1, 1, 1))
+        >>> pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=body, body2=body)
         >>> pair.mass_matrix(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).diagonal().round(12).tolist()
-        [5.0, 5.0, 5.0, 0.05, 12.05, 12.05, 3.03]
+        [4.0, 4.0, 4.0, 2.0, 10.0, 10.0, 3.0]
         """
         return dynamics.mass_matrix(self.constants, (self.body1, self.body2), body1, psi)
 
@@ -327,11 +328,12 @@ class HingePair:
 
         >>> import numpy as np
         >>> import hingepair as hp
-        >>> pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body1=hp.Body(mass=2), body2=hp.Body(mass=3))
+        >>> body = hp.Body(mass=2, inertia=(1, 1, 1))
+        >>> pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body1=body, body2=body)
         >>> still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0), a=(0, 0, 0), alpha=(0, 0, 0))
         >>> forces = pair.inverse_dynamics(still, psi=0.0, psid=0.0, psidd=0.0)
         >>> forces.force1.round(9).tolist(), forces.hinge_torque.round(9).tolist()
-        ([0.0, 0.0, 49.05], -29.43)
+        ([0.0, 0.0, 39.24], -19.62)
         """
         bodies = (self.body1, self.body2)
         return dynamics.inverse_dynamics(self.constants, bodies, body1, psi, psid, psidd, gravity)
@@ -372,7 +374,8 @@ class HingePair:
 
         >>> import numpy as np
         >>> import hingepair as hp
-        >>> pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body1=hp.Body(mass=2), body2=hp.Body(mass=3))
+        >>> body = hp.Body(mass=2, inertia=(1, 1, 1))
+        >>> pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body1=body, body2=body)
         >>> still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0))
         >>> found = pair.forward_dynamics(still, psi=0.3, psid=0.0)  # nothing acts but gravity: both bodies fall
         >>> found.a1.round(9).tolist(), abs(round(float(found.psidd), 9))
@@ -398,10 +401,11 @@ class HingePair:
 
         >>> import numpy as np
         >>> import hingepair as hp
-        >>> pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body2=hp.Body(mass=3))
+        >>> body = hp.Body(mass=2, inertia=(1, 1, 1))
+        >>> pair = hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body2=body)
         >>> still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0), a=(0, 0, 0), alpha=(0, 0, 0))
         >>> pair.hinge_wrench(still, psi=0.0, psid=0.0, psidd=0.0).force.round(9).tolist()
-        [0.0, 0.0, 29.43]
+        [0.0, 0.0, 19.62]
         """
         bodies = (self.body1, self.body2)
         return dynamics.hinge_wrench(self.constants, bodies, body1, psi, psid, psidd, gravity)
@@ -419,10 +423,11 @@ class HingePair:
 
         >>> import numpy as np
         >>> import hingepair as hp
-        >>> pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=hp.Body(mass=2), body2=hp.Body(mass=3))
+        >>> body = hp.Body(mass=2, inertia=(1, 1, 1))
+        >>> pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=body, body2=body)
         >>> body1 = hp.BodyMotion(R=(0, 0, 2), S=np.eye(3), v=(1, 0, 0), omega=(0, 0, 0))
         >>> [round(float(part), 9) for part in pair.energy(body1, psi=0.0, psid=0.0)]
-        [2.5, 98.1]
+        [2.0, 78.48]
         """
         return dynamics.energy(self.constants, (self.body1, self.body2), body1, psi, psid, gravity)
 
@@ -433,10 +438,11 @@ class HingePair:
 
         >>> import numpy as np
         >>> import hingepair as hp
-        >>> pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=hp.Body(mass=2), body2=hp.Body(mass=3))
+        >>> body = hp.Body(mass=2, inertia=(1, 1, 1))
+        >>> pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=body, body2=body)
         >>> body1 = hp.BodyMotion(R=(0, 0, 2), S=np.eye(3), v=(1, 0, 0), omega=(0, 0, 0))
         >>> pair.momentum(body1, psi=0.0, psid=0.0).linear.tolist()
-        [5.0, 0.0, 0.0]
+        [4.0, 0.0, 0.0]
         """
         return dynamics.momentum(self.constants, (self.body1, self.body2), body1, psi, psid)
 
