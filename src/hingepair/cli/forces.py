@@ -14,9 +14,10 @@ from rich.table import Table
 from hingepair.cli.output import NOTHING_WRITTEN, Json, console
 from hingepair.cli.run import SceneFile, head
 from hingepair.errors import ArgumentError
+from hingepair.numeric.notebook import unit_of
 from hingepair.numeric.tables import finite_or_none
 from hingepair.pair.dynamics import GRAVITY
-from hingepair.pair.results import ENDINGS, Record, check_ending, column_names, unit_of
+from hingepair.pair.results import ENDINGS, Record, check_ending, column_names
 from hingepair.scenes.scene import load_scene, scene_files
 
 _GRAVITY = ",".join(f"{component:g}" for component in GRAVITY)

@@ -16,6 +16,7 @@ from hingepair.measured.likelihood import LOSSES, judged, most_likely, without_b
 from hingepair.measured.relative_poses import closed_form, closed_form_of_most, relative_poses
 from hingepair.measured.rules import GAUGES, derivatives, in_gauge, offset, shortest_turn, signed
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, check_choice, read_only, real_array
+from hingepair.numeric.notebook import Sheet, Shown, cell, unit_of
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import rotation_vector
@@ -32,7 +33,7 @@ _FEW = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class HingeFit:
+class HingeFit(Shown):
     """The hinge of two recorded motions, how sure it is, and what it leaves.
 
     Attributes:
@@ -130,6 +131,10 @@ class HingeFit:
 
     def __repr__(self) -> str:
         return f"HingeFit({self.samples} samples, {self._left()}, {'ok' if self.ok else 'not ok'})"
+
+    def _sheet(self) -> Sheet:
+        rows = [(name, cell(getattr(self.pair, name)), cell(std), unit_of(name)) for name, std in self.std.items()]
+        return Sheet(repr(self), (("", "value", "standard deviation", "unit"), *rows), self.findings)
 
     def to_json(self) -> str:
         """The hinge, its standard deviations and the findings as JSON."""

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
+from hingepair.numeric.notebook import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, constraints, derivatives, dynamics, residuals
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
@@ -27,7 +28,7 @@ from hingepair.pair.states import PairState
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class HingePair:
+class HingePair(Shown):
     """Two rigid bodies joined by a hinge: R1 + S1 u1 = R2 + S2 u2 (E1), turning apart about n only (E2).
 
     Values are copied in and read-only; `dataclasses.replace(pair, u1=...)` gives a pair with another u1. u1, u2, n
@@ -118,6 +119,11 @@ class HingePair:
         given = ((key, getattr(self, key)) for key in ("limits", "torque_limit", "rate_limit", "body1", "body2"))
         extras = "".join(f", {key}={value!r}" for key, value in given if value is not None)
         return f"HingePair({', '.join(parts)}, name={self.name!r}{extras})"
+
+    def _sheet(self) -> Sheet:
+        names = ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit")
+        masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
+        return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses])
 
     def forward_kinematics(
         self,

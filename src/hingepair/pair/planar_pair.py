@@ -13,6 +13,7 @@ from hingepair.evaluation.backend import choose
 from hingepair.evaluation.steps import PLANAR_COORDINATES
 from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, real_array, vectors
 from hingepair.numeric.blocks import components_of, numbers
+from hingepair.numeric.notebook import Sheet, Shown, sheet_of
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.accuracy import planar_error_bounds
 from hingepair.pair.body import Body
@@ -29,7 +30,7 @@ PLANAR_GRAVITY = (0.0, -9.81)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class PlanarPair:
+class PlanarPair(Shown):
     """Two bodies in a plane joined by a pin: R1 + S1 u1 = R2 + S2 u2, phi2 = phi + psi (E11).
 
     The spatial pair with n = e_z, in two coordinates. Values are copied in and read-only;
@@ -86,6 +87,10 @@ class PlanarPair:
         given = ((key, getattr(self, key)) for key in ("body1", "body2"))
         bodies = "".join(f", {key}={body!r}" for key, body in given if body is not None)
         return f"PlanarPair(u1={self.u1.tolist()}, u2={self.u2.tolist()}, name={self.name!r}{bodies})"
+
+    def _sheet(self) -> Sheet:
+        masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
+        return sheet_of(self.name, [("u1", self.u1), ("u2", self.u2), *masses])
 
     def forward_kinematics(
         self,

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only, real_array
+from hingepair.numeric.notebook import Sheet, Shown
 from hingepair.numeric.tables import aligned, finite_or_none, left_out
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
@@ -72,7 +73,7 @@ class ResidualCheck:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Residuals(Frozen):
+class Residuals(Frozen, Shown):
     """How far two motions are from one hinge (E1, E2), and the hinge angle between them.
 
     Everything is float64 and read-only; None where the motions do not hold what it takes. The components of the tilt
@@ -165,6 +166,9 @@ class Residuals(Frozen):
 
     def __repr__(self) -> str:
         return f"Residuals(shape={self.shape}, {self.verdict})"
+
+    def _sheet(self) -> Sheet:
+        return Sheet(self.name, (_HEADER, *(row._cells() for row in self.rows)), (self.verdict,))
 
     def to_json(self) -> str:
         """The report, without the arrays, as JSON; a number that is not finite is null."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
+from hingepair.numeric.notebook import Sheet, Shown, unit_of
 from hingepair.numeric.whole_file import whole_file
 
 ROWS: Final = 131072
@@ -23,23 +24,12 @@ MOST_HELD: Final = 10_000_000
 
 _AXES = "xyz"
 _TEXT_ROWS = 8192
-_UNITS = {
-    **dict.fromkeys(("t",), "s"),
-    **dict.fromkeys(("R", "d", "x", "y", "z", "gap"), "m"),
-    **dict.fromkeys(("phi", "psi", "tilt"), "rad"),
-    "v": "m/s",
-    "a": "m/s^2",
-    **dict.fromkeys(("omega", "phid", "psid"), "rad/s"),
-    **dict.fromkeys(("alpha", "phidd", "psidd"), "rad/s^2"),
-    **dict.fromkeys(("force", "hinge_force"), "N"),
-    **dict.fromkeys(("torque", "hinge_torque", "bearing_torque"), "N m"),
-}
 
 Add: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None]
 """Takes some instants, and what was found at them by name."""
 
 
-class Result:
+class Result(Shown):
     """Arrays over instants, as tables that other tools read. Its kinds have `t`, `recorded()` and `described`."""
 
     __slots__ = ()
@@ -54,6 +44,11 @@ class Result:
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Everything that is kept, by name; shape (N, ...)."""
         raise NotImplementedError
+
+    def _sheet(self) -> Sheet:
+        rows = [(name, str(array.shape[1:] or ""), unit_of(name)) for name, array in self.recorded().items()]
+        title = f"{self.described}: {len(self.t)} instants"
+        return Sheet(title, (("", "shape of one", "unit"), ("t", "", "s"), *rows))
 
     def to_dataframe(self) -> Any:
         """A pandas DataFrame, one column a component: t, R2_x, R2_y, ..., S2_xx, ..., psi; units in its `attrs`.
@@ -178,16 +173,6 @@ def check_ending(path: Path) -> None:
     """
     if path.suffix.lower() not in _WRITERS:
         raise ArgumentError("out", f"a file name that ends in {', '.join(ENDINGS)}", quoted(str(path)))
-
-
-def unit_of(name: str) -> str:
-    """The unit of an output, or of one of its components.
-
-    >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
-    ('rad/s', 'm', '1', 'N m')
-    """
-    vector = name.rpartition("_")[0]
-    return _UNITS.get(name.rstrip("12")) or _UNITS.get(vector.rstrip("12"), "1")
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from hingepair.evaluation.plan import SPATIAL, outputs_of
 from hingepair.numeric.arrays import FloatArray, read_only
+from hingepair.numeric.notebook import Sheet, Shown, sheet_of
 
 Layout: TypeAlias = Mapping[str, tuple[int, int, tuple[int, ...]] | None]
 """Where each output stands in the buffer, and its shape; None of one that is an array of its own."""
 
 
-class State:
+class State(Shown):
     """What was computed at every sample, by name."""
 
     __slots__ = ("_content",)
@@ -86,6 +87,9 @@ class State:
     def __repr__(self) -> str:
         names = ", ".join(self.outputs)
         return f"{type(self).__name__}(shape={self.shape}, outputs=({names}))"
+
+    def _sheet(self) -> Sheet:
+        return sheet_of(f"{type(self).__name__}, shape {self.shape}", self.arrays().items())
 
     def __reduce__(self) -> tuple[type[Self], tuple[dict[str, FloatArray], tuple[int, ...]]]:
         return type(self), (self.arrays(), self.shape)

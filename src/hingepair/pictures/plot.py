@@ -8,7 +8,7 @@ import numpy as np
 
 from hingepair.errors import MissingDependencyError
 from hingepair.integration.trajectory import continuous
-from hingepair.pair.results import unit_of
+from hingepair.numeric.notebook import unit_of
 from hingepair.pictures.frames import Array, Frames, Source, frames_of
 from hingepair.rotations.euler import matrix_to_euler
 

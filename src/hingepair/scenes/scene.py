@@ -17,6 +17,7 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, check_outputs, outputs_of
 from hingepair.integration.trajectory import span
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
+from hingepair.numeric.notebook import Sheet, Shown, cell
 from hingepair.numeric.tables import instant
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
@@ -152,8 +153,8 @@ class SceneResult(Frozen, Result):
         return [*object.__dir__(self), *COORDINATES, *state]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Scene(Shown):
     """A pair, its motion, and the instants to evaluate it at.
 
     Attributes:
@@ -171,6 +172,23 @@ class Scene:
     motion: Motion
     outputs: tuple[str, ...] | None
     constants: Mapping[str, float]
+
+    def __repr__(self) -> str:
+        return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self._span()})"
+
+    def _span(self) -> str:
+        return f"{instant(self.start)}..{instant(self.stop)}"
+
+    def _sheet(self) -> Sheet:
+        rows = [
+            ("pair", self.pair.name, ""),
+            ("motion", f"{self.motion.origin}; {self.motion.turning}", ""),
+            ("instants", str(self.samples), ""),
+            ("t", self._span(), "s"),
+            ("outputs", ", ".join(self.outputs or ("all of body 2",)), ""),
+            *((name, cell(value), "") for name, value in self.constants.items()),
+        ]
+        return Sheet(self.title, (("", "value", "unit"), *rows))
 
     @property
     def space(self) -> HingePair:

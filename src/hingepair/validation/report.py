@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import printable
+from hingepair.numeric.notebook import Sheet, Shown
 from hingepair.numeric.tables import aligned, finite_or_none, left_out
 from hingepair.pair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, PROMISES
 
@@ -74,8 +75,8 @@ class Comparison:
         return cls(output, float(np.nanmax(error)), float(ratio[worst]), where, int(compared.sum()))
 
 
-@dataclass(frozen=True, slots=True)
-class CrossValidation:
+@dataclass(frozen=True, slots=True, repr=False)
+class CrossValidation(Shown):
     """The equations against Pinocchio.
 
     Attributes:
@@ -129,6 +130,13 @@ class CrossValidation:
         title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel (in full: .rows, --json)"
         return "\n".join((title, *aligned(lines, {1, 2, 3, 4, 5}), unit, self.verdict))
+
+    def __repr__(self) -> str:
+        return f"CrossValidation({self.name!r}, {self.verdict})"
+
+    def _sheet(self) -> Sheet:
+        title = f"{self.name}: the equations against Pinocchio"
+        return Sheet(title, (_HEADER, *map(_cells, self.rows)), (self.verdict,))
 
     def to_json(self) -> str:
         """The report as JSON; a number that is not finite is null."""
