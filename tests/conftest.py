@@ -57,9 +57,12 @@ def ledger(request, record_property):
     return record
 
 
-@pytest.fixture(params=["numpy", "compiled"])
+@pytest.fixture(params=["numpy", pytest.param("compiled", marks=pytest.mark.slow)])
 def each_backend(request, monkeypatch):
-    """Every call that does not name a backend goes to this one."""
+    """Every call that does not name a backend goes to this one.
+
+    In the fast loop that is NumPy, but for evaluation/test_compiled.py: each kernel takes a tenth of a second.
+    """
     choose = hingepair.pair.hinge_pair.choose
 
     def forced(backend, workers):

@@ -40,7 +40,7 @@ def few(monkeypatch):
 @pytest.fixture(scope="module")
 def ordinary():
     return {
-        level: truth.Truth(peers.CONSTANTS, truth.random_states(generator(80), 5, parts), LEVELS[level])
+        level: truth.Truth(peers.CONSTANTS, truth.random_states(generator(80), 3, parts), LEVELS[level])
         for parts, level in enumerate(LEVELS, 1)
     }
 
@@ -52,7 +52,7 @@ def hard():
 
 def test_the_truth_is_that_of_the_tests():
     """Two routes, differences in time and Taylor series, meet in 40 digits."""
-    states = (*truth.random_states(generator(79), 3, 3), *truth.hard_states(generator(79), 3))
+    states = (*truth.random_states(generator(79), 1, 3), *truth.hard_states(generator(79), 3))
     for motion in (states[:3], states[3:]):
         constants = [np.array(peers.CONSTANTS[key]) for key in ("u1", "u2", "n", "home")]
         expected = from_euler(constants, *motion)
@@ -68,7 +68,7 @@ def test_the_truth_is_that_of_the_tests():
 def _cases():
     for way in MEASURED:
         for level in LEVELS:
-            slow = way.needs == "jax" and level != "pose"
+            slow = way.needs == "jax" or level == "velocity"
             yield pytest.param(way, level, marks=[pytest.mark.slow] * slow, id=f"{way.name}-{level}")
 
 
@@ -134,6 +134,7 @@ def test_rows_are_medians_of_one_run_and_ratios_to_the_first():
     assert all(0 < row.least <= row.seconds for row in rows)
 
 
+@pytest.mark.slow
 def test_direct_prints_writes_and_draws(few, tmp_path):  # noqa: ARG001
     picture = tmp_path / "b.png"
     done = run("direct", "--sizes", "1,2", "--levels", "pose", "--repeats", "1", "--no-cold", "--plot", str(picture))
@@ -241,6 +242,7 @@ def test_the_cpp_loop_computes_the_truth(ordinary):
         assert direct.errors(PAIR, [way], ordinary[level])[way.name] < 20
 
 
+@pytest.mark.slow
 def test_skip_compares_every_program_with_the_whole_one():
     done = run("skip", "--samples", "50", "--repeats", "1", "--json")
     found = json.loads(done.stdout)["rows"]

@@ -31,6 +31,7 @@ def test_theerror_of_column_sees_anerror_of():
     assert bench.error_of(truth._replace(u1=truth.u1 + truth.n)) < 1e-15  # along the axis it is free
 
 
+@pytest.mark.slow
 def test_the_command_prints_rows_and_targets():
     done = CliRunner().invoke(app, ["bench", "fit", "--sizes", "50", "--repeats", "1", "--json"])
     assert done.exit_code == 0, done.output

@@ -48,6 +48,7 @@ def test_the_error_column_sees_an_error(spin):
     assert spin.error(quats, exact) == math.inf
 
 
+@pytest.mark.slow
 def test_integrate_prints_writes_and_draws(tmp_path, monkeypatch):
     some = tuple(
         way._replace(finenesses=(1e-2, 1e-4) if way.solver else (500.0, 1000.0))

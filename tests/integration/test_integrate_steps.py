@@ -16,6 +16,7 @@ from hingepair.integration.methods import RULES
 from hingepair.integration.signals import Function
 from hingepair.integration.stepping import divided
 from support.reference import DIGITS
+from support.sparse import sparse
 from support.spins import U
 from support.states import generator
 
@@ -50,7 +51,9 @@ def true_error(motion, whole, instants=600):
     return worst
 
 
-@pytest.mark.parametrize(("samples", "tol"), [(2, 1e-11), (11, 1e-11), (101, 5e-12), (1001, None), (5001, None)])
+@pytest.mark.parametrize(
+    ("samples", "tol"), sparse([(2, 1e-11), (11, 1e-11), (101, 5e-12), (1001, None), (5001, None)], 3)
+)
 def test_error_estimate_knows_the_rounding_of_fast_motion(samples, tol):
     """22026 rad, the fastest of them at last: u times that is what can be had."""
     t = np.linspace(0, 10, samples)
@@ -63,7 +66,7 @@ def test_error_estimate_knows_the_rounding_of_fast_motion(samples, tol):
     assert off / 2 <= motion.psi_error_estimate <= 30 * off
 
 
-@pytest.mark.parametrize("count", [600, 20_000])
+@pytest.mark.parametrize("count", sparse([600, 20_000], 2))
 @pytest.mark.parametrize("late", [0.0, 1e4])
 def test_error_estimate_knows_the_rounding_of_instants(late, count):
     """Nodes are rounded in proportion to t, the more the later they are, on probes too."""
@@ -145,8 +148,8 @@ def kinked(order, at):
 
 
 @pytest.mark.parametrize("order", [0, 1], ids=["jump", "kink"])
-@pytest.mark.parametrize("count", [2, 11, 101, 12_001])
-@pytest.mark.parametrize("method", RULES)
+@pytest.mark.parametrize("count", sparse([2, 11, 101, 12_001], 3))
+@pytest.mark.parametrize("method", sparse(RULES, 3))
 def test_a_jump_of_a_callable_is_seen(method, count, order):
     """Wherever it is, also where rules of few nodes agree by chance; on more intervals than are looked at, too."""
     t = np.linspace(0, 1, count)
@@ -188,7 +191,7 @@ def uneven_instants(kind, random):
     return 20 * t / t[-1]
 
 
-@pytest.mark.parametrize("tol", [None, 1e-6, 1e-9])
+@pytest.mark.parametrize("tol", sparse([1e-6, None, 1e-9], 3))
 @pytest.mark.parametrize("kind", ["any", "all sizes", "few long ones", "late ones", "growing"])
 def test_uneven_intervals_that_are_not_looked_at(kind, tol):
     """The step that a tolerance asks for is a length, whatever the length of the intervals."""
@@ -235,7 +238,7 @@ def random_rate(random, kinds=9, largest=7):
     return rates[random.integers(kinds)]
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", sparse(range(20), 5))
 @pytest.mark.parametrize("wild", [False, True], ids=["tame", "wild"])
 def test_steps_are_counted_for_any_rate(wild, seed, monkeypatch):
     """Wild rates over spans up to 1e6 may be refused, in our words; of tame ones the steps are within the bound."""
@@ -288,6 +291,7 @@ def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, m
         hp.load_scene(tmp_path / "my.toml")
 
 
+@pytest.mark.slow
 def test_a_corner_costs_some_forty_steps(tmp_path):
     """Jumps, kinks and a root, to the last digits of what a scene aims at, though steps there are ever shorter."""
     rates = {

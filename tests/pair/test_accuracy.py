@@ -62,7 +62,7 @@ def test_random_states_of_one_pair(ledger):
     require(truth, one_by_one(pair, motion), ledger, "one_by_one")
 
 
-@pytest.mark.parametrize("sequence", sparse(["ZYX", "zyx", "XZY", "ZXZ", "zxz", "YXY", "xyz", "yzy"], 4))
+@pytest.mark.parametrize("sequence", sparse(["ZYX", "zyx", "XZY", "ZXZ", "zxz", "YXY", "xyz", "yzy"], 8))
 def test_other_sequences(sequence, ledger):
     rng = states.generator(3)
     constants, motion = states.pair(rng), states.coordinates(rng, 25)

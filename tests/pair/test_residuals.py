@@ -11,6 +11,7 @@ import pytest
 import hingepair as hp
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from support.hinged import LETTERS, bodies, made, only, pair_of
+from support.sparse import sparse
 from support.states import coordinates, generator, hard_states
 from support.states import pair as random_pair
 
@@ -28,7 +29,7 @@ VARIANTS = {
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32], ids=["f64", "f32"])
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+@pytest.mark.parametrize("backend", sparse(["numpy", "compiled"], 2))
 def test_motion_of_the_library_passes(variant, dtype, backend):
     """With a factor of four to spare."""
     changes, fixed = VARIANTS[variant]
