@@ -67,12 +67,13 @@ def module_of(source: Path) -> str:
 
 
 TREES = {module_of(source): ast.parse(source.read_text()) for source in SOURCES}
+NODES = {module: list(ast.walk(tree)) for module, tree in TREES.items()}
 
 
-def imported_by(tree: ast.Module) -> set[str]:
+def imported_by(module: str) -> set[str]:
     """The modules of the package that a module imports, in functions too."""
     found = set()
-    for node in ast.walk(tree):
+    for node in NODES[module]:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hingepair"):
             rooms = {f"{node.module}.{one.name}" for one in node.names}
             found |= rooms & TREES.keys() or {str(node.module)}
@@ -82,7 +83,7 @@ def imported_by(tree: ast.Module) -> set[str]:
 
 
 def test_imports_run_downwards_and_in_no_circle() -> None:
-    graph = {module: imported_by(tree) - {"hingepair"} for module, tree in TREES.items() if module not in OUTSIDE}
+    graph = {module: imported_by(module) - {"hingepair"} for module in TREES if module not in OUTSIDE}
     graphlib.TopologicalSorter(graph).prepare()
     wing = {module: module.split(".")[1] for module in graph}
     below = {(wing[m], wing[seen]) for m, those in graph.items() for seen in those if wing[m] != wing[seen]}
@@ -96,13 +97,13 @@ def test_imports_run_downwards_and_in_no_circle() -> None:
 
 def test_no_module_reads_private_names_of_another() -> None:
     private = {
-        module: {name for node in ast.walk(tree) for name in names_made_by(node) if re.match("_[^_]", name)}
-        for module, tree in TREES.items()
+        module: {name for node in nodes for name in names_made_by(node) if re.match("_[^_]", name)}
+        for module, nodes in NODES.items()
     }
     somewhere = set().union(*private.values())
-    for module, tree in TREES.items():
-        read = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-        read |= {one.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for one in node.names}
+    for module, nodes in NODES.items():
+        read = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+        read |= {one.name for node in nodes if isinstance(node, ast.ImportFrom) for one in node.names}
         assert not (read & somewhere) - private[module], module
 
 
@@ -117,7 +118,7 @@ def names_made_by(node: ast.AST) -> Iterator[str]:
 
 
 def test_no_assert() -> None:
-    found = [(m, node.lineno) for m, tree in TREES.items() for node in ast.walk(tree) if isinstance(node, ast.Assert)]
+    found = [(m, node.lineno) for m, nodes in NODES.items() for node in nodes if isinstance(node, ast.Assert)]
     assert not found
 
 

@@ -215,6 +215,7 @@ def test_a_closed_pipe_is_no_failed_check(short_scene: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["run", *(pytest.param(c, marks=pytest.mark.slow) for c in ("urdf", "check"))])
+@pytest.mark.slow
 def test_output_that_nobody_takes_is_said_with_exit_2(short_scene: Path, command: str) -> None:
     done = shell(f"hingepair {command} {short_scene} > /dev/full")
     assert done.stderr == b"hingepair: standard output: No space left on device\n"

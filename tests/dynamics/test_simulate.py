@@ -47,6 +47,7 @@ def test_a_pendulum_swings_as_jacobi_says(tol):
     assert error <= 3 * swing.psi_error_estimate + 1e-13
 
 
+@pytest.mark.slow
 def test_a_symmetric_top_precesses():
     """Two bodies of one axis, which is the hinge's: body 1 precesses about the angular momentum, uniformly."""
     transverse, axial = 0.8, 0.3
@@ -97,6 +98,7 @@ def test_a_free_pair_keeps_its_momenta_and_its_energy(seed):
     assert np.ptp(energy) <= 2e-13 * energy.max()
 
 
+@pytest.mark.slow
 def test_forces_are_found_again_from_the_motion():
     rng = generator(31)
     pair, start = heavy(rng), thrown(rng)

@@ -67,7 +67,7 @@ def test_every_output_alone(name):
     both(pair_of(rng), *coordinates(rng, 20), outputs=(name,))
 
 
-@pytest.mark.parametrize("count", [1, 2, LANES - 1, LANES, LANES + 1, 3 * LANES, 1000])
+@pytest.mark.parametrize("count", sparse([LANES + 1, 1, LANES, LANES - 1, 1000, 2, 3 * LANES], 3))
 def test_every_count_around_the_block(count):
     rng = generator(62)
     one, motion = pair_of(rng), coordinates(rng, count)
@@ -92,15 +92,20 @@ def test_given_attitude():
     np.testing.assert_array_equal(again.S2, found[1].S2)
 
 
-def test_tuples_of_anything_that_broadcasts():
-    rng = generator(64)
-    one, t = pair_of(rng), rng.normal(size=300)
-    both(one, (t, 1, 0.5, t, 0.25, np.float64(2), t), (1.0, 0.0, t, 1, 2, 3, t))
-    both(one, (t[:, None], t[:7], 0.5, 0.1, t[:7], t[:, None], 1), outputs=NAMES[:3])
-    both(one, (t[:5, None, None], 1, t[:4, None], 0, t[:6], 0, 0.5))
-    both(one, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, t))
-    both(one, (t[:1], 0.2, 0.3, t[:1, None], 0.5, 0.6, 0.7), (0.0, t[:1], 1, 2, 3, 4, 5))
-    both(one, (0.1, 0.2, 0.3, t, 0.5, 0.6, 0.7), (1, 2, 3, 4, 5, 6, 7), (1, 2, 3, 4, 5, 6, t), outputs=NAMES)
+T = generator(64).normal(size=300)
+TUPLES = {
+    "columns and rows": ((T[:, None], T[:7], 0.5, 0.1, T[:7], T[:, None], 1),),
+    "numbers of many kinds": ((T, 1, 0.5, T, 0.25, np.float64(2), T), (1.0, 0.0, T, 1, 2, 3, T)),
+    "three axes": ((T[:5, None, None], 1, T[:4, None], 0, T[:6], 0, 0.5),),
+    "one that moves": ((0.1, 0.2, 0.3, 0.4, 0.5, 0.6, T),),
+    "axes of one": ((T[:1], 0.2, 0.3, T[:1, None], 0.5, 0.6, 0.7), (0.0, T[:1], 1, 2, 3, 4, 5)),
+    "one in each": ((0.1, 0.2, 0.3, T, 0.5, 0.6, 0.7), (1, 2, 3, 4, 5, 6, 7), (1, 2, 3, 4, 5, 6, T)),
+}
+
+
+@pytest.mark.parametrize("kind", sparse(TUPLES, 4))
+def test_tuples_of_anything_that_broadcasts(kind):
+    both(pair_of(generator(65)), *TUPLES[kind])
 
 
 def test_any_layout():

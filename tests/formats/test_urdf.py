@@ -42,7 +42,7 @@ def random_pair(k):
 
 
 def test_pinocchio_reads_the_same_pair_from_urdf():
-    for k in range(60):
+    for k in range(20):
         rng, pair = states.generator(81, k), random_pair(k)
         R, S, v, omega, a, alpha = states.body1(rng, 5)
         body1 = BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
@@ -58,7 +58,7 @@ def test_pinocchio_reads_the_same_pair_from_urdf():
 
 
 def test_what_was_written_is_read_back():
-    for k in range(100):
+    for k in range(30):
         pair = random_pair(k)
         back = from_urdf(to_urdf(pair), "hinge", body2_frame="body2")
         assert np.array_equal(back.u1, pair.u1)

@@ -13,6 +13,7 @@ from hingepair.evaluation.backend import How
 from hingepair.integration.methods import RULES, runge_kutta4
 from hingepair.integration.stepping import RADIX, ROTATIONS, SLAB
 from support.reference import DIGITS
+from support.sparse import sparse
 from support.spins import REFERENCE, SPINS, TURNED, U
 from support.states import generator, rotations
 
@@ -90,9 +91,9 @@ def test_body_axes_are_world_axes_turned(method):
     assert TURNED.error(t[::10], sharp.S1) <= tol
 
 
-@pytest.mark.parametrize("how", [How("numpy", 1), How("compiled", 1)], ids=["numpy", "compiled"])
+@pytest.mark.parametrize("backend", sparse(["numpy", "compiled"], 2))
 @pytest.mark.parametrize(("size", "bound"), [(1.0, 100), (1e-2, 8)])
-def test_the_tree_is_the_product_in_order(size, bound, how):
+def test_the_tree_is_the_product_in_order(size, bound, backend):
     """All products of the first factors against one multiplication after the other, in the order of time.
 
     Of small rotations the rounding is as small, but for that of the few products that make large ones of them.
@@ -103,7 +104,7 @@ def test_the_tree_is_the_product_in_order(size, bound, how):
     factors /= np.sqrt((factors**2).sum(axis=0))
     rows = ROTATIONS.room(factors.shape[1])
     rows[: factors.shape[1]] = factors.T
-    ROTATIONS.run(rows, ROTATIONS.neutral, how)
+    ROTATIONS.run(rows, ROTATIONS.neutral, How(backend, 1))
     product = np.array([1.0, 0, 0, 0], dtype=np.longdouble)
     for k, factor in enumerate(factors.T):
         product = _times(factor.astype(np.longdouble), product)

@@ -123,7 +123,7 @@ def test_lengths_of_steps_add_up():
 @pytest.mark.parametrize(
     ("method", "at"),
     [
-        *((m, at) for at in generator(161).uniform(0.5, 9.5, 4).tolist() for m in ("magnus6", "cf4")),
+        *sparse([(m, at) for at in generator(161).uniform(0.5, 9.5, 4).tolist() for m in ("magnus6", "cf4")], 4),
         pytest.param("euler_angles", 3.3, marks=pytest.mark.slow),
     ],
 )
@@ -256,13 +256,24 @@ def test_steps_are_counted_for_any_rate(wild, seed, monkeypatch):
         assert max(motion.error_estimate, motion.psi_error_estimate) <= 1e-3
 
 
+def growing(t):
+    return np.sin(t), 0.5 * np.cos(2 * t), 1 + 0.2 * t
+
+
+def steady(t):
+    return np.sin(t), np.cos(t), 1 + 0 * t
+
+
 @pytest.mark.parametrize(
     ("omega", "psid", "stop", "samples"),
-    [
-        (lambda t: (np.sin(t), 0.5 * np.cos(2 * t), 1 + 0.2 * t), lambda t: 2 * np.cos(3 * t), 100, 2),
-        (lambda t: (np.sin(t), 0.5 * np.cos(2 * t), 1 + 0.2 * t), lambda t: 2 * np.cos(3 * t), 300, 11),
-        (lambda t: (np.sin(t), np.cos(t), 1 + 0 * t), lambda t: np.sin(3 * t), 1000, 11),
-    ],
+    sparse(
+        [
+            (growing, lambda t: 2 * np.cos(3 * t), 100, 2),
+            (growing, lambda t: 2 * np.cos(3 * t), 300, 11),
+            (steady, lambda t: np.sin(3 * t), 1000, 11),
+        ],
+        3,
+    ),
 )
 def test_long_times_need_only_many_steps(omega, psid, stop, samples):
     """The first steps turn by tens of radians, which says nothing about how many there must be."""

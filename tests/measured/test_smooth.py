@@ -8,7 +8,6 @@ import sys
 
 import numpy as np
 import pytest
-from scipy.signal import savgol_filter
 
 import hingepair as hp
 
@@ -67,10 +66,13 @@ def test_errors_of_derivatives_are_what_it_says(metres: float, radians: float) -
 
 def best_in_hindsight(y: np.ndarray, step: float, truth: np.ndarray, order: int) -> float:
     """The least error of any Savitzky-Golay filter."""
+    from scipy.signal import savgol_filter
+
     windows = [(degree, w) for degree in (2, 4, 6) for w in range(21 + 2 * degree, 401, 20)]
     return min(rms(savgol_filter(y, w, degree, order, step) - truth) for degree, w in windows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma", [1e-3, 1e-2])
 def test_derivatives_are_within_twice_the_best_filter_in_hindsight(sigma: float) -> None:
     t = np.arange(2000) / 200

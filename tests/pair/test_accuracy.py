@@ -39,9 +39,9 @@ def one_by_one(pair, motion, **options):
 
 @pytest.fixture(scope="module")
 def random_states():
-    """200 states of 20 pairs, with their truth; thousands more in test_bounds.py."""
+    """80 states of 8 pairs, with their truth; thousands more in test_bounds.py."""
     cases = []
-    for k in range(20):
+    for k in range(8):
         rng = states.generator(1, k)
         constants, motion = states.pair(rng, home=k % 4 > 0), states.coordinates(rng, 10)
         cases.append((pair_of(constants), motion, reference.from_euler(constants, *motion)))
@@ -118,7 +118,7 @@ def test_given_attitude(kind, ledger):
 def test_float32_states(way, ledger):
     rng = states.generator(5)
     constants = [None if c is None else np.float32(c) for c in states.pair(rng, home=False)]
-    motion = [c.astype(np.float32) for c in states.coordinates(rng, 100)]
+    motion = [c.astype(np.float32) for c in states.coordinates(rng, 40)]
     found = way(pair_of(constants), motion)
     assert {x.dtype for x in found.values()} == {np.dtype(np.float32)}
     require(reference.from_euler(constants, *motion), found, ledger, "float32")

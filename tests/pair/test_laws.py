@@ -76,6 +76,7 @@ def test_hinge_point_moves_as_one(case):
     case.require("a2", a1 + a[0], s.a2 + a[1], 24)
 
 
+@pytest.mark.slow
 def test_a_matrix_of_nine_digits_keeps_the_hinge_together(case):
     """What is given is a rotation to 1e-10 only: E1, E8 and E9 hold to round-off all the same."""
     S = case.body1().S + 1e-10 * case.rng.normal(size=(COUNT, 3, 3))

@@ -106,6 +106,7 @@ def test_what_cannot_be_shown_or_written_is_named(tmp_path):
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no browser: apt-get install chromium")
+@pytest.mark.slow
 def test_in_a_browser_the_slider_moves_body2_to_where_it_is(scene, tmp_path):
     page = hp.view(scene)
     path = tmp_path / "page.html"

@@ -53,6 +53,7 @@ def test_a_gap_is_shaded(tmp_path):
     assert [patch.get_extents().width > 0 for patch in axes.patches] == [True]
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_picture_that_is_not_blank(tmp_path):
     scene, out = str(MODELS / "talos_elbow.toml"), tmp_path / "a.png"
     done = CliRunner().invoke(app, ["plot", scene, "--out", str(out)])

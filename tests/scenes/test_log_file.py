@@ -202,6 +202,7 @@ def test_headers_made_to_hurt(tmp_path, header, version):
         scene_of(tmp_path, npz_of(header, b"0" * 64, version=version), name="log.npz")
 
 
+@pytest.mark.slow
 def test_a_header_of_a_declared_gigabyte_is_not_read(tmp_path):
     content = npz_of(b" " * 100_000_000, size=1_000_000_000, version=b"\x02\x00")
     tracemalloc.start()

@@ -61,7 +61,7 @@ def waves(term):
     return sum(int(p.exp) if p.is_Pow else 1 for p in sympy.Mul.make_args(term) if p.has(sympy.sin, sympy.cos))
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=8, deadline=None, derandomize=True)
 @given(EXPRESSIONS, EXPRESSIONS)
 def test_sums_add_and_multiply_as_expressions_do(first, second):
     x, y = trig_sum(first), trig_sum(second)

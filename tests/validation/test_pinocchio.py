@@ -179,6 +179,7 @@ def test_a_missing_pinocchio_is_said(monkeypatch, module):
         cross_validate(pair, np.zeros(7))
 
 
+@pytest.mark.slow
 def test_pinocchio_is_imported_only_when_it_is_used():
     module = "hingepair.validation.cross_validate"
     code = f"import sys, {module} as m; assert m.to_pinocchio; assert 'pinocchio' not in sys.modules"
