@@ -11,14 +11,13 @@ import functools
 import itertools
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.evaluation.llvm_ir import FIELDS, LANES, OFF_LINES, ON_LINES, PIECE, SCATTERED, SIDE_BY_SIDE
-from hingepair.numeric.arrays import Block, split
 
 Tail: TypeAlias = tuple[int, ...]
 Spec: TypeAlias = tuple[tuple[str, Tail], ...]
@@ -30,7 +29,6 @@ FEWEST_A_WORKER: Final = 8192
 """Samples that are worth a thread: a tenth of a millisecond of work, which is what starting one takes."""
 
 _KNOWN: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
-_SLAB: Final = 4_000_000  # bytes converted at a time (one slab is still held while the next is made)
 _TOO_MUCH_FOR_CACHES: Final = 2**21  # bytes of output, past which they are stored past the caches
 
 
@@ -75,7 +73,7 @@ def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozen
                 pattern.extend((None,) * count)
                 constants.extend(map(float, value.ravel().tolist()))
                 continue
-            for part in _rows(value, tail):
+            for part in rows_of(value, tail):
                 pattern.extend((len(pieces), c) for c in range(part.shape[-1]))
                 pieces.append(part)
             continue
@@ -93,7 +91,7 @@ def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozen
     return Bound(tuple(pattern), constants, pieces)
 
 
-def _rows(array: NDArray[Any], tail: Tail) -> Iterator[NDArray[Any]]:
+def rows_of(array: NDArray[Any], tail: Tail) -> Iterator[NDArray[Any]]:
     """An array with one axis of components; one array for each row where its rows are not joined."""
     if not tail:
         yield array[..., None]
@@ -105,12 +103,7 @@ def _rows(array: NDArray[Any], tail: Tail) -> Iterator[NDArray[Any]]:
             yield np.reshape(array, (*array.shape[:axis], math.prod(tail)), copy=False)
         except ValueError:
             for i in range(tail[0]):
-                yield from _rows(array[(slice(None),) * axis + (i,)], tail[1:])
-
-
-def split_target(array: NDArray[Any], tail: Tail) -> list[NDArray[Any]]:
-    """An output array with one axis of components, in as many parts as need be."""
-    return list(_rows(array, tail))
+                yield from rows_of(array[(slice(None),) * axis + (i,)], tail[1:])
 
 
 class Layout(NamedTuple):
@@ -223,13 +216,18 @@ def walk(
                 moved[k * FIELDS] += offset
             run(kind(*moved), *((count, layout.inner) if chained else (layout.outer, count)))
 
-    if workers == 1:
-        part(0)
+    in_threads(part, range(0, shared, chunk))
+
+
+def in_threads(work: Callable[[Any], None], parts: Sequence[Any]) -> None:
+    """Do the parts of some work, each in a thread of its own; one alone in this one."""
+    if len(parts) == 1:
+        work(parts[0])
         return
     from concurrent.futures import ThreadPoolExecutor
 
-    with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(part, range(0, shared, chunk)))
+    with ThreadPoolExecutor(len(parts)) as pool:
+        list(pool.map(work, parts))
 
 
 def _data_offset() -> int | None:
@@ -249,14 +247,3 @@ def address(array: NDArray[Any]) -> int:
     if _OFFSET is None:
         return int(array.ctypes.data)
     return _POINTER(id(array) + _OFFSET).value or 0
-
-
-def converted(array: NDArray[Any], box: Block, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The part of a piece that belongs to a box, in the dtype computed in."""
-    own = zip(box[len(box) - array.ndim + 1 :], array.shape[:-1], strict=True)
-    return array[tuple(piece if n != 1 else slice(None) for piece, n in own)].astype(dtype, copy=False)
-
-
-def slabs(shape: tuple[int, ...], pieces: Sequence[NDArray[Any]], dtype: np.dtype[Any]) -> Iterator[Block]:
-    """Parts of the samples whose inputs are converted at a time."""
-    return split(shape, max(1, _SLAB // (dtype.itemsize * sum(array.shape[-1] for array in pieces))))

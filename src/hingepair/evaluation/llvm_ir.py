@@ -20,7 +20,7 @@ result do not depend on what else is computed. Nothing is reordered, and NaN sta
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from hingepair.evaluation.trace import Operand, Value, needed_lines
@@ -127,6 +127,13 @@ class _Kernel:
         self.lines.append(f"{label}:")
         self.block = label
 
+    def go(self, label: str) -> str:
+        """End the block, and begin the next; the name of the one that ended."""
+        before = self.block
+        self.do(f"br label %{label}")
+        self.start(label)
+        return before
+
     def declare(self, signature: str) -> None:
         self.declared.add(f"declare {signature}")
 
@@ -163,8 +170,11 @@ class _Kernel:
         parts += [_by_lanes(name) for name in ("atan2", "hypot") if f"@lanes.{name}" in body]
         return "\n\n".join([*sorted(self.declared), *parts, _METADATA]) + "\n"
 
-    def head(self) -> None:
-        """The table's lines, and room for what is stored lane by lane."""
+    def open_outer(self, axis: str) -> list[str]:
+        """The table's lines, the loop over outer samples, and where in it each group begins.
+
+        The samples of `axis`, "inner" or "outer", lie in the lanes.
+        """
         self.start("entry")
         self.fields = []
         for g in range(len(self.inputs) + len(self.outputs)):
@@ -175,24 +185,40 @@ class _Kernel:
             self.fields.append(line)
         widest = max((len(group.values) for group in self.outputs), default=1)
         self.do(f"%scratch = alloca [{max(widest, 12) * LANES} x double], align 64")
-
-    def map_loops(self) -> None:
-        self.head()
-        self.put(f"and i64 %inner, -{LANES}", "whole")
-        self.do("br label %outer.head")
-        self.start("outer.head")
+        self.put(f"and i64 %{axis}, -{LANES}", "whole")
+        self.go("outer.head")
         self.do("%o = phi i64 [0, %entry], [%o.next, %outer.next]")
         self.put("icmp slt i64 %o, %outer", "o.more")
         self.do("br i1 %o.more, label %outer.body, label %done")
         self.start("outer.body")
-        bases = [self.put(f"add i64 {f[0]}, {self.put(f'mul i64 %o, {f[1]}')}", f"base{g}") for g, f in self.walk()]
+        return [
+            self.put(f"add i64 {f[0]}, {self.put(f'mul i64 %o, {f[1]}')}", f"base{g}")
+            for g, f in enumerate(self.fields)
+        ]
+
+    def close_outer(self, step: str) -> None:
+        self.put(f"add i64 %o, {step}", "o.next")
+        self.do("br label %outer.head")
+        self.start("done")
+        self.do("fence seq_cst")
+        self.do("ret void")
+
+    def close_inner(self, step: str) -> None:
+        self.go("loop.next")
+        self.put(f"add i64 %i, {step}", "i.next")
+        self.do("br label %loop.head")
+
+    def row(self, g: int, base: str) -> str:
+        """Where the inner sample of a group is."""
+        return self.put(f"add i64 {base}, {self.put(f'mul i64 %i, {self.fields[g][2]}')}")
+
+    def map_loops(self) -> None:
+        bases = self.open_outer("inner")
         for g, group in enumerate(self.inputs):
             if not group.moves:
                 self.load_same(group, bases[g], self.fields[g][3])
         self.compute([value for value in self.needed if not value.moves])
-        self.do("br label %phase.head")
-        before = self.block
-        self.start("phase.head")
+        before = self.go("phase.head")
         self.do(f"%phase = phi i1 [false, %{before}], [true, %phase.next]")
         self.put("select i1 %phase, i64 %whole, i64 0", "first")
         self.put("select i1 %phase, i64 %inner, i64 %whole", "stop")
@@ -203,59 +229,39 @@ class _Kernel:
             if group.moves
         }
         jumps = {g: self.jump(g, len(self.inputs[g].values)) for g in strides}
-        self.do("br label %loop.head")
-        self.start("loop.head")
+        self.go("loop.head")
         self.do("%i = phi i64 [%first, %phase.head], [%i.next, %loop.next]")
         self.put("icmp slt i64 %i, %stop", "i.more")
         self.do("br i1 %i.more, label %loop.body, label %phase.next")
         self.start("loop.body")
-        for g, group in enumerate(self.inputs):
-            if group.moves:
-                row = self.put(f"add i64 {bases[g]}, {self.put(f'mul i64 %i, {self.fields[g][2]}')}")
-                self.prefetch(row, g, jumps[g])
-                self.load_lanes(group, row, strides[g], self.fields[g][3])
+        for g, stride in strides.items():
+            row = self.row(g, bases[g])
+            self.prefetch(row, g, jumps[g])
+            self.load_lanes(self.inputs[g], row, stride, self.fields[g][3])
         self.compute([value for value in self.needed if value.moves])
-        for k, group in enumerate(self.outputs):
-            g = len(self.inputs) + k
-            row = self.put(f"add i64 {bases[g]}, {self.put(f'mul i64 %i, {self.fields[g][2]}')}")
+        for g, group in enumerate(self.outputs, len(self.inputs)):
+            row = self.row(g, bases[g])
             mode = self.put(f"select i1 %phase, i64 {SCATTERED}, i64 {self.fields[g][4]}")
             self.store(group, row, g, mode)
-        self.do("br label %loop.next")
-        self.start("loop.next")
-        self.put("add i64 %i, %many", "i.next")
-        self.do("br label %loop.head")
+        self.close_inner("%many")
         self.start("phase.next")
         self.do("br i1 %phase, label %outer.next, label %phase.head")
         self.start("outer.next")
-        self.put("add i64 %o, 1", "o.next")
-        self.do("br label %outer.head")
-        self.start("done")
-        self.do("fence seq_cst")
-        self.do("ret void")
+        self.close_outer("1")
 
     def scan_loops(self, carry: Carry) -> None:
         """Chains side by side: eight outer samples in the lanes, the inner ones one after the other."""
         before, after = carry
-        self.head()
-        self.put(f"and i64 %outer, -{LANES}", "whole")
-        self.do("br label %outer.head")
-        self.start("outer.head")
-        self.do("%o = phi i64 [0, %entry], [%o.next, %outer.next]")
-        self.put("icmp slt i64 %o, %outer", "o.more")
-        self.do("br i1 %o.more, label %outer.body, label %done")
-        self.start("outer.body")
+        bases = self.open_outer("outer")
         self.put("icmp sge i64 %o, %whole", "phase")
         self.put(f"select i1 %phase, i64 1, i64 {LANES}", "many")
-        bases = [self.put(f"add i64 {f[0]}, {self.put(f'mul i64 %o, {f[1]}')}", f"base{g}") for g, f in self.walk()]
-        lanes = [self.put(f"select i1 %phase, i64 0, i64 {f[1]}", f"lane{g}") for g, f in self.walk()]
+        lanes = [self.put(f"select i1 %phase, i64 0, i64 {f[1]}", f"lane{g}") for g, f in enumerate(self.fields)]
         for g, group in enumerate(self.inputs):
             if not group.moves:
                 self.load_lanes(group, bases[g], lanes[g], self.fields[g][3])
         first = {id(value): self.names[id(value)] for value in before if id(value) in self.names}
         self.compute([value for value in self.needed if not value.moves])
-        self.do("br label %loop.head")
-        entry = self.block
-        self.start("loop.head")
+        entry = self.go("loop.head")
         self.do(f"%i = phi i64 [0, %{entry}], [%i.next, %loop.next]")
         carried = []
         for k, value in enumerate(before):
@@ -267,51 +273,45 @@ class _Kernel:
         self.start("loop.body")
         for g, group in enumerate(self.inputs):
             if group.moves:
-                row = self.put(f"add i64 {bases[g]}, {self.put(f'mul i64 %i, {self.fields[g][2]}')}")
-                self.load_lanes(group, row, lanes[g], self.fields[g][3])
+                self.load_lanes(group, self.row(g, bases[g]), lanes[g], self.fields[g][3])
         self.compute([value for value in self.needed if value.moves])
-        for k, group in enumerate(self.outputs):
-            g = len(self.inputs) + k
-            row = self.put(f"add i64 {bases[g]}, {self.put(f'mul i64 %i, {self.fields[g][2]}')}")
-            self.scatter(group, row, self.fields[g][1], self.fields[g][3])
+        for g, group in enumerate(self.outputs, len(self.inputs)):
+            self.scatter(group, self.row(g, bases[g]), self.fields[g][1], self.fields[g][3])
         for k, (line, later) in enumerate(zip(carried, after, strict=True)):
             self.lines[line] = self.lines[line].replace(f"AFTER{k}", self.of(later))
-        self.do("br label %loop.next")
-        self.start("loop.next")
-        self.put("add i64 %i, 1", "i.next")
-        self.do("br label %loop.head")
+        self.close_inner("1")
         self.start("outer.next")
-        self.put("add i64 %o, %many", "o.next")
-        self.do("br label %outer.head")
-        self.start("done")
-        self.do("ret void")
-
-    def walk(self) -> Iterable[tuple[int, list[str]]]:
-        return enumerate(self.fields)
+        self.close_outer("%many")
 
     # ---- memory
 
     def load_same(self, group: Group, base: str, step: str) -> None:
         """Components that all samples share: one load each, in all lanes."""
         for c, value in self.taken_of(group):
-            at = self.put(f"add i64 {base}, {self.put(f'mul i64 {step}, {c}')}")
-            one = self.put(f"load {self.number}, ptr {self.put(f'inttoptr i64 {at} to ptr')}, align 1")
+            one = self.load(self.further(base, step, c))
             lane = self.put(f"insertelement {self.vector} poison, {self.number} {one}, i32 0")
             spread = f"shufflevector {self.vector} {lane}, {self.vector} poison, <{LANES} x i32> zeroinitializer"
             self.names[id(value)] = self.put(spread, value.name)
 
     def load_lanes(self, group: Group, row: str, lane: str, step: str) -> None:
         """Components of eight samples: one scalar load a lane."""
-        rows = [row, *(self.put(f"add i64 {row}, {self.put(f'mul i64 {lane}, {k}')}") for k in range(1, LANES))]
+        rows = [self.further(row, lane, k) for k in range(LANES)]
         for c, value in self.taken_of(group):
             offset = self.put(f"mul i64 {step}, {c}") if c else ""
             vector = "poison"
             for k in range(LANES):
-                at = self.put(f"add i64 {rows[k]}, {offset}") if c else rows[k]
-                one = self.put(f"load {self.number}, ptr {self.put(f'inttoptr i64 {at} to ptr')}, align 1")
+                one = self.load(self.put(f"add i64 {rows[k]}, {offset}") if c else rows[k])
                 name = value.name if k == LANES - 1 else ""
                 vector = self.put(f"insertelement {self.vector} {vector}, {self.number} {one}, i32 {k}", name)
             self.names[id(value)] = vector
+
+    def load(self, at: str) -> str:
+        """The number at an address."""
+        return self.put(f"load {self.number}, ptr {self.put(f'inttoptr i64 {at} to ptr')}, align 1")
+
+    def further(self, at: str, step: str, count: int) -> str:
+        """The address so many steps further on."""
+        return self.put(f"add i64 {at}, {self.put(f'mul i64 {step}, {count}')}") if count else at
 
     def taken_of(self, group: Group) -> list[tuple[int, Value]]:
         """The components that something needs, each once."""
@@ -329,9 +329,9 @@ class _Kernel:
 
     def prefetch(self, row: str, g: int, jump: str) -> None:
         self.declare("void @llvm.prefetch.p0(ptr, i32, i32, i32)")
-        ahead = self.put(f"add i64 {row}, {self.put(f'mul i64 {self.fields[g][2]}, {AHEAD}')}")
+        ahead = self.further(row, self.fields[g][2], AHEAD)
         for c in range(len(self.inputs[g].values)):
-            at = self.put(f"add i64 {ahead}, {self.put(f'mul i64 {jump}, {c}')}") if c else ahead
+            at = self.further(ahead, jump, c)
             self.do(f"call void @llvm.prefetch.p0(ptr {self.put(f'inttoptr i64 {at} to ptr')}, i32 0, i32 2, i32 1)")
 
     def store(self, group: Group, row: str, g: int, mode: str) -> None:
@@ -356,8 +356,7 @@ class _Kernel:
         self.do(f"br label %{stored}")
         self.start(scatter)
         self.scatter(group, row, self.fields[g][2], self.fields[g][3])
-        self.do(f"br label %{stored}")
-        self.start(stored)
+        self.go(stored)
 
     def put_part(
         self, rows: list[list[str]], count: int, row: str, first: int, size: int = LANES, *, align: int, past: bool
@@ -413,9 +412,8 @@ class _Kernel:
         for c, value in enumerate(group.values):
             place = self.put(f"getelementptr {self.number}, ptr %scratch, i64 {c * LANES}")
             self.do(f"store {self.vector} {self.of(value)}, ptr {place}, align 32")
-        before, label = self.block, self.fresh("lanes")[1:]
-        self.do(f"br label %{label}")
-        self.start(label)
+        label = self.fresh("lanes")[1:]
+        before = self.go(label)
         k, after = self.fresh("k"), self.fresh("k.next")
         self.do(f"{k} = phi i64 [0, %{before}], [{after}, %{label}]")
         at = self.put(f"add i64 {row}, {self.put(f'mul i64 {k}, {stride}')}")
@@ -424,7 +422,7 @@ class _Kernel:
                 f"getelementptr {self.number}, ptr %scratch, i64 {self.put(f'add i64 {k}, {c * LANES}')}"
             )
             one = self.put(f"load {self.number}, ptr {place}")
-            target = self.put(f"add i64 {at}, {self.put(f'mul i64 {step}, {c}')}") if c else at
+            target = self.further(at, step, c)
             self.do(f"store {self.number} {one}, ptr {self.put(f'inttoptr i64 {target} to ptr')}, align 1")
         self.do(f"{after} = add i64 {k}, 1")
         more, done = self.put(f"icmp slt i64 {after}, %many"), self.fresh("written")[1:]
@@ -522,8 +520,7 @@ class _Kernel:
                 self.do(f"store {_DOUBLES} {part}, ptr {place}, align 64")
             self.do("call void @far(ptr %scratch)")
             corrected.append([self.put(f"load {_DOUBLES}, ptr {place}, align 64") for place in places[1:]])
-        self.do(f"br label %{done}")
-        self.start(done)
+        self.go(done)
         both = [
             [self.put(f"phi {_DOUBLES} [{a}, %{before}], [{b}, %{far}]") for a, b in zip(*two, strict=True)]
             for two in zip(found, corrected, strict=True)

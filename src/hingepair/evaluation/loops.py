@@ -27,11 +27,10 @@ from hingepair.evaluation.binding import (
     Pattern,
     Spec,
     bind,
-    converted,
     forms_of,
+    in_threads,
     layout_of,
-    slabs,
-    split_target,
+    rows_of,
     walk,
 )
 from hingepair.evaluation.llvm_ir import Carry, Group, kernel_ir
@@ -48,11 +47,15 @@ from hingepair.evaluation.trace import (
 from hingepair.numeric.arrays import Block, load, split
 
 Out: TypeAlias = Mapping[str, NDArray[Any]]
+Shape: TypeAlias = tuple[int, ...]
 Key: TypeAlias = tuple[tuple[bool, ...], tuple[int, ...], str]
 """Of a kernel: which pieces do not move, components of each part of the outputs, the dtype."""
 
 _BLOCK: Final = 2048
 """Samples that NumPy computes at a time: 16 kB a component."""
+
+_SLAB: Final = 4_000_000
+"""Bytes converted to another dtype at a time (one slab is still held while the next is made)."""
 
 
 class Loop:
@@ -73,8 +76,8 @@ class Loop:
         self,
         name: str,
         function: Callable[[dict[str, Any]], Mapping[str, Any]],
-        inputs: Mapping[str, tuple[int, ...]],
-        outputs: Mapping[str, tuple[int, ...]],
+        inputs: Mapping[str, Shape],
+        outputs: Mapping[str, Shape],
         *,
         exact: bool = False,
         carry: Mapping[str, str] | None = None,
@@ -89,14 +92,7 @@ class Loop:
         self.labels = dict(labels or {})
         self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
 
-    def run(
-        self,
-        values: Mapping[str, Any],
-        out: Mapping[str, NDArray[Any]],
-        shape: tuple[int, ...],
-        dtype: np.dtype[Any],
-        how: How,
-    ) -> None:
+    def run(self, values: Mapping[str, Any], out: Out, shape: Shape, dtype: np.dtype[Any], how: How) -> None:
         """Write the outputs of all samples into the arrays of `out`: the samples' shape, and then their own.
 
         Args:
@@ -155,36 +151,30 @@ class Program:
 
     # ---- the ways to run it
 
-    def run(self, bound: Bound, out: Out, shape: tuple[int, ...], dtype: np.dtype[Any], how: How) -> None:
+    def run(self, bound: Bound, out: Out, shape: Shape, dtype: np.dtype[Any], how: How) -> None:
         """As `Loop.run`, of inputs that are bound."""
-        if not bound.pieces:
-            self._run_once(bound.constants, out, dtype)
-        elif how.backend == "numpy" or (how.backend == "auto" and not self._pays(bound, out, shape, dtype)):
-            self.run_numpy(bound, out, shape, dtype, how.workers)
+        targets = [part for name, tail in self.loop.outputs for part in rows_of(out[name], tail)]
+        if not bound.pieces or how.backend == "numpy":
+            self._by_numpy(bound, targets, shape, dtype, how.workers)
+            return
+        chained = bool(self.loop.carry)
+        layout = layout_of(forms_of((*bound.pieces, *targets)), shape, chained)
+        still = tuple(line[1] == 0 for line in layout.lines[: len(bound.pieces)])
+        key = still, tuple(part.shape[-1] for part in targets), dtype.char
+        if how.backend == "auto" and not self._pays(key, shape):
+            self._by_numpy(bound, targets, shape, dtype, how.workers)
         elif all(piece.dtype == dtype for piece in bound.pieces):
-            self.run_compiled(bound, out, shape, dtype, how.workers)
-        else:
-            for box in slabs(shape, bound.pieces, dtype):
-                pieces = [converted(piece, box, dtype) for piece in bound.pieces]
-                part = {name: array[box] for name, array in out.items()}
-                size = tuple(own.stop - own.start for own in box)
-                self.run_compiled(bound._replace(pieces=pieces), part, size, dtype, how.workers)
+            constants = np.array(bound.constants, dtype) if bound.constants else None
+            walk(self.kernel(*key).run, layout, bound.pieces, targets, constants, how.workers, chained)
+        else:  # as many samples at a time as are converted without much memory
+            for block in split(shape, max(1, _SLAB // (dtype.itemsize * sum(p.shape[-1] for p in bound.pieces)))):
+                pieces = [load(piece, (*block, slice(piece.shape[-1])), dtype) for piece in bound.pieces]
+                part = {name: array[block] for name, array in out.items()}
+                size = tuple(own.stop - own.start for own in block)
+                self.run(bound._replace(pieces=pieces), part, size, dtype, How("compiled", how.workers))
 
-    def _run_once(self, constants: list[float], out: Out, dtype: np.dtype[Any]) -> None:
-        """Where nothing differs from sample to sample."""
-        found = self._of_numbers(constants, dtype)
-        for target, one in zip(self._targets(out), found, strict=False):
-            target[...] = one
-
-    def _of_numbers(self, numbers: list[float], dtype: np.dtype[Any]) -> tuple[Any, ...]:
-        if dtype == np.float64:
-            return self.floats_function(*numbers)
-        with np.errstate(all="ignore"):
-            return self.arrays_function(*map(dtype.type, numbers))
-
-    def _pays(self, bound: Bound, out: Out, shape: tuple[int, ...], dtype: np.dtype[Any]) -> bool:
+    def _pays(self, key: Key, shape: Shape) -> bool:
         """Whether a kernel is there, or pays now and can be had."""
-        key = self._key(bound, out, shape, dtype)
         if key in self.kernels:
             return True
         account = self.accounts.get(key)
@@ -200,38 +190,6 @@ class Program:
             give_up(error)
             return False
         return True
-
-    def _key(self, bound: Bound, out: Out, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Key:
-        targets = [part for name, tail in self.loop.outputs for part in split_target(out[name], tail)]
-        layout = layout_of(forms_of((*bound.pieces, *targets)), shape, bool(self.loop.carry))
-        still = tuple(line[1] == 0 for line in layout.lines[: len(bound.pieces)])
-        return still, tuple(part.shape[-1] for part in targets), dtype.char
-
-    def _targets(self, out: Out) -> list[NDArray[Any]]:
-        """The components of the outputs, as views."""
-        return [
-            part[..., c]
-            for name, tail in self.loop.outputs
-            for part in split_target(out[name], tail)
-            for c in range(part.shape[-1])
-        ]
-
-    def run_compiled(
-        self,
-        bound: Bound,
-        out: Mapping[str, NDArray[Any]],
-        shape: tuple[int, ...],
-        dtype: np.dtype[Any],
-        workers: int,
-    ) -> None:
-        """By a compiled kernel; the pieces are of the dtype computed in."""
-        chained = bool(self.loop.carry)
-        targets = [part for name, tail in self.loop.outputs for part in split_target(out[name], tail)]
-        layout = layout_of(forms_of((*bound.pieces, *targets)), shape, chained)
-        still = tuple(line[1] == 0 for line in layout.lines[: len(bound.pieces)])
-        kernel = self.kernel(still, tuple(part.shape[-1] for part in targets), dtype.char)
-        constants = np.array(bound.constants, dtype) if bound.constants else None
-        walk(kernel.run, layout, bound.pieces, targets, constants, workers, chained)
 
     def kernel(self, still: tuple[bool, ...], parts: tuple[int, ...], char: str) -> Any:
         """The compiled kernel.
@@ -280,39 +238,28 @@ class Program:
             carry = Carry(tuple(before), tuple(after))
         return kernel_ir(inputs, outputs, single=char == "f", fuse=fuse, carry=carry)
 
-    def run_numpy(
-        self,
-        bound: Bound,
-        out: Mapping[str, NDArray[Any]],
-        shape: tuple[int, ...],
-        dtype: np.dtype[Any],
-        workers: int,
+    def _by_numpy(
+        self, bound: Bound, parts: Sequence[NDArray[Any]], shape: Shape, dtype: np.dtype[Any], workers: int
     ) -> None:
-        """By NumPy, block by block."""
+        """By NumPy, block by block; what does not differ from sample to sample at once, in Python's floats."""
         numbers = [x if dtype == np.float64 else dtype.type(x) for x in bound.constants]
         pieces = [piece[..., c] for piece in bound.pieces for c in range(piece.shape[-1])]
-        targets = self._targets(out)
+        targets = [part[..., c] for part in parts for c in range(part.shape[-1])]
         if self.loop.carry:
             self._chain(numbers, pieces, targets, shape, dtype)
             return
-        function = self.arrays_function
+        function = self.arrays_function if pieces or dtype != np.float64 else self.floats_function
 
-        def work(some: list[Block]) -> None:
+        def work(some: Sequence[Block]) -> None:
             with np.errstate(all="ignore"):
-                for box in some:
-                    found = function(*numbers, *(load(piece, box, dtype) for piece in pieces))
+                for block in some:
+                    found = function(*numbers, *(load(piece, block, dtype) for piece in pieces))
                     for target, part in zip(targets, found, strict=True):
-                        target[box] = part
+                        target[block] = part
 
-        all_boxes = list(split(shape, _BLOCK))
-        workers = min(workers, len(all_boxes))
-        if workers <= 1:
-            work(all_boxes)
-            return
-        from concurrent.futures import ThreadPoolExecutor
-
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(work, (all_boxes[i::workers] for i in range(workers))))
+        blocks: list[Block] = [*split(shape, _BLOCK)] if pieces else [()]
+        workers = min(workers, len(blocks))
+        in_threads(work, [blocks[i::workers] for i in range(workers)])
 
     # ---- the program written out
 
@@ -386,10 +333,10 @@ class Program:
 
     def _chain(
         self,
-        numbers: list[Any],
-        pieces: list[NDArray[Any]],
-        targets: list[NDArray[Any]],
-        shape: tuple[int, ...],
+        numbers: Sequence[Any],
+        pieces: Sequence[Any],
+        targets: Sequence[Any],
+        shape: Shape,
         dtype: np.dtype[Any],
     ) -> None:
         """A scan by NumPy: all chains at once, one sample after the other."""

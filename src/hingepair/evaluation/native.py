@@ -24,7 +24,6 @@ class Kernel:
 
     Attributes:
         ir: its LLVM code as it was written.
-        address: of the function, for as long as this object lives.
         run: the function of (table, outer, inner); other threads go on while it runs.
         run_one: the same for a microsecond's work, which keeps the interpreter's lock.
         run_objects: the function of `array_heads.objects_ir`, where its code was given.
@@ -33,13 +32,13 @@ class Kernel:
     def __init__(self, ir: str, objects: str = "") -> None:
         self.ir = ir
         with _trouble(), _lock:
-            self._engine, self.address = _compile(ir + objects)
+            self._engine, address = _compile(ir + objects)
             self.run_objects: Callable[..., bool] | None = None
             if objects:
                 self._method = _Method(b"kernel", self._engine.get_function_address("objects"), _FASTCALL, None)
                 self.run_objects = _made_built_in(ctypes.byref(self._method), None, None)
-        self.run: Callable[[Any, int, int], None] = _SHARING(self.address)
-        self.run_one: Callable[[Any, int, int], None] = _KEEPING(self.address)
+        self.run: Callable[[Any, int, int], None] = _SHARING(address)
+        self.run_one: Callable[[Any, int, int], None] = _KEEPING(address)
 
 
 class _Method(ctypes.Structure):
@@ -82,21 +81,17 @@ def llvmlite() -> Any:
         MissingDependencyError: llvmlite is not installed.
     """
     with _lock:
-        return _imported()
-
-
-def _imported() -> Any:
-    try:
-        from llvmlite import binding as llvm
-    except ModuleNotFoundError as error:
-        raise MissingDependencyError("backend", "llvmlite (pip install llvmlite)", str(error)) from None
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    llvm.add_symbol("PyBool_FromLong", ctypes.cast(ctypes.pythonapi.PyBool_FromLong, ctypes.c_void_p).value)
-    library = ctypes.CDLL(None) if os.name == "posix" else ctypes.CDLL("ucrtbase")
-    for name in ("sin", "cos", "atan2", "hypot", "fma", "fmaf"):
-        llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
-    return llvm
+        try:
+            from llvmlite import binding as llvm
+        except ModuleNotFoundError as error:
+            raise MissingDependencyError("backend", "llvmlite (pip install llvmlite)", str(error)) from None
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        llvm.add_symbol("PyBool_FromLong", ctypes.cast(ctypes.pythonapi.PyBool_FromLong, ctypes.c_void_p).value)
+        library = ctypes.CDLL(None) if os.name == "posix" else ctypes.CDLL("ucrtbase")
+        for name in ("sin", "cos", "atan2", "hypot", "fma", "fmaf"):
+            llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
+        return llvm
 
 
 @functools.cache

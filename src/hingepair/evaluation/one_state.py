@@ -2,38 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import MissingDependencyError
-from hingepair.evaluation.backend import Account, give_up
-from hingepair.evaluation.binding import address, bind
-from hingepair.evaluation.llvm_ir import SCATTERED
+from hingepair.evaluation.backend import Account
+from hingepair.evaluation.binding import bind
 from hingepair.evaluation.loops import Loop
-
-Values = dict[str, Any]
-
-
-class _Slot:
-    """Memory that a kernel reads and writes, at addresses that need not be asked for again."""
-
-    def __init__(self, constants: Sequence[float], inputs: Sequence[int], outputs: Sequence[int]) -> None:
-        self.constants = np.array(constants, np.float64)
-        self.inputs = np.zeros(sum(inputs))
-        self.outputs = np.zeros(sum(outputs))
-        self.views = np.split(self.inputs, np.cumsum(inputs)[:-1])
-        lines = [(address(self.constants), 0, 0, 8, 0)] if len(constants) else []
-        for array, counts in ((self.inputs, inputs), (self.outputs, outputs)):
-            at = address(array)
-            for count in counts:
-                lines.append((at, 0, 0, 8, SCATTERED))
-                at += 8 * count
-        self.table = (ctypes.c_int64 * (5 * len(lines)))(*(field for line in lines for field in line))
 
 
 class OneState:
@@ -45,47 +23,42 @@ class OneState:
         backend: "compiled" from the first call on, "numpy" for generated Python, "auto" for what pays.
     """
 
-    def __init__(self, loop: Loop, constants: Values, backend: str) -> None:
-        moving = {name: tail for name, tail in loop.inputs if name not in constants}
-        bound = bind(loop.inputs, {**constants, **{name: np.empty((2, *tail)) for name, tail in moving.items()}})
-        self.program = loop.program(bound.pattern)
-        self.constants = bound.constants
-        self.names = tuple(moving)
-        self.inputs = [math.prod(tail) for tail in moving.values()]
-        self.outputs = tuple(math.prod(tail) for _, tail in loop.outputs)
-        self.key = (False,) * len(self.inputs), self.outputs, "d"
-        self.slots: list[_Slot] = []
-        self.account = Account(self.program.operations)
-        self.backend = backend
-        self.kernel: Any = None
+    def __init__(self, loop: Loop, constants: dict[str, Any], backend: str) -> None:
+        self._moving = {name: tail for name, tail in loop.inputs if name not in constants}
+        some = {name: np.empty((2, *tail)) for name, tail in self._moving.items()}
+        bound = bind(loop.inputs, {**constants, **some})
+        self._numbers, self._constants = bound.constants, np.array(bound.constants)
+        self._program = loop.program(bound.pattern)
+        counts = tuple(math.prod(tail) for _, tail in loop.outputs)
+        self._size, self._key = sum(counts), ((False,) * len(some), counts, "d")
+        self._account, self._may_compile = Account(self._program.operations), backend == "auto"
+        self._run: Callable[..., bool] | None = None
         if backend == "compiled":
-            self.kernel = self.program.kernel(*self.key).run_one
-        else:
-            self.function = self.program.floats_function
+            self._run = self._program.kernel(*self._key).run_objects
 
-    def __call__(self, parts: Sequence[Any]) -> NDArray[np.float64]:
-        """The outputs, one after the other, in a new array.
+    def __call__(self, values: Mapping[str, Any]) -> NDArray[np.float64]:
+        """The outputs, one after the other, in a new array; of floats, arrays of float64, and tuples of floats."""
+        if self._may_compile and self._account.pays_one():
+            self._may_compile = False
+            if self._program.can_have(self._key):
+                self._run = self._program.kernel(*self._key).run_objects
+        if self._run is None:
+            return np.array(self._program.floats_function(*self._numbers, *self._flat(values)))
+        buffer = np.empty(self._size)
+        given = [values[name] for name in self._moving]
+        if not self._run(*given, self._constants, buffer):  # it takes arrays side by side
+            self._run(*map(np.array, given), self._constants, buffer)
+        return buffer
 
-        Args:
-            parts: of each input that comes with the call, a flat array or list of floats.
-        """
-        if self.kernel is None:
-            if self.backend == "auto" and self.account.pays_one():
-                self._compile()
-            return np.array(self.function(*self.constants, *(x for part in parts for x in part)))
-        try:
-            slot = self.slots.pop()
-        except IndexError:
-            slot = _Slot(self.constants, self.inputs, self.outputs)
-        for view, part in zip(slot.views, parts, strict=True):
-            view[:] = part
-        self.kernel(slot.table, 1, 1)
-        found = slot.outputs.copy()
-        self.slots.append(slot)
+    def _flat(self, values: Mapping[str, Any]) -> list[float]:
+        found: list[float] = []
+        for name in self._moving:
+            value = values[name]
+            found += (
+                value.ravel().tolist()
+                if isinstance(value, np.ndarray)
+                else value
+                if type(value) is tuple
+                else [value]
+            )
         return found
-
-    def _compile(self) -> None:
-        try:
-            self.kernel = self.program.kernel(*self.key).run_one
-        except MissingDependencyError as error:
-            give_up(error)

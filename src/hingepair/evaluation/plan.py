@@ -7,7 +7,7 @@ runs the steps of one plan, so the equations are put together here and nowhere e
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
@@ -177,47 +177,26 @@ def default_outputs(level: int, kind: str = SPATIAL) -> tuple[str, ...]:
 
 
 def check_outputs(outputs: Any, kind: str = SPATIAL, also: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """The names asked for, each once.
+    """The names asked for, each once, out of what a kind of plan can compute, and of `also`."""
+    return check_names(outputs, (*outputs_of(kind), *also))
 
-    Args:
-        outputs: the names.
-        kind: SPATIAL or PLANAR.
-        also: what may be asked for beside what the equations give.
+
+def check_names(outputs: Any, known: Collection[str]) -> tuple[str, ...]:
+    """The names asked for, each once.
 
     Raises:
         ArgumentError: not a collection of known names.
     """
-    if isinstance(outputs, str):
-        raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", quoted(outputs))
     try:
-        names = tuple(dict.fromkeys(outputs))
+        names = () if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
     except TypeError:
-        raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", quoted(outputs)) from None
+        names = ()
     if not names:
-        raise ArgumentError("outputs", "at least one name", "none")
-    known = (*outputs_of(kind), *also)
+        raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", quoted(outputs))
     for name in names:
         if name not in known:
-            raise ArgumentError("outputs", choices(known), quoted(name))
+            raise ArgumentError("outputs", choices(tuple(known)), quoted(name))
     return names
-
-
-def _euler_steps(sequence: str) -> tuple[Step, ...]:
-    """Body 1 from its Euler angles (E4, E10)."""
-    order = find_sequence(sequence)
-    if sequence == "XYZ":
-        return (
-            Step("S1", eq.tait_bryan_attitude, ("trig",)),
-            Step("axes", eq.tait_bryan_axes, ("trig",)),
-            Step("omega1", eq.angular_velocity1, ("axes", "phid")),
-            Step("alpha1", eq.angular_acceleration1, ("axes", "phid", "phidd")),
-        )
-    return (
-        Step("S1", order.attitude, ("trig",)),
-        Step("axes", order.axes, ("trig",)),
-        Step("omega1", order.angular_velocity, ("axes", "phid")),
-        Step("alpha1", order.angular_acceleration, ("axes", "phid", "phidd")),
-    )
 
 
 @functools.lru_cache(maxsize=256)
@@ -234,8 +213,14 @@ def steps_of(sequence: str | None, home: bool, terms: Terms = NUMERIC) -> tuple[
     elif sequence is not None:
         steps.append(Step("angles", find_sequence(sequence).angles, ("phi",)))
         steps.append(Step("trig", angle_terms, ("angles",)))
-    if sequence is not None:
-        steps += _euler_steps(sequence)
+    if sequence is not None:  # body 1 from its Euler angles (E4, E10)
+        order = find_sequence(sequence)
+        steps += (
+            Step("S1", order.attitude, ("trig",)),
+            Step("axes", order.axes, ("trig",)),
+            Step("omega1", order.angular_velocity, ("axes", "phid")),
+            Step("alpha1", order.angular_acceleration, ("axes", "phid", "phidd")),
+        )
     own = GIVEN_S1 if sequence is None else {}
     for step in HINGE_STEPS:
         steps += own.get(step.result, (step,))

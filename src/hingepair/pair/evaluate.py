@@ -181,7 +181,7 @@ def evaluate_one(
         plan: what to compute.
         rows: whether the values are q, qd, qdd.
         pair: the constants of one pair.
-        values: flat arrays or tuples of floats by name, or floats.
+        values: arrays, tuples of floats or floats by name.
         out: arrays to write into, by output.
         how: the backend.
     """
@@ -191,9 +191,7 @@ def evaluate_one(
         loop = loop_of(plan, rows)
         own = {name: value for name, value in pair.values.items() if name in plan.inputs}
         one = pair.prepared[key] = OneState(loop, own, how.backend)
-    found = one([values[name] for name in one.names])
-    layout = layout_of(plan.outputs, plan.kind)
-    fresh = state.of_buffer(found, layout)
+    fresh = state.of_buffer(one(values), layout_of(plan.outputs, plan.kind))
     return fresh if out is None else written(fresh, out, {})
 
 

@@ -134,8 +134,7 @@ def from_body1(
         parts = {n: v if n in HINGE else foreign_components(n, v, *OUTPUTS[n].tail) for n, v in values.items()}
         return evaluate_foreign(PairState, plan, pair, parts, shapes, library, out, how)
     if body1.shape == () and pair.single and all(_is_double(name, value) for name, value in values.items()):
-        one = {name: (value,) if name in HINGE else value.ravel() for name, value in values.items()}
-        return evaluate_one(PairState, plan, False, pair, one, out, how)
+        return evaluate_one(PairState, plan, False, pair, values, out, how)
     return evaluate(PairState, plan, False, pair, values, shapes, out, how)
 
 
