@@ -49,9 +49,8 @@ def pytest_configure(config):
 
 def pytest_collection_finish():
     """What is loaded by now stays: to look at it again and again for what may go took a tenth of the time."""
-    gc.freeze()
-    gc.set_threshold(20_000)
     gc.enable()
+    gc.set_threshold(20_000, 50, 50)
 
 
 @pytest.fixture
