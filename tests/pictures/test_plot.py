@@ -61,3 +61,48 @@ def test_the_command_writes_a_picture_that_is_not_blank(tmp_path):
     assert imread(out).std() > 0.05
     refused = CliRunner().invoke(app, ["plot", scene, "--out", str(tmp_path / "a.doc")])
     assert "ends in .png, .svg, .pdf" in str(refused.exception)
+
+
+def test_some_outputs_alone():
+    scene = hp.load_scene(MODELS / "landing_gear.toml")
+    asked = ("S1", "v1", "psi", "psid", "qdd")
+    figure, result = hp.plot(scene, outputs=asked), scene.sampled(2000, asked)
+    coordinates = ("a1_x", "a1_y", "a1_z", "phidd_x", "phidd_y", "phidd_z", "psidd")
+    shown = {axes.get_title() for axes in figure.axes}
+    assert shown == {"attitude of body 1, Euler angles XYZ", "v1", "hinge angle, psi", "psid", *coordinates}
+    axes, lines = lines_of(figure, "v1")
+    np.testing.assert_array_equal(np.stack(lines, axis=1), result.v1)
+    assert axes.get_ylabel() == "m/s"
+    axes, (line,) = lines_of(figure, "phidd_y")
+    np.testing.assert_array_equal(line, result.qdd[:, 4])
+    assert axes.get_ylabel() == "rad/s^2"
+    with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of .*, got 'R9'"):
+        hp.plot(scene, outputs=("R9",))
+
+
+def test_outputs_of_a_trajectory_and_of_a_pair():
+    pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
+    t = np.linspace(0, 1, 5)
+    moved = hp.integrate(pair, t, omega1=(0, 0, 1), psid=np.cos)
+    lines = lines_of(hp.plot(moved, ("omega2", "psi")), "angular velocity, omega2")[1]
+    np.testing.assert_array_equal(np.stack(lines, axis=1), moved.omega2)
+    for source in (moved, pair):
+        with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of .*R2.*psi.*, got 'qdd'"):
+            hp.plot(source, ("qdd",))
+    assert len(hp.plot(pair, ("R2", "psi")).axes) == 2
+
+
+def test_pictures_are_named_as_their_scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (MODELS / "reference_2d.toml").read_text().replace('name = "reference_2d"', "")
+    Path("two links.toml").write_text(text)
+    for command in ("plot", "view"):
+        done = CliRunner().invoke(app, [command, "two links.toml"])
+        assert done.exit_code == 0, done.output
+    Path("few").mkdir()
+    monkeypatch.chdir("few")
+    assert CliRunner().invoke(app, ["plot", "../two links.toml", "--outputs", "R2,psid"]).exit_code == 0
+    assert sorted(map(str, tmp_path.rglob("*.*"))) == sorted(
+        str(tmp_path / name) for name in ("two links.toml", "two links.png", "two links.html", "few/two links.png")
+    )
+    assert hp.load_scene("../two links.toml").pair.name == "two links"

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hingepair.cli.output import give
+from hingepair.cli.output import give, listed
 from hingepair.cli.pairs import Joint, Source, TextFile, inputs_of, named
 from hingepair.errors import ArgumentError
 from hingepair.pair.planar_pair import PlanarPair
@@ -54,10 +54,10 @@ def derive(
         asked = tuple(name for name in found.outputs or () if name not in COORDINATES)
     else:
         pair, title, asked = found, found.name, ()
-    forms = closed_forms(found, _names(symbolic))
+    forms = closed_forms(found, listed(symbolic) or ())
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
     usual = default_outputs(ACCELERATION, PLANAR) if kind == PLANAR else DEFAULT
-    names = asked or usual if outputs is None else check_outputs(_names(outputs), kind)
+    names = asked or usual if outputs is None else check_outputs(listed(outputs), kind)
     if latex:
         text = forms.to_latex(names, short=bool(short))
     elif python:
@@ -69,7 +69,3 @@ def derive(
         if short is None and "\n      " in text:
             text = forms.to_text(names, short=True)
     give(text, out, inputs_of(source))
-
-
-def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]

@@ -16,8 +16,10 @@ import typer
 from rich.console import Console
 
 from hingepair.errors import printable
+from hingepair.evaluation.plan import OUTPUTS, PLANAR_OUTPUTS
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.results import ROWS, Result
+from hingepair.scenes.scene import COORDINATES
 
 Part = TypeVar("Part", bound=Result)
 
@@ -29,6 +31,14 @@ EXIT_FAULT = 3
 
 NOTHING_WRITTEN = "nothing written (--out FILE writes all instants)"
 
+Outputs = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAMES",
+        help=f"Which: of {', '.join(OUTPUTS)}; in the plane of {', '.join(PLANAR_OUTPUTS)}; "
+        f"of the coordinates {', '.join(COORDINATES)}.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
@@ -67,6 +77,11 @@ def said_if_stopped(out: Path) -> Iterator[None]:
     except SystemExit:
         print(f"hingepair: stopped; {out} is not written", file=sys.stderr)
         raise
+
+
+def listed(text: str | None) -> list[str] | None:
+    """Names separated by commas."""
+    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
 def give(text: str, out: Path | None, inputs: Iterable[Path]) -> None:

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from hingepair.cli.output import NOTHING_WRITTEN, Json, console, progress, said_if_stopped
+from hingepair.cli.output import NOTHING_WRITTEN, Json, Outputs, console, listed, progress, said_if_stopped
 from hingepair.cli.summary import Summary
 from hingepair.errors import printable
-from hingepair.evaluation.plan import OUTPUTS, PLANAR_OUTPUTS
 from hingepair.numeric.tables import finite_or_none, instant
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import ENDINGS, check_ending, result_file
-from hingepair.scenes.scene import COORDINATES, load_scene, scene_files
+from hingepair.scenes.scene import load_scene, scene_files
 
 if TYPE_CHECKING:
     from hingepair.scenes.scene import Scene
@@ -35,14 +34,7 @@ def run(
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help=f"Write all instants to FILE ({', '.join(ENDINGS)})."),
     ] = None,
-    outputs: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES",
-            help=f"What to compute, of {', '.join(OUTPUTS)}; in the plane of {', '.join(PLANAR_OUTPUTS)}; "
-            f"of the coordinates {', '.join(COORDINATES)}.",
-        ),
-    ] = None,
+    outputs: Outputs = None,
     explain: Annotated[
         bool, typer.Option("--explain", help="Say what is computed, what is skipped, and why.")
     ] = False,
@@ -56,7 +48,7 @@ def run(
     if out is not None:
         check_ending(out)
     scene = load_scene(scene_file)
-    names = None if outputs is None else [name.strip() for name in outputs.split(",") if name.strip()]
+    names = listed(outputs)
     summary = Summary(scene)
     with contextlib.ExitStack() as opened:
         add = None

@@ -16,9 +16,15 @@ from hingepair.pictures.page import view as page_of
 def view(
     source: Source,
     joint: Joint = None,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Where the page goes (.html).")] = Path(
-        "hingepair.html"
-    ),
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="Where the page goes; unless told, here and named as the scene is.",
+        ),
+    ] = None,
 ) -> None:
     """Write a web page on which the pair moves.
 
@@ -26,5 +32,8 @@ def view(
     joint of a robot or of a URDF file, the hinge turns through its limits.
     """
     found = named(source, joint)
+    own = f"{Path(source).stem}.html" if joint is None else f"{Path(source).stem}_{Path(joint).name}.html"
     page = page_of(found.to_spatial() if isinstance(found, PlanarPair) else found)
-    console().print(f"written: {page.save(out, inputs_of(source))} ({page.frames} instants; open it in a browser)")
+    console().print(
+        f"written: {page.save(out or own, inputs_of(source))} ({page.frames} instants; open it in a browser)"
+    )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.integration.trajectory import Trajectory
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_one
@@ -31,7 +32,7 @@ class Frames(NamedTuple):
         t: instants [s]; shape (N,).
         placements: of body 1 and of body 2, (R, S) each; shapes (N, 3), (N, 3, 3).
         psi: hinge angle [rad]; shape (N,).
-        readings: further vectors by name, such as v2; shape (N, 3).
+        readings: what else is shown, by name, such as v2; shape (N, 3), or as it is where outputs were named.
     """
 
     t: Array
@@ -40,57 +41,61 @@ class Frames(NamedTuple):
     readings: dict[str, Array]
 
 
-def frames_of(source: object) -> tuple[HingePair, str, Frames]:
+def frames_of(source: object, outputs: Iterable[str] | None = None) -> tuple[HingePair, str, Frames]:
     """The pair, a title and the frames of a source.
 
+    Args:
+        source: what holds a motion.
+        outputs: the readings; the rates of body 2 that there are unless given.
+
     Raises:
-        ArgumentError: it has no motion in space to show.
+        ArgumentError: it has no motion in space to show, or no such output.
     """
     if isinstance(source, HingePair):
-        return source, source.name, _turning(source)
+        return source, source.name, _turning(source, outputs)
     if isinstance(source, SceneResult):
         source = source.scene
     if isinstance(source, Scene):
-        return source.space, source.title or source.pair.name, _of_scene(source)
+        return source.space, source.title, _of_scene(source, outputs)
     if isinstance(source, Trajectory):
-        return source.pair, source.pair.name, _of_trajectory(source)
+        return source.pair, source.pair.name, _of_trajectory(source, outputs)
     expected = "a pair in space, a scene, its result, or a trajectory in space"
     raise ArgumentError("source", expected, type(source).__name__)
 
 
-def _turning(pair: HingePair) -> Frames:
+def _turning(pair: HingePair, outputs: Iterable[str] | None) -> Frames:
     """A pair whose hinge turns through its limits and back, body 1 at rest."""
     check_one(pair)
     lower, upper = pair.limits or (-np.pi, np.pi)
     share = np.linspace(0, 1, 181)
     psi = lower + (upper - lower) * (share if pair.limits is None else (1 - np.cos(2 * np.pi * share)) / 2)
-    names = ("R1", "S1", "R2", "S2")
-    a = pair.forward_kinematics((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, psi), outputs=names).arrays()
-    return Frames(6 * share, ((a["R1"], a["S1"]), (a["R2"], a["S2"])), psi, {})
+    q = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, psi)
+    a = pair.forward_kinematics(q, outputs=("R1", "S1", "R2", "S2")).arrays()
+    readings = {name: _chosen({**a, "psi": psi}, name) for name in outputs or ()}
+    return Frames(6 * share, ((a["R1"], a["S1"]), (a["R2"], a["S2"])), psi, readings)
 
 
-def _of_scene(scene: Scene) -> Frames:
-    rows = _spread(scene.samples)
-    known = scene.motion.known(rows, scene.motion.level)
-    bodies = known.bodies(scene.pair)
-    state = known.forward_kinematics(scene.pair, None).arrays()
-    readings: dict[str, Array] = {name: _in_space(state[name]) for name in RATES if name in state}
-    placements = (bodies["R1"], bodies["S1"]), (bodies["R2"], bodies["S2"])
-    return Frames(scene.motion.t[rows], placements, known.psi, readings)
+def _of_scene(scene: Scene, outputs: Iterable[str] | None) -> Frames:
+    part = scene.sampled(MOST_FRAMES, (*RATES[: 2 * scene.motion.level], "psi") if outputs is None else outputs)
+    bodies, found = part.known.bodies(scene.pair), part.chosen()
+    readings = found if outputs is not None else {name: _in_space(a) for name, a in part.state.arrays().items()}
+    return Frames(part.t, ((bodies["R1"], bodies["S1"]), (bodies["R2"], bodies["S2"])), part.known.psi, readings)
 
 
-def _of_trajectory(motion: Trajectory) -> Frames:
-    rows = _spread(len(motion.t))
+def _of_trajectory(motion: Trajectory, outputs: Iterable[str] | None) -> Frames:
+    rows = np.unique(np.linspace(0, len(motion.t) - 1, min(len(motion.t), MOST_FRAMES)).astype(np.intp))
     body1 = BodyMotion(R=motion.R1[rows], S=motion.S1[rows])
     a = motion.pair.forward_kinematics_from_body1(body1, motion.psi[rows]).arrays()
-    found = motion.state.arrays()
-    readings: dict[str, Array] = {name: found[name][rows] for name in RATES if name in found}
+    found = motion.recorded()
+    names = [name for name in RATES if name in found] if outputs is None else outputs
+    readings = {name: _chosen(found, name)[rows] for name in names}
     return Frames(motion.t[rows], ((body1.R, body1.S), (a["R2"], a["S2"])), motion.psi[rows], readings)
 
 
-def _spread(count: int) -> NDArray[np.intp]:
-    """Rows that a page shows."""
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).astype(np.intp))
+def _chosen(found: dict[str, Array], name: str) -> Array:
+    if name not in found:
+        raise ArgumentError("outputs", choices(tuple(found)), quoted(name))
+    return found[name]
 
 
 def _in_space(vectors: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -20,30 +21,36 @@ if TYPE_CHECKING:
 
 _COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")  # Okabe and Ito's blue, vermilion and green
 _BODIES: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
-_ROWS: Final = (("R2", "v2", "a2"), ("attitude", "omega2", "alpha2"))
+_ROWS: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"))
 _TITLES: Final = {
     "R2": "position of body 2, R2",
     "v2": "velocity, v2",
     "a2": "acceleration, a2",
-    "attitude": "attitude of body 2, Euler angles XYZ",
+    "S2": "attitude of body 2, Euler angles XYZ",
+    "S1": "attitude of body 1, Euler angles XYZ",
+    "psi": "hinge angle, psi",
     "omega2": "angular velocity, omega2",
     "alpha2": "angular acceleration, alpha2",
 }
 
 
-def plot(source: Source) -> Figure:
+def plot(source: Source, outputs: Iterable[str] | None = None) -> Figure:
     """A figure of a motion: position, attitude and their rates over time, psi, paths in space, the residual of E1.
+
+    Or of some outputs alone, each over time.
 
     Args:
         source: a scene or its result, a trajectory of `integrate` or `simulate`, or a pair, which then turns through
             its limits.
+        outputs: what to draw instead, as for `Scene.evaluate`; of a trajectory what it has, of a pair R1, S1, R2, S2,
+            psi. Attitudes are drawn as Euler angles XYZ.
 
     Returns:
         A matplotlib Figure; `.savefig(path)` writes it. World axes; what the motion does not have stays out. Where
         something is not a finite number there is a gap, shaded.
 
     Raises:
-        ArgumentError: what has no motion in space to show.
+        ArgumentError: what has no motion in space to show, or no such output.
         MissingDependencyError: matplotlib is not installed.
 
     >>> import hingepair as hp
@@ -57,14 +64,38 @@ def plot(source: Source) -> Figure:
         raise MissingDependencyError(
             "plot", "the package matplotlib: pip install 'hingepair[plot]'", "none"
         ) from None
-    pair, title, frames = frames_of(source)
-    (_, _), (R2, S2) = frames.placements
-    with np.errstate(invalid="ignore"):
-        angles = continuous(matrix_to_euler(S2), proper=False)
-    shown = {"R2": R2, "attitude": angles, **frames.readings}
-    columns = max(sum(name in shown for name in row) for row in _ROWS)
-    figure = Figure(figsize=(4.2 * max(columns, 2), 8.4), layout="constrained")
+    pair, title, frames = frames_of(source, outputs)
+    figure = _several(Figure, frames) if outputs is not None else _whole(Figure, pair, frames)
     figure.suptitle(title)
+    for axes in figure.axes:
+        axes.tick_params(labelsize=8)
+        axes.title.set_fontsize(9)
+        if axes.name != "3d":
+            axes.grid(alpha=0.3)
+    return figure
+
+
+def _several(make: type[Figure], frames: Frames) -> Figure:
+    """Some outputs over time, side by side."""
+    columns = min(3, len(frames.readings))
+    rows = -(-len(frames.readings) // columns)
+    figure = make(figsize=(max(4.2 * columns, 6), 2.6 * rows + 0.5), layout="constrained")
+    places = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+    for axes, (name, values) in zip(places, frames.readings.items(), strict=False):
+        _over_time(axes, name, frames.t, values)
+    for axes in places[len(frames.readings) :]:
+        axes.remove()
+    for axes in figure.axes[-columns:]:
+        axes.set_xlabel("t [s]")
+        axes.tick_params(labelbottom=True)
+    return figure
+
+
+def _whole(make: type[Figure], pair: HingePair, frames: Frames) -> Figure:
+    (_, _), (R2, S2) = frames.placements
+    shown = {"R2": R2, "S2": S2, **frames.readings}
+    columns = max(sum(name in shown for name in row) for row in _ROWS)
+    figure = make(figsize=(4.2 * max(columns, 2), 8.4), layout="constrained")
     grid = figure.add_gridspec(3, 2 * max(columns, 2), height_ratios=(1, 1, 1.25))
     first: Any = None
     for row, names in enumerate(_ROWS):
@@ -76,25 +107,24 @@ def plot(source: Source) -> Figure:
     _in_space(figure.add_subplot(grid[2, :half], projection="3d"), pair, frames)
     lower = grid[2, half:].subgridspec(2, 1)
     psi = figure.add_subplot(lower[0], sharex=first)
-    psi.plot(frames.t, frames.psi, color="#222222", lw=1.2)
-    psi.set(title="hinge angle, psi", ylabel="rad")
-    _shade(psi, frames.t, frames.psi)
+    _over_time(psi, "psi", frames.t, frames.psi)
     _gap(figure.add_subplot(lower[1], sharex=first), pair, frames)
-    for axes in figure.axes:
-        axes.tick_params(labelsize=8)
-        axes.title.set_fontsize(9)
-        if axes.name != "3d":
-            axes.grid(alpha=0.3)
     return figure
 
 
 def _over_time(axes: Axes, name: str, t: Array, values: Array) -> None:
-    unit = "rad" if name == "attitude" else unit_of(name)
-    for part, colour, letter, style in zip(values.T, _COLOURS, "xyz", ("-", "--", "-."), strict=True):
-        axes.plot(t, part, style, color=colour, lw=1.2, label=letter)
-    axes.set(title=_TITLES[name], ylabel=unit)
+    attitude = values.ndim == 3
+    if attitude:
+        with np.errstate(invalid="ignore"):
+            values = continuous(matrix_to_euler(values), proper=False)
     _shade(axes, t, values)
-    if name == "R2":
+    axes.set(title=_TITLES.get(name, name), ylabel="rad" if attitude else unit_of(name))
+    if values.ndim == 1:
+        axes.plot(t, values, color="#222222", lw=1.2)
+        return
+    for part, colour, letter, style in zip(values.T, _COLOURS, "xyz", ("-", "--", "-."), strict=False):
+        axes.plot(t, part, style, color=colour, lw=1.2, label=letter)
+    if axes is axes.figure.axes[0]:
         axes.legend(fontsize=8, ncols=3)
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
+from hingepair.errors import printable
 from hingepair.pair.body import Body, Box, Cylinder, Shape, Sphere
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -26,7 +28,7 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
     """
     if planar:
         table.check_keys(("u1", "u2", "name"))
-        return _made(table, PlanarPair, u1=table.numbers("u1", 2), u2=table.numbers("u2", 2), **_name(table))
+        return _made(table, PlanarPair, u1=table.numbers("u1", 2), u2=table.numbers("u2", 2), name=_name(table))
     table.check_keys(KEYS)
     if "robot" in table.values or "joint" in table.values:
         from hingepair.formats.robots import load_robot_hinge
@@ -42,11 +44,12 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
         values["limits"] = table.numbers("limits", 2)
     values |= {key: table.number(key) for key in ("torque_limit", "rate_limit") if key in table.values}
     bodies = {key: _body(table.table(key)) for key in ("body1", "body2") if key in table.values}
-    return _made(table, HingePair, **values, **bodies, **_name(table))
+    return _made(table, HingePair, **values, **bodies, name=_name(table))
 
 
-def _name(table: Table) -> dict[str, str]:
-    return {"name": table.text("name")} if "name" in table.values else {}
+def _name(table: Table) -> str:
+    """The name of the pair; that of the file unless given."""
+    return table.text("name", printable(Path(table.file).stem).strip() or None)
 
 
 def _body(table: Table) -> Body:

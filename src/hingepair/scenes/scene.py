@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, check_outputs, outputs_of
 from hingepair.integration.trajectory import span
-from hingepair.numeric.arrays import Float64Array, Frozen, read_only
+from hingepair.numeric.arrays import Frozen, read_only
 from hingepair.numeric.notebook import Sheet, Shown, cell
 from hingepair.numeric.tables import instant
 from hingepair.pair.dynamics import GRAVITY
@@ -286,7 +286,16 @@ class Scene(Shown):
             ArgumentError: an unknown output, one that needs what the motion does not have, or more instants than can
                 be held in memory.
         """
-        return self._part(self.times(), 0, self._wanted(outputs))
+        return self._part(slice(len(self.times())), self._wanted(outputs))
+
+    def sampled(self, most: int, outputs: Iterable[str] | None = None) -> SceneResult:
+        """The same at so many instants at most, evenly spread.
+
+        Args:
+            most: how many.
+            outputs: as for `evaluate`.
+        """
+        return self._part(self._spread(most), self._wanted(outputs), self.motion.level)
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[SceneResult]:
         """The same in pieces of 131,072 instants, one after the other, for motions longer than memory.
@@ -301,19 +310,24 @@ class Scene(Shown):
         """
         wanted = self._wanted(outputs)
         for start in range(0, self.samples, ROWS):
-            t = np.asarray(read_only(self.motion.t[start : start + ROWS]))
-            yield self._part(t, start, wanted, min(self.motion.level, VELOCITY))
+            yield self._part(slice(start, start + ROWS), wanted, min(self.motion.level, VELOCITY))
 
-    def _part(self, t: Float64Array, first: int, wanted: _Wanted, least: int = 0) -> SceneResult:
-        """The state at some instants in a row; derivatives up to the order `least` are kept beside it."""
-        known = self.motion.known(slice(first, first + len(t)), max(wanted.order, least))
+    def _part(self, rows: Rows, wanted: _Wanted, least: int = 0) -> SceneResult:
+        """The state at some instants; derivatives up to the order `least` are kept beside it."""
+        t = np.asarray(read_only(self.motion.t[rows]))
+        known = self.motion.known(rows, max(wanted.order, least))
         # Of more than a block all are computed in one way, so that pieces and the whole are the same to the bit.
         backend = "auto" if self.samples <= ROWS else "compiled" if find_spec("llvmlite") else "numpy"
         if wanted.names == ():
             state: PairState | PlanarState = (PairState if self.kind == SPATIAL else PlanarState)({}, t.shape)
         else:
             state = known.part(slice(None), wanted.order).forward_kinematics(self.pair, wanted.names, backend)
+        first = (rows.start or 0) if isinstance(rows, slice) else 0
         return SceneResult(t, state, self, known, wanted.asked, first)
+
+    def _spread(self, most: int) -> Rows:
+        """So many instants at most."""
+        return np.unique(np.linspace(0, self.samples - 1, min(self.samples, most)).astype(np.intp))
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """What `evaluate` computes and what it leaves out, and why; print it.
@@ -336,9 +350,7 @@ class Scene(Shown):
         Raises:
             MissingDependencyError: Pinocchio is not installed.
         """
-        rows: Rows = slice(len(self.times()) if most is None else most)
-        if most is not None and self.samples > most:
-            rows = np.linspace(0, self.samples - 1, most).astype(np.intp)
+        rows = slice(len(self.times())) if most is None else self._spread(most)
         return self.motion.known(rows, self.motion.level).cross_validate(self.pair)
 
     def forces(self, gravity: ArrayLike = GRAVITY) -> Record:
