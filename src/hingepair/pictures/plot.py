@@ -144,6 +144,9 @@ def _in_space(axes: Any, pair: HingePair, frames: Frames) -> None:
         axes.plot(*path[:1].T, "o", color=colour, ms=3)
     axes.set(title="paths in space [m], from the dots", xlabel="x", ylabel="y", zlabel="z")
     axes.set_aspect("equal")
+    extents = {letter: abs(np.subtract(*getattr(axes, f"get_{letter}lim")())) for letter in "xyz"}
+    for letter, extent in extents.items():  # of a long path, few numbers across
+        axes.locator_params(axis=letter, nbins=max(1, round(5 * extent / max(extents.values()))))
     axes.legend(fontsize=8)
 
 
