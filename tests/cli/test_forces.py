@@ -60,8 +60,8 @@ def test_an_inertia_that_was_not_given_is_said(tmp_path):
     ("arguments", "words"),
     [
         (["reference_3d.toml"], "pair.body2: expected mass properties"),
-        (["reference_2d.toml"], "scene: expected a scene in space"),
-        (["landing_gear.toml", "--gravity", "down"], "gravity: expected three numbers"),
+        (["reference_2d.toml"], "pair.body2: expected mass properties"),
+        (["landing_gear.toml", "--gravity", "down"], "gravity: expected numbers X,Y,Z"),
         (["landing_gear.toml", "--out", "forces.doc"], "out: expected"),
     ],
 )

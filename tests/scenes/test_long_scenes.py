@@ -93,7 +93,7 @@ def test_what_memory_cannot_hold_says_what_can(tmp_path):
             ask()
     first = next(scene.blocks(("R2",)))
     assert (len(first.t), first.first, first.R2.shape) == (131_072, 0, (131_072, 3))
-    with pytest.raises(hp.SceneError, match=r"time\.samples: expected at most 10000000 where rates are integrated"):
+    with pytest.raises(hp.SceneError, match=r"time\.samples: expected at most 10000000 where a motion is integrated"):
         hp.load_scene(long_scene(tmp_path, 100_000_000, "spinning_satellite"))
     with pytest.raises(hp.SceneError, match=r"time\.samples"):
         hp.load_scene(long_scene(tmp_path, 10**12))

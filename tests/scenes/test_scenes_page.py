@@ -13,6 +13,7 @@ import hingepair as hp
 from hingepair.evaluation.steps import COORDINATES
 from hingepair.scenes.log_file import ARRAYS, COLUMNS
 from hingepair.scenes.pair_table import KEYS
+from hingepair.scenes.simulated_motion import LOAD_KEYS
 from hingepair.scenes.waypoints import PROFILES
 from hingepair.symbolic.expressions import CONSTANTS, FUNCTIONS
 
@@ -29,6 +30,8 @@ def completed(example: str) -> str:
     missing = [
         table for table, name in ((PAIR, "[pair]"), (MOTION, "[motion]"), (TIME, "[time]")) if name not in example
     ]
+    if "[dynamics]" in example:
+        missing = [table for table in missing if table is not MOTION]
     if re.search("^file = ", example, re.MULTILINE):
         missing = [table for table in missing if table is not TIME]
     return example + "".join(missing)
@@ -46,11 +49,19 @@ def test_examples_run(example, tmp_path):
 
 def test_there_are_examples_of_every_kind():
     assert len(EXAMPLES) >= 9
-    for word in ("planar = true", "robot = ", "omega1 = ", "integrate = true", "profile = ", "[pair.body1]"):
+    for word in (
+        "planar = true",
+        "robot = ",
+        "omega1 = ",
+        "integrate = true",
+        "profile = ",
+        "[pair.body1]",
+        "[dynamics]",
+    ):
         assert any(word in example for example in EXAMPLES), word
 
 
-@pytest.mark.parametrize("name", [*FUNCTIONS, *CONSTANTS, *PROFILES, *KEYS, *ARRAYS])
+@pytest.mark.parametrize("name", [*FUNCTIONS, *CONSTANTS, *PROFILES, *KEYS, *ARRAYS, *LOAD_KEYS])
 def test_every_word_is_told(name):
     assert re.search(rf"\b{name}\b", PAGE), name
 

@@ -16,18 +16,19 @@ from hingepair.cli.run import SceneFile, head
 from hingepair.errors import ArgumentError
 from hingepair.numeric.notebook import unit_of
 from hingepair.numeric.tables import finite_or_none
-from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.results import ENDINGS, Record, check_ending, column_names
 from hingepair.scenes.scene import load_scene, scene_files
-
-_GRAVITY = ",".join(f"{component:g}" for component in GRAVITY)
 
 
 def forces(
     scene_file: SceneFile,
     gravity: Annotated[
-        str, typer.Option(metavar="X,Y,Z", help="Acceleration of free fall, world axes [m/s^2].")
-    ] = _GRAVITY,
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Acceleration of free fall, world axes [m/s^2]: 0,0,-9.81, in the plane 0,-9.81, unless given.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help=f"Write all instants to FILE ({', '.join(ENDINGS)})."),
@@ -43,7 +44,7 @@ def forces(
     if out is not None:
         check_ending(out)
     scene = load_scene(scene_file)
-    found = scene.forces(_vector(gravity))
+    found = scene.forces(None if gravity is None else _vector(gravity))
     written = None if out is None else found.save(out, scene_files(scene_file))
     rows = _rows(found)
     if as_json:
@@ -86,7 +87,6 @@ def _rows(found: Record) -> dict[str, dict[str, float]]:
 
 def _vector(text: str) -> tuple[float, ...]:
     try:
-        x, y, z = map(float, text.split(","))
+        return tuple(map(float, text.split(",")))
     except ValueError:
-        raise ArgumentError("gravity", "three numbers X,Y,Z", repr(text)) from None
-    return x, y, z
+        raise ArgumentError("gravity", "numbers X,Y,Z", repr(text)) from None

@@ -42,9 +42,9 @@ class Moving(NamedTuple):
 
 @dataclass(frozen=True, slots=True, init=False)
 class HingeLoad:
-    """Torque at the hinge from spring, damper, friction and stops; a `hinge_torque` for `simulate`.
+    """Torque at the hinge from motor, spring, damper, friction and stops; a `hinge_torque` for `simulate`.
 
-    torque = -stiffness (psi - rest) - damping psi' - friction tanh(psi' / friction_rate), and beyond a stop
+    torque = motor - stiffness (psi - rest) - damping psi' - friction tanh(psi' / friction_rate), and beyond a stop
     -stop_stiffness (psi - stop) - stop_damping psi'.
 
     Args:
@@ -56,6 +56,7 @@ class HingeLoad:
         stops: least and greatest hinge angle, such as `pair.limits` [rad]; none unless given.
         stop_stiffness: beyond a stop [N m/rad].
         stop_damping: beyond a stop [N m s/rad].
+        motor: what is added [N m]: a number, or a callable of arrays (t, psi, psid).
 
     Raises:
         ArgumentError: a value is not finite or below 0; names it.
@@ -74,6 +75,7 @@ class HingeLoad:
     stops: tuple[float, float] | None
     stop_stiffness: float
     stop_damping: float
+    motor: HingeTorque
 
     def __init__(
         self,
@@ -86,7 +88,11 @@ class HingeLoad:
         stops: tuple[float, float] | None = None,
         stop_stiffness: float = 1e4,
         stop_damping: float = 0.0,
+        motor: HingeTorque = 0.0,
     ) -> None:
+        if callable(motor):
+            check_callable("motor", motor, "t", "psi", "psid")
+        object.__setattr__(self, "motor", motor if callable(motor) else finite_number("motor", motor))
         given = {
             "stiffness": stiffness, "damping": damping, "friction": friction, "friction_rate": friction_rate,
             "stop_stiffness": stop_stiffness, "stop_damping": stop_damping,
@@ -106,9 +112,10 @@ class HingeLoad:
                 raise ArgumentError("stops", "(lower, upper) with lower < upper", stops)
         object.__setattr__(self, "stops", ends)
 
-    def __call__(self, _: Any, psi: Any, psid: Any) -> Any:
-        """The torque [N m] at hinge angles [rad] and rates [rad/s]; of floats or arrays."""
+    def __call__(self, t: Any, psi: Any, psid: Any) -> Any:
+        """The torque [N m] at instants [s], hinge angles [rad] and rates [rad/s]; of floats or arrays."""
         torque = -self.stiffness * (psi - self.rest) - self.damping * psid
+        torque = torque + (self.motor(t, psi, psid) if callable(self.motor) else self.motor)
         if self.friction:
             torque = torque - self.friction * np.tanh(psid / self.friction_rate)
         if self.stops is not None:

@@ -59,11 +59,11 @@ class _Moved:
     psidd: Array
     loads: Mapping[str, Array]
     _space: HingePair
-    _gravity: tuple[float, ...]
+    gravity: tuple[float, ...]
 
     def energy(self) -> Energy:
         """Kinetic and potential energy at the instants, of each body that has mass properties (D7)."""
-        return self._space.energy(self.body1, self.psi, self.psid, self._gravity)
+        return self._space.energy(self.body1, self.psi, self.psid, self.gravity)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -75,6 +75,7 @@ class SimulatedMotion(_Moved, Trajectory):
         psid: hinge rate [rad/s]; shape (N,).
         psidd: its rate [rad/s^2]; shape (N,).
         loads: what acted, by name: hinge_torque, shape (N,), force1, torque1, force2 and torque2, (N, 3).
+        gravity: acceleration of free fall, in space [m/s^2].
     """
 
     body1: BodyMotion
@@ -82,7 +83,7 @@ class SimulatedMotion(_Moved, Trajectory):
     psidd: Array
     loads: Mapping[str, Array]
     _space: HingePair
-    _gravity: tuple[float, ...]
+    gravity: tuple[float, ...]
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """The outputs of the state, the motion of body 1 and that of the hinge, by name; shape (N, ...)."""
@@ -100,7 +101,7 @@ class SimulatedPlanarMotion(_Moved, PlanarTrajectory):
     psidd: Array
     loads: Mapping[str, Array]
     _space: HingePair
-    _gravity: tuple[float, ...]
+    gravity: tuple[float, ...]
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """The outputs of the state, the motion of body 1 and that of the hinge, by name; shape (N, ...)."""
@@ -213,7 +214,7 @@ def simulate(
         "psidd": read_only(found.psidd),
         "loads": {name: read_only(load) for name, load in loads.everything(instants, now).items()},
         "_space": space,
-        "_gravity": loads.known["gravity"],
+        "gravity": loads.known["gravity"],
     }
     if isinstance(pair, PlanarPair):
         q, qd = (*now.R1.T[:2], found.phi, now.psi), (*now.v1.T[:2], now.omega1[:, 2], now.psid)

@@ -127,8 +127,8 @@ class Body(Frozen):
 
     Args:
         mass: above zero [kg].
-        center_of_mass: from the body's reference point, body axes [m]; shape (3,). Unless given, that of the shapes,
-            or else the reference point.
+        center_of_mass: from the body's reference point, body axes [m]; shape (3,). Unless given, the reference point,
+            or that of the shapes where inertia is not given either.
         inertia: about the centre of mass, body axes [kg m^2]; shape (3, 3), symmetric, or three principal moments,
             shape (3,); those above zero and none above the sum of the other two. Unless given, that of the shapes,
             or else of a radius of gyration of 0.1 m, of which dynamics warns.
@@ -165,7 +165,7 @@ class Body(Frozen):
         for shape in drawn:
             if not isinstance(shape, Shape):
                 raise ArgumentError("shapes", "Box, Cylinder or Sphere", quoted(shape))
-        middle, spread = _of_shapes(drawn)
+        middle, spread = _of_shapes(drawn if inertia is None else ())
         centre = middle if center_of_mass is None else one_constant("center_of_mass", center_of_mass, 3)
         tensor = value * spread if inertia is None else _tensor(inertia)
         _freeze(self, mass=value, center_of_mass=centre, inertia=_checked_inertia(tensor), shapes=drawn)

@@ -177,7 +177,7 @@ class PlanarPair(Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).mass_matrix((0, 0, 0, 0)).diagonal().tolist()
         [4.0, 4.0, 10.0, 3.0]
         """
-        body1, psi = _motion(q)
+        body1, psi = motion_in_space(q)
         M: FloatArray = self.massive().mass_matrix(body1, psi)[..., _IN_PLANE[:, None], _IN_PLANE]
         return M
 
@@ -205,7 +205,7 @@ class PlanarPair(Shown):
         >>> forces.force1.tolist(), float(forces.hinge_torque)
         ([0.0, 39.24], 19.62)
         """
-        body1, psi, psid, psidd = _motion(q, qd, qdd)
+        body1, psi, psid, psidd = motion_in_space(q, qd, qdd)
         found = self.massive().inverse_dynamics(body1, psi, psid, psidd, _fall(gravity))
         return Forces(found.force1[..., :2], found.torque1[..., 2], found.hinge_torque)
 
@@ -245,7 +245,7 @@ class PlanarPair(Shown):
         >>> pair.forward_dynamics((0, 0, 0, 0.3), (0, 0, 0, 0)).round(9).tolist()  # both bodies fall
         [0.0, -9.81, 0.0, 0.0]
         """
-        body1, psi, psid = _motion(q, qd)
+        body1, psi, psid = motion_in_space(q, qd)
         found = self.massive().forward_dynamics(
             body1,
             psi,
@@ -277,7 +277,7 @@ class PlanarPair(Shown):
         >>> pair.energy((0, 1, 0, 0), (1, 0, 0, 0)).potential.round(9).tolist()
         19.62
         """
-        body1, psi, psid = _motion(q, qd)
+        body1, psi, psid = motion_in_space(q, qd)
         return self.massive().energy(body1, psi, psid, _fall(gravity))
 
     def momentum(self, q: ArrayLike | tuple[Any, ...], qd: ArrayLike | tuple[Any, ...]) -> Momentum:
@@ -293,7 +293,7 @@ class PlanarPair(Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).momentum((0, 1, 0, 0), (1, 0, 0, 0)).linear.tolist()
         [4.0, 0.0]
         """
-        found = self.massive().momentum(*_motion(q, qd))
+        found = self.massive().momentum(*motion_in_space(q, qd))
         return Momentum(found.linear[..., :2], found.angular[..., 2])
 
 
@@ -306,7 +306,7 @@ def _level(body: Body) -> Body:
     return Body(body.mass, (x, y, 0), np.eye(3) * body.inertia[2, 2])
 
 
-def _motion(
+def motion_in_space(
     q: ArrayLike | tuple[Any, ...],
     qd: ArrayLike | tuple[Any, ...] | None = None,
     qdd: ArrayLike | tuple[Any, ...] | None = None,

@@ -147,10 +147,10 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Expressi
         SceneError: a value cannot be used; names file, table and key.
     """
     if "omega1" in motion.values or "psi_dot" in motion.values:
-        return _by_rates(motion, _held(time), planar)
+        return _by_rates(motion, held_instants(time), planar)
     names = PLANAR_COORDINATES if planar else COORDINATES
     motion.check_keys((*names, "constants", *(() if planar else ("sequence", "file", "omega1"))))
-    functions = _functions(motion, names)
+    functions = read_functions(motion, names)
     return ExpressionMotion(
         read_instants(time), functions, None if planar else motion.choice("sequence", SEQUENCES, "XYZ")
     )
@@ -160,10 +160,10 @@ def _by_rates(table: Table, t: Float64Array, planar: bool) -> IntegratedMotion:
     own = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
     table.check_keys((*START, "tol", "omega1", "psi_dot", "constants", *own))
     axes = ("x", "y") if planar else ("x", "y", "z")
-    source = table if planar else _entries(table, "omega1")
-    turning, hinge = _functions(source, ("omega1",) if planar else _OMEGA), _functions(table, ("psi_dot",))
+    source = table if planar else entries(table, "omega1")
+    turning, hinge = read_functions(source, ("omega1",) if planar else _OMEGA), read_functions(table, ("psi_dot",))
     still = Table(table.file, table.name, dict.fromkeys(axes, 0) | table.values, table.constants)
-    point = _functions(still, axes)
+    point = read_functions(still, axes)
     known = dict(zip(("R1", "v1", "a1"), point.stacked(t, 2), strict=True))
     known |= dict(zip(("omega1", "alpha1"), turning.stacked(t, 1), strict=True))
     known |= dict(zip(("psid", "psidd"), (column[:, 0] for column in hinge.stacked(t, 1)), strict=True))
@@ -183,23 +183,23 @@ def _signal(name: str, functions: FunctionsOfTime, single: bool) -> Signal:
     return Signal(name, values, () if single else (3,))
 
 
-def _held(time: Table) -> Float64Array:
+def held_instants(time: Table) -> Float64Array:
     """The instants of the table [time], where all of them are in memory at once."""
     t = read_instants(time)
     if len(t) > MOST_HELD:
-        time.fail("samples", f"at most {MOST_HELD} where rates are integrated, which is done in memory")
+        time.fail("samples", f"at most {MOST_HELD} where a motion is integrated, which is done in memory")
     return np.asarray(read_only(t[:]))
 
 
-def _entries(table: Table, key: str) -> Table:
-    """The three entries of a list, by the names omega1[0], ..."""
+def entries(table: Table, key: str, count: int = 3, of: str = "t") -> Table:
+    """The entries of a list, by the names omega1[0], ..."""
     values = table.values.get(key)
-    if not isinstance(values, list) or len(values) != 3:
-        table.fail(key, "three numbers or expressions in t")
+    if not isinstance(values, list) or len(values) != count:
+        table.fail(key, f"{('two', 'three')[count - 2]} numbers or expressions in {of}")
     return Table(table.file, table.name, {f"{key}[{i}]": value for i, value in enumerate(values)}, table.constants)
 
 
-def _functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
+def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
     """The functions of t of some keys: numbers, expressions, way points."""
     found = tuple(_function(table, key) for key in names)
     texts = tuple(value if isinstance(value := table.values.get(key), str) else "" for key in names)

@@ -18,6 +18,7 @@ from hingepair.numeric.blocks import Values
 from hingepair.pair.accuracy import euler_rate_sizes, given_rate_sizes
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.evaluate import count_operations
+from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.explain import ScenePlan, explain
@@ -257,6 +258,11 @@ class InPlane:
         _, _, phid, psid = (np.broadcast_to(np.asarray(value, float), (self.count,)) for value in self.derivatives[1])
         return np.abs(phid), psid
 
+    def accelerated(self, _: PlanarPair) -> Accelerated:
+        """Body 1 in space and the hinge with all derivatives; needs second derivatives."""
+        body1, psi, psid, psidd = motion_in_space(*_of_many(self.derivatives, self.count))
+        return body1, psi, psid, psidd
+
 
 class KnownMotion(Protocol):
     """What each kind answers, of the pair that its scene has."""
@@ -288,6 +294,9 @@ class KnownMotion(Protocol):
 
     def bodies(self, pair: Any, /) -> dict[str, NDArray[Any]]:
         """R1, S1, R2, S2, and omega1, omega2 where rates are known, in space."""
+
+    def accelerated(self, pair: Any, /) -> Accelerated:
+        """Body 1 in space and the hinge with all derivatives; needs second derivatives."""
 
     def rates(self) -> tuple[Float64Array, Float64Array]:
         """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""

@@ -27,8 +27,9 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
         MissingDependencyError: the pair is a robot's, and example-robot-data is not installed.
     """
     if planar:
-        table.check_keys(("u1", "u2", "name"))
-        return _made(table, PlanarPair, u1=table.numbers("u1", 2), u2=table.numbers("u2", 2), name=_name(table))
+        table.check_keys(("u1", "u2", "name", "body1", "body2"))
+        own = {key: table.numbers(key, 2) for key in ("u1", "u2")}
+        return _made(table, PlanarPair, **own, **_bodies(table), name=_name(table))
     table.check_keys(KEYS)
     if "robot" in table.values or "joint" in table.values:
         from hingepair.formats.robots import load_robot_hinge
@@ -43,8 +44,11 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
     if "limits" in table.values:
         values["limits"] = table.numbers("limits", 2)
     values |= {key: table.number(key) for key in ("torque_limit", "rate_limit") if key in table.values}
-    bodies = {key: _body(table.table(key)) for key in ("body1", "body2") if key in table.values}
-    return _made(table, HingePair, **values, **bodies, name=_name(table))
+    return _made(table, HingePair, **values, **_bodies(table), name=_name(table))
+
+
+def _bodies(table: Table) -> dict[str, Body]:
+    return {key: _body(table.table(key)) for key in ("body1", "body2") if key in table.values}
 
 
 def _name(table: Table) -> str:

@@ -16,17 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, check_outputs, outputs_of
 from hingepair.integration.trajectory import span
-from hingepair.numeric.arrays import Frozen, read_only
+from hingepair.numeric.arrays import Frozen, one_constant, read_only
 from hingepair.numeric.notebook import Sheet, Shown, cell
 from hingepair.numeric.tables import instant
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
+from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.pair.results import MOST_HELD, ROWS, Record, Result
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.scenes.explain import ScenePlan
 from hingepair.scenes.instants import Instants, Rows
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates, Derivatives, KnownMotion
+from hingepair.scenes.known_motion import Derivatives, KnownMotion
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
-_TABLES = ("title", "planar", "pair", "motion", "time", "outputs")
+_TABLES = ("title", "planar", "pair", "motion", "dynamics", "time", "outputs")
 _LEVELS = {
     **dict.fromkeys(("v", "omega", "qd", "psid"), VELOCITY),
     **dict.fromkeys(("a", "alpha", "qdd", "psidd"), ACCELERATION),
@@ -353,37 +353,53 @@ class Scene(Shown):
         rows = slice(len(self.times())) if most is None else self._spread(most)
         return self.motion.known(rows, self.motion.level).cross_validate(self.pair)
 
-    def forces(self, gravity: ArrayLike = GRAVITY) -> Record:
+    def forces(self, gravity: ArrayLike | None = None) -> Record:
         """What acts for the pair to move as the scene says (D1-D5), at the scene's instants.
 
         Its attributes: hinge_torque [N m], shape (N,), about the hinge axis, bearing_torque [N m], (N, 3), across it,
         and hinge_force [N], (N, 3), are what body 1 exerts on body 2 at the hinge point; force1 and torque1 what must
-        act on body 1 at R1, where it has mass properties. World axes.
+        act on body 1 at R1, where it has mass properties. World axes. In the plane forces have two components,
+        torques one, and there is no bearing torque. What acts on body 2 by [dynamics], the hinge need not give.
 
         Args:
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), in the plane (2,). Unless given, that
+                of [dynamics], or 9.81 along -z, in the plane along -y.
 
         Raises:
-            ArgumentError: body 2 has no mass properties, the motion has no accelerations, or the scene is planar.
+            ArgumentError: body 2 has no mass properties, the motion has no accelerations, or [dynamics] has a
+                gravity of its own.
         """
-        t, known = self.times(), self.motion.known(slice(None), ACCELERATION)
-        if not isinstance(self.pair, HingePair) or not isinstance(known, ByCoordinates | ByBody1):
-            raise ArgumentError("scene", "a scene in space, whose bodies can have mass properties", "planar = true")
+        known = self.motion.known(slice(None), ACCELERATION)
         if known.level < ACCELERATION:
             raise ArgumentError(
                 "scene", f"a motion with accelerations, which forces need{self.motion.hint}", self.motion.origin
             )
+        flat = isinstance(self.pair, PlanarPair)
+        pair = self.pair.massive() if isinstance(self.pair, PlanarPair) else self.pair
+        simulated: Any = self.motion if hasattr(self.motion, "loads") else None
+        if gravity is None:
+            gravity = simulated.found.gravity if simulated else (*PLANAR_GRAVITY, 0.0) if flat else GRAVITY
+        elif simulated:
+            raise ArgumentError("gravity", "none beside [dynamics], which has its own", gravity)
+        elif flat:
+            gravity = (*one_constant("gravity", gravity, 2), 0.0)
         moved = known.accelerated(self.pair)
-        wrench = self.pair.hinge_wrench(*moved, gravity)
+        wrench = pair.hinge_wrench(*moved, gravity)
         found = {
             "hinge_torque": wrench.hinge_torque,
             "bearing_torque": wrench.bearing_torque,
             "hinge_force": wrench.force,
         }
-        if self.pair.body1 is not None:
-            forces = self.pair.inverse_dynamics(*moved, gravity)
+        if pair.body1 is not None:
+            forces = pair.inverse_dynamics(*moved, gravity)
             found |= {"force1": forces.force1, "torque1": forces.torque1}
-        return Record(t, found, f"forces: {self.title}")
+        if simulated:
+            simulated.take_off_loads(pair, found)
+        if flat:
+            del found["bearing_torque"]
+            found |= {name: found[name][:, :2] for name in ("hinge_force", "force1") if name in found}
+            found |= {name: found[name][:, 2] for name in ("torque1",) if name in found}
+        return Record(self.times(), found, f"forces: {self.title}")
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the results should know: psi past its limits, kinks, rates by finite differences."""
@@ -459,7 +475,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     """
     tables = _read(path)
     planar, pair = tables.flag("planar"), _pair(tables)
-    motion = _read_motion(tables, Path(path).parent, planar)
+    motion = _read_motion(tables, Path(path).parent, pair)
     outputs = _read_outputs(tables.table("outputs", required=False), PLANAR if planar else SPATIAL)
     constants = {key: float(value) for key, value in tables.constants.items()}
     scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, outputs, constants)
@@ -499,8 +515,14 @@ def _pair(tables: Table) -> HingePair | PlanarPair:
     return read_pair(tables.table("pair"), tables.flag("planar"))
 
 
-def _read_motion(tables: Table, folder: Path, planar: bool) -> Motion:
-    """The motion of the tables [motion] and [time]; files are relative to the folder."""
+def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> Motion:
+    """The motion of the tables [motion], [dynamics] and [time]; files are relative to the folder."""
+    planar = isinstance(pair, PlanarPair)
+    if "dynamics" in tables.values:
+        from hingepair.scenes.simulated_motion import read_dynamics
+
+        own = tables.table("motion", required=False)
+        return read_dynamics(tables.table("dynamics"), own, tables.table("time"), pair)
     motion = tables.table("motion")
     if "file" not in motion.values:
         if "psi_dot" in motion.values and "omega1" not in motion.values:

@@ -37,6 +37,7 @@ class TimeFunctions:
     Args:
         expressions: SymPy expressions in `time_symbol()`.
         names: of the expressions, for messages.
+        letters: further symbols that the expressions may hold, for `values`.
 
     Raises:
         ArgumentError: an expression or a derivative is not real and finite, whatever t is; names it.
@@ -47,7 +48,8 @@ class TimeFunctions:
     ((array([0., 6.]), array([1., 5.])), (3.0, array([0., 4.])), (0.0, 2.0))
     """
 
-    def __init__(self, expressions: Sequence[Expr], names: Sequence[str] = ()) -> None:
+    def __init__(self, expressions: Sequence[Expr], names: Sequence[str] = (), letters: Sequence[str] = ()) -> None:
+        self._letters = (time_symbol(), *(sympy.Symbol(letter, real=True) for letter in letters))
         self._program = JetProgram()
         self._jets: list[Jet] = []
         self._compiled: dict[tuple[Expr, ...], Callable[..., Sequence[Any]]] = {}
@@ -80,6 +82,13 @@ class TimeFunctions:
         values = iter([next(arrays) if constant is None else constant for constant in constants])
         return tuple(tuple(itertools.islice(values, len(self._jets))) for _ in range(order + 1))
 
+    def values(self, *given: NDArray[np.float64]) -> tuple[Value, ...]:
+        """The expressions at instants and values of the letters, arrays of one shape; constants as numbers."""
+        results = [jet[0] for jet in self._jets]
+        found = self._compiled_for(results)
+        with np.errstate(all="ignore"):
+            return tuple(np.nan if np.iscomplexobj(value) else value for value in found(*given))
+
     def switches(self, t: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether kinks or jumps lie between neighbours of increasing instants; shape (N - 1,)."""
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
@@ -92,10 +101,7 @@ class TimeFunctions:
         rows = [np.empty(t.shape) for _ in results]
         if not results:
             return rows
-        key = tuple(results)
-        if key not in self._compiled:
-            self._compiled[key] = _compile(self._program.needed(results), results)
-        function = self._compiled[key]
+        function = self._compiled_for(results)
         with np.errstate(all="ignore"):
             for start in range(0, t.size, _BLOCK):
                 block = slice(start, start + _BLOCK)
@@ -103,14 +109,17 @@ class TimeFunctions:
                     row[block] = np.nan if np.iscomplexobj(values) else values
         return rows
 
-
-def _compile(steps: list[tuple[Expr, Expr]], results: list[Expr]) -> Callable[..., Sequence[Any]]:
-    function: Callable[..., Sequence[Any]] = sympy.lambdify(
-        time_symbol(),
-        results,
-        [{"numpy": np}],
-        NumPySource(),
-        cse=lambda parts: (steps, parts),
-        docstring_limit=0,
-    )
-    return function
+    def _compiled_for(self, results: list[Expr]) -> Callable[..., Sequence[Any]]:
+        """A function of t and the letters."""
+        key = tuple(results)
+        if key not in self._compiled:
+            steps = self._program.needed(results)
+            self._compiled[key] = sympy.lambdify(
+                self._letters,
+                results,
+                [{"numpy": np}],
+                NumPySource(),
+                cse=lambda parts: (steps, parts),
+                docstring_limit=0,
+            )
+        return self._compiled[key]

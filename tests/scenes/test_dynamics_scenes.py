@@ -1,0 +1,134 @@
+"""Scenes whose motion is dynamics: the same as `simulate` finds, and forces that are those that act."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+
+MODELS = Path(__file__).parents[2] / "models"
+PAIR = """
+[pair]
+u1 = [0.4, 0, 0]
+u2 = [-0.25, 0.1, 0.05]
+n = [0, 1, 0.3]
+limits = [-0.3, 0.3]
+body1 = { mass = 0.6, inertia = [0.02, 0.03, 0.04], center_of_mass = [0.1, 0, 0] }
+body2 = { mass = 1.1, inertia = [0.002, 0.02, 0.02] }
+[time]
+start = 0
+stop = 0.5
+samples = 11
+"""
+FREE = """
+[dynamics]
+R1_0 = [0, 0, 1.5]
+omega1_0 = [0.5, 3, 1]
+psid_0 = -1
+hinge_torque = "0.05*sin(3*psi) - 0.01*psid + rate*t"
+force1 = [0.1, "0.2*t", 0]
+torque2 = [0, "0.1*psi", 0.2]
+force2 = [0.3, 0, "0.1*psid"]
+damping = 0.02
+[motion.constants]
+rate = 0.1
+"""
+
+
+def scene_of(folder, text):
+    (folder / "scene.toml").write_text(text)
+    return hp.load_scene(folder / "scene.toml")
+
+
+def test_a_free_scene_moves_as_simulate_says(tmp_path):
+    scene = scene_of(tmp_path, PAIR + FREE)
+    t = np.linspace(0, 0.5, 11)
+    found = hp.simulate(
+        scene.pair, t, hp.BodyMotion(R=(0, 0, 1.5), S=np.eye(3), omega=(0.5, 3, 1)), 0.0, -1.0,
+        hinge_torque=lambda t, psi, psid: 0.05 * np.sin(3 * psi) - 0.03 * psid + 0.1 * t,
+        force1=lambda t, _: np.stack([0.1 + 0 * t, 0.2 * t, 0 * t], -1),
+        torque2=lambda _, now: np.stack([0 * now.psi, 0.1 * now.psi, 0.2 + 0 * now.psi], -1),
+        force2=lambda _, now: np.stack([0.3 + 0 * now.psi, 0 * now.psi, 0.1 * now.psid], -1),
+    )  # fmt: skip
+    np.testing.assert_allclose(scene.evaluate().R2, found.R2, rtol=0, atol=1e-12)
+    forces = scene.forces()  # what acted on body 2 is not asked of the hinge or of body 1 again
+    np.testing.assert_allclose(forces.hinge_torque, found.loads["hinge_torque"], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(forces.force1, found.loads["force1"], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(forces.torque1, 0, rtol=0, atol=1e-12)
+    axis = found.S1 @ scene.pair.n
+    np.testing.assert_allclose((forces.bearing_torque * axis).sum(-1), 0, rtol=0, atol=1e-12)
+    assert scene.cross_validate().ok
+    assert "base free" in scene.motion.turning
+
+
+def test_a_prescribed_base_carries_the_hinge(tmp_path):
+    turn = "\n".join(
+        f"{name} = {value}" for name, value in (("x", "'0.1*sin(6*t)'"), ("y", 0), ("z", 0), ("phi_x", 0))
+    )
+    motion = f"[motion]\nsequence = 'ZYX'\n{turn}\nphi_y = '0.4*t'\nphi_z = 't'\n"
+    load = "[dynamics]\nbase = 'prescribed'\nstiffness = 2\nrest = 0.2\ngravity = [0, 0, -1.6]\n"
+    scene = scene_of(tmp_path, PAIR + motion + load)
+    forces, spring = scene.forces(), hp.HingeLoad(stiffness=2, rest=0.2)
+    psi = scene.motion.found.psi
+    np.testing.assert_allclose(forces.hinge_torque, spring(0, psi, 0), rtol=0, atol=1e-12)
+    other = "[motion]\nsequence = 'ZYX'\n" + turn + "\nphi_y = '0.4*t'\nphi_z = 't'\npsi = 0\n"
+    expected = scene_of(tmp_path, PAIR + other).evaluate(("R1", "S1", "a1"))
+    found = scene.evaluate(("R1", "S1", "a1"))
+    for name in ("R1", "S1", "a1"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0, atol=1e-13)
+    with pytest.raises(hp.ArgumentError, match="gravity: expected none beside"):
+        scene.forces((0, 0, 0))
+
+
+def test_a_double_pendulum_in_the_plane(tmp_path):
+    text = PAIR.replace("[0.4, 0, 0]", "[0.4, 0]").replace("[-0.25, 0.1, 0.05]", "[0, 0]")
+    text = text.replace("n = [0, 1, 0.3]\nlimits = [-0.3, 0.3]\n", "")
+    scene = scene_of(
+        tmp_path, "planar = true" + text + "[dynamics]\nbase = 'pinned'\nphi_0 = 0.3\ntorque1 = '0.1*t'\n"
+    )
+    np.testing.assert_array_equal(scene.motion.found.body1.R, 0)
+    forces = scene.forces()
+    assert forces.force1.shape == (11, 2)
+    np.testing.assert_allclose(forces.hinge_torque, 0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(forces.torque1, 0.1 * scene.motion.t, rtol=0, atol=1e-12)
+    assert scene.cross_validate().ok
+
+
+def test_stops_may_be_the_limits(tmp_path):
+    text = "[dynamics]\nbase = 'fixed'\npsid_0 = 3\nstops = true\nstop_stiffness = 3000\ngravity = [0, 0, 0]\n"
+    scene = scene_of(tmp_path, PAIR + text)
+    assert np.abs(scene.motion.found.psi).max() < 0.33
+    assert np.abs(np.diff(np.sign(scene.motion.found.psid))).max() == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("base = 'held'", r"dynamics\.base: expected one of free, pinned, fixed, prescribed"),
+        ("bass = 'free'", r"dynamics\.bass: .*unknown key|dynamics\.bass: expected"),
+        ("hinge_torque = 'phi'", r"dynamics\.hinge_torque: "),
+        ("force1 = [0, 'psi_d', 0]", r"dynamics\.force1\[1\]: "),
+        ("force1 = [0, 0]", r"dynamics\.force1: expected three numbers"),
+        ("tol = 1", r"dynamics\.tol: expected a number from"),
+        ("damping = -1", r"dynamics\.damping: expected 0 or above"),
+        ("gravity = 9.81", r"dynamics\.gravity: "),
+        ("base = 'pinned'\nv1_0 = [1, 0, 0]", r"dynamics\.v1_0: expected none"),
+        ("base = 'prescribed'\nR1_0 = [1, 0, 0]", r"dynamics\.R1_0: expected nothing beside base"),
+        ("base = 'prescribed'\n[motion]\nx = 0", r"motion\.y: "),
+        ("[motion]\nx = 0", r"motion\.x: expected"),
+        ("phi_0 = 1", r"dynamics\.phi_0: expected"),
+        ("hinge_torque = 'log(0.2 - t)'", r"dynamics: expected a motion that can be followed"),
+    ],
+    ids=range(14),
+)
+def test_what_cannot_be_used_is_named(tmp_path, text, message):
+    with pytest.raises(hp.SceneError, match=message):
+        scene_of(tmp_path, PAIR + "[dynamics]\n" + text + "\n")
+
+
+def test_a_pair_without_masses_is_named(tmp_path):
+    with pytest.raises(hp.SceneError, match=r"pair\.body1: expected mass properties"):
+        scene_of(tmp_path, PAIR.replace("body1 =", "#") + "[dynamics]\n")
