@@ -13,6 +13,7 @@ from hingepair.evaluation import binding, native
 from hingepair.evaluation.backend import Account, How
 from hingepair.evaluation.llvm_ir import LANES
 from hingepair.evaluation.loops import Loop
+from hingepair.evaluation.plan import SPATIAL, make_plan
 from hingepair.evaluation.trace import arc_tangent, hypotenuse, square_root, where_less
 from support.sparse import sparse
 
@@ -65,6 +66,13 @@ def test_every_count(count, dtype):
     found = run(MAP, values, (count,), dtype, out={name: array[1:-1] for name, array in room.items()})
     agree(run(MAP, values, (count,), dtype, NUMPY), found, dtype)
     assert all((array[[0, -1]] == 7.0).all() for array in room.values())
+
+
+def test_a_plan_is_the_same_however_it_is_asked_for():
+    """Else what was compiled for one way to call would be compiled again for another."""
+    plan = make_plan(("R2",), "XYZ", True)
+    assert make_plan(("R2",), sequence="XYZ", home=True, kind=SPATIAL) is plan
+    assert make_plan(("R2",), home=True) is plan
 
 
 def test_lanes_do_not_know_of_each_other():

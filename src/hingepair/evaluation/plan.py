@@ -128,7 +128,6 @@ NUMERIC: Terms = (angle_terms, hinge_terms)
 """How floats and arrays make the sines and cosines of phi and of psi."""
 
 
-@functools.lru_cache(maxsize=256)
 def make_plan(
     outputs: tuple[str, ...],
     sequence: str | None = "XYZ",
@@ -145,7 +144,15 @@ def make_plan(
         terms: what makes (sin, cos) of the three angles and (sin, 1 - cos) of psi in the numbers at hand. Exact
             numbers (other terms than NUMERIC) go through LEVER_STEPS as well; doubles find them done in the pair.
         kind: SPATIAL or PLANAR; the latter takes phi1 for the three angles.
+
+    Returns:
+        The same object for the same arguments, however they are given: programs and kernels hang on it.
     """
+    return _plan(outputs, sequence, home, terms, kind)
+
+
+@functools.lru_cache(maxsize=1024)
+def _plan(outputs: tuple[str, ...], sequence: str | None, home: bool, terms: Terms, kind: str) -> Plan:
     steps = steps_of(sequence, home, terms) if kind == SPATIAL else _planar_steps(terms)
     taken, inputs = needed_steps(steps, outputs)
     made = {step.result for step in taken}

@@ -1,16 +1,21 @@
-"""From what a caller gives to what a plan takes, and from a plan to a state: shared by all kinds of pairs."""
+"""From what a caller gives to what a plan takes, and from a plan to a state: shared by all kinds of pairs.
+
+Of `evaluate` and its like, `pair` is the pair's constants, `values` are the other inputs by name, `shapes` those of
+the samples by argument, `tails` those of one sample of each result, `rows` says whether the values are q, qd, qdd
+(else their parts), and `out` holds arrays to write into.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError, DtypeError, ShapeError, choices, quoted
+from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.evaluation.backend import How
 from hingepair.evaluation.binding import bind
 from hingepair.evaluation.loops import Loop, Operations
@@ -21,9 +26,6 @@ from hingepair.evaluation.plan import (
     PLANAR_INPUTS,
     SPATIAL,
     Plan,
-    check_outputs,
-    default_outputs,
-    make_plan,
     needed_steps,
     outputs_of,
 )
@@ -100,57 +102,9 @@ def leading_shapes(given: Coordinates) -> dict[str, tuple[int, ...]]:
 
 def component(name: str, value: Any) -> Any:
     """One coordinate: a Python number stays one, so that it follows the dtype of the arrays beside it."""
-    return float(value) if _is_number(value) else real_array(name, value)
-
-
-def _is_number(value: Any) -> bool:
-    """A Python number that a float can hold."""
-    return type(value) is float or (type(value) is int and value.bit_length() < 1024)
-
-
-def wanted(outputs: Outputs, out: Out, level: int, kind: str = SPATIAL) -> tuple[str, ...]:
-    """What to compute: the names asked for, or the level's defaults and whatever `out` has room for."""
-    if out is not None and not isinstance(out, Mapping):
-        raise ArgumentError("out", "a dict of arrays by output name", quoted(out))
-    if outputs is None and not out:
-        return default_outputs(level, kind)
-    room = tuple(out or ())
-    for name in room:
-        if name not in outputs_of(kind):
-            raise ArgumentError("out", choices(tuple(outputs_of(kind))), quoted(name))
-    if outputs is None:
-        return tuple(dict.fromkeys((*default_outputs(level, kind), *room)))
-    names = check_outputs(outputs, kind)
-    for name in room:
-        if name not in names:
-            raise ArgumentError("out", f"arrays for nothing but the outputs named ({', '.join(names)})", quoted(name))
-    return names
-
-
-def plan_for(
-    names: tuple[str, ...],
-    form: tuple[str | None, bool],
-    given: Set[str],
-    sources: Mapping[str, str],
-    kind: str = SPATIAL,
-) -> Plan:
-    """The plan for some outputs, if what is given suffices.
-
-    Args:
-        names: the outputs.
-        form: Euler sequence, and whether there is a home.
-        given: names of what is given.
-        sources: by name of an input, the argument that it comes from.
-        kind: of the plan.
-    """
-    sequence, home = form
-    plan = make_plan(names, sequence, home, kind=kind)
-    if plan.inputs <= given:
-        return plan
-    for name in names:
-        for missing in sorted(make_plan((name,), sequence, home, kind=kind).inputs - given):
-            raise ArgumentError(sources[missing], f"a value, since output {name} needs it", None)
-    return plan
+    if type(value) is float or (type(value) is int and value.bit_length() < 1024):
+        return float(value)
+    return real_array(name, value)
 
 
 @functools.lru_cache(maxsize=1024)
@@ -174,23 +128,12 @@ def loop_of(plan: Plan, rows: bool) -> Loop:
 def evaluate_one(
     state: type[StateT], plan: Plan, rows: bool, pair: Constants, values: Mapping[str, Any], out: Out, how: How
 ) -> StateT:
-    """One state in float64: no array but the one that holds the results, and those of `out`.
-
-    Args:
-        state: what it is called.
-        plan: what to compute.
-        rows: whether the values are q, qd, qdd.
-        pair: the constants of one pair.
-        values: arrays, tuples of floats or floats by name.
-        out: arrays to write into, by output.
-        how: the backend.
-    """
+    """One state of one pair in float64: no array but the one that holds the results, and those of `out`."""
     key = plan, rows, how.backend
     one = pair.prepared.get(key)
     if one is None:
-        loop = loop_of(plan, rows)
         own = {name: value for name, value in pair.values.items() if name in plan.inputs}
-        one = pair.prepared[key] = OneState(loop, own, how.backend)
+        one = pair.prepared[key] = OneState(loop_of(plan, rows), own, how.backend)
     fresh = state.of_buffer(one(values), layout_of(plan.outputs, plan.kind))
     return fresh if out is None else written(fresh, out, {})
 
@@ -205,28 +148,10 @@ def evaluate(
     out: Out,
     how: How,
 ) -> StateT:
-    """The state at all samples.
-
-    Args:
-        state: what it is called.
-        plan: what to compute.
-        rows: whether the values are q, qd, qdd.
-        pair: the pair's constants.
-        values: the plan's other inputs by name.
-        shapes: of the samples, by argument.
-        out: arrays to write into, by output.
-        how: backend and threads.
-    """
-    dtype = _dtype(values)
-    shape: tuple[int, ...] = broadcast_shape({**shapes, "pair": pair.shape})
-    loop = loop_of(plan, rows)
-    arrays: dict[str, NDArray[Any]] = {}
-    for name, tail in loop.outputs:
-        size = shape + tail
-        given = out is not None and name in out
-        arrays[name] = room_for(f"out[{name!r}]", out[name], size, dtype) if out and given else np.empty(size, dtype)
-    if out is not None:
-        check_apart(out, values)
+    """The state at all samples."""
+    shape = broadcast_shape({**shapes, "pair": pair.shape})
+    loop, dtype = loop_of(plan, rows), _dtype(values)
+    arrays = rooms(loop.outputs, shape, dtype, out, values)
     loop.run({**(pair.values if pair.single else pair.arrays), **values}, arrays, shape, dtype, how)
     return state(arrays, shape)
 
@@ -240,17 +165,7 @@ def follow_steps(
     dtype: np.dtype[Any] | None = None,
     how: How = AUTO,
 ) -> dict[str, NDArray[Any]]:
-    """New arrays of some results of steps at all samples.
-
-    Args:
-        steps: where the results come from, in order.
-        tails: shape of one sample of each result, by name.
-        pair: the pair's constants.
-        values: the other inputs by name; those that the results do not need are left alone.
-        shapes: of the samples, by argument.
-        dtype: to compute in; unless given, that of the other inputs.
-        how: backend and threads.
-    """
+    """New arrays of some results of steps at all samples; in the dtype of the values unless one is given."""
     shape = broadcast_shape({**shapes, "pair": pair.shape})
     dtype = _dtype(values) if dtype is None else dtype
     if shape == ():
@@ -258,7 +173,7 @@ def follow_steps(
     given = {**(pair.values if pair.single else pair.arrays), **values}
     inputs = tuple((name, _tail(name, value)) for name, value in given.items())
     loop = _loop_of_steps(tuple(steps), tuple(tails.items()), inputs)
-    out = {name: np.empty((*shape, *tail), dtype) for name, tail in tails.items()}
+    out = rooms(loop.outputs, shape, dtype, None, {})
     loop.run(given, out, shape, dtype, how)
     return out
 
@@ -364,8 +279,23 @@ def components(name: str, group: Any) -> Any:
     return components_of(group, rank)
 
 
-def room_for(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+def rooms(
+    tails: Iterable[tuple[str, tuple[int, ...]]],
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    out: Out,
+    values: Mapping[str, Any],
+) -> dict[str, NDArray[Any]]:
+    """Arrays for results: those of `out`, which overlap none of the values, and new ones."""
+    sizes, given = {name: (*shape, *tail) for name, tail in tails}, out or {}
+    own = {name: _room_for(name, array, sizes[name], dtype) for name, array in given.items()}
+    _check_apart(given, values)
+    return {name: own[name] if name in own else np.empty(size, dtype) for name, size in sizes.items()}
+
+
+def _room_for(output: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     """An array to write into, if it is one of this shape and dtype."""
+    name = f"out[{output!r}]"
     if not isinstance(array, np.ndarray):
         raise ArgumentError(name, "an array to write into", quoted(array))
     if array.shape != shape:
@@ -380,16 +310,14 @@ def room_for(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]
 def written(state: StateT, out: Mapping[str, NDArray[Any]], given: Mapping[str, Any]) -> StateT:
     """The state, copied into arrays: for a few samples, quicker than to compute them there."""
     arrays = state.arrays()
-    rooms = {
-        name: room_for(f"out[{name!r}]", room, arrays[name].shape, arrays[name].dtype) for name, room in out.items()
-    }
-    check_apart(out, given)
-    for name, room in rooms.items():
+    own = {name: _room_for(name, room, arrays[name].shape, arrays[name].dtype) for name, room in out.items()}
+    _check_apart(out, given)
+    for name, room in own.items():
         room[...] = arrays[name]
-    return type(state)(arrays | rooms, state.shape)
+    return type(state)(arrays | own, state.shape)
 
 
-def check_apart(out: Mapping[str, NDArray[Any]], groups: Mapping[str, Any]) -> None:
+def _check_apart(out: Mapping[str, NDArray[Any]], groups: Mapping[str, Any]) -> None:
     """Refuse an output that lies over an input or over another output: blocks would read what they wrote."""
     taken = [
         (name, c)
@@ -415,16 +343,6 @@ def evaluate_foreign(
     how: How,
 ) -> StateT:
     """The state at all samples, as arrays of the library.
-
-    Args:
-        state: what it is called.
-        plan: what to compute.
-        pair: the pair's constants.
-        values: the plan's other inputs by name: components, arrays of the library or numbers.
-        shapes: of the samples, by argument.
-        library: of the arrays.
-        out: nothing; arrays to write into are NumPy's.
-        how: the backend, which is not chosen, and one thread.
 
     Raises:
         ArgumentError: an option that is of NumPy arrays only.
@@ -457,16 +375,7 @@ def run_foreign(
     shape: tuple[int, ...],
     library: Library,
 ) -> dict[str, ForeignArray]:
-    """What some steps make of a pair and of arrays of another library: arrays of that library, by name.
-
-    Args:
-        run: of values by name, to results by name.
-        pair: the pair's constants.
-        values: the other inputs: components, arrays of the library or numbers.
-        tails: shape of one sample of each result.
-        shape: of the samples.
-        library: of the arrays.
-    """
+    """What `run`, a function of values by name, makes of a pair and of arrays of another library."""
     constants = {
         name: tuple(library.array(c) if isinstance(c, np.ndarray) else c for c in group)  # a number stays one
         for name, group in pair.values.items()

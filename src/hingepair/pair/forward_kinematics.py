@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from typing import Any
 
 import numpy as np
 
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluation.backend import How
-from hingepair.evaluation.plan import OUTPUTS, PLANAR, Plan, default_outputs, make_plan
+from hingepair.evaluation.plan import (
+    OUTPUTS,
+    PLANAR,
+    SPATIAL,
+    Plan,
+    check_outputs,
+    default_outputs,
+    make_plan,
+    outputs_of,
+)
 from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
 from hingepair.numeric.array_libraries import foreign_components, is_foreign, library_of
 from hingepair.numeric.blocks import Values
@@ -27,9 +36,7 @@ from hingepair.pair.evaluate import (
     leading_shapes,
     one_in_floats,
     parts_of,
-    plan_for,
     read_coordinates,
-    wanted,
     written,
 )
 from hingepair.pair.prepared import Prepared
@@ -89,8 +96,8 @@ def plan_from_coordinates(
     level, home = len(given.parts) - 1, "home" in pair.values
     if outputs is None and out is None:
         return make_plan(default_outputs(level), sequence, home), given
-    names = wanted(outputs, out, level)
-    return plan_for(names, (sequence, home), _parts(given, PARTS, pair), _OF_COORDINATES), given
+    names = _wanted(outputs, out, level)
+    return _plan_for(names, (sequence, home), _parts(given, PARTS, pair), _OF_COORDINATES), given
 
 
 def planar_from_coordinates(
@@ -106,8 +113,8 @@ def plan_planar(
 ) -> tuple[Plan, Coordinates]:
     """What to compute from the four coordinates of a planar pair, and of what."""
     given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES, foreign)
-    names = wanted(outputs, out, len(given.parts) - 1, PLANAR)
-    return plan_for(names, (None, False), _parts(given, PLANAR_PARTS, pair), _OF_COORDINATES, PLANAR), given
+    names = _wanted(outputs, out, len(given.parts) - 1, PLANAR)
+    return _plan_for(names, (None, False), _parts(given, PLANAR_PARTS, pair), _OF_COORDINATES, PLANAR), given
 
 
 def _parts(given: Coordinates, parts: Mapping[str, tuple[str, ...]], pair: Constants) -> set[str]:
@@ -153,7 +160,7 @@ def plan_from_body1(
     hinge = {name: v if is_foreign(v) else component(name, v) for name, v in known_hinge.items()}
     arrays = {name: array for name, letter in _LETTERS.items() if (array := getattr(body1, letter)) is not None}
     known = hinge.keys() | arrays.keys() | pair.values.keys()
-    plan = plan_for(wanted(outputs, out, len(hinge) - 1), (None, "home" in pair.values), known, _OF_BODY1)
+    plan = _plan_for(_wanted(outputs, out, len(hinge) - 1), (None, "home" in pair.values), known, _OF_BODY1)
     shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
     return plan, {**arrays, **hinge}, shapes
 
@@ -161,3 +168,40 @@ def plan_from_body1(
 def _is_double(name: str, value: Any) -> bool:
     """Whether it is a float of the hinge, or an array of body 1 in float64."""
     return type(value) is float if name in HINGE else value.dtype.char == "d"
+
+
+def _wanted(outputs: Outputs, out: Out, level: int, kind: str = SPATIAL) -> tuple[str, ...]:
+    """What to compute: the names asked for, or the level's defaults and whatever `out` has room for."""
+    if out is not None and not isinstance(out, Mapping):
+        raise ArgumentError("out", "a dict of arrays by output name", quoted(out))
+    if outputs is None and not out:
+        return default_outputs(level, kind)
+    room = tuple(out or ())
+    for name in room:
+        if name not in outputs_of(kind):
+            raise ArgumentError("out", choices(tuple(outputs_of(kind))), quoted(name))
+    if outputs is None:
+        return tuple(dict.fromkeys((*default_outputs(level, kind), *room)))
+    names = check_outputs(outputs, kind)
+    for name in room:
+        if name not in names:
+            raise ArgumentError("out", f"arrays for nothing but the outputs named ({', '.join(names)})", quoted(name))
+    return names
+
+
+def _plan_for(
+    names: tuple[str, ...],
+    form: tuple[str | None, bool],
+    given: Set[str],
+    sources: Mapping[str, str],
+    kind: str = SPATIAL,
+) -> Plan:
+    """The plan for some outputs, if what is given suffices; `sources` are the arguments that inputs come from."""
+    sequence, home = form
+    plan = make_plan(names, sequence, home, kind=kind)
+    if plan.inputs <= given:
+        return plan
+    for name in names:
+        for missing in sorted(make_plan((name,), sequence, home, kind=kind).inputs - given):
+            raise ArgumentError(sources[missing], f"a value, since output {name} needs it", None)
+    return plan

@@ -23,6 +23,7 @@ from hingepair.evaluation.plan import (
     OUTPUTS,
     SPATIAL,
     Plan,
+    check_names,
     default_outputs,
     make_plan,
     needed_steps,
@@ -45,7 +46,7 @@ from hingepair.pair.derivatives import (
     VELOCITY_TAILS,
     coordinate_steps,
 )
-from hingepair.pair.evaluate import Out, check_apart, check_options, loop_of, room_for, run_foreign, written
+from hingepair.pair.evaluate import Out, check_options, loop_of, rooms, run_foreign, written
 from hingepair.pair.states import PairState, State
 from hingepair.rotations.matrices import TOLERANCE, check_rotation
 from hingepair.rotations.sequences import find_sequence
@@ -326,16 +327,10 @@ class Prepared:
         shapes = {name: a.shape[: a.ndim - len(_GIVEN[name])] for name, a in arrays.items()}
         shape = broadcast_shape({**shapes, "pair": self._pair.shape})
         dtype = result_dtype(arrays.values())
-        tails = dict(self._loop.outputs)
-        rooms: dict[str, NDArray[Any]] = {}
-        for name, tail in tails.items():
-            size, own = (*shape, *tail), out is not None and name in out
-            rooms[name] = room_for(f"out[{name!r}]", out[name], size, dtype) if own and out else np.empty(size, dtype)
-        if out is not None:
-            for name in out:
-                if name not in self.outputs:
-                    raise ArgumentError("out", f"arrays for nothing but {', '.join(self.outputs)}", quoted(name))
-            check_apart(out, arrays)
+        for name in out or ():
+            if name not in self.outputs:
+                raise ArgumentError("out", f"arrays for nothing but {', '.join(self.outputs)}", quoted(name))
+        results = rooms(self._loop.outputs, shape, dtype, out, arrays)
         shot = self._shot_at(given, shape, dtype) if out is None and 0 not in shape else None
         if shot is not None:
             return self._fire(shot, given)
@@ -344,15 +339,10 @@ class Prepared:
             if one is not None:
                 return one
         constants = self._known if self._pair.single else self._pair.arrays
-        if shape == ():
-            arrays = {name: array[None] for name, array in arrays.items()}
-            whole = {name: room[None] for name, room in rooms.items()}
-            self._loop.run({**constants, **arrays}, whole, (1,), dtype, self._how)
-        else:
-            self._loop.run({**constants, **arrays}, rooms, shape, dtype, self._how)
+        self._loop.run({**constants, **arrays}, results, shape, dtype, self._how)
         if self._checked:
-            self._check(rooms.pop(_CHECK), [arrays[name] for name in self.given])
-        return PairState(rooms, shape)
+            self._check(results.pop(_CHECK), given)
+        return PairState(results, shape)
 
     def _foreign(self, given: Mapping[str, Any], library: Library, out: Out) -> PairState:
         """The state of arrays of another library; whether an attitude is one is not checked."""
@@ -437,10 +427,7 @@ def prepare(
     level = sum(name in names for name in (("qd", "qdd") if rows else ("psid", "psidd")))
     steps = _steps(names, sequence if rows else None, "home" in pair.values)
     known = {*names, *with_hinge_frames(pair).values}
-    if outputs is None:
-        wanted: tuple[str, ...] = default_outputs(level)
-    else:
-        wanted = _checked_outputs(outputs)
+    wanted = default_outputs(level) if outputs is None else check_names(outputs, TAILS)
     for name in wanted:
         unknown = name in CONSTRAINT_TAILS and "S2" not in names
         missing = sorted(needed_steps(CONSTRAINT_STEPS if unknown else steps, (name,))[1] - known)
@@ -450,13 +437,9 @@ def prepare(
 
 
 def _checked_given(given: str | Iterable[str]) -> tuple[str, ...]:
-    if isinstance(given, str):
-        if given not in LEVELS:
-            raise ArgumentError("given", f"{choices(tuple(LEVELS))}, or a tuple of names", quoted(given))
-        return LEVELS[given]
     try:
-        names = tuple(given)
-    except TypeError:
+        names = LEVELS[given] if isinstance(given, str) else tuple(given)
+    except (KeyError, TypeError):
         raise ArgumentError("given", f"{choices(tuple(LEVELS))}, or a tuple of names", quoted(given)) from None
     for name in names:
         if name not in _GIVEN:
@@ -464,18 +447,6 @@ def _checked_given(given: str | Iterable[str]) -> tuple[str, ...]:
     attitudes = [name for name in names if name in {"q", *_ATTITUDES}]
     if len(attitudes) != 1 or len({*names}) != len(names):
         raise ArgumentError("given", "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz", quoted(names))
-    return names
-
-
-def _checked_outputs(outputs: Iterable[str]) -> tuple[str, ...]:
-    if isinstance(outputs, str):
-        raise ArgumentError("outputs", "a tuple of names such as ('R2', 'jacobian')", quoted(outputs))
-    names = tuple(dict.fromkeys(outputs))
-    if not names:
-        raise ArgumentError("outputs", "at least one name", "none")
-    for name in names:
-        if name not in TAILS:
-            raise ArgumentError("outputs", choices(tuple(TAILS)), quoted(name))
     return names
 
 

@@ -26,8 +26,7 @@ class State(Shown):
     _content: tuple[Any, Layout, tuple[int, ...]]  # a buffer or arrays by name, where in the buffer, shape
 
     def __init__(self, arrays: Mapping[str, NDArray[Any]], shape: tuple[int, ...]) -> None:
-        own = {name: _unchangeable(array) for name, array in arrays.items()}
-        _set(self, "_content", (own, dict.fromkeys(own), shape))
+        _set(self, "_content", (arrays, dict.fromkeys(arrays), shape))
 
     @classmethod
     def of_buffer(cls, buffer: NDArray[np.float64], layout: Layout, shape: tuple[int, ...] = ()) -> Self:
@@ -59,9 +58,9 @@ class State(Shown):
         """
         content, layout, _ = self._content
         place = layout[name]
-        if place is None:
+        if place is None:  # a view that cannot be written to; arrays of other libraries are theirs
             found: FloatArray = content[name]
-            return found
+            return read_only(found) if isinstance(found, np.ndarray) else found
         start, stop, shape = place
         array: FloatArray = content.reshape(-1)[start:stop]
         return array if len(shape) == 1 else array.reshape(shape)
@@ -96,11 +95,6 @@ class State(Shown):
 
 
 _set = object.__setattr__
-
-
-def _unchangeable(array: Any) -> Any:
-    """A view that cannot be written to; arrays of other libraries are theirs."""
-    return read_only(array) if isinstance(array, np.ndarray) else array
 
 
 class PairState(State):
