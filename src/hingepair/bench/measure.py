@@ -13,9 +13,10 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
-from math import isfinite
 from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+from hingepair.numeric.tables import json_text
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -121,12 +122,11 @@ class Report(NamedTuple):
             aims.add_row(target.what, aim, digits(target.reached), target.unit, verdict)
         return [found, aims] if self.targets else [found]
 
-    def to_json(self) -> dict[str, Any]:
-        """Everything but the picture, for JSON: a number that is not finite is None."""
+    def to_json(self) -> str:
+        """Everything but the picture, and the machine, as JSON; a number that is not finite is null."""
         targets = [asdict(target) | {"ok": target.ok} for target in self.targets]
         rows = [asdict(row) for row in self.rows]
-        found: dict[str, Any] = _finite({"facts": facts(), "rows": rows, "targets": targets, "notes": self.notes})
-        return found
+        return json_text({"facts": facts(), "rows": rows, "targets": targets, "notes": self.notes})
 
 
 def measured(
@@ -234,15 +234,6 @@ def duration(seconds: float) -> str:
         if seconds >= size:
             return f"{digits(seconds / size)} {unit}"
     return f"{digits(seconds * 1e9)} ns"
-
-
-def _finite(value: Any) -> Any:
-    """The same with None for numbers that are not finite."""
-    if isinstance(value, Mapping):
-        return {key: _finite(own) for key, own in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(own) for own in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def facts() -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -48,7 +47,7 @@ def _print(report: Report, show_json: bool) -> None:
     from hingepair.bench.measure import facts
 
     if show_json:
-        print(json.dumps(report.to_json(), indent=2))
+        print(report.to_json())
         return
     console = Console(highlight=False, markup=False, width=120)
     for part in (*report.tables(), *report.notes, ", ".join(f"{key} {value}" for key, value in facts().items())):

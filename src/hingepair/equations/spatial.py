@@ -194,6 +194,13 @@ def quaternion_attitude(quat: tuple[Scalar, ...]) -> Matrix:
     )  # fmt: skip
 
 
+def orthonormality(S: Matrix) -> tuple[Scalar, ...]:
+    """The six different elements of S S^T - I, and the determinant of S."""
+    x, y, z = S[0:3], S[3:6], S[6:9]
+    lengths = (dot(row, row) - 1.0 for row in (x, y, z))
+    return *lengths, dot(x, y), dot(y, z), dot(z, x), dot(x, cross(y, z))
+
+
 def tait_bryan_attitude(trig: tuple[Scalar, ...]) -> Matrix:
     """Sx Sy Sz (E10); trig = (sin, cos) of the first, second, third angle."""
     sx, cx, sy, cy, sz, cz = trig

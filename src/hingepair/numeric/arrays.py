@@ -184,12 +184,6 @@ def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
     return np.ascontiguousarray(part, dtype=dtype)
 
 
-def scalar_component(component: Component, dtype: np.dtype[Any]) -> Component:
-    """A component of one element as a number: a Python float in float64, else a NumPy scalar of the dtype."""
-    value = component.reshape(()).item() if isinstance(component, np.ndarray) else component
-    return float(value) if dtype == np.float64 else dtype.type(value)
-
-
 def check_choice(name: str, value: object, known: Iterable[str]) -> None:
     """Refuse what is not one of the names that are known, and say which are."""
     if not isinstance(value, str) or value not in known:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.numeric import array_libraries
-from hingepair.numeric.arrays import Block, Component, broadcast_shape, load, scalar_component, split
+from hingepair.numeric.arrays import Block, Component, broadcast_shape, load, split
 
 Components: TypeAlias = tuple[Component, ...]
 Values: TypeAlias = dict[str, Any]  # by name: a component, or the tuple of components of a vector or matrix
@@ -76,20 +76,14 @@ def tabulate_one(
 def sine(x: Component) -> Component:
     """The sine of a float, a NumPy scalar or an array; NaN where x is infinite. Other numbers bring their own."""
     if type(x) is float:
-        try:
-            return math.sin(x)
-        except ValueError:
-            return math.nan
+        return math.sin(x) if math.isfinite(x) else math.nan
     return np.sin(x) if isinstance(x, np.ndarray | np.generic) else _own(x, "sine")
 
 
 def cosine(x: Component) -> Component:
-    """The cosine of a float, a NumPy scalar or an array; NaN where x is infinite. Other numbers bring their own."""
+    """The cosine, likewise."""
     if type(x) is float:
-        try:
-            return math.cos(x)
-        except ValueError:
-            return math.nan
+        return math.cos(x) if math.isfinite(x) else math.nan
     return np.cos(x) if isinstance(x, np.ndarray | np.generic) else _own(x, "cosine")
 
 
@@ -142,9 +136,12 @@ def _holds_array(group: Any) -> bool:
 
 
 def _number_or_array(component: Component, dtype: np.dtype[Any]) -> Component:
-    if isinstance(component, np.ndarray) and component.size != 1:
-        return component
-    return scalar_component(component, dtype)
+    """Of one element a number: a Python float in float64, else a NumPy scalar of the dtype."""
+    if isinstance(component, np.ndarray):
+        if component.size != 1:
+            return component
+        component = component.item()
+    return float(component) if dtype == np.float64 else dtype.type(component)
 
 
 def _flat(array: NDArray[Any], sample_axes: int) -> Any:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 _LATE = 1e5  # s
 
@@ -48,3 +49,24 @@ def instant(t: float) -> str:
 def finite_or_none(number: float) -> float | None:
     """The number, or None where JSON has no word for it."""
     return number if math.isfinite(number) else None
+
+
+def json_text(report: Any) -> str:
+    """A report as JSON; a number that is not finite is null.
+
+    >>> print(json_text({"largest": math.inf}))
+    {
+      "largest": null
+    }
+    """
+    import json
+
+    return json.dumps(_finite(report), indent=2, allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(own) for key, own in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(own) for own in value]
+    return finite_or_none(value) if isinstance(value, float) else value

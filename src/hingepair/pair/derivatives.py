@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,8 @@ from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import component, follow_steps, leading_shapes, read_coordinates
 from hingepair.rotations.sequences import find_sequence
+
+Tails: TypeAlias = Mapping[str, tuple[int, ...]]
 
 _JACOBIAN = Step("jacobian", by.jacobian, ("turns", "d", "r2", "axis"))
 
@@ -59,21 +62,22 @@ COORDINATE_TAILS = {"coordinate_jacobian": (6, 7), "coordinate_jacobian_rate": (
 
 def jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     """Body 2's velocity by the velocities of the equations: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2)."""
-    values = {**motion_arrays("body1", body1, "S"), "psi": component("psi", psi)}
-    shapes = {"body1": body1.shape, "psi": np.shape(psi)}
-    steps = (*steps_of(None, "home" in pair.values), *ARM_STEPS, *JACOBIAN_STEPS)
-    return follow_steps(steps, {"jacobian": (6, 7)}, pair, values, shapes)["jacobian"]
+    return _from_body1(pair, JACOBIAN_STEPS, {"jacobian": (6, 7)}, body1, "S", psi=psi)["jacobian"]
 
 
 def acceleration_bias(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
     """What velocities alone add to body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9)."""
-    if psid is None:
-        raise ArgumentError("psid", "hinge rates", None)
-    values = motion_arrays("body1", body1, "S", "omega")
-    hinge = {"psi": component("psi", psi), "psid": component("psid", psid)}
+    name = "acceleration_bias"
+    return _from_body1(pair, JACOBIAN_STEPS, {name: (6,)}, body1, "S", "omega", psi=psi, psid=psid)[name]
+
+
+def _from_body1(
+    pair: Constants, steps: tuple[Step, ...], tails: Tails, body1: BodyMotion, *letters: str, **hinge: ArrayLike
+) -> dict[str, FloatArray]:
+    """What some steps make of these letters of body 1 and of psi and its rate."""
+    values = {**motion_arrays("body1", body1, *letters), **{n: component(n, value) for n, value in hinge.items()}}
     shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
-    steps = (*steps_of(None, "home" in pair.values), *JACOBIAN_STEPS)
-    return follow_steps(steps, {"acceleration_bias": (6,)}, pair, values | hinge, shapes)["acceleration_bias"]
+    return follow_steps((*steps_of(None, "home" in pair.values), *ARM_STEPS, *steps), tails, pair, values, shapes)
 
 
 def coordinate_jacobian(pair: Constants, q: ArrayLike | tuple[Any, ...], sequence: str) -> FloatArray:
@@ -149,15 +153,18 @@ class Sensitivities(Frozen):
     omega2_by_n: FloatArray | None = None
 
 
-POSE_TAILS = {
-    "d_by_u1": (3, 3),
-    "d_by_u2": (3, 3),
-    "d_by_n": (3, 3),
+POSE_TAILS: Tails = {
+    **dict.fromkeys(("d_by_u1", "d_by_u2", "d_by_n", "S2_by_psi"), (3, 3)),
     "d_by_psi": (3,),
     "S2_by_n": (3, 3, 3),
-    "S2_by_psi": (3, 3),
 }
-VELOCITY_TAILS = {"v2_by_u1": (3, 3), "v2_by_u2": (3, 3), "v2_by_n": (3, 3), "v2_by_psi": (3,), "omega2_by_n": (3, 3)}
+VELOCITY_TAILS: Tails = {
+    "v2_by_u1": (3, 3),
+    "v2_by_u2": (3, 3),
+    "v2_by_n": (3, 3),
+    "v2_by_psi": (3,),
+    "omega2_by_n": (3, 3),
+}
 SENSITIVITY_STEPS = (
     Step("turned_by_n", by.turns_by_n, ("S1", "n", "hinge")),
     Step("d_by_u1", by.positive, ("S1",)),
@@ -178,13 +185,9 @@ SENSITIVITY_STEPS = (
 
 def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None) -> Sensitivities:
     """Derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d."""
-    values: dict[str, Any] = {**motion_arrays("body1", body1, "S"), "psi": component("psi", psi)}
-    shapes = {"body1": body1.shape, "psi": np.shape(psi)}
-    tails: dict[str, tuple[int, ...]] = {**POSE_TAILS}
-    if psid is not None:
-        values |= {**motion_arrays("body1", body1, "omega"), "psid": component("psid", psid)}
-        shapes["psid"] = np.shape(psid)
-        tails |= VELOCITY_TAILS
-    steps = (*steps_of(None, "home" in pair.values), *ARM_STEPS, *SENSITIVITY_STEPS)
-    found = follow_steps(steps, tails, pair, values, shapes)
+    if psid is None:
+        found = _from_body1(pair, SENSITIVITY_STEPS, POSE_TAILS, body1, "S", psi=psi)
+    else:
+        tails = {**POSE_TAILS, **VELOCITY_TAILS}
+        found = _from_body1(pair, SENSITIVITY_STEPS, tails, body1, "S", "omega", psi=psi, psid=psid)
     return Sensitivities(**{name: read_only(array) for name, array in found.items()})

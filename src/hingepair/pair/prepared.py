@@ -94,10 +94,8 @@ def _size(parts: tuple[Any, ...]) -> Any:
 
 def _orthonormality(S: eq.Matrix) -> Any:
     """The largest element of S S^T - I; of a reflection, 2."""
-    x, y, z = S[0:3], S[3:6], S[6:9]
-    products = ((x, x, 1.0), (y, y, 1.0), (z, z, 1.0), (x, y, 0.0), (y, z, 0.0), (z, x, 0.0))
-    error = _size(tuple(eq.dot(a, b) - expected for a, b, expected in products))
-    return where_less(eq.dot(x, eq.cross(y, z)), 0.0, 2.0, error)
+    *errors, volume = eq.orthonormality(S)
+    return where_less(volume, 0.0, 2.0, _size(tuple(errors)))
 
 
 _ATTITUDES: Final = {

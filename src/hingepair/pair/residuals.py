@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only, real_array
 from hingepair.numeric.notebook import Sheet, Shown
-from hingepair.numeric.tables import aligned, finite_or_none, left_out
+from hingepair.numeric.tables import aligned, json_text, left_out
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
@@ -172,36 +172,9 @@ class Residuals(Frozen, Shown):
 
     def to_json(self) -> str:
         """The report, without the arrays, as JSON; a number that is not finite is null."""
-        import json
-
-        rows = [
-            {
-                "residual": row.residual,
-                "label": row.label,
-                "unit": row.unit,
-                "largest": finite_or_none(row.largest),
-                "rms": finite_or_none(row.rms),
-                "worst": finite_or_none(row.worst),
-                "tolerance": finite_or_none(row.tolerance),
-                "ratio": finite_or_none(row.ratio),
-                "worst_sample": None if row.worst_sample is None else list(row.worst_sample),
-                "worst_time": finite_or_none(row.worst_time) if isinstance(row.worst_time, float) else row.worst_time,
-                "samples": row.samples,
-                "ok": row.ok,
-                "basis": row.basis,
-            }
-            for row in self.rows
-        ]
-        report = {
-            "name": self.name,
-            "ok": self.ok,
-            "verdict": self.verdict,
-            "samples": math.prod(self.shape),
-            "skipped": self.skipped,
-            "u": self.u,
-            "rows": rows,
-        }
-        return json.dumps(report, indent=2, allow_nan=False)
+        rows = [{**asdict(row), "ok": row.ok} for row in self.rows]
+        facts = {"name": self.name, "ok": self.ok, "verdict": self.verdict, "samples": math.prod(self.shape)}
+        return json_text({**facts, "skipped": self.skipped, "u": self.u, "rows": rows})
 
 
 ROUNDOFF = 32

@@ -296,9 +296,6 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
 
 def _orthonormality(values: Values) -> Values:
     """The largest element of S^T S - I, and the determinant."""
-    S = values["S"]
-    x, y, z = S[0:3], S[3:6], S[6:9]
-    products = ((x, x, 1), (y, y, 1), (z, z, 1), (x, y, 0), (y, z, 0), (z, x, 0))
-    errors = [abs(eq.dot(a, b) - expected) for a, b, expected in products]
-    volume = eq.dot(x, eq.cross(y, z))
+    *products, volume = eq.orthonormality(values["S"])
+    errors = list(map(abs, products))
     return {"error": max(errors) if type(volume) is float else functools.reduce(np.maximum, errors), "volume": volume}

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import printable
 from hingepair.numeric.notebook import Sheet, Shown
-from hingepair.numeric.tables import aligned, finite_or_none, left_out
+from hingepair.numeric.tables import aligned, json_text, left_out
 from hingepair.pair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, PROMISES
 
 _HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
@@ -140,33 +139,9 @@ class CrossValidation(Shown):
 
     def to_json(self) -> str:
         """The report as JSON; a number that is not finite is null."""
-        import json
-
-        rows = [
-            {
-                "output": row.output,
-                "max_error": finite_or_none(row.max_error),
-                "max_ratio": finite_or_none(row.max_ratio),
-                "bound": row.bound,
-                "worst_sample": None if row.worst_sample is None else list(row.worst_sample),
-                "samples": row.samples,
-                "ok": row.ok,
-                "scale": row.scale,
-            }
-            for row in self.rows
-        ]
-        report: dict[str, Any] = {
-            "name": self.name,
-            "ok": self.ok,
-            "verdict": self.verdict,
-            "samples": self.samples,
-            "compared": self.compared,
-            "skipped": self.skipped,
-            "sequence": self.sequence,
-            "u": self.u,
-            "rows": rows,
-        }
-        return json.dumps(report, indent=2, allow_nan=False)
+        rows = [{**asdict(row), "ok": row.ok, "scale": row.scale} for row in self.rows]
+        facts = {name: getattr(self, name) for name in ("name", "ok", "verdict", "samples", "compared", "skipped")}
+        return json_text({**facts, "sequence": self.sequence, "u": self.u, "rows": rows})
 
 
 def _cells(row: Comparison) -> tuple[str, ...]:
