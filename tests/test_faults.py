@@ -31,8 +31,9 @@ def misfit(fault):
 @forking
 @pytest.mark.slow
 def test_without_a_fault_the_killers_pass():
-    """In the same kind of process."""
-    code, output = run(None, sorted({fault.killer for fault in FAULTS.values()}))
+    """In the same kind of process, one of each folder: in this one they all pass."""
+    killers = {fault.killer.partition("/")[0]: fault.killer for fault in FAULTS.values()}
+    code, output = run(None, sorted(killers.values()))
     assert code == pytest.ExitCode.OK, output
 
 

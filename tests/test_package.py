@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import builtins
 import doctest
+import functools
 import graphlib
 import inspect
 import re
@@ -12,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -66,45 +68,43 @@ def module_of(source: Path) -> str:
     return ".".join(source.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
 
 
-TREES = {module_of(source): ast.parse(source.read_text()) for source in SOURCES}
-NODES = {module: list(ast.walk(tree)) for module, tree in TREES.items()}
+MODULES = {module_of(source): source for source in SOURCES}
 
 
-def imported_by(module: str) -> set[str]:
-    """The modules of the package that a module imports, in functions too."""
-    found = set()
-    for node in NODES[module]:
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hingepair"):
-            rooms = {f"{node.module}.{one.name}" for one in node.names}
-            found |= rooms & TREES.keys() or {str(node.module)}
-        elif isinstance(node, ast.Import):
-            found |= {one.name for one in node.names} & TREES.keys()
-    return found
+class Facts(NamedTuple):
+    """What a module's text says.
+
+    Attributes:
+        imports: modules of the package, in functions too.
+        made: private names that it makes.
+        read: attributes and imported names.
+        asserts: their lines.
+    """
+
+    imports: set[str]
+    made: set[str]
+    read: set[str]
+    asserts: list[int]
 
 
-def test_imports_run_downwards_and_in_no_circle() -> None:
-    graph = {module: imported_by(module) - {"hingepair"} for module in TREES if module not in OUTSIDE}
-    graphlib.TopologicalSorter(graph).prepare()
-    wing = {module: module.split(".")[1] for module in graph}
-    below = {(wing[m], wing[seen]) for m, those in graph.items() for seen in those if wing[m] != wing[seen]}
-    for own, other in below:
-        assert WINGS.index(other) < WINGS.index(own), f"{own} imports {other}"
-    level: dict[str, int] = {}
-    for own in WINGS:
-        level[own] = 1 + max((level[other] for upper, other in below if upper == own), default=0)
-    assert max(level.values()) <= 10, level
-
-
-def test_no_module_reads_private_names_of_another() -> None:
-    private = {
-        module: {name for node in nodes for name in names_made_by(node) if re.match("_[^_]", name)}
-        for module, nodes in NODES.items()
-    }
-    somewhere = set().union(*private.values())
-    for module, nodes in NODES.items():
-        read = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
-        read |= {one.name for node in nodes if isinstance(node, ast.ImportFrom) for one in node.names}
-        assert not (read & somewhere) - private[module], module
+@functools.cache
+def facts_of(module: str) -> Facts:
+    facts = Facts(set(), set(), set(), [])
+    for node in ast.walk(ast.parse(MODULES[module].read_text())):
+        facts.made.update(name for name in names_made_by(node) if re.match("_[^_]", name))
+        match node:
+            case ast.ImportFrom(module=other, names=names):
+                facts.read.update(one.name for one in names)
+                if (other or "").startswith("hingepair"):
+                    rooms = {f"{other}.{one.name}" for one in names}
+                    facts.imports.update(rooms & MODULES.keys() or {str(other)})
+            case ast.Import(names=names):
+                facts.imports.update({one.name for one in names} & MODULES.keys())
+            case ast.Attribute(attr=name):
+                facts.read.add(name)
+            case ast.Assert(lineno=line):
+                facts.asserts.append(line)
+    return facts
 
 
 def names_made_by(node: ast.AST) -> Iterator[str]:
@@ -117,9 +117,28 @@ def names_made_by(node: ast.AST) -> Iterator[str]:
             yield name
 
 
+def test_imports_run_downwards_and_in_no_circle() -> None:
+    graph = {module: facts_of(module).imports - {"hingepair"} for module in MODULES if module not in OUTSIDE}
+    graphlib.TopologicalSorter(graph).prepare()
+    wing = {module: module.split(".")[1] for module in graph}
+    below = {(wing[m], wing[seen]) for m, those in graph.items() for seen in those if wing[m] != wing[seen]}
+    for own, other in below:
+        assert WINGS.index(other) < WINGS.index(own), f"{own} imports {other}"
+    level: dict[str, int] = {}
+    for own in WINGS:
+        level[own] = 1 + max((level[other] for upper, other in below if upper == own), default=0)
+    assert max(level.values()) <= 10, level
+
+
+def test_no_module_reads_private_names_of_another() -> None:
+    somewhere = set().union(*(facts_of(module).made for module in MODULES))
+    for module in MODULES:
+        own = facts_of(module)
+        assert not (own.read & somewhere) - own.made, module
+
+
 def test_no_assert() -> None:
-    found = [(m, node.lineno) for m, nodes in NODES.items() for node in nodes if isinstance(node, ast.Assert)]
-    assert not found
+    assert not {module: facts_of(module).asserts for module in MODULES if facts_of(module).asserts}
 
 
 def public_docstrings() -> Iterator[tuple[str, str]]:

@@ -679,7 +679,7 @@ FAULTS = {
         "numeric/array_libraries.py",
         "stack(parts, axis=-1)",
         "stack(parts, axis=0)",
-        "pair/test_array_libraries.py::test_coordinates_in_one_array[XYZ-strict]",
+        "pair/test_array_libraries.py::test_coordinates_in_one_array[strict-XYZ]",
     ),
     # measured motion
     "rotations interpolated the other way round": Fault(
