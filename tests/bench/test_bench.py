@@ -191,6 +191,7 @@ def test_no_cell_of_the_report_is_cut(capsys):
     assert "…" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_more_methods_than_colours_are_drawn_each_with_its_name(tmp_path):
     curves = [Curve(f"method {i}", [(10.0 + i, 3.0), (10.0 + i, 10.0 ** (i + 1))], hard=True) for i in range(14)]
     curves.append(Curve("infinite", [(5.0, 2.0), (5.0, math.inf)], hard=True))

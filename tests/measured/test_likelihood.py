@@ -50,7 +50,7 @@ def test_sizes_are_those_of_the_covariance_that_the_module_names() -> None:
 
 def test_that_covariance_is_what_noise_leaves() -> None:
     made = recording(1)
-    count, rng = 200_000, np.random.default_rng(3)
+    count, rng = 50_000, np.random.default_rng(3)
     from support.recorded import turns
 
     shape = (count, 3)

@@ -92,14 +92,14 @@ def test_reference_example(ledger):
 @pytest.mark.parametrize("kind", ["matrix", "quaternion"])
 def test_given_attitude(kind, ledger):
     rng = states.generator(4)
-    constants, pieces = states.pair(rng), list(states.body1(rng, 60))
-    psi, psid, psidd = rng.normal(size=(3, 60))
+    constants, pieces = states.pair(rng), list(states.body1(rng, 20))
+    psi, psid, psidd = rng.normal(size=(3, 20))
     pair, names = pair_of(constants), ("v", "omega", "a", "alpha")
     motion = dict(zip(names, pieces[2:], strict=True))
     if kind == "matrix":
         body1 = hp.BodyMotion(R=pieces[0], S=pieces[1], **motion)
     else:
-        quat = rng.normal(size=(60, 4)) * 10 ** rng.uniform(-3, 3, (60, 1))
+        quat = rng.normal(size=(20, 4)) * 10 ** rng.uniform(-3, 3, (20, 1))
         pieces[1] = reference.attitude_of_quaternion(quat)
         body1 = hp.BodyMotion.from_quaternion_xyzw(R=pieces[0], quat_xyzw=quat, **motion)
     truth = reference.from_attitude(constants, pieces, psi, psid, psidd)

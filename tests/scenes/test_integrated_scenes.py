@@ -212,6 +212,7 @@ def _with_velocity(row, speed):
     return ",".join([*cells[:4], str(speed), "0", "0", *cells[4:]])
 
 
+@pytest.mark.slow
 def test_run_says_how_far_the_integration_is_off(tmp_path):
     scene_of(tmp_path, LOGGED, LOG)
     path = str(tmp_path / "my.toml")
