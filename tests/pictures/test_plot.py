@@ -92,6 +92,7 @@ def test_outputs_of_a_trajectory_and_of_a_pair():
     assert len(hp.plot(pair, ("R2", "psi")).axes) == 2
 
 
+@pytest.mark.slow
 def test_pictures_are_named_as_their_scene(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = (MODELS / "reference_2d.toml").read_text().replace('name = "reference_2d"', "")
