@@ -121,6 +121,18 @@ def choices(names: Sequence[str]) -> str:
     return f"one of {len(names)} names: {', '.join(names[: _MOST // 2])}, ..."
 
 
+def pointed(line: str, column: int) -> str:
+    """A line with a caret under one of its columns, counted from 1; of a long line the part around it.
+
+    >>> print(pointed("psi = 2*", 9))
+      psi = 2*
+              ^
+    """
+    start = max(0, column - 1 - _LONGEST // 2)
+    before, behind = printable(line[start : column - 1]), printable(line[column - 1 : column + _LONGEST // 2])
+    return f"  {before}{behind}".rstrip() + f"\n  {' ' * len(before)}^"
+
+
 def printable(text: str) -> str:
     """The text without what a terminal would obey: control characters and the like are spelled out.
 

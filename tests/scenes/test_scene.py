@@ -435,3 +435,46 @@ def test_limits_that_psi_leaves_are_noted(tmp_path: Path) -> None:
         note == "psi leaves its limits, -1 to 2.5 rad, at 13 of 21 instants, first at t = 0.8 s (psi = 2.51327 rad)"
     )
     assert scene_of(tmp_path, GOOD).notes() == ()
+
+
+def pointed_at(path: Path, text: str) -> tuple[str, str, str]:
+    """The message of a scene that is refused, the line that it shows, and what stands where its caret points."""
+    with pytest.raises(hp.SceneError) as caught:
+        scene_of(path, text)
+    (note,) = caught.value.__notes__
+    line, caret = note.split("\n")
+    assert caret.strip() == "^"
+    return str(caught.value), line.strip(), line[len(caret) - 1 :]
+
+
+@pytest.mark.parametrize(
+    ("psi", "hint", "at"),
+    [
+        ('"0.1*"', "an end where something is missing at column 5", ""),
+        ('"5t"', "a product is written 5*t", "5t"),
+        ('"1e-3 t"', "a product is written 1e-3*t", "t"),
+        ('"0.2*sin t"', "a function is called as sin(t)", "t"),
+        ('"0.2*sine(t)"', "nearest: sin", "sine(t)"),
+        ('"t^2"', "a power is written **", "^2"),
+        ('"1,5"', "decimals follow a point", "1,5"),
+        ('"""sin(t)\n + 2)"""', "unmatched ')'", ")"),
+        ('"x = t"', "stands outside the quotes", "= t"),
+        ("2*pi*t", 'an expression stands in quotes: "2*pi*t"', "*pi*t"),
+        ("sin(t)  # turns", 'an expression stands in quotes: "sin(t)"', "sin(t)  # turns"),
+        ("{ t = [0, 1], value = [0, pi/2] }", 'an expression stands in quotes: "pi/2"', "pi/2] }"),
+        ("True", "it is written true", "True"),
+        ("[0, 1", "Unclosed array", "[time]"),
+    ],
+)
+def test_a_caret_points_at_what_cannot_be_read(tmp_path: Path, psi: str, hint: str, at: str) -> None:
+    text = re.sub(r"(?s)\[motion\.constants\].*?(?=\[time\])", "", change('psi = "pi*t"', f"psi = {psi}"))
+    message, _, there = pointed_at(tmp_path, text.replace("w*t", "2*t"))
+    assert hint in message
+    assert there == at
+    assert "\n" not in message
+
+
+def test_a_long_line_is_shown_around_the_caret(tmp_path: Path) -> None:
+    _, line, there = pointed_at(tmp_path, change('psi = "pi*t"', f'psi = "{"t + " * 200}* {" + t" * 200}"'))
+    assert len(line) < 130
+    assert there.startswith("*  + t")

@@ -48,7 +48,7 @@ def _run() -> int:
     try:
         app()
     except HingePairError as error:
-        print(f"hingepair: {error}", file=sys.stderr)
+        print("\n".join((f"hingepair: {error}", *getattr(error, "__notes__", ()))), file=sys.stderr)
         return EXIT_BAD
     except MemoryError as error:
         print(f"hingepair: not enough memory ({error})", file=sys.stderr)

@@ -181,5 +181,7 @@ def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[A
     arrays = {f"{letter}{name[-1]}": getattr(body, letter) for letter in letters}
     for letter, array in zip(letters, arrays.values(), strict=True):
         if array is None:
-            raise ArgumentError(f"{name}.{letter}", "a value, since it is needed here", None)
+            raise ArgumentError(
+                f"{name}.{letter}", f"a value, as in BodyMotion(..., {letter}=...): what is asked for needs it", None
+            )
     return {key: np.asarray(array) if is_foreign(array) else array for key, array in arrays.items()}

@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from hingepair.errors import ArgumentError, SceneError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, SceneError, choices, nearest, pointed, quoted
 from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import rodrigues
@@ -21,6 +21,10 @@ MAX_KEY_PARTS: Final = 16
 """Of a dotted key; the time to read one grows with the square of its parts."""
 
 _KEY_PART = re.compile(r"""(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*'|[\w-]++)[ \t]*+(\.?)[ \t]*+""")
+
+_PLACE = re.compile(r"\(at line (\d+), column (\d+)\)")
+_VALUE = re.compile(r"[=,\[]([^=,\[\]{}#\"']++)")  # what stands for a value
+_FORMULA = re.compile(r"(?=.*(?:[A-Za-z]|\d\s*[-+*/]))[\w.+*/() \t-]+")
 
 _shown = reprlib.Repr()
 _shown.maxstring = _shown.maxother = 80
@@ -54,6 +58,8 @@ class Place:
             label = self.label(keys.get(error.name) or key or error.name)
             named = SceneError(label, error.expected, error.got)
             named.args = (label + str(error).removeprefix(error.name),)
+            for note in getattr(error, "__notes__", ()):
+                named.add_note(note)
             raise named from None
 
 
@@ -196,7 +202,24 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
     except RecursionError:
         raise SceneError(file, "TOML with fewer nested brackets", "more than can be read") from None
     except ValueError as error:
-        raise SceneError(file, "valid TOML", str(error)) from None
+        raise _fault(file, text, str(error)) from None
+
+
+def _fault(file: str, text: str, reason: str) -> SceneError:
+    """What is wrong with a text that is no TOML, with the line and a caret, and what is probably meant."""
+    place = _PLACE.search(reason)
+    if place is None:
+        return SceneError(file, "valid TOML", reason)
+    column, line = int(place[2]), text.split("\n")[int(place[1]) - 1].rstrip("\r")
+    value = next((found for found in _VALUE.finditer(line) if found.start() < column <= found.end() + 1), None)
+    hint, word = "", value[1].strip() if value and reason.startswith(("Invalid value", "Expected newline")) else ""
+    if word.lower() in {"true", "false"}:
+        hint = f"; it is written {word.lower()}"
+    elif _FORMULA.fullmatch(word):
+        hint = f'; an expression stands in quotes: "{word}"'
+    error = SceneError(file, f"valid TOML{hint}", reason)
+    error.add_note(pointed(line, column))
+    return error
 
 
 def show(value: object) -> str:

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple, NoReturn, TypeAlias
 
 import sympy
 
-from hingepair.errors import ArgumentError, nearest
+from hingepair.errors import ArgumentError, nearest, pointed
 from hingepair.symbolic.jets import MAX_BITS, SYMPY_ERRORS, bits, time_symbol
 from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, constant_value
 from hingepair.symbolic.time_functions import exact
@@ -61,8 +61,10 @@ _PUNCTUATION = "+-*/().,_<>= \t\r\n\f\v"
 _A_NUMBER = "a finite real number"
 _A_CONDITION = "a condition: comparisons by < <= > >=, joined by and, or, not"
 _SHOWN, _FRAGMENT = 20, 40  # constants, and characters of the text, in a message
-# 2t, 2 sin(t), (1 + t)(2 - t)
-_PRODUCT = re.compile(r"((?<![\w.])\d++(?:\.\d*+)?(?!e[-+]?\d)|\))\s*((?!and|or|not|if|else)[A-Za-z_]\w*|\()")
+# 2t, 2 sin(t), (1 + t)(2 - t), pi t
+_WORD = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"
+_NUMBER = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"
+_PRODUCT = re.compile(rf"({_NUMBER}|\)|\b{_WORD}(?=\s+\w))\s*({_WORD}|\(|(?<=\s)\d)")
 
 
 class ExpressionError(ArgumentError):
@@ -134,11 +136,11 @@ class _Part(NamedTuple):
 
 
 class _Builder:
-    """One text on its way to SymPy."""
+    """One text on its way to SymPy; `line` is the whole of it, for messages with a caret."""
 
     def __init__(self, name: str, text: str, constants: Mapping[str, Number], letters: Collection[str]) -> None:
         self.name = name
-        self.text = text
+        self.text = self.line = text
         self.constants = constants
         self.letters = letters
         self.column = 1
@@ -151,17 +153,20 @@ class _Builder:
         for column, sign in enumerate(self.text, 1):
             if sign not in _PUNCTUATION and not (sign.isascii() and sign.isalnum()):
                 hint = {"^": "; a power is written **", "%": "; a remainder is written mod(x, period)"}.get(sign, "")
-                self._fail(f"an expression in t{hint}", f"character {sign!r} at column {column}")
+                self._fail(f"an expression in t{hint}", f"character {sign!r} at column {column}", column)
         blank = "".join(" " if sign.isspace() else sign for sign in self.text)
-        self.text = blank.strip()
+        self.text, self.line = blank.strip(), blank
         self.column = 1 + len(blank) - len(blank.lstrip())
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 return ast.parse(self.text, mode="eval").body
         except SyntaxError as error:
-            fault = f"{error.msg} at column {self.column + (error.offset or 1) - 1}"
-            self._fail(f"an expression in t{self._product_hint()}", fault if self.text else "''")
+            if not self.text:
+                self._fail("an expression in t", "''")
+            column = self.column + (error.offset or len(self.text) + 1) - 1  # no offset: at the end
+            fault = error.msg if error.offset else "an end where something is missing"
+            self._fail(f"an expression in t{self._hint()}", f"{fault} at column {column}", column)
         except (ValueError, MemoryError, RecursionError):
             self._fail("an expression of fewer parts", self.text)
 
@@ -185,6 +190,8 @@ class _Builder:
                 self._refuse(node, "a condition only in where(condition, x, y)")
             case ast.IfExp():
                 self._refuse(node, "where(condition, x, y) for a choice")
+            case ast.Tuple():
+                self._refuse(node, "one number or expression (decimals follow a point)")
         self._refuse(node, "numbers, names, calls and + - * / **")
 
     def _number(self, node: ast.Constant) -> _Part:
@@ -236,7 +243,7 @@ class _Builder:
 
     def _call(self, node: ast.Call, depth: int) -> _Part:
         if not isinstance(node.func, ast.Name):
-            self._refuse(node, f"the name of a function before the bracket{self._product_hint()}")
+            self._refuse(node, f"the name of a function before the bracket{self._hint()}")
         function = node.func.id
         if function not in FUNCTIONS:
             if function == "t" or function in CONSTANTS or function in self.constants:
@@ -376,24 +383,35 @@ class _Builder:
     def _source(self, node: ast.expr) -> str:
         return self.text[node.col_offset : node.end_col_offset]
 
-    def _product_hint(self) -> str:
-        """What to write where a product lacks its sign."""
+    def _hint(self) -> str:
+        """What to write where a product lacks its sign, or a function its brackets."""
         found = _PRODUCT.search(self.text)
-        return f"; a product is written {found[1]}*{found[2]}" if found else ""
+        if found and found[1] in FUNCTIONS:
+            return f"; a function is called as {KINKED.get(found[1], f'{found[1]}({found[2]})')}"
+        if found:
+            return f"; a product is written {found[1]}*{found[2]}"
+        assigns = re.search("(?<![<>=])=(?!=)", self.text)
+        return "; what = assigns to stands outside the quotes" if assigns else ""
 
     def _refuse(self, node: ast.expr, expected: str) -> NoReturn:
         source = self._source(node)
         shown = source if len(source) <= _FRAGMENT else source[: _FRAGMENT - 3] + "..."
-        self._fail(expected, f"{shown} at column {self.column + node.col_offset}")
+        column = self.column + node.col_offset
+        self._fail(expected, f"{shown} at column {column}", column)
 
     def _unknown(self, node: ast.Name) -> NoReturn:
         names = (*FUNCTIONS, "t", *CONSTANTS, *list(self.constants)[:_SHOWN])
         column, short = self.column + node.col_offset, node.id[:_FRAGMENT]
         got = f"unknown name '{short}' at column {column}{nearest(short, names)}"
-        raise UnknownNameError(self.name, ", ".join(names), got)
+        error = UnknownNameError(self.name, ", ".join(names), got)
+        error.add_note(pointed(self.line, column))
+        raise error
 
-    def _fail(self, expected: str, got: str) -> NoReturn:
-        raise ExpressionError(self.name, expected, got) from None
+    def _fail(self, expected: str, got: str, column: int | None = None) -> NoReturn:
+        error = ExpressionError(self.name, expected, got)
+        if column is not None:
+            error.add_note(pointed(self.line, column))
+        raise error from None
 
 
 def _of_many(choose: Callable[[Expr, Expr], Expr], parts: list[Expr]) -> Expr:
