@@ -11,7 +11,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.scenes.scene import Scene, load_pair
-from hingepair.scenes.waypoints import PROFILES
+from hingepair.scenes.waypoints import PROFILES, through
 
 U = 2.0**-53
 MODELS = Path(__file__).parents[2] / "models"
@@ -392,14 +392,52 @@ def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: P
     np.testing.assert_allclose(((psid[2:] - psid[:-2]) / 2 / h - psidd[1:-1])[inner], 0, atol=1e-3)
     if profile != "linear":
         assert np.abs(psid[[0, -1]]).max() <= 64 * U
-    if profile == "quintic":
+    if profile in {"quintic", "spline"}:
         assert np.abs(psidd[[0, -1]]).max() <= 64 * U
-    assert scene.motion.kinks(0, 2001) == {"linear": 2, "trapezoid": 6, "cubic": 1, "quintic": 0}[profile]
-    assert ("kinks" in " ".join(scene.notes())) == (profile != "quintic")
+    kinks = {"linear": 2, "trapezoid": 6, "cubic": 2}.get(profile, 0)
+    assert scene.motion.kinks(0, 2001) == kinks
+    assert ("kinks" in " ".join(scene.notes())) == (kinks > 0)
     assert scene.cross_validate(50).ok
     assert "psi(t)" in str(hp.derive(scene).S2)
     with pytest.raises(hp.SceneError, match=r"motion\.psi\.speed: expected .*[0-9], which"):
         scene_of(tmp_path, text.replace(" profile", " speed = 1.5, profile"))
+
+
+def through_points(t: list[float], value: list[float], profile: str) -> tuple[np.ndarray, ...]:
+    times = np.linspace(t[0], t[-1], 4001)
+    return times, *through(np.array(t), np.array(value), profile).derivatives(times, 2)
+
+
+@pytest.mark.parametrize("profile", ["trapezoid", "cubic", "quintic"])
+def test_profiles_stop_at_each_point_and_never_pass_it(profile: str) -> None:
+    t, value = [0.0, 1.0, 1.5, 3.0, 5.0], [0.0, 2.0, 2.0, -1.0, 0.5]
+    times, position, speed, acceleration = through_points(t, value, profile)
+    at = np.searchsorted(times, t)
+    np.testing.assert_allclose(speed[at], 0, atol=1e-13)
+    for i in range(4):
+        there = (times >= t[i]) & (times <= t[i + 1])
+        low, high = sorted(value[i : i + 2])
+        assert low - 8 * U <= position[there].min() <= position[there].max() <= high + 8 * U
+        assert (np.diff(position[there]) * (value[i + 1] - value[i]) >= -8 * U).all()  # and never turns back
+    assert (position[(times >= 1) & (times <= 1.5)] == 2).all()  # a pause
+    if profile == "quintic":
+        np.testing.assert_allclose(acceleration[at], 0, atol=1e-12)
+
+
+def test_the_largest_speed_and_acceleration_are_those_of_textbooks() -> None:
+    """Of a way of 3 in 2 seconds: 3/2 and 15/8 of the mean speed; 6 and 10/sqrt(3) times way / time^2."""
+    for profile, peak, most in (("cubic", 1.5, 6.0), ("quintic", 1.875, 10 / np.sqrt(3))):
+        _, _, speed, acceleration = through_points([0.0, 2.0], [1.0, 4.0], profile)
+        assert np.abs(speed).max() == pytest.approx(peak * 1.5, rel=1e-6)
+        assert np.abs(acceleration).max() == pytest.approx(most * 0.75, rel=1e-6)
+
+
+def test_a_spline_goes_through_without_stopping() -> None:
+    times, position, speed, acceleration = through_points([0.0, 1.0, 2.0], [0.0, 1.0, 2.0], "spline")
+    middle = np.searchsorted(times, 1.0)
+    assert position[middle] == pytest.approx(1)
+    assert speed[middle] > 1.5
+    assert abs(acceleration[middle]) < 1e-9
 
 
 def test_a_trapezoid_keeps_its_limits(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from hingepair.cli.output import NOTHING_WRITTEN, Json, console
 from hingepair.cli.run import SceneFile, head
 from hingepair.errors import ArgumentError
 from hingepair.numeric.notebook import unit_of
-from hingepair.numeric.tables import finite_or_none
+from hingepair.numeric.tables import finite_or_none, instant
 from hingepair.pair.results import ENDINGS, Record, check_ending, column_names
 from hingepair.scenes.scene import load_scene, scene_files
 
@@ -63,8 +63,9 @@ def forces(
     for heading in ("unit", "first", "smallest", "largest", "rms", "largest at t"):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, row in rows.items():
-        cells = (f"{value + 0.0:.5g}" for value in row.values())
-        table.add_row(name, unit_of(name), *cells, end_section=name.endswith("_z"))
+        *sizes, t = row.values()
+        cells = (f"{value + 0.0:.5g}" for value in sizes)
+        table.add_row(name, unit_of(name), *cells, instant(t), end_section=name.endswith("_z"))
     screen.print(table)
     screen.print(f"written: {written}" if written else NOTHING_WRITTEN)
 

@@ -2,9 +2,10 @@
 
 psi = { t = [0, 2, 5], value = [0, "pi/2", 0.3], profile = "quintic", speed = 2, acceleration = 4 }
 
-A cubic spline has the least mean square acceleration of all that go through the points, and is at rest at the first
-and last; a quintic one the least mean square jerk, and no acceleration there either. A trapezoid stops at each point.
-Before the first point and after the last the coordinate stays where it is.
+A trapezoid, a cubic and a quintic stop at each point and never leave the range between two neighbours: a cubic with
+the least mean square acceleration, a quintic with the least mean square jerk and no acceleration at the points. A
+spline goes through the inner points without stopping: of all such motions the one with the least mean square jerk,
+which may swing past the points. Before the first point and after the last the coordinate stays where it is.
 """
 
 from __future__ import annotations
@@ -20,9 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array
 
-PROFILES: Final = ("linear", "trapezoid", "cubic", "quintic")
+PROFILES: Final = ("linear", "trapezoid", "cubic", "quintic", "spline")
 MAX_POINTS: Final = 200
-_SAME: Final = 1e-9  # of the largest value of a derivative: a smaller jump is rounding
+_SHAPES: Final = {"linear": (0, 1), "cubic": (0, 0, 3, -2), "quintic": (0, 0, 0, 10, -15, 6)}
+"""Coefficients of the way from 0 to 1 in the time from 0 to 1."""
+_SAME: Final = 1e-9  # of the size of a derivative: a smaller jump is rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +75,8 @@ class WayPoints:
         for k in (1, 2):
             derived = _derived(self.coefficients, k)
             after, before = derived[:, 0], np.concatenate(([0.0], _polynomials(derived[:-1], lengths)))
-            kinked |= np.abs(after - before) > _SAME * max(np.abs(after).max(), np.abs(before).max())
+            most = (np.abs(derived[:-1]) * lengths[:, None] ** np.arange(derived.shape[1])).sum(axis=1).max()
+            kinked |= np.abs(after - before) > _SAME * most
         return kinked
 
 
@@ -97,7 +101,8 @@ def through(
     """
     if profile == "trapezoid":
         return _trapezoids(t, values, speed, acceleration)
-    found = _made(t, _spline(t, values, {"linear": 1, "cubic": 3, "quintic": 5}[profile]), values[-1])
+    pieces = _spline(t, values) if profile == "spline" else _each(t, values, _SHAPES[profile])
+    found = _made(t, pieces, values[-1])
     for k, name, limit in ((1, "speed", speed), (2, "acceleration", acceleration)):
         if profile == "linear" and k == 2 and limit < math.inf:
             raise ArgumentError(name, "no such limit of a linear profile, whose speed jumps", limit)
@@ -108,12 +113,17 @@ def through(
     return found
 
 
-def _spline(t: Float64Array, values: Float64Array, degree: int) -> Float64Array:
-    """The spline through points whose derivatives are continuous up to the one before the last.
+def _each(t: Float64Array, values: Float64Array, shape: tuple[float, ...]) -> Float64Array:
+    """The same way from 0 to 1 between all neighbours."""
+    powers = np.diff(t)[:, None] ** np.arange(len(shape))
+    found: Float64Array = np.diff(values)[:, None] * np.array(shape) / powers
+    found[:, 0] = values[:-1]
+    return found
 
-    At the first and the last point the lower half of them is 0: the spline with the least mean square of the
-    derivative in the middle, the second of a cubic one, the third of a quintic one.
-    """
+
+def _spline(t: Float64Array, values: Float64Array) -> Float64Array:
+    """The spline of degree 5 through points, at rest and without acceleration at the first and the last."""
+    degree = 5
     h, m, size = np.diff(t), len(t) - 1, degree + 1
     ones = np.stack([_falling(degree, k) for k in range(size)])  # row k: k-th derivative of x^j at x = 1
     system, right = np.zeros((m * size, m * size)), np.zeros(m * size)
@@ -131,7 +141,7 @@ def _spline(t: Float64Array, values: Float64Array, degree: int) -> Float64Array:
         system[row, k], system[row + 1, (m - 1) * size :] = 1.0, ones[k]
         row += 2
     solved = np.linalg.solve(system, right).reshape(m, size)
-    solved[:, 0] = values[:-1]
+    solved[:, 0], solved[0, 1:3] = values[:-1], 0.0
     return solved / h[:, None] ** np.arange(size)
 
 
