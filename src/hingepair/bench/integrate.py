@@ -89,7 +89,7 @@ class Spin(NamedTuple):
 SPINS: Final = (Spin("reference", (1, 0, 0, 0)), Spin("turned", (6, 1, -1, 1)))
 
 
-class Way(NamedTuple):
+class Method(NamedTuple):
     """A method with its finenesses.
 
     Attributes:
@@ -105,14 +105,14 @@ class Way(NamedTuple):
     run: Callable[[Spin, float], Array]
 
 
-def ways() -> tuple[Way, ...]:
+def ways() -> tuple[Method, ...]:
     """All methods that can be had, ours first."""
     steps = tuple(float(COMPARED * k) for k in (2, 5, 10, 20, 40, 100, 200, 400))
     tolerances = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)
     solvers = _SCIPY if importlib.util.find_spec("scipy") else ()
     return (
-        *(Way(name, steps, False, functools.partial(_ours, name)) for name in _OURS),
-        *(Way(f"SciPy {name}", tolerances, True, functools.partial(_scipy, name)) for name in solvers),
+        *(Method(name, steps, False, functools.partial(_ours, name)) for name in _OURS),
+        *(Method(f"SciPy {name}", tolerances, True, functools.partial(_scipy, name)) for name in solvers),
     )
 
 

@@ -16,8 +16,7 @@ from hingepair.pair.planar_pair import PlanarPair
 WHOLE = "nothing known"
 OPERATIONS = "operations"
 
-Pair: TypeAlias = HingePair | PlanarPair
-Motion: TypeAlias = tuple[Any, ...]
+AnyPair: TypeAlias = HingePair | PlanarPair
 
 
 def skip(samples: int, repeats: int, tell: Tell) -> Report:
@@ -31,7 +30,7 @@ def skip(samples: int, repeats: int, tell: Tell) -> Report:
     return Report(rows)
 
 
-def operations(pair: Pair, motion: Motion, outputs: tuple[str, ...]) -> int:
+def operations(pair: AnyPair, motion: tuple[Any, ...], outputs: tuple[str, ...]) -> int:
     """How many a sample are left, those taken once for all samples not counted."""
     q, qd = (*motion, None)[:2]
     if isinstance(pair, PlanarPair):
@@ -41,7 +40,7 @@ def operations(pair: Pair, motion: Motion, outputs: tuple[str, ...]) -> int:
     return count_operations(plan, pair.constants, given.parts).each
 
 
-def cases(samples: int) -> dict[str, tuple[Pair, Motion, tuple[str, ...]]]:
+def cases(samples: int) -> dict[str, tuple[AnyPair, tuple[Any, ...], tuple[str, ...]]]:
     """What is known, and the pair, motion and outputs that say so."""
     rng = np.random.default_rng(21)
     q, qd = (tuple(np.ascontiguousarray(c) for c in part.T) for part in rng.normal(size=(2, samples, 7)))
@@ -68,7 +67,7 @@ def cases(samples: int) -> dict[str, tuple[Pair, Motion, tuple[str, ...]]]:
     }
 
 
-def _job(pair: Pair, motion: Motion, outputs: tuple[str, ...], backend: str) -> Job:
+def _job(pair: AnyPair, motion: tuple[Any, ...], outputs: tuple[str, ...], backend: str) -> Job:
     """The program into arrays that are there."""
     state = pair.forward_kinematics(*motion, outputs=outputs, backend=backend)
     out = {name: np.array(state[name]) for name in outputs}

@@ -19,7 +19,7 @@ from hingepair.pair.accuracy import euler_rate_sizes, output_scales
 
 Array: TypeAlias = NDArray[Any]
 Motion: TypeAlias = tuple[Array, ...]
-Constants: TypeAlias = Mapping[str, Any]
+PairNumbers: TypeAlias = Mapping[str, Any]
 
 DIGITS = 700
 """An angle of 1e300 keeps 400 digits, and second differences over 1e-100 s another 200."""
@@ -30,7 +30,7 @@ _PHI_Y, _PSI = 4, 6
 _ANGLES = slice(3, 7)
 
 
-def exact(pair: Constants, q: Any, qd: Any = None, qdd: Any = None) -> dict[str, Any]:
+def exact(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = None) -> dict[str, Any]:
     """Body 2 of one state: R2, S2, v2, omega2, a2, alpha2, flat lists of mpmath numbers."""
     with mpmath.workdps(DIGITS):
         zero = [0.0] * 7
@@ -49,7 +49,7 @@ def exact(pair: Constants, q: Any, qd: Any = None, qdd: Any = None) -> dict[str,
         return {name: list(value) for name, value in found.items()}
 
 
-def _body2(pair: Constants, parts: Any, t: Any) -> tuple[Any, Any, Any]:
+def _body2(pair: PairNumbers, parts: Any, t: Any) -> tuple[Any, Any, Any]:
     """R2 and S2 at a time, and S1 Sh: home is taken as it stands, and may be a rotation to sixteen digits only."""
     x, y, z, *angles, psi = (a + t * (b + t * c / 2) for a, b, c in zip(*parts, strict=True))
     S1 = mpmath.eye(3)
@@ -92,7 +92,7 @@ class Truth:
         outputs: the names that are compared.
     """
 
-    def __init__(self, pair: Constants, motion: Motion, outputs: tuple[str, ...]):
+    def __init__(self, pair: PairNumbers, motion: Motion, outputs: tuple[str, ...]):
         self.motion = motion
         self.outputs = outputs
         self.scales = _scales(pair, self.motion)
@@ -113,7 +113,7 @@ class Truth:
         return worst
 
 
-def _scales(pair: Constants, motion: Motion) -> dict[str, NDArray[np.float64]]:
+def _scales(pair: PairNumbers, motion: Motion) -> dict[str, NDArray[np.float64]]:
     q, qd, qdd = (*motion, None, None)[:3]
     W1, A1 = euler_rate_sizes(None if qd is None else qd[:, 3:6], None if qdd is None else qdd[:, 3:6])
     linear: dict[str, Any] = {name: c[:, :3] for name, c in (("R1", q), ("v1", qd), ("a1", qdd)) if c is not None}

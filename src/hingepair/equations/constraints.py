@@ -14,10 +14,10 @@ from hingepair.equations import spatial as eq
 from hingepair.equations.derivatives import WORLD, Entries
 from hingepair.equations.spatial import Scalar, Vector
 
-Pair = tuple[Scalar, Scalar]
+Two = tuple[Scalar, Scalar]
 
 
-def tilt(f1: Vector, f2: Vector, h2: Vector) -> Pair:
+def tilt(f1: Vector, f2: Vector, h2: Vector) -> Two:
     """The components of h1 x h2 along f1 and f2: -f2 . h2 and f1 . h2 (E5), zero where the axes are one line."""
     return -eq.dot(f2, h2), eq.dot(f1, h2)
 
@@ -32,12 +32,12 @@ def relative_turn(omega1: Vector, omega2: Vector) -> Vector:
     return eq.subtract(omega2, omega1)
 
 
-def tilt_rate(axes: tuple[Vector, Vector], spin: Vector) -> Pair:
+def tilt_rate(axes: tuple[Vector, Vector], spin: Vector) -> Two:
     """The tilt's rate c . (omega2 - omega1) (E2); spin = omega2 - omega1."""
     return eq.dot(axes[0], spin), eq.dot(axes[1], spin)
 
 
-def tilt_bias(f: tuple[Vector, Vector], h2: Vector, omega1: Vector, omega2: Vector, spin: Vector) -> Pair:
+def tilt_bias(f: tuple[Vector, Vector], h2: Vector, omega1: Vector, omega2: Vector, spin: Vector) -> Two:
     """What of the tilt's second derivative does not depend on alpha: c' . (omega2 - omega1)."""
     h2_rate = eq.cross(omega2, h2)
     c1_rate = eq.add(eq.cross(eq.cross(omega1, f[1]), h2), eq.cross(f[1], h2_rate))
@@ -45,7 +45,7 @@ def tilt_bias(f: tuple[Vector, Vector], h2: Vector, omega1: Vector, omega2: Vect
     return eq.dot(c1_rate, spin), eq.dot(c2_rate, spin)
 
 
-def tilt_acceleration(axes: tuple[Vector, Vector], turn: Vector, bias: Pair) -> Pair:
+def tilt_acceleration(axes: tuple[Vector, Vector], turn: Vector, bias: Two) -> Two:
     """The tilt's second derivative (E2 differentiated); turn = alpha2 - alpha1."""
     return eq.dot(axes[0], turn) + bias[0], eq.dot(axes[1], turn) + bias[1]
 
@@ -82,7 +82,7 @@ def constraint_jacobian(r1: Vector, r2: Vector, axes: tuple[Vector, Vector]) -> 
     return tuple(entry for row in (*gap_rows, *tilt_rows) for entry in row)
 
 
-def hinge_turn(f: tuple[Vector, Vector], g1: Vector, g2: Vector) -> Pair:
+def hinge_turn(f: tuple[Vector, Vector], g1: Vector, g2: Vector) -> Two:
     """(sin psi, cos psi) times one positive factor, from Sh = S1^T S2 C^-1 (E5, E6).
 
     The factor is 1 + h1 . h2, 2 on a hinge: of a tilted one, psi is the twist about the axis.
@@ -91,14 +91,14 @@ def hinge_turn(f: tuple[Vector, Vector], g1: Vector, g2: Vector) -> Pair:
     return eq.dot(f2, g1) - eq.dot(f1, g2), eq.dot(f1, g1) + eq.dot(f2, g2)
 
 
-def hinge_rate(h1: Vector, h2: Vector, spin: Vector) -> Pair:
+def hinge_rate(h1: Vector, h2: Vector, spin: Vector) -> Two:
     """Numerator and denominator of psi', of tilted hinges too: (omega2 - omega1) . (h1 + h2) / (1 + h1 . h2)."""
     return eq.dot(spin, eq.add(h1, h2)), 1.0 + eq.dot(h1, h2)
 
 
 def hinge_acceleration(
     h: tuple[Vector, Vector], omega: tuple[Vector, Vector], spin: Vector, turn: Vector, psid: Scalar
-) -> Pair:
+) -> Two:
     """Numerator and denominator of psi'': `hinge_rate` differentiated; turn = alpha2 - alpha1."""
     h1, h2 = h
     middle_rate = eq.add(eq.cross(omega[0], h1), eq.cross(omega[1], h2))

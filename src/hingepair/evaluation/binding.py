@@ -21,9 +21,9 @@ from hingepair.evaluation.llvm_ir import FIELDS, LANES, OFF_LINES, ON_LINES, PIE
 
 Tail: TypeAlias = tuple[int, ...]
 Spec: TypeAlias = tuple[tuple[str, Tail], ...]
-Place: TypeAlias = float | tuple[int, int] | None
+Origin: TypeAlias = float | tuple[int, int] | None
 """Where a component comes from: a known number; (piece, component of it); or None, the next of the constants."""
-Pattern: TypeAlias = tuple[Place, ...]
+Pattern: TypeAlias = tuple[Origin, ...]
 
 FEWEST_A_WORKER: Final = 8192
 """Samples that are worth a thread: a tenth of a millisecond of work, which is what starting one takes."""
@@ -51,7 +51,7 @@ def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozen
 
     Those that are carried are never known beforehand: they are arrays, of the chains' shape and their own.
     """
-    pattern: list[Place] = []
+    pattern: list[Origin] = []
     constants: list[float] = []
     pieces: list[NDArray[Any]] = []
     seen: dict[int, int] = {}

@@ -46,8 +46,8 @@ from hingepair.evaluation.trace import (
 )
 from hingepair.numeric.arrays import Block, load, split
 
-Out: TypeAlias = Mapping[str, NDArray[Any]]
-Shape: TypeAlias = tuple[int, ...]
+Rooms: TypeAlias = Mapping[str, NDArray[Any]]
+Extent: TypeAlias = tuple[int, ...]
 Key: TypeAlias = tuple[tuple[bool, ...], tuple[int, ...], str]
 """Of a kernel: which pieces do not move, components of each part of the outputs, the dtype."""
 
@@ -76,8 +76,8 @@ class Loop:
         self,
         name: str,
         function: Callable[[dict[str, Any]], Mapping[str, Any]],
-        inputs: Mapping[str, Shape],
-        outputs: Mapping[str, Shape],
+        inputs: Mapping[str, Extent],
+        outputs: Mapping[str, Extent],
         *,
         exact: bool = False,
         carry: Mapping[str, str] | None = None,
@@ -92,7 +92,7 @@ class Loop:
         self.labels = dict(labels or {})
         self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
 
-    def run(self, values: Mapping[str, Any], out: Out, shape: Shape, dtype: np.dtype[Any], how: How) -> None:
+    def run(self, values: Mapping[str, Any], out: Rooms, shape: Extent, dtype: np.dtype[Any], how: How) -> None:
         """Write the outputs of all samples into the arrays of `out`: the samples' shape, and then their own.
 
         Args:
@@ -151,7 +151,7 @@ class Program:
 
     # ---- the ways to run it
 
-    def run(self, bound: Bound, out: Out, shape: Shape, dtype: np.dtype[Any], how: How) -> None:
+    def run(self, bound: Bound, out: Rooms, shape: Extent, dtype: np.dtype[Any], how: How) -> None:
         """As `Loop.run`, of inputs that are bound."""
         targets = [part for name, tail in self.loop.outputs for part in rows_of(out[name], tail)]
         if not bound.pieces or how.backend == "numpy":
@@ -173,7 +173,7 @@ class Program:
                 size = tuple(own.stop - own.start for own in block)
                 self.run(bound._replace(pieces=pieces), part, size, dtype, How("compiled", how.workers))
 
-    def _pays(self, key: Key, shape: Shape) -> bool:
+    def _pays(self, key: Key, shape: Extent) -> bool:
         """Whether a kernel is there, or pays now and can be had."""
         if key in self.kernels:
             return True
@@ -239,7 +239,7 @@ class Program:
         return kernel_ir(inputs, outputs, single=char == "f", fuse=fuse, carry=carry)
 
     def _by_numpy(
-        self, bound: Bound, parts: Sequence[NDArray[Any]], shape: Shape, dtype: np.dtype[Any], workers: int
+        self, bound: Bound, parts: Sequence[NDArray[Any]], shape: Extent, dtype: np.dtype[Any], workers: int
     ) -> None:
         """By NumPy, block by block; what does not differ from sample to sample at once, in Python's floats."""
         numbers = [x if dtype == np.float64 else dtype.type(x) for x in bound.constants]
@@ -336,7 +336,7 @@ class Program:
         numbers: Sequence[Any],
         pieces: Sequence[Any],
         targets: Sequence[Any],
-        shape: Shape,
+        shape: Extent,
         dtype: np.dtype[Any],
     ) -> None:
         """A scan by NumPy: all chains at once, one sample after the other."""

@@ -18,7 +18,7 @@ from hingepair.equations.spatial import Scalar, Vector, add, cross, dot, scale, 
 from hingepair.evaluation.loops import Loop
 from hingepair.evaluation.trace import square_root, where_less
 from hingepair.numeric.blocks import cosine, sine
-from hingepair.numeric.twofold import Pair, exact_product, pair_product, pair_quotient, pair_sum
+from hingepair.numeric.twofold import HighLow, exact_product, pair_product, pair_quotient, pair_sum
 
 Quaternion: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar]
 
@@ -187,5 +187,5 @@ def integrals(rule: Rule) -> Loop:
     return Loop(f"integrals_{rule.name}", step, {"rate": (len(rule.nodes),), "h": (2,)}, {"sum": (2,)}, exact=True)
 
 
-def _times(p: Scalar, weight: int) -> Pair:
+def _times(p: Scalar, weight: int) -> HighLow:
     return (p, 0.0) if weight == 1 else exact_product(p, float(weight))

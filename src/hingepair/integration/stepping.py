@@ -22,7 +22,7 @@ from hingepair.evaluation.backend import How
 from hingepair.evaluation.loops import Loop
 from hingepair.integration.methods import Rule, integrals, quaternion_product, quaternion_unit, turns
 from hingepair.integration.signals import Constant, Signal, Values
-from hingepair.numeric.twofold import Pair, exact_sum, pair_product, pair_sum
+from hingepair.numeric.twofold import HighLow, exact_sum, pair_product, pair_sum
 
 SLAB: Final = 16384
 """Steps a slab: 1.2 MB of omega at three nodes."""
@@ -57,7 +57,7 @@ class Steps(NamedTuple):
         edges = np.unique([0, *np.minimum(cuts, len(ends))]).tolist()
         return list(itertools.pairwise(edges))
 
-    def within(self, first: int, last: int) -> tuple[Values, Pair, NDArray[np.intp] | None]:
+    def within(self, first: int, last: int) -> tuple[Values, HighLow, NDArray[np.intp] | None]:
         """Starts and lengths (as two doubles) of the steps of some intervals, and the last step of each interval.
 
         The latter is None where each interval is one step.
@@ -70,7 +70,7 @@ class Steps(NamedTuple):
         return begin, h, np.cumsum(counts) - 1
 
 
-def divided(start: Values, stop: Values, counts: NDArray[np.int64]) -> tuple[Values, Pair, NDArray[np.intp]]:
+def divided(start: Values, stop: Values, counts: NDArray[np.int64]) -> tuple[Values, HighLow, NDArray[np.intp]]:
     """Starts and lengths (as two doubles) of the steps of intervals, and their numbers within their interval.
 
     A length is the difference between rounded starts, so that the lengths add up to the interval: a rounded length
@@ -204,7 +204,7 @@ def attitudes(omega: Signal, steps: Steps, rule: Rule, how: How, start: Values, 
         Unit quaternions, shape (N, 4), without a jump of their sign.
     """
 
-    def fill(begin: Values, h: Pair, rows: Values) -> None:
+    def fill(begin: Values, h: HighLow, rows: Values) -> None:
         given = {"omega": omega.nodes(begin, h[0], rule.nodes), "h": -h[0] if body else h[0]}
         turns(rule).run(given, {"q": rows}, h[0].shape, _F8, how)
 
@@ -222,7 +222,7 @@ def angles(name: str, rate: Signal, start: float, steps: Steps, rule: Rule, how:
         found = np.stack(pair_sum(turned, (start, 0.0)), axis=-1)
     else:
 
-        def fill(begin: Values, h: Pair, rows: Values) -> None:
+        def fill(begin: Values, h: HighLow, rows: Values) -> None:
             given = {"rate": rate.nodes(begin, h[0], rule.nodes), "h": h}
             integrals(rule).run(given, {"sum": rows}, h[0].shape, _F8, how)
 

@@ -14,7 +14,7 @@ from hingepair.numeric import array_libraries
 from hingepair.numeric.arrays import Block, Component, broadcast_shape, load, split
 
 Components: TypeAlias = tuple[Component, ...]
-Values: TypeAlias = dict[str, Any]  # by name: a component, or the tuple of components of a vector or matrix
+Named: TypeAlias = dict[str, Any]  # by name: a component, or the tuple of components of a vector or matrix
 
 SMALL = 0.7
 """Where the cosine of a turn is above this, 1 - cos is taken from the sine."""
@@ -37,8 +37,8 @@ def numbers(components: Components) -> Components:
 
 
 def tabulate(
-    function: Callable[[Values], Mapping[str, Any]],
-    inputs: Values,
+    function: Callable[[Named], Mapping[str, Any]],
+    inputs: Named,
     tails: Mapping[str, tuple[int, ...]],
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
@@ -61,7 +61,7 @@ def tabulate(
 
 
 def tabulate_one(
-    function: Callable[[Values], Any], inputs: Values, tail: tuple[int, ...], dtype: np.dtype[Any]
+    function: Callable[[Named], Any], inputs: Named, tail: tuple[int, ...], dtype: np.dtype[Any]
 ) -> NDArray[Any]:
     """One new array of function(inputs), for all samples; `tail` is the result's own shape.
 

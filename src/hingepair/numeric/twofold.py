@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 from hingepair.numeric.arrays import Component
 
-Pair: TypeAlias = tuple[Component, Component]
+HighLow: TypeAlias = tuple[Component, Component]
 
 
 class Twofold:
@@ -36,39 +36,39 @@ class Twofold:
         return Twofold(*pair_product((self.high, self.low), (other.high, other.low)))
 
 
-def pair_sum(a: Pair, b: Pair) -> Pair:
+def pair_sum(a: HighLow, b: HighLow) -> HighLow:
     """The sum of two pairs."""
     total, lost = exact_sum(a[0], b[0])
     return normal(total, lost + (a[1] + b[1]))
 
 
-def pair_product(a: Pair, b: Pair) -> Pair:
+def pair_product(a: HighLow, b: HighLow) -> HighLow:
     """The product of two pairs."""
     high, lost = exact_product(a[0], b[0])
     return normal(high, lost + (a[0] * b[1] + a[1] * b[0]))
 
 
-def pair_quotient(a: Pair, divisor: Component) -> Pair:
+def pair_quotient(a: HighLow, divisor: Component) -> HighLow:
     """A pair divided by a number."""
     quotient = a[0] / divisor
     high, lost = exact_product(quotient, divisor)
     return normal(quotient, (((a[0] - high) - lost) + a[1]) / divisor)
 
 
-def normal(high: Component, low: Component) -> Pair:
+def normal(high: Component, low: Component) -> HighLow:
     """The sum of two numbers of which the second is much smaller."""
     total = high + low
     return total, (high - total) + low
 
 
-def exact_sum(a: Component, b: Component) -> Pair:
+def exact_sum(a: Component, b: Component) -> HighLow:
     """Knuth: a + b, exactly."""
     total = a + b
     shadow = total - a
     return total, (a - (total - shadow)) + (b - shadow)
 
 
-def exact_product(a: Component, b: Component) -> Pair:
+def exact_product(a: Component, b: Component) -> HighLow:
     """Dekker: a b, exactly; a and b split into halves of 26 bits each (Veltkamp)."""
     high = a * b
     carried = 134217729.0 * a

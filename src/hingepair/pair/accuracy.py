@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from hingepair.evaluation.plan import Plan
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
-from hingepair.numeric.blocks import Values, tabulate
+from hingepair.numeric.blocks import Named, tabulate
 from hingepair.numeric.bounded import Bounded, Double, kind_of
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion
@@ -257,13 +257,13 @@ def planar_error_bounds(pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Out
     return _bounds(pair, plan, parts_of(given, planar=True), leading_shapes(given))
 
 
-def _bounds(pair: Constants, plan: Plan, values: Values, shapes: Mapping[str, tuple[int, ...]]) -> Bounds:
+def _bounds(pair: Constants, plan: Plan, values: Named, shapes: Mapping[str, tuple[int, ...]]) -> Bounds:
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
     kind = kind_of(dtype)
     aligned = pair.axis is not None and pair.single and np.count_nonzero(pair.axis) == 1  # and so exactly 1 or -1
     made_of = {name: parts for name, parts in _MADE_OF.items() if name != "n" or not aligned}
 
-    def bounds(numbers: Values) -> Mapping[str, Any]:
+    def bounds(numbers: Named) -> Mapping[str, Any]:
         found = {name: _known(group, made_of.get(name, ()), numbers, kind) for name, group in numbers.items()}
         plan.run(found)
         return {name: _largest(found[name]) for name in plan.outputs}
@@ -274,7 +274,7 @@ def _bounds(pair: Constants, plan: Plan, values: Values, shapes: Mapping[str, tu
     return tabulate(bounds, groups, dict.fromkeys(plan.outputs, ()), shape, np.dtype(np.float64))
 
 
-def _known(group: Any, made_of: tuple[str, ...], numbers: Values, kind: type[Bounded]) -> Any:
+def _known(group: Any, made_of: tuple[str, ...], numbers: Named, kind: type[Bounded]) -> Any:
     """What a plan is given, as bounded numbers: exact, or rounded from what it was made of."""
     if not isinstance(group, tuple):
         return kind.rounded(group)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.evaluation.steps import LEVER_STEPS
 from hingepair.numeric.arrays import broadcast_shape, constant, read_only
-from hingepair.numeric.blocks import Components, Values, components_of, numbers
+from hingepair.numeric.blocks import Components, Named, components_of, numbers
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import by_power_of_two, by_two_to, finite_axis, polar
 from hingepair.rotations.matrices import check_rotation
@@ -31,8 +31,8 @@ class Constants:
         prepared: what single states of this pair were prepared for.
     """
 
-    values: Values
-    arrays: Values
+    values: Named
+    arrays: Named
     shape: tuple[int, ...]
     axis: NDArray[np.float64] | None = None
     prepared: dict[Any, Any] = field(default_factory=dict, repr=False)
@@ -58,7 +58,7 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
         check_rotation("home", rotation)
     shapes = {name: array.shape[:-1] for name, array in (vectors | {"n": axis}).items()}
     shape = broadcast_shape({**shapes, "home": rotation.shape[:-2]})
-    values: Values = {name: numbers(components_of(vector)) for name, vector in vectors.items()}
+    values: Named = {name: numbers(components_of(vector)) for name, vector in vectors.items()}
     if not (rotation == _IDENTITY).all():
         values["home"] = numbers(components_of(rotation, 2))
     values |= _axis_and_levers(values, numbers(components_of(axis)))
@@ -67,7 +67,7 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
     return Constants(values, arrays, shape, axis)
 
 
-def _axis_and_levers(values: Values, axis: Components) -> Values:
+def _axis_and_levers(values: Named, axis: Components) -> Named:
     """The unit axis, and along, across and around of `evaluation.steps.LEVER_STEPS`, body-1 axes [m].
 
     Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.

@@ -15,7 +15,7 @@ from hingepair.evaluation.plan import needed_steps
 from hingepair.evaluation.steps import ARM_STEPS, Step
 from hingepair.evaluation.trace import arc_tangent, hypotenuse
 from hingepair.numeric.arrays import FloatArray
-from hingepair.numeric.blocks import Components, Values, components_of, numbers
+from hingepair.numeric.blocks import Components, Named, components_of, numbers
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import follow_steps
@@ -117,7 +117,7 @@ def constraint_bias(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> Fl
 def constraint_values(
     pair: Constants,
     names: Iterable[str],
-    values: Values,
+    values: Named,
     shapes: Mapping[str, tuple[int, ...]],
     dtype: np.dtype[Any] | None = None,
 ) -> dict[str, NDArray[Any]]:
@@ -154,11 +154,11 @@ def with_hinge_frames(pair: Constants) -> Constants:
 
 
 @functools.lru_cache(maxsize=256)
-def _frames_of_one(n: tuple[float, ...], home: tuple[float, ...] | None) -> Values:
+def _frames_of_one(n: tuple[float, ...], home: tuple[float, ...] | None) -> Named:
     return _frames(np.array(n), None if home is None else np.array(home))
 
 
-def _frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Values:
+def _frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
     first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
     first = first - n * (n * first).sum(axis=-1, keepdims=True)
     first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))

@@ -32,9 +32,9 @@ from hingepair.evaluation.plan import (
 from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES, PLANAR_ROW_STEPS, ROW_STEPS, Step
 from hingepair.numeric.array_libraries import ForeignArray, Library, foreign_components, library_of
 from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, real_array, result_dtype, vectors
-from hingepair.numeric.blocks import Components, Values, components_of
+from hingepair.numeric.blocks import Components, Named, components_of
 from hingepair.pair.constants import Constants
-from hingepair.pair.states import PairState, PlanarState, layout_of
+from hingepair.pair.states import PairState, PlanarState, spans_of
 
 Outputs: TypeAlias = Iterable[str] | None
 Out: TypeAlias = Mapping[str, NDArray[Any]] | None
@@ -78,9 +78,9 @@ def read_coordinates(q: Any, qd: Any, qdd: Any, names: tuple[str, ...], foreign:
     return Coordinates({name: _coordinates(name, value, names) for name, value in given.items()}, False)
 
 
-def parts_of(given: Coordinates, planar: bool = False) -> Values:
+def parts_of(given: Coordinates, planar: bool = False) -> Named:
     """Position, angles and hinge angle, and their derivatives, by the names of a plan's inputs."""
-    values: Values = {}
+    values: Named = {}
     for part, place, (name,) in PLANAR_ROW_STEPS if planar else ROW_STEPS:
         if name in given.parts:
             row = given.parts[name]
@@ -134,7 +134,7 @@ def evaluate_one(
     if one is None:
         own = {name: value for name, value in pair.values.items() if name in plan.inputs}
         one = pair.prepared[key] = OneState(loop_of(plan, rows), own, how.backend)
-    fresh = state.of_buffer(one(values), layout_of(plan.outputs, plan.kind))
+    fresh = state.of_buffer(one(values), spans_of(plan.outputs, plan.kind))
     return fresh if out is None else written(fresh, out, {})
 
 

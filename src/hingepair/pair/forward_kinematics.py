@@ -21,7 +21,7 @@ from hingepair.evaluation.plan import (
 )
 from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
 from hingepair.numeric.array_libraries import foreign_components, is_foreign, library_of
-from hingepair.numeric.blocks import Values
+from hingepair.numeric.blocks import Named
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import (
@@ -147,7 +147,7 @@ def from_body1(
 
 def plan_from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out
-) -> tuple[Plan, Values, dict[str, tuple[int, ...]]]:
+) -> tuple[Plan, Named, dict[str, tuple[int, ...]]]:
     """What to compute from the motion of body 1 and the hinge angle, of what, and of which shapes."""
     if not isinstance(body1, BodyMotion):
         raise ArgumentError("body1", "a BodyMotion", quoted(body1))

@@ -14,7 +14,7 @@ from hingepair.evaluation.plan import SPATIAL, outputs_of
 from hingepair.numeric.arrays import FloatArray, read_only
 from hingepair.numeric.notebook import Sheet, Shown, sheet_of
 
-Layout: TypeAlias = Mapping[str, tuple[int, int, tuple[int, ...]] | None]
+Spans: TypeAlias = Mapping[str, tuple[int, int, tuple[int, ...]] | None]
 """Where each output stands in the buffer, and its shape; None of one that is an array of its own."""
 
 
@@ -23,13 +23,13 @@ class State(Shown):
 
     __slots__ = ("_content",)
 
-    _content: tuple[Any, Layout, tuple[int, ...]]  # a buffer or arrays by name, where in the buffer, shape
+    _content: tuple[Any, Spans, tuple[int, ...]]  # a buffer or arrays by name, where in the buffer, shape
 
     def __init__(self, arrays: Mapping[str, NDArray[Any]], shape: tuple[int, ...]) -> None:
         _set(self, "_content", (arrays, dict.fromkeys(arrays), shape))
 
     @classmethod
-    def of_buffer(cls, buffer: NDArray[np.float64], layout: Layout, shape: tuple[int, ...] = ()) -> Self:
+    def of_buffer(cls, buffer: NDArray[np.float64], layout: Spans, shape: tuple[int, ...] = ()) -> Self:
         """The outputs one after the other in one array; those of their own are made when they are looked at."""
         state = cls.__new__(cls)
         buffer.setflags(write=False)
@@ -178,7 +178,7 @@ class PlanarState(State):
 
 
 @functools.cache
-def layout_of(outputs: tuple[str, ...], kind: str = SPATIAL) -> Layout:
+def spans_of(outputs: tuple[str, ...], kind: str = SPATIAL) -> Spans:
     """Where each output stands in the buffer of one state."""
     layout, start = {}, 0
     for name in outputs:

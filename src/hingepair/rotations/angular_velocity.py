@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array, FloatArray, broadcast_shape, real_array, result_dtype, vectors
-from hingepair.numeric.blocks import Values, components_of, tabulate
+from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.finite_differences import check_instants, stencils
 from hingepair.rotations.matrices import check_rotation, rotation_vector
 
@@ -57,11 +57,11 @@ def angular_velocity(
     return (found["omega"], found["defect"]) if with_defect else found["omega"]
 
 
-def _turning(values: Values) -> Values:
+def _turning(values: Named) -> Named:
     return {"omega": eq.unskew(eq.angular_velocity_of(values["S"], values["S_dot"]))}
 
 
-def _turning_with_defect(values: Values) -> Values:
+def _turning_with_defect(values: Named) -> Named:
     W = eq.angular_velocity_of(values["S"], values["S_dot"])
     defect: Any = 0.0
     for i, j in ((0, 0), (4, 4), (8, 8), (1, 3), (2, 6), (5, 7)):

@@ -25,7 +25,7 @@ from hingepair.numeric.arrays import (
     result_dtype,
     vectors,
 )
-from hingepair.numeric.blocks import Values, angle_terms, components_of, tabulate, tabulate_one
+from hingepair.numeric.blocks import Named, angle_terms, components_of, tabulate, tabulate_one
 from hingepair.rotations.matrices import check_rotation
 from hingepair.rotations.sequences import Sequence, find_sequence, nine
 
@@ -65,7 +65,7 @@ def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     order = find_sequence(sequence)
     angles = vectors("phi", phi, 3)
 
-    def attitude(values: Values) -> eq.Matrix:
+    def attitude(values: Named) -> eq.Matrix:
         return order.attitude(angle_terms(order.angles(values["phi"])))
 
     return tabulate_one(attitude, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
@@ -110,7 +110,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     check_rotation("S", matrix)
     back = [order.place.index(i) for i in range(3)]
 
-    def angles(values: Values) -> Values:
+    def angles(values: Named) -> Named:
         given = values["S"]
         canonical = nine(given[3 * i + j] for i in back for j in back)
         phi = order.angles(_canonical_angles(order, canonical))
@@ -141,7 +141,7 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     order = find_sequence(sequence)
     angles = vectors("phi", phi, 3)
 
-    def rate_matrix(values: Values) -> eq.Matrix:
+    def rate_matrix(values: Named) -> eq.Matrix:
         axes = order.axes(angle_terms(order.angles(values["phi"])))
         x, y, z = order.columns(axes)
         return eq.transpose((*x, *y, *z))
@@ -177,7 +177,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
     shape = broadcast_shape({"phi": angles.shape[:-1], "omega": velocity.shape[:-1]})
     inputs = {"phi": components_of(angles), "omega": components_of(velocity)}
 
-    def rates(values: Values) -> Values:
+    def rates(values: Named) -> Named:
         trig = angle_terms(order.angles(values["phi"]))
         phid = order.angles(_canonical_rates(order, trig, values["omega"]))
         return {"phid": phid, "lock": trig[2] if order.proper else trig[3]}
@@ -290,11 +290,11 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
     return EulerKinematics(**{name: read_only(array) for name, array in found.items()})
 
 
-def _of_one(order: Sequence, limit: float, values: Values) -> Values:
+def _of_one(order: Sequence, limit: float, values: Named) -> Named:
     """Everything, by name, for components of phi and phid."""
     trig = angle_terms(order.angles(values["phi"]))
     axes = order.axes(trig)
-    found: Values = {"J": beside(*order.columns(axes))}
+    found: Named = {"J": beside(*order.columns(axes))}
     if "phid" in values:
         found["J_dot"] = beside(*order.column_rates(axes, values["phid"]))
     sine, cosine = np.abs(trig[2]), np.abs(trig[3])

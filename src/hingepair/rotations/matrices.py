@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, RotationError
 from hingepair.numeric.arrays import FloatArray, real_array, result_dtype, vectors
-from hingepair.numeric.blocks import SMALL, Values, components_of, hinge_terms, tabulate, tabulate_one
+from hingepair.numeric.blocks import SMALL, Named, components_of, hinge_terms, tabulate, tabulate_one
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import direction, polar, unit_axis
 
@@ -114,7 +114,7 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     """
     vector = vectors("rotvec", rotvec, 3)
 
-    def rotation(values: Values) -> eq.Matrix:
+    def rotation(values: Named) -> eq.Matrix:
         axis, angle = polar(values["rotvec"])
         x, y, z = (unit.high for unit in axis)
         s, k, c = hinge_terms(angle.high)
@@ -294,7 +294,7 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
         raise RotationError(name, wanted, got)
 
 
-def _orthonormality(values: Values) -> Values:
+def _orthonormality(values: Named) -> Named:
     """The largest element of S^T S - I, and the determinant."""
     *products, volume = eq.orthonormality(values["S"])
     errors = list(map(abs, products))

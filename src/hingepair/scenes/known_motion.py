@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hingepair.evaluation.plan import PLANAR, default_outputs, make_plan
 from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.blocks import Values
+from hingepair.numeric.blocks import Named
 from hingepair.pair.accuracy import euler_rate_sizes, given_rate_sizes
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.evaluate import count_operations
@@ -84,7 +84,7 @@ class ByCoordinates:
 
     def plan(self, pair: HingePair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
         """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
-        values: Values = {}
+        values: Named = {}
         for parts, seven in zip(PARTS.values(), self.derivatives, strict=False):
             values |= dict(zip(parts, (seven[:3], seven[3:6], seven[6]), strict=True))
         names = default_outputs(self.level) if outputs is None else outputs
@@ -222,7 +222,7 @@ class InPlane:
 
     def plan(self, pair: PlanarPair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
         """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
-        values: Values = {}
+        values: Named = {}
         for parts, four in zip(PLANAR_PARTS.values(), self.derivatives, strict=False):
             values |= dict(zip(parts, (four[:2], four[2], four[3]), strict=True))
         names = default_outputs(self.level, PLANAR) if outputs is None else outputs
@@ -320,7 +320,7 @@ def _part(derivatives: Derivatives, rows: Rows, order: int) -> Derivatives:
     )
 
 
-def _constant(values: Values, names: tuple[str, ...], q: tuple[Any, ...]) -> frozenset[str]:
+def _constant(values: Named, names: tuple[str, ...], q: tuple[Any, ...]) -> frozenset[str]:
     """Which inputs of a plan, and which coordinates, do not change."""
     inputs = {name for name, group in values.items() if not _varies(group)}
     return frozenset(inputs | {name for name, value in zip(names, q, strict=True) if not _varies(value)})
