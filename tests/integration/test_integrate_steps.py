@@ -303,8 +303,9 @@ def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, m
 
 
 @pytest.mark.slow
-def test_a_corner_costs_some_forty_steps(tmp_path):
+def test_a_corner_costs_some_forty_steps(tmp_path, monkeypatch):
     """Jumps, kinks and a root, to the last digits of what a scene aims at, though steps there are ever shorter."""
+    monkeypatch.setattr(step_selection, "MOST_STEPS", 20_000)
     rates = {
         "step(t - 1.234)": lambda t: max(0, t - 1.234),
         "abs(t - 1.234)": lambda t: ((t - 1.234) * abs(t - 1.234) + 1.234**2) / 2,

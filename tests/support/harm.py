@@ -10,10 +10,13 @@ from importlib.machinery import PathFinder, SourceFileLoader
 from pathlib import Path
 from typing import NamedTuple
 
+import hypothesis
 import pytest
+from hypothesis import Phase
 
 TESTS = Path(__file__).parents[1]
 PACKAGE = TESTS.parent / "src" / "hingepair"
+TOOLS = ["hypothesis.extra.numpy", "mpmath", "numpy", "pinocchio", "pytest", "scipy.linalg", "sympy", "typer.testing"]
 
 
 class Fault(NamedTuple):
@@ -61,6 +64,9 @@ def _run(answer, fault, tests):
     os.chdir(TESTS.parent)
     if fault is not None:
         sys.meta_path.insert(0, _Finder(fault))
+    # What fails is enough: the least that does is not looked for
+    hypothesis.settings.register_profile("harmed", phases=[Phase.explicit, Phase.generate])
+    hypothesis.settings.load_profile("harmed")
     options = ["-q", "-x", "-m", "slow or not slow", "-p", "no:cacheprovider", "-p", "no:xdist", "--color=no"]
     options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # the tools are loaded already
     with tempfile.TemporaryFile("w+") as output:
@@ -78,7 +84,7 @@ def run(fault, tests):
     The process is forked from one that has loaded the tools, but not hingepair.
     """
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["hypothesis.extra.numpy", "mpmath", "numpy", "pytest"])
+    context.set_forkserver_preload(TOOLS)
     receive, send = context.Pipe(duplex=False)
     process = context.Process(target=_run, args=(send, fault, tests))
     process.start()
