@@ -220,3 +220,64 @@ def test_an_inertia_that_was_not_given_is_warned_of_and_shapes_give_one():
     np.testing.assert_allclose(
         hp.Body(1, shapes=[hp.Cylinder(1, 2, axis=(1, 0, 0))]).inertia.diagonal(), (1 / 2, 7 / 12, 7 / 12)
     )
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_prepared_dynamics_is_that_of_the_methods(backend):
+    rng = generator(25)
+    pair, body1 = massive(rng), moving(rng, 3)
+    psi, psid, psidd = rng.normal(size=(3, 3))
+    S, omega, a, alpha = body1.S, body1.omega, body1.a, body1.alpha
+    expected = pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)
+    near = {"rtol": 0, "atol": 1e-11}
+    inverse = pair.prepare("inverse_dynamics", gravity=GRAVITY, backend=backend)
+    found = inverse(S, omega, a, alpha, psi, psid, psidd)
+    one = inverse(S[1], omega[1], a[1], alpha[1], float(psi[1]), float(psid[1]), float(psidd[1]))
+    for name in ("force1", "torque1", "hinge_torque"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), **near)
+        np.testing.assert_allclose(getattr(one, name), getattr(expected, name)[1], **near)
+    forward = pair.prepare("forward_dynamics", gravity=GRAVITY, backend=backend)
+    back = forward(S, omega, psi, psid, *expected)
+    for name, value in (("a1", a), ("alpha1", alpha), ("psidd", psidd)):
+        np.testing.assert_allclose(getattr(back, name), value, **near)
+    lone = forward(S[2], omega[2], psi[2], psid[2], *(part[2] for part in expected))
+    np.testing.assert_allclose(lone.psidd, psidd[2], **near)
+    names = ("mass_matrix", "kinetic", "potential", "linear", "angular", "bearing_torque")
+    given = ("R1", "S1", "v1", "omega1", "a1", "alpha1", "psi", "psid", "psidd")
+    more = pair.prepare(given, outputs=names, gravity=GRAVITY, backend=backend)(
+        body1.R, S, body1.v, omega, a, alpha, psi, psid, psidd
+    )
+    np.testing.assert_allclose(more["mass_matrix"], pair.mass_matrix(body1, psi), **near)
+    for part in (pair.energy(body1, psi, psid, GRAVITY), pair.momentum(body1, psi, psid)):
+        for name, value in part._asdict().items():
+            np.testing.assert_allclose(more[name], value, **near)
+    wrench = pair.hinge_wrench(body1, psi, psid, psidd, GRAVITY)
+    np.testing.assert_allclose(more["bearing_torque"], wrench.bearing_torque, **near)
+
+
+def test_prepared_loads_on_body2_and_coordinates():
+    rng = generator(26)
+    pair, (q, qd) = massive(rng), rng.normal(size=(2, 4, 7))
+    force2, torque2 = rng.normal(size=(2, 4, 3))
+    found = pair.prepare(("q", "qd", "force2", "torque2"), outputs=("a1", "psidd", "a2"))(q, qd, force2, torque2)
+    state = pair.forward_kinematics(q, qd, outputs=("R1", "S1", "v1", "omega1"))
+    body1 = hp.BodyMotion(R=state.R1, S=state.S1, v=state.v1, omega=state.omega1)
+    a = pair.forward_dynamics(body1, q[:, 6], qd[:, 6], force2=force2, torque2=torque2)
+    np.testing.assert_allclose(found.a1, a.a1, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found.psidd, a.psidd, rtol=0, atol=1e-11)
+    moved = hp.BodyMotion(R=state.R1, S=state.S1, v=state.v1, omega=state.omega1, a=a.a1, alpha=a.alpha1)
+    body2 = pair.forward_kinematics_from_body1(moved, q[:, 6], qd[:, 6], a.psidd)
+    np.testing.assert_allclose(found.a2, body2.a2, rtol=0, atol=1e-11)
+
+
+def test_what_prepared_dynamics_lacks_is_named():
+    bare = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body2=hp.Body(1, inertia=(1, 1, 1)))
+    with pytest.raises(hp.ArgumentError, match=r"pair\.body1: expected mass properties"):
+        bare.prepare("inverse_dynamics")
+    assert bare.prepare("inverse_dynamics", outputs=("hinge_torque",)).outputs == ("hinge_torque",)
+    with pytest.raises(hp.ArgumentError, match="given: expected what output hinge_torque needs too: a1"):
+        bare.prepare(("S1", "omega1", "alpha1", "psi", "psid", "psidd"), outputs=("hinge_torque",))
+    needle = hp.Body(mass=1, inertia=(1, 1, 1e-30))
+    thin = hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), body1=hp.Body(1, inertia=(1, 1, 1)), body2=needle)
+    with pytest.raises(hp.ArgumentError, match=r"pair\.body2: expected masses that resist"):
+        thin.prepare("forward_dynamics")

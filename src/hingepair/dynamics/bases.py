@@ -82,8 +82,7 @@ _ACCELERATIONS: Final[Tails] = {"a1": (3,), "alpha1": (3,), "psidd": ()}
 _BEGIN: Final[Tails] = {"point": (3,), "beside": (3,), "start": (3,)}
 _TAILS: Final[Tails] = {
     **INPUTS,
-    **dict.fromkeys(("m1", "m2"), ()),
-    **dict.fromkeys(("S0", "I1", "I2"), (9,)),
+    "S0": (9,),
     "state": (14,),
 }
 

@@ -72,7 +72,8 @@ INPUTS: dict[str, tuple[int, ...]] = {
     **dict.fromkeys(("psi", "psid", "psidd", "phi1", "phi1d", "phi1dd", "psid_given", "hinge_torque"), ()),
     **dict.fromkeys(("S1", "S2"), (3, 3)),
     **dict.fromkeys(("q", "qd", "qdd"), (7,)),
-    "home": (9,),
+    **dict.fromkeys(("home", "I1", "I2"), (9,)),
+    **dict.fromkeys(("m1", "m2"), ()),
 }
 """The shape of one sample of what can be given in space."""
 

@@ -6,7 +6,7 @@ import functools
 import operator
 import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -130,6 +130,20 @@ def mass_constants(bodies: Bodies, *needed: str) -> dict[str, Any]:
     return values
 
 
+def with_masses(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: Iterable[str]) -> Constants:
+    """The pair's constants, those of its masses that are needed, gravity, and no loads.
+
+    Raises:
+        ArgumentError: a body that is needed has no mass properties, or gravity cannot be used; names it.
+    """
+    of = {name for digit, name in (("1", "body1"), ("2", "body2")) if {f"{c}{digit}" for c in "mcI"} & {*needed}}
+    own = {name: body if name in of else None for name, body in zip(("body1", "body2"), bodies, strict=True)}
+    more = _gravity(gravity) | {name: _ZERO if tail else 0.0 for name, tail in LOADS.items()}
+    more |= mass_constants((own["body1"], own["body2"]), *of)
+    arrays = {name: np.array(value) for name, value in more.items()}
+    return Constants({**constants.values, **more}, {**constants.arrays, **arrays}, constants.shape)
+
+
 def _caller() -> int:
     """How far up the code stands that calls this package."""
     frame, level = sys._getframe(1), 1
@@ -214,6 +228,25 @@ STEPS = (
     *_ENERGIES,
 )
 """What is known of a motion: what must act, the mass matrix, energy and momentum."""
+
+LOADS = {**dict.fromkeys(("force1", "torque1", "force2", "torque2"), (3,)), "hinge_torque": ()}
+"""What may act, and the shape of one sample of it."""
+CONSTANTS = ("m1", "m2", "c1", "c2", "I1", "I2", "gravity")
+REQUIRED = ("force1", "torque1", "hinge_torque")
+MOVES = ("a1", "alpha1", "psidd")
+TAILS = {
+    **{name: LOADS[name] for name in REQUIRED},
+    **{
+        "bearing_torque": (3,),
+        "mass_matrix": (7, 7),
+        "kinetic": (),
+        "potential": (),
+        "linear": (3,),
+        "angular": (3,),
+    },
+    "psidd": (),
+}
+"""What can be had beside the accelerations of body 1, and the shape of one sample of it."""
 
 _LOADED = (
     Step("pushed", eq.add, ("force1", "force2")),
@@ -353,6 +386,18 @@ def forward_dynamics(
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])
     return Accelerations(*found)
+
+
+def check_resistance(constants: Constants, bodies: Bodies) -> None:
+    """Refuse masses that leave a motion without resistance where psi is 0.
+
+    Raises:
+        ArgumentError: as for `forward_dynamics`.
+    """
+    still = BodyMotion(R=_ZERO, S=np.eye(3), omega=_ZERO)
+    forward_dynamics(
+        constants, bodies, still, 0.0, 0.0, dict.fromkeys(LOADS.keys() - {"hinge_torque"}, 0), 0.0, _ZERO
+    )
 
 
 def energy(

@@ -176,6 +176,7 @@ class HingePair(Shown):
         *,
         outputs: Iterable[str] | None = None,
         sequence: str = "XYZ",
+        gravity: ArrayLike = dynamics.GRAVITY,
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
@@ -185,11 +186,17 @@ class HingePair(Shown):
             given: what each call will bring, and its order: "pose" is ("q",), "velocity" ("q", "qd"), "acceleration"
                 ("q", "qd", "qdd"); or names with one attitude of body 1, out of q, qd, qdd, R1, S1, quat_xyzw,
                 quat_wxyz, v1, omega1, a1, alpha1, psi, psid, psidd; for residuals R2, S2, v2, omega2, a2, alpha2 too.
+                Of dynamics, "inverse_dynamics" is ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd"), and
+                "forward_dynamics" ("S1", "omega1", "psi", "psid", "force1", "torque1", "hinge_torque"); with force1,
+                torque1, hinge_torque, force2 or torque2 among the names, accelerations follow from what acts.
             outputs: what to compute: the names that forward_kinematics knows; jacobian, acceleration_bias,
                 coordinate_jacobian, coordinate_jacobian_rate; those of `sensitivities` (d_by_u1, ...) and, where body
-                2 is given, of `residuals` and constraints (gap, tilt, psi, constraint_jacobian, ...). Unless given,
-                all of body 2 that the level allows.
+                2 is given, of `residuals` and constraints (gap, tilt, psi, constraint_jacobian, ...); of dynamics
+                force1, torque1, hinge_torque, bearing_torque, mass_matrix, kinetic, potential, linear, angular, and
+                under loads a1, alpha1, psidd. Unless given, all of body 2 that the level allows, or what the
+                method of that name gives.
             sequence: the Euler sequence of body 1.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             workers: threads; -1 for one on every core.
             backend: "auto" and "compiled" compile here and now; "numpy" never does.
 
@@ -211,7 +218,8 @@ class HingePair(Shown):
         >>> at(np.array([0.0, 0.0, 0.0, 1.0]), 0.0).jacobian @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return prepare(self.constants, given, outputs, sequence, choose(backend, workers))
+        bodies = (self.body1, self.body2)
+        return prepare(self.constants, bodies, given, outputs, sequence, gravity, choose(backend, workers))
 
     def forward_kinematics_from_body1(
         self,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, MissingDependencyError, RotationError, choices, quoted
@@ -29,10 +30,11 @@ from hingepair.evaluation.plan import (
     needed_steps,
     steps_of,
 )
-from hingepair.evaluation.steps import ARM_STEPS, COORDINATES, ROW_STEPS, Step
+from hingepair.evaluation.steps import COORDINATES, ROW_STEPS, Step
 from hingepair.evaluation.trace import square_root, where_less
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign, library_of
 from hingepair.numeric.arrays import broadcast_shape, real_array, result_dtype, vectors
+from hingepair.pair import dynamics
 from hingepair.pair.constants import Constants
 from hingepair.pair.constraints import STEPS as CONSTRAINT_STEPS
 from hingepair.pair.constraints import TAILS as CONSTRAINT_TAILS
@@ -54,6 +56,11 @@ from hingepair.rotations.sequences import find_sequence
 Tails: TypeAlias = dict[str, tuple[int, ...]]
 
 LEVELS: Final = {"pose": ("q",), "velocity": ("q", "qd"), "acceleration": ("q", "qd", "qdd")}
+_KINDS: Final = {
+    **LEVELS,
+    "inverse_dynamics": ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd"),
+    "forward_dynamics": ("S1", "omega1", "psi", "psid", *dynamics.REQUIRED),
+}
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")
 
 TAILS: Final[Tails] = {
@@ -63,6 +70,7 @@ TAILS: Final[Tails] = {
     **POSE_TAILS,
     **VELOCITY_TAILS,
     **CONSTRAINT_TAILS,
+    **dynamics.TAILS,
 }
 """All that can be prepared, and the shape of one sample of it."""
 
@@ -71,6 +79,7 @@ _GIVEN: Final[Tails] = {
     **{name: INPUTS[name] for name in ("R1", "S1", "v1", "omega1", "a1", "alpha1")},
     **{name: INPUTS[name] for name in ("R2", "S2", "v2", "omega2", "a2", "alpha2")},
     **dict.fromkeys(QUATERNIONS, (4,)),
+    **dynamics.LOADS,
 }
 _F8: Final = np.dtype(np.float64)
 _CHECK: Final = "_check"  # an output that nobody asked for: whether the attitude given is one
@@ -116,7 +125,9 @@ def _steps(given: tuple[str, ...], sequence: str | None, home: bool) -> tuple[St
     if sequence is not None:
         steps += ROW_STEPS
     steps += steps_of(sequence, home)
-    steps += CONSTRAINT_STEPS if "S2" in given else ARM_STEPS
+    if not dynamics.LOADS.keys().isdisjoint(given):
+        return dynamics.forward_steps(tuple(steps))
+    steps += CONSTRAINT_STEPS if "S2" in given else dynamics.STEPS
     steps += [*JACOBIAN_STEPS, *SENSITIVITY_STEPS]
     if sequence is not None:
         steps += coordinate_steps(sequence)
@@ -155,7 +166,8 @@ class Prepared:
         self.given, self.outputs = given, outputs
         self._pair, self._how = with_hinge_frames(pair) if "S2" in given else pair, how
         self._loop = _loop(given, outputs, sequence if "q" in given else None, "home" in pair.values)
-        self._known = {name: value for name, value in self._pair.values.items() if name in dict(self._loop.inputs)}
+        needed = dict(self._loop.inputs).keys() - {*given}
+        self._known = {name: value for name, value in self._pair.values.items() if name in needed}
         self._rows = tuple(given.index(name) for name, _ in self._loop.inputs if name in given)
         some = {name: np.empty((2, *tail)) for name, tail in self._loop.inputs}
         self._bound = bind(self._loop.inputs, {**some, **(self._known if pair.single else {})})
@@ -226,24 +238,26 @@ class Prepared:
         scope: dict[str, Any] = {"run": run, "new": PairState.__new__, "PairState": PairState, "empty": np.empty}
         scope |= {"constants": np.array(self._bound.constants), "refuse": self._refuse, "again": self._again}
         scope |= {"layout": self._layout, "shape": ()}
-        rows = all(tail in {(3,), (3, 3)} for name, tail in self._loop.outputs if name != _CHECK)
-        begin, lines = 0, []
-        for name, tail in self._loop.outputs:
+        starts = itertools.accumulate((math.prod(tail) for _, tail in self._loop.outputs), initial=0)
+        places = [(name, tail, begin) for (name, tail), begin in zip(self._loop.outputs, starts, strict=False)]
+        rows = all(tail == () or (tail in {(3,), (3, 3)} and begin % 3 == 0) for _, tail, begin in places)
+        end, lines = 0, []
+        for name, tail, begin in places:
             end = begin + math.prod(tail)
             if name in PairState.__slots__:
                 scope[f"set_{name}"] = PairState.__dict__[name].__set__
-                if rows:  # one row of the buffer, or three
-                    part = f"[{begin // 3}]" if tail == (3,) else f"[{begin // 3} : {end // 3}]"
+                if rows:  # one row of the buffer, or three, or one number
+                    part = f"[{begin // 3} : {end // 3}]" if tail == (3, 3) else f"[{begin // 3}]"
+                    part = part if tail else f"[{begin // 3}, {begin % 3}]"
                 else:
                     part = f"[{begin}:{end}]" + ("" if len(tail) == 1 else f".reshape({tail})")
                 lines.append(f"    set_{name}(state, buffer{part})")
-            begin = end
-        scope["size"] = (-(-begin // 3), 3) if rows else begin
+        scope["size"] = (-(-end // 3), 3) if rows else end
         scope["content"] = State.__dict__["_content"].__set__
         arguments = [f"in{k}" for k in range(len(self.given))]
         given = ", ".join(arguments)
         bad = "== 0.0" if self._quaternion else f"> {2 * TOLERANCE[8]!r}"
-        checked = [f"    if buffer.item({begin - 1}) {bad}:", f"        refuse(({given},))"]
+        checked = [f"    if buffer.item({end - 1}) {bad}:", f"        refuse(({given},))"]
         source = [
             f"def straight({given}):",
             "    buffer = empty(size)",
@@ -415,19 +429,35 @@ class Prepared:
 
 
 def prepare(
-    pair: Constants, given: str | Iterable[str], outputs: Iterable[str] | None, sequence: str, how: How
+    pair: Constants,
+    bodies: dynamics.Bodies,
+    given: str | Iterable[str],
+    outputs: Iterable[str] | None,
+    sequence: str,
+    gravity: ArrayLike,
+    how: How,
 ) -> Prepared:
     """A plan made ready; see `HingePair.prepare`."""
     names = _checked_given(given)
+    forward = not dynamics.LOADS.keys().isdisjoint(names)
+    if outputs is None and forward:
+        outputs = dynamics.MOVES
+    elif outputs is None and given == "inverse_dynamics":
+        outputs = dynamics.REQUIRED
     rows = "q" in names
     if rows:
         find_sequence(sequence)
     level = sum(name in names for name in (("qd", "qdd") if rows else ("psid", "psidd")))
     steps = _steps(names, sequence if rows else None, "home" in pair.values)
-    known = {*names, *with_hinge_frames(pair).values}
     wanted = default_outputs(level) if outputs is None else check_names(outputs, TAILS)
+    needed = needed_steps(steps, wanted)[1]
+    if not needed.isdisjoint(dynamics.CONSTANTS):
+        pair = dynamics.with_masses(pair, bodies, gravity, needed)
+    if forward:
+        dynamics.check_resistance(pair, bodies)
+    known = {*names, *with_hinge_frames(pair).values}
     for name in wanted:
-        unknown = name in CONSTRAINT_TAILS and "S2" not in names
+        unknown = name in CONSTRAINT_TAILS and "S2" not in names and not forward
         missing = sorted(needed_steps(CONSTRAINT_STEPS if unknown else steps, (name,))[1] - known)
         if missing:
             raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
@@ -436,9 +466,9 @@ def prepare(
 
 def _checked_given(given: str | Iterable[str]) -> tuple[str, ...]:
     try:
-        names = LEVELS[given] if isinstance(given, str) else tuple(given)
+        names = _KINDS[given] if isinstance(given, str) else tuple(given)
     except (KeyError, TypeError):
-        raise ArgumentError("given", f"{choices(tuple(LEVELS))}, or a tuple of names", quoted(given)) from None
+        raise ArgumentError("given", f"{choices(tuple(_KINDS))}, or a tuple of names", quoted(given)) from None
     for name in names:
         if name not in _GIVEN:
             raise ArgumentError("given", choices(tuple(_GIVEN)), quoted(name))

@@ -126,6 +126,10 @@ class PairState(State):
         "acceleration_bias": "Of `prepare`: (a2, alpha2) where a1, alpha1, psi'' are none; (..., 6).",
         "coordinate_jacobian": "Of `prepare`: (v2, omega2) by the rates of the coordinates; (..., 6, 7).",
         "coordinate_jacobian_rate": "Of `prepare`: its time derivative; (..., 6, 7).",
+        "force1": "Of `prepare`: what must act on body 1 at R1; (..., 3) N.",
+        "torque1": "Of `prepare`: what must act on body 1 about R1; (..., 3) N m.",
+        "hinge_torque": "Of `prepare`: what must act about the hinge axis; (...) N m.",
+        "psidd": "Of `prepare`: acceleration of the hinge angle under what acts; (...) rad/s^2.",
     }
 
     R2: FloatArray
@@ -145,6 +149,10 @@ class PairState(State):
     acceleration_bias: FloatArray
     coordinate_jacobian: FloatArray
     coordinate_jacobian_rate: FloatArray
+    force1: FloatArray
+    torque1: FloatArray
+    hinge_torque: FloatArray
+    psidd: FloatArray
 
 
 class PlanarState(State):
