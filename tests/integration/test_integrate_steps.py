@@ -12,9 +12,11 @@ import pytest
 import hingepair as hp
 from hingepair.evaluation.backend import choose
 from hingepair.integration import solve, step_selection
+from hingepair.integration.error_estimate import PROBES
+from hingepair.integration.integrals import Attitude
 from hingepair.integration.methods import RULES
 from hingepair.integration.signals import Function
-from hingepair.integration.stepping import divided
+from hingepair.integration.stepping import Steps, divided
 from support.reference import DIGITS
 from support.sparse import sparse
 from support.spins import U
@@ -95,10 +97,8 @@ def test_probes_do_not_enlarge_rounding():
 def test_steps_do_not_chase_rounding():
     """What is left of the errors of intervals is rounding, which more steps do not mend."""
     omega = Function("omega1", about_x(np.exp), (3,))
-    steps = step_selection.selected_steps(
-        omega, (), np.linspace(0, 10, 3), RULES["magnus6"], 1e-14, choose("numpy", 1)
-    )
-    assert steps.counts.sum() <= 3000
+    turning = Attitude("omega1", omega, RULES["magnus6"], choose("numpy", 1), False)
+    assert step_selection.selected_steps((turning,), np.linspace(0, 10, 3), 1e-14).made <= 3000
     smooth = hp.integrate(PAIR, [0, 1], about_x(np.cos), np.cos, tol=1e-2, outputs=())
     assert smooth.steps == 16
 
@@ -109,14 +109,14 @@ def test_no_attitude_is_off_by_more_than_half_a_turn():
 
 def test_lengths_of_steps_add_up():
     """Exactly: no length is rounded alike in all steps of an interval."""
-    start = np.array([0.1, 1 / 3, 10.7])
-    stop, counts = np.array([1 / 3, 10.7, 1e4]), np.array([7, 1, 1000])
-    begin, (h, low), part = divided(start, stop, counts)
-    assert [begin[i] for i in (0, 7, 8)] == start.tolist()
-    assert part.tolist() == [*range(7), 0, *range(1000)]
-    for first, last, length in ((0, 7, (0.1, 1 / 3)), (7, 8, (1 / 3, 10.7)), (8, 1008, (10.7, 1e4))):
-        whole = sum(Fraction(float(x)) for x in (*h[first:last], *low[first:last]))
-        assert whole == Fraction(length[1]) - Fraction(length[0])
+    t, counts = np.array([0.1, 1 / 3, 10.7, 1e4]), np.array([7, 1, 1000])
+    parts = divided(t[:-1], t[1:], counts)
+    assert [parts.start[i] for i in (0, 7, 8)] == t[:-1].tolist()
+    assert parts.part.tolist() == [*range(7), 0, *range(1000)]
+    steps = Steps(t).refined(parts.start)
+    assert (steps.made, steps.own.tolist()) == (1008, [0, 7, 8, 1008])
+    _, (h, low) = steps.within(0, 1008)
+    assert sum(Fraction(float(x)) for x in (*h, *low)) == Fraction(1e4) - Fraction(0.1)
     assert (h > 0).all()
 
 
@@ -204,6 +204,13 @@ def test_uneven_intervals_that_are_not_looked_at(kind, tol):
         assert off <= (tol or 10)
         assert off / 10 <= motion.psi_error_estimate <= 10 * max(off, 50 * U)
         assert off / 10 <= motion.error_estimate <= 10 * max(off, 100 * U)
+
+
+def test_intervals_that_are_not_looked_at_are_divided_like_their_neighbours():
+    t = np.linspace(0, 1, 3 * PROBES)
+    motion = hp.integrate(PAIR, t, (0, 0, 0), lambda t: 1e4 * np.cos(1e4 * t), tol=1e-6, outputs=())
+    assert np.abs(motion.psi - np.sin(1e4 * t)).max() <= 1e-6
+    assert 2 * len(t) - 2 <= motion.steps <= 10 * len(t)
 
 
 def test_euler_angles_halve_their_steps_far_from_lock():

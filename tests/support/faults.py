@@ -340,9 +340,9 @@ FAULTS = {
         "integration/test_integrate.py::test_error_falls_with_the_order_of_the_method",
     ),
     "omega in body axes with the sign of world axes": Fault(
-        "integration/stepping.py",
-        '"h": -h[0] if body else h[0]',
-        '"h": h[0]',
+        "integration/integrals.py",
+        '"h": -h if self.body else h',
+        '"h": h',
         "integration/test_integrate.py::test_body_axes_are_world_axes_turned",
     ),
     "psi by plain sums": Fault(
@@ -353,8 +353,8 @@ FAULTS = {
     ),
     "lengths of steps rounded": Fault(
         "integration/stepping.py",
-        "return begin, exact_sum(after, -begin), part",
-        "return begin, (after - begin, 0 * begin), part",
+        "exact_sum(self.t[first + 1 : last + 1], -self.t[first:last])",
+        "(np.diff(self.t[first : last + 1]), 0.0 * self.t[first:last])",
         "integration/test_integrate_steps.py::test_lengths_of_steps_add_up",
     ),
     "other weights of Gauss's three nodes": Fault(
@@ -383,14 +383,14 @@ FAULTS = {
     ),
     "the rounding of stamps forgotten": Fault(
         "integration/error_estimate.py",
-        "stamp_rounding(signal) if isinstance(signal, Samples) else 0.0",
+        "stamp_rounding(rate) if isinstance(rate, Samples) else 0.0",
         "0.0",
         "integration/test_integrate_given.py::test_error_estimate_counts_the_rounding_of_stamps",
     ),
     "jumps that two quadratures hide": Fault(
         "integration/error_estimate.py",
-        "squares = np.where(squares > (_SURE * shown) ** 2, squares, 0.0)",
-        "squares = 0 * squares",
+        "np.where(squares > (_SURE * shown) ** 2, squares, 0.0)",
+        "0 * squares",
         "integration/test_integrate_steps.py::test_a_jump_of_a_callable_is_seen",
     ),
     "the shortest interval of each part looked at": Fault(
@@ -406,21 +406,21 @@ FAULTS = {
         "integration/test_integrate_steps.py::test_a_jump_of_a_callable_is_seen",
     ),
     "one step for intervals that are not looked at": Fault(
-        "integration/error_estimate.py",
-        "return np.maximum(found, 1).astype(np.int64)",
-        "return np.ones(len(lengths), np.int64)",
-        "integration/test_integrate_steps.py::test_uneven_intervals_that_are_not_looked_at",
-    ),
-    "corners not halved": Fault(
         "integration/step_selection.py",
-        "if stop and rough.any():",
-        "if stop and rough.all() and False:",
+        "like[looked.intervals] = 1",
+        "like[:] = 1",
+        "integration/test_integrate_steps.py::test_intervals_that_are_not_looked_at_are_divided_like_their_neighbours",
+    ),
+    "corners not divided again and again": Fault(
+        "integration/step_selection.py",
+        "len(totals) < _ROUNDS",
+        "len(totals) < 8",
         "integration/test_integrate_steps.py::test_a_corner_costs_some_forty_steps",
     ),
     "lock taken for lock at the first step": Fault(
         "integration/solve.py",
-        "if course.tol is None or 2 * counts.sum()",
-        "if course.tol is not None or 2 * counts.sum()",
+        "if course.tol is None or 2 * steps.made",
+        "if course.tol is not None or 2 * steps.made",
         "integration/test_integrate_steps.py::test_euler_angles_halve_their_steps_far_from_lock",
     ),
     "components side by side at three instants": Fault(

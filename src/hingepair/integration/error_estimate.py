@@ -17,19 +17,17 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple, TypeAlias
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.evaluation.backend import How
+from hingepair.integration.integrals import Angle, Integral
 from hingepair.integration.interpolation_error import largest_error
-from hingepair.integration.methods import RULES, Quaternion, Rule, quaternion_product, turns
+from hingepair.integration.methods import RULES, Rule
 from hingepair.integration.signals import Constant, Function, Samples, Signal, Values
-from hingepair.integration.stepping import Steps, divided
-
-_Errors: TypeAlias = tuple[Values, Values, Values]
+from hingepair.integration.stepping import Division, Steps, divided
 
 PROBES: Final = 2048
 
@@ -47,7 +45,7 @@ _ROUGH = 0.02  # of the roughness that rounded stamps make, in the mean of squar
 _OUTER = RULES["magnus6"].nodes[0], RULES["magnus6"].nodes[-1]
 _SURE = 2.0  # times the noise of rounding: what is larger has another cause
 _EDGE = 1e-4  # of a step: how near to its ends a callable is looked at, since it may jump at the instants themselves
-_GROUP = 1 << 14  # steps that are looked at in one go, but for those of one interval: arrays of a megabyte or two
+_GROUP = 1 << 12  # intervals that are looked at in one go: arrays of a megabyte or two
 
 
 class Probes(NamedTuple):
@@ -63,28 +61,23 @@ class Probes(NamedTuple):
     intervals: NDArray[np.intp]
     parts: NDArray[np.intp]
 
+    @property
+    def ends(self) -> tuple[Values, Values]:
+        """When those looked at begin and end."""
+        return self.t[self.intervals], self.t[self.intervals + 1]
+
     def each(self, values: Values) -> Values:
         """Values of probes as those of all intervals."""
-        sizes = np.diff(self.parts, append=len(self.t) - 1)
-        return np.repeat(values, sizes)
+        return np.repeat(values, np.diff(self.parts, append=len(self.t) - 1))
 
-    def stand_for(self, counts: NDArray[np.int64], order: int) -> Values:
-        """How many times a probe's error its part's is, where errors go as length times steps' length^order."""
+    def stand_for(self, order: int) -> Values:
+        """How many times a probe's error its part's is, where steps' errors go as length^(order + 1)."""
         if len(self.intervals) == len(self.t) - 1:
             return np.ones(len(self.intervals))
-        lengths = np.diff(self.t)
-        errors = lengths * (lengths / counts) ** order
+        errors = np.diff(self.t) ** (order + 1)
         largest = errors[self.intervals]
         found: Values = np.add.reduceat(errors, self.parts) / np.where(largest > 0, largest, 1.0)
         return found
-
-    def counts(self, own: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Steps of all intervals, none longer than those of the probe of its part."""
-        if len(self.intervals) == len(self.t) - 1:
-            return own
-        lengths = np.diff(self.t)
-        found = np.ceil(lengths * (1 - 8 * _U) / self.each(lengths[self.intervals] / own))
-        return np.maximum(found, 1).astype(np.int64)
 
 
 def probes(t: Values, signals: Sequence[Signal] = ()) -> Probes:
@@ -102,7 +95,7 @@ def probes(t: Values, signals: Sequence[Signal] = ()) -> Probes:
     first = np.diff(place, prepend=-1) > 0
     for signal in signals:
         if isinstance(signal, Function):
-            abrupt = _most_abrupt(signal.at(t).reshape(len(t), -1), lengths)
+            abrupt = _most_abrupt(signal.instants(t).reshape(len(t), -1), lengths)
             first[abrupt] = True
             first[abrupt[abrupt < count - 1] + 1] = True
     part = np.cumsum(first)
@@ -119,240 +112,116 @@ def _most_abrupt(columns: Values, lengths: Values) -> NDArray[np.intp]:
 
 
 @np.errstate(all="ignore")
-def attitude_error(omega: Signal, steps: Steps, rule: Rule, quats: Values, how: How, *, body: bool) -> float:
-    """How far the attitudes are off at the worst instant [rad]; NaN where it cannot be told.
+def estimated_error(integral: Integral, steps: Steps, values: Values) -> float:
+    """How far an integral is off at the worst instant [rad]; NaN where it cannot be told.
 
-    Rounding comes to that of the steps, and of products of rotations by a radian or so. Both are random walks, but
-    for an omega that never changes: then each step rounds alike.
+    Args:
+        integral: what is integrated.
+        steps: that were made.
+        values: what they came to; a row more.
     """
-    if len(steps.t) < 2:
-        return 4 * _U
-    looked = probes(steps.t, (omega,))
-    found, size, noise = _rounding(omega, steps, looked)
-    products = 0.0 if found.alike else 4 * math.sqrt(min(size, float(steps.counts.sum())))
-    rounded = _U * (8 + products) + noise
-    if exact(omega, rule):
-        return rounded
-    chosen, weights = looked.intervals, looked.stand_for(steps.counts, rule.order)
-    errors, hidden, rounding = turn_errors(omega, steps.t, chosen, steps.counts[chosen], rule, how, body=body)
-    q = quats if body else quats * np.array([1, -1, -1, -1])
-    if isinstance(omega, Samples):
-        seen = above(_size(errors), rounding) > 0
-        errors = np.where(seen[:, None], errors, 0.0) * weights[:, None]
-        at_samples = q if steps.asked is None else q[steps.asked]
-        # In body axes it is S^T that is turned, the other way
-        return rounded + largest_error(
-            omega,
-            _between_samples(steps, chosen, -errors if body else errors),
-            lambda first, last, vectors: _rotate(at_samples[first + 1 : last + 1], vectors),
-        )
-    total = np.cumsum(_rotate(q[chosen + 1], errors * weights[:, None]), axis=0)
-    return rounded + _largest(_size(total), hidden, rounding, weights, looked.stand_for(steps.counts, 1))
-
-
-@np.errstate(all="ignore")
-def angle_error(rate: Signal, steps: Steps, rule: Rule) -> float:
-    """How far an angle is off at the worst instant [rad], but for its own last bit; NaN where it cannot be told.
-
-    A constant rate is integrated exactly.
-    """
-    if len(steps.t) < 2 or isinstance(rate, Constant):
-        return 0.0
+    rate, rule = integral.rate, integral.rule
+    if not steps.made or (isinstance(integral, Angle) and integral.exact):
+        return integral.rounded_on_the_way(values, 0.0)
     looked = probes(steps.t, (rate,))
-    rounded = _rounding(rate, steps, looked)[2]
-    chosen, weights = looked.intervals, looked.stand_for(steps.counts, rule.order)
-    errors, hidden, rounding = sum_errors(rate, steps.t, chosen, steps.counts[chosen], rule)
+    rounding = interval_rounding(rate, *looked.ends)
+    size = float((rounding.size * looked.stand_for(0)).sum())
+    noise = _U * size if rounding.alike else math.sqrt(float((rounding.noise**2 * looked.stand_for(1)).sum()))
+    noise += stamp_rounding(rate) if isinstance(rate, Samples) else 0.0
+    rounded = noise + integral.rounded_on_the_way(values, 0.0 if rounding.alike else size)
+    if integral.exact:
+        return rounded
+    found = step_errors(integral, *looked.ends, steps.t[-1] - steps.t[0])
+    weights = looked.stand_for(rule.order)
     if isinstance(rate, Samples):
-        seen = np.where(above(errors, rounding) > 0, errors, 0.0) * weights
-        return rounded + largest_error(rate, _between_samples(steps, chosen, seen))
-    total = np.abs(np.cumsum(errors * weights))
-    return rounded + _largest(total, hidden, rounding, weights, looked.stand_for(steps.counts, 1))
+        seen = np.where(above(_size(found.errors), found.noise) > 0, weights, 0.0)[:, None] * found.errors
+        at_samples = steps.asked(values)
+        between = _between_samples(steps, looked.intervals, seen)
+        missed = largest_error(rate, between, lambda a, b, e: integral.added_up(at_samples[a + 1 : b + 1], e))
+        return rounded + missed
+    # Less what rounding makes of probes, for want of the other intervals where it would average out; or what may be
+    # hidden in all, as chance has it.
+    total = np.cumsum(integral.added_up(values[looked.intervals + 1], found.errors * weights[:, None]), axis=0)
+    enlarged = 2 * _SURE * float(np.sqrt((found.noise**2 * (weights**2 - weights)).sum()))
+    apart = float(_size(total).max())
+    hidden = np.sqrt((found.hidden**2 * looked.stand_for(1)).sum())
+    return rounded + float(np.maximum(0.0 if apart <= enlarged else apart, hidden))
 
 
 def _between_samples(steps: Steps, chosen: NDArray[np.intp], errors: Values) -> tuple[NDArray[np.intp], Values]:
-    """Errors of intervals as those of the intervals between samples, of which they may be parts."""
-    if steps.asked is None:
+    """Errors of steps as those of the intervals between samples, of which they may be parts."""
+    if steps.own is None:
         return chosen, errors
-    whole, first = np.unique(np.searchsorted(steps.asked, chosen, side="right") - 1, return_index=True)
+    whole, first = np.unique(np.searchsorted(steps.own, chosen, side="right") - 1, return_index=True)
     return whole, np.add.reduceat(errors, first, axis=0)
 
 
-def _rounding(signal: Signal, steps: Steps, looked: Probes) -> tuple[Rounding, float, float]:
-    """The rounding of probes; of all intervals, the integral of the size, and what rounding adds to the integral."""
-    chosen = looked.intervals
-    found = interval_rounding(signal, steps.t[chosen], steps.t[chosen + 1], steps.counts[chosen])
-    size = float((found.size * looked.stand_for(steps.counts, 0)).sum())
-    if found.alike:
-        noise = _U * size
-    else:
-        noise = math.sqrt(float((found.noise**2 * looked.stand_for(steps.counts, 1)).sum()))
-    return found, size, noise + (stamp_rounding(signal) if isinstance(signal, Samples) else 0.0)
+class StepErrors(NamedTuple):
+    """Of steps over intervals.
 
-
-def _largest(total: Values, hidden: Values, noise: Values, weights: Values, squares: Values) -> float:
-    """The largest sum of errors over the probes, less what rounding makes of it, or what may be hidden in all.
-
-    Of the rounding, for want of the other intervals where it would average out; of what is hidden, as chance has it.
+    Attributes:
+        errors: vectors, shape (P, 3) or (P, 1).
+        hidden: the size of what these may not show, shape (P,).
+        noise: what rounding explains, shape (P,).
     """
-    enlarged = 2 * _SURE * float(np.sqrt((noise**2 * (weights**2 - weights)).sum()))
-    apart = float(total.max())
-    return float(np.maximum(0.0 if apart <= enlarged else apart, np.sqrt((hidden**2 * squares).sum())))
+
+    errors: Values
+    hidden: Values
+    noise: Values
+
+    @property
+    def sizes(self) -> Values:
+        """How large they are where rounding does not explain them."""
+        return np.maximum(above(_size(self.errors), self.noise), self.hidden)
 
 
-def _few_at_a_time(errors: Callable[..., _Errors]) -> Callable[..., _Errors]:
-    """The same errors, of so many intervals at a time that the values at their nodes stay in the caches."""
-
-    @functools.wraps(errors)
-    def each(
-        signal: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], *rest: Any, **how: Any
-    ) -> _Errors:
-        cuts = np.flatnonzero(np.diff(np.cumsum(counts) // _GROUP)) + 1
-        groups = zip(np.split(chosen, cuts), np.split(counts, cuts), strict=True)
-        apart, hidden, noise = zip(*(errors(signal, t, *group, *rest, **how) for group in groups), strict=True)
-        return np.concatenate(apart), np.concatenate(hidden), np.concatenate(noise)
-
-    return each
+def step_errors(integral: Integral, start: Values, stop: Values, whole: float) -> StepErrors:
+    """Errors of steps over intervals, by steps of half the length, or as short as `LOOKS` over the whole time are."""
+    few = (slice(first, first + _GROUP) for first in range(0, len(start), _GROUP))
+    found = zip(*(_few_errors(integral, start[own], stop[own], whole) for own in few), strict=True)
+    return StepErrors(*map(np.concatenate, found))
 
 
-@_few_at_a_time
-def turn_errors(
-    omega: Signal,
-    t: Values,
-    chosen: NDArray[np.intp],
-    counts: NDArray[np.int64],
-    rule: Rule,
-    how: How,
-    *,
-    body: bool,
-) -> _Errors:
-    """Errors of some intervals in so many steps.
-
-    Returns:
-        As rotation vectors (P, 3), the size of what these may not show (P,), and what rounding explains (P,).
-    """
-    ends, finer = (t[chosen], t[chosen + 1]), _finer(t, chosen, counts)
-    coarse, fine = _looks(omega, *ends, counts, rule), _looks(omega, *ends, finer * counts, rule)
-    apart = _apart(*(_turns(looks, rule, how, body=body) for looks in (coarse, fine))) * _whole(finer, rule)[:, None]
-    rounding = interval_rounding(omega, *ends, counts)
-    products = np.minimum(rounding.size, 4 * np.sqrt(np.minimum(rounding.size, finer * counts)))
-    noise = rounding.noise + _U * products
-    return apart, above(_hidden(omega, *ends, coarse, fine, rule), 4 * noise), noise
+def _few_errors(integral: Integral, start: Values, stop: Values, whole: float) -> StepErrors:
+    rate, rule = integral.rate, integral.rule
+    one = divided(start, stop, np.ones(len(start), np.int64))
+    many = divided(start, stop, 2 * np.maximum(-(-spread(stop - start, whole, LOOKS) // 2), 1))
+    nodes = rate.nodes(one.start, one.h, rule.nodes), rate.nodes(many.start, many.h, rule.nodes)
+    gain = many.counts.astype(float) ** rule.order  # of the error: what finer steps find is not all of it
+    errors = integral.apart(one, many, nodes) * (gain / (gain - 1))[:, None]
+    rounding = interval_rounding(rate, start, stop)
+    noise = rounding.noise + integral.rounded(rounding.size, many.counts.astype(float))
+    return StepErrors(errors, above(_hidden(rate, one, many, nodes, rule), 4 * noise), noise)
 
 
-@_few_at_a_time
-def sum_errors(psid: Signal, t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64], rule: Rule) -> _Errors:
-    """The same of the integrals over some intervals; each of shape (P,)."""
-    ends, finer = (t[chosen], t[chosen + 1]), _finer(t, chosen, counts)
-    coarse, fine = _looks(psid, *ends, counts, rule), _looks(psid, *ends, finer * counts, rule)
-    whole = _sums(fine, rule)
-    noise = interval_rounding(psid, *ends, counts).noise + _U * np.abs(whole)
-    return (
-        (_sums(coarse, rule) - whole) * _whole(finer, rule),
-        above(_hidden(psid, *ends, coarse, fine, rule), 4 * noise),
-        noise,
-    )
-
-
-def sizes(found: _Errors) -> Values:
-    """How large the errors of intervals are, of those functions, where rounding does not explain them."""
-    errors, hidden, noise = found
-    return np.maximum(above(_size(errors.reshape(len(errors), -1)), noise), hidden)
-
-
-def spread(t: Values, chosen: NDArray[np.intp], steps: int) -> NDArray[np.int64]:
-    """Of so many steps over the whole time, spread evenly, those within some intervals; one at least."""
-    parts = np.ceil((t[chosen + 1] - t[chosen]) * (steps / (t[-1] - t[0])))
-    found: NDArray[np.int64] = np.clip(np.nan_to_num(parts, nan=1.0), 1, steps).astype(np.int64)
-    return found
-
-
-def _finer(t: Values, chosen: NDArray[np.intp], counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """By how much the steps are made shorter to see what they miss: twice, or a multiple as `LOOKS` asks for."""
-    pairs: NDArray[np.int64] = -(-spread(t, chosen, LOOKS) // (2 * counts))
-    return 2 * np.maximum(pairs, 1)
-
-
-def _whole(finer: NDArray[np.int64], rule: Rule) -> Values:
-    """The error as a multiple of the difference from what finer steps find."""
-    gain: Values = finer.astype(float) ** rule.order
-    return gain / (gain - 1)
-
-
-def exact(omega: Signal, rule: Rule) -> bool:
-    """Whether steps have no truncation: rotations about one axis, but for Runge and Kutta's."""
-    return isinstance(omega, Constant) and rule is not RULES["rk4_quaternion"]
+def spread(lengths: Values, whole: float, steps: int) -> NDArray[np.int64]:
+    """Of so many steps over the whole time, spread evenly, those within intervals; one at least."""
+    found: NDArray[np.int64] = np.clip(np.nan_to_num(np.ceil(lengths * (steps / whole)), nan=1.0), 1, steps)
+    return found.astype(np.int64)
 
 
 def above(errors: Values, noise: Values) -> Values:
     """The sizes of errors that rounding does not explain, else zero."""
-    size = np.abs(errors)
-    return np.where(size <= _SURE * noise, 0.0, size)
+    return np.where(errors <= _SURE * noise, 0.0, errors)
 
 
-class _Looks(NamedTuple):
-    """A signal at the nodes of the steps of some intervals, each in its number of steps."""
-
-    counts: NDArray[np.int64]
-    h: Values
-    part: NDArray[np.intp]
-    values: Values
-
-
-def _looks(signal: Signal, start: Values, stop: Values, counts: NDArray[np.int64], rule: Rule) -> _Looks:
-    begin, (h, _), part = divided(start, stop, counts)
-    return _Looks(counts, h, part, signal.nodes(begin, h, rule.nodes))
-
-
-def _turns(looks: _Looks, rule: Rule, how: How, *, body: bool) -> Any:
-    """The rotations over intervals: neighbours are multiplied until one is left."""
-    part = looks.part
-    rows = np.empty((len(looks.h), 4))
-    given = {"omega": looks.values, "h": -looks.h if body else looks.h}
-    turns(rule).run(given, {"q": rows}, looks.h.shape, rows.dtype, how)
-    q = rows.T.copy()
-    while len(part) > len(looks.counts):
-        even = np.flatnonzero(part % 2 == 0)
-        later = np.minimum(even + 1, len(part) - 1)
-        paired = part[later] == part[even] + 1
-        rest, last = even[paired], later[paired]
-        q[:, rest] = quaternion_product(_four(q[:, last]), _four(q[:, rest]))
-        q, part = q[:, even], part[even] // 2
-    return _four(q)
-
-
-def _sums(looks: _Looks, rule: Rule) -> Values:
-    """The integrals over intervals."""
-    return np.add.reduceat(_each(looks, rule)[:, 0], np.cumsum(looks.counts) - looks.counts)
-
-
-def _each(looks: _Looks, rule: Rule) -> Values:
-    """The integrals over steps, by columns."""
-    values = looks.values.reshape(len(looks.h), len(rule.nodes), -1)
-    found: Values = looks.h[:, None] * np.einsum("n,snk->sk", np.array(rule.weights) / sum(rule.weights), values)
-    return found
-
-
-def _hidden(signal: Signal, start: Values, stop: Values, coarse: _Looks, fine: _Looks, rule: Rule) -> Values:
+def _hidden(signal: Signal, one: Division, many: Division, nodes: tuple[Values, Values], rule: Rule) -> Values:
     """What a jump or a kink may come to that two quadratures do not show, since they agree by chance.
 
     Where a callable jumps between two nodes of a pair of steps, the integral may be off by as much as it jumps times
     the distance of the nodes; of what is smooth, divided differences over so many nodes leave less than the rule.
     """
     if not isinstance(signal, Function) or rule.nodes[0] == 0:
-        return np.zeros(len(start))
-    begin, (h, _), _ = divided(start, stop, fine.counts // 2)
-    inside = fine.values.reshape(len(h), 2 * len(rule.nodes), -1)
-    ends = signal.nodes(begin, h, (_EDGE, 1 - _EDGE)).reshape(len(h), 2, -1)
+        return np.zeros(len(one.h))
+    pairs = many._replace(counts=many.counts // 2, start=many.start[::2], stop=many.stop[1::2])
+    inside = nodes[1].reshape(len(pairs.h), 2 * len(rule.nodes), -1)
+    ends = signal.nodes(pairs.start, pairs.h, (_EDGE, 1 - _EDGE)).reshape(len(pairs.h), 2, -1)
     values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1).transpose(1, 0, 2)
     columns = values.reshape(len(values), -1)
     seen = [_size((rows @ columns).reshape(-1, *values.shape[1:])).max(axis=0) for rows in _jump_weights(rule)]
-    largest: Values = h * np.minimum(*seen)
-    finer = np.repeat(fine.counts // coarse.counts, coarse.counts)
-    of_steps, of_pairs = np.cumsum(finer) - finer, np.cumsum(finer // 2) - finer // 2
-    squares = np.add.reduceat(largest**2, of_pairs)
-    shown = _size(_each(coarse, rule) - np.add.reduceat(_each(fine, rule), of_steps))
-    squares = np.where(squares > (_SURE * shown) ** 2, squares, 0.0)
-    return np.sqrt(np.add.reduceat(squares, np.cumsum(coarse.counts) - coarse.counts))
+    squares = pairs.added((pairs.h * np.minimum(*seen)) ** 2)
+    shown = _size(rule.integral(nodes[0], one.h) - many.added(rule.integral(nodes[1], many.h)))
+    return np.sqrt(np.where(squares > (_SURE * shown) ** 2, squares, 0.0))
 
 
 @functools.cache
@@ -376,12 +245,12 @@ def _jump_weights(rule: Rule) -> tuple[Values, Values]:
 
 
 class Rounding(NamedTuple):
-    """Of each interval.
+    """Of steps over intervals.
 
     Attributes:
         size: the integral of the rate's size, shape (P,).
         noise: standard deviation of what rounding adds to the integral, shape (P,).
-        alike: whether all steps of all intervals have the same rate, and so are rounded alike.
+        alike: whether all have the same rate, and so are rounded alike.
     """
 
     size: Values
@@ -389,20 +258,16 @@ class Rounding(NamedTuple):
     alike: bool
 
 
-def interval_rounding(signal: Signal, start: Values, stop: Values, counts: NDArray[np.int64]) -> Rounding:
-    """The rounding of intervals, each in its number of steps."""
+def interval_rounding(signal: Signal, start: Values, stop: Values) -> Rounding:
+    """The rounding of steps over intervals."""
+    h = stop - start
     if isinstance(signal, Constant):
-        size = (stop - start) * float(_size(signal.value.reshape(-1)))
+        size = h * float(_size(signal.value.reshape(-1)))
         return Rounding(size, _U * size, alike=True)
-    begin, (h, _), _ = divided(start, stop, counts)
-    rates = signal.nodes(begin, h, _OUTER).reshape(len(h), 2, -1)
-    turned = 0.5 * h * (_size(rates[:, 0]) + _size(rates[:, 1]))
-    moved = 0.0 if isinstance(signal, Samples) else _NODES * np.abs(begin + h) * _size(rates[:, 1] - rates[:, 0])
-    first = np.cumsum(counts) - counts
-    size = np.add.reduceat(turned, first)
-    if (rates == rates[0, 0]).all():
-        return Rounding(size, _U * size, alike=True)
-    return Rounding(size, _U * np.sqrt(np.add.reduceat(turned**2 + moved**2, first)), alike=False)
+    rates = signal.nodes(start, h, _OUTER).reshape(len(h), 2, -1)
+    size = 0.5 * h * (_size(rates[:, 0]) + _size(rates[:, 1]))
+    moved = 0.0 if isinstance(signal, Samples) else _NODES * np.abs(stop) * _size(rates[:, 1] - rates[:, 0])
+    return Rounding(size, _U * np.sqrt(size**2 + moved**2), alike=bool((rates == rates[0, 0]).all()))
 
 
 def stamp_rounding(samples: Samples) -> float:
@@ -437,23 +302,3 @@ def _stamps_are_rounded(t: Values, columns: Values, sigma: Values) -> bool:
 def _size(rows: Values) -> Values:
     size: Values = np.sqrt((rows**2).sum(axis=-1))
     return size
-
-
-def _four(rows: Values) -> Quaternion:
-    return rows[0], rows[1], rows[2], rows[3]
-
-
-def _apart(coarse: Any, fine: Any) -> Values:
-    """The rotation from the finer to the coarser result, as vectors (P, 3)."""
-    w, x, y, z = quaternion_product(coarse, (fine[0], -fine[1], -fine[2], -fine[3]))
-    length = np.sqrt(x * x + y * y + z * z)
-    factor = np.where(length > 0, 2 * np.arctan2(length, np.abs(w)) / np.where(length > 0, length, 1.0), 2.0)
-    found: Values = np.stack([x, y, z], axis=-1) * (factor * np.copysign(1.0, w))[:, None]
-    return found
-
-
-def _rotate(quats: Values, vectors: Values) -> Values:
-    """Vectors turned by quaternions."""
-    w, axis = quats[:, :1], quats[:, 1:]
-    twice = 2 * np.cross(axis, vectors)
-    return vectors + w * twice + np.cross(axis, twice)

@@ -33,7 +33,7 @@ _F8 = np.dtype(np.float64)
 
 
 def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, body: bool) -> Values:
-    """The Euler angles of body 1 at the instants, continuous in time, shape (N, 3).
+    """The Euler angles of body 1 between steps, continuous in time, shape (steps + 1, 3).
 
     Raises:
         GimbalLockError: an angle would turn by more than 1 rad in a step, near lock or since steps are too long;
@@ -41,10 +41,11 @@ def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, 
     """
     found = np.empty((len(steps.t), 3))
     found[0] = start
-    run = _run_compiled if _compiles(how, int(steps.counts.sum())) else _run
+    run = _run_compiled if _compiles(how, steps.made) else _run
     for first, last in steps.slabs():
-        begin, (h, _), ends = steps.within(first, last)
-        rows = np.full((len(h), 3), math.nan)
+        begin, (h, _) = steps.within(first, last)
+        rows = found[first + 1 : last + 1]
+        rows[:] = math.nan
         run(omega.nodes(begin, h, RULE.nodes), h, found[first], body, rows)
         if not np.isfinite(rows[-1]).all():
             at = int(np.argmin(np.isfinite(rows).all(axis=1)))
@@ -55,7 +56,6 @@ def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, 
                 "shorter steps",
                 f"'euler_angles' with phi_y = {near:.6g} at t = {begin[at]:.6g} and more than 1 rad in {h[at]:.3g} s",
             )
-        found[first + 1 : last + 1] = rows if ends is None else rows[ends]
     return found
 
 

@@ -116,7 +116,7 @@ def integrate(
         frame: axes of omega1 and alpha1, "world" or "body".
         tol: largest error of the attitude and of psi at any instant [rad]. A callable is looked at in 509 steps or
             more, spread over the whole time: what is narrower than that may be missed, by `error_estimate` as well.
-            A jump or a kink is seen, and costs some forty steps; none where it is at one of the instants.
+            A jump or a kink is seen, and costs some sixty steps; none where it is at one of the instants.
         alpha1: angular acceleration of body 1 [rad/s^2], where accelerations are wanted.
         psidd: psi'' [rad/s^2], likewise.
         outputs: as for `forward_kinematics`; all of body 2 that the inputs allow unless given; () for none.

@@ -14,6 +14,8 @@ import functools
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple, TypeAlias
 
+import numpy as np
+
 from hingepair.equations.spatial import Scalar, Vector, add, cross, dot, scale, subtract
 from hingepair.evaluation.loops import Loop
 from hingepair.evaluation.trace import square_root, where_less
@@ -124,6 +126,11 @@ class Rule(NamedTuple):
     order: int
     nodes: tuple[float, ...]
     weights: tuple[int, ...]
+
+    def integral(self, values: Any, h: Any) -> Any:
+        """The integrals over steps of lengths h from values at their nodes (steps, nodes, ...), by columns."""
+        columns = values.reshape(len(h), len(self.nodes), -1)
+        return h[:, None] * np.einsum("n,snk->sk", np.array(self.weights) / sum(self.weights), columns)
 
 
 RULES: Final = {

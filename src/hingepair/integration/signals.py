@@ -38,11 +38,9 @@ class Constant:
     def __init__(self, value: Values) -> None:
         self.value = value
 
-    def at(self, times: Values) -> Values:
+    def instants(self, times: Values) -> Values:
         """The values at times of any shape."""
         return np.broadcast_to(self.value, times.shape + self.value.shape)
-
-    instants = at
 
     def nodes(self, start: Values, _: Values, c: tuple[float, ...]) -> Values:
         """The values at the nodes of steps; shape (steps, nodes, ...)."""
@@ -57,7 +55,7 @@ class Function:
         self.function = function
         self.tail = tail
 
-    def at(self, times: Values) -> Values:
+    def instants(self, times: Values) -> Values:
         """The values at times of any shape; the callable sees them in a row.
 
         Raises:
@@ -75,11 +73,9 @@ class Function:
             raise ArgumentError(f"{self.name}(t)", "finite numbers", f"{values[first]} at t = {float(row[first])!r}")
         return values.reshape(times.shape + self.tail)
 
-    instants = at
-
     def nodes(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
         """The values at the nodes start + c h of steps; shape (steps, nodes, ...)."""
-        return self.at(start[:, None] + h[:, None] * np.array(c))
+        return self.instants(start[:, None] + h[:, None] * np.array(c))
 
 
 class Samples:

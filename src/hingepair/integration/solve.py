@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from hingepair.errors import ArgumentError, GimbalLockError, MissingDependencyError
 from hingepair.evaluation.backend import How
-from hingepair.integration.error_estimate import angle_error, attitude_error
+from hingepair.integration.error_estimate import estimated_error
 from hingepair.integration.euler_angles import RULE as EULER_RULE
 from hingepair.integration.euler_angles import euler_angles, quaternions_of_euler
-from hingepair.integration.methods import RULES, Rule, quaternion_product
+from hingepair.integration.integrals import Angle, Attitude, Integral
+from hingepair.integration.methods import RULES, quaternion_product
 from hingepair.integration.signals import Samples, Signal, Values
 from hingepair.integration.step_selection import MOST_STEPS, selected_steps
-from hingepair.integration.stepping import Steps, angles, attitudes
+from hingepair.integration.stepping import Steps
 from hingepair.integration.trajectory import Later
 from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.rotations.euler import matrix_to_euler
@@ -88,17 +89,17 @@ class Solution(NamedTuple):
             raise ArgumentError("tol", f"at least the error that is left, {self.worst:.2g} rad ({each})", course.tol)
 
 
-class _Turned(NamedTuple):
-    """Attitudes or angles at the instants that the steps are between, how far they are off, and the steps made."""
+class _Found(NamedTuple):
+    """Attitudes or angles between steps, and how far they are off."""
 
     values: Values
-    error: Later
     steps: Steps
+    error: Later
 
     @property
     def asked(self) -> Values:
-        """The values at the instants that were asked for."""
-        return self.values if self.steps.asked is None else self.values[self.steps.asked]
+        """The values at the instants."""
+        return self.steps.asked(self.values)
 
 
 def solve(course: Course, omega: Signal, psid: Signal, start: Values | float, psi_0: float) -> Solution:
@@ -120,85 +121,57 @@ def solve(course: Course, omega: Signal, psid: Signal, start: Values | float, ps
         raise ArgumentError("tol", "a positive number", course.tol)
     flat = np.ndim(start) == 0
     check_choice("method", course.method, tuple(RULES) if flat else METHODS)
-    if flat:
-        rule = RULES[course.method]
-        steps = _steps_of_angles(course, (omega, psid), rule)
-        turned = _angle(course, course.names[0], omega, float(start), steps, rule)
+    rule = {"euler_angles": EULER_RULE, "dop853": _BEST, **RULES}[course.method]
+    attitude = Attitude(course.names[0], omega, rule, course.how, course.body)
+    hinge = Angle(course.names[1], psid, rule, course.how)
+    if course.method in RULES:
+        turning = Angle(course.names[0], omega, rule, course.how) if flat else attitude
+        steps = selected_steps((turning, hinge), course.t, course.tol)
+        turned = _integrated(turning, start if flat else matrix_to_quaternion(np.asarray(start)), steps)
     else:
-        turned = _attitudes(course, omega, psid, np.asarray(start))
-        rule, steps = {"euler_angles": EULER_RULE, "dop853": _BEST, **RULES}[course.method], turned.steps
-        if course.method not in RULES:
-            steps = _steps_of_angles(course, (psid,), rule)
-    hinge = _angle(course, course.names[1], psid, psi_0, steps, rule)
-    made = 0 if course.method == "dop853" else int(turned.steps.counts.sum())
-    return Solution(turned.asked, hinge.asked, made, turned.error, hinge.error)
+        find = _by_euler_angles if course.method == "euler_angles" else _by_scipy
+        turned = find(course, replace(attitude, rule=_BEST), np.asarray(start))
+        tol = _SCIPY_TOLERANCE if course.tol is None and course.method == "dop853" else course.tol
+        steps = selected_steps((hinge,), course.t, tol)
+    swung = _integrated(hinge, psi_0, steps)
+    made = 0 if course.method == "dop853" else turned.steps.made
+    return Solution(turned.asked, swung.asked, made, turned.error, swung.error)
 
 
-def _attitudes(course: Course, omega: Signal, psid: Signal, S1_0: Values) -> _Turned:
-    start = matrix_to_quaternion(S1_0)
-    if course.method == "euler_angles":
-        return _by_euler_angles(course, omega, start, S1_0)
-    if course.method == "dop853":
-        return _by_scipy(course, omega, start)
-    rule = RULES[course.method]
-    return _by_rule(course, omega, start, _steps_of_attitude(course, omega, (psid,), rule, course.tol), rule)
+def _integrated(integral: Integral, start: Any, steps: Steps) -> _Found:
+    values = integral.over(steps, start)
+    return _Found(values, steps, Later(lambda: min(estimated_error(integral, steps, values), integral.farthest)))
 
 
-def _angle(course: Course, name: str, rate: Signal, start: float, steps: Steps, rule: Rule) -> _Turned:
-    """The integral of a rate of this name, from a value at the first instant."""
-    values = angles(name, rate, start, steps, rule, course.how)
-    last_bit = 2.0**-53 * float(np.abs(values).max())
-    return _Turned(values, Later(lambda: angle_error(rate, steps, rule) + last_bit), steps)
-
-
-def _steps_of_angles(course: Course, rates: Sequence[Signal], rule: Rule) -> Steps:
-    """The steps that angles need, no attitude being integrated in them."""
-    tol = _SCIPY_TOLERANCE if course.tol is None and course.method == "dop853" else course.tol
-    return selected_steps(None, rates, course.t, rule, tol, course.how)
-
-
-def _steps_of_attitude(
-    course: Course, omega: Signal, rates: Sequence[Signal], rule: Rule, tol: float | None
-) -> Steps:
-    return selected_steps(omega, rates, course.t, rule, tol, course.how, body=course.body)
-
-
-def _by_rule(course: Course, omega: Signal, start: Values, steps: Steps, rule: Rule) -> _Turned:
-    quats = attitudes(omega, steps, rule, course.how, start, body=course.body)
-    error = Later(lambda: min(attitude_error(omega, steps, rule, quats, course.how, body=course.body), math.pi))
-    return _Turned(quats, error, steps)
-
-
-def _by_euler_angles(course: Course, omega: Signal, start: Values, S1_0: Values) -> _Turned:
+def _by_euler_angles(course: Course, turning: Attitude, S1_0: Values) -> _Found:
     """Steps are halved for all intervals alike until the error is small enough, or no longer falls (of samples).
 
     Where a tolerance lets them, they are halved as well where they are too long to tell lock from a fast turn.
     """
-    counts, before = np.ones(len(course.t) - 1, np.int64), math.inf
+    steps, before = Steps(course.t), math.inf
     while True:
-        steps = Steps(course.t, counts)
         try:
-            phi = euler_angles(omega, steps, course.how, matrix_to_euler(S1_0), body=course.body)
+            phi = euler_angles(turning.rate, steps, course.how, matrix_to_euler(S1_0), body=course.body)
         except GimbalLockError:
-            if course.tol is None or 2 * counts.sum() > max(_STEPS_TO_LOCK, 4 * len(counts)):
+            if course.tol is None or 2 * steps.made > max(_STEPS_TO_LOCK, 4 * (len(course.t) - 1)):
                 raise
-            counts = 2 * counts
-            continue
-        found = _checked(course, omega, start, quaternions_of_euler(phi), steps)
-        in_vain = isinstance(omega, Samples) and not found.error() < 0.9 * before
-        if course.tol is None or not found.error() > course.tol or counts.sum() > MOST_STEPS or in_vain:
-            return found
-        counts, before = 2 * counts, found.error()
+        else:
+            found = _compared(turning, steps, quaternions_of_euler(phi), matrix_to_quaternion(S1_0))
+            in_vain = isinstance(turning.rate, Samples) and not found.error() < 0.9 * before
+            if course.tol is None or not found.error() > course.tol or steps.made > MOST_STEPS or in_vain:
+                return found
+            before = found.error()
+        steps = steps.refined(steps.t[:-1] + 0.5 * np.diff(steps.t))
 
 
-def _by_scipy(course: Course, omega: Signal, start: Values) -> _Turned:
+def _by_scipy(course: Course, turning: Attitude, S1_0: Values) -> _Found:
     """By DOP853, from q' = omega q / 2 (body axes: q omega / 2), in the time since the first instant."""
     try:
         from scipy.integrate import solve_ivp
     except ImportError as error:
         raise MissingDependencyError("method", "scipy (pip install scipy), or another method", str(error)) from None
     t, tol = course.t, max(_SCIPY_TOLERANCE if course.tol is None else 0.01 * course.tol, _SHARPEST)
-    since, looks = t - t[0], 0
+    start, since, looks = matrix_to_quaternion(S1_0), t - t[0], 0
 
     def rate(time: float, q: Any) -> Any:
         nonlocal looks
@@ -206,7 +179,7 @@ def _by_scipy(course: Course, omega: Signal, start: Values) -> _Turned:
         if looks > MOST_LOOKS:
             got = f"{MOST_LOOKS:,} looks at omega1 until {time:.3g} s of {since[-1]:.3g} s"
             raise ArgumentError("method", "'magnus6' for a motion so long or fast that 'dop853' takes minutes", got)
-        w = (0.0, *(0.5 * omega.nodes(t[:1], np.array([time]), (1.0,))[0, 0]).tolist())
+        w = (0.0, *(0.5 * turning.rate.nodes(t[:1], np.array([time]), (1.0,))[0, 0]).tolist())
         p = tuple(q.tolist())
         return quaternion_product(p, w) if course.body else quaternion_product(w, p)
 
@@ -216,18 +189,17 @@ def _by_scipy(course: Course, omega: Signal, start: Values) -> _Turned:
         if not done.success:
             raise ArgumentError("method", "a motion that 'dop853' can follow", done.message)
         rows = done.y.T
-    quats = rows / np.sqrt((rows**2).sum(axis=1, keepdims=True))
-    return _checked(course, omega, start, quats, Steps(t, np.ones(len(t) - 1, np.int64)))
+    return _compared(turning, Steps(t), rows / np.sqrt((rows**2).sum(axis=1, keepdims=True)), start)
 
 
-def _checked(course: Course, omega: Signal, start: Values, quats: Values, steps: Steps) -> _Turned:
+def _compared(best: Attitude, steps: Steps, quats: Values, start: Values) -> _Found:
     """The error of attitudes that depend on one another: how far they are from those of the best rule."""
 
     def error() -> float:
-        enough = _steps_of_attitude(course, omega, (), _BEST, _CERTAIN)
-        best = _by_rule(course, omega, start, enough, _BEST)
-        w, x, y, z = quaternion_product(tuple(quats.T), tuple((best.asked * [1, -1, -1, -1]).T))
+        own = steps.asked(quats)
+        other = _integrated(best, start, selected_steps((best,), steps.asked(steps.t), _CERTAIN))
+        w, x, y, z = quaternion_product(tuple(own.T), tuple((other.asked * [1, -1, -1, -1]).T))
         apart = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
-        return min(float(apart.max()) + best.error(), math.pi)
+        return min(float(apart.max()) + other.error(), math.pi)
 
-    return _Turned(quats, Later(error), steps)
+    return _Found(quats, steps, Later(error))

@@ -11,18 +11,17 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError
 from hingepair.evaluation.backend import How
 from hingepair.evaluation.loops import Loop
-from hingepair.integration.methods import Rule, integrals, quaternion_product, quaternion_unit, turns
-from hingepair.integration.signals import Constant, Signal, Values
-from hingepair.numeric.twofold import HighLow, exact_sum, pair_product, pair_sum
+from hingepair.integration.methods import quaternion_product, quaternion_unit
+from hingepair.integration.signals import Values
+from hingepair.numeric.twofold import HighLow, exact_sum, pair_sum
 
 SLAB: Final = 16384
 """Steps a slab: 1.2 MB of omega at three nodes."""
@@ -31,57 +30,76 @@ RADIX: Final = 16
 FEW: Final = 64
 """Elements that are combined one after the other, as plain numbers."""
 
-_INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
 _F8 = np.dtype(np.float64)
 
 
 class Steps(NamedTuple):
-    """Steps between the instants, as many to each interval as its error asks for.
+    """Steps, one from each of these times to the next.
 
     Attributes:
-        t: the instants, shape (N,).
-        counts: steps of each interval, shape (N - 1,).
-        asked: which of the instants were asked for; None for all.
+        t: shape (steps + 1,).
+        own: which of the times are the instants that were asked for; None for all.
     """
 
     t: Values
-    counts: NDArray[np.int64]
-    asked: NDArray[np.intp] | None = None
+    own: NDArray[np.intp] | None = None
 
-    def slabs(self) -> list[tuple[int, int]]:
-        """Ranges of intervals that hold about SLAB steps each."""
-        if not len(self.counts):
-            return []
-        ends = np.cumsum(self.counts)
-        cuts = np.searchsorted(ends, np.arange(SLAB, ends[-1] + SLAB, SLAB)) + 1
-        edges = np.unique([0, *np.minimum(cuts, len(ends))]).tolist()
-        return list(itertools.pairwise(edges))
+    @property
+    def made(self) -> int:
+        """How many steps."""
+        return len(self.t) - 1
 
-    def within(self, first: int, last: int) -> tuple[Values, HighLow, NDArray[np.intp] | None]:
-        """Starts and lengths (as two doubles) of the steps of some intervals, and the last step of each interval.
+    def asked(self, rows: Values) -> Values:
+        """Of what was found between all steps, that at the instants."""
+        return rows if self.own is None else rows[self.own]
 
-        The latter is None where each interval is one step.
-        """
-        counts = self.counts[first:last]
-        start, stop = self.t[first:last], self.t[first + 1 : last + 1]
-        if counts.max() == 1:
-            return start, exact_sum(stop, -start), None
-        begin, h, _ = divided(start, stop, counts)
-        return begin, h, np.cumsum(counts) - 1
+    def refined(self, times: Values) -> Steps:
+        """Steps that end at these times as well."""
+        t = np.union1d(self.t, times)
+        return Steps(t, np.searchsorted(t, self.asked(self.t)))
+
+    def slabs(self) -> Iterator[tuple[int, int]]:
+        """Ranges of SLAB steps."""
+        return ((first, min(first + SLAB, self.made)) for first in range(0, self.made, SLAB))
+
+    def within(self, first: int, last: int) -> tuple[Values, HighLow]:
+        """Starts and lengths (as two doubles) of steps."""
+        return self.t[first:last], exact_sum(self.t[first + 1 : last + 1], -self.t[first:last])
 
 
-def divided(start: Values, stop: Values, counts: NDArray[np.int64]) -> tuple[Values, HighLow, NDArray[np.intp]]:
-    """Starts and lengths (as two doubles) of the steps of intervals, and their numbers within their interval.
+class Division(NamedTuple):
+    """Intervals in equal steps.
 
-    A length is the difference between rounded starts, so that the lengths add up to the interval: a rounded length
-    would be off by as much in all of its steps.
+    Attributes:
+        counts: steps of each interval, shape (P,).
+        start: of each step.
+        stop: of each step.
+        part: its number in its interval.
     """
+
+    counts: NDArray[np.int64]
+    start: Values
+    stop: Values
+    part: NDArray[np.int64]
+
+    @property
+    def h(self) -> Values:
+        """Lengths of the steps."""
+        return self.stop - self.start
+
+    def added(self, rows: Values) -> Values:
+        """Sums over the intervals of what the steps have."""
+        return np.asarray(np.add.reduceat(rows, np.cumsum(self.counts) - self.counts))
+
+
+def divided(start: Values, stop: Values, counts: NDArray[np.int64]) -> Division:
+    """Intervals in so many steps each; the end of a step is the start of the next."""
     ends = np.cumsum(counts)
     part = np.arange(ends[-1]) - np.repeat(ends - counts, counts)
     begin = np.repeat(start, counts) + part * np.repeat((stop - start) / counts, counts)
     after = np.append(begin[1:], stop[-1])
     after[ends - 1] = stop
-    return begin, exact_sum(after, -begin), part
+    return Division(counts, begin, after, part)
 
 
 class Prefixes:
@@ -162,79 +180,27 @@ class _Carry:
         return functools.reduce(lambda whole, part: self.combine(part[1], whole), self.parts, self.start)
 
 
-def _accumulate(steps: Steps, prefixes: Prefixes, start: Values, fill: Callable[..., None], how: How) -> Values:
-    """What the steps come to at the instants, from a start.
+def accumulated(
+    steps: Steps, prefixes: Prefixes, start: Values, fill: Callable[[Values, HighLow, Values], None], how: How
+) -> Values:
+    """What the steps come to, from a start; one row more than there are steps.
 
     Args:
-        steps: between the instants.
+        steps: the steps.
         prefixes: how they are combined.
-        start: at the first instant.
+        start: before the first step.
         fill: writes the steps of a slab, from starts and lengths (as two doubles), into rows.
         how: backend.
     """
-    found = np.empty((len(steps.t), len(start)))
+    found = np.empty((steps.made + 1, len(start)))
     found[0] = start
     carry = _Carry(prefixes, start)
     for first, last in steps.slabs():
-        begin, h, ends = steps.within(first, last)
         target = found[first + 1 : last + 1]
-        direct = ends is None and (len(target) <= FEW or len(target) % RADIX == 0)
-        rows = target if direct else prefixes.room(len(begin))
-        fill(begin, h, rows[: len(begin)])
+        direct = len(target) <= FEW or len(target) % RADIX == 0
+        rows = target if direct else prefixes.room(len(target))
+        fill(*steps.within(first, last), rows[: len(target)])
         carry.add(prefixes.run(rows, carry.now, how))
         if not direct:
-            target[:] = rows[: len(begin)] if ends is None else rows[ends]
+            target[:] = rows[: len(target)]
     return found
-
-
-@np.errstate(all="ignore")
-def attitudes(omega: Signal, steps: Steps, rule: Rule, how: How, start: Values, *, body: bool = False) -> Values:
-    """The attitudes at the instants.
-
-    Args:
-        omega: in world axes, S' = [omega]x S, or in body axes, S' = S [omega]x. The latter is the former for S^T
-            and -omega; what a step makes of omega depends on h omega only, so that -h serves.
-        steps: between the instants.
-        rule: that makes a rotation of each step.
-        how: backend.
-        start: the attitude at the first instant, a unit quaternion (w, x, y, z).
-        body: whether omega is in body axes.
-
-    Returns:
-        Unit quaternions, shape (N, 4), without a jump of their sign.
-    """
-
-    def fill(begin: Values, h: HighLow, rows: Values) -> None:
-        given = {"omega": omega.nodes(begin, h[0], rule.nodes), "h": -h[0] if body else h[0]}
-        turns(rule).run(given, {"q": rows}, h[0].shape, _F8, how)
-
-    found = _accumulate(steps, ROTATIONS, start * _INVERSE if body else start, fill, how)
-    _check_finite("omega1", "angles of each step that have a sine", found, steps)
-    return found * _INVERSE if body else found
-
-
-@np.errstate(all="ignore")
-def angles(name: str, rate: Signal, start: float, steps: Steps, rule: Rule, how: How) -> Values:
-    """Angles at the instants from their rate, which has a name, to the last bit or so of the sum; shape (N,)."""
-    if isinstance(rate, Constant):
-        apart = exact_sum(steps.t, -steps.t[0])
-        turned = pair_product((rate.value, 0.0), apart)
-        found = np.stack(pair_sum(turned, (start, 0.0)), axis=-1)
-    else:
-
-        def fill(begin: Values, h: HighLow, rows: Values) -> None:
-            given = {"rate": rate.nodes(begin, h[0], rule.nodes), "h": h}
-            integrals(rule).run(given, {"sum": rows}, h[0].shape, _F8, how)
-
-        found = _accumulate(steps, SUMS, np.array([start, 0.0]), fill, how)
-    _check_finite(name, "a rate whose integral is finite", found, steps)
-    return found[:, 0].copy()
-
-
-def _check_finite(name: str, expected: str, rows: Values, steps: Steps) -> None:
-    """Refuse what has overflowed on the way, which the last row shows; names the first interval that did."""
-    if not np.isfinite(rows[-1]).all():
-        first = int(np.argmin(np.isfinite(rows).all(axis=1)))
-        if steps.asked is not None:
-            first = int(np.searchsorted(steps.asked, first))
-        raise ArgumentError(name, expected, f"overflow between the instants {first - 1} and {first}")
