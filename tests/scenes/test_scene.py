@@ -469,10 +469,10 @@ psi_dot = { t = [0, 1, 2], value = [0, 1, 0], profile = "cubic" }
 def test_limits_that_psi_leaves_are_noted(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, GOOD.replace("[motion]\n", "limits = [-1, 2.5]\n[motion]\n"))
     (note,) = scene.notes()
-    assert (
-        note == "psi leaves its limits, -1 to 2.5 rad, at 13 of 21 instants, first at t = 0.8 s (psi = 2.51327 rad)"
-    )
+    assert note == "psi leaves its limits, -1 to 2.5 rad, at 13 of 21 instants, first at t = 0.8 s (2.51327)"
     assert scene_of(tmp_path, GOOD).notes() == ()
+    (note,) = scene_of(tmp_path, GOOD.replace("[motion]\n", "rate_limit = 3\n[motion]\n")).notes()
+    assert note == "psi' leaves its limits, -3 to 3 rad/s, at 21 of 21 instants, first at t = 0 s (3.14159)"
 
 
 def pointed_at(path: Path, text: str) -> tuple[str, str, str]:
@@ -493,6 +493,9 @@ def pointed_at(path: Path, text: str) -> tuple[str, str, str]:
         ('"1e-3 t"', "a product is written 1e-3*t", "t"),
         ('"0.2*sin t"', "a function is called as sin(t)", "t"),
         ('"0.2*sine(t)"', "nearest: sin", "sine(t)"),
+        ('"30*deg"', "(degrees are written 30*pi/180)", "deg"),
+        ('"arctan2(t, 1)"', "(atan2(y, x))", "arctan2(t, 1)"),
+        ('"if(t < 1, 0, 1)"', "a choice is written where(condition, x, y)", "if(t < 1, 0, 1)"),
         ('"t^2"', "a power is written **", "^2"),
         ('"1,5"', "decimals follow a point", "1,5"),
         ('"""sin(t)\n + 2)"""', "unmatched ')'", ")"),

@@ -67,6 +67,8 @@ def forces(
         cells = (f"{value + 0.0:.5g}" for value in sizes)
         table.add_row(name, unit_of(name), *cells, instant(t), end_section=name.endswith("_z"))
     screen.print(table)
+    for note in scene.notes():
+        screen.print(f"note: {note}")
     screen.print(f"written: {written}" if written else NOTHING_WRITTEN)
 
 

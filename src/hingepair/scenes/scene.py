@@ -369,7 +369,7 @@ class Scene(Shown):
             ArgumentError: body 2 has no mass properties, the motion has no accelerations, or [dynamics] has a
                 gravity of its own.
         """
-        known = self.motion.known(slice(None), ACCELERATION)
+        t, known = self.times(), self.motion.known(slice(None), ACCELERATION)
         if known.level < ACCELERATION:
             raise ArgumentError(
                 "scene", f"a motion with accelerations, which forces need{self.motion.hint}", self.motion.origin
@@ -399,7 +399,7 @@ class Scene(Shown):
             del found["bearing_torque"]
             found |= {name: found[name][:, :2] for name in ("hinge_force", "force1") if name in found}
             found |= {name: found[name][:, 2] for name in ("torque1",) if name in found}
-        return Record(self.times(), found, f"forces: {self.title}")
+        return Record(t, found, f"forces: {self.title}")
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the results should know: psi past its limits, kinks, rates by finite differences."""
@@ -436,28 +436,35 @@ class Notes:
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        self._limits: tuple[float, float] | None = getattr(scene.pair, "limits", None)
-        self._outside = self._kinks = 0
-        self._first = ""
+        pair = scene.space
+        rate = pair.rate_limit
+        self._limits = {
+            "psi": pair.limits,
+            "psi'": None if rate is None or not scene.motion.level else (-rate, rate),
+        }
+        self._outside = dict.fromkeys(self._limits, 0)
+        self._first = dict.fromkeys(self._limits, "")
+        self._kinks = 0
 
     def add(self, part: SceneResult) -> None:
         """Look at one piece."""
         self._kinks += self._scene.motion.kinks(part.first, part.first + len(part.t))
-        if self._limits is None:
-            return
-        psi = part.known.psi
-        outside = np.flatnonzero((psi < self._limits[0]) | (psi > self._limits[1]))
-        if outside.size and not self._outside:
-            self._first = f"first at t = {instant(part.t[outside[0]])} s (psi = {psi[outside[0]]:.6g} rad)"
-        self._outside += outside.size
+        for name, limits in self._limits.items():
+            if limits is None:
+                continue
+            values = part.known.psi if name == "psi" else part.known.coordinates(VELOCITY)["psid"]
+            outside = np.flatnonzero((values < limits[0]) | (values > limits[1]))
+            if outside.size and not self._outside[name]:
+                self._first[name] = f"first at t = {instant(part.t[outside[0]])} s ({values[outside[0]]:.6g})"
+            self._outside[name] += outside.size
 
     def sentences(self) -> tuple[str, ...]:
         """The notes."""
         found, motion = [], self._scene.motion
-        if self._outside and self._limits is not None:
-            lower, upper = self._limits
-            where = f"{self._outside} of {self._scene.samples} instants, {self._first}"
-            found.append(f"psi leaves its limits, {lower:g} to {upper:g} rad, at {where}")
+        for (name, limits), unit in zip(self._limits.items(), ("rad", "rad/s"), strict=True):
+            if limits is not None and self._outside[name]:
+                where = f"{self._outside[name]} of {self._scene.samples} instants, {self._first[name]}"
+                found.append(f"{name} leaves its limits, {limits[0]:g} to {limits[1]:g} {unit}, at {where}")
         if self._kinks:
             plural = "s" * (self._kinks != 1)
             found.append(

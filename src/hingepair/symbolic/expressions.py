@@ -48,6 +48,17 @@ KINKED: Final = MappingProxyType({
 })  # fmt: skip
 """What has kinks or jumps, and how it is called."""
 
+_MEANT: Final = MappingProxyType({
+    **dict.fromkeys(("deg", "degrees", "deg2rad", "radians", "rad"), "degrees are written 30*pi/180"),
+    **dict.fromkeys(("piecewise", "Piecewise", "ifelse"), "where(condition, x, y)"),
+    **dict.fromkeys(("heaviside", "Heaviside"), "step(x)"),
+    **{f"arc{name}": f"a{name}(x)" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
+    "arctan2": "atan2(y, x)",
+    "ln": "log(x)",
+    "T": "t",
+})  # fmt: skip
+"""What is called otherwise elsewhere."""
+
 FUNCTIONS: Final = (*SMOOTH, *KINKED)
 """What can be called."""
 
@@ -390,6 +401,8 @@ class _Builder:
             return f"; a function is called as {KINKED.get(found[1], f'{found[1]}({found[2]})')}"
         if found:
             return f"; a product is written {found[1]}*{found[2]}"
+        if re.search(r"\bif\b", self.text):
+            return "; a choice is written where(condition, x, y)"
         assigns = re.search("(?<![<>=])=(?!=)", self.text)
         return "; what = assigns to stands outside the quotes" if assigns else ""
 
@@ -402,7 +415,8 @@ class _Builder:
     def _unknown(self, node: ast.Name) -> NoReturn:
         names = (*FUNCTIONS, "t", *CONSTANTS, *list(self.constants)[:_SHOWN])
         column, short = self.column + node.col_offset, node.id[:_FRAGMENT]
-        got = f"unknown name '{short}' at column {column}{nearest(short, names)}"
+        meant = f" ({_MEANT[short]})" if short in _MEANT else nearest(short, names)
+        got = f"unknown name '{short}' at column {column}{meant}"
         error = UnknownNameError(self.name, ", ".join(names), got)
         error.add_note(pointed(self.line, column))
         raise error
