@@ -20,7 +20,7 @@ from hingepair.evaluation.steps import ARM_STEPS, COORDINATES, ROW_STEPS, Step, 
 from hingepair.numeric.arrays import FloatArray, Frozen, read_only
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import component, follow_steps, leading_shapes, read_coordinates
+from hingepair.pair.evaluate import Rows, component, follow_steps, leading_shapes, read_coordinates
 from hingepair.rotations.sequences import find_sequence
 
 Tails: TypeAlias = Mapping[str, tuple[int, ...]]
@@ -80,14 +80,12 @@ def _from_body1(
     return follow_steps((*steps_of(None, "home" in pair.values), *ARM_STEPS, *steps), tails, pair, values, shapes)
 
 
-def coordinate_jacobian(pair: Constants, q: ArrayLike | tuple[Any, ...], sequence: str) -> FloatArray:
+def coordinate_jacobian(pair: Constants, q: Rows, sequence: str) -> FloatArray:
     """Body 2's velocity by the rates of the seven coordinates: (v2, omega2) = Jq @ qd (E8, E2, E4)."""
     return _by_coordinates(pair, "coordinate_jacobian", q, None, sequence)
 
 
-def coordinate_jacobian_rate(
-    pair: Constants, q: ArrayLike | tuple[Any, ...], qd: ArrayLike | tuple[Any, ...], sequence: str
-) -> FloatArray:
+def coordinate_jacobian_rate(pair: Constants, q: Rows, qd: Rows, sequence: str) -> FloatArray:
     """The time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9)."""
     if qd is None:
         raise ArgumentError("qd", "the coordinates' rates", None)

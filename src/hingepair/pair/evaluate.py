@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.evaluation.backend import How
@@ -36,6 +36,8 @@ from hingepair.numeric.blocks import Components, Named, components_of
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState, spans_of
 
+Rows: TypeAlias = ArrayLike | tuple[Any, ...]
+"""q, qd or qdd: an array with the coordinates last, or a tuple of coordinates that broadcast."""
 Outputs: TypeAlias = Iterable[str] | None
 Out: TypeAlias = Mapping[str, NDArray[Any]] | None
 

@@ -21,7 +21,7 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants, pair_constants
 from hingepair.pair.derivatives import Sensitivities
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
-from hingepair.pair.evaluate import Out, Outputs
+from hingepair.pair.evaluate import Out, Outputs, Rows
 from hingepair.pair.prepared import Prepared, prepare
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
@@ -127,9 +127,9 @@ class HingePair(Shown):
 
     def forward_kinematics(
         self,
-        q: ArrayLike | tuple[Any, ...],
-        qd: ArrayLike | tuple[Any, ...] | None = None,
-        qdd: ArrayLike | tuple[Any, ...] | None = None,
+        q: Rows,
+        qd: Rows | None = None,
+        qdd: Rows | None = None,
         *,
         outputs: Outputs = None,
         out: Out = None,
@@ -249,9 +249,9 @@ class HingePair(Shown):
 
     def error_bounds(
         self,
-        q: ArrayLike | tuple[Any, ...],
-        qd: ArrayLike | tuple[Any, ...] | None = None,
-        qdd: ArrayLike | tuple[Any, ...] | None = None,
+        q: Rows,
+        qd: Rows | None = None,
+        qdd: Rows | None = None,
         outputs: Outputs = None,
         *,
         sequence: str = "XYZ",
@@ -526,7 +526,7 @@ class HingePair(Shown):
         """
         return derivatives.acceleration_bias(self.constants, body1, psi, psid)
 
-    def coordinate_jacobian(self, q: ArrayLike | tuple[Any, ...], *, sequence: str = "XYZ") -> FloatArray:
+    def coordinate_jacobian(self, q: Rows, *, sequence: str = "XYZ") -> FloatArray:
         """Body 2's velocity by the rates of the seven coordinates: (v2, omega2) = Jq @ qd (E8, E2, E4).
 
         The coordinates and the sequence are those of `forward_kinematics`. Jq is in world axes; shape (..., 6, 7).
@@ -539,9 +539,7 @@ class HingePair(Shown):
         """
         return derivatives.coordinate_jacobian(self.constants, q, sequence)
 
-    def coordinate_jacobian_rate(
-        self, q: ArrayLike | tuple[Any, ...], qd: ArrayLike | tuple[Any, ...], *, sequence: str = "XYZ"
-    ) -> FloatArray:
+    def coordinate_jacobian_rate(self, q: Rows, qd: Rows, *, sequence: str = "XYZ") -> FloatArray:
         """The time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9).
 
         The coordinates and the sequence are those of `forward_kinematics`. Jq' is in world axes; shape (..., 6, 7).

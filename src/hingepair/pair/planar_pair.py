@@ -20,7 +20,7 @@ from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
 from hingepair.pair.dynamics import Energy, Forces, Momentum
-from hingepair.pair.evaluate import Out, Outputs, leading_shapes, parts_of, read_coordinates
+from hingepair.pair.evaluate import Out, Outputs, Rows, leading_shapes, parts_of, read_coordinates
 from hingepair.pair.hinge_pair import HingePair, checked_body
 from hingepair.pair.states import PlanarState
 from hingepair.rotations.matrices import rotation_exp
@@ -94,9 +94,9 @@ class PlanarPair(Shown):
 
     def forward_kinematics(
         self,
-        q: ArrayLike | tuple[Any, ...],
-        qd: ArrayLike | tuple[Any, ...] | None = None,
-        qdd: ArrayLike | tuple[Any, ...] | None = None,
+        q: Rows,
+        qd: Rows | None = None,
+        qdd: Rows | None = None,
         *,
         outputs: Outputs = None,
         out: Out = None,
@@ -119,11 +119,7 @@ class PlanarPair(Shown):
         return kinematics.planar_from_coordinates(self.constants, q, qd, qdd, outputs, out, how)
 
     def error_bounds(
-        self,
-        q: ArrayLike | tuple[Any, ...],
-        qd: ArrayLike | tuple[Any, ...] | None = None,
-        qdd: ArrayLike | tuple[Any, ...] | None = None,
-        outputs: Outputs = None,
+        self, q: Rows, qd: Rows | None = None, qdd: Rows | None = None, outputs: Outputs = None
     ) -> dict[str, NDArray[np.float64]]:
         """How far rounding can have taken each output of forward_kinematics from the exact result, at every sample.
 
@@ -161,7 +157,7 @@ class PlanarPair(Shown):
         u1, u2 = (np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1) for u in (self.u1, self.u2))
         return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name, body1=body1, body2=body2)
 
-    def mass_matrix(self, q: ArrayLike | tuple[Any, ...]) -> FloatArray:
+    def mass_matrix(self, q: Rows) -> FloatArray:
         """The mass matrix M of M (a1_x, a1_y, phi'', psi'') + bias = (force1, torque1, hinge_torque) (D6).
 
         Of coordinates as for `forward_kinematics`.
@@ -181,13 +177,7 @@ class PlanarPair(Shown):
         M: FloatArray = self.massive().mass_matrix(body1, psi)[..., _IN_PLANE[:, None], _IN_PLANE]
         return M
 
-    def inverse_dynamics(
-        self,
-        q: ArrayLike | tuple[Any, ...],
-        qd: ArrayLike | tuple[Any, ...],
-        qdd: ArrayLike | tuple[Any, ...],
-        gravity: ArrayLike = PLANAR_GRAVITY,
-    ) -> Forces:
+    def inverse_dynamics(self, q: Rows, qd: Rows, qdd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> Forces:
         """What must act on body 1 and at the hinge for the pair to move as it does (D1-D5).
 
         As `HingePair`'s, of coordinates as for `forward_kinematics`; gravity [m/s^2] has shape (2,).
@@ -211,8 +201,8 @@ class PlanarPair(Shown):
 
     def forward_dynamics(
         self,
-        q: ArrayLike | tuple[Any, ...],
-        qd: ArrayLike | tuple[Any, ...],
+        q: Rows,
+        qd: Rows,
         *,
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0.0,
@@ -259,12 +249,7 @@ class PlanarPair(Shown):
         )
         return np.concatenate([found.a1[..., :2], found.alpha1[..., 2:], found.psidd[..., None]], axis=-1)
 
-    def energy(
-        self,
-        q: ArrayLike | tuple[Any, ...],
-        qd: ArrayLike | tuple[Any, ...],
-        gravity: ArrayLike = PLANAR_GRAVITY,
-    ) -> Energy:
+    def energy(self, q: Rows, qd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> Energy:
         """Kinetic and potential energy (D7); body 1 counts where it has mass properties.
 
         As `HingePair`'s, of coordinates as for `forward_kinematics`; gravity [m/s^2] has shape (2,).
@@ -280,7 +265,7 @@ class PlanarPair(Shown):
         body1, psi, psid = motion_in_space(q, qd)
         return self.massive().energy(body1, psi, psid, _fall(gravity))
 
-    def momentum(self, q: ArrayLike | tuple[Any, ...], qd: ArrayLike | tuple[Any, ...]) -> Momentum:
+    def momentum(self, q: Rows, qd: Rows) -> Momentum:
         """Linear momentum, shape (..., 2), and angular momentum about the origin, shape (...) (D8).
 
         Of coordinates as for `forward_kinematics`.
@@ -306,11 +291,7 @@ def _level(body: Body) -> Body:
     return Body(body.mass, (x, y, 0), np.eye(3) * body.inertia[2, 2])
 
 
-def motion_in_space(
-    q: ArrayLike | tuple[Any, ...],
-    qd: ArrayLike | tuple[Any, ...] | None = None,
-    qdd: ArrayLike | tuple[Any, ...] | None = None,
-) -> tuple[Any, ...]:
+def motion_in_space(q: Rows, qd: Rows | None = None, qdd: Rows | None = None) -> tuple[Any, ...]:
     """Body 1 in space, and psi and its derivatives, from q, qd, qdd as far as they go."""
     given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES, False)
     shape = broadcast_shape(leading_shapes(given))
