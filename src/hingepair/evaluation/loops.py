@@ -248,7 +248,11 @@ class Program:
         if self.loop.carry:
             self._chain(numbers, pieces, targets, shape, dtype)
             return
-        function = self.arrays_function if pieces or dtype != np.float64 else self.floats_function
+        if not pieces and dtype == np.float64:
+            for target, part in zip(targets, self.floats_function(*numbers), strict=True):
+                target[...] = part
+            return
+        function = self.arrays_function
 
         def work(some: Sequence[Block]) -> None:
             with np.errstate(all="ignore"):

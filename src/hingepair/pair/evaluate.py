@@ -136,7 +136,7 @@ def evaluate_one(
     if one is None:
         own = {name: value for name, value in pair.values.items() if name in plan.inputs}
         one = pair.prepared[key] = OneState(loop_of(plan, rows), own, how.backend)
-    fresh = state.of_buffer(one(values), spans_of(plan.outputs, plan.kind))
+    fresh = state.of_buffer(one(values), spans_of(one.outputs))
     return fresh if out is None else written(fresh, out, {})
 
 
@@ -289,9 +289,10 @@ def rooms(
     values: Mapping[str, Any],
 ) -> dict[str, NDArray[Any]]:
     """Arrays for results: those of `out`, which overlap none of the values, and new ones."""
-    sizes, given = {name: (*shape, *tail) for name, tail in tails}, out or {}
-    own = {name: _room_for(name, array, sizes[name], dtype) for name, array in given.items()}
-    _check_apart(given, values)
+    sizes = {name: (*shape, *tail) for name, tail in tails}
+    own = {name: _room_for(name, array, sizes[name], dtype) for name, array in (out or {}).items()}
+    if own:
+        _check_apart(own, values)
     return {name: own[name] if name in own else np.empty(size, dtype) for name, size in sizes.items()}
 
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, MissingDependencyError, RotationError, choices, quoted
 from hingepair.evaluation.backend import Account, How, give_up
-from hingepair.evaluation.binding import address, bind
+from hingepair.evaluation.binding import address, bind, rows_of
 from hingepair.evaluation.llvm_ir import FIELDS, SCATTERED, SIDE_BY_SIDE
 from hingepair.evaluation.loops import Loop, Program
 from hingepair.evaluation.plan import (
@@ -46,14 +45,13 @@ from hingepair.pair.derivatives import (
     POSE_TAILS,
     SENSITIVITY_STEPS,
     VELOCITY_TAILS,
+    Tails,
     coordinate_steps,
 )
 from hingepair.pair.evaluate import Out, check_options, loop_of, rooms, run_foreign, written
-from hingepair.pair.states import PairState, State
+from hingepair.pair.states import PairState, State, spans_of
 from hingepair.rotations.matrices import TOLERANCE, check_rotation
 from hingepair.rotations.sequences import find_sequence
-
-Tails: TypeAlias = dict[str, tuple[int, ...]]
 
 LEVELS: Final = {"pose": ("q",), "velocity": ("q", "qd"), "acceleration": ("q", "qd", "qdd")}
 _KINDS: Final = {
@@ -143,7 +141,6 @@ class _Shot:
     inner: int
     size: int
     starts: tuple[int, ...]
-    layout: Mapping[str, tuple[int, int, tuple[int, ...]]]
     shape: tuple[int, ...]
     constants: NDArray[Any]
     tables: list[Any]
@@ -175,13 +172,7 @@ class Prepared:
         self._quaternion = any(name in QUATERNIONS for name in given)
         self._checked = self._loop.outputs[-1][0] == _CHECK
         self._shots: dict[Any, _Shot] = {}
-        self._layout: dict[str, tuple[int, int, tuple[int, ...]]] = {}
-        begin = 0
-        for name, tail in self._loop.outputs:
-            end = begin + math.prod(tail)
-            if name != _CHECK:
-                self._layout[name] = begin, end, tail
-            begin = end
+        self._tails = self._loop.outputs[:-1] if self._checked else self._loop.outputs
         self._account = Account(self._program.operations)
         self.short: Callable[..., PairState | None] = self._by_python if pair.single else self._again
         if how.backend == "compiled" or (how.backend == "auto" and pair.single and now):
@@ -237,13 +228,11 @@ class Prepared:
         """`short`, unrolled: at first for one state in arrays of float64."""
         scope: dict[str, Any] = {"run": run, "new": PairState.__new__, "PairState": PairState, "empty": np.empty}
         scope |= {"constants": np.array(self._bound.constants), "refuse": self._refuse, "again": self._again}
-        scope |= {"layout": self._layout, "shape": ()}
-        starts = itertools.accumulate((math.prod(tail) for _, tail in self._loop.outputs), initial=0)
-        places = [(name, tail, begin) for (name, tail), begin in zip(self._loop.outputs, starts, strict=False)]
-        rows = all(tail == () or (tail in {(3,), (3, 3)} and begin % 3 == 0) for _, tail, begin in places)
-        end, lines = 0, []
-        for name, tail, begin in places:
-            end = begin + math.prod(tail)
+        spans = spans_of(self._tails)
+        scope |= {"spans": spans, "shape": ()}
+        rows = all(tail == () or (tail in {(3,), (3, 3)} and begin % 3 == 0) for begin, _, tail in spans.values())
+        size, lines = sum(math.prod(tail) for _, tail in self._loop.outputs), []
+        for name, (begin, end, tail) in spans.items():
             if name in PairState.__slots__:
                 scope[f"set_{name}"] = PairState.__dict__[name].__set__
                 if rows:  # one row of the buffer, or three, or one number
@@ -252,12 +241,12 @@ class Prepared:
                 else:
                     part = f"[{begin}:{end}]" + ("" if len(tail) == 1 else f".reshape({tail})")
                 lines.append(f"    set_{name}(state, buffer{part})")
-        scope["size"] = (-(-end // 3), 3) if rows else end
+        scope["size"] = (-(-size // 3), 3) if rows else size
         scope["content"] = State.__dict__["_content"].__set__
         arguments = [f"in{k}" for k in range(len(self.given))]
         given = ", ".join(arguments)
         bad = "== 0.0" if self._quaternion else f"> {2 * TOLERANCE[8]!r}"
-        checked = [f"    if buffer.item({end - 1}) {bad}:", f"        refuse(({given},))"]
+        checked = [f"    if buffer.item({size - 1}) {bad}:", f"        refuse(({given},))"]
         source = [
             f"def straight({given}):",
             "    buffer = empty(size)",
@@ -265,7 +254,7 @@ class Prepared:
             f"        return again({given})",
             *(checked if self._checked else ()),
             "    state = new(PairState)",
-            "    content(state, (buffer, layout, shape))",
+            "    content(state, (buffer, spans, shape))",
             *lines,
             "    return state",
         ]
@@ -289,7 +278,7 @@ class Prepared:
         found = np.array(self._program.floats_function(*numbers))
         if self._checked:
             self._check(found[-1:], given)
-        return PairState.of_buffer(found, self._layout)
+        return PairState.of_buffer(found, spans_of(self._tails))
 
     def _again(self, *given: Any) -> PairState | None:
         """The state, where arrays of this layout came before."""
@@ -325,7 +314,7 @@ class Prepared:
         shot.tables.append(table)
         if self._checked:
             self._check(buffer[shot.size - shot.inner :], given)
-        return PairState.of_buffer(buffer, shot.layout, shot.shape)
+        return PairState.of_buffer(buffer, spans_of(self._tails, shot.shape), shot.shape)
 
     def _first(self, given: Sequence[Any], out: Out) -> PairState:
         """The long way: everything is looked at; what can be remembered is."""
@@ -363,16 +352,15 @@ class Prepared:
         parts |= {n: v if is_foreign(v) else float(v) for n, v in given.items() if not _GIVEN[n]}
         shapes = {name: np.shape(v)[: np.ndim(v) - len(_GIVEN[name])] for name, v in given.items()}
         shape = broadcast_shape({**shapes, "pair": self._pair.shape})
-        tails = {name: tail for name, tail in self._loop.outputs if name != _CHECK}
-        return PairState(run_foreign(self._loop.function, self._pair, parts, tails, shape, library), shape)
+        found = run_foreign(self._loop.function, self._pair, parts, dict(self._tails), shape, library)
+        return PairState(found, shape)
 
     def _shot_at(self, given: Sequence[Any], shape: tuple[int, ...], dtype: np.dtype[Any]) -> _Shot | None:
         """A shot at arrays like these, if they are such that one can be."""
-        outputs = [math.prod(tail) for _, tail in self._loop.outputs]
-        count = math.prod(shape)
+        spans = spans_of(self._loop.outputs, shape)
+        count, size, total = math.prod(shape), dtype.itemsize, max(stop for _, stop, _ in spans.values())
         plain = all(type(a) is np.ndarray and a.dtype == dtype and a.dtype.isnative for a in given)
-        size = dtype.itemsize
-        if not plain or size * count * sum(outputs) > _SMALL or self._how.workers != 1 or not self._pair.single:
+        if not plain or size * total > _SMALL or self._how.workers != 1 or not self._pair.single or len(shape) > 1:
             return None
         if self._how.backend == "numpy":  # also where somebody else had the kernel compiled
             return None
@@ -382,29 +370,18 @@ class Prepared:
             kernel = self._program.kernel(*key)
         if kernel is None:
             return None
-        lines = []
-        for k in self._rows:
-            array, tail = given[k], _GIVEN[self.given[k]]
-            axes = array.ndim - len(tail)
-            if array.shape[:axes] != shape or len(shape) > 1:
-                return None
-            if len(tail) == 2 and array.strides[-2] != tail[-1] * array.strides[-1]:
-                return None
-            lines.append((0, 0, array.strides[0] if shape else 0, array.strides[-1] if tail else size, 0))
         constants = np.array(self._bound.constants, dtype)
         table = [address(constants), 0, 0, size, 0] if len(constants) else []
-        starts, layout, begin = [], {}, 0
-        for line in lines:
-            table += line
-        for (name, tail), width in zip(self._loop.outputs, outputs, strict=True):
-            mode = SIDE_BY_SIDE if count > 1 else SCATTERED
-            table += (0, 0, size * width, size, mode)
-            starts.append(size * begin)
-            if name != _CHECK:
-                layout[name] = begin, begin + width * count, (*shape, *tail)
-            begin += width * count
+        for k in self._rows:
+            part, *others = rows_of(given[k], _GIVEN[self.given[k]])
+            if others or part.shape[:-1] != shape:
+                return None
+            table += (0, 0, part.strides[0] if shape else 0, part.strides[-1], 0)
+        for _, tail in self._loop.outputs:
+            table += (0, 0, size * math.prod(tail), size, SIDE_BY_SIDE if count > 1 else SCATTERED)
+        starts = tuple(size * start for start, _, _ in spans.values())
         run = kernel.run_one if count < _WITHOUT_LOCK else kernel.run
-        shot = _Shot(run, tuple(table), count, begin, tuple(starts), layout, shape, constants, [])
+        shot = _Shot(run, tuple(table), count, total, starts, shape, constants, [])
         if len(self._shots) >= _KEPT:
             self._shots.clear()
         self._shots[tuple([(array.shape, array.strides, array.dtype) for array in given])] = shot

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.evaluation.plan import SPATIAL, outputs_of
 from hingepair.numeric.arrays import FloatArray, read_only
 from hingepair.numeric.notebook import Sheet, Shown, sheet_of
 
@@ -185,13 +184,14 @@ class PlanarState(State):
     alpha2: FloatArray
 
 
-@functools.cache
-def spans_of(outputs: tuple[str, ...], kind: str = SPATIAL) -> Spans:
-    """Where each output stands in the buffer of one state."""
-    layout, start = {}, 0
-    for name in outputs:
-        tail = outputs_of(kind)[name].tail
-        stop = start + math.prod(tail)
-        layout[name] = start, stop, tail
+@functools.lru_cache(maxsize=1024)
+def spans_of(
+    tails: tuple[tuple[str, tuple[int, ...]], ...], shape: tuple[int, ...] = ()
+) -> dict[str, tuple[int, int, tuple[int, ...]]]:
+    """Where each output of these tails stands in one buffer of all samples."""
+    spans, start = {}, 0
+    for name, tail in tails:
+        stop = start + math.prod(shape + tail)
+        spans[name] = start, stop, shape + tail
         start = stop
-    return layout
+    return spans
