@@ -16,7 +16,7 @@ from typing import Any, Final, TypeAlias
 import sympy
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.evaluation.plan import PLANAR, SPATIAL, Plan, check_outputs, make_plan, outputs_of
+from hingepair.evaluation.plan import PLANAR, SPATIAL, check_outputs, make_plan, outputs_of
 from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
 from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
@@ -26,15 +26,7 @@ from hingepair.symbolic.jets import SYMPY_ERRORS, Jet, JetProgram, time_symbol
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import count_letters, in_order
 from hingepair.symbolic.time_functions import exact
-from hingepair.symbolic.trig_sums import (
-    TooManyTermsError,
-    TrigSum,
-    cosine,
-    cosine_sum,
-    sine,
-    sine_sum,
-    trig_sum,
-)
+from hingepair.symbolic.trig_sums import TooManyTermsError, TrigSum, cosine, sine, trig_sum
 
 Terms: TypeAlias = tuple[Expr, ...]
 
@@ -160,20 +152,22 @@ class _Forms:
 
     def terms(self, name: str) -> tuple[Terms, ...]:
         """The terms of each component."""
-        exprs, sums = self._plan(name, _EXPRESSIONS), self._plan(name, _SUMS)
-        for (result, function, arguments), (_, summed, _) in zip(exprs.steps, sums.steps, strict=True):
+        plan = make_plan((name,), self.sequence, self.home, _TERMS, self.kind)
+        for result, function, arguments in plan.steps:
             if result not in self.best:
-                built = function(*[self.best[key] for key in arguments])
-                self._keep(result, _each(sympy.sympify, built), self._summed(summed, arguments))
+                built = _each(sympy.sympify, function(*[self.best[key] for key in arguments]))
+                if result in _ANGLES:
+                    self.best[result] = built
+                else:
+                    self._keep(result, built, self._summed(function, arguments, built))
         parts = _flat(self.best[name])
         orders = self.order.get(name, (None,) * len(parts))
         return tuple(order or in_order(part) for order, part in zip(orders, parts, strict=True))
 
-    def _plan(self, name: str, terms: Any) -> Plan:
-        return make_plan((name,), self.sequence, self.home, terms, self.kind)
-
-    def _summed(self, function: Any, arguments: tuple[str, ...]) -> Any:
+    def _summed(self, function: Any, arguments: tuple[str, ...], built: Any) -> Any:
         """A step over sums; None where they grow too long."""
+        if _ANGLES.issuperset(arguments):
+            return _bounded(lambda: _each(trig_sum, built))
         values = [self._sum_of(key) for key in arguments]
         return None if any(value is None for value in values) else _bounded(lambda: function(*values))
 
@@ -185,9 +179,6 @@ class _Forms:
 
     def _keep(self, result: str, built: Any, summed: Any) -> None:
         """Keep the shorter form of each component."""
-        if result in _ANGLES:
-            self.best[result] = built
-            return
         self.sums[result] = summed
         parts, orders = [], []
         for i, part in enumerate(_flat(built)):
@@ -282,8 +273,7 @@ def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
     """The axis of length 1 with rational squares that rounds to n, if there is a simple one; else n as written."""
     squares = [Fraction(c * c).limit_denominator(_MAX_SQUARE) for c in n]
     roots = tuple(
-        sympy.sign(c) * sympy.sqrt(sympy.Rational(square.numerator, square.denominator))
-        for c, square in zip(map(exact, n), squares, strict=True)
+        sympy.sign(exact(c)) * sympy.sqrt(sympy.Rational(square)) for c, square in zip(n, squares, strict=True)
     )
     near = all(float(root) == c for root, c in zip(roots, n, strict=True))
     return roots if near and sum(squares) == 1 else tuple(map(exact, n))
@@ -313,13 +303,4 @@ def _hinge_terms(psi: Expr) -> tuple[Expr, Expr]:
     return sine(psi), 1 - cosine(psi)
 
 
-def _angle_sums(phi: tuple[Expr, ...]) -> tuple[TrigSum, ...]:
-    return tuple(function(angle) for angle in phi for function in (sine_sum, cosine_sum))
-
-
-def _hinge_sums(psi: Expr) -> tuple[TrigSum, TrigSum]:
-    return sine_sum(psi), 1 - cosine_sum(psi)
-
-
-_EXPRESSIONS = (_angle_terms, _hinge_terms)
-_SUMS = (_angle_sums, _hinge_sums)
+_TERMS = (_angle_terms, _hinge_terms)

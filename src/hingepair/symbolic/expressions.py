@@ -12,7 +12,7 @@ import keyword
 import math
 import re
 import warnings
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from fractions import Fraction
 from types import MappingProxyType
 from typing import Final, NamedTuple, NoReturn, TypeAlias
@@ -41,12 +41,18 @@ SMOOTH: Final = (
 )
 """The same names in SymPy and in math."""
 
-KINKED: Final = MappingProxyType({
-    "abs": "abs(x)", "sign": "sign(x)", "min": "min(x, y, ...)", "max": "max(x, y, ...)",
-    "clip": "clip(x, lowest, highest)", "mod": "mod(x, period)", "where": "where(t < 1, x, y)", "step": "step(x)",
-    "ramp": "ramp(x)",
+_KINKED: Final[Mapping[str, Callable[..., Expr]]] = MappingProxyType({
+    "abs(x)": sympy.Abs,
+    "sign(x)": sympy.sign,
+    "min(x, y, ...)": lambda *parts: _of_many(Smaller, parts),
+    "max(x, y, ...)": lambda *parts: _of_many(Larger, parts),
+    "clip(x, lowest, highest)": lambda x, lowest, highest: Smaller(Larger(x, lowest), highest),
+    "mod(x, period)": Remainder,
+    "where(t < 1, x, y)": Where,
+    "step(x)": lambda x: Where(x, 1, 0),
+    "ramp(x)": lambda x: Larger(x, 0),
 })  # fmt: skip
-"""What has kinks or jumps, and how it is called."""
+"""What has kinks or jumps, by how it is called."""
 
 _MEANT: Final = MappingProxyType({
     **dict.fromkeys(("deg", "degrees", "deg2rad", "radians", "rad"), "degrees are written 30*pi/180"),
@@ -59,16 +65,19 @@ _MEANT: Final = MappingProxyType({
 })  # fmt: skip
 """What is called otherwise elsewhere."""
 
-FUNCTIONS: Final = (*SMOOTH, *KINKED)
-"""What can be called."""
+FUNCTIONS: Final = MappingProxyType(
+    {name: "atan2(y, x)" if name == "atan2" else f"{name}(x)" for name in SMOOTH}
+    | {call.partition("(")[0]: call for call in _KINKED}
+)
+"""What can be called, and how."""
 
-CONSTANTS: Final = MappingProxyType({"pi": math.pi, "tau": math.tau, "e": math.e})
+CONSTANTS: Final = MappingProxyType({"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E})
 """What has a value by name."""
 
 Number: TypeAlias = float | Expr
 
-_EXACT: Final = MappingProxyType({"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E})
-_PUNCTUATION = "+-*/().,_<>= \t\r\n\f\v"
+_STRANGE = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)
+_INSTEAD = {"^": "; a power is written **", "%": "; a remainder is written mod(x, period)"}
 _A_NUMBER = "a finite real number"
 _A_CONDITION = "a condition: comparisons by < <= > >=, joined by and, or, not"
 _SHOWN, _FRAGMENT = 20, 40  # constants, and characters of the text, in a message
@@ -78,11 +87,7 @@ _NUMBER = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"
 _PRODUCT = re.compile(rf"({_NUMBER}|\)|\b{_WORD}(?=\s+\w))\s*({_WORD}|\(|(?<=\s)\d)")
 
 
-class ExpressionError(ArgumentError):
-    """An expression cannot be read, or would take too long to compute."""
-
-
-class UnknownNameError(ExpressionError):
+class UnknownNameError(ArgumentError):
     """An expression uses a name that nothing is known by; `expected` lists those that are."""
 
     def __init__(self, name: str, expected: str, got: object) -> None:
@@ -102,7 +107,7 @@ def parse(name: str, text: str, constants: Mapping[str, Number] | None = None, l
         letters: those of them that stay letters.
 
     Raises:
-        ExpressionError: no such expression; a constant part that is not a finite real number; too long or too deep.
+        ArgumentError: no such expression; a constant part that is not a finite real number; too long or too deep.
         UnknownNameError: a name that is not known.
 
     >>> parse("psi", "amplitude*sin(2*pi*t) + 0.1", {"amplitude": 0.25})
@@ -116,18 +121,18 @@ def parse(name: str, text: str, constants: Mapping[str, Number] | None = None, l
     except ArgumentError:
         raise
     except SYMPY_ERRORS:
-        raise ExpressionError(name, "an expression that SymPy can work with", text) from None
+        raise ArgumentError(name, "an expression that SymPy can work with", text) from None
 
 
 def constant(name: str, text: str, constants: Mapping[str, Number] | None = None) -> Expr:
     """The SymPy expression that a text without t stands for: `pi/6`.
 
     Raises:
-        ExpressionError: as for `parse`, or the text depends on t.
+        ArgumentError: as for `parse`, or the text depends on t.
     """
     expr = parse(name, text, constants)
     if expr.free_symbols:
-        raise ExpressionError(name, "a number: an expression without t", text)
+        raise ArgumentError(name, "a number: an expression without t", text)
     return expr
 
 
@@ -151,23 +156,20 @@ class _Builder:
 
     def __init__(self, name: str, text: str, constants: Mapping[str, Number], letters: Collection[str]) -> None:
         self.name = name
-        self.text = self.line = text
-        self.constants = constants
-        self.letters = letters
-        self.column = 1
+        self.line = re.sub(r"\s", " ", text, flags=re.ASCII)
+        self.text = self.line.strip(" ")
+        self.constants = {**CONSTANTS, **constants, **{key: sympy.Symbol(key, real=True) for key in letters}}
+        self.column = 1 + len(self.line) - len(self.line.lstrip(" "))
         self.nodes = 0
 
     def syntax(self) -> ast.expr:
         """The syntax tree of the text; line breaks count as blanks."""
-        if len(self.text) > MAX_LENGTH:
-            self._fail(f"at most {MAX_LENGTH} characters", f"{len(self.text)}")
-        for column, sign in enumerate(self.text, 1):
-            if sign not in _PUNCTUATION and not (sign.isascii() and sign.isalnum()):
-                hint = {"^": "; a power is written **", "%": "; a remainder is written mod(x, period)"}.get(sign, "")
-                self._fail(f"an expression in t{hint}", f"character {sign!r} at column {column}", column)
-        blank = "".join(" " if sign.isspace() else sign for sign in self.text)
-        self.text, self.line = blank.strip(), blank
-        self.column = 1 + len(blank) - len(blank.lstrip())
+        if len(self.line) > MAX_LENGTH:
+            self._fail(f"at most {MAX_LENGTH} characters", f"{len(self.line)}")
+        if strange := _STRANGE.search(self.line):
+            column = strange.start() + 1
+            instead = _INSTEAD.get(strange[0], "")
+            self._fail(f"an expression in t{instead}", f"character {strange[0]!r} at column {column}", column)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -211,21 +213,16 @@ class _Builder:
         source = self._source(node) if isinstance(node.value, float) else str(node.value)
         if abs(int(source.lower().partition("e")[2] or 0)) > MAX_EXPONENT:
             self._refuse(node, f"a power of ten of at most {MAX_EXPONENT}")
-        fraction = Fraction(source)
-        return self._finish(node, sympy.Rational(fraction.numerator, fraction.denominator), None)
+        return self._finish(node, sympy.Rational(Fraction(source)))
 
     def _named(self, node: ast.Name) -> _Part:
         if node.id == "t":
             return _Part(time_symbol(), None)
-        if node.id in CONSTANTS:
-            return _Part(_EXACT[node.id], CONSTANTS[node.id])
-        if node.id in self.letters:
-            return _Part(sympy.Symbol(node.id, real=True), None)
         if node.id in self.constants:
             value = self.constants[node.id]
-            return self._finish(node, exact(value) if isinstance(value, int | float) else value, None)
+            return self._finish(node, exact(value) if isinstance(value, int | float) else value)
         if node.id in FUNCTIONS:
-            self._refuse(node, KINKED.get(node.id, f"{node.id}(...)"))
+            self._refuse(node, FUNCTIONS[node.id])
         self._unknown(node)
 
     def _sum(self, node: ast.expr, depth: int) -> _Part:
@@ -257,14 +254,14 @@ class _Builder:
             self._refuse(node, f"the name of a function before the bracket{self._hint()}")
         function = node.func.id
         if function not in FUNCTIONS:
-            if function == "t" or function in CONSTANTS or function in self.constants:
+            if function == "t" or function in self.constants:
                 self._refuse(node, f"{function}*(...)")
             self._unknown(node.func)
-        if function in KINKED:
-            return self._kinked(node, function, depth)
-        count = 2 if function == "atan2" else 1
-        if node.keywords or len(node.args) != count:
-            self._refuse(node, f"{function}(y, x)" if count == 2 else f"{function}(x)")
+        call, count = FUNCTIONS[function], len(node.args)
+        if node.keywords or (count < 2 if call.endswith("...)") else count != call.count(",") + 1):
+            self._refuse(node, call)
+        if call in _KINKED:
+            return self._finish(node, self._kinked(node, call, depth))
         parts = [self.build(argument, depth) for argument in node.args]
         value = self._evaluate(node, getattr(math, function), [part.value for part in parts])
         if function == "exp":  # SymPy turns exp(c*log(b)) into b**c
@@ -276,67 +273,43 @@ class _Builder:
         expr = getattr(sympy, function)(*[part.expr for part in parts], evaluate=evaluate)
         return self._finish(node, expr, value)
 
-    def _kinked(self, node: ast.Call, function: str, depth: int) -> _Part:
+    def _kinked(self, node: ast.Call, call: str, depth: int) -> Expr:
         """A call of what has kinks or jumps."""
-        count = {"min": max(2, len(node.args)), "max": max(2, len(node.args)), "clip": 3, "where": 3, "mod": 2}
-        if node.keywords or len(node.args) != count.get(function, 1):
-            self._refuse(node, KINKED[function])
-        if function == "where":
-            x, y = (self.build(argument, depth).expr for argument in node.args[1:])
-            guard, inverse = self._guard(node.args[0], depth)
-            return self._finish(node, Where(guard, y, x) if inverse else Where(guard, x, y), None)
-        first, *rest = (self.build(argument, depth).expr for argument in node.args)
-        match function:
-            case "abs" | "sign":
-                expr = getattr(sympy, function.capitalize() if function == "abs" else function)(first)
-            case "min" | "max":
-                expr = _of_many(Smaller if function == "min" else Larger, [first, *rest])
-            case "clip":
-                expr = Smaller(Larger(first, rest[0]), rest[1])
-            case "mod":
-                if rest[0].free_symbols or not constant_value(rest[0]) > 0:
-                    self._refuse(node, "mod(x, period) with a period above 0 that does not depend on t")
-                expr = (
-                    Remainder(first, rest[0])
-                    if first.free_symbols
-                    else first - rest[0] * sympy.floor(first / rest[0])
-                )
-            case "step":
-                expr = Where(first, sympy.S.One, sympy.S.Zero)
-            case _:
-                expr = Larger(first, sympy.S.Zero)
-        return self._finish(node, expr, None)
+        first, *rest = node.args
+        read = self._guard if _KINKED[call] is Where else self._expr
+        parts = [read(first, depth), *(self._expr(argument, depth) for argument in rest)]
+        if _KINKED[call] is Remainder and (parts[1].free_symbols or not constant_value(parts[1]) > 0):
+            self._refuse(node, f"{call} with a period above 0 that does not depend on t")
+        return _KINKED[call](*parts)
 
-    def _guard(self, node: ast.expr, depth: int) -> tuple[Expr, bool]:
-        """What is at least 0 where a condition holds; or, if the second is true, where it does not."""
+    def _expr(self, node: ast.expr, depth: int) -> Expr:
+        return self.build(node, depth).expr
+
+    def _guard(self, node: ast.expr, depth: int) -> Expr:
+        """What is at least 0 where a condition holds."""
         self._count(node, depth)
         match node:
             case ast.BoolOp():
-                guards = [self._plain_guard(operand, depth + 1) for operand in node.values]
-                return _of_many(Smaller if isinstance(node.op, ast.And) else Larger, guards), False
+                guards = [self._guard(operand, depth + 1) for operand in node.values]
+                return _of_many(Smaller if isinstance(node.op, ast.And) else Larger, guards)
             case ast.UnaryOp(op=ast.Not()):
-                guard, inverse = self._guard(node.operand, depth + 1)
-                return guard, not inverse
+                return _negated(self._guard(node.operand, depth + 1))
             case ast.Compare():
-                sides = [self.build(side, depth + 1).expr for side in (node.left, *node.comparators)]
+                sides = [self._expr(side, depth + 1) for side in (node.left, *node.comparators)]
                 pairs = zip(node.ops, sides[:-1], sides[1:], strict=True)
-                guards = [self._comparison(node, sign, left, right) for sign, left, right in pairs]
-                return guards[0] if len(guards) == 1 else (_of_many(Smaller, [_plain(*g) for g in guards]), False)
+                return _of_many(Smaller, [self._comparison(node, sign, left, right) for sign, left, right in pairs])
         self._refuse(node, _A_CONDITION)
 
-    def _plain_guard(self, node: ast.expr, depth: int) -> Expr:
-        return _plain(*self._guard(node, depth))
-
-    def _comparison(self, node: ast.expr, sign: ast.cmpop, left: Expr, right: Expr) -> tuple[Expr, bool]:
+    def _comparison(self, node: ast.expr, sign: ast.cmpop, left: Expr, right: Expr) -> Expr:
         match sign:
             case ast.LtE():
-                return right - left, False
+                return right - left
             case ast.GtE():
-                return left - right, False
+                return left - right
             case ast.Lt():
-                return left - right, True
+                return _negated(left - right)
             case ast.Gt():
-                return right - left, True
+                return _negated(right - left)
         self._refuse(node, _A_CONDITION)
 
     def _chain(self, node: ast.expr, kinds: tuple[type, type]) -> list[tuple[bool, ast.expr]]:
@@ -361,7 +334,7 @@ class _Builder:
         except (ArithmeticError, ValueError):
             self._refuse(node, _A_NUMBER)
 
-    def _finish(self, node: ast.expr, expr: Expr, value: float | None) -> _Part:
+    def _finish(self, node: ast.expr, expr: Expr, value: float | None = None) -> _Part:
         """The part, once it is known to be finite and of a size that can be worked with."""
         if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
             self._refuse(node, _A_NUMBER)
@@ -398,7 +371,8 @@ class _Builder:
         """What to write where a product lacks its sign, or a function its brackets."""
         found = _PRODUCT.search(self.text)
         if found and found[1] in FUNCTIONS:
-            return f"; a function is called as {KINKED.get(found[1], f'{found[1]}({found[2]})')}"
+            call = f"{found[1]}({found[2]})" if found[1] in SMOOTH else FUNCTIONS[found[1]]
+            return f"; a function is called as {call}"
         if found:
             return f"; a product is written {found[1]}*{found[2]}"
         if re.search(r"\bif\b", self.text):
@@ -413,7 +387,7 @@ class _Builder:
         self._fail(expected, f"{shown} at column {column}", column)
 
     def _unknown(self, node: ast.Name) -> NoReturn:
-        names = (*FUNCTIONS, "t", *CONSTANTS, *list(self.constants)[:_SHOWN])
+        names = (*FUNCTIONS, "t", *list(self.constants)[: _SHOWN + len(CONSTANTS)])
         column, short = self.column + node.col_offset, node.id[:_FRAGMENT]
         meant = f" ({_MEANT[short]})" if short in _MEANT else nearest(short, names)
         got = f"unknown name '{short}' at column {column}{meant}"
@@ -422,18 +396,19 @@ class _Builder:
         raise error
 
     def _fail(self, expected: str, got: str, column: int | None = None) -> NoReturn:
-        error = ExpressionError(self.name, expected, got)
+        error = ArgumentError(self.name, expected, got)
         if column is not None:
             error.add_note(pointed(self.line, column))
         raise error from None
 
 
-def _of_many(choose: Callable[[Expr, Expr], Expr], parts: list[Expr]) -> Expr:
+def _of_many(choose: Callable[[Expr, Expr], Expr], parts: Sequence[Expr]) -> Expr:
     """The largest or smallest of many, by halves: what is nested deeply, SymPy gives up on."""
     half = len(parts) // 2
     return parts[0] if not half else choose(_of_many(choose, parts[:half]), _of_many(choose, parts[half:]))
 
 
-def _plain(guard: Expr, inverse: bool) -> Expr:
-    """What is at least 0 where a condition holds."""
-    return Where(guard, sympy.S.NegativeOne, sympy.S.One) if inverse else guard
+def _negated(guard: Expr) -> Expr:
+    """What is at least 0 where a guard is not."""
+    again = isinstance(guard, Where) and guard.args[1:] == (-1, 1)
+    return guard.args[0] if again else Where(guard, -1, 1)

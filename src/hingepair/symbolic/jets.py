@@ -14,7 +14,7 @@ from typing import Final, TypeAlias
 
 import sympy
 
-from hingepair.symbolic.kinks import Expr, Larger, Remainder, Side, Smaller, Where, constant_value
+from hingepair.symbolic.kinks import Expr, Extreme, Remainder, Side, Where, constant_value
 
 Jet: TypeAlias = tuple[Expr, Expr, Expr]
 
@@ -113,7 +113,7 @@ class JetProgram:
                 return self._chosen(value, expr.args[0], zero, zero)
             case Where():
                 return self._chosen(value, expr.args[0], *jets[1:])
-            case Larger() | Smaller():
+            case Extreme():
                 return self._chosen(value, expr.guard(), *jets)
             case Remainder():
                 self.switches.append(self._name(sympy.floor(jets[0][0] / jets[1][0])))
@@ -131,7 +131,7 @@ class JetProgram:
         """1 or -1, on which side of zero a guard is just after t; one put together of others is judged by them."""
         if guard not in self._sides:
             match guard:
-                case Where() | Larger() | Smaller():
+                case Where() | Extreme():
                     side = guard.func(*map(self._side, guard.args))
                 case sympy.Number():
                     side = sympy.S.One if guard >= 0 else sympy.S.NegativeOne

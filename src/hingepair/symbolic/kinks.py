@@ -30,8 +30,8 @@ class Where(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
     """`Where(guard, x, y)`: x where guard >= 0, else y; NaN where the guard is.
 
     >>> t = sympy.Symbol("t", real=True)
-    >>> Where(t - 1, t**2, 0).diff(t), Where(-1, t, 0)
-    (Where(t - 1, 2*t, 0), 0)
+    >>> Where(t - 1, t**2, 0).diff(t), Where(-1, t, 0), Where(Where(t, -1, 1), 2, 3)
+    (Where(t - 1, 2*t, 0), 0, Where(t, 3, 2))
     """
 
     nargs = 3
@@ -39,10 +39,14 @@ class Where(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
 
     @classmethod
     def eval(cls, guard: Expr, x: Expr, y: Expr) -> Expr | None:
-        """What is left of a choice that has been made."""
-        if guard.free_symbols:
-            return x if x == y else None
-        return x if constant_value(guard) >= 0 else y
+        """What is left of a choice that has been made, or that another choice makes."""
+        if not guard.free_symbols:
+            return x if constant_value(guard) >= 0 else y
+        if x == y:
+            return x
+        if isinstance(guard, Where) and not any(part.free_symbols for part in guard.args[1:]):
+            return Where(guard.args[0], *(Where(part, x, y) for part in guard.args[1:]))
+        return None
 
     def _eval_derivative(self, symbol: Expr) -> Expr:
         guard, x, y = self.args
@@ -72,53 +76,43 @@ class Side(sympy.Function):  # type: ignore[misc]
         return f"numpy.where({value} != 0, numpy.sign({value}), {after})"
 
 
-class _OfTwo(sympy.Function):  # type: ignore[misc]
+class Extreme(sympy.Function):  # type: ignore[misc]
+    """The larger or the smaller of two."""
+
     nargs = 2
     is_real = True
-    own = ""
+    sense, word = 0, ""
+
+    @classmethod
+    def eval(cls, x: Expr, y: Expr) -> Expr | None:
+        """The one of them, where that does not depend on t."""
+        guard = cls.sense * (x - y)
+        return None if guard.free_symbols else Where(guard, x, y)
 
     def guard(self) -> Expr:
-        """What is at least 0 where the first of the two is chosen."""
-        raise NotImplementedError
+        """What is at least 0 where it is the first of the two."""
+        return self.sense * (self.args[0] - self.args[1])
 
     def _eval_derivative(self, symbol: Expr) -> Expr:
         return Where(self.guard(), *(part.diff(symbol) for part in self.args))
 
     def _numpycode(self, printer: Any) -> str:
-        return f"numpy.{self.own}imum({', '.join(map(printer.doprint, self.args))})"
+        return f"numpy.{self.word}imum({', '.join(map(printer.doprint, self.args))})"
 
     def _latex(self, printer: Any) -> str:
-        return f"\\{self.own}\\left({', '.join(map(printer.doprint, self.args))}\\right)"
+        return f"\\{self.word}\\left({', '.join(map(printer.doprint, self.args))}\\right)"
 
 
-class Larger(_OfTwo):
+class Larger(Extreme):
     """The larger of two."""
 
-    own = "max"
-
-    @classmethod
-    def eval(cls, x: Expr, y: Expr) -> Expr | None:
-        """The larger one, where that does not depend on t."""
-        return None if (x - y).free_symbols else x if constant_value(x - y) >= 0 else y
-
-    def guard(self) -> Expr:
-        """X - y."""
-        return self.args[0] - self.args[1]
+    sense, word = 1, "max"
 
 
-class Smaller(_OfTwo):
+class Smaller(Extreme):
     """The smaller of two."""
 
-    own = "min"
-
-    @classmethod
-    def eval(cls, x: Expr, y: Expr) -> Expr | None:
-        """The smaller one, where that does not depend on t."""
-        return None if (x - y).free_symbols else y if constant_value(x - y) >= 0 else x
-
-    def guard(self) -> Expr:
-        """Y - x."""
-        return self.args[1] - self.args[0]
+    sense, word = -1, "min"
 
 
 class Remainder(sympy.Function):  # type: ignore[misc]
@@ -126,6 +120,12 @@ class Remainder(sympy.Function):  # type: ignore[misc]
 
     nargs = 2
     is_real = True
+    word = "mod"
+
+    @classmethod
+    def eval(cls, x: Expr, period: Expr) -> Expr | None:
+        """The remainder of what does not depend on t."""
+        return None if x.free_symbols else x - period * sympy.floor(x / period)
 
     def _eval_derivative(self, symbol: Expr) -> Expr:
         return self.args[0].diff(symbol)

@@ -21,7 +21,6 @@ _READABLE: Final = 1_000  # the largest denominator that is read more easily tha
 _LONGEST: Final = 10**6
 _EXACT: Final = 2**53  # integers below are floats without rounding
 _GREEK = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ"}  # noqa: RUF001
-_NAMES = {"Larger": "max", "Smaller": "min", "Remainder": "mod", "Abs": "abs"}
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 Write: TypeAlias = Callable[[Expr], str]
@@ -68,8 +67,7 @@ def _decimal(value: Expr) -> str | None:
     """A rational number as a decimal, where a fraction would be harder to read."""
     if value.q <= _READABLE and abs(value.p) < _EXACT:
         return None
-    power = sympy.multiplicity(2, value.q), sympy.multiplicity(5, value.q)
-    terminates = value.q == 2 ** power[0] * 5 ** power[1]
+    terminates = pow(10, int(value.q).bit_length(), int(value.q)) == 0
     return _rounded(value) if terminates or max(abs(value.p), value.q) > _LONGEST else None
 
 
@@ -173,7 +171,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         outer, self.tight = self.tight, False
         arguments = ", ".join(map(self._print, expr.args))
         self.tight = outer
-        name = expr.func.__name__
+        name = getattr(expr.func, "word", expr.func.__name__.lower())
         plain = isinstance(expr, sympy.sin | sympy.cos) and is_simple(expr.args[0]) and not self.tight
         return f"{name} {arguments}" if plain else f"{name}({arguments})"
 
@@ -182,12 +180,6 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
     def _print_Where(self, expr: Expr) -> str:
         guard, x, y = (self._print(part) for part in (shown_guard(expr.args[0]), *expr.args[1:]))
         return f"({x} if {guard} ≥ 0 else {y})"
-
-    def _named(self, expr: Expr) -> str:
-        """A function whose name is not that of its class."""
-        return f"{_NAMES[type(expr).__name__]}({', '.join(map(self._print, expr.args))})"
-
-    _print_Larger = _print_Smaller = _print_Remainder = _print_Abs = _named  # noqa: N815
 
     def _print_Pow(self, expr: Expr, rational: bool = False) -> str:  # noqa: ARG002
         if _is_inverse(expr):
@@ -209,10 +201,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
             close = size.is_Integer and size < _EXACT and over[0].is_Symbol and len(over[0].name) == 1
             number = "" if size == 1 else self._print(size) + " " * (not close)
             return sign + number + " ".join(self._factor(f) for f in over)
-        if _decimal(size) is None:
-            top, bottom = sympy.Integer(size.p), sympy.Integer(size.q)
-        else:
-            top, bottom = size, sympy.S.One
+        top, bottom = size.as_numer_denom() if _decimal(size) is None else (size, sympy.S.One)
         above = [self._print(top)] * (top != 1 or not over) + [self._part(f) for f in over]
         below = [self._print(bottom)] * (bottom != 1) + [self._part(f) for f in under]
         return f"{sign}{' '.join(above)}/{below[0] if len(below) == 1 else '(' + ' '.join(below) + ')'}"

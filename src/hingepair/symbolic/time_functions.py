@@ -27,8 +27,7 @@ _BLOCK = 2048  # samples at a time: the intermediate results stay in the cache
 
 def exact(value: float) -> Expr:
     """The rational number that the shortest decimal form of a finite number writes: 0.1 is 1/10."""
-    fraction = Fraction(repr(value if isinstance(value, int) else float(value)))
-    return sympy.Rational(fraction.numerator, fraction.denominator)
+    return sympy.Rational(Fraction(repr(value if isinstance(value, int) else float(value))))
 
 
 class TimeFunctions:

@@ -63,7 +63,7 @@ class TrigSum:
         return TrigSum({wave: -coefficient for wave, coefficient in self._terms.items()})
 
     def __sub__(self, other: TrigSum | int) -> TrigSum:
-        return self + TrigSum({wave: -coefficient for wave, coefficient in _terms_of(other).items()})
+        return self + -TrigSum(_terms_of(other))
 
     def __radd__(self, other: int) -> TrigSum:
         return TrigSum(_terms_of(other)) + self
@@ -124,16 +124,6 @@ def cosine(angle: Expr) -> Expr:
     return _kept(sympy.cos, angle)
 
 
-def sine_sum(angle: Expr) -> TrigSum:
-    """The sine of an angle as a sum."""
-    return trig_sum(sine(angle))
-
-
-def cosine_sum(angle: Expr) -> TrigSum:
-    """The cosine of an angle as a sum."""
-    return trig_sum(cosine(angle))
-
-
 def _kept(function: Callable[..., Expr], angle: Expr) -> Expr:
     value = function(angle)
     is_wave = isinstance(value.as_coeff_Mul()[1], sympy.sin | sympy.cos)
@@ -161,18 +151,13 @@ def _product(a: _Wave, b: _Wave) -> tuple[tuple[_Wave, Fraction], ...]:
     if a.angle == 0 or b.angle == 0:
         angle, odd = (b.angle, b.odd) if a.angle == 0 else (a.angle, a.odd)
         return ((_Wave(rest, angle, odd), coefficient),)
-    minus, plus = a.angle - b.angle, a.angle + b.angle
-    half = coefficient / 2
-    if a.odd and b.odd:
-        parts = ((minus, False, half), (plus, False, -half))
-    elif a.odd:
-        parts = ((minus, True, half), (plus, True, half))
-    elif b.odd:
-        parts = ((plus, True, half), (minus, True, -half))
-    else:
-        parts = ((plus, False, half), (minus, False, half))
+    odd, half = a.odd != b.odd, coefficient / 2
+    parts = [
+        (a.angle - b.angle, -half if b.odd > a.odd else half),
+        (a.angle + b.angle, -half if a.odd and b.odd else half),
+    ]
     found = []
-    for angle, odd, c in parts:
+    for angle, c in parts if a.odd else parts[::-1]:
         for wave, own in _waves(angle, odd):
             extra, whole = _split(rest * wave.rest)
             found.append((_Wave(whole, wave.angle, wave.odd), c * own * extra))
