@@ -332,6 +332,7 @@ def test_a_kernel_serves_all_pairs_of_the_same_build():
     motion = coordinates(rng, 30)
     one, other = pair_of(rng), pair_of(rng)
     loop = loop_of(make_plan(default_outputs(2), "XYZ", True), True)
+    loop.program.cache_clear()
     both(one, *motion)
     programs = loop.program.cache_info().currsize
     both(other, *motion)

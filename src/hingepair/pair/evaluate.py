@@ -8,7 +8,7 @@ the samples by argument, `tails` those of one sample of each result, `rows` says
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
@@ -54,7 +54,7 @@ class Coordinates(NamedTuple):
 
     Attributes:
         parts: q, qd, qdd, as far as given: tuples of components, or arrays with the components last.
-        single: whether they are one state in Python floats.
+        single: whether they are one state in float64, each an array.
         library: that they are arrays of; None of NumPy's, and of numbers.
     """
 
@@ -70,8 +70,8 @@ def read_coordinates(q: Any, qd: Any, qdd: Any, names: tuple[str, ...], foreign:
     if q is None:
         raise ArgumentError("q", "coordinates", None)
     given = {"q": q} if qd is None else {"q": q, "qd": qd} if qdd is None else {"q": q, "qd": qd, "qdd": qdd}
-    floats = _floats(given, len(names))
-    if floats is not None:
+    floats = {name: row for name, value in given.items() if (row := float_row(value, len(names))) is not None}
+    if floats.keys() == given.keys():
         return Coordinates(floats, True)
     leaves = {f"{name}[{i}]": c for name, v in given.items() if type(v) is tuple for i, c in enumerate(v)}
     library = library_of({name: v for name, v in given.items() if type(v) is not tuple} | leaves) if foreign else None
@@ -239,36 +239,16 @@ def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | 
         raise ShapeError(name, f"{error.expected}, or a tuple of {several}", error.got) from None
 
 
-def _floats(given: Mapping[str, Any], count: int) -> dict[str, Components | NDArray[Any]] | None:
-    """The coordinates as flat arrays or tuples of floats, where each of q, qd, qdd is one state in float64."""
-    parts: dict[str, Components | NDArray[Any]] = {}
-    for name, value in given.items():
-        if type(value) is np.ndarray and value.shape == (count,) and value.dtype.char in _DOUBLES:
-            parts[name] = value if value.dtype.char == "d" and value.dtype.isnative else tuple(value.tolist())
-        elif type(value) in _SEQUENCES and len(value) == count and all(type(x) in _NUMBERS for x in value):
-            try:
-                parts[name] = tuple(map(float, value))
-            except OverflowError:
-                return None
-        else:
-            return None
-    return parts
-
-
-def one_in_floats(rows: Sequence[Any], count: int) -> list[NDArray[np.float64]] | None:
-    """One state of numbers that are computed in float64, as arrays of it; None of anything else."""
-    found = []
-    for row in rows:
-        if type(row) is np.ndarray:
-            if row.shape != (count,) or row.dtype.char not in _DOUBLES:
-                return None
-        elif type(row) not in _SEQUENCES or len(row) != count or not _NUMBERS.issuperset(map(type, row)):
-            return None
-        try:
-            found.append(np.array(row, np.float64))
-        except OverflowError:
-            return None
-    return found
+def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
+    """So many numbers that are computed in float64, as an array of it; None of anything else."""
+    if type(value) is np.ndarray:
+        known = value.shape == (count,) and value.dtype.char in _DOUBLES
+    else:
+        known = type(value) in _SEQUENCES and len(value) == count and _NUMBERS.issuperset(map(type, value))
+    try:
+        return np.asarray(value, np.float64) if known else None
+    except OverflowError:
+        return None
 
 
 def components(name: str, group: Any) -> Any:

@@ -33,8 +33,8 @@ from hingepair.pair.evaluate import (
     evaluate,
     evaluate_foreign,
     evaluate_one,
+    float_row,
     leading_shapes,
-    one_in_floats,
     parts_of,
     read_coordinates,
     written,
@@ -71,8 +71,8 @@ def from_coordinates(
                 inputs = dict(zip(PARTS, rows, strict=False)) if found.shape else {}
                 return found if out is None else written(found, out, inputs)
             if ready is not None and out is None:
-                floats = one_in_floats(rows, len(COORDINATES))
-                state: PairState | None = None if floats is None else ready.short(*floats)
+                floats = [row for row in (float_row(value, len(COORDINATES)) for value in rows) if row is not None]
+                state: PairState | None = ready.short(*floats) if len(floats) == len(rows) else None
                 if state is not None:
                     return state
     plan, given = plan_from_coordinates(pair, q, qd, qdd, outputs, out, sequence, foreign=True)
