@@ -349,9 +349,9 @@ def pinocchio_cpp(pair: HingePair, motion: Motion, room: Room) -> Callable[[], A
     made = _engine_inputs(pair, motion)
     library = compiled_loop()
     constants = [np.ascontiguousarray(c) for c in (pair.u1, pair.u2, pair.n, pair.home)]
-    handle = library.pair_new(*map(_address, constants))
+    handle = library.pair_new(*map(address_of, constants))
     arrays = [*(*made, None, None)[:3], *(room.get(name) for name in LEVELS["acceleration"])]
-    samples, addresses = len(motion[0]), [_address(array) for array in arrays]
+    samples, addresses = len(motion[0]), [address_of(array) for array in arrays]
 
     def run() -> Room:
         library.pair_loop(handle, samples, *addresses)
@@ -364,7 +364,8 @@ def pinocchio_cpp(pair: HingePair, motion: Motion, room: Room) -> Callable[[], A
     return run
 
 
-def _address(array: Array | None) -> int | None:
+def address_of(array: Array | None) -> int | None:
+    """Where an array lies."""
     return None if array is None else array.ctypes.data
 
 
@@ -396,6 +397,9 @@ def compiled_loop() -> Any:
     pointer: Any = ctypes.c_void_p
     loaded.pair_new.argtypes, loaded.pair_new.restype = [pointer] * 4, pointer
     loaded.pair_delete.argtypes, loaded.pair_delete.restype = [pointer], None
+    loaded.pair_masses.argtypes, loaded.pair_masses.restype = [pointer] * 4, None
+    loaded.pair_dynamics.argtypes = [pointer, ctypes.c_long, ctypes.c_long] + [pointer] * 4
+    loaded.pair_dynamics.restype = None
     loaded.pair_loop.argtypes, loaded.pair_loop.restype = [pointer, ctypes.c_long] + [pointer] * 9, None
     return loaded
 
@@ -444,7 +448,7 @@ def ways(cpp: bool) -> tuple[list[Way], list[str]]:
         if way.needs and find_spec(way.needs) is None:
             reason = f"{way.needs} is not installed"
         elif way.name == CPP:
-            reason = _cpp_missing() if cpp else "compiled where --cpp asks for it"
+            reason = cpp_missing() if cpp else "compiled where --cpp asks for it"
         if reason is None:
             found.append(way)
         else:
@@ -452,7 +456,8 @@ def ways(cpp: bool) -> tuple[list[Way], list[str]]:
     return found, missing
 
 
-def _cpp_missing() -> str | None:
+def cpp_missing() -> str | None:
+    """Why the compiled loop cannot be had; None where it can."""
     try:
         compiled_loop()
     except MissingDependencyError as error:

@@ -1,12 +1,14 @@
-// Pinocchio's C++ loop for `hingepair bench direct --cpp`: what the Python loop does, from the same inputs into the
+// Pinocchio's C++ loops for `hingepair bench direct|dynamics --cpp`: what the Python loops do, from the same inputs into the
 // same outputs. Only headers are used: a library that was compiled for another instruction set aligns otherwise.
 // Pinocchio's variants of joints are longer than Boost's lists are by themselves.
 #define BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS
 #define BOOST_MPL_LIMIT_LIST_SIZE 30
 #define BOOST_MPL_LIMIT_VECTOR_SIZE 30
 #define BOOST_FUSION_INVOKE_MAX_ARITY 12
+#include <pinocchio/algorithm/aba.hpp>
 #include <pinocchio/algorithm/frames.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
+#include <pinocchio/algorithm/rnea.hpp>
 #include <pinocchio/multibody.hpp>
 
 namespace pin = pinocchio;
@@ -78,5 +80,34 @@ extern "C" void pair_loop(
       Out(a2 + 3 * i) = change.linear();
       Out(alpha2 + 3 * i) = change.angular();
     }
+  }
+}
+
+// Each body: its mass, its centre from the reference point (3) and its inertia about it (9), body axes.
+extern "C" void pair_masses(Pair * pair, const double * masses, const double * centres, const double * inertias)
+{
+  const auto hinge = pair->model.frames[pair->frame].parentJoint;
+  for (int i = 0; i < 2; ++i)
+  {
+    const Eigen::Matrix3d inertia = Eigen::Map<const Matrix>(inertias + 9 * i);
+    pair->model.appendBodyToJoint(
+      i == 0 ? pair->model.getJointId("body1") : hinge, pin::Inertia(masses[i], Constant(centres + 3 * i), inertia),
+      i == 0 ? pin::SE3::Identity() : pair->model.frames[pair->frame].placement);
+  }
+  pair->data = pin::Data(pair->model);
+}
+
+// As the model's own rnea (w: accelerations, out: forces) or, inverse = 0, aba (the other way round); 7 numbers each.
+extern "C" void pair_dynamics(
+  Pair * pair, long inverse, long count, const double * q, const double * v, const double * w, double * out)
+{
+  Eigen::VectorXd qi(8), vi(7), wi(7);
+  for (long i = 0; i < count; ++i)
+  {
+    qi = Row(q + 8 * i, 8);
+    vi = Row(v + 7 * i, 7);
+    wi = Row(w + 7 * i, 7);
+    Eigen::Map<Eigen::VectorXd>(out + 7 * i, 7) =
+      inverse ? pin::rnea(pair->model, pair->data, qi, vi, wi) : pin::aba(pair->model, pair->data, qi, vi, wi);
   }
 }

@@ -119,3 +119,18 @@ def skip(
     from hingepair.bench import skip as bench
 
     _run(lambda tell: bench.skip(samples, repeats, tell), show_json)
+
+
+@app.command()
+def dynamics(
+    samples: Annotated[int, typer.Option(min=2, max=10**7, help="Samples of a batch.")] = 1_000_000,
+    repeats: Repeats = 5,
+    cpp: Annotated[
+        bool, typer.Option("--cpp", help="Compile and measure Pinocchio's C++ loop (compiling takes up to a minute).")
+    ] = False,
+    show_json: Json = False,
+) -> None:
+    """Forces from motion, motion from forces, and a simulation: beside Pinocchio, MuJoCo and SciPy."""
+    from hingepair.bench import dynamics as bench
+
+    _run(lambda tell: bench.dynamics(samples, repeats, cpp, tell), show_json)
