@@ -524,8 +524,8 @@ FAULTS = {
     ),
     "the inertia of a link not turned": Fault(
         "formats/urdf_reader.py",
-        'axes = rotation @ euler_to_matrix(inertial.rpy, "xyz")',
-        "axes = rotation",
+        "inertia += axes @ inertial.tensor @ axes.T",
+        "inertia += inertial.tensor",
         "formats/test_urdf_masses.py::test_links_fixed_to_each_other_are_one_body[parent-child]",
     ),
     "MJCF's body 2 at u2": Fault(

@@ -12,14 +12,11 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.formats.urdf_file import read_urdf
 from hingepair.formats.urdf_reader import quiet_hinge_pair
-
-if TYPE_CHECKING:
-    from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.hinge_pair import HingePair
 
 PACKAGE = "example-robot-data"
 

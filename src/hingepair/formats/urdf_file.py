@@ -12,70 +12,66 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from hingepair.errors import URDFError, choices, nearest, quoted
+from hingepair.numeric.arrays import FloatArray
+from hingepair.pair.body import Box, Cylinder, Shape, Sphere
+from hingepair.rotations.euler import euler_to_matrix
 
 HINGE_TYPES = ("revolute", "continuous")
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _ORIGIN = (0.0, 0.0, 0.0)
-_SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+_SIZES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
 
-Triple = tuple[float, float, float]
+
+class Pose(NamedTuple):
+    """Rotation and origin of a frame, in the axes of another."""
+
+    rotation: FloatArray
+    origin: FloatArray
+
+    def placed(self, inner: Pose) -> Pose:
+        """A pose given in this frame, as this one is given."""
+        return Pose(self.rotation @ inner.rotation, self.origin + self.rotation @ inner.origin)
+
+    def seen(self, other: Pose) -> Pose:
+        """A pose given as this one is, in this frame."""
+        return Pose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """A joint as the URDF says it; a number that is none is refused, by joint and attribute, when it is read."""
+    """A joint as the URDF says it; a number that is none is refused, by joint and attribute, when it is read.
+
+    Attributes:
+        element: all that is said.
+        name: nothing where none is given; likewise what follows.
+        type: revolute, continuous, fixed, prismatic, floating or planar.
+        parent: the link that carries it.
+        child: the link that it carries, whose frame is the joint's.
+        mimic: the joint whose angle it follows; nothing where it has its own.
+    """
 
     element: ET.Element
+    name: str
+    type: str
+    parent: str
+    child: str
+    mimic: str
 
     @property
-    def name(self) -> str:
-        """Its name; nothing where none is given."""
-        return self.element.get("name", "")
+    def pose(self) -> Pose:
+        """Attitude at angle 0, and origin [m], in the parent's axes."""
+        return _pose(self.element, self._where)
 
     @property
-    def type(self) -> str:
-        """Revolute, continuous, fixed, prismatic, floating or planar."""
-        return self.element.get("type", "")
-
-    @property
-    def is_hinge(self) -> bool:
-        """It turns about one axis."""
-        return self.type in HINGE_TYPES
-
-    @property
-    def parent(self) -> str:
-        """The link that carries it; nothing where none is given."""
-        return self._named("parent", "link")
-
-    @property
-    def child(self) -> str:
-        """The link that it carries, whose frame is the joint's; nothing where none is given."""
-        return self._named("child", "link")
-
-    @property
-    def mimic(self) -> str:
-        """The joint whose angle it follows; nothing where it has its own."""
-        return self._named("mimic", "joint")
-
-    @property
-    def xyz(self) -> Triple:
-        """Its origin in the parent's axes [m]."""
-        return _triple(self.element.find("origin"), "xyz", f"{self._where}, origin", _ORIGIN)
-
-    @property
-    def rpy(self) -> Triple:
-        """Its attitude at angle 0, fixed-axis XYZ [rad]."""
-        return _triple(self.element.find("origin"), "rpy", f"{self._where}, origin", _ORIGIN)
-
-    @property
-    def axis(self) -> Triple:
+    def axis(self) -> tuple[float, ...]:
         """Its axis in the child's axes, as written, not normalised."""
-        axis = _triple(self.element.find("axis"), "xyz", f"{self._where}, axis", (1.0, 0.0, 0.0))
+        axis = _numbers(self.element.find("axis"), "xyz", f"{self._where}, axis", 3) or (1.0, 0.0, 0.0)
         if not any(axis):
             raise URDFError(f"{self._where}, axis xyz", "a non-zero axis", axis)
         return axis
@@ -90,108 +86,70 @@ class Joint:
             raise URDFError(f"{self._where}, limit", "lower below upper", f"lower {lower!r}, upper {upper!r}")
         return (lower, upper) if lower < upper else None
 
-    @property
-    def effort(self) -> float | None:
-        """Its largest torque [N m]; None where none is given."""
-        return self._not_below_0("effort")
-
-    @property
-    def velocity(self) -> float | None:
-        """Its largest rate [rad/s]; None where none is given."""
-        return self._not_below_0("velocity")
-
-    @property
-    def _where(self) -> str:
-        return f"joint {self.name!r}"
-
-    def _named(self, tag: str, attribute: str) -> str:
-        element = self.element.find(tag)
-        return "" if element is None else element.get(attribute, "")
-
-    def _limit(self, key: str) -> float | None:
-        return _number(self.element.find("limit"), key, f"{self._where}, limit")
-
-    def _not_below_0(self, key: str) -> float | None:
+    def most(self, key: str) -> float | None:
+        """Its largest torque ("effort") [N m] or rate ("velocity") [rad/s]; None where none is given."""
         number = self._limit(key)
         if number is not None and number < 0:
             raise URDFError(f"{self._where}, limit {key}", "a number not below 0", number)
         return number
 
+    @property
+    def _where(self) -> str:
+        return f"joint {self.name!r}"
 
-@dataclass(frozen=True, slots=True)
-class Inertial:
+    def _limit(self, key: str) -> float | None:
+        return _number(self.element.find("limit"), key, f"{self._where}, limit")
+
+
+class Inertial(NamedTuple):
     """A link's mass properties as the URDF says them.
 
     Attributes:
         mass: kg.
-        xyz: centre of mass in the link's axes [m].
-        rpy: attitude of the axes that the moments are given in, fixed-axis XYZ [rad].
-        moments: Ixx, Ixy, Ixz, Iyy, Iyz, Izz [kg m^2].
+        pose: centre of mass [m], and the axes of the tensor, in the link's axes.
+        tensor: [kg m^2]; (3, 3).
     """
 
     mass: float
-    xyz: Triple
-    rpy: Triple
-    moments: tuple[float, ...]
+    pose: Pose
+    tensor: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Visual:
-    """A shape that a link is drawn with.
-
-    Attributes:
-        kind: box, cylinder or sphere.
-        sizes: lengths of a box's edges; radius and length of a cylinder; radius of a sphere [m].
-        xyz: its centre in the link's axes [m].
-        rpy: its attitude, fixed-axis XYZ [rad]; a cylinder's axis is its z.
-    """
-
-    kind: str
-    sizes: tuple[float, ...]
-    xyz: Triple
-    rpy: Triple
+def inertial_of(link: ET.Element) -> Inertial | None:
+    """The mass properties of a link; None where none are given."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return None
+    where = f"link {link.get('name')!r}, inertial"
+    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    xx, xy, xz, yy, yz, zz = (_number(inertia, key, where) or 0.0 for key in keys)
+    tensor = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+    return Inertial(_number(mass, "value", where) or 0.0, _pose(inertial, where), tensor)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Link:
-    """A link as the URDF says it."""
-
-    element: ET.Element
-
-    @property
-    def inertial(self) -> Inertial | None:
-        """Its mass properties; None where none are given."""
-        inertial = self.element.find("inertial")
-        if inertial is None:
+def shapes_of(link: ET.Element, pose: Pose) -> list[Shape] | None:
+    """The boxes, cylinders and spheres of a link of this pose; None where it is drawn otherwise (meshes) too."""
+    found: list[Shape] = []
+    for visual in link.findall("visual"):
+        shape = visual.find("geometry/*")
+        if shape is None or shape.tag not in _SIZES:
             return None
-        where = f"link {self.element.get('name')!r}, inertial"
-        origin, mass, inertia = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
-        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        return Inertial(
-            mass=_number(mass, "value", where) or 0.0,
-            xyz=_triple(origin, "xyz", f"{where}, origin", _ORIGIN),
-            rpy=_triple(origin, "rpy", f"{where}, origin", _ORIGIN),
-            moments=tuple(_number(inertia, key, where) or 0.0 for key in keys),
-        )
-
-    @property
-    def visuals(self) -> tuple[Visual, ...] | None:
-        """The boxes, cylinders and spheres that it is drawn with; None where it is drawn otherwise (meshes) too."""
-        found = []
-        for visual in self.element.findall("visual"):
-            origin, shape = visual.find("origin"), visual.find("geometry/*")
-            if shape is None or shape.tag not in _SIZES:
-                return None
-            try:
-                xyz, rpy = (_triple(origin, key, "origin", _ORIGIN) for key in ("xyz", "rpy"))
-                if shape.tag == "box":
-                    sizes: tuple[float, ...] = _triple(shape, "size", "box", _ORIGIN)
-                else:
-                    sizes = tuple(_number(shape, key, shape.tag) or 0.0 for key in _SIZES[shape.tag])
-            except URDFError:  # what it looks like is no matter of motion
-                return None
-            found.append(Visual(shape.tag, sizes, xyz, rpy))
-        return tuple(found)
+        try:
+            axes, center = (part + 0.0 for part in pose.placed(_pose(visual, "visual")))
+            given = [_numbers(shape, key, shape.tag, count) or (0.0,) for key, count in _SIZES[shape.tag].items()]
+        except URDFError:  # what it looks like is no matter of motion
+            return None
+        sizes = [size for group in given for size in group]
+        if min(sizes) <= 0:
+            continue
+        if shape.tag == "box":
+            found.append(Box(sizes, center, axes))
+        elif shape.tag == "cylinder":
+            found.append(Cylinder(sizes[0], sizes[1], center, axes[:, 2]))
+        else:
+            found.append(Sphere(sizes[0], center))
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,13 +164,13 @@ class Robot:
     """
 
     name: str
-    links: Mapping[str, Sequence[Link]]
+    links: Mapping[str, Sequence[ET.Element]]
     joints: Sequence[Joint]
     joints_at: Mapping[str, Sequence[Joint]]
 
     def hinges(self) -> tuple[Joint, ...]:
         """The revolute and continuous joints that have a name, mimic joints included."""
-        return tuple(joint for joint in self.joints if joint.is_hinge and joint.name)
+        return tuple(joint for joint in self.joints if joint.type in HINGE_TYPES and joint.name)
 
     def hinge(self, name: str) -> Joint:
         """The hinge of this name.
@@ -223,7 +181,7 @@ class Robot:
         found = [joint for joint in self.joints if joint.name == name and name]
         if len(found) > 1:
             raise URDFError("joint", "each name once", f"{name!r} twice")
-        if found and found[0].is_hinge:
+        if found and found[0].type in HINGE_TYPES:
             return found[0]
         known = [hinge.name for hinge in self.hinges()]
         if not known:
@@ -232,8 +190,8 @@ class Robot:
             raise URDFError("joint", choices(known), f"{name!r}, which is {found[0].type or 'of no type'}")
         raise URDFError("joint", choices(known) + nearest(str(name), known), quoted(name))
 
-    def link(self, name: str, joint: Joint) -> Link:
-        """The link that a joint names.
+    def check_link(self, name: str, joint: Joint) -> None:
+        """Refuse a link that a joint names.
 
         Raises:
             URDFError: it is not declared, or twice, or more than one joint carries it.
@@ -246,7 +204,6 @@ class Robot:
             raise URDFError("link", "each name once", f"{name!r} twice")
         if sum(joint.child == name for joint in self.joints_at[name]) > 1:
             raise URDFError("child link", "each name once", f"{name!r} twice")
-        return links[0]
 
 
 def read_urdf(path_or_text: str | os.PathLike[str]) -> Robot:
@@ -271,12 +228,19 @@ def read_urdf(path_or_text: str | os.PathLike[str]) -> Robot:
         raise URDFError("URDF", "the element <robot>", f"<{root.tag}>")
     links, joints_at = defaultdict(list), defaultdict(list)
     for element in root.findall("link"):
-        links[element.get("name", "")].append(Link(element))
-    joints = [Joint(element) for element in root.findall("joint")]
+        links[element.get("name", "")].append(element)
+    joints = [_joint(element) for element in root.findall("joint")]
     for joint in joints:
         for link in {joint.parent, joint.child}:
             joints_at[link].append(joint)
     return Robot(root.get("name", ""), links, joints, joints_at)
+
+
+def _joint(element: ET.Element) -> Joint:
+    named = [element.find(tag) for tag in ("parent", "child", "mimic")]
+    parent, child = ("" if tag is None else tag.get("link", "") for tag in named[:2])
+    mimic = "" if named[2] is None else named[2].get("joint", "")
+    return Joint(element, element.get("name", ""), element.get("type", ""), parent, child, mimic)
 
 
 class _NoDoctype(ET.TreeBuilder):
@@ -297,23 +261,24 @@ def _text(path_or_text: str | os.PathLike[str]) -> str | bytes:
         raise URDFError("path_or_text", "a readable file or URDF text", f"{path_or_text!r} ({reason})") from None
 
 
+def _pose(element: ET.Element, where: str) -> Pose:
+    """What the <origin> of an element says: xyz [m] and rpy, fixed-axis XYZ [rad]; without one, nothing is moved."""
+    origin = element.find("origin")
+    xyz, rpy = (_numbers(origin, key, f"{where}, origin", 3) or _ORIGIN for key in ("xyz", "rpy"))
+    return Pose(euler_to_matrix(rpy, "xyz"), np.array(xyz))
+
+
 def _number(element: ET.Element | None, name: str, where: str) -> float | None:
-    """The finite number of an attribute; None where it is not given."""
+    found = _numbers(element, name, where, 1)
+    return found[0] if found else None
+
+
+def _numbers(element: ET.Element | None, name: str, where: str, count: int) -> tuple[float, ...] | None:
+    """The one or three finite numbers of an attribute; None where it is not given."""
     text = None if element is None else element.get(name)
     if text is None:
         return None
-    if _NUMBER.fullmatch(text.strip()) and np.isfinite(float(text)):
-        return float(text)
-    raise URDFError(f"{where} {name}", "a finite number", quoted(text))
-
-
-def _triple(element: ET.Element | None, name: str, where: str, default: Triple) -> Triple:
-    text = None if element is None else element.get(name)
-    if text is None:
-        return default
     words = text.split()
-    if len(words) == 3 and all(_NUMBER.fullmatch(word) for word in words):
-        x, y, z = map(float, words)
-        if np.isfinite((x, y, z)).all():
-            return x, y, z
-    raise URDFError(f"{where} {name}", "three finite numbers", quoted(text))
+    if len(words) == count and all(_NUMBER.fullmatch(word) and np.isfinite(float(word)) for word in words):
+        return tuple(map(float, words))
+    raise URDFError(f"{where} {name}", "a finite number" if count == 1 else "three finite numbers", quoted(text))

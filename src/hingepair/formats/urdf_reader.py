@@ -11,16 +11,13 @@ import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, URDFError, choices, quoted
-from hingepair.formats.urdf_file import Inertial, Joint, Robot, Visual, read_urdf
-from hingepair.pair.body import Body, Box, Cylinder, Shape, Sphere
+from hingepair.formats.urdf_file import Inertial, Joint, Pose, Robot, inertial_of, read_urdf, shapes_of
+from hingepair.pair.body import Body, Shape
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.rotations.euler import euler_to_matrix
 
-Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Rotation and origin of a frame, in the axes of another."""
+_HERE = Pose(np.eye(3), np.zeros(3))
 
 
 def from_urdf(
@@ -68,22 +65,20 @@ def hinge_pair(
     if hinge.child in poses1:
         expected = "a parent and a child that are not fixed to each other"
         raise URDFError(f"joint {joint!r}", expected, f"{hinge.parent!r} and {hinge.child!r}")
-    frame1, point1 = _chosen(poses1, hinge.parent, body1_frame, "body1_frame")
-    frame2, point2 = _chosen(poses2, hinge.child, body2_frame, "body2_frame")
-    home = frame1.T @ euler_to_matrix(hinge.rpy, "xyz")
-    n = home @ (np.array(hinge.axis) / max(map(abs, hinge.axis)))
-    u1 = frame1.T @ (np.array(hinge.xyz) - point1)
+    frame1 = _chosen(poses1, hinge.parent, body1_frame, "body1_frame")
+    frame2 = _chosen(poses2, hinge.child, body2_frame, "body2_frame")
+    home, u1 = frame1.seen(hinge.pose)
     return HingePair(
         u1=u1 + 0.0,
-        u2=0.0 - frame2.T @ point2,
-        n=n + 0.0,
-        home=home @ frame2 + 0.0,
+        u2=0.0 - frame2.rotation.T @ frame2.origin,
+        n=home @ (np.array(hinge.axis) / max(map(abs, hinge.axis))) + 0.0,
+        home=home @ frame2.rotation + 0.0,
         name=name,
         limits=hinge.limits,
-        torque_limit=hinge.effort,
-        rate_limit=hinge.velocity,
-        body1=_combined_body(robot, _seen_from(poses1, frame1, point1)),
-        body2=_combined_body(robot, _seen_from(poses2, frame2, point2)),
+        torque_limit=hinge.most("effort"),
+        rate_limit=hinge.most("velocity"),
+        body1=_combined_body(robot, {link: frame1.seen(pose) for link, pose in poses1.items()}),
+        body2=_combined_body(robot, {link: frame2.seen(pose) for link, pose in poses2.items()}),
     )
 
 
@@ -100,26 +95,20 @@ def _fixed_to(robot: Robot, hinge: Joint, link: str) -> dict[str, Pose]:
     Raises:
         URDFError: a joint on the way lacks an end or runs in a circle, or a link of them is not there once.
     """
-    robot.link(link, hinge)
-    poses: dict[str, Pose] = {link: (np.eye(3), np.zeros(3))}
+    robot.check_link(link, hinge)
+    poses = {link: _HERE}
     waiting: list[tuple[str, Joint]] = [(link, hinge)]
     with np.errstate(all="ignore"):  # an origin of 1e308 is HingePair's to refuse, where it is needed
         while waiting:
             here, come_by = waiting.pop()
-            outer, start = poses[here]
             for joint in robot.joints_at[here]:
                 if joint.type != "fixed" or joint is come_by:
                     continue
                 there = joint.child if joint.parent == here else joint.parent
-                robot.link(there, joint)
+                robot.check_link(there, joint)
                 if there in poses:
                     raise URDFError(f"joint {joint.name!r}", "a tree of links", f"a circle through {there!r}")
-                rotation, origin = euler_to_matrix(joint.rpy, "xyz"), np.array(joint.xyz)
-                if there == joint.child:
-                    poses[there] = outer @ rotation, start + outer @ origin
-                else:
-                    outwards = outer @ rotation.T
-                    poses[there] = outwards, start - outwards @ origin
+                poses[there] = poses[here].placed(joint.pose if there == joint.child else joint.pose.seen(_HERE))
                 waiting.append((there, joint))
     return poses
 
@@ -131,19 +120,14 @@ def _chosen(poses: Mapping[str, Pose], link: str, frame: str | None, argument: s
     return poses[wanted]
 
 
-def _seen_from(poses: Mapping[str, Pose], axes: NDArray[np.float64], point: NDArray[np.float64]) -> dict[str, Pose]:
-    """Poses in a frame that is itself given by its axes and origin."""
-    return {link: (axes.T @ rotation, axes.T @ (origin - point)) for link, (rotation, origin) in poses.items()}
-
-
 def _combined_body(robot: Robot, poses: Mapping[str, Pose]) -> Body | None:
     """The mass properties of links taken together, in the frame that their poses are given in.
 
     Links without mass count for nothing. None where no link has mass; and, with a warning, where one has a mass below
     zero or the sum is nothing that a rigid body can have: not a few robots carry made-up inertias.
     """
-    placed = {link: (robot.links[link][0].inertial, pose) for link, pose in poses.items()}
-    heavy = {link: (inertial, pose) for link, (inertial, pose) in placed.items() if inertial and inertial.mass != 0}
+    inertials = {link: inertial_of(robot.links[link][0]) for link in poses}
+    heavy = {link: (inertial, poses[link]) for link, inertial in inertials.items() if inertial and inertial.mass != 0}
     if not heavy:
         return None
     try:
@@ -160,36 +144,17 @@ def _combined_body(robot: Robot, poses: Mapping[str, Pose]) -> Body | None:
 
 def _sum(placed: Sequence[tuple[Inertial, Pose]], shapes: Sequence[Shape]) -> Body:
     total = sum(inertial.mass for inertial, _ in placed)
-    centres = [origin + rotation @ np.array(inertial.xyz) for inertial, (rotation, origin) in placed]
-    centre = np.sum([i.mass / total * c for (i, _), c in zip(placed, centres, strict=True)], axis=0)
+    frames = [pose.placed(inertial.pose) for inertial, pose in placed]
+    centre = np.sum([i.mass / total * frame.origin for (i, _), frame in zip(placed, frames, strict=True)], axis=0)
     inertia = np.zeros((3, 3))
-    for (inertial, (rotation, _)), point in zip(placed, centres, strict=True):
-        xx, xy, xz, yy, yz, zz = inertial.moments
-        axes = rotation @ euler_to_matrix(inertial.rpy, "xyz")
+    for (inertial, _), (axes, point) in zip(placed, frames, strict=True):
         arm = point - centre
-        inertia += axes @ np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))) @ axes.T
+        inertia += axes @ inertial.tensor @ axes.T
         inertia += inertial.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return Body(mass=total, center_of_mass=centre + 0.0, inertia=inertia, shapes=shapes)
 
 
 def _shapes(robot: Robot, poses: Mapping[str, Pose]) -> list[Shape]:
     """The boxes, cylinders and spheres of links that are drawn by nothing else; none where there are meshes."""
-    found: list[Shape] = []
-    for link, (rotation, origin) in poses.items():
-        visuals = robot.links[link][0].visuals
-        if visuals is None:
-            return []
-        for visual in visuals:
-            if min(visual.sizes) > 0:
-                axes, center = rotation @ euler_to_matrix(visual.rpy, "xyz"), origin + rotation @ np.array(visual.xyz)
-                found.append(_shape(visual, axes + 0.0, center + 0.0))
-    return found
-
-
-def _shape(visual: Visual, axes: NDArray[np.float64], center: NDArray[np.float64]) -> Shape:
-    if visual.kind == "box":
-        return Box(visual.sizes, center, axes)
-    if visual.kind == "cylinder":
-        radius, length = visual.sizes
-        return Cylinder(radius, length, center, axes[:, 2])
-    return Sphere(visual.sizes[0], center)
+    found = [shapes_of(robot.links[link][0], pose) for link, pose in poses.items()]
+    return [] if None in found else [shape for shapes in found if shapes for shape in shapes]

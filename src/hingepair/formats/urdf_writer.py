@@ -1,11 +1,9 @@
 """URDF: a hinge pair written as a robot of two links.
 
-In URDF the child link's origin is the hinge point. So the pair is written as
-
     body1 --hinge--> body2_at_hinge --fixed--> body2
 
-with the hinge's origin at (u1, home), its axis home^T n in the child's axes, and body2 (the reference point R2 and
-attitude S2) at -u2. Read back with `body2_frame="body2"` the same u1, u2, n and home come out.
+The hinge's origin is (u1, home), its axis home^T n in the child's axes. Read back with `body2_frame="body2"` the same
+u1, u2, n and home come out.
 """
 
 from __future__ import annotations
@@ -87,8 +85,7 @@ def to_urdf(pair: HingePair, *, base: str = "free") -> str:
     hinge = _add_joint(robot, HINGE, kind, BODY1, BODY2_AT_HINGE)
     _add_origin(hinge, pair.u1, matrix_to_euler(pair.home, "xyz"))
     ET.SubElement(hinge, "axis", {"xyz": numbers(_axis(pair))})
-    limit = _limit(pair)
-    if limit:
+    if limit := _limit(pair):
         ET.SubElement(hinge, "limit", {key: numbers((value,)) for key, value in limit.items()})
     _add_origin(_add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), -pair.u2, _STILL)
     return document(robot)
@@ -97,10 +94,10 @@ def to_urdf(pair: HingePair, *, base: str = "free") -> str:
 def _limit(pair: HingePair) -> dict[str, float]:
     """What URDF says of a joint's limits: effort and velocity, both, where it says anything."""
     given = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
-    if pair.limits is None and not any(value is not None for value in given.values()):
+    if pair.limits is None and set(given.values()) == {None}:
         return {}
-    both = {key: _BEYOND[key] if value is None else value for key, value in given.items()}
-    return both if pair.limits is None else dict(zip(("lower", "upper"), pair.limits, strict=True)) | both
+    range_ = dict(zip(("lower", "upper"), pair.limits or (), strict=False))
+    return range_ | {key: _BEYOND[key] if value is None else value for key, value in given.items()}
 
 
 def _axis(pair: HingePair) -> NDArray[np.float64]:
