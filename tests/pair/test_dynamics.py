@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import hingepair as hp
+from support.reference import forces_from_attitude
 from support.sparse import sparse
 from support.states import generator, rotations
 from support.states import pair as random_pair
@@ -56,12 +58,24 @@ class Twin:
         self.turn[0:3, 0:3] = self.turn[3:6, 3:6] = body1.S
 
 
-@pytest.fixture(params=sparse(range(40), 10))
-def case(request):
-    rng = generator(17, request.param)
+def case_of(seed):
+    rng = generator(17, seed)
     pair, body1 = massive(rng), moving(rng)
     rates = rng.uniform(-3, 3), *rng.normal(size=2)
     return pair, body1, rates, Twin(pair, body1, *rates)
+
+
+@pytest.fixture(params=sparse(range(40), 10))
+def case(request):
+    return case_of(request.param)
+
+
+@pytest.mark.slow
+def test_a_thousand_pairs_are_those_of_pinocchio():
+    for seed in range(1000):
+        own = case_of(seed)
+        for law in LAWS:
+            law(own)
 
 
 def test_mass_matrix_is_that_of_crba(case):
@@ -111,6 +125,52 @@ def test_energy_and_momentum_are_those_of_pinocchio(case):
     about_origin = theirs.angular + np.cross(centre, theirs.linear)
     assert np.abs(linear - theirs.linear).max() <= 16 * U * mass * speed
     assert np.abs(angular - about_origin).max() <= 16 * U * mass * speed * (1 + np.linalg.norm(body1.R))
+
+
+LAWS = (
+    test_mass_matrix_is_that_of_crba,
+    test_forces_are_those_of_rnea,
+    test_accelerations_are_those_of_aba,
+    test_energy_and_momentum_are_those_of_pinocchio,
+)
+
+
+def test_forces_are_those_of_sixty_digits():
+    rng = generator(27)
+    for _ in range(3):
+        pair, body1 = massive(rng), moving(rng, 4)
+        psi, (psid, psidd) = rng.uniform(-3, 3, 4), rng.normal(size=(2, 4))
+        bodies = [(body.mass, body.center_of_mass, body.inertia) for body in (pair.body1, pair.body2)]
+        given = tuple(getattr(body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha"))
+        constants = (pair.u1, pair.u2, pair.constants.axis, pair.home)
+        truth = forces_from_attitude(constants, bodies, given, psi, psid, psidd, GRAVITY)
+        found = pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)
+        for k in range(4):
+            one = hp.BodyMotion(R=given[0][k], S=given[1][k], omega=given[3][k], a=given[4][k], alpha=given[5][k])
+            near = 8 * U * np.prod(size_of(pair, one, psid[k], psidd[k]))
+            for exact, part in zip(truth, found, strict=True):
+                assert float(np.max(np.abs(exact[k] - part[k]))) <= near
+
+
+@pytest.mark.parametrize("seed", sparse(range(20), 10))
+def test_mujoco_agrees_both_ways(seed):
+    """On the exported model; it keeps inertias by their principal axes."""
+    pair, body1, (psi, psid, psidd), twin = case_of(seed)
+    model = mujoco.MjModel.from_xml_string(hp.to_mjcf(pair))
+    model.opt.gravity[:] = GRAVITY
+    data, back = mujoco.MjData(model), body1.S.T
+    data.qpos[:] = twin.q[[0, 1, 2, 6, 3, 4, 5, 7]]
+    data.qvel[:] = [*body1.v, *(back @ body1.omega), psid]
+    acceleration = data.qacc[:] = [*body1.a, *(back @ body1.alpha), psidd]
+    forces = pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)
+    ours = np.array([*forces.force1, *(back @ forces.torque1), forces.hinge_torque])
+    mujoco.mj_inverse(model, data)
+    mass, push = size_of(pair, body1, psid, psidd)
+    assert np.abs(data.qfrc_inverse - ours).max() <= 16 * U * mass * push
+    data.qfrc_applied[:] = ours
+    mujoco.mj_forward(model, data)
+    weakest = np.linalg.eigvalsh(pair.mass_matrix(body1, psi)).min()
+    assert np.abs(data.qacc - acceleration).max() <= 16 * U * mass * push * mass / weakest
 
 
 def test_what_acts_and_what_moves_are_each_others_inverse(case):

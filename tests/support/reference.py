@@ -134,6 +134,39 @@ def from_attitude(pair, body1, psi, psid=None, psidd=None):
     return Truth(values, _scales(pair, tuple(rates), _length(omega), _length(alpha)))
 
 
+@remembered
+def forces_from_attitude(pair, bodies, body1, psi, psid, psidd, gravity):
+    """What must act: force1, torque1 about R1 and hinge_torque, (N, ...) arrays of mpf; as `from_attitude`.
+
+    bodies: (mass, centre of mass, inertia about it) of both, body axes. The momenta are differentiated: of the centre
+    of mass, and of x x x' over the body, which takes its second moments and the series of S.
+    """
+    with mpmath.workdps(DIGITS):
+        R, S, v, omega, a, alpha = (exactly(x) for x in body1)
+        S, W = nearest_rotation(S), skew(omega)
+        S1 = Series(S, W @ S, (skew(alpha) + W @ W) @ S / 2)
+        u1, u2 = (exactly(u)[..., None] for u in pair[:2])
+        turned = S1 @ rotation(
+            unit(pair[2]), tuple(exactly(c) / (1, 1, 2)[i] for i, c in enumerate((psi, psid, psidd)))
+        )
+        S2 = turned if pair[3] is None else turned @ exactly(pair[3])
+        R1 = Series(*(_column(c) for c in (R, v, a / 2)))
+        R2 = R1 + S1 @ u1 - S2 @ u2
+        hinge = (R1 + S1 @ u1).c0[..., 0]
+        force, torque, levers = [], [], []
+        for (mass, centre, inertia), Ri, Si in zip(bodies, (R1, R2), (S1, S2), strict=True):
+            at, J = Ri + Si @ exactly(centre)[..., None], exactly(inertia)
+            spread = exactly(np.eye(3)) * (J[0, 0] + J[1, 1] + J[2, 2]) / 2 - J
+            rate = Si.c0 @ spread @ np.swapaxes(2 * Si.c2, -1, -2)
+            force.append(exactly(mass) * (2 * at.c2[..., 0] - exactly(gravity)))
+            torque.append(np.stack([rate[:, i, j] - rate[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=-1))
+            levers.append(at.c0[..., 0])
+        about = sum(t + np.cross(x - R, f) for t, x, f in zip(torque, levers, force, strict=True))
+        moment = torque[1] + np.cross(levers[1] - hinge, force[1])
+        axis = (S1 @ unit(pair[2])[..., None]).c0[..., 0]
+        return force[0] + force[1], about, (axis * moment).sum(axis=-1)
+
+
 def euler_scales(pair, q, qd, qdd):
     """The scale of every output, (N,) each, for coordinates of shape (N, 7)."""
     W1 = abs(qd[:, 3:6]).sum(axis=-1)
