@@ -21,7 +21,7 @@ from hingepair.pair.results import MOST_HELD
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.instants import Rows, Uniform, read_instants
 from hingepair.scenes.integrated_motion import START, IntegratedMotion, integrated_in_plane, integrated_in_space
-from hingepair.scenes.known_motion import ByCoordinates, InPlane, KnownMotion
+from hingepair.scenes.known_motion import ByCoordinates, KnownMotion
 from hingepair.scenes.tables import Table
 from hingepair.scenes.waypoints import MAX_POINTS, PROFILES, WayPoints, through
 from hingepair.symbolic.expressions import parse
@@ -132,12 +132,7 @@ class ExpressionMotion:
     def known(self, rows: Rows, order: int) -> KnownMotion:
         """The motion at some of the instants, with derivatives up to an order."""
         t = self.t[rows]
-        derivatives = self.functions.derivatives(t, order)
-        return (
-            InPlane(t.size, derivatives)
-            if self.sequence is None
-            else ByCoordinates(t.size, derivatives, self.sequence)
-        )
+        return ByCoordinates(t.size, self.functions.derivatives(t, order), self.sequence)
 
 
 def read_expression_motion(motion: Table, time: Table, planar: bool) -> ExpressionMotion | IntegratedMotion:

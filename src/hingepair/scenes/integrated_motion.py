@@ -20,7 +20,7 @@ from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import check_rotation
 from hingepair.scenes.instants import Rows
-from hingepair.scenes.known_motion import ByBody1, InPlane, KnownMotion
+from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion
 from hingepair.scenes.tables import Table
 
 START: Final = ("psi_0", "method")
@@ -45,7 +45,7 @@ class IntegratedMotion:
     """
 
     t: Float64Array
-    given: ByBody1 | InPlane
+    given: ByBody1 | ByCoordinates
     method: str
     error_estimate: float
     switched: NDArray[np.bool_] | None = None
@@ -132,7 +132,7 @@ def integrated_in_plane(
         (*known["v1"].T, known["omega1"], known["psid"]),
         (*known["a1"].T, known["alpha1"], known["psidd"]),
     )
-    return IntegratedMotion(read_only(t), InPlane(t.size, derivatives), method, found.worst, **notes)
+    return IntegratedMotion(read_only(t), ByCoordinates(t.size, derivatives, None), method, found.worst, **notes)
 
 
 def _solved(table: Table, course: Course, rates: tuple[Signal, Signal], start: Float64Array | float) -> Solution:

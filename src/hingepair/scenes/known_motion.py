@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.evaluation.plan import PLANAR, default_outputs, make_plan
+from hingepair.evaluation.plan import PLANAR, SPATIAL, default_outputs, make_plan
 from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.blocks import Named
@@ -26,7 +26,6 @@ from hingepair.scenes.instants import Rows
 
 if TYPE_CHECKING:
     from hingepair.pair.hinge_pair import HingePair
-    from hingepair.pair.planar_pair import PlanarPair
     from hingepair.validation.report import CrossValidation
 
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
@@ -44,17 +43,18 @@ Accelerated: TypeAlias = tuple[BodyMotion, Float64Array, Float64Array, Float64Ar
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ByCoordinates:
-    """The seven coordinates and as many derivatives as are known.
+    """The seven coordinates, in the plane four, and as many derivatives as are known.
 
     Attributes:
         count: number of instants.
-        derivatives: (q[, qd[, qdd]]), tuples of seven: arrays of shape (count,), floats for what does not change.
-        sequence: Euler sequence of body 1.
+        derivatives: (q[, qd[, qdd]]), tuples of seven or four: arrays of shape (count,), floats for what does not
+            change.
+        sequence: Euler sequence of body 1; None in the plane.
     """
 
     count: int
     derivatives: Derivatives
-    sequence: str
+    sequence: str | None
 
     @property
     def level(self) -> int:
@@ -64,57 +64,92 @@ class ByCoordinates:
     @property
     def psi(self) -> Float64Array:
         """The hinge angle; shape (count,) rad."""
-        return np.broadcast_to(np.asarray(self.derivatives[0][6], dtype=np.float64), (self.count,))
+        return self._column(0, -1)
 
     def coordinates(self, order: int = 0) -> dict[str, Float64Array]:
         """The coordinates, or their derivatives of an order that is known, by name; shape (count,) each."""
-        return _named(SPATIAL_NAMES[order], self.derivatives[order], self.count)
+        names = (SPATIAL_NAMES if self.sequence else PLANAR_NAMES)[order]
+        return {name: self._column(order, i) for i, name in enumerate(names)}
 
     def part(self, rows: Rows, order: int) -> ByCoordinates:
         """Some of the instants, with the derivatives up to an order."""
-        return ByCoordinates(_count(self.count, rows), _part(self.derivatives, rows, order), self.sequence)
+        kept = tuple(
+            tuple(value[rows] if isinstance(value, np.ndarray) else value for value in values)
+            for values in self.derivatives[: order + 1]
+        )
+        count = len(range(*rows.indices(self.count))) if isinstance(rows, slice) else rows.size
+        return ByCoordinates(count, kept, self.sequence)
 
     def forward_kinematics(
-        self, pair: HingePair, outputs: tuple[str, ...] | None, backend: str = "auto"
-    ) -> PairState:
+        self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto"
+    ) -> PairState | PlanarState:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
-        return pair.forward_kinematics(
-            *_of_many(self.derivatives, self.count), outputs=outputs, sequence=self.sequence, backend=backend
+        found: PairState | PlanarState = pair.forward_kinematics(
+            *self._of_many(), outputs=outputs, backend=backend, **self._sequence()
         )
+        return found
 
-    def plan(self, pair: HingePair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
+    def plan(self, pair: Any, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
         """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
         values: Named = {}
-        for parts, seven in zip(PARTS.values(), self.derivatives, strict=False):
-            values |= dict(zip(parts, (seven[:3], seven[3:6], seven[6]), strict=True))
-        names = default_outputs(self.level) if outputs is None else outputs
-        plan = make_plan(names, self.sequence, "home" in pair.constants.values)
+        for parts, q in zip((PARTS if self.sequence else PLANAR_PARTS).values(), self.derivatives, strict=False):
+            turning = q[3:6] if self.sequence else q[2]
+            values |= dict(zip(parts, (q[: len(q) // 2], turning, q[-1]), strict=True))
+        kind = SPATIAL if self.sequence else PLANAR
+        names = default_outputs(self.level, kind) if outputs is None else outputs
+        plan = make_plan(names, self.sequence, "home" in pair.constants.values, kind=kind)
         operations = count_operations(plan, pair.constants, dict(zip(PARTS, self.derivatives, strict=False)))
-        return explain(plan, operations, self.level, level, _constant(values, COORDINATES, self.derivatives[0]))
+        constant = {name for name, group in values.items() if not _varies(group)}
+        own = (SPATIAL_NAMES if self.sequence else PLANAR_NAMES)[0]
+        constant |= {name for name, value in zip(own, self.derivatives[0], strict=True) if not _varies(value)}
+        return explain(plan, operations, self.level, level, frozenset(constant))
 
-    def cross_validate(self, pair: HingePair) -> CrossValidation:
+    def cross_validate(self, pair: Any) -> CrossValidation:
         """The equations against Pinocchio."""
         from hingepair.validation.cross_validate import cross_validate
 
-        return cross_validate(pair, *self.derivatives, sequence=self.sequence)
+        return cross_validate(pair, *self.derivatives, **self._sequence())
 
-    def bodies(self, pair: HingePair) -> dict[str, NDArray[Any]]:
-        """R1, S1, R2, S2, and omega1, omega2 where rates are known."""
-        names = ("R1", "S1", "R2", "S2", *(("omega1", "omega2") if self.level else ()))
-        return self.forward_kinematics(pair, names).arrays()
+    def bodies(self, pair: Any) -> dict[str, NDArray[Any]]:
+        """R1, S1, R2, S2, and omega1, omega2 where rates are known, in space."""
+        rates = ("omega1", "omega2") if self.level else ()
+        if self.sequence:
+            return self.forward_kinematics(pair, ("R1", "S1", "R2", "S2", *rates)).arrays()
+        body1, *_ = motion_in_space(*self._of_many())
+        a, zero = self.forward_kinematics(pair, None).arrays(), np.zeros((self.count, 1))
+        found = {"R1": body1.R, "S1": body1.S, "R2": np.concatenate((a["R2"], zero), axis=-1)}
+        found["S2"] = rotation_exp(np.concatenate((zero, zero, a["phi2"][:, None]), axis=-1))
+        if rates:
+            found["omega1"] = body1.omega
+            found["omega2"] = np.concatenate((zero, zero, a["omega2"][:, None]), axis=-1)
+        return found
 
     def rates(self) -> tuple[Float64Array, Float64Array]:
         """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
-        qd = [np.broadcast_to(np.asarray(value, dtype=np.float64), (self.count,)) for value in self.derivatives[1]]
-        W1, _ = euler_rate_sizes(np.stack(qd[3:6], axis=-1))
-        return np.asarray(W1), qd[6]
+        if not self.sequence:
+            return np.abs(self._column(1, 2)), self._column(1, -1)
+        W1, _ = euler_rate_sizes(np.stack([self._column(1, i) for i in (3, 4, 5)], axis=-1))
+        return np.asarray(W1), self._column(1, -1)
 
-    def accelerated(self, pair: HingePair) -> Accelerated:
-        """Body 1 and the hinge with all derivatives; needs second derivatives."""
+    def accelerated(self, pair: Any) -> Accelerated:
+        """Body 1 in space and the hinge with all derivatives; needs second derivatives."""
+        if not self.sequence:
+            body1, psi, psid, psidd = motion_in_space(*self._of_many())
+            return body1, psi, psid, psidd
         a = self.forward_kinematics(pair, ("R1", "S1", "v1", "omega1", "a1", "alpha1")).arrays()
-        body1 = BodyMotion(R=a["R1"], S=a["S1"], v=a["v1"], omega=a["omega1"], a=a["a1"], alpha=a["alpha1"])
-        psi, psid, psidd = (np.broadcast_to(np.asarray(seven[6], float), (self.count,)) for seven in self.derivatives)
-        return body1, psi, psid, psidd
+        body1 = BodyMotion(**{name.rstrip("1"): array for name, array in a.items()})
+        return body1, self._column(0, -1), self._column(1, -1), self._column(2, -1)
+
+    def _column(self, order: int, i: int) -> Float64Array:
+        return np.broadcast_to(np.asarray(self.derivatives[order][i], dtype=np.float64), (self.count,))
+
+    def _sequence(self) -> dict[str, Any]:
+        return {"sequence": self.sequence} if self.sequence else {}
+
+    def _of_many(self) -> Derivatives:
+        """The derivatives, at least one coordinate as an array, so that they are those of so many instants."""
+        q, *rates = self.derivatives
+        return (q, *rates) if _varies(q) else ((np.full(self.count, q[0]), *q[1:]), *rates)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,86 +219,6 @@ class ByBody1:
         return self.body1, psi, psid, psidd
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class InPlane:
-    """The four coordinates of a planar pair and as many derivatives as are known.
-
-    Attributes:
-        count: number of instants.
-        derivatives: (q[, qd[, qdd]]), tuples of four: arrays of shape (count,), floats for what does not change.
-    """
-
-    count: int
-    derivatives: Derivatives
-
-    @property
-    def level(self) -> int:
-        """The highest derivative that is known."""
-        return len(self.derivatives) - 1
-
-    @property
-    def psi(self) -> Float64Array:
-        """The hinge angle; shape (count,) rad."""
-        return np.broadcast_to(np.asarray(self.derivatives[0][3], dtype=np.float64), (self.count,))
-
-    def coordinates(self, order: int = 0) -> dict[str, Float64Array]:
-        """The coordinates, or their derivatives of an order that is known, by name; shape (count,) each."""
-        return _named(PLANAR_NAMES[order], self.derivatives[order], self.count)
-
-    def part(self, rows: Rows, order: int) -> InPlane:
-        """Some of the instants, with the derivatives up to an order."""
-        return InPlane(_count(self.count, rows), _part(self.derivatives, rows, order))
-
-    def forward_kinematics(
-        self, pair: PlanarPair, outputs: tuple[str, ...] | None, backend: str = "auto"
-    ) -> PlanarState:
-        """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
-        return pair.forward_kinematics(*_of_many(self.derivatives, self.count), outputs=outputs, backend=backend)
-
-    def plan(self, pair: PlanarPair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
-        """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
-        values: Named = {}
-        for parts, four in zip(PLANAR_PARTS.values(), self.derivatives, strict=False):
-            values |= dict(zip(parts, (four[:2], four[2], four[3]), strict=True))
-        names = default_outputs(self.level, PLANAR) if outputs is None else outputs
-        plan = make_plan(names, None, False, kind=PLANAR)
-        operations = count_operations(plan, pair.constants, dict(zip(PARTS, self.derivatives, strict=False)))
-        known = _constant(values, PLANAR_COORDINATES, self.derivatives[0])
-        return explain(plan, operations, self.level, level, known)
-
-    def cross_validate(self, pair: PlanarPair) -> CrossValidation:
-        """The equations against Pinocchio."""
-        from hingepair.validation.cross_validate import cross_validate
-
-        return cross_validate(pair, *self.derivatives)
-
-    def bodies(self, pair: PlanarPair) -> dict[str, NDArray[Any]]:
-        """R1, S1, R2, S2, and omega1, omega2 where rates are known, of the pair in space."""
-        x, y, phi, _ = (np.broadcast_to(np.asarray(value, float), (self.count,)) for value in self.derivatives[0])
-        state, zero = self.forward_kinematics(pair, None), np.zeros(self.count)
-        found = {
-            "R1": np.stack((x, y, zero), axis=-1),
-            "S1": rotation_exp(np.stack((zero, zero, phi), axis=-1)),
-            "R2": np.concatenate((np.asarray(state.R2), zero[:, None]), axis=-1),
-            "S2": rotation_exp(np.stack((zero, zero, np.asarray(state.phi2)), axis=-1)),
-        }
-        if self.level:
-            W1 = np.broadcast_to(np.asarray(self.derivatives[1][2], float), (self.count,))
-            found["omega1"] = np.stack((zero, zero, W1), axis=-1)
-            found["omega2"] = np.stack((zero, zero, np.asarray(state.omega2)), axis=-1)
-        return found
-
-    def rates(self) -> tuple[Float64Array, Float64Array]:
-        """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
-        _, _, phid, psid = (np.broadcast_to(np.asarray(value, float), (self.count,)) for value in self.derivatives[1])
-        return np.abs(phid), psid
-
-    def accelerated(self, _: PlanarPair) -> Accelerated:
-        """Body 1 in space and the hinge with all derivatives; needs second derivatives."""
-        body1, psi, psid, psidd = motion_in_space(*_of_many(self.derivatives, self.count))
-        return body1, psi, psid, psidd
-
-
 class KnownMotion(Protocol):
     """What each kind answers, of the pair that its scene has."""
 
@@ -302,33 +257,5 @@ class KnownMotion(Protocol):
         """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
 
 
-def _named(names: tuple[str, ...], values: tuple[Any, ...], count: int) -> dict[str, Float64Array]:
-    columns = (np.broadcast_to(np.asarray(value, dtype=np.float64), (count,)) for value in values)
-    return dict(zip(names, columns, strict=True))
-
-
-def _of_many(derivatives: Derivatives, count: int) -> Derivatives:
-    """The derivatives, at least one coordinate as an array, so that they are those of so many instants."""
-    q, *rates = derivatives
-    return derivatives if any(isinstance(c, np.ndarray) for c in q) else ((np.full(count, q[0]), *q[1:]), *rates)
-
-
-def _part(derivatives: Derivatives, rows: Rows, order: int) -> Derivatives:
-    return tuple(
-        tuple(value[rows] if isinstance(value, np.ndarray) else value for value in seven)
-        for seven in derivatives[: order + 1]
-    )
-
-
-def _constant(values: Named, names: tuple[str, ...], q: tuple[Any, ...]) -> frozenset[str]:
-    """Which inputs of a plan, and which coordinates, do not change."""
-    inputs = {name for name, group in values.items() if not _varies(group)}
-    return frozenset(inputs | {name for name, value in zip(names, q, strict=True) if not _varies(value)})
-
-
 def _varies(group: Any) -> bool:
     return any(isinstance(value, np.ndarray) for value in (group if isinstance(group, tuple) else (group,)))
-
-
-def _count(count: int, rows: Rows) -> int:
-    return len(range(*rows.indices(count))) if isinstance(rows, slice) else rows.size

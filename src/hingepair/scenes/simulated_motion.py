@@ -22,7 +22,7 @@ from hingepair.rotations.matrices import rotation_exp
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.expression_motion import entries, held_instants, read_functions
 from hingepair.scenes.instants import Rows
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates, InPlane, KnownMotion
+from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion
 from hingepair.scenes.tables import Place, Table
 from hingepair.symbolic.expressions import parse
 from hingepair.symbolic.kinks import constant_value
@@ -52,7 +52,7 @@ class ForcedMotion:
     """
 
     t: Float64Array
-    given: ByBody1 | InPlane
+    given: ByBody1 | ByCoordinates
     base: str
     found: SimulatedMotion | SimulatedPlanarMotion
     level: ClassVar[int] = ACCELERATION
@@ -142,13 +142,13 @@ def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | Pl
     return ForcedMotion(t, _known(found), kind, found)
 
 
-def _known(found: SimulatedMotion | SimulatedPlanarMotion) -> ByBody1 | InPlane:
+def _known(found: SimulatedMotion | SimulatedPlanarMotion) -> ByBody1 | ByCoordinates:
     hinge = found.psi, found.psid, found.psidd
     if isinstance(found, SimulatedMotion):
         return ByBody1(found.body1, hinge)
     R, v, omega, a, alpha = motion_arrays("body1", found.body1, "R", "v", "omega", "a", "alpha").values()
     rows = zip((R, v, a), (found.phi, omega[:, 2], alpha[:, 2]), hinge, strict=True)
-    return InPlane(len(found.t), tuple((*vector.T[:2], angle, psi) for vector, angle, psi in rows))
+    return ByCoordinates(len(found.t), tuple((*vector.T[:2], angle, psi) for vector, angle, psi in rows), None)
 
 
 def _start(table: Table, attitude: str, planar: bool) -> BodyMotion:
@@ -170,12 +170,11 @@ def _carried(motion: Table, pair: HingePair | PlanarPair) -> Callable[[Float64Ar
     planar = isinstance(pair, PlanarPair)
     motion.check_keys((*names, "constants", *(() if planar else ("sequence",))))
     functions = read_functions(motion, names)
-    sequence = "XYZ" if planar else motion.choice("sequence", SEQUENCES, "XYZ")
+    sequence = None if planar else motion.choice("sequence", SEQUENCES, "XYZ")
 
     def moved(t: Float64Array) -> BodyMotion:
         rows = tuple((*row, 0.0) for row in functions.derivatives(t, ACCELERATION))
-        known: KnownMotion = InPlane(len(t), rows) if planar else ByCoordinates(len(t), rows, sequence)
-        return known.accelerated(pair)[0]
+        return ByCoordinates(len(t), rows, sequence).accelerated(pair)[0]
 
     return moved
 
