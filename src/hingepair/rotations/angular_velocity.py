@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, overload
+import functools
+from typing import Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,21 +53,17 @@ def angular_velocity(
     shape = broadcast_shape({"S": attitude.shape[:-2], "S_dot": rate.shape[:-2]})
     inputs = {"S": components_of(attitude, 2), "S_dot": components_of(rate, 2)}
     tails: dict[str, tuple[int, ...]] = {"omega": (3,), "defect": ()} if with_defect else {"omega": (3,)}
-    function = _turning_with_defect if with_defect else _turning
-    found = tabulate(function, inputs, tails, shape, result_dtype((attitude, rate)))
+
+    def turning(values: Named) -> Named:
+        W = eq.angular_velocity_of(values["S"], values["S_dot"])
+        found: Named = {"omega": eq.unskew(W)}
+        if with_defect:
+            pairs = ((0, 0), (4, 4), (8, 8), (1, 3), (2, 6), (5, 7))
+            found["defect"] = functools.reduce(np.maximum, [np.abs(0.5 * W[i] + 0.5 * W[j]) for i, j in pairs])
+        return found
+
+    found = tabulate(turning, inputs, tails, shape, result_dtype((attitude, rate)))
     return (found["omega"], found["defect"]) if with_defect else found["omega"]
-
-
-def _turning(values: Named) -> Named:
-    return {"omega": eq.unskew(eq.angular_velocity_of(values["S"], values["S_dot"]))}
-
-
-def _turning_with_defect(values: Named) -> Named:
-    W = eq.angular_velocity_of(values["S"], values["S_dot"])
-    defect: Any = 0.0
-    for i, j in ((0, 0), (4, 4), (8, 8), (1, 3), (2, 6), (5, 7)):
-        defect = np.maximum(defect, np.abs(0.5 * W[i] + 0.5 * W[j]))
-    return {"omega": eq.unskew(W), "defect": defect}
 
 
 @overload
@@ -127,31 +124,25 @@ def angular_velocity_from_samples(
     if attitude.ndim < 3 or attitude.shape[-3] != time.size:
         raise ArgumentError("S", f"shape (..., {time.size}, 3, 3), a rotation for each t", f"shape {attitude.shape}")
     check_rotation("S", attitude)
-    matrix = attitude.astype(np.float64, copy=False)
-    path = _path(matrix)
-    omega, alpha = _local_derivatives(time, matrix, path, order, with_alpha)
-    if alpha is None:
-        return omega.astype(dtype, copy=False)
-    return omega.astype(dtype, copy=False), alpha.astype(dtype, copy=False)
+    found = _local_derivatives(time, attitude.astype(np.float64, copy=False), order, 1 + with_alpha)
+    omega, *alpha = (array.astype(dtype, copy=False) for array in found)
+    return (omega, alpha[0]) if alpha else omega
 
 
-def _local_derivatives(
-    t: Float64Array, S: Float64Array, path: Float64Array, order: int, with_alpha: bool
-) -> tuple[Float64Array, Float64Array | None]:
-    """First and, if wanted, second derivatives of the rotation vectors about each sample."""
-    omega = np.zeros(S.shape[:-1])
-    alpha = np.zeros(S.shape[:-1]) if with_alpha else None
+def _local_derivatives(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
+    """First and, if `count` is 2, second derivatives of the rotation vectors about each sample."""
+    path = _path(S)
+    found = [np.zeros(S.shape[:-1]) for _ in range(count)]
     with np.errstate(all="ignore"):
-        for rows, neighbours, first, second in stencils(t, order):
+        for rows, neighbours, *weights in stencils(t, order):
             own = np.arange(rows.start, rows.stop)
             _check_turns(np.abs(path[..., neighbours] - path[..., own, None]).max(axis=-1, initial=0.0), own)
             for k, others in enumerate(neighbours.T):
                 theta = _rotation_between(S[..., rows, :, :], S[..., others, :, :])
                 theta[..., others == own, :] *= 0.0  # round-off; NaN where S is
-                omega[..., rows, :] += first[:, k, None] * theta
-                if alpha is not None:
-                    alpha[..., rows, :] += second[:, k, None] * theta
-    return omega, alpha
+                for derivative, weight in zip(found, weights, strict=False):
+                    derivative[..., rows, :] += weight[:, k, None] * theta
+    return found
 
 
 def _rotation_between(start: Float64Array, stop: Float64Array) -> Float64Array:

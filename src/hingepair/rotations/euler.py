@@ -1,12 +1,8 @@
-"""Euler angles: attitudes (E10), rates and angular velocity (E4), gimbal lock; of all 24 sequences.
-
-Angles stand in the order of the sequence's letters, as SciPy writes them: upper case turns about the body's own
-axes (intrinsic), lower case about the world's (extrinsic). "XYZ" is E10.
-"""
+"""Euler angles: attitudes (E10), rates and angular velocity (E4), gimbal lock; of all 24 sequences."""
 
 from __future__ import annotations
 
-import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, overload
 
@@ -62,13 +58,7 @@ def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
            [ 1.,  0.,  0.],
            [ 0.,  0.,  1.]])
     """
-    order = find_sequence(sequence)
-    angles = vectors("phi", phi, 3)
-
-    def attitude(values: Named) -> eq.Matrix:
-        return order.attitude(angle_terms(order.angles(values["phi"])))
-
-    return tabulate_one(attitude, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
+    return _matrix(phi, sequence, Sequence.attitude)
 
 
 @overload
@@ -138,15 +128,17 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
            [0., 1., 0.],
            [0., 0., 1.]])
     """
-    order = find_sequence(sequence)
-    angles = vectors("phi", phi, 3)
+    return _matrix(phi, sequence, lambda order, trig: beside(*order.columns(order.axes(trig))))
 
-    def rate_matrix(values: Named) -> eq.Matrix:
-        axes = order.axes(angle_terms(order.angles(values["phi"])))
-        x, y, z = order.columns(axes)
-        return eq.transpose((*x, *y, *z))
 
-    return tabulate_one(rate_matrix, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
+def _matrix(phi: ArrayLike, sequence: str, function: Callable[[Sequence, tuple[Any, ...]], Any]) -> FloatArray:
+    """A matrix of the sines and cosines of the canonical angles."""
+    order, angles = find_sequence(sequence), vectors("phi", phi, 3)
+
+    def matrix(values: Named) -> Any:
+        return function(order, angle_terms(order.angles(values["phi"])))
+
+    return tabulate_one(matrix, {"phi": components_of(angles)}, (3, 3), result_dtype((angles,)))
 
 
 def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_lock: str = "raise") -> FloatArray:
@@ -256,8 +248,7 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
         sequence: one of 24; upper case intrinsic, lower case extrinsic.
 
     Returns:
-        The `EulerKinematics`: `.J` (..., 3, 3), `.J_inverse` (..., 3, 3; NaN at lock), `.J_dot`
-        (..., 3, 3) 1/s (None without phid), `.condition` (...,), `.lock_distance` (...,) rad.
+        The `EulerKinematics`.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
@@ -285,22 +276,21 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
         tails["J_dot"] = (3, 3)
     shape = broadcast_shape({name: array.shape[:-1] for name, array in given.items()})
     inputs = {name: components_of(array) for name, array in given.items()}
-    function = functools.partial(_of_one, order, _lock_limit(given["phi"]))
+    limit = _lock_limit(given["phi"])
+
+    def function(values: Named) -> Named:
+        trig = angle_terms(order.angles(values["phi"]))
+        axes = order.axes(trig)
+        found: Named = {"J": beside(*order.columns(axes))}
+        if "phid" in values:
+            found["J_dot"] = beside(*order.column_rates(axes, values["phid"]))
+        sine, cosine = np.abs(trig[2]), np.abs(trig[3])
+        lock, common = (sine, cosine) if order.proper else (cosine, sine)
+        inverse = [order.angles(_canonical_rates(order, trig, unit)) for unit in WORLD]
+        found["J_inverse"] = tuple(np.where(lock < limit, np.nan, entry) for entry in beside(*inverse))
+        found["condition"] = np.divide(1.0 + common, lock)
+        found["lock_distance"] = np.arctan2(lock, common)
+        return found
+
     found = tabulate(function, inputs, tails, shape, result_dtype(given.values()))
     return EulerKinematics(**{name: read_only(array) for name, array in found.items()})
-
-
-def _of_one(order: Sequence, limit: float, values: Named) -> Named:
-    """Everything, by name, for components of phi and phid."""
-    trig = angle_terms(order.angles(values["phi"]))
-    axes = order.axes(trig)
-    found: Named = {"J": beside(*order.columns(axes))}
-    if "phid" in values:
-        found["J_dot"] = beside(*order.column_rates(axes, values["phid"]))
-    sine, cosine = np.abs(trig[2]), np.abs(trig[3])
-    lock, common = (sine, cosine) if order.proper else (cosine, sine)
-    inverse = [order.angles(_canonical_rates(order, trig, unit)) for unit in WORLD]
-    found["J_inverse"] = tuple(np.where(lock < limit, np.nan, entry) for entry in beside(*inverse))
-    found["condition"] = np.divide(1.0 + common, lock)
-    found["lock_distance"] = np.arctan2(lock, common)
-    return found

@@ -114,15 +114,14 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     """
     vector = vectors("rotvec", rotvec, 3)
 
-    def rotation(values: Named) -> eq.Matrix:
+    def rotation(values: Named) -> tuple[Any, ...]:
         axis, angle = polar(values["rotvec"])
         x, y, z = (unit.high for unit in axis)
         s, k, c = hinge_terms(angle.high)
         s_low, k_low, _ = hinge_terms(angle.low)
         lost = np.where(c > SMALL, 0.0, (1 - k) - c)  # when k = 1 - c was rounded
         rest = _rest((x, y, z), axis, (s, k), (c * s_low - s * k_low, lost + (s * s_low + c * k_low)))
-        a, b, c, d, e, f, g, h, i = (x + y for x, y in zip(eq.hinge_rotation((x, y, z), (s, k)), rest, strict=True))
-        return a, b, c, d, e, f, g, h, i
+        return tuple(x + y for x, y in zip(eq.hinge_rotation((x, y, z), (s, k)), rest, strict=True))
 
     S = tabulate_one(rotation, {"rotvec": components_of(vector)}, (3, 3), np.dtype(np.float64))
     return S.astype(result_dtype((vector,)), copy=False)

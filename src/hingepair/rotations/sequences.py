@@ -72,9 +72,8 @@ class Sequence:
 
     def column_rates(self, axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
         """The columns of J', likewise, of the rates in the order of the letters."""
-        rates = eq.euler_axes_rates(axes, self.angles(phid))
         # A renaming that changes the handedness turns J(phi) into J(-phi), and with it the sign of the rates only.
-        return self._in_order(rates)
+        return self._in_order(eq.euler_axes_rates(axes, self.angles(phid)))
 
     def _in_order(self, canonical: tuple[eq.Vector, ...]) -> tuple[eq.Vector, ...]:
         columns = canonical[::-1] if self.backward else canonical
