@@ -1,14 +1,13 @@
 """Closed forms: the equations over SymPy expressions in t, each result in the shorter of two forms.
 
-Every step of a plan is taken twice: over expressions as they come, and over trigonometric sums, in which products of
-sines and cosines are multiplied out and turned into sums of sines and cosines. Of each component the form with fewer
-letters is kept: where they are equal, the sum is what is shown, and the other goes on to the next step, where a
-product of products reads better than a product of sums.
+After every step of a plan products of sines and cosines are multiplied out and turned into sums of sines and cosines.
+Of each component the form with fewer letters is kept: where they are equal, the sum is what is shown, and the other
+goes on to the next step, where a product of products reads better than a product of sums.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Final, TypeAlias
@@ -26,7 +25,7 @@ from hingepair.symbolic.jets import SYMPY_ERRORS, Jet, JetProgram, time_symbol
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import count_letters, in_order
 from hingepair.symbolic.time_functions import exact
-from hingepair.symbolic.trig_sums import TooManyTermsError, TrigSum, cosine, sine, trig_sum
+from hingepair.symbolic.trig_sums import cosine, sine, trig_sum
 
 Terms: TypeAlias = tuple[Expr, ...]
 
@@ -139,67 +138,40 @@ def closed_forms(
 
 
 class _Forms:
-    """The values of a plan's steps, as expressions and as trigonometric sums; each computed once."""
+    """The values of a plan's steps, each computed once: those to go on with, and those to show."""
 
     def __init__(self, kind: str, sequence: str | None, inputs: dict[str, Any]) -> None:
         self.kind = kind
         self.sequence = sequence if kind == SPATIAL else None
         self.home = "home" in inputs
         self.best = inputs
-        self.sums: dict[str, Any] = {}
-        self.order: dict[str, tuple[Terms | None, ...]] = {}
+        self.shown: dict[str, tuple[Expr, ...]] = {}
         self.letters: dict[Expr, int] = {}
 
     def terms(self, name: str) -> tuple[Terms, ...]:
         """The terms of each component."""
-        plan = make_plan((name,), self.sequence, self.home, _TERMS, self.kind)
-        for result, function, arguments in plan.steps:
+        for result, function, arguments in make_plan((name,), self.sequence, self.home, _TERMS, self.kind).steps:
             if result not in self.best:
-                built = _each(sympy.sympify, function(*[self.best[key] for key in arguments]))
-                if result in _ANGLES:
-                    self.best[result] = built
-                else:
-                    self._keep(result, built, self._summed(function, arguments, built))
-        parts = _flat(self.best[name])
-        orders = self.order.get(name, (None,) * len(parts))
-        return tuple(order or in_order(part) for order, part in zip(orders, parts, strict=True))
+                built = function(*[self.best[key] for key in arguments])
+                plain = result in _ANGLES or any(isinstance(part, tuple) for part in _flat(built))
+                self.best[result] = built if plain else self._shortened(result, built)
+        return tuple(map(in_order, self.shown.get(name, _flat(self.best[name]))))
 
-    def _summed(self, function: Any, arguments: tuple[str, ...], built: Any) -> Any:
-        """A step over sums; None where they grow too long."""
-        if _ANGLES.issuperset(arguments):
-            return _bounded(lambda: _each(trig_sum, built))
-        values = [self._sum_of(key) for key in arguments]
-        return None if any(value is None for value in values) else _bounded(lambda: function(*values))
+    def _shortened(self, result: str, built: Any) -> Any:
+        """Each component in its shorter form."""
+        pairs = [self._forms(sympy.sympify(part)) for part in _flat(built)]
+        longest = max(self._count(kept) for kept, _ in pairs)
+        if longest > MAX_LETTERS:
+            expected = f"an output whose components have at most {MAX_LETTERS} letters"
+            raise ArgumentError("outputs", expected, f"{result} with {longest}")
+        kept, self.shown[result] = zip(*pairs, strict=True)
+        return kept if isinstance(built, tuple) else kept[0]
 
-    def _sum_of(self, key: str) -> Any:
-        if key not in self.sums:
-            value = self.best[key]
-            self.sums[key] = value if key in _ANGLES else _bounded(lambda: _each(trig_sum, value))
-        return self.sums[key]
-
-    def _keep(self, result: str, built: Any, summed: Any) -> None:
-        """Keep the shorter form of each component."""
-        self.sums[result] = summed
-        parts, orders = [], []
-        for i, part in enumerate(_flat(built)):
-            own = None if summed is None else _flat(summed)[i]
-            total = own.terms() if isinstance(own, TrigSum) else None  # a number is as short as it is
-            kept, terms = self._shorter(part, total)
-            if self._count(kept) > MAX_LETTERS:
-                expected = f"an output whose components have at most {MAX_LETTERS} letters"
-                raise ArgumentError("outputs", expected, f"{result} with {self._count(kept)}")
-            parts.append(kept)
-            orders.append(terms)
-        self.best[result] = tuple(parts) if isinstance(built, tuple) else parts[0]
-        self.order[result] = tuple(orders)
-
-    def _shorter(self, built: Expr, total: Terms | None) -> tuple[Expr, Terms | None]:
-        """What to go on with, and the terms to show where these have an order."""
-        if total is None:
-            return built, None
-        summed = sympy.Add(*total)
-        gain = self._count(built) - self._count(summed)
-        return summed if gain > 0 else built, total if gain >= 0 else None
+    def _forms(self, built: Expr) -> tuple[Expr, Expr]:
+        """What to go on with, and what to show."""
+        summed = trig_sum(built)
+        gain = -1 if summed is None else self._count(built) - self._count(summed)
+        return summed if gain > 0 else built, summed if gain >= 0 else built
 
     def _count(self, expr: Expr) -> int:
         return count_letters(expr, self.letters)
@@ -279,18 +251,6 @@ def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
     return roots if near and sum(squares) == 1 else tuple(map(exact, n))
 
 
-def _bounded(compute: Callable[[], Any]) -> Any:
-    """What a computation gives, or None where its sums grow too long."""
-    try:
-        return compute()
-    except TooManyTermsError:
-        return None
-
-
-def _each(change: Any, value: Any) -> Any:
-    return tuple(map(change, value)) if isinstance(value, tuple) else change(value)
-
-
 def _flat(value: Any) -> tuple[Any, ...]:
     return value if isinstance(value, tuple) else (value,)
 
@@ -303,4 +263,4 @@ def _hinge_terms(psi: Expr) -> tuple[Expr, Expr]:
     return sine(psi), 1 - cosine(psi)
 
 
-_TERMS = (_angle_terms, _hinge_terms)
+_TERMS: Final = (_angle_terms, _hinge_terms)

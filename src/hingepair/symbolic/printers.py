@@ -233,13 +233,16 @@ def count_letters(expr: Expr, known: dict[Expr, int]) -> int:
 
 
 def in_order(expr: Expr) -> tuple[Expr, ...]:
-    """The terms of a sum that has no order of its own: those with a minus sign last, short ones first."""
+    """The terms of a sum: short ones first, then those that weigh less; none with a minus sign in front if may be."""
     known: dict[Expr, int] = {}
 
-    def key(term: Expr) -> tuple[bool, int]:
-        return bool(term.as_coeff_Mul()[0].is_negative), count_letters(term, known)
+    def key(term: Expr) -> tuple[int, Expr, Any]:
+        coefficient, rest = term.as_coeff_Mul(rational=True)
+        return count_letters(term, known), abs(coefficient), rest.sort_key()
 
-    return tuple(sorted(expr.as_ordered_terms(), key=key))
+    terms = sorted(sympy.Add.make_args(expr), key=key)
+    first = next((i for i, term in enumerate(terms) if not term.as_coeff_Mul()[0].is_negative), 0)
+    return terms[first], *terms[:first], *terms[first + 1 :]
 
 
 def _rank(factor: Expr) -> tuple[bool, bool, Any]:
