@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import hingepair as hp
+from hingepair.formats.robots import robot_urdf
 
 MODELS = Path(__file__).parents[2] / "models"
 PAIR = """
@@ -95,6 +97,20 @@ def test_a_double_pendulum_in_the_plane(tmp_path):
     np.testing.assert_allclose(forces.hinge_torque, 0, rtol=0, atol=1e-12)
     np.testing.assert_allclose(forces.torque1, 0.1 * scene.motion.t, rtol=0, atol=1e-12)
     assert scene.cross_validate().ok
+
+
+def test_all_that_hangs_on_talos_elbow_is_body2():
+    """As Pinocchio adds it up, with the joints beyond at 0."""
+    model = pin.buildModelFromUrdf(str(robot_urdf("talos_reduced")), pin.JointModelFreeFlyer())
+    data = model.createData()
+    pin.crba(model, data, pin.neutral(model))
+    arm = data.Ycrb[model.getJointId("arm_left_4_joint")]
+    scene = hp.load_scene(MODELS / "talos_elbow.toml")
+    body2 = scene.pair.body2
+    assert body2.mass == pytest.approx(arm.mass, abs=1e-6)
+    np.testing.assert_allclose(body2.center_of_mass, arm.lever, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(body2.inertia, arm.inertia, rtol=0, atol=1e-6)
+    assert 10 < np.abs(scene.forces().hinge_torque).max() < scene.pair.torque_limit
 
 
 def test_stops_may_be_the_limits(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -35,9 +36,11 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
         from hingepair.formats.robots import load_robot_hinge
 
         for key in table.values:
-            if key not in {"robot", "joint"}:
-                table.fail(key, "nothing beside robot and joint")
-        return _made(table, load_robot_hinge, robot=table.text("robot"), joint=table.text("joint"))
+            if key not in {"robot", "joint", "body1", "body2"}:
+                table.fail(key, "nothing beside robot, joint, body1 and body2")
+        hinge = _made(table, load_robot_hinge, robot=table.text("robot"), joint=table.text("joint"))
+        bodies: dict[str, Any] = _bodies(table)
+        return replace(hinge, **bodies)
     values: dict[str, Any] = {key: table.numbers(key, 3) for key in ("u1", "u2", "n")}
     if "home" in table.values:
         values["home"] = table.rotation("home")
