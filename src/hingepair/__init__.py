@@ -31,14 +31,6 @@ from hingepair.pair.dynamics import DynamicsWarning
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.rotations.angular_velocity import angular_velocity, angular_velocity_from_samples
-from hingepair.rotations.euler import (
-    euler_kinematics,
-    euler_rate_matrix,
-    euler_rates,
-    euler_to_matrix,
-    matrix_to_euler,
-)
 from hingepair.rotations.matrices import (
     project_to_rotation,
     rodrigues,
@@ -65,6 +57,14 @@ if TYPE_CHECKING:
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
     from hingepair.pictures.page import view
     from hingepair.pictures.plot import plot
+    from hingepair.rotations.angular_velocity import angular_velocity, angular_velocity_from_samples
+    from hingepair.rotations.euler import (
+        euler_kinematics,
+        euler_rate_matrix,
+        euler_rates,
+        euler_to_matrix,
+        matrix_to_euler,
+    )
     from hingepair.scenes.derive import derive
     from hingepair.scenes.scene import load_scene
     from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
@@ -156,6 +156,8 @@ _LATER = {
         "pair.body": "Body Box Cylinder Sphere",
         "pictures.page": "view",
         "pictures.plot": "plot",
+        "rotations.angular_velocity": "angular_velocity angular_velocity_from_samples",
+        "rotations.euler": "euler_kinematics euler_rate_matrix euler_rates euler_to_matrix matrix_to_euler",
         "scenes.derive": "derive",
         "scenes.scene": "load_scene",
         "validation.cross_validate": "cross_validate cross_validate_from_body1",

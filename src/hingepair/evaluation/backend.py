@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import warnings
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.numeric.arrays import check_choice
@@ -20,8 +20,7 @@ _A_STATE = 1.2e-8  # seconds that Python takes for each operation on one state, 
 _broken = False
 
 
-@dataclass(frozen=True, slots=True)
-class How:
+class How(NamedTuple):
     """A choice of backend and threads.
 
     Attributes:

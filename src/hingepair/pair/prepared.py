@@ -6,8 +6,7 @@ import ctypes
 import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -132,8 +131,7 @@ def _steps(given: tuple[str, ...], sequence: str | None, home: bool) -> tuple[St
     return tuple(step for step in steps if step.result not in given)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Shot:
+class _Shot(NamedTuple):
     """A kernel aimed at arrays of one layout: all that is left to do is to fill in where they are."""
 
     kernel: Any

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,8 +25,7 @@ _HEADER = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class ResidualCheck:
+class ResidualCheck(NamedTuple):
     """One residual beside its tolerance.
 
     Attributes:
@@ -172,7 +171,7 @@ class Residuals(Frozen, Shown):
 
     def to_json(self) -> str:
         """The report, without the arrays, as JSON; a number that is not finite is null."""
-        rows = [{**asdict(row), "ok": row.ok} for row in self.rows]
+        rows = [{**row._asdict(), "ok": row.ok} for row in self.rows]
         facts = {"name": self.name, "ok": self.ok, "verdict": self.verdict, "samples": math.prod(self.shape)}
         return json_text({**facts, "skipped": self.skipped, "u": self.u, "rows": rows})
 

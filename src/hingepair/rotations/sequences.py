@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError
@@ -21,8 +20,7 @@ _INTRINSIC = tuple(
 SEQUENCES = (*_INTRINSIC, *(name.lower() for name in _INTRINSIC))
 
 
-@dataclass(frozen=True, slots=True)
-class Sequence:
+class Sequence(NamedTuple):
     """One Euler sequence as a renaming of Sx Sy Sz or Sx Sy Sx.
 
     An extrinsic sequence is the intrinsic one with letters and angles reversed. Renaming the axes keeps the
