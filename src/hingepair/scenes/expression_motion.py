@@ -20,8 +20,8 @@ from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.results import MOST_HELD
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.instants import Rows, Uniform, read_instants
-from hingepair.scenes.integrated_motion import START, IntegratedMotion, integrated_in_plane, integrated_in_space
-from hingepair.scenes.known_motion import ByCoordinates, KnownMotion
+from hingepair.scenes.integrated_motion import START, integrated_in_plane, integrated_in_space
+from hingepair.scenes.known_motion import ByCoordinates, HeldMotion, KnownMotion
 from hingepair.scenes.tables import Table
 from hingepair.scenes.waypoints import MAX_POINTS, PROFILES, WayPoints, through
 from hingepair.symbolic.expressions import parse
@@ -135,7 +135,7 @@ class ExpressionMotion:
         return ByCoordinates(t.size, self.functions.derivatives(t, order), self.sequence)
 
 
-def read_expression_motion(motion: Table, time: Table, planar: bool) -> ExpressionMotion | IntegratedMotion:
+def read_expression_motion(motion: Table, time: Table, planar: bool) -> ExpressionMotion | HeldMotion:
     """The motion that the tables [motion] and [time] describe: coordinates, or rates to be integrated (E12).
 
     Raises:
@@ -151,7 +151,7 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Expressi
     )
 
 
-def _by_rates(table: Table, t: Float64Array, planar: bool) -> IntegratedMotion:
+def _by_rates(table: Table, t: Float64Array, planar: bool) -> HeldMotion:
     own = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
     table.check_keys((*START, "tol", "omega1", "psi_dot", "constants", *own))
     axes = ("x", "y") if planar else ("x", "y", "z")

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hingepair.evaluation.backend import choose
 from hingepair.integration.integrate import FRAMES
@@ -19,8 +17,7 @@ from hingepair.integration.trajectory import rotations, world_vectors
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import check_rotation
-from hingepair.scenes.instants import Rows
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion
+from hingepair.scenes.known_motion import ByBody1, ByCoordinates, HeldMotion
 from hingepair.scenes.tables import Table
 
 START: Final = ("psi_0", "method")
@@ -30,52 +27,11 @@ _NAMES: Final = ("omega1", "psi_dot")
 _KEYS: Final = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class IntegratedMotion:
-    """A motion found from rates.
-
-    Attributes:
-        t: instants; shape (N,) s.
-        given: the motion at these instants.
-        method: how it was found.
-        error_estimate: how far attitude and psi are off at the worst instant [rad]; NaN where too few samples cannot
-            tell.
-        switched: whether a rate has a kink or a jump between neighbouring instants; shape (N - 1,); None: none has.
-        hint: how to get derivatives that are missing, for messages.
-    """
-
-    t: Float64Array
-    given: ByBody1 | ByCoordinates
-    method: str
-    error_estimate: float
-    switched: NDArray[np.bool_] | None = None
-    hint: str = ""
-    origin: ClassVar[str] = "integrated from rates"
-    doubt: ClassVar[str] = "too few samples to tell how far the integration is off"
-
-    @property
-    def level(self) -> int:
-        """The highest derivative that there is."""
-        return self.given.level
-
-    @property
-    def sequence(self) -> None:
-        """None: the attitude is no three Euler angles."""
-        return
-
-    @property
-    def turning(self) -> str:
-        """How body 1 turns, for a reader."""
-        error = "unknown" if math.isnan(self.error_estimate) else f"about {self.error_estimate:.1g} rad"
-        return f"omega1 and psi' integrated by {self.method}, error {error}"
-
-    def kinks(self, start: int, stop: int) -> int:
-        """How many of the intervals that end at these instants have a kink or a jump of a rate."""
-        return 0 if self.switched is None else int(self.switched[max(start - 1, 0) : max(stop - 1, 0)].sum())
-
-    def known(self, rows: Rows, order: int) -> KnownMotion:
-        """The motion at some of the instants, with derivatives up to an order."""
-        return self.given.part(rows, order)
+def _motion(t: Float64Array, given: ByBody1 | ByCoordinates, method: str, error: float, **notes: Any) -> HeldMotion:
+    known = "unknown" if math.isnan(error) else f"about {error:.1g} rad"
+    turning = f"omega1 and psi' integrated by {method}, error {known}"
+    doubt = "too few samples to tell how far the integration is off"
+    return HeldMotion(read_only(t), given, "integrated from rates", turning, error, doubt, **notes)
 
 
 def integrated_in_space(
@@ -85,7 +41,7 @@ def integrated_in_space(
     known: Mapping[str, Float64Array],
     tol: float | None,
     **notes: Any,
-) -> IntegratedMotion:
+) -> HeldMotion:
     """The motion from rates.
 
     Args:
@@ -111,7 +67,7 @@ def integrated_in_space(
         body1 |= {"a": known["a1"], "alpha": rates["alpha1"]}
         angles.append(known["psidd"])
     given = ByBody1(BodyMotion(**body1), (found.psi, *angles))
-    return IntegratedMotion(read_only(t), given, course.method, found.worst, **notes)
+    return _motion(t, given, course.method, found.worst, **notes)
 
 
 def integrated_in_plane(
@@ -121,7 +77,7 @@ def integrated_in_plane(
     known: Mapping[str, Float64Array],
     tol: float,
     **notes: Any,
-) -> IntegratedMotion:
+) -> HeldMotion:
     """The same of a planar pair (E11): two sums; `known` has x, y with their derivatives as R1, v1, a1."""
     method = table.choice("method", tuple(RULES))
     course = Course(t, method, tol, choose("auto", 1), False, _NAMES)
@@ -132,7 +88,7 @@ def integrated_in_plane(
         (*known["v1"].T, known["omega1"], known["psid"]),
         (*known["a1"].T, known["alpha1"], known["psidd"]),
     )
-    return IntegratedMotion(read_only(t), ByCoordinates(t.size, derivatives, None), method, found.worst, **notes)
+    return _motion(t, ByCoordinates(t.size, derivatives, None), method, found.worst, **notes)
 
 
 def _solved(table: Table, course: Course, rates: tuple[Signal, Signal], start: Float64Array | float) -> Solution:

@@ -257,5 +257,49 @@ class KnownMotion(Protocol):
         """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldMotion:
+    """A motion at instants that need not be uniform, all of it in memory: logged, or integrated from rates.
+
+    Attributes:
+        t: instants; shape (N,) s.
+        given: the motion at these instants.
+        origin: what it is, in words.
+        turning: how body 1 turns, for a reader.
+        error_estimate: how far attitude and psi [rad] are off at the worst instant, and rates; 0 of what is exact,
+            NaN where it is not known.
+        doubt: why it is not known, where it is not.
+        hint: how to get derivatives that are missing, for messages.
+        switched: whether a kink or a jump lies between neighbouring instants; shape (N - 1,); None: none is known.
+    """
+
+    t: Float64Array
+    given: ByCoordinates | ByBody1
+    origin: str
+    turning: str
+    error_estimate: float
+    doubt: str
+    hint: str = ""
+    switched: NDArray[np.bool_] | None = None
+
+    @property
+    def level(self) -> int:
+        """The highest derivative that there is."""
+        return self.given.level
+
+    @property
+    def sequence(self) -> str | None:
+        """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
+        return self.given.sequence if isinstance(self.given, ByCoordinates) else None
+
+    def kinks(self, start: int, stop: int) -> int:
+        """How many of the intervals that end at these instants have a kink or a jump."""
+        return 0 if self.switched is None else int(self.switched[max(start - 1, 0) : max(stop - 1, 0)].sum())
+
+    def known(self, rows: Rows, order: int) -> KnownMotion:
+        """The motion at some of the instants, with derivatives up to an order."""
+        return self.given.part(rows, order)
+
+
 def _varies(group: Any) -> bool:
     return any(isinstance(value, np.ndarray) for value in (group if isinstance(group, tuple) else (group,)))

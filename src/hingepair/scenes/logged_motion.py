@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -16,9 +16,8 @@ from hingepair.pair.evaluate import AUTO
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCES
-from hingepair.scenes.instants import Rows
-from hingepair.scenes.integrated_motion import START, IntegratedMotion, integrated_in_space
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion
+from hingepair.scenes.integrated_motion import START, integrated_in_space
+from hingepair.scenes.known_motion import ByBody1, ByCoordinates, HeldMotion
 from hingepair.scenes.log_file import ARRAYS, Columns, LogFile
 from hingepair.scenes.tables import Table
 
@@ -32,58 +31,11 @@ _POSITION = ("R1", "v1", "a1")
 _HINGE = ("psi", "psid", "psidd")
 _EULER = ("phi", "phid", "phidd")
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
+_DOUBT = "rates were found by finite differences; how far they are off is not known"
 _HINT = "; motion.differentiate = true gives the others"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LoggedMotion:
-    """Samples at instants that need not be uniform.
-
-    Attributes:
-        t: instants; shape (N,) s.
-        given: the motion at these instants.
-        found: whether derivatives were found by finite differences.
-        hint: how to get derivatives that are missing, for messages.
-    """
-
-    t: Float64Array
-    given: ByCoordinates | ByBody1
-    found: bool
-    hint: str
-    origin: ClassVar[str] = "samples in a file"
-    doubt: ClassVar[str] = "rates were found by finite differences; how far they are off is not known"
-
-    @property
-    def error_estimate(self) -> float:
-        """0 of what the file states; NaN, not known, of derivatives found by finite differences."""
-        return float("nan") if self.found else 0.0
-
-    @property
-    def level(self) -> int:
-        """The highest derivative that there is."""
-        return self.given.level
-
-    @property
-    def sequence(self) -> str | None:
-        """Euler sequence of body 1; None where its attitude is given as quaternions."""
-        return self.given.sequence if isinstance(self.given, ByCoordinates) else None
-
-    @property
-    def turning(self) -> str:
-        """How body 1 turns, for a reader."""
-        angles = f"phi_x, phi_y, phi_z turn about {', '.join(self.sequence)}" if self.sequence else None
-        return (angles or "attitude as quaternions") + ", rates by finite differences" * self.found
-
-    def kinks(self, _: int, __: int) -> int:
-        """0: samples show none."""
-        return 0
-
-    def known(self, rows: Rows, order: int) -> KnownMotion:
-        """The motion at some of the instants, with derivatives up to an order."""
-        return self.given.part(rows, order)
-
-
-def read_log(table: Table, folder: Path) -> LoggedMotion | IntegratedMotion:
+def read_log(table: Table, folder: Path) -> HeldMotion:
     """The motion in the file that the table [motion] names.
 
     Args:
@@ -170,7 +122,7 @@ class _Log:
         return np.stack([first for first, _ in found], axis=-1), np.stack([second for _, second in found], axis=-1)
 
 
-def _stated(table: Table, log: _Log) -> LoggedMotion:
+def _stated(table: Table, log: _Log) -> HeldMotion:
     """The motion that the file states: position, attitude, hinge angle."""
     attitude = _attitude(log.file, log.columns)
     if attitude is _QUATERNION and "sequence" in table.values:
@@ -179,19 +131,23 @@ def _stated(table: Table, log: _Log) -> LoggedMotion:
     level = _level(log.file, parts)
     position, turning, hinge = ([part[name] for name in names[: level + 1]] for names, part in parts.items())
     given: ByCoordinates | ByBody1
+    sequence = table.choice("sequence", SEQUENCES, "XYZ")
     if attitude is _EULER:
         derivatives = tuple(_seven(*group) for group in zip(position, turning, hinge, strict=True))
-        sequence = table.choice("sequence", SEQUENCES, "XYZ")
         given = ByCoordinates(log.t.size, derivatives, sequence)
     else:
         turning[0] = log.rotations(turning[0])
         linear = dict(zip(("R", "v", "a"), position, strict=False))
         angular = dict(zip(("S", "omega", "alpha"), turning, strict=False))
         given = ByBody1(BodyMotion(**linear, **angular), tuple(angle[:, 0] for angle in hinge))
-    return LoggedMotion(log.t, given, log.found, "" if log.completed else _HINT)
+    angles = isinstance(given, ByCoordinates)
+    how = f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}" if angles else "attitude as quaternions"
+    how += ", rates by finite differences" * log.found
+    error, hint = float("nan") if log.found else 0.0, "" if log.completed else _HINT
+    return HeldMotion(log.t, given, "samples in a file", how, error, _DOUBT, hint)
 
 
-def _integrated(table: Table, log: _Log) -> IntegratedMotion:
+def _integrated(table: Table, log: _Log) -> HeldMotion:
     """The motion whose rates the file states, integrated (E12)."""
     rates = (_QUATERNION[1:], _HINGE[1:])
     read = {"t", *(column for names in (_POSITION, *rates) for name in names for column in ARRAYS.get(name, (name,)))}

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,12 +25,15 @@ from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.pair.results import MOST_HELD, ROWS, Record, Result
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.scenes.explain import ScenePlan
-from hingepair.scenes.instants import Instants, Rows
+from hingepair.scenes.instants import Rows
 from hingepair.scenes.known_motion import Derivatives, KnownMotion
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
 if TYPE_CHECKING:
+    from hingepair.scenes.expression_motion import ExpressionMotion
+    from hingepair.scenes.known_motion import HeldMotion
+    from hingepair.scenes.simulated_motion import ForcedMotion
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
@@ -43,54 +46,16 @@ COORDINATES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
 """What a scene gives beside the state of the pair: its coordinates, all or psi alone, and their derivatives."""
 
 
+Motion: TypeAlias = "ExpressionMotion | HeldMotion | ForcedMotion"
+"""Where the motion of a scene comes from: functions of t, a log, rates that were integrated, what acts."""
+
+
 class _Wanted(NamedTuple):
     """Outputs of the equations (None: all of body 2), coordinates, and the order of derivatives that both need."""
 
     names: tuple[str, ...] | None
     asked: tuple[str, ...]
     order: int
-
-
-class Motion(Protocol):
-    """Where the motion of a scene comes from: functions of t, a log, or rates that were integrated."""
-
-    @property
-    def t(self) -> Instants:
-        """The instants [s]."""
-
-    @property
-    def level(self) -> int:
-        """The highest derivative that there is."""
-
-    @property
-    def sequence(self) -> str | None:
-        """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
-
-    @property
-    def origin(self) -> str:
-        """What it is, in words."""
-
-    @property
-    def turning(self) -> str:
-        """How body 1 turns, for a reader."""
-
-    @property
-    def hint(self) -> str:
-        """How to get derivatives that are missing, for messages."""
-
-    @property
-    def error_estimate(self) -> float:
-        """How far attitude and psi are off, and rates; 0 of what is exact, NaN where it is not known."""
-
-    @property
-    def doubt(self) -> str:
-        """Why the error is not known, where it is not."""
-
-    def kinks(self, start: int, stop: int, /) -> int:
-        """How many of the intervals that end at the instants from start to stop have a kink or a jump."""
-
-    def known(self, rows: Rows, order: int) -> KnownMotion:
-        """The motion at some of the instants, with derivatives up to an order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -425,10 +390,11 @@ class Scene(Shown):
 
     def _by_functions(self) -> Any:
         """The coordinates as functions of t."""
-        if not hasattr(self.motion, "functions"):
+        motion: Any = self.motion
+        if not hasattr(motion, "functions"):
             wanted = "a scene whose motion is coordinates as expressions in t"
             raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
-        return self.motion.functions
+        return motion.functions
 
 
 class Notes:
