@@ -202,3 +202,27 @@ def test_a_motion_without_end_is_refused_where_it_ends():
     with pytest.raises(hp.SimulationError) as caught:  # psi'' = 2 psi^3 has the solution 1 / (1 - t)
         hp.simulate(wheel, [0.0, 10.0], STILL, 1.0, 1.0, base="fixed", hinge_torque=lambda _t, psi, _psid: 2 * psi**3)
     assert caught.value.t == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("base", ["free", "pinned", "fixed"])
+def test_a_motion_without_resistance_is_refused(base):
+    needle = hp.Body(mass=1, inertia=(1, 1, 1e-30))
+    pair = hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), body1=hp.Body(1, inertia=(1, 1, 1)), body2=needle)
+    with pytest.raises(hp.ArgumentError, match=r"^pair\.body2: expected "):
+        hp.simulate(pair, [0, 1], STILL, 0.0, 0.0, base=base)
+
+
+def test_limits_that_are_left_are_warned_of():
+    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), limits=(-1, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
+    with pytest.warns(hp.DynamicsWarning, match="psi leaves the pair's limits, -1 to 1 rad, first at t = 1.5 s"):
+        hp.simulate(pair, [0, 0.5, 1.5, 2], STILL, 0.0, 1.0, base="fixed")
+    stops = hp.HingeLoad(stops=pair.limits, motor=0.1)
+    kept = hp.simulate(pair, np.linspace(0, 2, 9), STILL, 0.0, 1.0, base="fixed", hinge_torque=stops)
+    assert kept.psi.max() < 1.1
+
+
+def test_held_bodies_need_no_mass_for_energy():
+    swing = hp.simulate(pendulum(), np.linspace(0, 2, 9), STILL, 0.3, 0.0, base="fixed", tol=1e-12)
+    kinetic, potential = swing.energy()
+    np.testing.assert_allclose(kinetic, 1.5 * swing.psid**2, rtol=1e-13)  # (I + m l^2) / 2, I = 1, m l^2 = 2
+    np.testing.assert_allclose(kinetic + potential, potential[0], rtol=0, atol=1e-11)

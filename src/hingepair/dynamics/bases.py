@@ -28,7 +28,7 @@ from hingepair.integration.methods import quaternion_product
 from hingepair.integration.trajectory import rotations
 from hingepair.numeric.blocks import turn_terms
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.dynamics import forward_steps, lever_steps, mass_constants
+from hingepair.pair.dynamics import SINGULAR, check_resistance, forward_steps, lever_steps, mass_constants
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import matrix_to_quaternion
 
@@ -111,6 +111,7 @@ class Carried:
     ) -> None:
         self.state = np.array(start[4:])
         self._base, self._loads = base, loads
+        _check_hinge(pair)
         known = mass_constants((None, pair.body2), "body2") | loads.known | pair.constants.values
         self._program = _Program(_loop("carried", None, "home" in known, (("psidd", ()),)), known, how)
 
@@ -163,6 +164,7 @@ class Turning:
 
     def __init__(self, pair: HingePair, base: str, flat: bool, start: Start, loads: Loads, how: How) -> None:
         masses = mass_constants((pair.body1, pair.body2), "body1", "body2")
+        check_resistance(pair.constants, (pair.body1, pair.body2))
         known = masses | loads.known | pair.constants.values
         own = base, flat, "home" in known
         self._motion, self._rates, self._accelerations = (
@@ -276,6 +278,18 @@ def _loop(base: str, flat: bool | None, home: bool, outputs: tuple[tuple[str, tu
 
 def _omega(omega1: eq.Vector) -> eq.Vector:
     return omega1
+
+
+def _check_hinge(pair: HingePair) -> None:
+    """Refuse a body 2 that does not resist psi''."""
+    body2 = pair.body2
+    if body2 is None:  # which is said where its mass is asked for
+        return
+    k, h = pair.home.T @ pair.n, body2.center_of_mass - pair.u2
+    push = np.cross(k, h)
+    about = k @ body2.inertia @ k + body2.mass * (push @ push)
+    if about <= SINGULAR * np.trace(body2.inertia):
+        raise ArgumentError("pair.body2", "inertia about the hinge axis, beyond round-off", body2)
 
 
 def _first_step(slopes: Array, span: float) -> float:

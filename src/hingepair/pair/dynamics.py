@@ -29,7 +29,8 @@ GRAVITY = (0.0, 0.0, -9.81)
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
 _ZERO: Vector = (0.0, 0.0, 0.0)
-_SINGULAR = 64 * 2.0**-53  # of the inertias: a pivot below is made of their round-off
+SINGULAR = 64 * 2.0**-53
+"""Of the inertias: a pivot below is made of their round-off."""
 
 
 class DynamicsWarning(UserWarning):
@@ -382,7 +383,7 @@ def forward_dynamics(
     angles = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
     tails = {"a1": (3,), "alpha1": (3,), "psidd": (), "kept": (4,)}
     *found, kept = _follow(constants, tails, masses, given, angles, forward=True).values()
-    if (kept <= _SINGULAR).any():
+    if (kept <= SINGULAR).any():
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])
     return Accelerations(*found)
