@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hingepair.equations import spatial as eq
-from hingepair.evaluation import binding, native
+from hingepair.evaluation import array_heads, binding, native
 from hingepair.evaluation.backend import Account, How
 from hingepair.evaluation.llvm_ir import LANES
 from hingepair.evaluation.loops import Loop
@@ -170,10 +170,11 @@ def test_outputs_past_the_caches_start_anywhere(shift, count, dtype, monkeypatch
 
 def test_addresses_are_those_that_numpy_says(monkeypatch):
     room = np.arange(12.0).reshape(3, 4)
-    for offset in (binding._OFFSET, None):
-        monkeypatch.setattr(binding, "_OFFSET", offset)
+    assert array_heads.known_heads()
+    for known in (True, False):
+        monkeypatch.setattr(array_heads, "known_heads", lambda own=known: own)
         for array in (room, room[1:, ::-1], room.T, room[:0], np.array(1.0), np.broadcast_to(room[0], (5, 4))):
-            assert binding.address(array) == array.ctypes.data
+            assert array_heads.address(array) == array.ctypes.data
 
 
 def test_large_outputs_go_past_the_caches_and_workers_share():

@@ -12,9 +12,10 @@ import ctypes
 import functools
 import sys
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hingepair.evaluation.llvm_ir import FIELDS, SIDE_BY_SIDE
 
@@ -22,6 +23,7 @@ _TYPE: Final = object.__basicsize__ - 8  # where an object says its type
 _HEAD: Final = object.__basicsize__  # where an array's own part begins, and a float's number is
 _AXES, _SHAPE, _STRIDES, _DTYPE, _FLAGS = _HEAD + 8, _HEAD + 16, _HEAD + 24, _HEAD + 40, _HEAD + 48
 _WRITEABLE: Final = 0x0400
+_POINTER: Final = ctypes.c_void_p.from_address
 
 
 @functools.cache
@@ -30,7 +32,7 @@ def known_heads() -> bool:
     if sys.implementation.name != "cpython" or sys.byteorder != "little" or object.__basicsize__ != 16:
         return False
     probe = np.empty((2, 3))
-    pointer, number = ctypes.c_void_p.from_address, ctypes.c_int64.from_address
+    pointer, number = _POINTER, ctypes.c_int64.from_address
     own = id(probe)
     return (
         pointer(own + _TYPE).value == id(np.ndarray)
@@ -43,6 +45,11 @@ def known_heads() -> bool:
         and ctypes.c_double.from_address(id(0.5) + _HEAD).value == 0.5
         and ctypes.c_double.from_address(id(x := np.float64(0.5)) + _HEAD).value == x
     )
+
+
+def address(array: NDArray[Any]) -> int:
+    """Where an array starts in memory; read from its head, since `array.ctypes` takes as long as 100 samples."""
+    return (_POINTER(id(array) + _HEAD).value or 0) if known_heads() else int(array.ctypes.data)
 
 
 def objects_ir(inputs: Sequence[tuple[int, ...]], outputs: Sequence[int], constants: bool) -> str:

@@ -10,13 +10,13 @@ import ctypes
 import functools
 import itertools
 import math
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.evaluation.array_heads import address
 from hingepair.evaluation.llvm_ir import FIELDS, LANES, OFF_LINES, ON_LINES, PIECE, SCATTERED, SIDE_BY_SIDE
 
 Tail: TypeAlias = tuple[int, ...]
@@ -228,22 +228,3 @@ def in_threads(work: Callable[[Any], None], parts: Sequence[Any]) -> None:
 
     with ThreadPoolExecutor(len(parts)) as pool:
         list(pool.map(work, parts))
-
-
-def _data_offset() -> int | None:
-    """Where in an array's head the address of its data stands: behind what every object of CPython begins with."""
-    probe, offset = np.empty(1), object.__basicsize__
-    if sys.implementation.name != "cpython":
-        return None
-    return offset if _POINTER(id(probe) + offset).value == probe.ctypes.data else None
-
-
-_POINTER: Final = ctypes.c_void_p.from_address
-_OFFSET: Final = _data_offset()
-
-
-def address(array: NDArray[Any]) -> int:
-    """Where an array starts in memory; read from its head, since `array.ctypes` takes as long as 100 samples."""
-    if _OFFSET is None:
-        return int(array.ctypes.data)
-    return _POINTER(id(array) + _OFFSET).value or 0

@@ -162,7 +162,7 @@ def square_root(x: Any) -> Any:
     """The square root of a traced value, a number or an array."""
     if isinstance(x, Value):
         return x.trace.line("sqrt", x)
-    return array_libraries.square_root(x) if array_libraries.is_foreign(x) else np.sqrt(x)
+    return array_libraries.apply("square_root", x) if array_libraries.is_foreign(x) else np.sqrt(x)
 
 
 def arc_tangent(y: Any, x: Any) -> Any:

@@ -107,25 +107,15 @@ def check_tail(name: str, array: ForeignArray, *tail: int) -> None:
         raise ShapeError(name, f"shape (..., {', '.join(map(str, tail))})", f"shape {shape}")
 
 
-def sine(x: ForeignArray) -> ForeignArray:
-    """The sine."""
-    return _namespace(x).sin(x)
+def apply(function: str, x: ForeignArray) -> ForeignArray:
+    """The sine, cosine, versine or square root of an array of another library.
 
-
-def cosine(x: ForeignArray) -> ForeignArray:
-    """The cosine."""
-    return _namespace(x).cos(x)
-
-
-def versine(x: ForeignArray) -> ForeignArray:
-    """1 - cos x, with all its digits where x is small; 2 sin^2(x/2), whose derivatives exist everywhere."""
-    half = sine(0.5 * x)
-    return 2.0 * half * half
-
-
-def square_root(x: ForeignArray) -> ForeignArray:
-    """The square root."""
-    return _namespace(x).sqrt(x)
+    The versine, 1 - cos x, is 2 sin^2(x/2): all its digits where x is small, and derivatives everywhere.
+    """
+    if function == "versine":
+        half = apply("sine", 0.5 * x)
+        return 2.0 * half * half
+    return getattr(_namespace(x), {"sine": "sin", "cosine": "cos", "square_root": "sqrt"}[function])(x)
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> ForeignArray:

@@ -88,9 +88,8 @@ def cosine(x: Component) -> Component:
 
 
 def angle_terms(phi: Components) -> Components:
-    """(sin, cos) of each of three angles, one after the other."""
-    x, y, z = phi
-    return sine(x), cosine(x), sine(y), cosine(y), sine(z), cosine(z)
+    """(sin, cos) of each of some angles, one after the other."""
+    return tuple(function(angle) for angle in phi for function in (sine, cosine))
 
 
 def turn_terms(phi1: Component) -> Components:
@@ -124,7 +123,7 @@ def hinge_cosine(hinge: Components) -> Component:
 def _own(x: Component, function: str) -> Component:
     """A function that numbers bring along, or that their library has."""
     method = getattr(x, function, None)
-    return getattr(array_libraries, function)(x) if method is None else method()
+    return array_libraries.apply(function, x) if method is None else method()
 
 
 def _each(group: Any, change: Callable[[Component], Component]) -> Any:

@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, MissingDependencyError, RotationError, choices, quoted
+from hingepair.evaluation.array_heads import address
 from hingepair.evaluation.backend import Account, How, give_up
-from hingepair.evaluation.binding import address, bind, rows_of
+from hingepair.evaluation.binding import bind, rows_of
 from hingepair.evaluation.llvm_ir import FIELDS, SCATTERED, SIDE_BY_SIDE
 from hingepair.evaluation.loops import Loop, Program
 from hingepair.evaluation.plan import (
