@@ -103,11 +103,6 @@ def velocity_by_psi(omega2: Vector, r2: Vector, axis: Vector) -> Vector:
     return eq.cross(omega2, eq.cross(r2, axis))
 
 
-def positive(A: Entries) -> Entries:
-    """The matrix or vector A itself."""
-    return A
-
-
 def negative(A: Entries) -> Entries:
     """The matrix or vector -A."""
     return tuple(-entry for entry in A)

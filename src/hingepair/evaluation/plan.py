@@ -20,6 +20,7 @@ from hingepair.evaluation.steps import (
     PLANAR_STEPS,
     WITHOUT_HOME,
     Step,
+    same,
 )
 from hingepair.evaluation.trace import name_lines
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
@@ -214,7 +215,7 @@ def steps_of(sequence: str | None, home: bool, terms: Terms = NUMERIC) -> tuple[
     if terms is NUMERIC:
         steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", hinge_cosine, ("hinge",))]
     else:
-        arm = LEVER_STEPS[0] if home else Step("arm", _same, ("u2",))
+        arm = LEVER_STEPS[0] if home else Step("arm", same, ("u2",))
         steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", eq.cosine, ("hinge",)), arm, *LEVER_STEPS[1:]]
     if sequence == "XYZ":
         steps.append(Step("trig", angle_terms, ("phi",)))
@@ -246,7 +247,3 @@ def _planar_steps(terms: Terms) -> tuple[Step, ...]:
         "turn1": lambda phi1: angle_terms((phi1,)),
     }
     return tuple(step._replace(function=own.get(step.result, step.function)) for step in PLANAR_STEPS)
-
-
-def _same(value: Any) -> Any:
-    return value

@@ -124,6 +124,16 @@ def together(*parts: Any) -> tuple[Any, ...]:
     return parts
 
 
+def joined(a: tuple[Any, ...], b: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The components of two vectors as those of one."""
+    return (*a, *b)
+
+
+def same(value: Any) -> Any:
+    """The value itself, by another name."""
+    return value
+
+
 PLANAR_STEPS = (
     Step("hinge", hinge_terms, ("psi",)),
     Step("cosine", hinge_cosine, ("hinge",)),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hingepair.equations import constraints as ce
 from hingepair.equations import spatial as eq
 from hingepair.evaluation.plan import needed_steps
-from hingepair.evaluation.steps import ARM_STEPS, Step
+from hingepair.evaluation.steps import ARM_STEPS, Step, joined, together
 from hingepair.evaluation.trace import arc_tangent, hypotenuse
 from hingepair.numeric.arrays import FloatArray
 from hingepair.numeric.blocks import Components, Named, components_of, numbers
@@ -38,14 +38,6 @@ TAILS = {
 """What can be had, and the shape of one sample of it."""
 
 
-def _together(*parts: Any) -> tuple[Any, ...]:
-    return parts
-
-
-def _joined(gap: Components, tilt: Components) -> Components:
-    return (*gap, *tilt)
-
-
 def _twist(turn: Components) -> Any:
     return arc_tangent(turn[0], turn[1])
 
@@ -66,11 +58,11 @@ STEPS = (
     # Across h1 to the last bit, also where the S1 given is a rotation to nine digits only: no tilt of S1's own.
     Step("f1", eq.cross, ("e2_in_world", "h1")),
     Step("f2", eq.cross, ("h1", "e1_in_world")),
-    Step("f", _together, ("f1", "f2")),
+    Step("f", together, ("f1", "f2")),
     Step("g1", eq.rotate, ("S2", "e1_in_2")),
     Step("g2", eq.rotate, ("S2", "e2_in_2")),
     Step("h2", eq.rotate, ("S2", "n_in_2")),
-    Step("h", _together, ("h1", "h2")),
+    Step("h", together, ("h1", "h2")),
     Step("gap", eq.hinge_gap, ("R1", "r1", "R2", "r2")),
     Step("tilt", ce.tilt, ("f1", "f2", "h2")),
     Step("tilt_angle", _tilt_angle, ("tilt", "h1", "h2")),
@@ -80,14 +72,14 @@ STEPS = (
     Step("constraint_jacobian", ce.constraint_jacobian, ("r1", "r2", "tilt_axes")),
     Step("slip", ce.slip, ("omega1", "omega2", "h2", "psid_given")),
     Step("spin", ce.relative_turn, ("omega1", "omega2")),
-    Step("omegas", _together, ("omega1", "omega2")),
+    Step("omegas", together, ("omega1", "omega2")),
     Step("gap_rate", ce.gap_rate, ("v1", "omega1", "r1", "v2", "omega2", "r2")),
     Step("tilt_rate", ce.tilt_rate, ("tilt_axes", "spin")),
     Step("psid_parts", ce.hinge_rate, ("h1", "h2", "spin")),
     Step("psid", _quotient, ("psid_parts",)),
     Step("gap_bias", ce.gap_bias, ("omega1", "r1", "omega2", "r2")),
     Step("tilt_bias", ce.tilt_bias, ("f", "h2", "omega1", "omega2", "spin")),
-    Step("constraint_bias", _joined, ("gap_bias", "tilt_bias")),
+    Step("constraint_bias", joined, ("gap_bias", "tilt_bias")),
     Step("turned1", eq.point_acceleration, ("omega1", "alpha1", "r1")),
     Step("turned2", eq.point_acceleration, ("omega2", "alpha2", "r2")),
     Step("gap_acceleration", ce.gap_acceleration, ("a1", "turned1", "a2", "turned2")),

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike
 
 from hingepair.equations import derivatives as by
 from hingepair.equations import spatial as eq
-from hingepair.equations.derivatives import Entries
 from hingepair.equations.spatial import Vector
 from hingepair.errors import ArgumentError
 from hingepair.evaluation.plan import steps_of
-from hingepair.evaluation.steps import ARM_STEPS, COORDINATES, ROW_STEPS, Step, together
+from hingepair.evaluation.steps import ARM_STEPS, COORDINATES, ROW_STEPS, Step, joined, same, together
 from hingepair.numeric.arrays import FloatArray, Frozen, read_only
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
@@ -26,10 +25,6 @@ from hingepair.rotations.sequences import find_sequence
 Tails: TypeAlias = Mapping[str, tuple[int, ...]]
 
 _JACOBIAN = Step("jacobian", by.jacobian, ("turns", "d", "r2", "axis"))
-
-
-def _both(a2: Vector, alpha2: Vector) -> Entries:
-    return (*a2, *alpha2)
 
 
 _ZERO: Vector = (0.0, 0.0, 0.0)
@@ -52,12 +47,9 @@ JACOBIAN_STEPS = (
         lambda omega1, axis, psid: eq.angular_acceleration2(_ZERO, omega1, axis, psid, 0.0),
         ("omega1", "axis", "psid"),
     ),
-    Step("acceleration_bias", _both, ("a2_bias", "alpha2_bias")),
+    Step("acceleration_bias", joined, ("a2_bias", "alpha2_bias")),
 )
 """By the world's axes; the bias is a2 and alpha2 where a1, alpha1 and psi'' are none."""
-
-JACOBIAN_TAILS = {"jacobian": (6, 7), "acceleration_bias": (6,)}
-COORDINATE_TAILS = {"coordinate_jacobian": (6, 7), "coordinate_jacobian_rate": (6, 7)}
 
 
 def jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
@@ -163,9 +155,16 @@ VELOCITY_TAILS: Tails = {
     "v2_by_psi": (3,),
     "omega2_by_n": (3, 3),
 }
+TAILS: Tails = {
+    **dict.fromkeys(("jacobian", "coordinate_jacobian", "coordinate_jacobian_rate"), (6, 7)),
+    "acceleration_bias": (6,),
+    **POSE_TAILS,
+    **VELOCITY_TAILS,
+}
+"""All derivatives by name, and the shape of one sample of each."""
 SENSITIVITY_STEPS = (
     Step("turned_by_n", by.turns_by_n, ("S1", "n", "hinge")),
-    Step("d_by_u1", by.positive, ("S1",)),
+    Step("d_by_u1", same, ("S1",)),
     Step("d_by_u2", by.negative, ("S2",)),
     Step("d_by_n", by.difference_by_turns, ("turned_by_n", "r2")),
     Step("d_by_psi", eq.cross, ("r2", "axis")),

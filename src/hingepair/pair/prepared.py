@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
-from hingepair.errors import ArgumentError, MissingDependencyError, RotationError, choices, quoted
+from hingepair.errors import ArgumentError, RotationError, choices, quoted
 from hingepair.evaluation.array_heads import address
-from hingepair.evaluation.backend import Account, How, give_up
+from hingepair.evaluation.backend import Account, How
 from hingepair.evaluation.binding import bind, rows_of
 from hingepair.evaluation.llvm_ir import FIELDS, SCATTERED, SIDE_BY_SIDE
 from hingepair.evaluation.loops import Loop, Program
@@ -33,21 +33,8 @@ from hingepair.evaluation.steps import COORDINATES, ROW_STEPS, Step
 from hingepair.evaluation.trace import square_root, where_less
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign, library_of
 from hingepair.numeric.arrays import broadcast_shape, real_array, result_dtype, vectors
-from hingepair.pair import dynamics
+from hingepair.pair import constraints, derivatives, dynamics
 from hingepair.pair.constants import Constants
-from hingepair.pair.constraints import STEPS as CONSTRAINT_STEPS
-from hingepair.pair.constraints import TAILS as CONSTRAINT_TAILS
-from hingepair.pair.constraints import with_hinge_frames
-from hingepair.pair.derivatives import (
-    COORDINATE_TAILS,
-    JACOBIAN_STEPS,
-    JACOBIAN_TAILS,
-    POSE_TAILS,
-    SENSITIVITY_STEPS,
-    VELOCITY_TAILS,
-    Tails,
-    coordinate_steps,
-)
 from hingepair.pair.evaluate import Out, check_options, loop_of, rooms, run_foreign, written
 from hingepair.pair.states import PairState, State, spans_of
 from hingepair.rotations.matrices import TOLERANCE, check_rotation
@@ -61,18 +48,15 @@ _KINDS: Final = {
 }
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")
 
-TAILS: Final[Tails] = {
+TAILS: Final[derivatives.Tails] = {
     **{name: output.tail for name, output in OUTPUTS.items()},
-    **JACOBIAN_TAILS,
-    **COORDINATE_TAILS,
-    **POSE_TAILS,
-    **VELOCITY_TAILS,
-    **CONSTRAINT_TAILS,
+    **derivatives.TAILS,
+    **constraints.TAILS,
     **dynamics.TAILS,
 }
 """All that can be prepared, and the shape of one sample of it."""
 
-_GIVEN: Final[Tails] = {
+_GIVEN: Final[derivatives.Tails] = {
     **{name: INPUTS[name] for name in ("q", "qd", "qdd", "psi", "psid", "psidd")},
     **{name: INPUTS[name] for name in ("R1", "S1", "v1", "omega1", "a1", "alpha1")},
     **{name: INPUTS[name] for name in ("R2", "S2", "v2", "omega2", "a2", "alpha2")},
@@ -125,10 +109,10 @@ def _steps(given: tuple[str, ...], sequence: str | None, home: bool) -> tuple[St
     steps += steps_of(sequence, home)
     if not dynamics.LOADS.keys().isdisjoint(given):
         return dynamics.forward_steps(tuple(steps))
-    steps += CONSTRAINT_STEPS if "S2" in given else dynamics.STEPS
-    steps += [*JACOBIAN_STEPS, *SENSITIVITY_STEPS]
+    steps += constraints.STEPS if "S2" in given else dynamics.STEPS
+    steps += [*derivatives.JACOBIAN_STEPS, *derivatives.SENSITIVITY_STEPS]
     if sequence is not None:
-        steps += coordinate_steps(sequence)
+        steps += derivatives.coordinate_steps(sequence)
     return tuple(step for step in steps if step.result not in given)
 
 
@@ -160,7 +144,7 @@ class Prepared:
         self, pair: Constants, given: tuple[str, ...], outputs: tuple[str, ...], sequence: str, how: How, *, now: bool
     ) -> None:
         self.given, self.outputs = given, outputs
-        self._pair, self._how = with_hinge_frames(pair) if "S2" in given else pair, how
+        self._pair, self._how = constraints.with_hinge_frames(pair) if "S2" in given else pair, how
         self._loop = _loop(given, outputs, sequence if "q" in given else None, "home" in pair.values)
         needed = dict(self._loop.inputs).keys() - {*given}
         self._known = {name: value for name, value in self._pair.values.items() if name in needed}
@@ -179,13 +163,9 @@ class Prepared:
 
     def _compile(self) -> None:
         """Go over to compiled code, if it can be had."""
-        try:
-            run = self._program.kernel(*self._key("d")).run_objects
-        except MissingDependencyError as error:
-            if self._how.backend == "compiled":
-                raise
-            give_up(error)
-        else:
+        key = self._key("d")
+        if self._how.backend == "compiled" or self._program.can_have(key):
+            run = self._program.kernel(*key).run_objects
             self.short = self._again if run is None or not self._pair.single else self._straight_way(run)
 
     def __repr__(self) -> str:
@@ -431,10 +411,10 @@ def prepare(
         pair = dynamics.with_masses(pair, bodies, gravity, needed)
     if forward:
         dynamics.check_resistance(pair, bodies)
-    known = {*names, *with_hinge_frames(pair).values}
+    known = {*names, *constraints.with_hinge_frames(pair).values}
     for name in wanted:
-        unknown = name in CONSTRAINT_TAILS and "S2" not in names and not forward
-        missing = sorted(needed_steps(CONSTRAINT_STEPS if unknown else steps, (name,))[1] - known)
+        unknown = name in constraints.TAILS and "S2" not in names and not forward
+        missing = sorted(needed_steps(constraints.STEPS if unknown else steps, (name,))[1] - known)
         if missing:
             raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
     return Prepared(pair, names, wanted, sequence, how, now=True)
