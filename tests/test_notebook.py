@@ -33,11 +33,11 @@ class Cells(HTMLParser):
 
 
 KINDS = ("pair", "planar pair", "one state", "states", "scene", "result", "forces", "trajectory", "check")
-KINDS += ("residuals", "fit")
+KINDS += ("residuals", "fit", "hostile scene")
 
 
 @pytest.fixture(scope="module")
-def shown():
+def shown(tmp_path_factory):
     """A value of each kind, and words that stand in its table."""
     bodies = {"body1": hp.Body(mass=3), "body2": hp.Body(mass=2)}
     pair = hp.HingePair(u1=(0.5, 0, 1 / 3), u2=(1, 0, 0), n=(0, 0, 1), name=HOSTILE, limits=(-1, 1), **bodies)
@@ -45,6 +45,8 @@ def shown():
     scene = hp.load_scene(MODELS / "landing_gear.toml")
     body1 = hp.BodyMotion(R=np.zeros((5, 3)), S=np.broadcast_to(np.eye(3), (5, 3, 3)))
     body2 = pair.forward_kinematics_from_body1(body1, t)
+    hostile = tmp_path_factory.mktemp("scenes") / "hostile.toml"
+    hostile.write_text((MODELS / "landing_gear.toml").read_text().replace('"landing_gear"', '"<b>&"'))
     made = recording(300)
     first, second = hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2, S=made.S2)
     return {
@@ -53,6 +55,7 @@ def shown():
         "one state": (pair.forward_kinematics((0,) * 7), ("R2", "S2", "1, 0, 0; 0, 1, 0; 0, 0, 1")),
         "states": (pair.forward_kinematics((t, 0, 0, 0, 0, 0, t)), ("array of shape (5, 3, 3)",)),
         "scene": (scene, (scene.title, "landing_gear", "2401", "0..12")),
+        "hostile scene": (hp.load_scene(hostile), ("<b>&",)),
         "result": (scene.evaluate(), ("a2", "m/s^2", "psi", "rad")),
         "forces": (scene.forces(), ("hinge_torque", "N m")),
         "trajectory": (hp.integrate(pair, t, omega1=(0, 0, 1), psid=np.cos), ("omega2", "rad/s")),

@@ -482,6 +482,7 @@ def pointed_at(path: Path, text: str) -> tuple[str, str, str]:
     (note,) = caught.value.__notes__
     line, caret = note.split("\n")
     assert caret.strip() == "^"
+    assert line.strip() in text.replace("\n", " ")
     return str(caught.value), line.strip(), line[len(caret) - 1 :]
 
 
