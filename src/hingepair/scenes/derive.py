@@ -44,23 +44,20 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
     \end{align*}
     <BLANKLINE>
     """
-    if isinstance(scene_or_pair, HingePair | PlanarPair):
-        return closed_forms(scene_or_pair, symbolic=symbolic)
-    if not isinstance(scene_or_pair, Scene):
-        raise ArgumentError("scene_or_pair", "a Scene, a HingePair or a PlanarPair", quoted(scene_or_pair))
+    scene = scene_or_pair if isinstance(scene_or_pair, Scene) else None
+    pair = scene_or_pair if scene is None else scene.pair
+    if not isinstance(pair, HingePair | PlanarPair):
+        raise ArgumentError("scene_or_pair", "a Scene, a HingePair or a PlanarPair", quoted(pair))
+    constants = {} if scene is None else scene.constants
+    known = (*(key for key in SYMBOLIC if hasattr(pair, key)), *constants)
+    expected = f"names out of {', '.join(known)}"
     if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
-        raise ArgumentError("symbolic", "a tuple of names", quoted(symbolic))
+        raise ArgumentError("symbolic", f"a tuple of {expected}", quoted(symbolic))
     names = tuple(symbolic)
-    letters = tuple(name for name in names if name in scene_or_pair.constants)
-    own = tuple(key for key in SYMBOLIC if hasattr(scene_or_pair.pair, key))
     for name in names:
-        if name not in (*own, *letters):
-            raise ArgumentError(
-                "symbolic", f"names out of {', '.join((*own, *scene_or_pair.constants))}", quoted(name)
-            )
-    return closed_forms(
-        scene_or_pair.pair,
-        scene_or_pair.expressions_with(letters),
-        scene_or_pair.sequence,
-        tuple(name for name in names if name in own),
-    )
+        if name not in known:
+            raise ArgumentError("symbolic", expected, quoted(name))
+    if scene is None:
+        return closed_forms(pair, symbolic=names)
+    motion = scene.expressions_with(tuple(name for name in names if name in constants))
+    return closed_forms(pair, motion, scene.sequence, names)

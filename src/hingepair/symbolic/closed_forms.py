@@ -7,14 +7,14 @@ goes on to the next step, where a product of products reads better than a produc
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Final, TypeAlias
 
 import sympy
 
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError
 from hingepair.evaluation.plan import PLANAR, SPATIAL, check_outputs, make_plan, outputs_of
 from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
 from hingepair.pair.constants import check_one
@@ -115,7 +115,7 @@ def closed_forms(
     pair: HingePair | PlanarPair,
     motion: Mapping[str, Expr | None] | None = None,
     sequence: str | None = "XYZ",
-    symbolic: Iterable[str] = (),
+    symbolic: Collection[str] = (),
 ) -> Derivation:
     """The closed forms of a pair's motion as SymPy expressions (E1-E11).
 
@@ -126,14 +126,14 @@ def closed_forms(
         symbolic: of u1, u2 and n those that stay letters; n is taken to have length 1.
 
     Raises:
-        ArgumentError: an argument cannot be used, or an expression's derivatives are too long; names it.
+        ArgumentError: more than one pair, or an expression's derivatives are too long; names it.
     """
     check_one(pair)
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
     names = PLANAR_COORDINATES if kind == PLANAR else COORDINATES
     given = motion or {}
     jets = [_jet(name, given.get(name)) for name in names]
-    inputs = constant_inputs(pair, _checked(symbolic, pair)) | motion_inputs(jets, kind)
+    inputs = constant_inputs(pair, symbolic) | motion_inputs(jets, kind)
     return Derivation(time_symbol(), tuple(outputs_of(kind)), _Forms(kind, sequence, inputs))
 
 
@@ -210,24 +210,7 @@ def motion_inputs(jets: list[Jet], kind: str) -> dict[str, Any]:
     return found
 
 
-def _checked(symbolic: Iterable[str], pair: HingePair | PlanarPair) -> tuple[str, ...]:
-    """The names of what is to stay a letter.
-
-    Raises:
-        ArgumentError: not a collection of known names.
-    """
-    known = [key for key in SYMBOLIC if hasattr(pair, key)]
-    expected = f"names out of {', '.join(known)}"
-    if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
-        raise ArgumentError("symbolic", f"a tuple of {expected}", quoted(symbolic))
-    names = tuple(symbolic)
-    for name in names:
-        if name not in known:
-            raise ArgumentError("symbolic", expected, quoted(name))
-    return names
-
-
-def constant_inputs(pair: HingePair | PlanarPair, symbolic: tuple[str, ...]) -> dict[str, Any]:
+def constant_inputs(pair: HingePair | PlanarPair, symbolic: Collection[str]) -> dict[str, Any]:
     """u1, u2, n and home as exact numbers or letters."""
     found: dict[str, Any] = {}
     for key in ("u1", "u2", "n", "home"):

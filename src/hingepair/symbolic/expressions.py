@@ -20,7 +20,7 @@ from typing import Final, NamedTuple, NoReturn, TypeAlias
 import sympy
 
 from hingepair.errors import ArgumentError, nearest, pointed
-from hingepair.symbolic.jets import MAX_BITS, SYMPY_ERRORS, bits, time_symbol
+from hingepair.symbolic.jets import MAX_BITS, SMOOTH, SYMPY_ERRORS, bits, time_symbol
 from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, constant_value
 from hingepair.symbolic.time_functions import exact
 
@@ -34,12 +34,6 @@ MAX_EXPONENT: Final = 1_000
 """Of a power, and of the ten in a decimal number."""
 MAX_ROOT: Final = 10_000
 """Denominator of an exponent: t**0.1234."""
-
-SMOOTH: Final = (
-    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
-    *("asinh", "acosh", "atanh", "exp", "log", "sqrt"),
-)
-"""The same names in SymPy and in math."""
 
 _KINKED: Final[Mapping[str, Callable[..., Expr]]] = MappingProxyType({
     "abs(x)": sympy.Abs,

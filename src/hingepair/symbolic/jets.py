@@ -24,11 +24,13 @@ SYMPY_ERRORS: Final = (ArithmeticError, AttributeError, NotImplementedError, Rec
 MAX_BITS: Final = 4_096
 """Of the numerator and the denominator of an exact number."""
 
-_COMPILED = (
+SMOOTH: Final = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
-    *("asinh", "acosh", "atanh", "exp", "log", "Abs", "sign", "floor"),
-    *("Where", "Side", "Larger", "Smaller", "Remainder"),
+    *("asinh", "acosh", "atanh", "exp", "log", "sqrt"),
 )
+"""Functions of the same name in SymPy and in math."""
+
+_COMPILED = (*SMOOTH, "Abs", "sign", "floor", "Where", "Side", "Larger", "Smaller", "Remainder")
 
 
 class NotRealError(ArithmeticError):
@@ -93,39 +95,29 @@ class JetProgram:
         return taken[::-1]
 
     def _combine(self, expr: Expr, jets: list[Jet]) -> Jet:
-        if expr.is_Add:
-            value, first, second = (self._name(sympy.Add(*column)) for column in zip(*jets, strict=True))
-            return value, first, second
+        """The jet of an expression whose parts have these jets."""
         if expr.is_Mul:
             return functools.reduce(self._multiply, jets)
-        return self._applied(expr, jets)
-
-    def _applied(self, expr: Expr, jets: list[Jet]) -> Jet:
-        """The jet of a function of what has these jets."""
         value = expr.func(*[value for value, _, _ in jets])
-        zero: Jet = (sympy.S.Zero,) * 3
         match expr:
-            case sympy.Abs():
-                return self._chosen(
-                    value, expr.args[0], jets[0], self._multiply(jets[0], (sympy.S.NegativeOne, 0, 0))
-                )
-            case sympy.sign():
-                return self._chosen(value, expr.args[0], zero, zero)
-            case Where():
-                return self._chosen(value, expr.args[0], *jets[1:])
-            case Extreme():
-                return self._chosen(value, expr.guard(), *jets)
+            case sympy.Add():
+                return self._name(value), *(self._name(sympy.Add(*[jet[k] for jet in jets])) for k in (1, 2))
             case Remainder():
                 self.switches.append(self._name(sympy.floor(jets[0][0] / jets[1][0])))
                 return self._name(value), *jets[0][1:]
-        return self._differentiate(value, jets)
-
-    def _chosen(self, value: Expr, guard: Expr, x: Jet, y: Jet) -> Jet:
-        """The jet of what is x where the guard is at least 0, else y; derivatives are those just after t."""
+            case sympy.Abs():
+                guard, x, y = expr.args[0], jets[0], self._multiply(jets[0], (sympy.S.NegativeOne, 0, 0))
+            case sympy.sign():
+                guard, x, y = expr.args[0], *[(sympy.S.Zero,) * 3] * 2
+            case Where():
+                guard, x, y = expr.args[0], *jets[1:]
+            case Extreme():
+                guard, x, y = expr.guard(), *jets
+            case _:
+                return self._differentiate(value, jets)
         side = self._side(guard)
         self.switches.append(side)
-        first, second = (self._name(Where(side, *parts)) for parts in list(zip(x, y, strict=True))[1:])
-        return self._name(value), first, second
+        return self._name(value), *(self._name(Where(side, x[k], y[k])) for k in (1, 2))  # just after t
 
     def _side(self, guard: Expr) -> Expr:
         """1 or -1, on which side of zero a guard is just after t; one put together of others is judged by them."""

@@ -9,6 +9,7 @@ from typing import Final, TypeAlias
 
 import sympy
 
+from hingepair.numeric.notebook import unit_of
 from hingepair.symbolic.jets import time_symbol
 from hingepair.symbolic.kinks import Expr, Side
 from hingepair.symbolic.printers import LATEX, PYTHON, TEXT, is_simple, joined, latex_name, lettered
@@ -16,7 +17,6 @@ from hingepair.symbolic.printers import LATEX, PYTHON, TEXT, is_simple, joined, 
 Forms: TypeAlias = Mapping[str, tuple[tuple[Expr, ...], ...]]
 """Of each output the terms of each component."""
 
-_UNITS = {"R": "m", "d": "m", "v": "m/s", "omega": "rad/s", "a": "m/s^2", "alpha": "rad/s^2", "phi": "rad"}
 _WIDE: Final = 90  # characters of terms, as text, in a line of LaTeX
 _INDENT = " " * 6
 _FIXED = "\N{NO-BREAK SPACE}"
@@ -36,18 +36,17 @@ def to_latex(forms: Forms, *, short: bool) -> str:
     rows, meanings = _rows(forms, short)
     lines = [f"{latex_name(name)} &= {LATEX(expr)}" for name, expr in meanings.items()]
     for label, terms in rows:
-        line, filled = f"{latex_name(label)} &= ", 0
-        for i, term in enumerate(terms):
-            text = joined((term,), LATEX)
-            sign = "" if i == 0 or text.startswith("-") else "+ "
-            size = len(TEXT(term))
-            if filled and filled + size > _WIDE:
-                lines.append(line.rstrip())
-                line, filled = "&\\quad ", 0
-            text = f"- {text[1:]}" if i and text.startswith("-") else text
-            line += f"{sign}{text} "
+        line, filled = f"{latex_name(label)} &=", 0
+        for term in terms:
+            text, size = joined((term,), LATEX), len(TEXT(term))
+            if filled + size > _WIDE and filled:
+                lines.append(line)
+                line, filled = "&\\quad", 0
+            if term is not terms[0]:
+                text = f"- {text[1:]}" if text.startswith("-") else f"+ {text}"
+            line += f" {text}"
             filled += size
-        lines.append(line.rstrip())
+        lines.append(line)
     return "\\begin{align*}  % \\usepackage{amsmath}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
 
 
@@ -82,24 +81,17 @@ def _rows(forms: Forms, short: bool) -> tuple[list[tuple[str, tuple[Expr, ...]]]
         return rows, {}
     letters = _abbreviations([term for _, terms in rows for term in terms])
     found = [(label, tuple(term.xreplace(letters) for term in terms)) for label, terms in rows]
-    wanted = set().union(*(term.free_symbols for _, terms in found for term in terms))
-    told: dict[Expr, Expr] = {}
-    while todo := [(whole, letter) for whole, letter in letters.items() if letter in wanted and letter not in told]:
-        for whole, letter in todo:
-            inner = {other: name for other, name in letters.items() if other != whole}
-            told[letter] = whole.func(*[part.xreplace(inner) for part in whole.args])
-            wanted |= told[letter].free_symbols
-    return found, _in_order_of_need(told)
+    meanings = {a: whole.func(*[part.xreplace(letters) for part in whole.args]) for whole, a in letters.items()}
+    told: dict[str, Expr] = {}
 
+    def tell(expr: Expr) -> None:
+        for letter in sorted(expr.free_symbols & meanings.keys(), key=lambda a: (a.name[2:].zfill(9), a.name)):
+            if letter.name not in told:
+                tell(meanings[letter])  # first what it is made of
+                told[letter.name] = meanings[letter]
 
-def _in_order_of_need(told: dict[Expr, Expr]) -> dict[str, Expr]:
-    """Abbreviations by name, each after those that it is made of, else c_1, s_1, c_2, ..."""
-    rest = dict(sorted(told.items(), key=lambda item: (item[0].name[2:].zfill(9), item[0].name)))
-    ordered: dict[str, Expr] = {}
-    while rest:
-        ready = [letter for letter, meaning in rest.items() if meaning.free_symbols.isdisjoint(rest)]
-        ordered |= {letter.name: rest.pop(letter) for letter in ready}
-    return ordered
+    tell(sympy.Tuple(*[term for _, terms in found for term in terms]))
+    return found, told
 
 
 def _abbreviations(terms: list[Expr]) -> dict[Expr, Expr]:
@@ -164,11 +156,11 @@ def _function(name: str, parts: list[Expr]) -> str:
     temporary = sympy.numbered_symbols("w", exclude=taken, real=True)
     steps, results = sympy.cse(known, symbols=temporary, order="none", list=True)
     tail = {1: (), 9: (3, 3)}.get(len(parts), (len(parts),))
-    unit = _UNITS.get(name.rstrip("12"), "")
+    unit = f" [{unit_of(name)}]" if unit_of(name) != "1" else ""
     every = ", ".join(arguments)
     lines = [
         f"def {name}({every}):",
-        f'    """{name}{f" [{unit}]" if unit else ""}; the arguments broadcast, shape (...) gives {_shape(tail)}."""',
+        f'    """{name}{unit}; the arguments broadcast, shape (...) gives {_shape(tail)}."""',
         *(f"    {argument} = numpy.asarray({argument}, dtype=float)" for argument in arguments),
         *(f"    {symbol} = {PYTHON(step)}" for symbol, step in steps),
         "    parts = (",
