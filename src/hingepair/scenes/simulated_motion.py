@@ -138,7 +138,7 @@ def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | Pl
             warnings.filterwarnings("ignore", "psi leaves", DynamicsWarning)  # the scene's notes say it
             found = simulate(pair, t, body1, *angles, hinge_torque=_hinge(table, pair), base=base, **own)
     except SimulationError as error:
-        table.refuse("", "a motion that can be followed", str(error))
+        table.refuse("", "a motion that can be followed", f"none past t = {error.t:.6g}: {error.why}")
     return ForcedMotion(t, _known(found), kind, found)
 
 
