@@ -119,3 +119,10 @@ def test_what_does_not_fit_the_plane_or_the_pin_is_named(name, change):
     given = {"t": [0, 1], "body1": HELD, "psi_0": 0.0, "psid_0": 0.0, "base": "pinned"} | change
     with pytest.raises(hp.ArgumentError, match=rf"^{name}: expected "):
         hp.simulate(DOUBLE, **given)
+
+
+def test_motion_in_the_plane_is_drawn(tmp_path):
+    found = hp.simulate(DOUBLE, np.linspace(0, 0.2, 5), HELD, 0.4, -0.1, base="pinned", tol=1e-6)
+    hp.view(found, tmp_path / "pendulum.html")
+    assert (tmp_path / "pendulum.html").stat().st_size > 1000
+    found.save(tmp_path / "pendulum.csv")

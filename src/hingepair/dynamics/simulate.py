@@ -58,12 +58,12 @@ class _Moved:
     psid: Array
     psidd: Array
     loads: Mapping[str, Array]
-    _space: HingePair
+    space: HingePair
     gravity: tuple[float, ...]
 
     def energy(self) -> Energy:
         """Kinetic and potential energy at the instants, of each body that has mass properties (D7)."""
-        return self._space.energy(self.body1, self.psi, self.psid, self.gravity)
+        return self.space.energy(self.body1, self.psi, self.psid, self.gravity)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -75,6 +75,7 @@ class SimulatedMotion(_Moved, Trajectory):
         psid: hinge rate [rad/s]; shape (N,).
         psidd: its rate [rad/s^2]; shape (N,).
         loads: what acted, by name: hinge_torque, shape (N,), force1, torque1, force2 and torque2, (N, 3).
+        space: the pair, in space, and of a PlanarPair of bodies that stay in the plane.
         gravity: acceleration of free fall, in space [m/s^2].
     """
 
@@ -82,7 +83,7 @@ class SimulatedMotion(_Moved, Trajectory):
     psid: Array
     psidd: Array
     loads: Mapping[str, Array]
-    _space: HingePair
+    space: HingePair
     gravity: tuple[float, ...]
 
     def recorded(self) -> dict[str, NDArray[Any]]:
@@ -100,7 +101,7 @@ class SimulatedPlanarMotion(_Moved, PlanarTrajectory):
     psid: Array
     psidd: Array
     loads: Mapping[str, Array]
-    _space: HingePair
+    space: HingePair
     gravity: tuple[float, ...]
 
     def recorded(self) -> dict[str, NDArray[Any]]:
@@ -213,7 +214,7 @@ def simulate(
         "psid": read_only(now.psid),
         "psidd": read_only(found.psidd),
         "loads": {name: read_only(load) for name, load in loads.everything(instants, now).items()},
-        "_space": space,
+        "space": space,
         "gravity": loads.known["gravity"],
     }
     if isinstance(pair, PlanarPair):

@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.dynamics.simulate import SimulatedPlanarMotion
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.integration.trajectory import Trajectory
 from hingepair.pair.body_motion import BodyMotion
@@ -22,7 +23,7 @@ MOST_FRAMES: Final = 2000
 
 RATES: Final = ("v2", "omega2", "a2", "alpha2")
 
-Source: TypeAlias = HingePair | Scene | SceneResult | Trajectory
+Source: TypeAlias = HingePair | Scene | SceneResult | Trajectory | SimulatedPlanarMotion
 
 
 class Frames(NamedTuple):
@@ -58,8 +59,11 @@ def frames_of(source: object, outputs: Iterable[str] | None = None) -> tuple[Hin
     if isinstance(source, Scene):
         return source.space, source.title, _of_scene(source, outputs)
     if isinstance(source, Trajectory):
-        return source.pair, source.pair.name, _of_trajectory(source, outputs)
-    expected = "a pair in space, a scene, its result, or a trajectory in space"
+        return source.pair, source.pair.name, _of_trajectory(source, source.pair, source.R1, source.S1, outputs)
+    if isinstance(source, SimulatedPlanarMotion):
+        pair, body1 = source.space, source.body1
+        return pair, pair.name, _of_trajectory(source, pair, body1.R, body1.S, outputs)
+    expected = "a pair in space, a scene, its result, or a trajectory in space or by `simulate`"
     raise ArgumentError("source", expected, type(source).__name__)
 
 
@@ -82,13 +86,17 @@ def _of_scene(scene: Scene, outputs: Iterable[str] | None) -> Frames:
     return Frames(part.t, ((bodies["R1"], bodies["S1"]), (bodies["R2"], bodies["S2"])), part.known.psi, readings)
 
 
-def _of_trajectory(motion: Trajectory, outputs: Iterable[str] | None) -> Frames:
+def _of_trajectory(
+    motion: Trajectory | SimulatedPlanarMotion, pair: HingePair, R1: Array, S1: Array, outputs: Iterable[str] | None
+) -> Frames:
     rows = np.unique(np.linspace(0, len(motion.t) - 1, min(len(motion.t), MOST_FRAMES)).astype(np.intp))
-    body1 = BodyMotion(R=motion.R1[rows], S=motion.S1[rows])
-    a = motion.pair.forward_kinematics_from_body1(body1, motion.psi[rows]).arrays()
+    body1 = BodyMotion(R=R1[rows], S=S1[rows])
+    a = pair.forward_kinematics_from_body1(body1, motion.psi[rows]).arrays()
     found = motion.recorded()
     names = [name for name in RATES if name in found] if outputs is None else outputs
     readings = {name: _chosen(found, name)[rows] for name in names}
+    if outputs is None:
+        readings = {name: _in_space(array) for name, array in readings.items()}
     return Frames(motion.t[rows], ((body1.R, body1.S), (a["R2"], a["S2"])), motion.psi[rows], readings)
 
 
