@@ -17,7 +17,7 @@ from hingepair.integration.trajectory import rotations, world_vectors
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import check_rotation
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates, HeldMotion
+from hingepair.scenes.known_motion import ByBody1, ByCoordinates, HeldMotion, KnownMotion
 from hingepair.scenes.tables import Table
 
 START: Final = ("psi_0", "method")
@@ -27,7 +27,7 @@ _NAMES: Final = ("omega1", "psi_dot")
 _KEYS: Final = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
 
 
-def _motion(t: Float64Array, given: ByBody1 | ByCoordinates, method: str, error: float, **notes: Any) -> HeldMotion:
+def _motion(t: Float64Array, given: KnownMotion, method: str, error: float, **notes: Any) -> HeldMotion:
     known = "unknown" if math.isnan(error) else f"about {error:.1g} rad"
     turning = f"omega1 and psi' integrated by {method}, error {known}"
     doubt = "too few samples to tell how far the integration is off"

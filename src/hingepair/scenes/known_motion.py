@@ -6,7 +6,7 @@ Each kind answers the same calls, so that what computes, explains or checks a sc
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,6 @@ from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.instants import Rows
 
 if TYPE_CHECKING:
-    from hingepair.pair.hinge_pair import HingePair
     from hingepair.validation.report import CrossValidation
 
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
@@ -184,26 +183,27 @@ class ByBody1:
         arrays = {letter: array[rows] for letter in letters if (array := getattr(self.body1, letter)) is not None}
         return ByBody1(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
 
-    def forward_kinematics(
-        self, pair: HingePair, outputs: tuple[str, ...] | None, backend: str = "auto"
-    ) -> PairState:
+    def forward_kinematics(self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto") -> PairState:
         """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
-        return pair.forward_kinematics_from_body1(self.body1, *self.hinge, outputs=outputs, backend=backend)
+        found: PairState = pair.forward_kinematics_from_body1(
+            self.body1, *self.hinge, outputs=outputs, backend=backend
+        )
+        return found
 
-    def plan(self, pair: HingePair, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
+    def plan(self, pair: Any, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
         """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
         names = default_outputs(self.level) if outputs is None else outputs
         plan = make_plan(names, None, "home" in pair.constants.values)
         operations = count_operations(plan, pair.constants, {})
         return explain(plan, operations, self.level, level, frozenset())
 
-    def cross_validate(self, pair: HingePair) -> CrossValidation:
+    def cross_validate(self, pair: Any) -> CrossValidation:
         """The equations against Pinocchio."""
         from hingepair.validation.cross_validate import cross_validate_from_body1
 
         return cross_validate_from_body1(pair, self.body1, *self.hinge)
 
-    def bodies(self, pair: HingePair) -> dict[str, NDArray[Any]]:
+    def bodies(self, pair: Any) -> dict[str, NDArray[Any]]:
         """R1, S1, R2, S2, and omega1, omega2 where rates are known."""
         names = ("R1", "S1", "R2", "S2", *(("omega1", "omega2") if self.level else ()))
         return self.forward_kinematics(pair, names).arrays()
@@ -213,48 +213,14 @@ class ByBody1:
         W1, _ = given_rate_sizes(self.body1.omega)
         return np.asarray(W1), self.hinge[1]
 
-    def accelerated(self, _: HingePair) -> Accelerated:
+    def accelerated(self, _: Any) -> Accelerated:
         """Body 1 and the hinge with all derivatives; needs second derivatives."""
         psi, psid, psidd = self.hinge
         return self.body1, psi, psid, psidd
 
 
-class KnownMotion(Protocol):
-    """What each kind answers, of the pair that its scene has."""
-
-    @property
-    def level(self) -> int:
-        """The highest derivative that is known."""
-
-    @property
-    def psi(self) -> Float64Array:
-        """The hinge angle; shape (count,) rad."""
-
-    def coordinates(self, order: int = 0, /) -> dict[str, Float64Array]:
-        """What there is of the coordinates, or of their derivatives of an order, by name; shape (count,) each."""
-
-    def part(self, rows: Rows, order: int, /) -> KnownMotion:
-        """Some of the instants, with the derivatives up to an order."""
-
-    def forward_kinematics(
-        self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto", /
-    ) -> PairState | PlanarState:
-        """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
-
-    def plan(self, pair: Any, outputs: tuple[str, ...] | None, level: int, /) -> ScenePlan:
-        """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
-
-    def cross_validate(self, pair: Any, /) -> CrossValidation:
-        """The equations against Pinocchio."""
-
-    def bodies(self, pair: Any, /) -> dict[str, NDArray[Any]]:
-        """R1, S1, R2, S2, and omega1, omega2 where rates are known, in space."""
-
-    def accelerated(self, pair: Any, /) -> Accelerated:
-        """Body 1 in space and the hinge with all derivatives; needs second derivatives."""
-
-    def rates(self) -> tuple[Float64Array, Float64Array]:
-        """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
+KnownMotion: TypeAlias = ByCoordinates | ByBody1
+"""The kinds, which answer the same calls."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -274,7 +240,7 @@ class HeldMotion:
     """
 
     t: Float64Array
-    given: ByCoordinates | ByBody1
+    given: KnownMotion
     origin: str
     turning: str
     error_estimate: float

@@ -17,7 +17,7 @@ from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.integrated_motion import START, integrated_in_space
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates, HeldMotion
+from hingepair.scenes.known_motion import ByBody1, ByCoordinates, HeldMotion, KnownMotion
 from hingepair.scenes.log_file import ARRAYS, Columns, LogFile
 from hingepair.scenes.tables import Table
 
@@ -130,7 +130,7 @@ def _stated(table: Table, log: _Log) -> HeldMotion:
     parts = {names: log.part(names) for names in (_POSITION, attitude, _HINGE)}
     level = _level(log.file, parts)
     position, turning, hinge = ([part[name] for name in names[: level + 1]] for names, part in parts.items())
-    given: ByCoordinates | ByBody1
+    given: KnownMotion
     sequence = table.choice("sequence", SEQUENCES, "XYZ")
     if attitude is _EULER:
         derivatives = tuple(_seven(*group) for group in zip(position, turning, hinge, strict=True))
