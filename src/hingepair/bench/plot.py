@@ -96,16 +96,13 @@ def _panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:
         colour, mark = styles[curve.name]
         points = [(x, y) for x, y in curve.points if isfinite(min(y, edge))]
         across, up = [x for x, _ in points], [min(y, edge) for _, y in points]
-        style: dict[str, Any] = {"marker": mark, "color": colour, "markersize": 6, "linewidth": 1.2}
+        style: dict[str, Any] = {"marker": mark, "color": colour, "markersize": 6}
+        axes.plot(across, up, **style, lw=1.2, markevery=slice(0, 1) if curve.hard else None, label=curve.name)
         if curve.hard:
-            axes.plot(across, up, color=colour, linewidth=1.2)
-            axes.plot(across[1:], up[1:], **style, linestyle="none", markerfacecolor="white")
-            axes.plot(across[:1], up[:1], **style, linestyle="none", label=curve.name)
-            if curve is panel.curves[-1]:
-                axes.plot([], [], "o", color="0.3", markerfacecolor="white", label="hollow: on hard states")
-        else:
-            axes.plot(across, up, **style, label=curve.name)
+            axes.plot(across, up, **style, ls="none", markevery=slice(1, None), markerfacecolor="white")
         beyond += [(x, y) for x, y in points if y > edge]
+    if any(curve.hard for curve in panel.curves):
+        axes.plot([], [], "o", color="0.3", markerfacecolor="white", label="hollow: on hard states")
     for i, (x, y) in enumerate(sorted(beyond)):
         above = (0, 6 + 9 * (i % 2))
         axes.annotate(f"{y:.0e}", (x, edge), above, textcoords="offset points", ha="center", fontsize=7)
