@@ -230,7 +230,7 @@ def test_a_way_that_is_not_installed_is_a_line(monkeypatch):
 def test_without_a_compiler_or_headers_the_cpp_loop_is_a_line(monkeypatch):
     peers.compiled_loop.cache_clear()
     monkeypatch.setattr(peers, "_headers", lambda: iter(()))
-    assert "pinocchio/algorithm/frames.hpp" in " ".join(ways(cpp=True)[1])
+    assert "pinocchio/algorithm/" in " ".join(ways(cpp=True)[1])
     monkeypatch.setenv("PATH", "")
     assert "a C++ compiler" in " ".join(ways(cpp=True)[1])
 
