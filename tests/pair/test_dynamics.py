@@ -341,3 +341,17 @@ def test_what_prepared_dynamics_lacks_is_named():
     thin = hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), body1=hp.Body(1, inertia=(1, 1, 1)), body2=needle)
     with pytest.raises(hp.ArgumentError, match=r"pair\.body2: expected masses that resist"):
         thin.prepare("forward_dynamics")
+
+
+@pytest.mark.slow
+def test_prepared_dynamics_takes_arrays_of_jax():
+    import jax
+
+    rng = generator(28)
+    pair, body1 = massive(rng), moving(rng, 3)
+    given = (body1.S, body1.omega, body1.a, body1.alpha, *rng.normal(size=(3, 3)))
+    inverse = pair.prepare("inverse_dynamics")
+    with jax.enable_x64(True):
+        found = inverse(*map(jax.numpy.asarray, given))
+        assert isinstance(found.force1, jax.Array)
+        np.testing.assert_allclose(found.hinge_torque, inverse(*given).hinge_torque, rtol=0, atol=1e-12)

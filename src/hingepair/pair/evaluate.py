@@ -361,6 +361,8 @@ def run_foreign(
     """What `run`, a function of values by name, makes of a pair and of arrays of another library."""
     constants = {
         name: tuple(library.array(c) if isinstance(c, np.ndarray) else c for c in group)  # a number stays one
+        if isinstance(group, tuple)
+        else group
         for name, group in pair.values.items()
     }
     found = run({**constants, **values})
