@@ -47,24 +47,24 @@ def test_a_double_pendulum_swings_as_the_textbook_says():
 
 def test_a_pair_in_the_plane_moves_as_in_space():
     """Loads of the plane included; the angle of body 1 goes on past half a turn."""
-    t = np.linspace(0, 1, 11)
+    t = np.linspace(0, 0.3, 7)
     loads = {"torque1": 0.3, "force2": (0.1, 0.2), "torque2": lambda t, _: 0.1 * np.sin(t), "hinge_torque": 0.05}
-    start = hp.BodyMotion(R=(0.2, 0.1, 0), S=np.eye(3), v=(1, 2, 0), omega=(0, 0, 9))
-    flat = hp.simulate(DOUBLE, t, start, 0.4, -0.1, **loads, tol=1e-12)
+    start = hp.BodyMotion(R=(0.2, 0.1, 0), S=np.eye(3), v=(1, 2, 0), omega=(0, 0, 25))
+    flat = hp.simulate(DOUBLE, t, start, 0.4, -0.1, **loads, tol=1e-9)
     lifted = {
         "torque1": (0, 0, 0.3), "force2": (0.1, 0.2, 0), "hinge_torque": 0.05,
         "torque2": lambda t, _: np.stack([0 * t, 0 * t, 0.1 * np.sin(t)], axis=-1),
     }  # fmt: skip
-    space = hp.simulate(DOUBLE.massive(), t, start, 0.4, -0.1, **lifted, gravity=(0, -9.81, 0), tol=1e-12)
-    np.testing.assert_allclose(flat.R2, space.R2[:, :2], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(flat.psi, space.psi, rtol=0, atol=1e-11)
+    space = hp.simulate(DOUBLE.massive(), t, start, 0.4, -0.1, **lifted, gravity=(0, -9.81, 0), tol=1e-9)
+    np.testing.assert_allclose(flat.R2, space.R2[:, :2], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(flat.psi, space.psi, rtol=0, atol=1e-8)
     assert flat.phi[-1] > 2 * np.pi
     forces = DOUBLE.inverse_dynamics(
         (*flat.body1.R.T[:2], flat.phi, flat.psi),
         (*flat.body1.v.T[:2], flat.body1.omega[:, 2], flat.psid),
         (*flat.body1.a.T[:2], flat.body1.alpha[:, 2], flat.psidd),
     )
-    np.testing.assert_allclose(forces.force1, np.broadcast_to((0.1, 0.2), (11, 2)), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(forces.force1, np.broadcast_to((0.1, 0.2), (7, 2)), rtol=0, atol=1e-11)
 
 
 def test_the_plane_has_the_dynamics_of_space():
@@ -90,11 +90,11 @@ def test_a_pin_holds_its_point_and_gives_no_torque():
     bodies = [hp.Body(rng.uniform(1, 2), rng.normal(size=3), rng.uniform(0.6, 1, 3)) for _ in range(2)]
     pair = hp.HingePair(*rng.normal(size=(3, 3)), home=rotations(rng, 1)[0], body1=bodies[0], body2=bodies[1])
     start = hp.BodyMotion(R=(1, 2, 3), S=rotations(rng, 1)[0], omega=rng.normal(size=3))
-    t = np.linspace(0, 2, 21)
+    t = np.linspace(0, 1, 11)
     found = hp.simulate(pair, t, start, 0.4, 1.0, base="pinned", torque1=(0.1, 0, 0.2), tol=1e-12)
     forces = pair.inverse_dynamics(found.body1, found.psi, found.psid, found.psidd)
-    np.testing.assert_array_equal(found.R1, np.broadcast_to((1.0, 2.0, 3.0), (21, 3)))
-    np.testing.assert_allclose(forces.torque1, np.broadcast_to((0.1, 0, 0.2), (21, 3)), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(found.R1, np.broadcast_to((1.0, 2.0, 3.0), (11, 3)))
+    np.testing.assert_allclose(forces.torque1, np.broadcast_to((0.1, 0, 0.2), (11, 3)), rtol=0, atol=1e-12)
     np.testing.assert_allclose(forces.hinge_torque, 0, rtol=0, atol=1e-12)
     total, power = sum(found.energy()), found.body1.omega @ (0.1, 0, 0.2)
     done = np.concatenate([[0], np.cumsum(power[:-1:2] + 4 * power[1::2] + power[2::2]) * t[1] / 3])

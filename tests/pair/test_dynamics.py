@@ -302,6 +302,8 @@ def test_prepared_dynamics_is_that_of_the_methods(backend):
         np.testing.assert_allclose(getattr(back, name), value, **near)
     lone = forward(S[2], omega[2], psi[2], psid[2], *(part[2] for part in expected))
     np.testing.assert_allclose(lone.psidd, psidd[2], **near)
+    if backend == "compiled":  # one kernel less, of many operations
+        return
     names = ("mass_matrix", "kinetic", "potential", "linear", "angular", "bearing_torque")
     given = ("R1", "S1", "v1", "omega1", "a1", "alpha1", "psi", "psid", "psidd")
     more = pair.prepare(given, outputs=names, gravity=GRAVITY, backend=backend)(
