@@ -41,7 +41,7 @@ def test_every_export_has_its_scene_and_every_scene_its_line():
 
 @pytest.mark.parametrize("simulator", ["pinocchio", "mujoco"])
 def test_the_readme_opens_them(simulator, monkeypatch):
-    (code,) = (block for block in BLOCKS if f"import {simulator}" in block)
+    (code,) = (block for block in BLOCKS if f"import {simulator}" in block and "models/reference_3d" in block)
     monkeypatch.chdir(MODELS.parent)
     names = {}
     exec(code, names)
@@ -50,6 +50,12 @@ def test_the_readme_opens_them(simulator, monkeypatch):
     pair = hp.load_scene("models/reference_3d.toml").space
     size = np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
     assert np.abs(found - pair.forward_kinematics((0, 0, 0, 0, 0, 0, 0.5)).R2).max() <= 16 * U * size
+
+
+def test_the_readme_weighs_the_forearm_of_talos(capsys):
+    (code,) = (block for block in BLOCKS if "data.Ycrb" in block)
+    exec(code, {})
+    assert f"```text\n{capsys.readouterr().out}```" in README
 
 
 def test_one_example_is_oblique():

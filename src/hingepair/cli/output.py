@@ -18,10 +18,10 @@ from rich.console import Console
 from hingepair.errors import printable
 from hingepair.evaluation.plan import OUTPUTS, PLANAR_OUTPUTS
 from hingepair.numeric.whole_file import whole_file
-from hingepair.pair.results import ROWS, Result
+from hingepair.pair.results import ROWS
 from hingepair.scenes.scene import COORDINATES
 
-Part = TypeVar("Part", bound=Result)
+Part = TypeVar("Part")
 
 EXIT_BAD = 2
 """The exit code of what could not be done; 1 means that a check failed."""
@@ -48,25 +48,14 @@ def console() -> Console:
     return found if found.is_terminal else Console(highlight=False, markup=False, soft_wrap=True, width=100)
 
 
-@contextlib.contextmanager
-def progress(samples: int) -> Iterator[Callable[[Iterable[Part]], Iterator[Part]]]:
-    """What runs through the pieces of so many instants and draws a bar, where there are many and someone looks on."""
+def watched(parts: Iterable[Part], samples: int) -> Iterable[Part]:
+    """The pieces of so many instants, with a bar where there are many and someone looks on."""
     screen = Console(stderr=True)
     if samples <= ROWS or not screen.is_terminal:
-        yield iter
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+        return parts
+    from rich.progress import track
 
-    columns = BarColumn(), MofNCompleteColumn(), "instants", TimeRemainingColumn()
-    with Progress(*columns, console=screen, transient=True) as bar:
-        task = bar.add_task("", total=samples)
-
-        def through(parts: Iterable[Part]) -> Iterator[Part]:
-            for part in parts:
-                yield part
-                bar.advance(task, len(part.t))
-
-        yield through
+    return track(parts, "computing", -(-samples // ROWS), console=screen, transient=True)
 
 
 @contextlib.contextmanager

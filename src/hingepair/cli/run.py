@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from hingepair.cli.output import NOTHING_WRITTEN, Json, Outputs, console, listed, progress, said_if_stopped
+from hingepair.cli.output import NOTHING_WRITTEN, Json, Outputs, console, listed, said_if_stopped, watched
 from hingepair.cli.summary import Summary
 from hingepair.errors import printable
 from hingepair.numeric.tables import finite_or_none, instant
@@ -55,7 +55,7 @@ def run(
         if out is not None:
             opened.enter_context(said_if_stopped(out))
             add = opened.enter_context(result_file(out, scene.samples, scene.title, scene_files(scene_file)))
-        for part in opened.enter_context(progress(scene.samples))(scene.blocks(names)):
+        for part in watched(scene.blocks(names), scene.samples):
             summary.add(part)
             if add is not None:
                 add(part.t, part.recorded())

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +20,12 @@ if TYPE_CHECKING:
     from hingepair.scenes.scene import Scene, SceneResult
 
 _MEANINGS = (
-    ("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m", "max abs(R1) + abs(u1) + abs(u2)"),
-    ("E2", "omega2 - omega1 - S2 C^T n psi'", "rad/s", "W2 = W1 + abs(psi')"),
+    ("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m"),
+    ("E2", "omega2 - omega1 - S2 C^T n psi'", "rad/s"),
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Residual:
+class Residual(NamedTuple):
     """The largest residual of one constraint over all instants.
 
     Attributes:
@@ -37,7 +34,6 @@ class Residual:
         unit: of `largest`.
         largest: largest component.
         ratio: the same in units of u * scale.
-        scale: the formula of the scale.
     """
 
     label: str
@@ -45,7 +41,6 @@ class Residual:
     unit: str
     largest: float
     ratio: float
-    scale: str
 
 
 class Summary:
@@ -59,9 +54,9 @@ class Summary:
         self._scene = scene
         self._notes = Notes(scene)
         self._instants = sorted({0, (scene.samples - 1) // 2, scene.samples - 1})
-        self._seen: list[tuple[float, list[float]]] = []  # these instants, and each component then
+        self._seen: list[tuple[float, NDArray[np.float64]]] = []  # these instants, and each component then
         self._names: list[str] = []
-        self._ranges = np.empty((0, 2))
+        self._least = self._most = np.array(np.nan)
         self._meanings = _MEANINGS[: scene.motion.level + 1]
         self._worst = np.full((len(self._meanings), 2), np.nan)
         self.lost = 0
@@ -69,30 +64,22 @@ class Summary:
     def add(self, part: SceneResult) -> None:
         """Look at one piece."""
         arrays = part.chosen()
-        columns = [column for array in arrays.values() for column in array.reshape(len(part.t), -1).T]
-        if not self._names:
-            self._names = column_names(arrays)
-            self._ranges = np.full((len(columns), 2), np.nan)
-        for i in self._instants:
-            if 0 <= i - part.first < len(part.t):
-                at = i - part.first
-                self._seen.append((float(part.t[at]), [float(column[at]) for column in columns]))
-        ranges = np.array([_range(column) for column in columns])
-        self._ranges = np.stack(
-            [np.fmin(self._ranges[:, 0], ranges[:, 0]), np.fmax(self._ranges[:, 1], ranges[:, 1])], axis=1
-        )
-        self.lost += int(np.count_nonzero(~np.logical_and.reduce([np.isfinite(column) for column in columns])))
+        self._names = column_names(arrays)
+        values = np.concatenate([array.reshape(len(part.t), -1) for array in arrays.values()], axis=1, dtype=float)
+        for at in (i - part.first for i in self._instants):
+            if 0 <= at < len(part.t):
+                self._seen.append((float(part.t[at]), values[at].copy()))
+        lost = ~np.isfinite(values)
+        self.lost += int(lost.any(axis=1).sum())
+        values[lost] = np.nan
+        self._least = np.fmin(self._least, np.fmin.reduce(values))
+        self._most = np.fmax(self._most, np.fmax.reduce(values))
         self._worst = np.fmax(self._worst, _worst(self._scene, part.known))
         self._notes.add(part)
 
     def residuals(self) -> tuple[Residual, ...]:
         """How far the computed motion is from E1, and from E2 where it has rates, over all instants."""
-        return tuple(
-            Residual(label, meaning, unit, largest, ratio, scale)
-            for (label, meaning, unit, scale), (largest, ratio) in zip(
-                self._meanings, self._worst.tolist(), strict=True
-            )
-        )
+        return tuple(Residual(*own, *worst) for own, worst in zip(self._meanings, self._worst.tolist(), strict=True))
 
     def notes(self) -> tuple[str, ...]:
         """What a reader should know."""
@@ -107,22 +94,17 @@ class Summary:
         found.add_column("", no_wrap=True)
         for heading in (*(f"t = {instant(t)}" for t, _ in self._seen), "smallest", "largest"):
             found.add_column(heading, justify="right", no_wrap=True)
-        for i, name in enumerate(self._names):
-            cells = [*(values[i] for _, values in self._seen), *self._ranges[i]]
+        for name, *cells in zip(self._names, *(then for _, then in self._seen), self._least, self._most, strict=True):
             found.add_row(name, *(f"{cell + 0.0:.6g}" for cell in cells), end_section=name.endswith(("_z", "_zz")))
         return found
 
     def as_json(self) -> dict[str, Any]:
         """The same as numbers; what is not finite is None."""
+        columns = (self._seen[0][1], self._seen[-1][1], self._least, self._most)
         keys = ("first", "last", "smallest", "largest")
         return {
-            name: {
-                key: finite_or_none(float(number))
-                for key, number in zip(
-                    keys, (self._seen[0][1][i], self._seen[-1][1][i], *self._ranges[i]), strict=True
-                )
-            }
-            for i, name in enumerate(self._names)
+            name: {key: finite_or_none(float(number)) for key, number in zip(keys, numbers, strict=True)}
+            for name, *numbers in zip(self._names, *columns, strict=True)
         }
 
 
@@ -141,9 +123,4 @@ def _worst(scene: Scene, known: KnownMotion) -> NDArray[np.float64]:
 
 
 def _largest(values: NDArray[Any]) -> float:
-    return _range(values)[1]
-
-
-def _range(column: NDArray[Any]) -> tuple[float, float]:
-    finite = column[np.isfinite(column)]
-    return (float(finite.min()), float(finite.max())) if finite.size else (math.nan, math.nan)
+    return float(np.fmax.reduce(np.where(np.isfinite(values), values, np.nan), axis=None, initial=np.nan))

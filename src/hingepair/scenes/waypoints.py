@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError
@@ -125,7 +126,7 @@ def _spline(t: Float64Array, values: Float64Array) -> Float64Array:
     """The spline of degree 5 through points, at rest and without acceleration at the first and the last."""
     degree = 5
     h, m, size = np.diff(t), len(t) - 1, degree + 1
-    ones = np.stack([_falling(degree, k) for k in range(size)])  # row k: k-th derivative of x^j at x = 1
+    ones = [_derived(np.eye(size), k).sum(axis=1) for k in range(degree)]  # k-th derivative of x^j at x = 1
     system, right = np.zeros((m * size, m * size)), np.zeros(m * size)
     row = 0
     for i in range(m):  # in x = (time since t[i]) / h[i]: the value at both ends
@@ -185,22 +186,11 @@ def _ramp(where: str, time: float, way: float, speed: float, acceleration: float
     return min(max(time / 3, shortest), longest)
 
 
-def _falling(degree: int, k: int) -> Float64Array:
-    """The factors of the k-th derivative of x^0 ... x^degree."""
-    return np.array([float(math.perm(j, k)) for j in range(degree + 1)])
-
-
 def _derived(coefficients: Float64Array, k: int) -> Float64Array:
     """Coefficients of the k-th derivative."""
-    degree = coefficients.shape[1] - 1
-    if k > degree:
-        return np.zeros((len(coefficients), 1))
-    return coefficients[:, k:] * _falling(degree, k)[k:]
+    return np.asarray(polynomial.polyder(coefficients, k, axis=-1))
 
 
 def _polynomials(coefficients: Float64Array, x: Float64Array) -> Float64Array:
     """Each polynomial at its own x; shapes (..., degree + 1) and (...)."""
-    found = np.zeros(x.shape)
-    for k in range(coefficients.shape[-1] - 1, -1, -1):
-        found = found * x + coefficients[..., k]
-    return found
+    return np.asarray(polynomial.polyval(x, np.moveaxis(coefficients, -1, 0), tensor=False))
