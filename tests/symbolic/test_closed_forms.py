@@ -60,6 +60,14 @@ def test_omega1_of_the_reference_example_reads_as_its_source_has_it(reference):
     ]
 
 
+def test_alpha2_of_the_reference_example_is_a_sum_of_waves(reference):
+    assert reference.to_text(["alpha2"]).splitlines() == [
+        "alpha2_x = 5 cos t - 20 sin 4t - 30 sin 6t",
+        "alpha2_y = 5/2 sin t + 5 cos 2t - 10 cos 4t - 21/2 sin 3t - 35/2 sin 7t + 45/2 sin 9t + 40 cos 8t",
+        "alpha2_z = 5/2 cos t - 9/2 cos 3t - 10 sin 4t - 15 sin 2t + 35/2 cos 7t - 45/2 cos 9t + 40 sin 8t",
+    ]
+
+
 def test_a_turn_about_one_axis_has_the_rate_of_its_angle(tmp_path):
     """The second worked case: S = Sx(phi) gives omega = (phi', 0, 0)."""
     found = scene(tmp_path, phi_x='"sin(t)**2 + exp(-t/3)"', phi_y=0, phi_z=0)
