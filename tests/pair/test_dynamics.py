@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
+from hingepair.evaluation import backend
 from support.reference import forces_from_attitude
 from support.sparse import sparse
 from support.states import generator, rotations
@@ -343,6 +344,37 @@ def test_what_prepared_dynamics_lacks_is_named():
     thin = hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), body1=hp.Body(1, inertia=(1, 1, 1)), body2=needle)
     with pytest.raises(hp.ArgumentError, match=r"pair\.body2: expected masses that resist"):
         thin.prepare("forward_dynamics")
+
+
+@pytest.mark.parametrize("price", [0.0, 1.0], ids=["python", "compiled"])
+def test_one_state_however_it_lies(price, monkeypatch):
+    """0-d angles, foreign byte order, strides, another gravity; by generated Python, and by a kernel."""
+    monkeypatch.setattr(backend, "_A_STATE", price)
+    rng = generator(29)
+    pair, body1 = massive(rng), moving(rng, 2)
+    psi, psid, psidd = rng.normal(size=(3, 2))
+    together = pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)
+    strided = np.zeros((6, 3))
+    strided[::2] = body1.S[1]
+    one = hp.BodyMotion(
+        R=(0, 0, 0),
+        S=strided[::2],
+        omega=body1.omega[1].astype(">f8"),
+        a=body1.a[1][::-1][::-1],
+        alpha=body1.alpha[1],
+    )
+    for gravity, expected in (
+        (GRAVITY, together),
+        ((0, 0, 0), pair.inverse_dynamics(body1, psi, psid, psidd, (0, 0, 0))),
+    ):
+        for angles in (
+            (np.array(psi[1]), psid[1], psidd[1]),
+            (float(psi[1]), psid[1].astype(">f8"), float(psidd[1])),
+        ):
+            found = pair.inverse_dynamics(one, *angles, gravity)
+            for many, single in zip(expected, found, strict=True):
+                np.testing.assert_allclose(single, many[1], rtol=0, atol=1e-12)
+                assert single.flags.writeable
 
 
 @pytest.mark.slow

@@ -16,13 +16,15 @@ from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
 from hingepair.equations.spatial import Vector
 from hingepair.errors import ArgumentError
-from hingepair.evaluation.plan import steps_of
+from hingepair.evaluation.one_state import OneState
+from hingepair.evaluation.plan import INPUTS, steps_of
 from hingepair.evaluation.steps import ARM_STEPS, Step
 from hingepair.numeric.arrays import FloatArray, one_constant, result_dtype, vectors
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import component, follow_steps
+from hingepair.pair.evaluate import component, follow_steps, loop_of_steps
+from hingepair.pair.states import spans_of
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity unless given, world axes [m/s^2]."""
@@ -121,14 +123,19 @@ def mass_constants(bodies: Bodies, *needed: str) -> dict[str, Any]:
                 ways = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
                 raise ArgumentError(f"pair.{name}", f"mass properties, as in {ways}", None)
             continue
-        digit = name[-1]
-        values[f"m{digit}"] = body.mass
-        values[f"c{digit}"] = tuple(body.center_of_mass.tolist())
-        values[f"I{digit}"] = tuple(body.inertia.ravel().tolist())
-        if body.inertia_is_assumed:
+        own, assumed = _of_body(body, name[-1])
+        values |= own
+        if assumed:
             text = f"pair.{name}: no inertia is given, a radius of gyration of 0.1 m is taken"
             warnings.warn(f"{text}; Body(inertia=...) or Body(shapes=...) gives it", DynamicsWarning, _caller())
     return values
+
+
+@functools.lru_cache(maxsize=256)
+def _of_body(body: Body, digit: str) -> tuple[dict[str, Any], bool]:
+    """Mass, centre and inertia of a body by name, and whether the inertia is assumed."""
+    centre, inertia = tuple(body.center_of_mass.tolist()), tuple(body.inertia.ravel().tolist())
+    return {f"m{digit}": body.mass, f"c{digit}": centre, f"I{digit}": inertia}, body.inertia_is_assumed
 
 
 def with_masses(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: Iterable[str]) -> Constants:
@@ -437,10 +444,39 @@ def _follow(
     ranks = {name: 2 if name == "S1" else 1 for name in arrays}
     shapes = {name: v.shape[: v.ndim - ranks[name]] for name, v in arrays.items()}
     shapes |= {name: np.shape(values[name]) for name in angles}
-    kinematics = steps_of(None, "home" in constants.values)
-    steps = forward_steps(kinematics) if forward else (*kinematics, *STEPS)
     dtype = result_dtype(values.values())
-    return follow_steps(steps, tails, constants, {**known, **values}, shapes, dtype)
+    if constants.single and dtype == np.float64 and not any(shapes.values()):
+        return _of_one(constants, tails, known, values, forward)
+    return follow_steps(_steps(constants, forward), tails, constants, {**known, **values}, shapes, dtype)
+
+
+def _steps(constants: Constants, forward: bool) -> tuple[Step, ...]:
+    kinematics = steps_of(None, "home" in constants.values)
+    return forward_steps(kinematics) if forward else (*kinematics, *STEPS)
+
+
+def _of_one(
+    constants: Constants,
+    tails: Mapping[str, tuple[int, ...]],
+    known: Mapping[str, Any],
+    values: Mapping[str, Any],
+    forward: bool,
+) -> dict[str, NDArray[Any]]:
+    """Some results of one state of one pair, whose masses stay what they are; gravity need not."""
+    key = "dynamics", forward, *tails
+    one = constants.prepared.get(key)
+    if one is None:
+        fixed = {**constants.values, **known}
+        fixed.pop("gravity", None)
+        inputs = {name: INPUTS.get(name, (3,)) for name in (*fixed, "gravity", *values)}
+        loop = loop_of_steps(_steps(constants, forward), tuple(tails.items()), tuple(inputs.items()))
+        own = {name: fixed[name] for name, _ in loop.inputs if name in fixed}
+        one = constants.prepared[key] = OneState(loop, own, "auto")
+    given = {n: v if isinstance(v, float) else np.asarray(v, np.float64, order="C") for n, v in values.items()}
+    buffer = one({**given, "gravity": np.array(known.get("gravity", _ZERO))})
+    buffer.flags.writeable = True
+    spans = spans_of(tuple(tails.items())).items()
+    return {name: buffer[begin:end].reshape(tail) for name, (begin, end, tail) in spans}
 
 
 def _gravity(gravity: ArrayLike) -> dict[str, Any]:

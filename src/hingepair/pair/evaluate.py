@@ -174,16 +174,17 @@ def follow_steps(
         values = {name: np.asarray(v) if isinstance(v, float) else v for name, v in values.items()}
     given = {**(pair.values if pair.single else pair.arrays), **values}
     inputs = tuple((name, _tail(name, value)) for name, value in given.items())
-    loop = _loop_of_steps(tuple(steps), tuple(tails.items()), inputs)
+    loop = loop_of_steps(tuple(steps), tuple(tails.items()), inputs)
     out = rooms(loop.outputs, shape, dtype, None, {})
     loop.run(given, out, shape, dtype, how)
     return out
 
 
 @functools.lru_cache(maxsize=256)
-def _loop_of_steps(
+def loop_of_steps(
     steps: tuple[Step, ...], tails: tuple[tuple[str, tuple[int, ...]], ...], given: tuple[tuple[str, Any], ...]
 ) -> Loop:
+    """The loop from what is given to some results of steps; the shape of one sample stands beside each name."""
     taken, needed = needed_steps(steps, (name for name, _ in tails))
     plan = Plan(tuple(name for name, _ in tails), taken, needed, (), None, True, SPATIAL)
     return Loop("state", plan.run, {name: tail for name, tail in given if name in needed}, dict(tails))
