@@ -57,6 +57,8 @@ def test_npz_and_netcdf_keep_vectors_together(result, tmp_path):
         np.testing.assert_array_equal(data.S2.values, result.S2)
         assert data.S2.dims == ("time", "xyz", "body_xyz")
         assert (data.v2.attrs["units"], data.time.attrs["units"]) == ("m/s", "s")
+        assert data.v2.attrs["long_name"] == "Velocity of body 2's reference point"
+        assert (data.v2.attrs["axes"], "axes" in data.psi.attrs) == ("world", False)
         assert data.attrs["description"] == result.scene.title
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.numeric.notebook import Sheet, Shown, unit_of
 from hingepair.numeric.whole_file import whole_file
+from hingepair.pair.states import PairState, PlanarState
 
 ROWS: Final = 131072
 """Rows that a file takes at a time, and of a row group of a .parquet: its bytes do not depend on how rows come."""
@@ -23,6 +24,7 @@ MOST_HELD: Final = 10_000_000
 """Instants that are held in memory at most."""
 
 _AXES = "xyz"
+_MEANINGS: Final[dict[str, str]] = {**PlanarState.__slots__, **PairState.__slots__}
 _TEXT_ROWS = 8192
 
 Add: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None]
@@ -78,7 +80,9 @@ class Result(Shown):
             own = "xyz" if 3 in array.shape[1:] else "xy"
             dims = ("time", own, f"body_{own}")[: array.ndim]
             letters |= {dim: list(own) for dim in dims[1:]}
-            variables[name] = (dims, array, {"units": unit_of(name), "axes": "world"})
+            facts = {"units": unit_of(name), "long_name": _MEANINGS.get(name, "").partition(";")[0]}
+            facts |= {"axes": "world"} if array.ndim > 1 else {}
+            variables[name] = dims, array, {key: text for key, text in facts.items() if text}
         time = ("time", self.t, {"units": "s"})
         return xarray.Dataset(variables, {"time": time, **letters}, {"description": self.described})
 
