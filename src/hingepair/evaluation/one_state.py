@@ -21,9 +21,6 @@ class OneState:
         loop: what to compute.
         constants: inputs that stay, as tuples of floats.
         backend: "compiled" from the first call on, "numpy" for generated Python, "auto" for what pays.
-
-    Attributes:
-        outputs: of the loop.
     """
 
     def __init__(self, loop: Loop, constants: dict[str, Any], backend: str) -> None:
@@ -32,7 +29,6 @@ class OneState:
         bound = bind(loop.inputs, {**constants, **some})
         self._numbers, self._constants = bound.constants, np.array(bound.constants)
         self._program = loop.program(bound.pattern)
-        self.outputs = loop.outputs
         counts = tuple(math.prod(tail) for _, tail in loop.outputs)
         self._size, self._key = sum(counts), ((False,) * len(some), counts, "d")
         self._account, self._may_compile = Account(self._program.operations), backend == "auto"

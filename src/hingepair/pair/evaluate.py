@@ -135,8 +135,10 @@ def evaluate_one(
     one = pair.prepared.get(key)
     if one is None:
         own = {name: value for name, value in pair.values.items() if name in plan.inputs}
-        one = pair.prepared[key] = OneState(loop_of(plan, rows), own, how.backend)
-    fresh = state.of_buffer(one(values), spans_of(one.outputs))
+        loop = loop_of(plan, rows)
+        one = pair.prepared[key] = OneState(loop, own, how.backend), spans_of(loop.outputs)
+    run, spans = one
+    fresh = state.of_buffer(run(values), spans)
     return fresh if out is None else written(fresh, out, {})
 
 

@@ -71,8 +71,7 @@ def from_coordinates(
                 inputs = dict(zip(PARTS, rows, strict=False)) if found.shape else {}
                 return found if out is None else written(found, out, inputs)
             if ready is not None and out is None:
-                floats = [row for row in (float_row(value, len(COORDINATES)) for value in rows) if row is not None]
-                state: PairState | None = ready.short(*floats) if len(floats) == len(rows) else None
+                state: PairState | None = ready.short(*[float_row(value, len(COORDINATES)) for value in rows])
                 if state is not None:
                     return state
     plan, given = plan_from_coordinates(pair, q, qd, qdd, outputs, out, sequence, foreign=True)

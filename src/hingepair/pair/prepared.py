@@ -36,7 +36,7 @@ from hingepair.numeric.arrays import broadcast_shape, real_array, result_dtype, 
 from hingepair.pair import constraints, derivatives, dynamics
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import Out, check_options, loop_of, rooms, run_foreign, written
-from hingepair.pair.states import PairState, State, spans_of
+from hingepair.pair.states import PairState, Spans, State, spans_of
 from hingepair.rotations.matrices import TOLERANCE, check_rotation
 from hingepair.rotations.sequences import find_sequence
 
@@ -124,6 +124,7 @@ class _Shot(NamedTuple):
     inner: int
     size: int
     starts: tuple[int, ...]
+    spans: Spans
     shape: tuple[int, ...]
     constants: NDArray[Any]
     tables: list[Any]
@@ -156,6 +157,7 @@ class Prepared:
         self._checked = self._loop.outputs[-1][0] == _CHECK
         self._shots: dict[Any, _Shot] = {}
         self._tails = self._loop.outputs[:-1] if self._checked else self._loop.outputs
+        self._spans = spans_of(self._tails)
         self._account = Account(self._program.operations)
         self.short: Callable[..., PairState | None] = self._by_python if pair.single else self._again
         if how.backend == "compiled" or (how.backend == "auto" and pair.single and now):
@@ -207,11 +209,12 @@ class Prepared:
         """`short`, unrolled: at first for one state in arrays of float64."""
         scope: dict[str, Any] = {"run": run, "new": PairState.__new__, "PairState": PairState, "empty": np.empty}
         scope |= {"constants": np.array(self._bound.constants), "refuse": self._refuse, "again": self._again}
-        spans = spans_of(self._tails)
-        scope |= {"spans": spans, "shape": ()}
-        rows = all(tail == () or (tail in {(3,), (3, 3)} and begin % 3 == 0) for begin, _, tail in spans.values())
+        scope |= {"spans": self._spans, "shape": ()}
+        rows = all(
+            tail == () or (tail in {(3,), (3, 3)} and begin % 3 == 0) for begin, _, tail in self._spans.values()
+        )
         size, lines = sum(math.prod(tail) for _, tail in self._loop.outputs), []
-        for name, (begin, end, tail) in spans.items():
+        for name, (begin, end, tail) in self._spans.items():
             if name in PairState.__slots__:
                 scope[f"set_{name}"] = PairState.__dict__[name].__set__
                 if rows:  # one row of the buffer, or three, or one number
@@ -257,7 +260,7 @@ class Prepared:
         found = np.array(self._program.floats_function(*numbers))
         if self._checked:
             self._check(found[-1:], given)
-        return PairState.of_buffer(found, spans_of(self._tails))
+        return PairState.of_buffer(found, self._spans)
 
     def _again(self, *given: Any) -> PairState | None:
         """The state, where arrays of this layout came before."""
@@ -276,24 +279,25 @@ class Prepared:
 
     def _fire(self, shot: _Shot, given: Sequence[NDArray[Any]]) -> PairState:
         """Run a kernel over arrays whose layout it knows."""
-        buffer = np.empty(shot.size, shot.constants.dtype)
+        kernel, lines, inner, size, starts, spans, shape, constants, tables = shot
+        buffer = np.empty(size, constants.dtype)
         try:
-            table = shot.tables.pop()
+            table = tables.pop()
         except IndexError:
-            table = (ctypes.c_int64 * len(shot.table))(*shot.table)
-        place = len(shot.table) - FIELDS * (len(self._rows) + len(shot.starts))
+            table = (ctypes.c_int64 * len(lines))(*lines)
+        place = len(lines) - FIELDS * (len(self._rows) + len(starts))
         for k in self._rows:
             table[place] = address(given[k])
             place += FIELDS
         start = address(buffer)
-        for offset in shot.starts:
+        for offset in starts:
             table[place] = start + offset
             place += FIELDS
-        shot.kernel(table, 1, shot.inner)
-        shot.tables.append(table)
+        kernel(table, 1, inner)
+        tables.append(table)
         if self._checked:
-            self._check(buffer[shot.size - shot.inner :], given)
-        return PairState.of_buffer(buffer, spans_of(self._tails, shot.shape), shot.shape)
+            self._check(buffer[size - inner :], given)
+        return PairState.of_buffer(buffer, spans, shape)
 
     def _first(self, given: Sequence[Any], out: Out) -> PairState:
         """The long way: everything is looked at; what can be remembered is."""
@@ -360,7 +364,7 @@ class Prepared:
             table += (0, 0, size * math.prod(tail), size, SIDE_BY_SIDE if count > 1 else SCATTERED)
         starts = tuple(size * start for start, _, _ in spans.values())
         run = kernel.run_one if count < _WITHOUT_LOCK else kernel.run
-        shot = _Shot(run, tuple(table), count, total, starts, shape, constants, [])
+        shot = _Shot(run, tuple(table), count, total, starts, spans_of(self._tails, shape), shape, constants, [])
         if len(self._shots) >= _KEPT:
             self._shots.clear()
         self._shots[tuple([(array.shape, array.strides, array.dtype) for array in given])] = shot
