@@ -17,15 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from hingepair.evaluation.plan import Plan
+from hingepair.evaluation.plan import INPUTS, Plan
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
-from hingepair.numeric.blocks import Named, tabulate
+from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.bounded import Bounded, Double, kind_of
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import Outputs, components, leading_shapes, parts_of
+from hingepair.pair.evaluate import Outputs, leading_shapes, parts_of
 
 
 class Promise(NamedTuple):
@@ -269,9 +269,19 @@ def _bounds(pair: Constants, plan: Plan, values: Named, shapes: Mapping[str, tup
         return {name: _largest(found[name]) for name in plan.outputs}
 
     wanted = plan.inputs | {"u1", "u2"}
-    groups = {name: components(name, group) for name, group in {**pair.values, **values}.items() if name in wanted}
+    groups = {name: _components(name, group) for name, group in {**pair.values, **values}.items() if name in wanted}
     shape = broadcast_shape({**shapes, "pair": pair.shape})
     return tabulate(bounds, groups, dict.fromkeys(plan.outputs, ()), shape, np.dtype(np.float64))
+
+
+def _components(name: str, group: Any) -> Any:
+    """A group as the equations take it: a component, or a tuple of components."""
+    if not isinstance(group, np.ndarray) or INPUTS.get(name) == ():
+        return group
+    rank = 2 if name in {"S1", "S2"} else 1
+    if group.ndim == rank and group.dtype.char == "d":
+        return tuple(group.ravel().tolist())
+    return components_of(group, rank)
 
 
 def _known(group: Any, made_of: tuple[str, ...], numbers: Named, kind: type[Bounded]) -> Any:

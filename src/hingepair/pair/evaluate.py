@@ -32,7 +32,7 @@ from hingepair.evaluation.plan import (
 from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES, PLANAR_ROW_STEPS, ROW_STEPS, Step
 from hingepair.numeric.array_libraries import ForeignArray, Library, foreign_components, library_of
 from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, real_array, result_dtype, vectors
-from hingepair.numeric.blocks import Components, Named, components_of
+from hingepair.numeric.blocks import Components, Named
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState, spans_of
 
@@ -252,16 +252,6 @@ def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
         return np.asarray(value, np.float64) if known else None
     except OverflowError:
         return None
-
-
-def components(name: str, group: Any) -> Any:
-    """A group as the equations take it: a component, or a tuple of components."""
-    if not isinstance(group, np.ndarray) or INPUTS.get(name) == ():
-        return group
-    rank = 2 if name in {"S1", "S2"} else 1
-    if group.ndim == rank and group.dtype.char == "d":
-        return tuple(group.ravel().tolist())
-    return components_of(group, rank)
 
 
 def rooms(
