@@ -12,7 +12,7 @@ from support.states import generator
 
 pytestmark = pytest.mark.slow
 
-SAMPLES = 600_000  # three components of a copy are more than the room
+SAMPLES = 430_000  # three components of a copy are more than the room
 ROOM = 10_000_000
 
 

@@ -19,13 +19,14 @@ from hingepair.scenes.instants import Uniform
 
 MODELS = Path(__file__).parents[2] / "models"
 RUN = (sys.executable, "-c", "from hingepair.cli.main import main; main()", "run")
-PEAK = """
-import resource, sys
+PEAK = r"""
+import re, sys
 from hingepair.cli.main import main
 try:
     main()
 finally:
-    print("peak", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)
+    with open("/proc/self/status") as file:  # ru_maxrss begins with that of the process it was forked from
+        print("peak", *re.findall(r"VmHWM:\s*(\d+)", file.read()), file=sys.stderr)
 """
 
 

@@ -726,11 +726,11 @@ FAULTS = {
         "return expr, jet[1].xreplace(meaning), 0 * jet[2].xreplace(meaning)",
         "symbolic/test_listings.py::test_forms_evaluate_to_the_numeric_results[reference_2d]",
     ),
-    "a cubic spline with a jump of acceleration": Fault(
+    "a spline with a jump of acceleration": Fault(
         "scenes/waypoints.py",
         "(h[i] / h[i + 1]) ** k",
         "(h[i] / h[i + 1])",
-        "scenes/test_scene.py::test_way_points_are_passed_and_their_derivatives_belong_together[cubic]",
+        "scenes/test_scene.py::test_way_points_are_passed_and_their_derivatives_belong_together[spline]",
     ),
     "a trapezoid that does not brake": Fault(
         "scenes/waypoints.py",

@@ -155,13 +155,13 @@ REFUSED = {
 
 @pytest.mark.parametrize("text", REFUSED.values(), ids=REFUSED)
 def test_refused_in_one_line_and_in_time(text: str) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(ArgumentError) as caught:
         parse("motion.psi", text)
     assert str(caught.value).startswith("motion.psi: ")
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 400
-    assert time.perf_counter() - start < 20  # a hang, not a speed, is what this looks for
+    assert time.process_time() - start < 20  # a hang, not a speed, is what this looks for
 
 
 def test_unknown_name_says_where_and_what_is_known() -> None:
@@ -185,10 +185,10 @@ SLOW_IN_SYMPY = (
 
 @pytest.mark.parametrize("text", SLOW_IN_SYMPY)
 def test_answered_in_time(text: str) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     with contextlib.suppress(ArgumentError):
         TimeFunctions([parse("x", text)]).derivatives(T)
-    assert time.perf_counter() - start < 20
+    assert time.process_time() - start < 20
 
 
 @pytest.mark.parametrize("text", ["sqrt(10**31 + 7)*t", "sin(10**30) + t", "(10**22)**t", "t/(7*10**30 + 1)"])
