@@ -242,3 +242,21 @@ def test_stamps_since_1970_keep_the_digits_of_their_text(tmp_path, more):
     assert second.times()[0] == 1.7e9
     for name, array in first.evaluate(("v2", "omega2", "S2")).state.arrays().items():
         np.testing.assert_allclose(getattr(second.evaluate((name,)), name), array, rtol=0, atol=2e-7)
+
+
+def test_instants_since_1970_can_be_told_apart(tmp_path):
+    rows = "".join(f"{1763746391 + i / 4!r},{i},0,0,0,0,0,{i}\n" for i in range(3))
+    (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + rows)
+    pair = "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\nlimits = [0, 0.5]\n"
+    (tmp_path / "late.toml").write_text(f'{pair}[motion]\nfile = "log.csv"\n')
+    shown = CliRunner().invoke(app, ["run", str(tmp_path / "late.toml")]).output
+    for text in (
+        "t = 1763746391.0 ",
+        "t = 1763746391.25 ",
+        "t = 1763746391.0 to 1763746391.5 s",
+        "first at t = 1763746391.25 s",
+    ):
+        assert text in shown
+    scene = hp.load_scene(tmp_path / "late.toml")
+    assert "t=1763746391.0..1763746391.5" in repr(scene.evaluate())
+    assert "t=1763746391.0..1763746391.5" in repr(scene)

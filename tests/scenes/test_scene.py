@@ -516,6 +516,14 @@ def test_a_caret_points_at_what_cannot_be_read(tmp_path: Path, psi: str, hint: s
     assert "\n" not in message
 
 
+@pytest.mark.parametrize("psi", ["t + " * 9_000 + "t", '"2' + "t" * 9_000 + '"', "1 " * 9_000, "-" * 9_000])
+def test_messages_about_long_lines_are_short(tmp_path: Path, psi: str) -> None:
+    with pytest.raises(hp.SceneError) as caught:
+        scene_of(tmp_path, change('psi = "pi*t"', f"psi = {psi}"))
+    assert len(str(caught.value)) < 700
+    assert all(len(note) < 300 for note in getattr(caught.value, "__notes__", ()))
+
+
 def test_a_long_line_is_shown_around_the_caret(tmp_path: Path) -> None:
     _, line, there = pointed_at(tmp_path, change('psi = "pi*t"', f'psi = "{"t + " * 200}* {" + t" * 200}"'))
     assert len(line) < 130

@@ -215,7 +215,7 @@ def _fault(file: str, text: str, reason: str) -> SceneError:
     hint, word = "", value[1].strip() if value and reason.startswith(("Invalid value", "Expected newline")) else ""
     if word.lower() in {"true", "false"}:
         hint = f"; it is written {word.lower()}"
-    elif _FORMULA.fullmatch(word):
+    elif len(word) <= _shown.maxstring and _FORMULA.fullmatch(word):
         hint = f'; an expression stands in quotes: "{word}"'
     error = SceneError(file, f"valid TOML{hint}", reason)
     error.add_note(pointed(line, column))

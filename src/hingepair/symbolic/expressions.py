@@ -368,7 +368,7 @@ class _Builder:
             call = f"{found[1]}({found[2]})" if found[1] in SMOOTH else FUNCTIONS[found[1]]
             return f"; a function is called as {call}"
         if found:
-            return f"; a product is written {found[1]}*{found[2]}"
+            return f"; a product is written {found[1][:_FRAGMENT]}*{found[2][:_FRAGMENT]}"
         if re.search(r"\bif\b", self.text):
             return "; a choice is written where(condition, x, y)"
         assigns = re.search("(?<![<>=])=(?!=)", self.text)
