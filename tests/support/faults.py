@@ -738,6 +738,30 @@ FAULTS = {
         "[values[i + 1] - rate * ramp / 2, rate, 0.0]",
         "scenes/test_scene.py::test_way_points_are_passed_and_their_derivatives_belong_together[trapezoid]",
     ),
+    "a quintic that swings past its points": Fault(
+        "scenes/waypoints.py",
+        "(0, 0, 0, 10, -15, 6)",
+        "(0, 0, 0, 20, -35, 16)",
+        "scenes/test_scene.py::test_profiles_stop_at_each_point_and_never_pass_it[quintic]",
+    ),
+    "pieces that begin one instant late": Fault(
+        "scenes/scene.py",
+        "yield self._part(slice(start, start + ROWS)",
+        "yield self._part(slice(start + 1, start + ROWS)",
+        "scenes/test_long_scenes.py::test_pieces_are_the_whole_to_the_bit[reference_2d]",
+    ),
+    "a summary of the last piece alone": Fault(
+        "cli/summary.py",
+        "np.fmin(self._least, np.fmin.reduce(values))",
+        "np.fmin.reduce(values)",
+        "scenes/test_long_scenes.py::test_pieces_are_the_whole_to_the_bit[reference_2d]",
+    ),
+    "rates of angles in the wrong columns": Fault(
+        "scenes/known_motion.py",
+        '"phidd_x", "phidd_y", "phidd_z"',
+        '"phidd_y", "phidd_x", "phidd_z"',
+        "scenes/test_long_scenes.py::test_coordinates_in_a_file_are_a_log_of_the_motion",
+    ),
     "degrees taken for radians": Fault(
         "scenes/tables.py",
         'unit = math.pi / 180 if turn.endswith("deg") else 1.0',
