@@ -709,8 +709,8 @@ FAULTS = {
     ),
     "below taken for at most": Fault(
         "symbolic/expressions.py",
-        "                return _negated(left - right)\n",
-        "                return right - left\n",
+        "_negated(guard) if isinstance(sign, ast.Lt | ast.Gt) else guard",
+        "-guard if isinstance(sign, ast.Lt | ast.Gt) else guard",
         "symbolic/test_expressions.py::test_kinks_take_their_derivatives_from_the_right[where(t < 1, 0, t**2)]",
     ),
     "and taken for or": Fault(

@@ -295,16 +295,10 @@ class _Builder:
         self._refuse(node, _A_CONDITION)
 
     def _comparison(self, node: ast.expr, sign: ast.cmpop, left: Expr, right: Expr) -> Expr:
-        match sign:
-            case ast.LtE():
-                return right - left
-            case ast.GtE():
-                return left - right
-            case ast.Lt():
-                return _negated(left - right)
-            case ast.Gt():
-                return _negated(right - left)
-        self._refuse(node, _A_CONDITION)
+        if not isinstance(sign, ast.Lt | ast.LtE | ast.Gt | ast.GtE):
+            self._refuse(node, _A_CONDITION)
+        guard = right - left if isinstance(sign, ast.LtE | ast.Gt) else left - right
+        return _negated(guard) if isinstance(sign, ast.Lt | ast.Gt) else guard
 
     def _chain(self, node: ast.expr, kinds: tuple[type, type]) -> list[tuple[bool, ast.expr]]:
         """The terms of `a - b + c`, or factors of `a / b * c`, with whether each counts inversely."""

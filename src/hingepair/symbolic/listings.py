@@ -12,7 +12,7 @@ import sympy
 from hingepair.numeric.notebook import unit_of
 from hingepair.symbolic.jets import time_symbol
 from hingepair.symbolic.kinks import Expr, Side
-from hingepair.symbolic.printers import LATEX, PYTHON, TEXT, is_simple, joined, latex_name, lettered
+from hingepair.symbolic.printers import LATEX, PYTHON, TEXT, is_simple, joined, latex_name, lettered, signed
 
 Forms: TypeAlias = Mapping[str, tuple[tuple[Expr, ...], ...]]
 """Of each output the terms of each component."""
@@ -37,13 +37,11 @@ def to_latex(forms: Forms, *, short: bool) -> str:
     lines = [f"{latex_name(name)} &= {LATEX(expr)}" for name, expr in meanings.items()]
     for label, terms in rows:
         line, filled = f"{latex_name(label)} &=", 0
-        for term in terms:
-            text, size = joined((term,), LATEX), len(TEXT(term))
+        for text, term in zip([joined(terms[:1], LATEX), *signed(terms[1:], LATEX)], terms, strict=True):
+            size = len(TEXT(term))
             if filled + size > _WIDE and filled:
                 lines.append(line)
                 line, filled = "&\\quad", 0
-            if term is not terms[0]:
-                text = f"- {text[1:]}" if text.startswith("-") else f"+ {text}"
             line += f" {text}"
             filled += size
         lines.append(line)

@@ -28,22 +28,24 @@ Write: TypeAlias = Callable[[Expr], str]
 
 def joined(terms: Iterable[Expr], write: Write) -> str:
     """A sum with its terms in their order; derivatives of functions of t are x', x''."""
-    text = ""
-    for term in lettered(terms, "'"):
-        negative = term.as_coeff_Mul()[0].is_negative
-        sign = (" - " if text else "-") if negative else " + " if text else ""
-        text += sign + write(-term if negative else term)
-    return text
+    text = " ".join(signed(terms, write))
+    return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
+
+
+def signed(terms: Iterable[Expr], write: Write) -> list[str]:
+    """The terms of a sum in their order, each after its sign: `+ x'`, `- 2 sin t`."""
+    letters = lettered(terms, "'")
+    return [f"- {write(-x)}" if x.as_coeff_Mul()[0].is_negative else f"+ {write(x)}" for x in letters]
 
 
 def lettered(exprs: Iterable[Expr], mark: str) -> list[Expr]:
     """Expressions with a symbol for each function of t and for its derivatives: psi, psi', psi'' with the mark '."""
     found = list(exprs)
-    letters = {}
-    for function in set().union(*(expr.atoms(AppliedUndef) for expr in found)):
-        for order in range(3):
-            name = f"{function.func.__name__}{mark * order}"
-            letters[function.diff(*function.args * order) if order else function] = sympy.Symbol(name, real=True)
+    letters = {
+        function.diff((*function.args, order)): sympy.Symbol(f"{function.func.__name__}{mark * order}", real=True)
+        for function in set().union(*(expr.atoms(AppliedUndef) for expr in found))
+        for order in range(3)
+    }
     return [expr.xreplace(letters) for expr in found]
 
 
