@@ -89,6 +89,9 @@ def test_outputs_of_a_trajectory_and_of_a_pair():
     for source in (moved, pair):
         with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of .*R2.*psi.*, got 'qdd'"):
             hp.plot(source, ("qdd",))
+        for none in ((), "R2"):
+            with pytest.raises(hp.ArgumentError, match=r"outputs: expected a tuple of names"):
+                hp.plot(source, none)
     assert len(hp.plot(pair, ("R2", "psi")).axes) == 2
 
 

@@ -16,7 +16,7 @@ from hingepair.measured.likelihood import LOSSES
 from hingepair.measured.recordings import read_recording
 from hingepair.measured.rules import GAUGES
 from hingepair.numeric.whole_file import whole_file
-from hingepair.pair.results import Record, check_ending
+from hingepair.pair.results import ENDINGS, Record, check_ending
 
 
 def fit_files(
@@ -38,7 +38,9 @@ def fit_files(
     ] = 0.05,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Write psi and what is left of each sample (.npz or .csv)."),
+        typer.Option(
+            "--out", "-o", metavar="FILE", help=f"Write psi and what is left of each sample ({', '.join(ENDINGS)})."
+        ),
     ] = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw psi and what is left over time (.png, .svg, .pdf).")

@@ -52,6 +52,10 @@ def frames_of(source: object, outputs: Iterable[str] | None = None) -> tuple[Hin
     Raises:
         ArgumentError: it has no motion in space to show, or no such output.
     """
+    if outputs is not None:
+        outputs = () if isinstance(outputs, str) else tuple(outputs)
+        if not outputs:
+            raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", "none, or a text")
     if isinstance(source, HingePair):
         return source, source.name, _turning(source, outputs)
     if isinstance(source, SceneResult):
