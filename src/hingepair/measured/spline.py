@@ -14,8 +14,9 @@ Journal of the Royal Statistical Society B 66 (2004), 337-356).
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Sequence
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -81,18 +82,14 @@ def smooth_columns(
     probes = np.random.default_rng(0).standard_normal((used.size, 4))
     fitted = spline.solve(np.concatenate((columns[used], probes), axis=-1))
     k = columns.shape[1]
-    inside = np.zeros(t.size, dtype=bool)
-    owners = np.zeros(t.size, dtype=np.intp)
-    for i, piece in enumerate(pieces):
-        inside[piece[0] : piece[-1] + 1] = True
-        owners[piece[0] : piece[-1] + 1] = i
     values = np.full((3, t.size, k + 4), np.nan)
-    for order in range(3):
-        values[order, inside] = spline.evaluate(fitted, t[inside], owners[inside], order)
+    for i, piece in enumerate(pieces):
+        own = slice(piece[0], piece[-1] + 1)
+        values[:, own] = [spline.evaluate(fitted, i, t[own], order) for order in range(3)]
     rest = columns[used] - values[0, used, :k]
     freedom = max(used.size - spline.freedom(), 1.0)
     noise = float(np.sqrt((rest * rest).sum() / (k * freedom)))
-    errors = noise * np.sqrt((values[:, inside, k:] ** 2).mean(axis=(1, 2)))
+    errors = noise * np.sqrt(np.nanmean(values[:, :, k:] ** 2, axis=(1, 2)))
     return Smoothed(values[:, :, :k], bandwidth, noise, errors)
 
 
@@ -148,123 +145,70 @@ class Spline:
     """
 
     def __init__(self, times: Sequence[Float64Array], bandwidth: float) -> None:
+        from scipy.interpolate import BSpline
         from scipy.linalg import cholesky_banded
+        from scipy.sparse import block_diag
 
-        spans = np.array([time[-1] - time[0] for time in times])
-        counts = np.array([time.size for time in times])
-        step = float(spans.sum() / (counts - 1).sum())
-        widest = max(1 / (_KNOTS * bandwidth), step)
-        self.intervals = np.maximum(1, np.ceil(spans / widest * (1 - 1e-12))).astype(np.intp)
-        self.widths = spans / self.intervals
-        self.starts = np.array([time[0] for time in times])
-        self.offsets = np.concatenate(([0], np.cumsum(self.intervals + _DEGREE)))
-        owners = np.repeat(np.arange(len(times)), counts)
-        self.rows, self.basis = self._located(np.concatenate(times), owners, 0)
-        self.normal = self._normal()
+        step = sum(time[-1] - time[0] for time in times) / sum(time.size - 1 for time in times)
+        widest = max(1 / (_KNOTS * bandwidth), step) * (1 + 1e-12)
+        inner = [np.linspace(time[0], time[-1], 1 + math.ceil((time[-1] - time[0]) / widest)) for time in times]
+        self.knots = [_continued(own) for own in inner]
+        self.ends = np.cumsum([own.size - _DEGREE - 1 for own in self.knots])
+        self.basis = block_diag(
+            [BSpline.design_matrix(time, own, _DEGREE) for time, own in zip(times, self.knots, strict=True)], "csr"
+        )
+        self.normal = self.basis.T @ self.basis
+        penalty = np.concatenate([_penalty(own.size - 1, own[1] - own[0]) for own in inner], axis=1)
         weight = (2 * np.pi * bandwidth) ** (-2 * _PENALTY) / step
-        self.factor = cholesky_banded(self.normal + weight * self._penalty(), check_finite=False)
-
-    def _located(
-        self, t: Float64Array, owners: NDArray[np.intp], order: int
-    ) -> tuple[NDArray[np.intp], Float64Array]:
-        """The first B-spline of each instant, and the values of the eight that are not zero there; (M,), (8, M)."""
-        x = (t - self.starts[owners]) / self.widths[owners]
-        interval = np.clip(x.astype(np.intp), 0, self.intervals[owners] - 1)
-        powers = (x - interval) ** np.arange(_DEGREE + 1 - order)[:, None]
-        return self.offsets[owners] + interval, _pieces_of_basis(order) @ powers / self.widths[owners] ** order
-
-    def _normal(self) -> Float64Array:
-        """B^T B, upper bands."""
-        size = int(self.offsets[-1])
-        bands = np.zeros((_DEGREE + 1, size))
-        for i in range(_DEGREE + 1):
-            for j in range(i, _DEGREE + 1):
-                bands[_DEGREE - (j - i)] += np.bincount(
-                    self.rows + j, weights=self.basis[i] * self.basis[j], minlength=size
-                )
-        return bands
-
-    def _penalty(self) -> Float64Array:
-        """The integrals of products of fifth derivatives, upper bands."""
-        bands = np.zeros((_DEGREE + 1, int(self.offsets[-1])))
-        nodes, weights = np.polynomial.legendre.leggauss(_DEGREE - _PENALTY + 1)
-        powers = ((nodes + 1) / 2) ** np.arange(_DEGREE + 1 - _PENALTY)[:, None]
-        bends = _pieces_of_basis(_PENALTY) @ powers
-        products = (bends * (weights / 2)) @ bends.T
-        scale = np.repeat(self.widths ** (1 - 2 * _PENALTY), self.intervals)
-        start = np.concatenate([np.arange(n) + o for n, o in zip(self.intervals, self.offsets[:-1], strict=True)])
-        for i in range(_DEGREE + 1):
-            for j in range(i, _DEGREE + 1):
-                bands[_DEGREE - (j - i), start + j] += products[i, j] * scale
-        return bands
-
-    def _gathered(self, columns: Float64Array) -> Float64Array:
-        """B^T y."""
-        size = int(self.offsets[-1])
-        found = np.zeros((size, columns.shape[1]))
-        for k, column in enumerate(columns.T):
-            for i in range(_DEGREE + 1):
-                found[:, k] += np.bincount(self.rows + i, weights=self.basis[i] * column, minlength=size)
-        return found
+        for k in range(_DEGREE + 1):
+            penalty[_DEGREE - k, k:] = weight * penalty[_DEGREE - k, k:] + self.normal.diagonal(k)
+        self.factor = cholesky_banded(penalty, check_finite=False)
 
     def solve(self, columns: Float64Array) -> Float64Array:
         """Coefficients of columns at the instants of all pieces, one after the other."""
+        return self._solved(self.basis.T @ columns)
+
+    def _solved(self, right: Float64Array) -> Float64Array:
         from scipy.linalg import cho_solve_banded
 
-        return np.asarray(cho_solve_banded((self.factor, False), self._gathered(columns), check_finite=False))
+        return np.asarray(cho_solve_banded((self.factor, False), right, check_finite=False))
 
     def fitted(self, coefficients: Float64Array) -> Float64Array:
         """The curves at the instants that they were fitted at."""
-        return _sum(self.basis, self.rows, coefficients)
+        return np.asarray(self.basis @ coefficients)
 
-    def evaluate(
-        self, coefficients: Float64Array, t: Float64Array, owners: NDArray[np.intp], order: int
-    ) -> Float64Array:
-        """A derivative of the curves at instants, each in a piece that is named."""
-        rows, basis = self._located(t, owners, order)
-        return _sum(basis, rows, coefficients)
+    def evaluate(self, coefficients: Float64Array, piece: int, t: Float64Array, order: int) -> Float64Array:
+        """A derivative of the curves at instants in one piece."""
+        from scipy.interpolate import BSpline
+
+        own = coefficients[self.ends[piece] - self.knots[piece].size + _DEGREE + 1 : self.ends[piece]]
+        return np.asarray(BSpline(self.knots[piece], own, _DEGREE)(t, nu=order))
 
     def freedom(self) -> float:
         """Degrees of freedom: the trace of what takes data to the curve, by probes of signs set far apart."""
-        from scipy.linalg import cho_solve_banded
-
-        size = int(self.offsets[-1])
-        signs = np.random.default_rng(1).choice((-1.0, 1.0), size)
+        size = int(self.ends[-1])
         probes = np.zeros((size, min(_PROBES, size)))
-        probes[np.arange(size), np.arange(size) % probes.shape[1]] = signs
-        solved = cho_solve_banded((self.factor, False), probes, check_finite=False)
-        found = probes * self.normal[_DEGREE][:, None]
-        for k in range(1, _DEGREE + 1):
-            found[:-k] += self.normal[_DEGREE - k, k:, None] * probes[k:]
-            found[k:] += self.normal[_DEGREE - k, k:, None] * probes[:-k]
-        return float((found * solved).sum())
+        probes[np.arange(size), np.arange(size) % probes.shape[1]] = np.random.default_rng(1).choice(
+            (-1.0, 1.0), size
+        )
+        return float(((self.normal @ probes) * self._solved(probes)).sum())
 
 
-def _sum(basis: Float64Array, rows: NDArray[np.intp], coefficients: Float64Array) -> Float64Array:
-    """Curves from the B-splines that are not zero at each instant."""
-    found: Float64Array = basis[0][:, None] * coefficients[rows]
-    for i in range(1, _DEGREE + 1):
-        found += basis[i][:, None] * coefficients[rows + i]
-    return found
+def _continued(knots: Float64Array) -> Float64Array:
+    """Uniform knots with as many more at either end as the degree asks for."""
+    more = (knots[1] - knots[0]) * np.arange(1, _DEGREE + 1)
+    return np.concatenate([knots[0] - more[::-1], knots, knots[-1] + more])
 
 
-@cache
-def _pieces_of_basis(order: int) -> Float64Array:
-    """Coefficients, in powers of the place u in an interval, of a derivative of the eight B-splines on it; (8, .).
+def _penalty(intervals: int, width: float) -> Float64Array:
+    """The integrals of products of fifth derivatives of B-splines, upper bands."""
+    from scipy.interpolate import BSpline
 
-    By the recursion of Cox and de Boor for uniform knots: of degree k the a-th is (u + k - a) / k times that before
-    it of degree k - 1, and (1 + a - u) / k times that of its own place.
-    """
-    found = np.ones((1, 1))
-    for k in range(1, _DEGREE + 1):
-        lower, found = found, np.zeros((k + 1, k + 1))
-        for a in range(k + 1):
-            if a > 0:
-                found[a, :k] += (k - a) / k * lower[a - 1]
-                found[a, 1:] += lower[a - 1] / k
-            if a < k:
-                found[a, :k] += (1 + a) / k * lower[a]
-                found[a, 1:] -= lower[a] / k
-    for _ in range(order):
-        found = found[:, 1:] * np.arange(1, found.shape[1])
-    return found
+    nodes, weights = np.polynomial.legendre.leggauss(_DEGREE - _PENALTY + 1)
+    bend = BSpline.basis_element(np.arange(_DEGREE + 2.0)).derivative(_PENALTY)
+    bends = bend((nodes + 1) / 2 + np.arange(_DEGREE, -1, -1)[:, None])
+    products = (bends * (weights / 2)) @ bends.T * width ** (1 - 2 * _PENALTY)
+    bands = np.zeros((_DEGREE + 1, intervals + _DEGREE))
+    for i, j in itertools.combinations_with_replacement(range(_DEGREE + 1), 2):
+        bands[_DEGREE - (j - i), j : j + intervals] += products[i, j]
+    return bands
