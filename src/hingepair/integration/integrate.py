@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.evaluation.backend import How, choose
+from hingepair.evaluation.backend import choose
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, check_outputs, default_outputs, make_plan
 from hingepair.integration.signals import Signal, Values, read_position, read_signal
-from hingepair.integration.solve import METHODS, Course, solve
+from hingepair.integration.solve import METHODS, Course, Solution, solve
 from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, rotations, world_vectors
 from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only, real_array
 from hingepair.numeric.finite_differences import check_instants
@@ -27,7 +27,7 @@ from hingepair.rotations.matrices import check_rotation
 FRAMES: Final = ("world", "body")
 
 Given: TypeAlias = ArrayLike | Callable[[Values], Any]
-Rates = Mapping[str, Signal | None]
+Rates: TypeAlias = Mapping[str, Signal]
 
 _GIVEN: Final = {
     **{"R1": "R1", "v1": "R1[1]", "a1": "R1[2]", "omega1": "omega1", "psid": "psid", "alpha1": "alpha1"},
@@ -163,74 +163,49 @@ def integrate(
             raise ArgumentError("phi_0", "nothing beside a HingePair, which takes S1_0", quoted(phi_0))
         start = one_constant("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
         check_rotation("S1_0", start)
-    rates = _rates({"omega1": omega1, "psid": psid, "alpha1": alpha1, "psidd": psidd}, t, () if flat else (3,), how)
+    for name, value in (("omega1", omega1), ("psid", psid)):
+        if value is None:
+            raise ArgumentError(name, "a callable, a constant, or samples at t", None)
+    values = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
+    rates = {
+        name: read_signal(name, value, t, () if flat or name in {"psid", "psidd"} else (3,), how)
+        for name, value in values.items()
+        if value is not None
+    }
     size = 2 if flat else 3
     point = read_position(np.zeros(size) if R1 is None else R1, t, size)
-    found = solve(course, _needed(rates, "omega1"), _needed(rates, "psid"), start, hinge)
+    found = solve(course, rates["omega1"], rates["psid"], start, hinge)
     found.check(course)
-    given: dict[str, Any] = {
-        "t": read_only(t), "psi": read_only(found.psi), "method": method, "steps": found.steps,
-        "_error": found.error, "_psi_error": found.psi_error,
-    }  # fmt: skip
-    turned = read_only(found.turned)
-    if flat:
-        in_plane = _planar_state(pair, t, (found.turned, found.psi), rates, point, outputs, backend=backend)
-        return PlanarTrajectory(phi=turned, state=in_plane, **given)
-    body = frame == "body"
-    state = _spatial_state(pair, t, found.turned, found.psi, rates, point, outputs, body=body, backend=backend)
-    place = read_only(np.broadcast_to(point["R1"], (len(t), 3)))
-    return Trajectory(quat_wxyz=turned, R1=place, state=state, pair=pair, **given)
+    state = _state(pair, course, found, rates, point, outputs)
+    turned, place = read_only(found.turned), read_only(np.broadcast_to(point["R1"], (len(t), size)))
+    own = {"phi": turned} if flat else {"quat_wxyz": turned, "R1": place, "pair": pair}
+    return (PlanarTrajectory if flat else Trajectory)(
+        t=read_only(t), psi=read_only(found.psi), state=state, method=method, steps=found.steps,
+        _error=found.error, _psi_error=found.psi_error, **own,
+    )  # fmt: skip
 
 
-def _rates(given: Mapping[str, Any], t: Values, tail: tuple[int, ...], how: How) -> dict[str, Signal | None]:
-    tails = {"omega1": tail, "psid": (), "alpha1": tail, "psidd": ()}
-    return {
-        name: None if value is None else read_signal(name, value, t, tails[name], how)
-        for name, value in given.items()
-    }
-
-
-def _needed(rates: Mapping[str, Signal | None], name: str) -> Signal:
-    signal = rates[name]
-    if signal is None:
-        raise ArgumentError(name, "a callable, a constant, or samples at t", None)
-    return signal
-
-
-def _spatial_state(
-    pair: HingePair,
-    t: Values,
-    quats: Values,
-    psi: Values,
-    rates: Rates,
-    point: Mapping[str, NDArray[Any]],
-    outputs: Outputs,
-    *,
-    body: bool,
-    backend: str,
-) -> PairState:
-    """The state of a pair at the instants.
-
-    Args:
-        pair: the pair.
-        t: the instants.
-        quats: attitude of body 1.
-        psi: hinge angle.
-        rates: omega1, psid, alpha1, psidd.
-        point: R1, v1, a1, as far as known.
-        outputs: names; None for all of body 2 that can be had.
-        body: whether omega1 and alpha1 are in body axes.
-        backend: as for `forward_kinematics`.
-    """
-    names, needed = _wanted(pair.constants, outputs, rates, point, SPATIAL)
+def _state(
+    pair: Any, course: Course, found: Solution, rates: Rates, point: Mapping[str, NDArray[Any]], outputs: Outputs
+) -> Any:
+    """The state of the pair at the instants: all of body 2 that can be had, unless outputs name something else."""
+    flat, t, psi = isinstance(pair, PlanarPair), course.t, found.psi
+    names, needed = _wanted(pair.constants, outputs, rates, point, PLANAR if flat else SPATIAL)
     if not names:
-        return PairState({}, t.shape)
-    known: dict[str, Any] = {name: point[name] for name in ("R1", "v1", "a1") if name in needed}
-    S1 = rotations(quats)
-    for name in needed & {"omega1", "alpha1", "psid", "psidd"}:
-        values = rates[name].instants(t)  # type: ignore[union-attr]
-        known[name] = world_vectors(S1, values) if body and values.ndim == 2 else values
-    motion = unchecked_motion(
+        return (PlanarState if flat else PairState)({}, t.shape)
+    S1 = None if flat else rotations(found.turned)
+    known: dict[str, Any] = {name: values for name, values in point.items() if name in needed}
+    for name in needed & {"omega1", "alpha1", "phi1d", "phi1dd", "psid", "psidd"}:
+        values = rates[_GIVEN[name]].instants(t)
+        known[name] = world_vectors(S1, values) if course.body and S1 is not None and values.ndim == 2 else values
+    if S1 is None:
+        levels = [(point["R1"], found.turned, psi)]
+        if known.keys() - {"R1"}:
+            parts = (("v1", "phi1d", "psid"), ("a1", "phi1dd", "psidd"))
+            levels += [(known.get(v, np.zeros(2)), known.get(w, 0.0), known.get(r, 0.0)) for v, w, r in parts]
+        coordinates = [(p[..., 0], p[..., 1], *angles) for p, *angles in levels]
+        return pair.forward_kinematics(*coordinates, outputs=names, backend=course.how.backend)
+    body1 = unchecked_motion(
         R=known.get("R1", np.zeros(3)),
         S=S1,
         v=known.get("v1"),
@@ -238,35 +213,8 @@ def _spatial_state(
         a=known.get("a1"),
         alpha=known.get("alpha1"),
     )
-    psid = known.get("psid", 0.0 if "psidd" in known else None)
-    return pair.forward_kinematics_from_body1(motion, psi, psid, known.get("psidd"), outputs=names, backend=backend)
-
-
-def _planar_state(
-    pair: PlanarPair,
-    t: Values,
-    angles: tuple[Values, Values],
-    rates: Rates,
-    point: Mapping[str, NDArray[Any]],
-    outputs: Outputs,
-    *,
-    backend: str,
-) -> PlanarState:
-    """The state of a planar pair at the instants; angles = (phi, psi)."""
-    names, needed = _wanted(pair.constants, outputs, rates, point, PLANAR)
-    if not names:
-        return PlanarState({}, t.shape)
-    zero = np.zeros(2)
-    levels: list[Any] = [(point["R1"], *angles)]
-    for place, turn, hinge in (("v1", "phi1d", "psid"), ("a1", "phi1dd", "psidd")):
-        if needed & {"v1", "phi1d", "psid", "a1", "phi1dd", "psidd"}:
-            parts = [
-                rates[_GIVEN[name]].instants(t) if name in needed else 0.0  # type: ignore[union-attr]
-                for name in (turn, hinge)
-            ]
-            levels.append((point[place] if place in needed else zero, *parts))
-    coordinates = [(p[..., 0], p[..., 1], a, b) for p, a, b in levels]
-    return pair.forward_kinematics(*coordinates, outputs=names, backend=backend)
+    hinge = psi, known.get("psid", 0.0 if "psidd" in known else None), known.get("psidd")
+    return pair.forward_kinematics_from_body1(body1, *hinge, outputs=names, backend=course.how.backend)
 
 
 def _wanted(
@@ -277,7 +225,7 @@ def _wanted(
     Raises:
         ArgumentError: an unknown output, or one that needs what is not given; names that.
     """
-    given = {name for name, rate in rates.items() if rate is not None} | point.keys()
+    given = rates.keys() | point.keys()
     given |= {name for name, own in _GIVEN.items() if own in given} | {"S1", "psi", "phi1"} | pair.values.keys()
 
     def inputs(names: tuple[str, ...]) -> frozenset[str]:

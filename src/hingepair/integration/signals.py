@@ -93,43 +93,42 @@ class Samples:
         self.t = t
         self.values = values
         self.how = how
-        self.count = min(POINTS, len(t))
+        self.columns = values.reshape(len(values), -1)
 
     def nodes(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
         """The values at the nodes start + c h of steps; shape (steps, nodes, ...)."""
+        later = np.multiply.outer(c, h).T  # columns: what eight steps have side by side
+        found = np.empty((*later.shape, self.columns.shape[1]))
         first = int(np.searchsorted(self.t, start[0]))
         inner = range(max(_BEFORE, first), min(first + len(h), len(self.t) - _BEFORE - 1))
-        if not inner or self.count < POINTS or not np.array_equal(self.t[first : first + len(h)], start):
-            return self._between(start, h, c)
-        columns = self._columns()
-        found = np.empty((len(h), len(c), columns.shape[1]))
-        steps, near = slice(inner.start - first, inner.stop - first), slice(inner.start - _BEFORE, None)
-        given = {
-            "t": sliding_window_view(self.t[near], POINTS)[: len(inner)],
-            "values": sliding_window_view(columns[near], POINTS, axis=0)[: len(inner)],
-            "h": h[steps],
-        }
-        interpolation(c, columns.shape[1]).run(given, {"values": found[steps]}, (len(inner),), found.dtype, self.how)
-        for edge in (slice(0, steps.start), slice(steps.stop, len(h))):
-            found[edge] = self._between(start[edge], h[edge], c).reshape(-1, *found.shape[1:])
+        steps = slice(0, 0)
+        if inner and np.array_equal(self.t[first : first + len(h)], start):  # from sample to sample
+            steps, near = slice(inner.start - first, inner.stop - first), slice(inner.start - _BEFORE, None)
+            x = (sliding_window_view(self.t[near], len(inner))[:POINTS] - start[steps]).T
+            values = sliding_window_view(self.columns[near], POINTS, axis=0)[: len(inner)]
+            self._through(x, values, later[steps], found[steps])
+        for rest in (slice(steps.start), slice(steps.stop, None)):
+            self._between(start[rest], later[rest], found[rest])
         return found.reshape(len(h), len(c), *self.values.shape[1:])
 
-    def _between(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
-        """The same for any steps: weights of the samples about each node by how far they are from the start."""
-        later = h[:, None] * np.array(c)
+    def _between(self, start: Values, later: Values, found: Values) -> None:
+        """The same for any steps: each node with the samples about it."""
+        count = min(POINTS, len(self.t))
         interval = np.searchsorted(self.t, start[:, None] + later, side="right") - 1
-        lowest = np.clip(interval - (self.count // 2 - 1), 0, len(self.t) - self.count)
-        stencil = lowest[..., None] + np.arange(self.count)
-        weights = _weights(self.t[stencil] - start[:, None, None], later)
-        found: Values = np.einsum("...j,...jk->...k", weights, self._columns()[stencil])
-        return found.reshape(len(h), len(c), *self.values.shape[1:])
+        lowest = np.clip(interval - (count // 2 - 1), 0, len(self.t) - count)
+        stencil = (lowest[..., None] + np.arange(count)).reshape(-1, count)
+        x = self.t[stencil] - np.repeat(start, later.shape[1])[:, None]
+        values = np.swapaxes(self.columns[stencil], 1, 2)
+        self._through(x, values, later.reshape(-1, 1), found.reshape(-1, 1, found.shape[2]))
+
+    def _through(self, x: Values, values: Values, later: Values, found: Values) -> None:
+        """Polynomials through values at x, at times; both counted from the start of the step."""
+        loop = interpolation(x.shape[1], later.shape[1], values.shape[1])
+        loop.run({"x": x, "values": values, "later": later}, {"values": found}, x.shape[:1], found.dtype, self.how)
 
     def instants(self, _: Values) -> Values:
         """The samples."""
         return self.values
-
-    def _columns(self) -> Values:
-        return self.values.reshape(len(self.values), -1)
 
 
 Signal: TypeAlias = Constant | Function | Samples
@@ -227,33 +226,21 @@ def _first_not_finite(values: Values) -> int:
 
 
 @functools.cache
-def interpolation(c: tuple[float, ...], columns: int) -> Loop:
-    """The values at nodes of intervals, from `POINTS` samples about each (columns first) and its length."""
+def interpolation(points: int, nodes: int, columns: int) -> Loop:
+    """The values at nodes of polynomials through so many points (columns first), by Lagrange's weights."""
 
     def interpolate(v: dict[str, Any]) -> dict[str, Any]:
-        x = [one - v["t"][_BEFORE] for one in v["t"]]
-        each = [v["values"][POINTS * k : POINTS * (k + 1)] for k in range(columns)]
+        x = v["x"]
+        each = [v["values"][points * k : points * (k + 1)] for k in range(columns)]
         scales = [1 / math.prod(one - other for i, other in enumerate(x) if i != j) for j, one in enumerate(x)]
         found = []
-        for node in c:
-            apart = [node * v["h"] - one for one in x]
+        for node in v["later"]:
+            apart = [node - one for one in x]
             below = list(itertools.accumulate(apart[:-1], operator.mul, initial=1.0))
             above = list(itertools.accumulate(apart[:0:-1], operator.mul, initial=1.0))[::-1]
             weights = [s * (p * q) for s, p, q in zip(scales, below, above, strict=True)]
             found += [functools.reduce(operator.add, map(operator.mul, weights, own)) for own in each]
         return {"values": tuple(found)}
 
-    shapes = {"t": (POINTS,), "values": (columns, POINTS), "h": ()}
-    return Loop("interpolation", interpolate, shapes, {"values": (len(c), columns)})
-
-
-def _weights(points: Values, times: Values) -> Values:
-    """Lagrange's weights of the points (..., n) for times (...); shape (..., n)."""
-    n = points.shape[-1]
-    apart = times[..., None] - points
-    weights = np.ones(np.broadcast_shapes(apart.shape, points.shape))
-    for j in range(n):
-        for i in range(n):
-            if i != j:
-                weights[..., j] *= apart[..., i] / (points[..., j] - points[..., i])
-    return weights
+    shapes = {"x": (points,), "values": (columns, points), "later": (nodes,)}
+    return Loop("interpolation", interpolate, shapes, {"values": (nodes, columns)})

@@ -240,10 +240,7 @@ def continuous(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
     stay, change = (np.abs(_within_half(kind[1:] - phi[:-1])).sum(axis=1) for kind in (phi, other))
     changed = np.concatenate([[0], np.cumsum(change < stay)]) % 2 == 1
     chosen = np.where(changed[:, None], other, phi)
-    steps = chosen[1:] - chosen[:-1]
-    whole = np.round((_within_half(steps) - steps) / _TURN)
-    chosen[1:] += _TURN * np.cumsum(whole, axis=0)
-    return chosen
+    return np.unwrap(chosen, axis=0)
 
 
 def _within_half(angle: NDArray[Any]) -> NDArray[Any]:
