@@ -47,9 +47,12 @@ def known_heads() -> bool:
     )
 
 
+_KNOWN: Final = known_heads()
+
+
 def address(array: NDArray[Any]) -> int:
     """Where an array starts in memory; read from its head, since `array.ctypes` takes as long as 100 samples."""
-    return (_POINTER(id(array) + _HEAD).value or 0) if known_heads() else int(array.ctypes.data)
+    return (_POINTER(id(array) + _HEAD).value or 0) if _KNOWN else int(array.ctypes.data)
 
 
 def objects_ir(inputs: Sequence[tuple[int, ...]], outputs: Sequence[int], constants: bool) -> str:

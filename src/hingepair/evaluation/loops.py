@@ -242,15 +242,17 @@ class Program:
         self, bound: Bound, parts: Sequence[NDArray[Any]], shape: Extent, dtype: np.dtype[Any], workers: int
     ) -> None:
         """By NumPy, block by block; what does not differ from sample to sample at once, in Python's floats."""
-        numbers = [x if dtype == np.float64 else dtype.type(x) for x in bound.constants]
+        if not bound.pieces and dtype == np.float64:
+            found = self.floats_function(*bound.constants)
+            for part in parts:
+                count = part.shape[-1]
+                part[...], found = found[:count], found[count:]
+            return
+        numbers = bound.constants if dtype == np.float64 else [dtype.type(x) for x in bound.constants]
         pieces = [piece[..., c] for piece in bound.pieces for c in range(piece.shape[-1])]
         targets = [part[..., c] for part in parts for c in range(part.shape[-1])]
         if self.loop.carry:
             self._chain(numbers, pieces, targets, shape, dtype)
-            return
-        if not pieces and dtype == np.float64:
-            for target, part in zip(targets, self.floats_function(*numbers), strict=True):
-                target[...] = part
             return
         function = self.arrays_function
 

@@ -296,16 +296,18 @@ def written(state: StateT, out: Mapping[str, NDArray[Any]], given: Mapping[str, 
 def _check_apart(out: Mapping[str, NDArray[Any]], groups: Mapping[str, Any]) -> None:
     """Refuse an output that lies over an input or over another output: blocks would read what they wrote."""
     taken = [
-        (name, c)
+        (name, c, c.flags.owndata)
         for name, group in groups.items()
         for c in (group if isinstance(group, tuple) else (group,))
         if isinstance(c, np.ndarray)
     ]
     for name, array in out.items():
-        for other, c in taken:
-            if np.may_share_memory(array, c) and np.shares_memory(array, c):
+        own = array.flags.owndata
+        for other, c, owned in taken:
+            apart = own and owned and array is not c  # two arrays with memory of their own
+            if not apart and np.may_share_memory(array, c) and np.shares_memory(array, c):
                 raise ArgumentError(f"out[{name!r}]", "memory of its own", f"an array that overlaps {other}")
-        taken.append((f"out[{name!r}]", array))
+        taken.append((f"out[{name!r}]", array, own))
 
 
 def evaluate_foreign(
