@@ -27,14 +27,12 @@ class Sequence(NamedTuple):
     equations, but for the sign of every angle where the renaming changes the handedness.
 
     Attributes:
-        name: the three letters.
         proper: the first axis comes back as the third (Sx Sy Sx).
         backward: the angles are taken in reverse order.
         place: for world axis i, its canonical axis.
         sign: of the canonical angles, +1 or -1.
     """
 
-    name: str
     proper: bool
     backward: bool
     place: tuple[int, int, int]
@@ -107,7 +105,7 @@ def _sequence(name: str) -> Sequence:
         axes[2] = 3 - axes[0] - axes[1]
     sign = 1 if (axes[1] - axes[0]) % 3 == 1 else -1
     place = (axes.index(0), axes.index(1), axes.index(2))
-    return Sequence(name, proper, name.islower(), place, sign)
+    return Sequence(proper, name.islower(), place, sign)
 
 
 def nine(entries: Any) -> eq.Matrix:

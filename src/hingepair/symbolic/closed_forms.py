@@ -213,10 +213,8 @@ def motion_inputs(jets: list[Jet], kind: str) -> dict[str, Any]:
 def constant_inputs(pair: HingePair | PlanarPair, symbolic: Collection[str]) -> dict[str, Any]:
     """u1, u2, n and home as exact numbers or letters."""
     found: dict[str, Any] = {}
-    for key in ("u1", "u2", "n", "home"):
-        if key not in pair.constants.values:
-            continue
-        value = pair.constants.values[key]
+    given = pair.constants.values
+    for key, value in ((key, given[key]) for key in ("u1", "u2", "n", "home") if key in given):
         if key in symbolic:
             found[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
         else:

@@ -180,7 +180,7 @@ def _check(expr: Expr) -> None:
         raise NotRealError("an imaginary or infinite part")
     if any(bits(number) > MAX_BITS for number in expr.atoms(sympy.Rational)):
         raise NotRealError("a number of too many digits")
-    if not all(math.isfinite(constant_value(constant)) for constant in _constants(expr)):
+    if not all(math.isfinite(constant_value(constant)) for constant in _constant_parts(expr)):
         raise NotRealError("a number that is not real or past the range of floats")
     for power in expr.atoms(sympy.Pow):
         if power.base.is_Number and power.base.is_negative and not power.exp.is_integer:
@@ -190,7 +190,7 @@ def _check(expr: Expr) -> None:
             raise NotRealError(f"{type(function).__name__}(...)")
 
 
-def _constants(expr: Expr) -> Iterator[Expr]:
+def _constant_parts(expr: Expr) -> Iterator[Expr]:
     """The largest parts without t."""
     rest = [expr]
     while rest:

@@ -14,7 +14,7 @@ from hingepair.symbolic.jets import time_symbol
 from hingepair.symbolic.kinks import Expr, Side
 from hingepair.symbolic.printers import LATEX, PYTHON, TEXT, is_simple, joined, latex_name, lettered, signed
 
-Forms: TypeAlias = Mapping[str, tuple[tuple[Expr, ...], ...]]
+Outputs: TypeAlias = Mapping[str, tuple[tuple[Expr, ...], ...]]
 """Of each output the terms of each component."""
 
 _WIDE: Final = 90  # characters of terms, as text, in a line of LaTeX
@@ -22,18 +22,18 @@ _INDENT = " " * 6
 _FIXED = "\N{NO-BREAK SPACE}"
 
 
-def to_text(forms: Forms, *, short: bool, width: int) -> str:
+def to_text(outputs: Outputs, *, short: bool, width: int) -> str:
     """One equation a component; derivatives of x(t) are x', x''."""
-    rows, meanings = _rows(forms, short)
+    rows, meanings = _rows(outputs, short)
     told = [f"{name} = {TEXT(expr)}" for name, expr in meanings.items()]
     lines = ["; ".join(told)] if told else []
     lines += [f"{label} = {joined(terms, TEXT)}" for label, terms in rows]
     return "".join(f"{_wrapped(line, width)}\n" for line in lines)
 
 
-def to_latex(forms: Forms, *, short: bool) -> str:
+def to_latex(outputs: Outputs, *, short: bool) -> str:
     """An align* environment, one equation a component; long ones go on in the next line."""
-    rows, meanings = _rows(forms, short)
+    rows, meanings = _rows(outputs, short)
     lines = [f"{latex_name(name)} &= {LATEX(expr)}" for name, expr in meanings.items()]
     for label, terms in rows:
         line, filled = f"{latex_name(label)} &=", 0
@@ -48,22 +48,22 @@ def to_latex(forms: Forms, *, short: bool) -> str:
     return "\\begin{align*}  % \\usepackage{amsmath}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
 
 
-def to_sympy(forms: Forms) -> dict[str, str]:
+def to_sympy(outputs: Outputs) -> dict[str, str]:
     """The SymPy source of each component."""
-    return {label: str(sympy.Add(*terms)) for label, terms in _labelled(forms)}
+    return {label: str(sympy.Add(*terms)) for label, terms in _labelled(outputs)}
 
 
-def to_python(forms: Forms, title: str) -> str:
+def to_python(outputs: Outputs, title: str) -> str:
     """A Python module with one function an output."""
     heading = "".join(sign for sign in " ".join(title.split()) if sign.isprintable() and sign not in '"\\')
     parts = [f'"""Closed forms{": " * bool(heading)}{heading}."""\n\nimport numpy\n']
-    parts += [_function(name, [sympy.Add(*terms) for terms in components]) for name, components in forms.items()]
+    parts += [_function(name, [sympy.Add(*terms) for terms in components]) for name, components in outputs.items()]
     return "\n\n".join(parts)
 
 
-def _labelled(forms: Forms) -> Iterator[tuple[str, tuple[Expr, ...]]]:
+def _labelled(outputs: Outputs) -> Iterator[tuple[str, tuple[Expr, ...]]]:
     """The terms of every component with its label."""
-    for name, parts in forms.items():
+    for name, parts in outputs.items():
         for place, terms in zip(_places(len(parts)), parts, strict=True):
             yield f"{name}_{place}" if place else name, terms
 
@@ -72,9 +72,9 @@ def _places(count: int) -> list[str]:
     return [i + j for i in "xyz" for j in "xyz"] if count == 9 else list("xyz"[:count]) if count > 1 else [""]
 
 
-def _rows(forms: Forms, short: bool) -> tuple[list[tuple[str, tuple[Expr, ...]]], dict[str, Expr]]:
+def _rows(outputs: Outputs, short: bool) -> tuple[list[tuple[str, tuple[Expr, ...]]], dict[str, Expr]]:
     """The components, letters for functions of t, and what further letters abbreviate."""
-    rows = [(label, tuple(lettered(terms, "'"))) for label, terms in _labelled(forms)]
+    rows = [(label, tuple(lettered(terms, "'"))) for label, terms in _labelled(outputs)]
     if not short:
         return rows, {}
     letters = _abbreviations([term for _, terms in rows for term in terms])

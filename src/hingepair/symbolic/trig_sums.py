@@ -71,7 +71,7 @@ def _kept(function: Callable[..., Expr], angle: Expr) -> Expr:
     return value if is_wave or not angle.free_symbols else function(angle, evaluate=False)
 
 
-@functools.lru_cache(maxsize=4096)
+@functools.lru_cache(maxsize=512)
 def _terms(expr: Expr) -> _Terms:
     """The terms of an expression, in the order in which they arise; nobody changes them."""
     if expr.is_Add:
