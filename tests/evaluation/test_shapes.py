@@ -197,6 +197,20 @@ def test_out_of_the_wrong_kind_is_refused(given):
         one.forward_kinematics(motion[0], out={"R3": np.empty((24, 3))})
 
 
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_out_lies_over_no_input_and_no_other_output(backend):
+    """At the first call, and where arrays of the same kind came before."""
+    pair, names = hp.HingePair(u1=(1, 2, 3), u2=(3, 2, 1), n=(1, 2, 3)), ("R2", "v2")
+    room, own = np.zeros(100), np.zeros((10, 3))
+    q, qd = room[:70].reshape(10, 7), np.ones((10, 7))
+    apart = {"R2": room[70:].reshape(10, 3), "v2": own}
+    for _ in range(3):
+        for bad in ({"R2": room[69:99].reshape(10, 3)}, {"R2": own, "v2": own}, {"R2": own[:], "v2": own}):
+            with pytest.raises(hp.ArgumentError, match="memory of its own"):
+                pair.forward_kinematics(q, qd, outputs=names, out=apart | bad, backend=backend)
+        pair.forward_kinematics(q, qd, outputs=names, out=apart, backend=backend)
+
+
 @pytest.mark.parametrize("sequence", [None, ["X", "Y", "Z"], "XXY", "XyZ", 3])
 def test_a_sequence_that_is_none_is_refused(given, sequence):
     one, motion, _, _ = given
