@@ -192,10 +192,8 @@ def _check(expr: Expr) -> None:
 
 def _constant_parts(expr: Expr) -> Iterator[Expr]:
     """The largest parts without t."""
-    rest = [expr]
-    while rest:
-        part = rest.pop()
-        if part.free_symbols:
-            rest += part.args
-        else:
+    parts = sympy.preorder_traversal(expr)
+    for part in parts:
+        if not part.free_symbols:
             yield part
+            parts.skip()
