@@ -68,7 +68,7 @@ def test_the_truth_is_that_of_the_tests():
 def _cases():
     for way in MEASURED:
         for level in LEVELS:
-            slow = way.needs == "jax" or level == "velocity"
+            slow = way.needs == "jax" or level != "acceleration"
             yield pytest.param(way, level, marks=[pytest.mark.slow] * slow, id=f"{way.name}-{level}")
 
 

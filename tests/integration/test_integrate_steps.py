@@ -149,7 +149,7 @@ def kinked(order, at):
 
 @pytest.mark.parametrize("order", [0, 1], ids=["jump", "kink"])
 @pytest.mark.parametrize("count", sparse([2, 11, 101, 12_001], 3))
-@pytest.mark.parametrize("method", sparse(RULES, 3))
+@pytest.mark.parametrize("method", sparse(RULES, 5))
 def test_a_jump_of_a_callable_is_seen(method, count, order):
     """Wherever it is, also where rules of few nodes agree by chance; on more intervals than are looked at, too."""
     t = np.linspace(0, 1, count)

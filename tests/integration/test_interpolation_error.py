@@ -178,7 +178,7 @@ def test_many_jumps(step):
     check(*hinge(t, lambda t: np.floor(t / step), angle), factor=30)
 
 
-@pytest.mark.parametrize("count", sparse([4, 5, 6, 7, 8, 10, 15, 31], 4))
+@pytest.mark.parametrize("count", sparse([8, 4, 5, 6, 7, 10, 15, 31], 8))
 def test_few_samples(count):
     draw = generator(160 + count)
     for turns in (0.05, 0.2, 0.5):

@@ -8,7 +8,7 @@ import pytest
 import hingepair as hp
 from support.recorded import HOME, N1, U1, U2
 
-T = np.arange(2000) / 200
+T = np.arange(1000) / 100
 PAIR = hp.HingePair(u1=U1, u2=U2, n=N1, home=HOME)
 N2 = HOME.T @ N1
 

@@ -24,7 +24,7 @@ PAIR = (
 ONE = hp.HingePair(u1=PAIR[0], u2=PAIR[1], n=PAIR[2], home=PAIR[3])
 TAIL = {name: (3, 3) if name.startswith("S") else (3,) for name in OUTPUTS}
 few = settings(
-    max_examples=20, derandomize=True, deadline=None, database=None,
+    max_examples=12, derandomize=True, deadline=None, database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )  # fmt: skip
 

@@ -11,6 +11,7 @@ import hingepair as hp
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from support.hinged import pair_of
 from support.reference import DIGITS, Series, exactly, nearest_rotation, skew, unit
+from support.sparse import sparse
 from support.states import body1 as random_body
 from support.states import generator
 from support.states import pair as random_pair
@@ -93,7 +94,7 @@ NAMES = {
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-6, 0.1, 0.5])
-@pytest.mark.parametrize("home", [True, False], ids=["home", "no_home"])
+@pytest.mark.parametrize("home", sparse([True, False], 2, lambda home: "home" if home else "no_home"))
 def test_residuals_and_derivatives_are_exact_on_the_hinge_and_off_it(size, home):
     """A tilt of up to about one radian; the twist divides by 1 + h1 . h2."""
     rng = generator(80, home)

@@ -283,7 +283,7 @@ def test_an_inertia_that_was_not_given_is_warned_of_and_shapes_give_one():
     )
 
 
-@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+@pytest.mark.parametrize("backend", sparse(["numpy", "compiled"], 2))
 def test_prepared_dynamics_is_that_of_the_methods(backend):
     rng = generator(25)
     pair, body1 = massive(rng), moving(rng, 3)

@@ -85,7 +85,7 @@ def test_one_state(axis, ledger):
 
 
 @pytest.mark.parametrize("levers", ["levers", "u1 = 0", "u2 = 0"])
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("dtype", sparse([np.float64, np.float32], 2))
 def test_planar_pairs(levers, dtype, ledger):
     """E11 by folding: the scale of a planar pair is that of the spatial one."""
     rng = states.generator(112, list(LEVERS).index(levers))

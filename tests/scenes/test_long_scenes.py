@@ -16,6 +16,7 @@ import pytest
 import hingepair as hp
 from hingepair.cli.summary import Summary
 from hingepair.scenes.instants import Uniform
+from support.sparse import sparse
 
 MODELS = Path(__file__).parents[2] / "models"
 RUN = (sys.executable, "-c", "from hingepair.cli.main import main; main()", "run")
@@ -50,7 +51,7 @@ def test_instants_are_those_of_linspace_in_pieces_too(start, stop, count):
     assert (found[0], found[-1]) == (start, expected[-1])
 
 
-@pytest.mark.parametrize("model", ["reference_2d", "landing_gear", "spinning_satellite", "logged_arm"])
+@pytest.mark.parametrize("model", sparse(["reference_2d", "landing_gear", "spinning_satellite", "logged_arm"], 4))
 def test_pieces_are_the_whole_to_the_bit(tmp_path, monkeypatch, model):
     monkeypatch.setattr("hingepair.scenes.scene.ROWS", 1024)
     logged = model == "logged_arm"
