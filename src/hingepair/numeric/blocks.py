@@ -31,9 +31,9 @@ def components_of(array: NDArray[Any], rank: int = 1) -> Components:
     return tuple(array[..., i] for i in range(array.shape[-1]))
 
 
-def numbers(components: Components) -> Components:
-    """Components of no axes as Python floats, the others as they are."""
-    return tuple(float(c) if c.ndim == 0 else c for c in components)
+def numbers(array: NDArray[Any], rank: int = 1) -> Components:
+    """The same, of a single vector or matrix as Python floats."""
+    return tuple(array.ravel().tolist()) if array.ndim == rank else components_of(array, rank)
 
 
 def tabulate(

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.evaluation.steps import LEVER_STEPS
 from hingepair.numeric.arrays import broadcast_shape, constant, read_only
-from hingepair.numeric.blocks import Components, Named, components_of, numbers
+from hingepair.numeric.blocks import Components, Named, numbers
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import by_power_of_two, by_two_to, finite_axis, polar
 from hingepair.rotations.matrices import check_rotation
@@ -58,10 +58,10 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
         check_rotation("home", rotation)
     shapes = {name: array.shape[:-1] for name, array in (vectors | {"n": axis}).items()}
     shape = broadcast_shape({**shapes, "home": rotation.shape[:-2]})
-    values: Named = {name: numbers(components_of(vector)) for name, vector in vectors.items()}
+    values: Named = {name: numbers(vector) for name, vector in vectors.items()}
     if not (rotation == _IDENTITY).all():
-        values["home"] = numbers(components_of(rotation, 2))
-    values |= _axis_and_levers(values, numbers(components_of(axis)))
+        values["home"] = numbers(rotation, 2)
+    values |= _axis_and_levers(values, numbers(axis))
     computed = {name: read_only(_side_by_side(values[name])) for name in ("n", "along", "across", "around")}
     arrays = {**vectors, **computed, "home": rotation.reshape(*rotation.shape[:-2], 9)}
     return Constants(values, arrays, shape, axis)

@@ -15,7 +15,7 @@ from hingepair.evaluation.plan import needed_steps
 from hingepair.evaluation.steps import ARM_STEPS, Step, joined, together
 from hingepair.evaluation.trace import arc_tangent, hypotenuse
 from hingepair.numeric.arrays import FloatArray
-from hingepair.numeric.blocks import Components, Named, components_of, numbers
+from hingepair.numeric.blocks import Components, Named, numbers
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import follow_steps
@@ -159,7 +159,7 @@ def _frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
         back = np.linalg.inv(home.reshape(*home.shape[:-1], 3, 3))
         other = {name: (back @ vector[..., None])[..., 0] for name, vector in own.items()}
     named = {**own, **{f"{name}_in_2": vector for name, vector in other.items()}}
-    return {name: numbers(components_of(vector)) for name, vector in named.items()}
+    return {name: numbers(vector) for name, vector in named.items()}
 
 
 def _shapes(body1: BodyMotion, body2: BodyMotion) -> dict[str, tuple[int, ...]]:

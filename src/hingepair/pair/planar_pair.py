@@ -12,7 +12,7 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
 from hingepair.evaluation.steps import PLANAR_COORDINATES
 from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, real_array, vectors
-from hingepair.numeric.blocks import components_of, numbers
+from hingepair.numeric.blocks import numbers
 from hingepair.numeric.notebook import Sheet, Shown, sheet_of
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.accuracy import planar_error_bounds
@@ -73,7 +73,7 @@ class PlanarPair(Shown):
         if not isinstance(name, str) or not name.strip():
             raise ArgumentError("name", "a text that is not empty", quoted(name))
         arrays = {"u1": constant("u1", u1, 2), "u2": constant("u2", u2, 2)}
-        values = {key: numbers(components_of(array)) for key, array in arrays.items()}
+        values = {key: numbers(array) for key, array in arrays.items()}
         shape = broadcast_shape({key: array.shape[:-1] for key, array in arrays.items()})
         bodies = {"body1": checked_body("body1", body1), "body2": checked_body("body2", body2)}
         own = {**arrays, **bodies, "name": name, "constants": Constants(values, arrays, shape)}
