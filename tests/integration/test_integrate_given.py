@@ -12,7 +12,7 @@ import pytest
 import hingepair as hp
 from hingepair.evaluation.backend import Account
 from hingepair.integration.error_estimate import PROBES
-from hingepair.integration.methods import RULES, integrals, turns
+from hingepair.integration.methods import RULES, rises, turns
 from hingepair.integration.signals import interpolation
 from support.reference import DIGITS
 from support.sparse import sparse
@@ -81,7 +81,7 @@ def test_error_estimate_is_honest(spin, kind, method):
 @pytest.mark.parametrize("kind", sparse(["callable", "samples"], 2))
 def test_numpy_is_numpy_where_kernels_are_there_already(kind, tol, monkeypatch):
     """The same bits of motion and estimates, before and after all that runs was compiled."""
-    for loops in (turns, integrals, interpolation):
+    for loops in (turns, rises, interpolation):
         loops.cache_clear()
     t = np.linspace(0, 1, 200)
     given = TURNED.omega(t) if kind == "samples" else TURNED.omega

@@ -310,7 +310,7 @@ def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, m
 
 
 @pytest.mark.slow
-def test_a_corner_costs_some_forty_steps(tmp_path, monkeypatch):
+def test_a_corner_costs_some_sixty_steps(tmp_path, monkeypatch):
     """Jumps, kinks and a root, to the last digits of what a scene aims at, though steps there are ever shorter."""
     monkeypatch.setattr(step_selection, "MOST_STEPS", 20_000)
     rates = {

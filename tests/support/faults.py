@@ -415,7 +415,7 @@ FAULTS = {
         "integration/step_selection.py",
         "len(totals) < _ROUNDS",
         "len(totals) < 8",
-        "integration/test_integrate_steps.py::test_a_corner_costs_some_forty_steps",
+        "integration/test_integrate_steps.py::test_a_corner_costs_some_sixty_steps",
     ),
     "lock taken for lock at the first step": Fault(
         "integration/solve.py",

@@ -14,7 +14,7 @@ import numpy as np
 
 from hingepair.errors import ArgumentError
 from hingepair.evaluation.backend import How
-from hingepair.integration.methods import RULES, Rule, integrals, quaternion_product, turns
+from hingepair.integration.methods import RULES, Rule, quaternion_product, rises, turns
 from hingepair.integration.signals import Constant, Signal, Values
 from hingepair.integration.stepping import ROTATIONS, SUMS, Division, Steps, accumulated
 from hingepair.numeric.twofold import HighLow, exact_sum, pair_product, pair_sum
@@ -73,7 +73,7 @@ class Angle(_OfRate):
 
     def _fill(self, begin: Values, h: HighLow, rows: Values) -> None:
         given = {"rate": self.rate.nodes(begin, h[0], self.rule.nodes), "h": h}
-        integrals(self.rule).run(given, {"sum": rows}, h[0].shape, _F8, self.how)
+        rises(self.rule).run(given, {"sum": rows}, h[0].shape, _F8, self.how)
 
     def apart(self, coarse: Division, fine: Division, nodes: tuple[Values, Values]) -> Values:
         """What the steps of one division of intervals make less what those of a finer one make; shape (P, 1)."""

@@ -182,7 +182,7 @@ def turns(rule: Rule) -> Loop:
 
 
 @functools.cache
-def integrals(rule: Rule) -> Loop:
+def rises(rule: Rule) -> Loop:
     """The integrals of a rate over steps from its values at the nodes; lengths and integrals are pairs."""
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
@@ -191,7 +191,7 @@ def integrals(rule: Rule) -> Loop:
         mean = pair_quotient(total, float(sum(rule.weights))) if len(weighted) > 1 else total
         return {"sum": pair_product(mean, v["h"])}
 
-    return Loop(f"integrals_{rule.name}", step, {"rate": (len(rule.nodes),), "h": (2,)}, {"sum": (2,)}, exact=True)
+    return Loop(f"rises_{rule.name}", step, {"rate": (len(rule.nodes),), "h": (2,)}, {"sum": (2,)}, exact=True)
 
 
 def _times(p: Scalar, weight: int) -> HighLow:
