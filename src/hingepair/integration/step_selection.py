@@ -28,7 +28,8 @@ _FINEST = 1e-15  # rad: below, rounding is all that is left
 _SHARE = 0.4  # of the tolerance that the sum of errors is aimed at: there is rounding, and what probes do not show
 _ROUNDS = 64
 _PARTS, _FEW_PARTS = 16, 4  # of an interval at a time; few where errors do not go by the rule's order
-_COARSE, _PATIENCE = 1e-3, 4  # rad, rounds: a smaller sum that does not halve in so many is noise, not truncation
+_COARSE, _PATIENCE = 1e-3, 5  # rad, rounds: a smaller sum that stays the same for so many is noise, not truncation
+_BY_CHANCE = 10.0  # errors that do not go by the order may be so many times too small: two rules agree by chance
 _HUGE = 1e30  # rad; anything larger is as bad
 
 
@@ -67,10 +68,10 @@ def selected_steps(integrals: Sequence[Integral], t: Values, tol: float | None) 
         pieces = tuple(np.concatenate([old[~again], new]) for old, new in zip(pieces, fresh, strict=True))
         owner, start, stop, errors, most = pieces
         wide = stop - start > 16 * np.spacing(np.maximum(np.abs(start), np.abs(stop)))
-        errors = np.where(wide, errors, 0.0)
+        errors = np.where(wide, np.where(most == _PARTS, errors, _BY_CHANCE * errors), 0.0)
         totals.append(float((errors * weights[owner]).sum()))
-        stuck = totals[-1] < _COARSE and totals[-1] > 0.5 * max(totals[-_PATIENCE - 1 :][:1])
-        if not totals[-1] > goal or (stuck and len(totals) > _PATIENCE):
+        last = totals[-_PATIENCE:]
+        if not totals[-1] > goal or (len(last) == _PATIENCE and max(last) < min(2 * min(last), _COARSE)):
             break
         counts = _asked(errors, weights[owner], most, goal, order)
         again = counts > 1
