@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,9 +73,9 @@ def cross_validate(
     finite = _finite(flat)
     seven = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in (c[finite] for c in flat)]
     body1 = _body1_by_pinocchio(import_pinocchio("cross_validate"), seven, "XYZ" if planar else sequence)
-    W1, A1 = euler_rate_sizes(*(*(c[:, 3:6] for c in seven[1:]), None, None)[:2])
-    motion = _Finite(shape, finite, body1, [c[:, 6] for c in seven], W1, A1)
-    return _compared(space, twin, state, motion, dtype, None if planar else sequence)
+    sizes = euler_rate_sizes(*(*(c[:, 3:6] for c in seven[1:]), None, None)[:2])
+    hinge = [c[:, 6] for c in seven]
+    return _compared(space, twin, state, finite, body1, hinge, sizes, dtype, None if planar else sequence)
 
 
 def cross_validate_from_body1(
@@ -119,56 +119,40 @@ def cross_validate_from_body1(
     finite = _finite([*hinge, *motion.values()])
     hinge = [angle[finite] for angle in hinge]
     moving = BodyMotion(**{letter: array[finite] for letter, array in motion.items()})
-    W1, A1 = given_rate_sizes(moving.omega, moving.alpha)
+    sizes = given_rate_sizes(moving.omega, moving.alpha)
     dtype = result_dtype((*arrays.values(), *angles))
-    return _compared(pair, twin, state, _Finite(shape, finite, moving, hinge, W1, A1), dtype, None)
-
-
-class _Finite(NamedTuple):
-    """The motion at those samples that are finite.
-
-    Attributes:
-        shape: leading shape of all samples.
-        mask: which of them are finite; shape (N,).
-        body1: motion of body 1.
-        hinge: psi[, psi'[, psi'']].
-        W1: size of body 1's angular velocity.
-        A1: size of body 1's angular acceleration.
-    """
-
-    shape: tuple[int, ...]
-    mask: NDArray[np.bool_]
-    body1: BodyMotion
-    hinge: list[Float64Array]
-    W1: Float64Array | None
-    A1: Float64Array | None
+    return _compared(pair, twin, state, finite, moving, hinge, sizes, dtype, None)
 
 
 def _compared(
     pair: HingePair,
     twin: PinocchioTwin,
     state: PairState | PlanarState,
-    motion: _Finite,
+    finite: NDArray[np.bool_],
+    body1: BodyMotion,
+    hinge: list[Float64Array],
+    sizes: tuple[Float64Array | None, Float64Array | None],
     dtype: np.dtype[Any],
     sequence: str | None,
 ) -> CrossValidation:
-    """The state, which is that of all samples, against Pinocchio's."""
-    _, psid, psidd = (*motion.hinge, None, None)[:3]
+    """The state of all samples against Pinocchio's at those that are finite, of which is what follows `finite`."""
+    _, psid, psidd = (*hinge, None, None)[:3]
+    shape = np.asarray(state.R2).shape[:-1]
     scales = output_scales(
-        u1=pair.u1, u2=pair.u2, R1=motion.body1.R, v1=motion.body1.v, a1=motion.body1.a,
-        W1=motion.W1, A1=motion.A1, psid=psid, psidd=psidd, pinocchio=True,
+        u1=pair.u1, u2=pair.u2, R1=body1.R, v1=body1.v, a1=body1.a,
+        W1=sizes[0], A1=sizes[1], psid=psid, psidd=psidd, pinocchio=True,
     )  # fmt: skip
-    truths = _body2_by_pinocchio(twin, motion.body1, motion.hinge)
+    truths = _body2_by_pinocchio(twin, body1, hinge)
     if isinstance(state, PlanarState):
-        phi2 = np.asarray(state.phi2, np.float64).reshape(-1)[motion.mask]
-        truths, scales["phi2"] = _in_the_plane(truths, phi2), 1 + np.abs(phi2) + np.abs(motion.hinge[0])
+        phi2 = np.asarray(state.phi2, np.float64).reshape(-1)[finite]
+        truths, scales["phi2"] = _in_the_plane(truths, phi2), 1 + np.abs(phi2) + np.abs(hinge[0])
     rows = []
     for name, truth in truths.items():
-        got = np.asarray(getattr(state, name)).reshape(-1, *truth.shape[1:])[motion.mask]
+        got = np.asarray(getattr(state, name)).reshape(-1, *truth.shape[1:])[finite]
         error, ratio = error_ratios(name, got, truth, scales[name], dtype)
-        rows.append(Comparison.worst_of(name, error, ratio, np.flatnonzero(motion.mask), motion.shape))
-    skipped = int(np.count_nonzero(~motion.mask))
-    return CrossValidation(pair.name, sequence, motion.shape, skipped, unit_roundoff(dtype), tuple(rows))
+        rows.append(Comparison.worst_of(name, error, ratio, np.flatnonzero(finite), shape))
+    skipped = int(np.count_nonzero(~finite))
+    return CrossValidation(pair.name, sequence, shape, skipped, unit_roundoff(dtype), tuple(rows))
 
 
 def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Float64Array]) -> dict[str, Float64Array]:
