@@ -1,7 +1,7 @@
 """Hostile texts: scenes, expressions and URDF, thousands of them under limits of memory and time.
 
 Only a result or an error of the library may come out. The texts are made from seeds (hostile.py), so that a finding
-can be looked at again: `python tests/hostile.py KIND SEED 1 10`.
+can be looked at again: `python tests/support/hostile.py KIND SEED 1 10`.
 """
 
 from __future__ import annotations
