@@ -43,6 +43,22 @@ def test_every_kind_of_motion_has_a_figure(name):
     assert all(np.abs(np.diff(angle)).max() < 3 for angle in angles)
 
 
+@pytest.mark.slow
+def test_axes_are_named_and_a_motion_in_the_plane_is_seen_from_above():
+    for name, letters in (("reference_2d", "xy"), ("thrown_flail", "xyz")):
+        figure = hp.plot(hp.load_scene(MODELS / f"{name}.toml"))
+        (paths,) = (axes for axes in figure.axes if "paths" in axes.get_title())
+        assert {axes.get_xlabel() for axes in figure.axes if axes is not paths} == {"t [s]"}
+        figure.draw_without_rendering()
+        inside = figure.get_window_extent()
+        for letter in letters:
+            label = getattr(paths, f"{letter}axis").label
+            assert label.get_text() == letter
+            assert inside.containsx(label.get_window_extent().x0)
+            assert inside.containsy(label.get_window_extent().y0)
+        assert (paths.name == "3d") == (letters == "xyz")
+
+
 def test_a_gap_is_shaded(tmp_path):
     rows = (f"{i / 10},{'nan' if i in {3, 4} else i},0,0,0,0,0,{i}\n" for i in range(9))
     (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + "".join(rows))

@@ -85,9 +85,6 @@ def _several(make: type[Figure], frames: Frames) -> Figure:
         _over_time(axes, name, frames.t, values)
     for axes in places[len(frames.readings) :]:
         axes.remove()
-    for axes in figure.axes[-columns:]:
-        axes.set_xlabel("t [s]")
-        axes.tick_params(labelbottom=True)
     return figure
 
 
@@ -104,7 +101,7 @@ def _whole(make: type[Figure], pair: HingePair, frames: Frames) -> Figure:
             first = first or axes
             _over_time(axes, name, frames.t, shown[name])
     half = max(columns, 2)
-    _in_space(figure.add_subplot(grid[2, :half], projection="3d"), pair, frames)
+    _paths(figure, grid[2, :half], pair, frames)
     lower = grid[2, half:].subgridspec(2, 1)
     psi = figure.add_subplot(lower[0], sharex=first)
     _over_time(psi, "psi", frames.t, frames.psi)
@@ -118,7 +115,8 @@ def _over_time(axes: Axes, name: str, t: Array, values: Array) -> None:
         with np.errstate(invalid="ignore"):
             values = continuous(matrix_to_euler(values), proper=False)
     _shade(axes, t, values)
-    axes.set(title=_TITLES.get(name, name), ylabel="rad" if attitude else unit_of(name))
+    axes.set(title=_TITLES.get(name, name), ylabel="rad" if attitude else unit_of(name), xlabel="t [s]")
+    axes.tick_params(labelbottom=True)
     if values.ndim == 1:
         axes.plot(t, values, color="#222222", lw=1.2)
         return
@@ -136,18 +134,31 @@ def _shade(axes: Axes, t: Array, values: Array) -> None:
         axes.axvspan(t[max(start - 1, 0)], t[min(stop, len(t) - 1)], color="0.85", lw=0)
 
 
-def _in_space(axes: Any, pair: HingePair, frames: Frames) -> None:
-    """The paths of both reference points and of the hinge point, at one scale."""
+def _paths(figure: Figure, place: Any, pair: HingePair, frames: Frames) -> None:
+    """The paths of both reference points and of the hinge point, at one scale; from above where z stays."""
     (R1, S1), (R2, _) = frames.placements
-    for (name, colour), path in zip(_BODIES.items(), (R1, R2, R1 + S1 @ pair.u1), strict=True):
-        axes.plot(*path.T, color=colour, lw=1.2, label=name)
-        axes.plot(*path[:1].T, "o", color=colour, ms=3)
-    axes.set(title="paths in space [m], from the dots", xlabel="x", ylabel="y", zlabel="z")
-    axes.set_aspect("equal")
-    extents = {letter: abs(np.subtract(*getattr(axes, f"get_{letter}lim")())) for letter in "xyz"}
-    for letter, extent in extents.items():  # of a long path, few numbers across
-        axes.locator_params(axis=letter, nbins=max(1, round(5 * extent / max(extents.values()))))
-    axes.legend(fontsize=8)
+    paths = (R1, R2, R1 + S1 @ pair.u1)
+    ends = np.array([(np.nanmin(path, 0), np.nanmax(path, 0)) for path in paths if np.isfinite(path).any(0).all()])
+    letters = "xy" if len(ends) and np.ptp(ends[..., 2]) == 0 else "xyz"
+    axes: Any = figure.add_subplot(place, projection="3d" if letters == "xyz" else None)
+    for (name, colour), path in zip(_BODIES.items(), paths, strict=True):
+        own = path.T[: len(letters)]
+        axes.plot(*own, color=colour, lw=1.2, label=name)
+        axes.plot(*own[:, :1], "o", color=colour, ms=3)
+    axes.set(title="paths in space [m], from the dots", **{f"{letter}label": letter for letter in letters})
+    if letters == "xy":
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.legend(fontsize=8)
+        return
+    axes.legend(fontsize=8, loc="center right", bbox_to_anchor=(0, 0.5))
+    if not len(ends):
+        return
+    middle, size = (ends[:, 1].max(0) + ends[:, 0].min(0)) / 2, ends[:, 1].max(0) - ends[:, 0].min(0)
+    size = 1.05 * np.maximum(size, 0.3 * size.max())  # room beside a long path, or the numbers there would be a blot
+    for letter, centre, extent in zip(letters, middle, size, strict=True):
+        getattr(axes, f"set_{letter}lim")(centre - extent / 2, centre + extent / 2)
+        axes.locator_params(axis=letter, nbins=max(1, round(4 * extent / size.max())))
+    axes.set_box_aspect(size, zoom=0.72)  # leaves room for the labels
 
 
 def _gap(axes: Axes, pair: HingePair, frames: Frames) -> None:
