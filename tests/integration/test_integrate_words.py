@@ -35,6 +35,14 @@ def test_a_callable_may_return_one_value_for_all_times():
     np.testing.assert_allclose(motion.S2, same.S2, rtol=0, atol=8 * U)
 
 
+def test_a_misspelt_name_is_told_all_that_there_is():
+    motion = hp.integrate(PAIR, T, (0, 0, 1), np.cos, outputs=("R2",))
+    assert {"R2", "S1", "psi", "error_estimate", "euler_angles", "save"} <= set(dir(motion))
+    assert not {"S2", "recorded", "of_buffer"} & set(dir(motion))
+    with pytest.raises(AttributeError, match=f"has no 'R3'; it has {', '.join(dir(motion))}$"):
+        _ = motion.R3
+
+
 def test_results_are_short_to_read():
     """No arrays; the estimate of the error only once it is known, since it costs as much as the integration."""
     motion = hp.integrate(PAIR, T, (0, 0, 1), np.cos, outputs=("R2", "S2"))

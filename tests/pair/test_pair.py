@@ -95,10 +95,10 @@ def test_steps_too_long_are_not_called_lock_alone(backend):
 def test_a_state_lists_what_it_has():
     q = np.zeros(7)
     for state, names in (
-        (made().forward_kinematics(q), "shape, outputs, arrays, R2, S2, d, v2, omega2, a2, alpha2, R1, S1"),
-        (hp.PlanarPair((1, 0), (1, 0)).forward_kinematics(q[:4]), "shape, outputs, arrays, R2, phi2, d, v2, omega2"),
+        (made().forward_kinematics(q), "R2, S2, arrays, d, outputs, shape"),
+        (hp.PlanarPair((1, 0), (1, 0)).forward_kinematics(q[:4]), "R2, arrays, d, outputs, phi2, shape"),
     ):
-        with pytest.raises(AttributeError, match=f"{type(state).__name__} has no 'r2'; it has {names}"):
+        with pytest.raises(AttributeError, match=f"{type(state).__name__} has no 'r2'; it has {names}$"):
             _ = state.r2
         assert not hasattr(state, "r2")
 

@@ -285,8 +285,12 @@ def test_only_the_derivatives_that_are_needed(monkeypatch: pytest.MonkeyPatch) -
 def test_result_says_what_it_has(tmp_path: Path) -> None:
     result = scene_of(tmp_path, GOOD).evaluate(("R2",))
     assert result.state.R2 is result.R2
-    with pytest.raises(AttributeError, match=r"R3.*t, state, .*R2"):
-        _ = result.R3
+    names = ["R2", "arrays", "described", "outputs", "psi", "q", "save", "scene", "shape", "state", "t"]
+    assert dir(result) == [*names, "to_dataframe", "to_xarray"]
+    assert dir(result.state) == ["R2", "arrays", "outputs", "shape"]
+    for one in (result, result.state):
+        with pytest.raises(AttributeError, match=f"has no 'R3'; it has {', '.join(dir(one))}$"):
+            _ = one.R3
     with pytest.raises(AttributeError):
         result.t = 0
     assert pickle.loads(pickle.dumps(result)).R2.tolist() == result.R2.tolist()

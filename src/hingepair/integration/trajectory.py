@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from inspect import Signature
 from typing import Any
@@ -17,7 +17,7 @@ from hingepair.numeric.blocks import components_of, tabulate_one
 from hingepair.numeric.tables import instant
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import Result
-from hingepair.pair.states import PairState, PlanarState
+from hingepair.pair.states import PairState, PlanarState, lacking
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.sequences import SEQUENCES
 
@@ -99,9 +99,7 @@ class _OfState(Frozen, Result):
         state = object.__getattribute__(self, "state")
         if not name.startswith("_") and hasattr(type(state), name):
             return getattr(state, name)
-        fields = type(self).__dataclass_fields__  # type: ignore[attr-defined]
-        known = ", ".join((*(name for name in fields if name[0] != "_"), *state.outputs))
-        raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {known}")
+        raise lacking(self, name)
 
     def __repr__(self) -> str:
         t, method, steps, error = (object.__getattribute__(self, name) for name in ("t", "method", "steps", "_error"))
@@ -109,9 +107,8 @@ class _OfState(Frozen, Result):
         names = ", ".join(object.__getattribute__(self, "state").outputs)
         return f"{type(self).__name__}({method}, steps={steps}, {span(t)}{known}, outputs=({names}))"
 
-    def __dir__(self) -> list[str]:
-        state = object.__getattribute__(self, "state")
-        return sorted({*object.__dir__(self), *(name for name in dir(type(state)) if not name.startswith("_"))})
+    def _named(self) -> Iterable[str]:
+        return dir(object.__getattribute__(self, "state"))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

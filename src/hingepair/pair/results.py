@@ -8,7 +8,7 @@ import importlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import IO, Any, Final, TypeAlias
+from typing import IO, Any, ClassVar, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.numeric.notebook import Sheet, Shown, unit_of
 from hingepair.numeric.whole_file import whole_file
-from hingepair.pair.states import PairState, PlanarState
+from hingepair.pair.states import PairState, PlanarState, lacking
 
 ROWS: Final = 131072
 """Rows that a file takes at a time, and of a row group of a .parquet: its bytes do not depend on how rows come."""
@@ -37,6 +37,8 @@ class Result(Shown):
     __slots__ = ()
 
     t: NDArray[np.float64]
+    _inner: ClassVar[frozenset[str]] = frozenset({"recorded"})
+    """What other rooms of the house call, and its readers do not."""
 
     @property
     def described(self) -> str:
@@ -45,6 +47,14 @@ class Result(Shown):
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Everything that is kept, by name; shape (N, ...)."""
+        raise NotImplementedError
+
+    def __dir__(self) -> list[str]:
+        own = (name for name in object.__dir__(self) if not name.startswith("_") and name not in self._inner)
+        return sorted({*own, *self._named()})
+
+    def _named(self) -> Iterable[str]:
+        """The attributes that it has beside those of its class."""
         raise NotImplementedError
 
     def _sheet(self) -> Sheet:
@@ -133,8 +143,11 @@ class Record(Result):
 
     def __getattr__(self, name: str) -> NDArray[Any]:
         if name.startswith("_") or name not in self._arrays:
-            raise AttributeError(f"Record has no {name!r}; it has {', '.join(('t', *self._arrays))}")
+            raise lacking(self, name)
         return self._arrays[name]
+
+    def _named(self) -> Iterable[str]:
+        return self._arrays
 
     def __repr__(self) -> str:
         return f"Record({self.described!r}, samples={len(self.t)}, {', '.join(self._arrays)})"

@@ -68,10 +68,8 @@ class State(Shown):
 
         def __getattr__(self, name: str) -> Any:
             """An output of one state that is looked at for the first time, or one that was not computed."""
-            names = type(self).__slots__
-            if name not in names:
-                known = ", ".join(("shape", "outputs", "arrays", *names))
-                raise AttributeError(f"{type(self).__name__} has no {name!r}; it has {known}", name=name, obj=self)
+            if name not in type(self).__slots__:
+                raise lacking(self, name)
             array = self[name] if name in self._content[1] else None
             _set(self, name, array)
             return array
@@ -81,6 +79,9 @@ class State(Shown):
 
     def __delattr__(self, name: str) -> None:
         raise AttributeError(f"{name}: a {type(self).__name__} cannot be changed")
+
+    def __dir__(self) -> list[str]:
+        return [*(name for name in type(self).__slots__ if name in self.outputs), "arrays", "outputs", "shape"]
 
     def __repr__(self) -> str:
         names = ", ".join(self.outputs)
@@ -94,6 +95,12 @@ class State(Shown):
 
 
 _set = object.__setattr__
+
+
+def lacking(thing: object, name: str) -> AttributeError:
+    """That a state or a result has no such attribute; says what it has."""
+    known = "" if name.startswith("_") else f"; it has {', '.join(dir(thing))}"
+    return AttributeError(f"{type(thing).__name__} has no {name!r}{known}", name=name, obj=thing)
 
 
 class PairState(State):

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +23,7 @@ from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.pair.results import MOST_HELD, ROWS, Record, Result
-from hingepair.pair.states import PairState, PlanarState
+from hingepair.pair.states import PairState, PlanarState, lacking
 from hingepair.scenes.explain import ScenePlan
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.known_motion import Derivatives, KnownMotion
@@ -80,6 +80,7 @@ class SceneResult(Frozen, Result):
     known: KnownMotion
     asked: tuple[str, ...]
     first: int = 0
+    _inner: ClassVar[frozenset[str]] = Result._inner | {"asked", "chosen", "first", "known"}
 
     @property
     def described(self) -> str:
@@ -107,15 +108,13 @@ class SceneResult(Frozen, Result):
             return (np.stack([*named.values()], -1) if name[0] == "q" else named[name]) if named and whole else None
         if not name.startswith("_") and name not in self.__dataclass_fields__ and hasattr(type(self.state), name):
             return getattr(self.state, name)
-        known_names = ", ".join(("t", "state", "scene", *self.state.outputs, *COORDINATES))
-        raise AttributeError(f"SceneResult has no {name!r}; it has {known_names}")
+        raise lacking(self, name)
 
     def __repr__(self) -> str:
         return f"SceneResult({span(self.t)}, state={self.state!r})"
 
-    def __dir__(self) -> list[str]:
-        state = (name for name in dir(type(self.state)) if not name.startswith("_"))
-        return [*object.__dir__(self), *COORDINATES, *state]
+    def _named(self) -> Iterable[str]:
+        return *dir(self.state), *(name for name in self.scene.coordinate_names if _level(name) <= self.known.level)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -169,6 +168,12 @@ class Scene(Shown):
     def sequence(self) -> str | None:
         """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
         return self.motion.sequence
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Those of q, qd, qdd, psi, psid, psidd that the kind of motion can have."""
+        whole = self.kind == PLANAR or self.sequence is not None
+        return tuple(name for name in COORDINATES if whole or name[0] != "q")
 
     @property
     def start(self) -> float:
@@ -378,8 +383,7 @@ class Scene(Shown):
         level = self.motion.level
         if names is None:
             return _Wanted(None, (), level)
-        whole = self.kind == PLANAR or self.sequence is not None
-        there = [name for name in (*outputs_of(self.kind), *COORDINATES) if whole or name[0] != "q"]
+        there = (*outputs_of(self.kind), *self.coordinate_names)
         known = tuple(name for name in there if _level(name) <= level)
         for name in names:
             if name not in known:
