@@ -198,6 +198,7 @@ MALFORMED = {
     "terminal escapes in the title": ('title = "a\\u001b[31mb"\n' + GOOD, "printable"),
     "terminal escapes in a key": (GOOD + '[outputs]\n"a\\u001b[31mb" = 1\n', "outputs"),
     "hinge rate alone": (GOOD.replace('psi = "pi*t"', 'psi_dot = "pi*t"'), "motion.omega1"),
+    "one sample of a time": (change("samples = 21", "samples = 1"), "time.samples: expected at least 2"),
     "number that needs t": (change("stop = 2", 'stop = "2*t"'), "time.stop"),
     "product without a sign": (change('psi = "pi*t"', 'psi = "2t"'), "2*t"),
     "home without an angle": (change("n = [1, 0, 0]", "n = [1, 0, 0]\nhome = { axis = [1, 0, 0] }"), "pair.home"),
@@ -475,6 +476,17 @@ def test_limits_that_psi_leaves_are_noted(tmp_path: Path) -> None:
     (note,) = scene.notes()
     assert note == "psi leaves its limits, -1 to 2.5 rad, at 13 of 21 instants, first at t = 0.8 s (2.51327)"
     assert scene_of(tmp_path, GOOD).notes() == ()
+
+
+def test_degrees_for_radians_are_noted_and_many_turns_are_not(tmp_path: Path) -> None:
+    def notes(limits: str, psi: str) -> list[str]:
+        text = change('psi = "pi*t"', f"psi = {psi}").replace("[motion]\n", f"limits = {limits}\n[motion]\n")
+        return [note for note in scene_of(tmp_path, text).notes() if "radians" in note]
+
+    wanted = '{}: {} is taken for radians, as all angles are; for degrees write "{}*pi/180"'
+    assert notes("[-90, 0]", "90") == [wanted.format("limits of psi", -90, -90), wanted.format("psi", 90, 90)]
+    for limits, psi in (('["-20*pi", "20*pi"]', '"20*t"'), ("[-12, 12]", "12"), ("[-70.5, 70]", "32.5")):
+        assert notes(limits, psi) == []
     (note,) = scene_of(tmp_path, GOOD.replace("[motion]\n", "rate_limit = 3\n[motion]\n")).notes()
     assert note == "psi' leaves its limits, -3 to 3 rad/s, at 21 of 21 instants, first at t = 0 s (3.14159)"
 

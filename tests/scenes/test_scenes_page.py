@@ -49,6 +49,13 @@ def test_examples_run(number, tmp_path):
     assert scene.cross_validate(20).ok
 
 
+@pytest.mark.parametrize(
+    "example", [e for e in EXAMPLES if "[pair]" in e and re.search(r"^\[(motion|dynamics)", e, re.M)]
+)
+def test_what_looks_like_a_whole_scene_is_one(example):
+    assert completed(example) == example
+
+
 def test_there_are_examples_of_every_kind():
     assert len(EXAMPLES) >= 9
     for word in (

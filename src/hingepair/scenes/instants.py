@@ -62,4 +62,7 @@ def read_instants(time: Table) -> Uniform:
     start, stop = time.number("start"), time.number("stop")
     if not 0 <= stop - start < np.inf:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
-    return Uniform(start, stop, time.integer("samples", 1, MAX_SAMPLES))
+    samples = time.integer("samples", 1, MAX_SAMPLES)
+    if samples == 1 and stop > start:
+        time.fail("samples", f"at least 2, from start = {start!r} to stop = {stop!r}, or stop = start")
+    return Uniform(start, stop, samples)

@@ -77,9 +77,7 @@ class LogFile(Place):
         if read is None:
             self.refuse("", f"a file name that ends in {', '.join(_READERS)}", self.path.suffix or "no ending")
         try:
-            size = self.path.stat().st_size if self.path.is_file() else None
-            if size is None:
-                self.refuse("", "a file of samples that can be read", "no such file")
+            size = self.path.stat().st_size
             if size > MAX_BYTES:
                 self.refuse("", f"at most {MAX_BYTES} bytes", size)
             found = read(self)

@@ -47,9 +47,14 @@ def read_log(table: Table, folder: Path) -> HeldMotion:
         MissingDependencyError: the file is a .parquet and pyarrow is not installed.
     """
     integrated = table.flag("integrate")
-    own = (*START, "S1_0", "frame") if integrated else ("sequence",)
-    table.check_keys(("file", "differentiate", "integrate", *own))
-    log = _Log(LogFile(folder / table.text("file")), table.flag("differentiate"))
+    start = (*START, "S1_0", "frame")
+    for key in table.values.keys() & start if not integrated else ():
+        table.fail(key, "integrate = true beside it, as a log of rates has, or no such key")
+    table.check_keys(("file", "differentiate", "integrate", *(start if integrated else ("sequence",))))
+    file = folder / table.text("file")
+    if not file.is_file():
+        table.refuse("file", "a file of samples that can be read", f"no such file: {file}")
+    log = _Log(LogFile(file), table.flag("differentiate"))
     return _integrated(table, log) if integrated else _stated(table, log)
 
 
@@ -174,7 +179,8 @@ def _attitude(file: LogFile, columns: Columns) -> tuple[str, ...]:
     euler = any(column in columns for column in ARRAYS["phi"])
     own, other = (_EULER, _QUATERNION) if euler else (_QUATERNION, _EULER)
     if not euler and not any(column in columns for column in ARRAYS["quat_xyzw"]):
-        file.refuse("phi_x", "columns phi_x, phi_y, phi_z, or qx, qy, qz, qw", "neither")
+        hint = ", or motion.integrate = true for a log of rates" if "omega1_x" in columns else ""
+        file.refuse("phi_x", f"columns phi_x, phi_y, phi_z, or qx, qy, qz, qw{hint}", "neither")
     for column in (column for name in other for column in ARRAYS[name]):
         if column in columns:
             file.refuse(column, f"nothing of this kind beside {ARRAYS[own[0]][0]}", "a column")

@@ -414,11 +414,14 @@ class Notes:
         }
         self._outside = dict.fromkeys(self._limits, 0)
         self._first = dict.fromkeys(self._limits, "")
+        self._range = (math.inf, -math.inf)  # of psi
         self._kinks = 0
 
     def add(self, part: SceneResult) -> None:
         """Look at one piece."""
         self._kinks += self._scene.motion.kinks(part.first, part.first + len(part.t))
+        psi = np.asarray(part.known.psi)
+        self._range = (min(self._range[0], float(psi.min())), max(self._range[1], float(psi.max())))
         for name, limits in self._limits.items():
             if limits is None:
                 continue
@@ -430,7 +433,16 @@ class Notes:
 
     def sentences(self) -> tuple[str, ...]:
         """The notes."""
-        found, motion = [], self._scene.motion
+        motion = self._scene.motion
+        least, most = self._range
+        angles = {"limits of psi": self._limits["psi"], "psi": (most,) if least == most else None}
+        found = [
+            f'{name}: {largest:g} is taken for radians, as all angles are; for degrees write "{largest:g}*pi/180"'
+            for name, own in angles.items()
+            if own is not None
+            and all(angle % 1 == 0 for angle in own)  # whole ones of more than two turns are rare
+            and abs(largest := max(own, key=abs)) > 4 * math.pi
+        ]
         for (name, limits), unit in zip(self._limits.items(), ("rad", "rad/s"), strict=True):
             if limits is not None and self._outside[name]:
                 where = f"{self._outside[name]} of {self._scene.samples} instants, {self._first[name]}"
