@@ -9,6 +9,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ import pytest
 import hingepair as hp
 from hingepair.cli.main import main
 from hingepair.evaluation.backend import choose
+from hingepair.formats.robots import robot_urdf
 from support.summed import summed
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -346,9 +348,26 @@ def test_exports_need_no_motion(tmp_path: Path) -> None:
     assert "expected a table [" in invoke("run", tmp_path / "bare.toml")
 
 
-def test_a_robots_hinge_is_exported_by_name_or_from_a_urdf() -> None:
-    from hingepair.formats.robots import robot_urdf
+def test_the_frames_of_a_hinge_are_links_that_are_named() -> None:
+    pair, file = hp.load_scene(REFERENCE).pair, MODELS / "reference_3d.urdf"
+    frames = ("--body1-frame", "body1", "--body2-frame", "body2")
+    back = hp.from_urdf(invoke("urdf", file, "hinge", *frames), "hinge", body2_frame="body2")
+    np.testing.assert_array_equal(back.u2, pair.u2)
+    assert pair.u2.any()
+    assert (
+        invoke("derive", file, "hinge", "--outputs", "R2", *frames)
+        == invoke("derive", file, "hinge", "--outputs", "R2", "--body2-frame", "body2")
+        != invoke("derive", file, "hinge", "--outputs", "R2")
+    )
+    foot = hp.from_urdf(robot_urdf("go1"), "FL_calf_joint", body2_frame="FL_foot")
+    text = invoke("mjcf", "go1", "FL_calf_joint", "--body2-frame", "FL_foot")
+    assert text == hp.to_mjcf(replace(foot, name="go1/FL_calf_joint"))
+    assert "body2_frame: expected a link rigidly fixed to" in invoke("mjcf", file, "hinge", "--body2-frame", "arm")
+    for command in ("derive", "urdf"):
+        assert "--body2-frame: expected none without JOINT" in invoke(command, REFERENCE, *frames)
 
+
+def test_a_robots_hinge_is_exported_by_name_or_from_a_urdf() -> None:
     pair = hp.load_robot_hinge("go1", "FL_calf_joint")
     assert invoke("urdf", "go1", "FL_calf_joint") == hp.to_urdf(pair)
     assert invoke("mjcf", "go1", "FL_calf_joint", "--fixed-base") == hp.to_mjcf(pair, base="fixed")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hingepair.cli.output import give, listed
-from hingepair.cli.pairs import Joint, Source, TextFile, inputs_of, named
+from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, TextFile, inputs_of, named
 from hingepair.errors import ArgumentError
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.scene import COORDINATES, Scene
@@ -20,6 +20,8 @@ DEFAULT = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 def derive(
     source: Source,
     joint: Joint = None,
+    body1_frame: Frame1 = None,
+    body2_frame: Frame2 = None,
     unicode: Annotated[
         bool, typer.Option("--unicode", help="One line a component, as a paper has it: the default.")
     ] = False,
@@ -48,7 +50,7 @@ def derive(
     from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
 
-    found = named(source, joint)
+    found = named(source, joint, body1_frame, body2_frame)
     if isinstance(found, Scene):
         pair, title = found.pair, found.title
         asked = tuple(name for name in found.outputs or () if name not in COORDINATES)

@@ -11,9 +11,9 @@ import typer
 from hingepair.cli.output import give
 from hingepair.errors import ArgumentError, MissingDependencyError, choices
 from hingepair.formats.mjcf_writer import to_mjcf
-from hingepair.formats.robots import load_robot_hinge, robot_names, robot_urdf
+from hingepair.formats.robots import robot_names, robot_urdf
 from hingepair.formats.urdf_file import read_urdf
-from hingepair.formats.urdf_reader import from_urdf
+from hingepair.formats.urdf_reader import from_urdf, quiet_hinge_pair
 from hingepair.formats.urdf_writer import to_urdf
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -33,31 +33,43 @@ Joint = Annotated[
 TextFile = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write to FILE instead of standard output.")
 ]
+Frame1 = Annotated[
+    str | None,
+    typer.Option("--body1-frame", metavar="LINK", help="Link whose frame is body 1's: JOINT's parent unless given."),
+]
+Frame2 = Annotated[
+    str | None,
+    typer.Option("--body2-frame", metavar="LINK", help="Link whose frame is body 2's: JOINT's child unless given."),
+]
 FixedBase = Annotated[bool, typer.Option("--fixed-base", help="Body 1 stands still in the world.")]
 
 
-def named_pair(source: str, joint: str | None) -> HingePair | PlanarPair:
-    """The pair of a scene file, or the hinge of a robot or of a URDF file.
+def named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair | PlanarPair:
+    """The pair of a scene file, or the hinge of a robot or of a URDF file, between two links' frames.
 
     Raises:
         ArgumentError: there is no such thing; says what there is.
     """
     if is_urdf(source):
-        return from_urdf(source, _given(source, joint))
+        return from_urdf(source, _given(source, joint), *frames)
     if joint is not None and source.lower().endswith(".toml"):
         raise ArgumentError("JOINT", "none beside a scene, whose pair is its own", repr(joint))
     if joint is not None:
-        return load_robot_hinge(source, joint)
+        return quiet_hinge_pair(read_urdf(robot_urdf(source)), joint, *frames, name=f"{source}/{joint}")
+    if any(frames):
+        raise ArgumentError("--body1-frame, --body2-frame", "none without JOINT", ", ".join(filter(None, frames)))
     with contextlib.suppress(MissingDependencyError):
         if not Path(source).exists() and source in robot_names():
             _given(source, joint)
     return load_pair(source)
 
 
-def named(source: str, joint: str | None) -> Scene | HingePair | PlanarPair:
+def named(source: str, joint: str | None, *frames: str | None) -> Scene | HingePair | PlanarPair:
     """The scene of a file that says a motion; else the pair."""
-    scene = joint is None and Path(source).is_file() and not is_urdf(source)
-    return load_scene(source) if scene and "motion" in read_tables(source).values else named_pair(source, joint)
+    scene = joint is None and not any(frames) and Path(source).is_file() and not is_urdf(source)
+    if scene and "motion" in read_tables(source).values:
+        return load_scene(source)
+    return named_pair(source, joint, *frames)
 
 
 def inputs_of(source: str) -> tuple[Path, ...]:
@@ -77,6 +89,8 @@ def is_urdf(source: str) -> bool:
 def urdf(
     source: Source,
     joint: Joint = None,
+    body1_frame: Frame1 = None,
+    body2_frame: Frame2 = None,
     out: TextFile = None,
     fixed_base: FixedBase = False,
     floating_base: Annotated[
@@ -90,12 +104,20 @@ def urdf(
     if fixed_base and floating_base:
         raise ArgumentError("--fixed-base", "this or --floating-base", "both")
     base = "fixed" if fixed_base else "floating" if floating_base else "free"
-    give(to_urdf(_in_space(named_pair(source, joint)), base=base), out, inputs_of(source))
+    pair = _in_space(named_pair(source, joint, body1_frame, body2_frame))
+    give(to_urdf(pair, base=base), out, inputs_of(source))
 
 
-def mjcf(source: Source, joint: Joint = None, out: TextFile = None, fixed_base: FixedBase = False) -> None:
+def mjcf(
+    source: Source,
+    joint: Joint = None,
+    body1_frame: Frame1 = None,
+    body2_frame: Frame2 = None,
+    out: TextFile = None,
+    fixed_base: FixedBase = False,
+) -> None:
     """Write the pair as a MuJoCo model (MJCF): a free joint and a hinge."""
-    pair = _in_space(named_pair(source, joint))
+    pair = _in_space(named_pair(source, joint, body1_frame, body2_frame))
     give(to_mjcf(pair, base="fixed" if fixed_base else "free"), out, inputs_of(source))
 
 

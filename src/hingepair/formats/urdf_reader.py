@@ -38,6 +38,8 @@ def from_urdf(
         properties of the bodies, each of all links that are rigidly fixed to each other; None where no link has
         mass, and, with a warning, where the sum is none that a rigid body can have. With these come the boxes,
         cylinders and spheres of a body that is drawn by nothing else; meshes and the robot's name are not read.
+        What `to_urdf` wrote has its u2 with body2_frame="body2"; the effort 1000 and velocity 100 that stand there
+        for no limit come back as limits.
 
     Raises:
         URDFError: no readable URDF, or no such hinge or frame; says what would do. The hinge's limits are the wrong
@@ -82,11 +84,11 @@ def hinge_pair(
     )
 
 
-def quiet_hinge_pair(robot: Robot, joint: str, *, name: str) -> HingePair:
+def quiet_hinge_pair(robot: Robot, joint: str, *frames: str | None, name: str) -> HingePair:
     """The pair of a robot that its user cannot mend: no warning where masses are none that a rigid body can have."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        return hinge_pair(robot, joint, name=name)
+        return hinge_pair(robot, joint, *frames, name=name)
 
 
 def _fixed_to(robot: Robot, hinge: Joint, link: str) -> dict[str, Pose]:
