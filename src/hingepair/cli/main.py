@@ -24,7 +24,8 @@ from hingepair.errors import HingePairError
 app = typer.Typer(
     name="hingepair",
     help="Two rigid bodies joined by a hinge: everything about body 2 from the motion of body 1 and the hinge angle.",
-    epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input or output that cannot be written, 3 a fault of ours.",
+    epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input or output that cannot be written, 3 a fault of ours, "
+    "128 + n stopped by signal n: 130 by Ctrl-C.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,  # of rich boxes: brackets are taken for markup, paragraphs keep the source's lines

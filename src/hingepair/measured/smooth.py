@@ -58,7 +58,7 @@ class SmoothedMotion(BodyMotion):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedAngle(Frozen):
-    """A smooth angle with its rates, NaN in gaps; unpacks as psi, psid, psidd.
+    """A smooth angle with its rates, NaN in gaps: `psi, psid, psidd = smoothed` unpacks it.
 
     Attributes:
         psi: without jumps by 2 pi [rad]; shape (N,).
@@ -99,8 +99,8 @@ def smooth(
         gaps: the longest time without a sample that is filled [s] (at least one and a half steps are).
 
     Returns:
-        Of a body a BodyMotion with v, omega, a, alpha, and `.noise`, `.bandwidth`; of angles (psi, psid, psidd), with
-        the same two.
+        Of a body a BodyMotion with v, omega, a, alpha, and `.noise`, `.bandwidth`; of angles a SmoothedAngle,
+        which unpacks as psi, psid, psidd and has the same two.
 
     Raises:
         ArgumentError: an argument cannot be used; names it. Stamps that repeat or go back are named.

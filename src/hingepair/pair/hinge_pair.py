@@ -156,7 +156,8 @@ class HingePair(Shown):
             backend: "numpy", "compiled", or "auto": compiled where it pays (README, "Speed").
 
         Returns:
-            The state. float32 where all arrays given are float32, else float64.
+            The state; what the inputs do not give (v2 without qd) is None. float32 where all arrays given are
+            float32, else float64.
 
         Raises:
             ArgumentError: an argument cannot be used; names it.
@@ -500,9 +501,10 @@ class HingePair(Shown):
         return residuals.residuals(self.constants, self.name, body1, body2, tolerances, t)
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-        """Body 2's velocity by the velocities of the equations: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2).
+        """From body1 and psi, body 2's velocity by theirs: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2).
 
         Of body1, S is used; psi [rad], shape (...,), broadcasts against it. Jac is in world axes; shape (..., 6, 7).
+        By the rates of q it is `coordinate_jacobian(q)`.
 
         >>> import numpy as np
         >>> import hingepair as hp
