@@ -48,8 +48,9 @@ def read_log(table: Table, folder: Path) -> HeldMotion:
     """
     integrated = table.flag("integrate")
     start = (*START, "S1_0", "frame")
-    for key in table.values.keys() & start if not integrated else ():
-        table.fail(key, "integrate = true beside it, as a log of rates has, or no such key")
+    for key in start:
+        if key in table.values and not integrated:
+            table.fail(key, "integrate = true beside it, as a log of rates has, or no such key")
     table.check_keys(("file", "differentiate", "integrate", *(start if integrated else ("sequence",))))
     file = folder / table.text("file")
     if not file.is_file():
