@@ -59,14 +59,21 @@ def test_axes_are_named_and_a_motion_in_the_plane_is_seen_from_above():
         assert (paths.name == "3d") == (letters == "xyz")
 
 
+def test_far_paths_are_in_kilometres():
+    scene = hp.load_scene(MODELS / "satellite_panel.toml")
+    axes, _ = lines_of(hp.plot(scene), "paths in space [km], from the dots")
+    (R1, *_), sampled = (line.get_data_3d() for line in axes.get_lines()), scene.sampled(2000, ("R1",))
+    np.testing.assert_allclose(np.stack(R1, axis=1), sampled.R1 / 1000, rtol=1e-15, atol=0)
+
+
 def test_a_gap_is_shaded(tmp_path):
-    rows = (f"{i / 10},{'nan' if i in {3, 4} else i},0,0,0,0,0,{i}\n" for i in range(9))
+    rows = (f"{i / 10},{'nan' if i == 3 else 'inf' if i == 4 else i},0,0,0,{i},0,{i}\n" for i in range(9))
     (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + "".join(rows))
     text = "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\n[motion]\nfile = 'log.csv'\n"
     (tmp_path / "scene.toml").write_text(text)
     figure = hp.plot(hp.load_scene(tmp_path / "scene.toml"))
     axes, lines = lines_of(figure, "position of body 2, R2")
-    assert np.isnan(lines[0][3:5]).all()
+    assert not np.isfinite(lines[0][3:5]).any()
     assert [patch.get_extents().width > 0 for patch in axes.patches] == [True]
 
 

@@ -137,15 +137,19 @@ def _shade(axes: Axes, t: Array, values: Array) -> None:
 def _paths(figure: Figure, place: Any, pair: HingePair, frames: Frames) -> None:
     """The paths of both reference points and of the hinge point, at one scale; from above where z stays."""
     (R1, S1), (R2, _) = frames.placements
-    paths = (R1, R2, R1 + S1 @ pair.u1)
-    ends = np.array([(np.nanmin(path, 0), np.nanmax(path, 0)) for path in paths if np.isfinite(path).any(0).all()])
+    with np.errstate(invalid="ignore"):
+        paths = [np.where(np.isfinite(path), path, np.nan) for path in (R1, R2, R1 + S1 @ pair.u1)]
+    far = np.nanmax(np.abs(paths[0]), initial=0.0) >= 1e4
+    paths = [path * (1e-3 if far else 1.0) for path in paths]
+    ends = np.array([(np.nanmin(path, 0), np.nanmax(path, 0)) for path in paths if not np.isnan(path).all(0).any()])
     letters = "xy" if len(ends) and np.ptp(ends[..., 2]) == 0 else "xyz"
     axes: Any = figure.add_subplot(place, projection="3d" if letters == "xyz" else None)
     for (name, colour), path in zip(_BODIES.items(), paths, strict=True):
         own = path.T[: len(letters)]
         axes.plot(*own, color=colour, lw=1.2, label=name)
         axes.plot(*own[:, :1], "o", color=colour, ms=3)
-    axes.set(title="paths in space [m], from the dots", **{f"{letter}label": letter for letter in letters})
+    unit = "km" if far else "m"
+    axes.set(title=f"paths in space [{unit}], from the dots", **{f"{letter}label": letter for letter in letters})
     if letters == "xy":
         axes.set_aspect("equal", adjustable="datalim")
         axes.legend(fontsize=8)
@@ -158,14 +162,15 @@ def _paths(figure: Figure, place: Any, pair: HingePair, frames: Frames) -> None:
     for letter, centre, extent in zip(letters, middle, size, strict=True):
         getattr(axes, f"set_{letter}lim")(centre - extent / 2, centre + extent / 2)
         axes.locator_params(axis=letter, nbins=max(1, round(4 * extent / size.max())))
-    axes.set_box_aspect(size, zoom=0.72)  # leaves room for the labels
+    axes.set_box_aspect(size, zoom=0.65)  # leaves room for the labels
 
 
 def _gap(axes: Axes, pair: HingePair, frames: Frames) -> None:
     """The residual of E1 beside the rounding of the numbers that it is made of."""
     (R1, S1), (R2, S2) = frames.placements
     size = np.abs(R1).max(axis=1) + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
-    gap = np.abs(R1 + S1 @ pair.u1 - R2 - S2 @ pair.u2).max(axis=1)
+    with np.errstate(invalid="ignore"):
+        gap = np.abs(R1 + S1 @ pair.u1 - R2 - S2 @ pair.u2).max(axis=1)
     least = np.finfo(float).eps / 2 * size
     axes.semilogy(frames.t, np.maximum(gap, least / 8), ".", color="#222222", ms=2, label="residual")
     axes.semilogy(frames.t, 16 * least, color=_COLOURS[1], lw=1, label="16 u scale")
