@@ -21,7 +21,7 @@ from hingepair.numeric.arrays import check_choice, finite_number, read_only, rea
 from hingepair.numeric.finite_differences import check_instants
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_one, check_pair
-from hingepair.pair.dynamics import GRAVITY, DynamicsWarning, Energy
+from hingepair.pair.dynamics import GRAVITY, DynamicsWarning, Energy, Momentum
 from hingepair.pair.evaluate import Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
@@ -64,6 +64,10 @@ class _Moved:
     def energy(self) -> Energy:
         """Kinetic and potential energy at the instants, of each body that has mass properties (D7)."""
         return self.space.energy(self.body1, self.psi, self.psid, self.gravity)
+
+    def momentum(self) -> Momentum:
+        """Linear and angular momentum at the instants, of a pair whose bodies both have mass properties (D8)."""
+        return self.space.momentum(self.body1, self.psi, self.psid)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
