@@ -179,6 +179,75 @@ def test_a_damper_and_friction_bring_the_hinge_to_rest_and_stops_turn_it_back():
     np.testing.assert_allclose(np.abs(bounced.psid[np.abs(bounced.psi) < 0.99]), 1.0, rtol=0, atol=1e-5)
 
 
+DOOR = (0.0, 1.5)  # its stops; of inertia 4, stiffness 1e4: half a swing of 50 rad/s in a stop, then 3 rad/s
+
+
+def door(tol, hinge_torque):
+    body = hp.Body(mass=1, inertia=(4, 4, 4))
+    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=body)
+    given = {"base": "fixed", "hinge_torque": hinge_torque, "tol": tol}
+    found = hp.simulate(pair, np.linspace(0, 3, 301), STILL, 0.3, 3.0, **given)
+    flight, contact = DOOR[1] / 3, np.pi / 50
+    since = np.mod(found.t + 0.1, 2 * (flight + contact))
+    way = since % (flight + contact)
+    psi = np.where(way < flight, 3 * way, DOOR[1] + 3 / 50 * np.sin(50 * (way - flight)))
+    return found, np.abs(found.psi - np.where(since < flight + contact, psi, DOOR[1] - psi)).max()
+
+
+@pytest.mark.parametrize("tol", sparse([1e-8, 1e-4, 1e-6, 1e-10, 1e-12, 1e-14], 6))
+def test_a_door_between_its_stops_is_found_within_the_tolerance(tol):
+    """Steps end where psi meets a stop; the estimate is neither far above the error nor below it."""
+    found, error = door(tol, hp.HingeLoad(stops=DOOR))
+    assert error <= tol + 1e-12
+    assert error / 3 - 1e-12 <= found.psi_error_estimate <= 10 * error + 1e-12
+
+
+@pytest.mark.parametrize("tol", sparse([1e-6, 1e-8, 1e-10], 3))
+def test_kinks_that_nobody_names_cost_steps_and_not_the_tolerance(tol):
+    """Eight of them, in 3 s."""
+    found, error = door(tol, lambda _t, psi, _psid: 1e4 * (np.clip(psi, *DOOR) - psi))
+    assert error <= 1000 * tol
+    assert error / 3 - 1e-12 <= found.psi_error_estimate <= 10 * error + 1e-12
+
+
+@pytest.mark.parametrize("torque", [3.0, -3.0, 0.0])
+def test_a_hinge_that_starts_at_rest_at_its_stop_goes_where_it_is_pushed(torque):
+    t, stops = np.linspace(0, 0.5, 51), hp.HingeLoad(stops=(-1, 1), motor=torque)
+    found = hp.simulate(flywheel(), t, STILL, 1.0, 0.0, base="fixed", hinge_torque=stops, tol=1e-12)
+    expected = torque / 2 * t**2 if torque < 0 else torque / 1e4 * (1 - np.cos(100 * t))
+    np.testing.assert_allclose(found.psi - 1, expected, rtol=0, atol=1e-12)
+
+
+def test_a_stop_that_is_hardly_touched_is_felt():
+    """Thrown up against a torque of -1, psi would turn 5e-7 beyond the stop, in 2 ms of a step of seconds."""
+    stops = hp.HingeLoad(stops=(-1, 2 - 5e-7), stop_stiffness=1e6, motor=-1.0)
+    found = hp.simulate(flywheel(), [0.0, 3.0], STILL, 0.0, 2.0, base="fixed", hinge_torque=stops, tol=1e-6)
+    felt, speed, sag = 1000.0, 1e-3, 1e-6  # inside, psi + sag swings as speed / felt sin + sag cos
+    inside = 2 * np.arctan2(speed, sag * felt) / felt
+    assert found.psid[-1] == pytest.approx(-speed - (3.0 - (2 - speed) - inside), abs=1e-11)
+
+
+def test_a_free_pair_keeps_momentum_and_energy_through_its_stops():
+    rng = generator(31)
+    pair, start = heavy(rng), thrown(rng)
+    stops = hp.HingeLoad(stops=(0.0, 0.5))
+    free = hp.simulate(pair, np.linspace(0, 2, 41), start, 0.3, 3.0, hinge_torque=stops, gravity=WEIGHTLESS, tol=1e-9)
+    momentum = free.momentum()
+    beyond = free.psi - np.clip(free.psi, 0.0, 0.5)
+    assert np.abs(beyond).max() > 1e-3
+    np.testing.assert_allclose(momentum.angular, momentum.angular[:1].repeat(41, 0), rtol=0, atol=1e-13)
+    energy = free.energy().kinetic + 5e3 * beyond**2
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-9)
+
+
+def test_time_stamps_of_a_clock_cost_nothing():
+    stops, t = hp.HingeLoad(stops=(-0.2, 0.2)), np.linspace(0, 1, 9)
+    early, late = (
+        hp.simulate(flywheel(), t + since, STILL, 0.0, 1.0, base="fixed", hinge_torque=stops) for since in (0, 1.7e9)
+    )
+    np.testing.assert_allclose(late.psi, early.psi, rtol=0, atol=1e-13)
+
+
 def test_bad_arguments_are_named():
     pair, t = pendulum(), np.linspace(0, 1, 5)
     for name, change in (

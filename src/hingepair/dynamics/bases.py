@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from hingepair.dynamics.collocation import NODES, Array
+from hingepair.dynamics.collocation import BESIDE, NODES, Array
 from hingepair.dynamics.loads import Loads, Moving
 from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
@@ -104,13 +104,14 @@ class Carried:
 
     sizes = np.ones(2)
     moving = np.array([False, True])
+    angle = 0  # where psi stands in the state
     quat = np.array([1.0, 0, 0, 0])
 
     def __init__(
         self, pair: HingePair, base: Callable[[Array], BodyMotion], start: Start, loads: Loads, how: How
     ) -> None:
         self.state = np.array(start[4:])
-        self._base, self._loads = base, loads
+        self._base, self._loads, self.levels = base, loads, loads.levels
         _check_hinge(pair)
         known = mass_constants((None, pair.body2), "body2") | loads.known | pair.constants.values
         self._program = _Program(_loop("carried", None, "home" in known, (("psidd", ()),)), known, how)
@@ -121,9 +122,9 @@ class Carried:
         psidd = self.rates(np.array([t]), self.state[None])[0, 1]
         return _first_step(np.array([psid, np.sqrt(abs(psidd))]), span)
 
-    def rates(self, t: Array, states: Array) -> Array:
-        """The derivatives of the state at some instants."""
-        return np.stack([states[:, 1], self._accelerations(t, states)[-1]], axis=-1)
+    def rates(self, t: Array, states: Array, side: int | None = None) -> Array:
+        """The derivatives of the state at some instants; of a side, as they go on smoothly from there."""
+        return np.stack([states[:, 1], self._accelerations(t, states, side)[-1]], axis=-1)
 
     def renew(self, state: Array) -> Array:
         """The state that the next step begins with."""
@@ -135,7 +136,7 @@ class Carried:
         quats = matrix_to_quaternion(now.S1)
         return Course(quats, now, a, alpha, psidd, np.unwrap(2 * np.arctan2(quats[:, 3], quats[:, 0])))
 
-    def _accelerations(self, t: Array, states: Array) -> tuple[Moving, Array, Array, Array]:
+    def _accelerations(self, t: Array, states: Array, side: int | None = None) -> tuple[Moving, Array, Array, Array]:
         """The motion at some instants, and a1, alpha1 and psi''."""
         R, S, v, omega, a, alpha = self._carry(t)
         now = Moving(R, S, v, omega, *states.T.copy())
@@ -144,7 +145,7 @@ class Carried:
             now,
             a,
             alpha,
-            self._program(len(t), **given, **self._loads.at(t, now, now.psi, now.psid))["psidd"].copy(),
+            self._program(len(t), **given, **self._loads.at(t, now, now.psi, now.psid, side))["psidd"].copy(),
         )
 
     def _carry(self, t: Array) -> list[Array]:
@@ -161,6 +162,7 @@ class Turning:
     """A pair whose body 1 nothing holds, or a pin at R1."""
 
     moving = np.array([False] * 3 + [True] * 6 + [False] * 4 + [True])
+    angle = 12
 
     def __init__(self, pair: HingePair, base: str, flat: bool, start: Start, loads: Loads, how: How) -> None:
         masses = mass_constants((pair.body1, pair.body2), "body1", "body2")
@@ -170,7 +172,7 @@ class Turning:
         self._motion, self._rates, self._accelerations = (
             _Program(_loop(*own, tuple(tails.items())), known, how) for tails in (_MOTION, _SLOPE, _ACCELERATIONS)
         )
-        self._loads, self._flat = loads, flat
+        self._loads, self._flat, self.levels = loads, flat, loads.levels
         R, S, v, omega, psi, psid = start
         self.quat = matrix_to_quaternion(S)
         g = np.array([0, 0, np.arctan2(S[1, 0], S[0, 0])]) if flat else np.zeros(3)
@@ -190,15 +192,15 @@ class Turning:
         slopes = self.rates(np.array([t]), self.state[None])[0] / self.sizes
         return _first_step(slopes[9:] / np.array([1, 1, 1, 1, max(1, abs(self.state[-1]))]), span)
 
-    def rates(self, t: Array, states: Array) -> Array:
-        """The derivatives of the state at some instants."""
+    def rates(self, t: Array, states: Array, side: int | None = None) -> Array:
+        """The derivatives of the state at some instants; of a side, as they go on smoothly from there."""
         S0 = eq.quaternion_attitude(tuple(self.quat.tolist()))
-        return self._rates(len(t), state=states, S0=S0, **self._acting(t, states, S0))["slopes"].copy()
+        return self._rates(len(t), state=states, S0=S0, **self._acting(t, states, S0, side))["slopes"].copy()
 
-    def _acting(self, t: Array, states: Array, S0: Any) -> dict[str, Array]:
+    def _acting(self, t: Array, states: Array, S0: Any, side: int | None = None) -> dict[str, Array]:
         """What acts at some instants."""
         now = self._now(states, S0) if self._loads.look_at_motion else None
-        return self._loads.at(t, now, states[:, 12], states[:, 13])
+        return self._loads.at(t, now, states[:, 12], states[:, 13], side)
 
     def _now(self, states: Array, S0: Any) -> Moving:
         """The motion at some instants."""
@@ -240,8 +242,8 @@ class _Program:
         self._ready: dict[int, tuple[dict[str, Array], dict[str, Array], Bound]] = {}
 
     def __call__(self, count: int, **values: Any) -> dict[str, Array]:
-        """The outputs at so many instants; of the nodes of a step they hold until the next call."""
-        if count != NODES:
+        """The outputs at so many instants; of the nodes of a step, and beside them, they hold until the next call."""
+        if count not in {NODES, len(BESIDE)}:
             out = self._rooms(count)
             self._loop.run({**self._known, **values}, out, (count,), _DOUBLE, self._how)
             return out

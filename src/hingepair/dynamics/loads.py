@@ -114,15 +114,30 @@ class HingeLoad:
 
     def __call__(self, t: Any, psi: Any, psid: Any) -> Any:
         """The torque [N m] at instants [s], hinge angles [rad] and rates [rad/s]; of floats or arrays."""
+        torque = self._between(t, psi, psid)
+        if self.stops is None:
+            return torque
+        held = np.clip(psi, *self.stops)
+        return torque + np.where(psi == held, 0.0, self._push(psi - held, psid))
+
+    def on_side(self, side: int, t: Any, psi: Any, psid: Any) -> Any:
+        """The same as it goes on smoothly from a side: below the lower stop (0), between (1), above the upper (2)."""
+        torque = self._between(t, psi, psid)
+        if self.stops is None or side == 1:
+            return torque
+        return torque + self._push(psi - self.stops[side // 2], psid)
+
+    def _between(self, t: Any, psi: Any, psid: Any) -> Any:
+        """All but the stops."""
         torque = -self.stiffness * (psi - self.rest) - self.damping * psid
         torque = torque + (self.motor(t, psi, psid) if callable(self.motor) else self.motor)
         if self.friction:
             torque = torque - self.friction * np.tanh(psid / self.friction_rate)
-        if self.stops is not None:
-            lower, upper = self.stops
-            beyond: NDArray[Any] = np.minimum(psi - lower, 0) + np.maximum(psi - upper, 0)
-            torque = torque - self.stop_stiffness * beyond - np.where(beyond == 0, 0.0, self.stop_damping * psid)
         return torque
+
+    def _push(self, beyond: Any, psid: Any) -> Any:
+        """The torque of a stop."""
+        return -self.stop_stiffness * beyond - self.stop_damping * psid
 
 
 class Loads:
@@ -137,6 +152,7 @@ class Loads:
     Attributes:
         known: what does not change, by name, as the equations take it.
         look_at_motion: whether a load is a callable of the motion.
+        levels: values of psi, increasing, where what acts changes from one smooth function to another.
 
     Raises:
         ArgumentError: a constant is not finite or of the wrong shape, or a callable takes other arguments; names it.
@@ -150,6 +166,8 @@ class Loads:
         for name, load in self._moving.items():
             check_callable(name, load, "t", "now")
         self._hinge = hinge_torque if callable(hinge_torque) else None
+        own = type(hinge_torque) is HingeLoad and hinge_torque.stops
+        self.levels: tuple[float, ...] = own or ()
         self.look_at_motion = bool(self._moving)
         self.known: dict[str, Any] = {"gravity": self._constant("gravity", gravity)}
         self.known |= {name: self._constant(name, load) for name, load in forces.items() if not callable(load)}
@@ -158,14 +176,19 @@ class Loads:
         else:
             check_callable("hinge_torque", hinge_torque, "t", "psi", "psid")
 
-    def at(self, t: Array, now: Moving | None, psi: Array, psid: Array) -> dict[str, Array]:
-        """What changes, by name: forces and torques on the bodies, (n, 3), and hinge_torque, (n,)."""
+    def at(self, t: Array, now: Moving | None, psi: Array, psid: Array, side: int | None = None) -> dict[str, Array]:
+        """What changes, by name: forces and torques on the bodies, (n, 3), and hinge_torque, (n,).
+
+        Where a side is given, how many of the levels lie below psi, it is the smooth function of that side.
+        """
         found = {}
         for name, load in self._moving.items():
             own = self._answer(name, load(t, now), (len(t), *self._tail(name)))  # type: ignore[arg-type]
             found[name] = _lifted(own, len(self._tail(name))) if self._flat else own
         if self._hinge is not None:
-            found["hinge_torque"] = self._answer("hinge_torque", self._hinge(t, psi, psid), t.shape)
+            smooth = bool(self.levels) and side is not None
+            torque = self._hinge.on_side(side, t, psi, psid) if smooth else self._hinge(t, psi, psid)  # type: ignore[attr-defined]
+            found["hinge_torque"] = self._answer("hinge_torque", torque, t.shape)
         return found
 
     def everything(self, t: Array, now: Moving) -> dict[str, Array]:

@@ -286,18 +286,19 @@ def _follow(motion: Turning | Carried, t: Array, tol: float) -> Course:
     """The motion from t[0] to t[-1], read out at the instants."""
     states, quats = np.empty((len(t), len(motion.state))), np.empty((len(t), 4))
     states[:1], quats[:1] = motion.state, motion.quat
-    steps, place = 0, 1
+    steps, place, start, since = 0, 1, float(t[0]) if len(t) else 0.0, t - t[:1]
     if len(t) > 1:
-        first = motion.first_step(float(t[0]), float(t[-1] - t[0]))
-        stepper = Stepper(motion.rates, float(t[0]), motion.state, motion.sizes, motion.moving, tol, first)
+        first = motion.first_step(start, float(since[-1]))
+        own = motion.sizes, motion.moving, tol, first, motion.levels, motion.angle
+        stepper = Stepper(lambda since, *given: motion.rates(start + since, *given), 0.0, motion.state, *own)
     while place < len(t):
         try:
-            piece = stepper.step(float(t[-1]))
+            piece = stepper.step(float(since[-1]))
         except TooStiffError as error:
             why = "steps became too short; a load jumps or has no value, or the motion has no bound"
-            raise SimulationError(error.t, why) from None
-        end = int(np.searchsorted(t, stepper.t, side="right"))
-        states[place:end], quats[place:end] = piece.at(t[place:end]), motion.quat
+            raise SimulationError(start + error.t, why) from None
+        end = int(np.searchsorted(since, stepper.t, side="right"))
+        states[place:end], quats[place:end] = piece.at(since[place:end]), motion.quat
         steps, place = steps + 1, end
         stepper.turn(motion.renew(stepper.state))
     return motion.read(t, states, quats)._replace(steps=steps)
