@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.errors import ArgumentError
 from hingepair.evaluation.backend import Account
 from hingepair.evaluation.binding import bind
 from hingepair.evaluation.loops import Loop
@@ -46,9 +47,11 @@ class OneState:
             return np.array(self._program.floats_function(*self._numbers, *self._flat(values)))
         buffer = np.empty(self._size)
         given = [values[name] for name in self._moving]
-        if not self._run(*given, self._constants, buffer):  # it takes arrays side by side
-            self._run(*map(np.array, given), self._constants, buffer)
-        return buffer
+        if self._run(*given, self._constants, buffer):  # it takes arrays of float64 side by side
+            return buffer
+        if self._run(*(np.array(value, np.float64, order="C") for value in given), self._constants, buffer):
+            return buffer
+        raise ArgumentError("values", f"arrays of shapes {self._moving}", [np.shape(value) for value in given])
 
     def _flat(self, values: Mapping[str, Any]) -> list[float]:
         found: list[float] = []
