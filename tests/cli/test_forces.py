@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +41,7 @@ def test_the_command_prints_and_writes_them(tmp_path):
     done = CliRunner().invoke(app, ["forces", scene, "--out", str(out)])
     assert done.exit_code == 0, done.output
     assert "hinge_torque" in done.output
+    assert "max |.| at t" in done.output
     columns = np.genfromtxt(out, delimiter=",", names=True)
     np.testing.assert_array_equal(columns["hinge_torque"], hp.load_scene(scene).forces().hinge_torque)
     report = json.loads(CliRunner().invoke(app, ["forces", scene, "--gravity", "0,0,0", "--json"]).output)
@@ -52,6 +55,9 @@ def test_an_inertia_that_was_not_given_is_said(tmp_path):
     (tmp_path / "light.toml").write_text(text[: text.index("[pair.body2]")] + bodies)
     with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no inertia is given"):
         hp.load_scene(tmp_path / "light.toml").forces()
+    command = [sys.executable, "-m", "hingepair", "forces", str(tmp_path / "light.toml")]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    assert said.count("no inertia is given") == 1
     assert hp.Body(mass=3).inertia_is_assumed
     assert not hp.Body(mass=3, inertia=np.eye(3)).inertia_is_assumed
 

@@ -60,7 +60,7 @@ def forces(
     head(screen, scene)
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column("", no_wrap=True)
-    for heading in ("unit", "first", "smallest", "largest", "rms", "largest at t"):
+    for heading in ("unit", "first", "smallest", "largest", "rms", "max |.| at t"):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, row in rows.items():
         *sizes, t = row.values()

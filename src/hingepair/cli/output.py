@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import signal
 import sys
@@ -100,7 +101,7 @@ def behave() -> None:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) in {signal.SIG_DFL, signal.default_int_handler}:
             signal.signal(number, _stop)
-    warnings.showwarning = _warn
+    warnings.showwarning = functools.partial(_warn, set())
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
@@ -118,8 +119,11 @@ def printed(run: Callable[[], int]) -> int:
     return code
 
 
-def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"hingepair: warning: {printable(str(message))}", file=sys.stderr)
+def _warn(said: set[str], message: Warning | str, *_: Any, **__: Any) -> None:
+    """Print a warning once, from wherever it comes."""
+    if str(message) not in said:
+        said.add(str(message))
+        print(f"hingepair: warning: {printable(str(message))}", file=sys.stderr)
 
 
 def _stop(number: int, _: FrameType | None) -> None:
