@@ -66,6 +66,18 @@ def test_a_free_scene_moves_as_simulate_says(tmp_path):
     assert "base free" in scene.motion.turning
 
 
+def test_a_scene_has_energy_and_momentum():
+    scene = hp.load_scene(MODELS / "thrown_flail.toml")
+    result, found = scene.evaluate(), scene.motion.found
+    np.testing.assert_allclose(result.energy(), found.energy(), rtol=1e-14)
+    np.testing.assert_allclose(result.momentum(), found.momentum(), rtol=0, atol=1e-13)
+    with pytest.raises(AttributeError, match=r"energy, .*momentum"):
+        _ = result.powers
+    with pytest.raises(hp.ArgumentError, match="second derivatives"):
+        scene.evaluate(("R2",)).energy()
+    assert f"{found.psi_error_estimate:.1g} rad of psi" in scene.motion.turning
+
+
 def test_a_prescribed_base_carries_the_hinge(tmp_path):
     turn = "\n".join(
         f"{name} = {value}" for name, value in (("x", "'0.1*sin(6*t)'"), ("y", 0), ("z", 0), ("phi_x", 0))

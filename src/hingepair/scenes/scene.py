@@ -19,7 +19,8 @@ from hingepair.integration.trajectory import span
 from hingepair.numeric.arrays import Frozen, one_constant, read_only
 from hingepair.numeric.notebook import Sheet, Shown, cell
 from hingepair.numeric.tables import instant
-from hingepair.pair.dynamics import GRAVITY
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.pair.results import MOST_HELD, ROWS, Record, Result
@@ -80,7 +81,7 @@ class SceneResult(Frozen, Result):
     known: KnownMotion
     asked: tuple[str, ...]
     first: int = 0
-    _inner: ClassVar[frozenset[str]] = Result._inner | {"asked", "chosen", "first", "known"}
+    _inner: ClassVar[frozenset[str]] = Result._inner | {"asked", "chosen", "energy", "first", "known", "momentum"}
 
     @property
     def described(self) -> str:
@@ -100,6 +101,29 @@ class SceneResult(Frozen, Result):
         """The outputs and the coordinates, by name; shape (samples, ...)."""
         return self.chosen() | self.known.coordinates()
 
+    def energy(self) -> Energy:
+        """Kinetic and potential energy at the instants (D7), of each body that has masses, in the scene's gravity.
+
+        Raises:
+            ArgumentError: no output has second derivatives, or body 2 no mass properties.
+        """
+        return self.scene._massive().energy(*self._moved(), self.scene._gravity())
+
+    def momentum(self) -> Momentum:
+        """Linear and angular momentum at the instants (D8), where both bodies have mass properties.
+
+        Raises:
+            ArgumentError: no output has second derivatives, or a body no mass properties.
+        """
+        return self.scene._massive().momentum(*self._moved())
+
+    def _moved(self) -> tuple[BodyMotion, NDArray[np.float64], NDArray[np.float64]]:
+        """Body 1 in space, psi and psi'."""
+        if self.known.level < ACCELERATION:
+            raise ArgumentError("outputs", "some that need second derivatives, such as a2", self.state.outputs)
+        body1, psi, psid, _ = self.known.accelerated(self.scene.pair)
+        return body1, psi, psid
+
     def __getattr__(self, name: str) -> Any:
         if name in COORDINATES:
             known = self.known
@@ -114,7 +138,10 @@ class SceneResult(Frozen, Result):
         return f"SceneResult({span(self.t)}, state={self.state!r})"
 
     def _named(self) -> Iterable[str]:
-        return *dir(self.state), *(name for name in self.scene.coordinate_names if _level(name) <= self.known.level)
+        pair, level = self.scene.pair, self.known.level
+        masses = {"energy": pair.body2, "momentum": pair.body1 and pair.body2} if level == ACCELERATION else {}
+        known = (name for name in self.scene.coordinate_names if _level(name) <= level)
+        return *dir(self.state), *known, *(name for name, body in masses.items() if body is not None)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -345,15 +372,14 @@ class Scene(Shown):
                 "scene", f"a motion with accelerations, which forces need{self.motion.hint}", self.motion.origin
             )
         flat = isinstance(self.pair, PlanarPair)
-        pair = self.pair.massive() if isinstance(self.pair, PlanarPair) else self.pair
         simulated: Any = self.motion if hasattr(self.motion, "loads") else None
         if gravity is None:
-            gravity = simulated.found.gravity if simulated else (*PLANAR_GRAVITY, 0.0) if flat else GRAVITY
+            gravity = self._gravity()
         elif simulated:
             raise ArgumentError("gravity", "none beside [dynamics], which has its own", gravity)
         elif flat:
             gravity = (*one_constant("gravity", gravity, 2), 0.0)
-        moved = known.accelerated(self.pair)
+        pair, moved = self._massive(), known.accelerated(self.pair)
         wrench = pair.hinge_wrench(*moved, gravity)
         found = {
             "hinge_torque": wrench.hinge_torque,
@@ -370,6 +396,16 @@ class Scene(Shown):
             found |= {name: found[name][:, :2] for name in ("hinge_force", "force1") if name in found}
             found |= {name: found[name][:, 2] for name in ("torque1",) if name in found}
         return Record(t, found, f"forces: {self.title}")
+
+    def _massive(self) -> HingePair:
+        """The pair in space, of bodies with their masses."""
+        return self.pair.massive() if isinstance(self.pair, PlanarPair) else self.pair
+
+    def _gravity(self) -> tuple[float, ...]:
+        """Acceleration of free fall in space: that of [dynamics], or the usual."""
+        if hasattr(self.motion, "found"):
+            return self.motion.found.gravity
+        return (*PLANAR_GRAVITY, 0.0) if isinstance(self.pair, PlanarPair) else GRAVITY
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the results should know: psi past its limits, kinks, rates by finite differences."""
