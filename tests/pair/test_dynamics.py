@@ -256,6 +256,13 @@ def test_what_is_missing_is_named():
         full.energy(body1, 0.0, 0.0, gravity=-9.81)
 
 
+def test_an_angle_that_is_missing_is_asked_for_as_it_is_given():
+    body = hp.Body(1, inertia=(1, 1, 1))
+    pair = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body1=body, body2=body)
+    with pytest.raises(hp.ArgumentError, match=r"^psid: expected a value, as in psid=0\.0 or an array"):
+        pair.energy(moving(generator(24)), 0.0, None)
+
+
 def test_a_motion_without_resistance_is_refused():
     """Body 2 is a rod along the hinge axis, of no thickness to round-off: nothing resists psi."""
     needle = hp.Body(mass=1, inertia=(1, 1, 1e-30))

@@ -28,6 +28,7 @@ from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 
 BASES: Final = ("free", "pinned", "fixed")
 _TOLERANCES: Final = (1e-14, 1e-2)
+_PLANAR = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"
 _FINER = 1e-3  # of the tolerance: the second run that the first is judged by
 
 
@@ -60,6 +61,22 @@ class _Moved:
     loads: Mapping[str, Array]
     space: HingePair
     gravity: tuple[float, ...]
+    _error: Later
+    _psi_error: Later
+
+    @property
+    def error_estimate(self) -> float:
+        """How far the attitude of body 1, or its angle phi, is off at the worst instant [rad]; not psi.
+
+        0 where the base is fixed or moves as given: all there is to know is then in `psi_error_estimate`. Both come
+        from a second run, of a thousandth of the tolerance, when the first of them is asked for.
+        """
+        return self._error()
+
+    @property
+    def psi_error_estimate(self) -> float:
+        """How far the hinge angle psi is off at the worst instant [rad]; beside `error_estimate`."""
+        return self._psi_error()
 
     def energy(self) -> Energy:
         """Kinetic and potential energy at the instants, of each body that has mass properties (D7)."""
@@ -141,7 +158,8 @@ def simulate(
     Args:
         pair: a pair whose bodies have mass properties (body 2 alone where the base is fixed or moves as given). A
             PlanarPair takes forces and gravity of two components and torques of one; its body 1 starts, and is
-            looked at by loads, as in space: R in the plane z = 0, S a turn about z.
+            looked at by loads, as in space: R in the plane z = 0, S a turn about z, such as
+            hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi)).
         t: instants [s], increasing; shape (N,).
         body1: where body 1 starts: R and S, and v and omega unless they are zero. None beside a base that moves.
         psi_0: hinge angle at t[0] [rad].
@@ -164,8 +182,9 @@ def simulate(
 
     Returns:
         A `Trajectory` (`.t`, `.S1`, `.psi`, `.R2`, ...; of a PlanarPair a `PlanarTrajectory`), and `.body1`, `.psid`,
-        `.psidd`, `.loads` (what acted) and `.energy()`; `.error_estimate` and `.psi_error_estimate` [rad] come from
-        a second run, of a smaller tolerance, when they are asked for.
+        `.psidd`, `.loads` (what acted), `.energy()` and `.momentum()`; `.error_estimate` of the attitude of body 1 -
+        0 where that is given - and `.psi_error_estimate` of psi [rad] come from a second run, of a smaller
+        tolerance, when they are asked for.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
@@ -252,9 +271,10 @@ def _start_of(base: Base, body1: object, flat: bool, psi: float, psid: float) ->
         return zero, np.eye(3), zero, zero, psi, psid
     check_choice("base", base, BASES)
     if not isinstance(body1, BodyMotion):
-        raise ArgumentError("body1", "a BodyMotion, where body 1 starts", quoted(body1))
+        where = _PLANAR if flat else "hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
+        raise ArgumentError("body1", f"where body 1 starts, a BodyMotion such as {where}", quoted(body1))
     if body1.shape != ():
-        expected = "one start, such as BodyMotion(R=(0, 0, 0), S=np.eye(3))"
+        expected = f"one start, such as {_PLANAR if flat else 'BodyMotion(R=(0, 0, 0), S=np.eye(3))'}"
         raise ArgumentError("body1", expected, f"shape {body1.shape}")
     R, S, v, omega = (zero if x is None else x.astype(np.float64) for x in (body1.R, body1.S, body1.v, body1.omega))
     none = {"free": (), "pinned": ("v",), "fixed": ("v", "omega")}[base]
@@ -262,7 +282,7 @@ def _start_of(base: Base, body1: object, flat: bool, psi: float, psid: float) ->
         if name in none and speed.any():
             raise ArgumentError(f"body1.{name}", f"none, of a base that is {base}", speed)
     if flat and (R[2] or v[2] or omega[:2].any() or S[2, 2] != 1):
-        expected = "a start in the plane: R and v with z = 0, S and omega about z"
+        expected = f"a start in the plane, R and v with z = 0, S and omega about z, such as {_PLANAR}"
         raise ArgumentError("body1", expected, quoted(body1))
     return R, S, v, omega, psi, psid
 

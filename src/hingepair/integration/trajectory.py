@@ -78,21 +78,21 @@ class _OfState(Frozen, Result):
     def error_estimate(self) -> float:
         """How far the attitude of body 1, or its angle phi, is off at the worst instant [rad], rounding included.
 
-        Worked out when it is first asked for. Of a callable by steps of half the length or less, and by how its
-        values at the nodes and beside the instants may hide a jump or a kink between two of them; of more than 2048
-        intervals these are those over which values change most abruptly and the longest of each part of the time.
-        What is narrower than a 509th of the time and leaves no trace in such values is missed. Of samples by what
-        interpolation misses: gaps, motion that the samples hardly follow, jumps and kinks, which may be anywhere
-        between two of them; and by the rounding of stamps, where the values are as rough as that makes them. NaN of
-        fewer than four samples. Not part of it: noise in what was given, stamps whose rounding drifts too slowly to
-        be seen in so few samples, and what happens in a gap or faster than two samples a period and leaves no trace
-        in the samples.
+        Not psi, which has `psi_error_estimate`. Worked out when it is first asked for. Of a callable by steps of half
+        the length or less, and by how its values at the nodes and beside the instants may hide a jump or a kink
+        between two of them; of more than 2048 intervals these are those over which values change most abruptly and
+        the longest of each part of the time. What is narrower than a 509th of the time and leaves no trace in such
+        values is missed. Of samples by what interpolation misses: gaps, motion that the samples hardly follow, jumps
+        and kinks, which may be anywhere between two of them; and by the rounding of stamps, where the values are as
+        rough as that makes them. NaN of fewer than four samples. Not part of it: noise in what was given, stamps
+        whose rounding drifts too slowly to be seen in so few samples, and what happens in a gap or faster than two
+        samples a period and leaves no trace in the samples.
         """
         return self._error()
 
     @property
     def psi_error_estimate(self) -> float:
-        """The same of psi [rad]."""
+        """How far the hinge angle psi is off at the worst instant [rad], which `error_estimate` leaves out."""
         return self._psi_error()
 
     def __getattr__(self, name: str) -> Any:

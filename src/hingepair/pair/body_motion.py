@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.array_libraries import check_tail, is_foreign, library_of
 from hingepair.numeric.arrays import Frozen, broadcast_shape, read_only, vectors
 from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
@@ -165,7 +165,12 @@ def unchecked_motion(**arrays: NDArray[Any] | None) -> BodyMotion:
 def _read(name: str, value: ArrayLike, *tail: int) -> Any:
     """A view of an array that cannot be written to; an array of another library as it is."""
     if not is_foreign(value):
-        return read_only(vectors(name, value, *tail))
+        try:
+            return read_only(vectors(name, value, *tail))
+        except ShapeError as error:
+            if tail == (3,) and np.shape(value)[-1:] == (2,):
+                raise ShapeError(name, "shape (..., 3), of what moves in the plane (x, y, 0)", error.got) from None
+            raise
     check_tail(name, value, *tail)
     return value
 

@@ -439,7 +439,7 @@ def _follow(
     """Some results at all samples."""
     for name, value in angles.items():
         if value is None:
-            raise ArgumentError(name, "a value, since it is needed here", None)
+            raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: what is asked for needs it", None)
     values = {**arrays, **{name: component(name, v) for name, v in angles.items()}}
     ranks = {name: 2 if name == "S1" else 1 for name in arrays}
     shapes = {name: v.shape[: v.ndim - ranks[name]] for name, v in arrays.items()}

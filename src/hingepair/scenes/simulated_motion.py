@@ -64,11 +64,13 @@ class ForcedMotion:
     @property
     def turning(self) -> str:
         """How body 1 turns, for a reader."""
-        return f"simulated in {self.found.steps} steps, base {self.base}, error about {self.error_estimate:.1g} rad"
+        own = f"{self.found.error_estimate:.1g} rad of body 1, " if self.base in {"free", "pinned"} else ""
+        error = f"{own}{self.found.psi_error_estimate:.1g} rad of psi"
+        return f"simulated in {self.found.steps} steps, base {self.base}, error about {error}"
 
     @property
     def error_estimate(self) -> float:
-        """How far attitude and psi are off at the worst instant [rad]."""
+        """How far attitude and psi are off at the worst instant [rad]: the larger of both errors."""
         return max(self.found.error_estimate, self.found.psi_error_estimate)
 
     @property
