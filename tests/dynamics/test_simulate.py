@@ -202,11 +202,11 @@ def test_a_door_between_its_stops_is_found_within_the_tolerance(tol):
     assert error / 3 - 1e-12 <= found.psi_error_estimate <= 10 * error + 1e-12
 
 
-@pytest.mark.parametrize("tol", sparse([1e-6, 1e-8, 1e-10], 3))
+@pytest.mark.parametrize("tol", sparse([1e-8, 1e-6, 1e-10], 3))
 def test_kinks_that_nobody_names_cost_steps_and_not_the_tolerance(tol):
     """Eight of them, in 3 s."""
     found, error = door(tol, lambda _t, psi, _psid: 1e4 * (np.clip(psi, *DOOR) - psi))
-    assert error <= 1000 * tol
+    assert error <= 200 * tol
     assert error / 3 - 1e-12 <= found.psi_error_estimate <= 10 * error + 1e-12
 
 
@@ -267,10 +267,16 @@ def shapeless(_):
 
 @pytest.mark.slow
 def test_a_motion_without_end_is_refused_where_it_ends():
-    wheel = flywheel()
-    with pytest.raises(hp.SimulationError) as caught:  # psi'' = 2 psi^3 has the solution 1 / (1 - t)
-        hp.simulate(wheel, [0.0, 10.0], STILL, 1.0, 1.0, base="fixed", hinge_torque=lambda _t, psi, _psid: 2 * psi**3)
+    calls = []
+
+    def torque(t, psi, _):  # psi'' = 2 psi^3 has the solution 1 / (1 - t)
+        calls.append(t)
+        return 2 * psi**3
+
+    with pytest.raises(hp.SimulationError) as caught:
+        hp.simulate(flywheel(), [0.0, 10.0], STILL, 1.0, 1.0, base="fixed", hinge_torque=torque)
     assert caught.value.t == pytest.approx(1.0, abs=1e-6)
+    assert len(calls) < 15_000
 
 
 @pytest.mark.parametrize("base", ["free", "pinned", "fixed"])
