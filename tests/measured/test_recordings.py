@@ -138,8 +138,9 @@ def test_files_that_cannot_be_used_are_named(tmp_path: Path, text: str, words: s
 
 
 def test_names_of_files_are_checked(tmp_path: Path) -> None:
-    with pytest.raises(hp.ArgumentError, match="no such file"):
-        read_recording([tmp_path / "a.csv"])
+    for name in ("a.csv", "a" * 300 + ".csv"):
+        with pytest.raises(hp.ArgumentError, match="no such file"):
+            read_recording([tmp_path / name])
     with pytest.raises(hp.ArgumentError, match=r"ends in \.csv, \.npz, \.parquet"):
         read_recording([tmp_path / "a.txt"])
     with pytest.raises(hp.ArgumentError, match="one file, or two"):

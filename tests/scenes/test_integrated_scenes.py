@@ -284,6 +284,11 @@ def test_what_is_wrong_with_a_log_is_named(tmp_path, extra, log, message):
         scene_of(tmp_path, text + extra + "\n", log)
 
 
+def test_a_log_of_too_long_a_name_is_no_file(tmp_path):
+    with pytest.raises(hp.SceneError, match=r"my.toml: motion.file: expected .*, got no such file"):
+        scene_of(tmp_path, LOGGED.replace("log.csv", "log" * 100 + ".csv"), LOG)
+
+
 def test_planar_scenes_refuse_what_is_of_space(tmp_path):
     for line, key in (('frame = "body"', "frame"), ("S1_0 = 1", "S1_0"), ('method = "dop853"', "method")):
         with pytest.raises(hp.SceneError, match=rf"motion\.{key}: expected one of"):

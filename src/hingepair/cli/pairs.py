@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -59,14 +60,14 @@ def named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair
     if any(frames):
         raise ArgumentError("--body1-frame, --body2-frame", "none without JOINT", ", ".join(filter(None, frames)))
     with contextlib.suppress(MissingDependencyError):
-        if not Path(source).exists() and source in robot_names():
+        if not os.path.exists(source) and source in robot_names():
             _given(source, joint)
     return load_pair(source)
 
 
 def named(source: str, joint: str | None, *frames: str | None) -> Scene | HingePair | PlanarPair:
     """The scene of a file that says a motion; else the pair."""
-    scene = joint is None and not any(frames) and Path(source).is_file() and not is_urdf(source)
+    scene = joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
     if scene and "motion" in read_tables(source).values:
         return load_scene(source)
     return named_pair(source, joint, *frames)
@@ -75,7 +76,7 @@ def named(source: str, joint: str | None, *frames: str | None) -> Scene | HingeP
 def inputs_of(source: str) -> tuple[Path, ...]:
     """The files that a pair is read from."""
     path = Path(source)
-    if not path.is_file():
+    if not os.path.isfile(path):
         return ()
     return (path,) if is_urdf(source) else scene_files(path)
 
@@ -83,7 +84,7 @@ def inputs_of(source: str) -> tuple[Path, ...]:
 def is_urdf(source: str) -> bool:
     """Whether the name is that of a URDF file: of any file that is no scene."""
     ending = Path(source).suffix.lower()
-    return ending in {".urdf", ".xml"} or (ending != ".toml" and Path(source).is_file())
+    return ending in {".urdf", ".xml"} or (ending != ".toml" and os.path.isfile(source))
 
 
 def urdf(

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import csv
 import fnmatch
+import os
 import re
 import zipfile
 from collections.abc import Callable, Sequence
@@ -142,7 +143,7 @@ def read_columns(path: Path, ignore: Sequence[str] = ()) -> Columns:
     read = _READERS.get(path.suffix.lower())
     if read is None:
         raise ArgumentError(str(path), f"a file name that ends in {', '.join(_READERS)}", path.suffix or "no ending")
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise ArgumentError(str(path), "a recording", "no such file")
     if path.stat().st_size > _MOST_BYTES:
         raise ArgumentError(str(path), f"at most {_MOST_BYTES} bytes", path.stat().st_size)

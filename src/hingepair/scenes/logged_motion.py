@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -53,7 +54,7 @@ def read_log(table: Table, folder: Path) -> HeldMotion:
             table.fail(key, "integrate = true beside it, as a log of rates has, or no such key")
     table.check_keys(("file", "differentiate", "integrate", *(start if integrated else ("sequence",))))
     file = folder / table.text("file")
-    if not file.is_file():
+    if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
         table.refuse("file", "a file of samples that can be read", f"no such file: {file}")
     log = _Log(LogFile(file), table.flag("differentiate"))
     return _integrated(table, log) if integrated else _stated(table, log)
