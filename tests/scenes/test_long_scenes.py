@@ -19,7 +19,12 @@ from hingepair.scenes.instants import Uniform
 from support.sparse import sparse
 
 MODELS = Path(__file__).parents[2] / "models"
-RUN = (sys.executable, "-c", "from hingepair.cli.main import main; main()", "run")
+RUN = """
+import signal
+from hingepair.cli.main import main
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # ignored in what a shell runs in the background
+main()
+"""
 PEAK = r"""
 import re, sys
 from hingepair.cli.main import main
@@ -120,13 +125,16 @@ def test_a_run_that_is_stopped_leaves_nothing_half_written(tmp_path):
     target = tmp_path / "out" / "long.csv"
     target.parent.mkdir()
     target.write_text("before")
-    arguments = str(long_scene(tmp_path, 10**8)), "--out", str(target)
-    run = subprocess.Popen([*RUN, *arguments], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    command = sys.executable, "-c", RUN, "run", str(long_scene(tmp_path, 10**8)), "--out", str(target)
+    run = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
     while len(os.listdir(target.parent)) < 2 and time.monotonic() < deadline:  # the file beside it
         time.sleep(0.05)
     run.send_signal(signal.SIGINT)
-    out, err = run.communicate(timeout=60)
+    try:
+        out, err = run.communicate(timeout=60)
+    finally:
+        run.kill()
     assert run.returncode == 130
     assert err == f"hingepair: stopped; {target} is not written\n"
     assert out == ""
