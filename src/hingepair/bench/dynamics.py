@@ -62,7 +62,7 @@ def bodies() -> HingePair:
 def dynamics(samples: int, repeats: int, cpp: bool, tell: Tell) -> Report:
     """One state and many, both ways; a simulation to a given error."""
     pair, rows, notes = bodies(), list[Row](), []
-    missing = cpp_missing() if cpp else "compiled where --cpp asks for it"
+    missing = cpp_missing(dynamics=True) if cpp else "compiled where --cpp asks for it"
     if missing:
         notes.append(f"left out: {CPP} ({missing})")
     for count in (1, samples):
@@ -183,7 +183,7 @@ class Motion:
 
     def _compiled(self, inverse: bool) -> Job:
         """The same loop in C++."""
-        library, pair = compiled_loop(), self.pair
+        library, pair = compiled_loop(dynamics=True), self.pair
         constants = [np.ascontiguousarray(c) for c in (pair.u1, pair.u2, pair.n, pair.home)]
         handle = library.pair_new(*map(address_of, constants))
         both: list[Any] = [pair.body1, pair.body2]

@@ -376,8 +376,8 @@ _HOW = "a C++ compiler and the headers of Pinocchio, Boost and Eigen (pip instal
 
 
 @functools.cache
-def compiled_loop() -> Any:
-    """The library with the compiled loop; a process compiles it once, which takes up to a minute.
+def compiled_loop(*, dynamics: bool = False) -> Any:
+    """The library with the compiled loop; a process compiles it once: half a minute, with dynamics up to two.
 
     Raises:
         MissingDependencyError: there is no compiler, or a header is missing.
@@ -388,7 +388,7 @@ def compiled_loop() -> Any:
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "pinocchio_loop.so"
         headers = [part for path in _headers() for part in ("-isystem", str(path))]
-        command = [compiler, *_FLAGS, *headers, str(SOURCE), "-o", str(target)]
+        command = [compiler, *_FLAGS, *["-DDYNAMICS"] * dynamics, *headers, str(SOURCE), "-o", str(target)]
         done = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"LC_ALL": "C"})
         if done.returncode:
             lines = [line for line in done.stderr.splitlines() if "error" in line]
@@ -397,10 +397,11 @@ def compiled_loop() -> Any:
     pointer: Any = ctypes.c_void_p
     loaded.pair_new.argtypes, loaded.pair_new.restype = [pointer] * 4, pointer
     loaded.pair_delete.argtypes, loaded.pair_delete.restype = [pointer], None
-    loaded.pair_masses.argtypes, loaded.pair_masses.restype = [pointer] * 4, None
-    loaded.pair_dynamics.argtypes = [pointer, ctypes.c_long, ctypes.c_long] + [pointer] * 4
-    loaded.pair_dynamics.restype = None
     loaded.pair_loop.argtypes, loaded.pair_loop.restype = [pointer, ctypes.c_long] + [pointer] * 9, None
+    if dynamics:
+        loaded.pair_masses.argtypes, loaded.pair_masses.restype = [pointer] * 4, None
+        loaded.pair_dynamics.argtypes = [pointer, ctypes.c_long, ctypes.c_long] + [pointer] * 4
+        loaded.pair_dynamics.restype = None
     return loaded
 
 
@@ -456,10 +457,10 @@ def ways(cpp: bool) -> tuple[list[Way], list[str]]:
     return found, missing
 
 
-def cpp_missing() -> str | None:
+def cpp_missing(*, dynamics: bool = False) -> str | None:
     """Why the compiled loop cannot be had; None where it can."""
     try:
-        compiled_loop()
+        compiled_loop(dynamics=dynamics)
     except MissingDependencyError as error:
         return str(error)
     return None

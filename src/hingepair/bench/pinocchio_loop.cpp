@@ -5,11 +5,13 @@
 #define BOOST_MPL_LIMIT_LIST_SIZE 30
 #define BOOST_MPL_LIMIT_VECTOR_SIZE 30
 #define BOOST_FUSION_INVOKE_MAX_ARITY 12
-#include <pinocchio/algorithm/aba.hpp>
 #include <pinocchio/algorithm/frames.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
-#include <pinocchio/algorithm/rnea.hpp>
 #include <pinocchio/multibody.hpp>
+#ifdef DYNAMICS  // whose headers take the compiler a minute
+#include <pinocchio/algorithm/aba.hpp>
+#include <pinocchio/algorithm/rnea.hpp>
+#endif
 
 namespace pin = pinocchio;
 using Matrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
@@ -83,6 +85,8 @@ extern "C" void pair_loop(
   }
 }
 
+#ifdef DYNAMICS
+
 // Each body: its mass, its centre from the reference point (3) and its inertia about it (9), body axes.
 extern "C" void pair_masses(Pair * pair, const double * masses, const double * centres, const double * inertias)
 {
@@ -111,3 +115,5 @@ extern "C" void pair_dynamics(
       inverse ? pin::rnea(pair->model, pair->data, qi, vi, wi) : pin::aba(pair->model, pair->data, qi, vi, wi);
   }
 }
+
+#endif
