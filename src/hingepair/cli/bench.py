@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Measure run time and error on this machine.", no_args_is_help=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON with machine facts instead of tables.")]
+Cpp = Annotated[
+    bool, typer.Option("--cpp", help="Compile and measure Pinocchio's C++ loop (compiling takes one or two minutes).")
+]
 Repeats = Annotated[int, typer.Option(min=1, max=1000, help="Repeats; the median counts.")]
 Plot = Annotated[Path | None, typer.Option(metavar="FILE", help="Draw error against run time (.png, .svg, .pdf).")]
 Sizes = Annotated[str, typer.Option(help="Numbers of samples.")]
@@ -66,9 +69,7 @@ def direct(
     sizes: Sizes = "1,100,10000,1000000",
     levels: Annotated[str, typer.Option(help="Workloads.")] = "pose,velocity,acceleration",
     repeats: Repeats = 7,
-    cpp: Annotated[
-        bool, typer.Option("--cpp", help="Compile and measure Pinocchio's C++ loop (compiling takes up to a minute).")
-    ] = False,
+    cpp: Cpp = False,
     cold: Annotated[
         bool, typer.Option("--cold/--no-cold", help="Imports and first calls too, in fresh processes.")
     ] = True,
@@ -125,9 +126,7 @@ def skip(
 def dynamics(
     samples: Annotated[int, typer.Option(min=2, max=10**7, help="Samples of a batch.")] = 1_000_000,
     repeats: Repeats = 5,
-    cpp: Annotated[
-        bool, typer.Option("--cpp", help="Compile and measure Pinocchio's C++ loop (compiling takes up to a minute).")
-    ] = False,
+    cpp: Cpp = False,
     show_json: Json = False,
 ) -> None:
     """Forces from motion, motion from forces, and a simulation: beside Pinocchio, MuJoCo and SciPy."""

@@ -86,6 +86,10 @@ class _Moved:
         """Linear and angular momentum at the instants, of a pair whose bodies both have mass properties (D8)."""
         return self.space.momentum(self.body1, self.psi, self.psid)
 
+    def _hinge(self) -> dict[str, Array]:
+        """The motion of the hinge and the torque at it, by name."""
+        return {"psi": self.psi, "psid": self.psid, "psidd": self.psidd, "hinge_torque": self.loads["hinge_torque"]}
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SimulatedMotion(_Moved, Trajectory):
@@ -110,8 +114,7 @@ class SimulatedMotion(_Moved, Trajectory):
     def recorded(self) -> dict[str, NDArray[Any]]:
         """The outputs of the state, the motion of body 1 and that of the hinge, by name; shape (N, ...)."""
         body1 = {f"{letter}1": getattr(self.body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha")}
-        hinge = {"psi": self.psi, "psid": self.psid, "psidd": self.psidd, "hinge_torque": self.loads["hinge_torque"]}
-        return {**self.state.arrays(), **body1, **hinge}
+        return {**self.state.arrays(), **body1, **self._hinge()}
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -127,8 +130,7 @@ class SimulatedPlanarMotion(_Moved, PlanarTrajectory):
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """The outputs of the state, the motion of body 1 and that of the hinge, by name; shape (N, ...)."""
-        hinge = {"psi": self.psi, "psid": self.psid, "psidd": self.psidd, "hinge_torque": self.loads["hinge_torque"]}
-        return {**self.state.arrays(), "phi": self.phi, **hinge}
+        return {**self.state.arrays(), "phi": self.phi, **self._hinge()}
 
 
 def simulate(
