@@ -133,7 +133,7 @@ FAULTS = {
         "dynamics/test_simulate.py::test_motion_starts_where_it_is_told_to[free]",
     ),
     "a torque on body 2 turns the wheel backwards": Fault(
-        "pair/dynamics.py",
+        "evaluation/dynamics_steps.py",
         'Step("acting", operator.add, ("hinge_torque"',
         'Step("acting", operator.sub, ("hinge_torque"',
         "dynamics/test_simulate.py::test_a_wheel_on_a_fixed_base_is_turned_by_what_acts_about_its_axis[torque2]",

@@ -21,6 +21,7 @@ from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError
 from hingepair.evaluation.backend import How
 from hingepair.evaluation.binding import Bound, bind
+from hingepair.evaluation.dynamics_steps import forward_steps, lever_steps
 from hingepair.evaluation.loops import Loop
 from hingepair.evaluation.plan import INPUTS, SPATIAL, Plan, needed_steps, steps_of
 from hingepair.evaluation.steps import Step, upright
@@ -28,7 +29,7 @@ from hingepair.integration.methods import quaternion_product
 from hingepair.integration.trajectory import rotations
 from hingepair.numeric.blocks import turn_terms
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.dynamics import SINGULAR, check_resistance, forward_steps, lever_steps, mass_constants
+from hingepair.pair.dynamics import SINGULAR, check_resistance, mass_constants
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import matrix_to_quaternion
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from hingepair.equations import constraints as ce
+from hingepair.equations import derivatives as by
 from hingepair.equations import spatial as eq
 from hingepair.equations.spatial import Scalar, Vector
-from hingepair.numeric.blocks import hinge_cosine, hinge_terms, turn_terms
+from hingepair.evaluation.trace import arc_tangent, hypotenuse
+from hingepair.numeric.blocks import Components, hinge_cosine, hinge_terms, turn_terms
+from hingepair.rotations.sequences import find_sequence
 
 
 class Step(NamedTuple):
@@ -168,3 +173,117 @@ PLANAR_STEPS = (
     Step("a2", in_plane, ("a2_in_space",)),
 )
 """A planar pair: the equations of space with n = e_z, of which folding leaves what the plane needs (E11)."""
+
+
+_ZERO: Vector = (0.0, 0.0, 0.0)
+
+JACOBIAN_STEPS = (
+    Step("turns", lambda: by.WORLD, ()),
+    Step("jacobian", by.jacobian, ("turns", "d", "r2", "axis")),
+    Step(
+        "relative_bias",
+        lambda slide, pull, psid: eq.relative_acceleration(slide, pull, psid, 0.0),
+        ("slide", "pull", "psid"),
+    ),
+    Step(
+        "a2_bias",
+        lambda omega1, d, slide, psid, own: eq.acceleration2(_ZERO, omega1, _ZERO, d, slide, psid, own),
+        ("omega1", "d", "slide", "psid", "relative_bias"),
+    ),
+    Step(
+        "alpha2_bias",
+        lambda omega1, axis, psid: eq.angular_acceleration2(_ZERO, omega1, axis, psid, 0.0),
+        ("omega1", "axis", "psid"),
+    ),
+    Step("acceleration_bias", joined, ("a2_bias", "alpha2_bias")),
+)
+"""By the world's axes; the bias is a2 and alpha2 where a1, alpha1 and psi'' are none."""
+
+
+@functools.lru_cache(maxsize=64)
+def coordinate_steps(sequence: str) -> tuple[Step, ...]:
+    """The Jacobian by the rates of the coordinates, and its own rate."""
+    order = find_sequence(sequence)
+    return (
+        Step("own_turns", order.columns, ("axes",)),
+        Step("own_turn_rates", order.column_rates, ("axes", "phid")),
+        Step("coordinate_jacobian", by.jacobian, ("own_turns", "d", "r2", "axis")),
+        Step("d_rate", by.difference_rate, ("omega1", "r1", "omega2", "r2")),
+        Step("both_d", together, ("d", "d_rate")),
+        Step("all_spins", together, ("omega1", "omega2", "axis")),
+        Step(
+            "coordinate_jacobian_rate", by.jacobian_rate, ("own_turns", "own_turn_rates", "both_d", "r2", "all_spins")
+        ),
+    )
+
+
+SENSITIVITY_STEPS = (
+    Step("turned_by_n", by.turns_by_n, ("S1", "n", "hinge")),
+    Step("d_by_u1", same, ("S1",)),
+    Step("d_by_u2", by.negative, ("S2",)),
+    Step("d_by_n", by.difference_by_turns, ("turned_by_n", "r2")),
+    Step("d_by_psi", eq.cross, ("r2", "axis")),
+    Step("S2_by_n", by.attitude_by_turns, ("turned_by_n", "S2")),
+    Step("S2_by_psi", by.spun, ("axis", "S2")),
+    Step("spun_by_n", by.spins_by_n, ("S1", "n", "psid")),
+    Step("v2_by_u1", by.spun, ("omega1", "S1")),
+    Step("S2_rate", by.spun, ("omega2", "S2")),
+    Step("v2_by_u2", by.negative, ("S2_rate",)),
+    Step("v2_by_n", by.velocity_by_n, ("spun_by_n", "turned_by_n", "omega2", "r2")),
+    Step("v2_by_psi", by.velocity_by_psi, ("omega2", "r2", "axis")),
+    Step("omega2_by_n", lambda spins: by.beside(*spins), ("spun_by_n",)),
+)
+"""What changes with the hinge: by u1, u2, n and psi (E2, E5-E8)."""
+
+
+def _twist(turn: Components) -> Any:
+    return arc_tangent(turn[0], turn[1])
+
+
+def _tilt_angle(tilt: Components, h1: eq.Vector, h2: eq.Vector) -> Any:
+    return arc_tangent(hypotenuse(tilt[0], tilt[1]), eq.dot(h1, h2))
+
+
+def _quotient(parts: Components) -> Any:
+    return parts[0] / parts[1]
+
+
+CONSTRAINT_STEPS = (
+    *ARM_STEPS,
+    Step("h1", eq.rotate, ("S1", "n")),
+    Step("e1_in_world", eq.rotate, ("S1", "e1")),
+    Step("e2_in_world", eq.rotate, ("S1", "e2")),
+    # Across h1 to the last bit, also where the S1 given is a rotation to nine digits only: no tilt of S1's own.
+    Step("f1", eq.cross, ("e2_in_world", "h1")),
+    Step("f2", eq.cross, ("h1", "e1_in_world")),
+    Step("f", together, ("f1", "f2")),
+    Step("g1", eq.rotate, ("S2", "e1_in_2")),
+    Step("g2", eq.rotate, ("S2", "e2_in_2")),
+    Step("h2", eq.rotate, ("S2", "n_in_2")),
+    Step("h", together, ("h1", "h2")),
+    Step("gap", eq.hinge_gap, ("R1", "r1", "R2", "r2")),
+    Step("tilt", ce.tilt, ("f1", "f2", "h2")),
+    Step("tilt_angle", _tilt_angle, ("tilt", "h1", "h2")),
+    Step("turn", ce.hinge_turn, ("f", "g1", "g2")),
+    Step("psi", _twist, ("turn",)),
+    Step("tilt_axes", ce.tilt_axes, ("f1", "f2", "h2")),
+    Step("constraint_jacobian", ce.constraint_jacobian, ("r1", "r2", "tilt_axes")),
+    Step("slip", ce.slip, ("omega1", "omega2", "h2", "psid_given")),
+    Step("spin", ce.relative_turn, ("omega1", "omega2")),
+    Step("omegas", together, ("omega1", "omega2")),
+    Step("gap_rate", ce.gap_rate, ("v1", "omega1", "r1", "v2", "omega2", "r2")),
+    Step("tilt_rate", ce.tilt_rate, ("tilt_axes", "spin")),
+    Step("psid_parts", ce.hinge_rate, ("h1", "h2", "spin")),
+    Step("psid", _quotient, ("psid_parts",)),
+    Step("gap_bias", ce.gap_bias, ("omega1", "r1", "omega2", "r2")),
+    Step("tilt_bias", ce.tilt_bias, ("f", "h2", "omega1", "omega2", "spin")),
+    Step("constraint_bias", joined, ("gap_bias", "tilt_bias")),
+    Step("turned1", eq.point_acceleration, ("omega1", "alpha1", "r1")),
+    Step("turned2", eq.point_acceleration, ("omega2", "alpha2", "r2")),
+    Step("gap_acceleration", ce.gap_acceleration, ("a1", "turned1", "a2", "turned2")),
+    Step("relative_alpha", ce.relative_turn, ("alpha1", "alpha2")),
+    Step("tilt_acceleration", ce.tilt_acceleration, ("tilt_axes", "relative_alpha", "tilt_bias")),
+    Step("psidd_parts", ce.hinge_acceleration, ("h", "omegas", "spin", "relative_alpha", "psid")),
+    Step("psidd", _quotient, ("psidd_parts",)),
+)
+"""The constraints and all that follows from them, in the order in which it is computed."""

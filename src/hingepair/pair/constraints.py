@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.equations import constraints as ce
-from hingepair.equations import spatial as eq
 from hingepair.evaluation.plan import needed_steps
-from hingepair.evaluation.steps import ARM_STEPS, Step, joined, together
-from hingepair.evaluation.trace import arc_tangent, hypotenuse
+from hingepair.evaluation.steps import CONSTRAINT_STEPS
 from hingepair.numeric.arrays import FloatArray
-from hingepair.numeric.blocks import Components, Named, numbers
+from hingepair.numeric.blocks import Named, numbers
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import follow_steps
@@ -37,58 +34,6 @@ TAILS = {
 }
 """What can be had, and the shape of one sample of it."""
 
-
-def _twist(turn: Components) -> Any:
-    return arc_tangent(turn[0], turn[1])
-
-
-def _tilt_angle(tilt: Components, h1: eq.Vector, h2: eq.Vector) -> Any:
-    return arc_tangent(hypotenuse(tilt[0], tilt[1]), eq.dot(h1, h2))
-
-
-def _quotient(parts: Components) -> Any:
-    return parts[0] / parts[1]
-
-
-STEPS = (
-    *ARM_STEPS,
-    Step("h1", eq.rotate, ("S1", "n")),
-    Step("e1_in_world", eq.rotate, ("S1", "e1")),
-    Step("e2_in_world", eq.rotate, ("S1", "e2")),
-    # Across h1 to the last bit, also where the S1 given is a rotation to nine digits only: no tilt of S1's own.
-    Step("f1", eq.cross, ("e2_in_world", "h1")),
-    Step("f2", eq.cross, ("h1", "e1_in_world")),
-    Step("f", together, ("f1", "f2")),
-    Step("g1", eq.rotate, ("S2", "e1_in_2")),
-    Step("g2", eq.rotate, ("S2", "e2_in_2")),
-    Step("h2", eq.rotate, ("S2", "n_in_2")),
-    Step("h", together, ("h1", "h2")),
-    Step("gap", eq.hinge_gap, ("R1", "r1", "R2", "r2")),
-    Step("tilt", ce.tilt, ("f1", "f2", "h2")),
-    Step("tilt_angle", _tilt_angle, ("tilt", "h1", "h2")),
-    Step("turn", ce.hinge_turn, ("f", "g1", "g2")),
-    Step("psi", _twist, ("turn",)),
-    Step("tilt_axes", ce.tilt_axes, ("f1", "f2", "h2")),
-    Step("constraint_jacobian", ce.constraint_jacobian, ("r1", "r2", "tilt_axes")),
-    Step("slip", ce.slip, ("omega1", "omega2", "h2", "psid_given")),
-    Step("spin", ce.relative_turn, ("omega1", "omega2")),
-    Step("omegas", together, ("omega1", "omega2")),
-    Step("gap_rate", ce.gap_rate, ("v1", "omega1", "r1", "v2", "omega2", "r2")),
-    Step("tilt_rate", ce.tilt_rate, ("tilt_axes", "spin")),
-    Step("psid_parts", ce.hinge_rate, ("h1", "h2", "spin")),
-    Step("psid", _quotient, ("psid_parts",)),
-    Step("gap_bias", ce.gap_bias, ("omega1", "r1", "omega2", "r2")),
-    Step("tilt_bias", ce.tilt_bias, ("f", "h2", "omega1", "omega2", "spin")),
-    Step("constraint_bias", joined, ("gap_bias", "tilt_bias")),
-    Step("turned1", eq.point_acceleration, ("omega1", "alpha1", "r1")),
-    Step("turned2", eq.point_acceleration, ("omega2", "alpha2", "r2")),
-    Step("gap_acceleration", ce.gap_acceleration, ("a1", "turned1", "a2", "turned2")),
-    Step("relative_alpha", ce.relative_turn, ("alpha1", "alpha2")),
-    Step("tilt_acceleration", ce.tilt_acceleration, ("tilt_axes", "relative_alpha", "tilt_bias")),
-    Step("psidd_parts", ce.hinge_acceleration, ("h", "omegas", "spin", "relative_alpha", "psid")),
-    Step("psidd", _quotient, ("psidd_parts",)),
-)
-"""The constraints and all that follows from them, in the order in which it is computed."""
 
 _FRAMES = ("u1", "u2", "n", "e1", "e2", "e1_in_2", "e2_in_2", "n_in_2")
 
@@ -122,13 +67,15 @@ def constraint_values(
         shapes: of the samples, by argument.
         dtype: to compute in; unless given, that of the motions.
     """
-    return follow_steps(STEPS, {name: TAILS[name] for name in names}, with_hinge_frames(pair), values, shapes, dtype)
+    return follow_steps(
+        CONSTRAINT_STEPS, {name: TAILS[name] for name in names}, with_hinge_frames(pair), values, shapes, dtype
+    )
 
 
 def available(names: Iterable[str], given: Iterable[str]) -> tuple[str, ...]:
     """Those of the names that can be had from the arrays given."""
     known = {*given, *_FRAMES}
-    return tuple(name for name in names if needed_steps(STEPS, (name,))[1] <= known)
+    return tuple(name for name in names if needed_steps(CONSTRAINT_STEPS, (name,))[1] <= known)
 
 
 def with_hinge_frames(pair: Constants) -> Constants:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -10,46 +9,23 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.equations import derivatives as by
-from hingepair.equations import spatial as eq
-from hingepair.equations.spatial import Vector
 from hingepair.errors import ArgumentError
 from hingepair.evaluation.plan import steps_of
-from hingepair.evaluation.steps import ARM_STEPS, COORDINATES, ROW_STEPS, Step, joined, same, together
+from hingepair.evaluation.steps import (
+    ARM_STEPS,
+    COORDINATES,
+    JACOBIAN_STEPS,
+    ROW_STEPS,
+    SENSITIVITY_STEPS,
+    Step,
+    coordinate_steps,
+)
 from hingepair.numeric.arrays import FloatArray, Frozen, read_only
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import Rows, component, follow_steps, leading_shapes, read_coordinates
-from hingepair.rotations.sequences import find_sequence
 
 Tails: TypeAlias = Mapping[str, tuple[int, ...]]
-
-_JACOBIAN = Step("jacobian", by.jacobian, ("turns", "d", "r2", "axis"))
-
-
-_ZERO: Vector = (0.0, 0.0, 0.0)
-
-JACOBIAN_STEPS = (
-    Step("turns", lambda: by.WORLD, ()),
-    _JACOBIAN,
-    Step(
-        "relative_bias",
-        lambda slide, pull, psid: eq.relative_acceleration(slide, pull, psid, 0.0),
-        ("slide", "pull", "psid"),
-    ),
-    Step(
-        "a2_bias",
-        lambda omega1, d, slide, psid, own: eq.acceleration2(_ZERO, omega1, _ZERO, d, slide, psid, own),
-        ("omega1", "d", "slide", "psid", "relative_bias"),
-    ),
-    Step(
-        "alpha2_bias",
-        lambda omega1, axis, psid: eq.angular_acceleration2(_ZERO, omega1, axis, psid, 0.0),
-        ("omega1", "axis", "psid"),
-    ),
-    Step("acceleration_bias", joined, ("a2_bias", "alpha2_bias")),
-)
-"""By the world's axes; the bias is a2 and alpha2 where a1, alpha1 and psi'' are none."""
 
 
 def jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
@@ -88,23 +64,6 @@ def _by_coordinates(pair: Constants, result: str, q: Any, qd: Any, sequence: str
     given = read_coordinates(q, qd, None, COORDINATES)
     steps = (*ROW_STEPS, *steps_of(sequence, "home" in pair.values), *ARM_STEPS, *coordinate_steps(sequence))
     return follow_steps(steps, {result: (6, 7)}, pair, given.parts, leading_shapes(given))[result]
-
-
-@functools.lru_cache(maxsize=64)
-def coordinate_steps(sequence: str) -> tuple[Step, ...]:
-    """The Jacobian by the rates of the coordinates, and its own rate."""
-    order = find_sequence(sequence)
-    return (
-        Step("own_turns", order.columns, ("axes",)),
-        Step("own_turn_rates", order.column_rates, ("axes", "phid")),
-        Step("coordinate_jacobian", by.jacobian, ("own_turns", "d", "r2", "axis")),
-        Step("d_rate", by.difference_rate, ("omega1", "r1", "omega2", "r2")),
-        Step("both_d", together, ("d", "d_rate")),
-        Step("all_spins", together, ("omega1", "omega2", "axis")),
-        Step(
-            "coordinate_jacobian_rate", by.jacobian_rate, ("own_turns", "own_turn_rates", "both_d", "r2", "all_spins")
-        ),
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -162,22 +121,6 @@ TAILS: Tails = {
     **VELOCITY_TAILS,
 }
 """All derivatives by name, and the shape of one sample of each."""
-SENSITIVITY_STEPS = (
-    Step("turned_by_n", by.turns_by_n, ("S1", "n", "hinge")),
-    Step("d_by_u1", same, ("S1",)),
-    Step("d_by_u2", by.negative, ("S2",)),
-    Step("d_by_n", by.difference_by_turns, ("turned_by_n", "r2")),
-    Step("d_by_psi", eq.cross, ("r2", "axis")),
-    Step("S2_by_n", by.attitude_by_turns, ("turned_by_n", "S2")),
-    Step("S2_by_psi", by.spun, ("axis", "S2")),
-    Step("spun_by_n", by.spins_by_n, ("S1", "n", "psid")),
-    Step("v2_by_u1", by.spun, ("omega1", "S1")),
-    Step("S2_rate", by.spun, ("omega2", "S2")),
-    Step("v2_by_u2", by.negative, ("S2_rate",)),
-    Step("v2_by_n", by.velocity_by_n, ("spun_by_n", "turned_by_n", "omega2", "r2")),
-    Step("v2_by_psi", by.velocity_by_psi, ("omega2", "r2", "axis")),
-    Step("omega2_by_n", lambda spins: by.beside(*spins), ("spun_by_n",)),
-)
 
 
 def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None) -> Sensitivities:

@@ -16,6 +16,15 @@ from hingepair.errors import ArgumentError, RotationError, choices, quoted
 from hingepair.evaluation.array_heads import address
 from hingepair.evaluation.backend import Account, How
 from hingepair.evaluation.binding import bind, rows_of
+from hingepair.evaluation.dynamics_steps import (
+    CONSTANTS,
+    LOADS,
+    MASS_STEPS,
+    MASS_TAILS,
+    MOVES,
+    REQUIRED,
+    forward_steps,
+)
 from hingepair.evaluation.llvm_ir import FIELDS, SCATTERED, SIDE_BY_SIDE
 from hingepair.evaluation.loops import Loop, Program
 from hingepair.evaluation.plan import (
@@ -29,7 +38,15 @@ from hingepair.evaluation.plan import (
     needed_steps,
     steps_of,
 )
-from hingepair.evaluation.steps import COORDINATES, ROW_STEPS, Step
+from hingepair.evaluation.steps import (
+    CONSTRAINT_STEPS,
+    COORDINATES,
+    JACOBIAN_STEPS,
+    ROW_STEPS,
+    SENSITIVITY_STEPS,
+    Step,
+    coordinate_steps,
+)
 from hingepair.evaluation.trace import square_root, where_less
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign, library_of
 from hingepair.numeric.arrays import broadcast_shape, real_array, result_dtype, vectors
@@ -44,7 +61,7 @@ LEVELS: Final = {"pose": ("q",), "velocity": ("q", "qd"), "acceleration": ("q", 
 _KINDS: Final = {
     **LEVELS,
     "inverse_dynamics": ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd"),
-    "forward_dynamics": ("S1", "omega1", "psi", "psid", *dynamics.REQUIRED),
+    "forward_dynamics": ("S1", "omega1", "psi", "psid", *REQUIRED),
 }
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")
 
@@ -52,7 +69,7 @@ TAILS: Final[derivatives.Tails] = {
     **{name: output.tail for name, output in OUTPUTS.items()},
     **derivatives.TAILS,
     **constraints.TAILS,
-    **dynamics.TAILS,
+    **MASS_TAILS,
 }
 """All that can be prepared, and the shape of one sample of it."""
 
@@ -61,7 +78,7 @@ _GIVEN: Final[derivatives.Tails] = {
     **{name: INPUTS[name] for name in ("R1", "S1", "v1", "omega1", "a1", "alpha1")},
     **{name: INPUTS[name] for name in ("R2", "S2", "v2", "omega2", "a2", "alpha2")},
     **dict.fromkeys(QUATERNIONS, (4,)),
-    **dynamics.LOADS,
+    **LOADS,
 }
 _F8: Final = np.dtype(np.float64)
 _CHECK: Final = "_check"  # an output that nobody asked for: whether the attitude given is one
@@ -107,12 +124,12 @@ def _steps(given: tuple[str, ...], sequence: str | None, home: bool) -> tuple[St
     if sequence is not None:
         steps += ROW_STEPS
     steps += steps_of(sequence, home)
-    if not dynamics.LOADS.keys().isdisjoint(given):
-        return dynamics.forward_steps(tuple(steps))
-    steps += constraints.STEPS if "S2" in given else dynamics.STEPS
-    steps += [*derivatives.JACOBIAN_STEPS, *derivatives.SENSITIVITY_STEPS]
+    if not LOADS.keys().isdisjoint(given):
+        return forward_steps(tuple(steps))
+    steps += CONSTRAINT_STEPS if "S2" in given else MASS_STEPS
+    steps += [*JACOBIAN_STEPS, *SENSITIVITY_STEPS]
     if sequence is not None:
-        steps += derivatives.coordinate_steps(sequence)
+        steps += coordinate_steps(sequence)
     return tuple(step for step in steps if step.result not in given)
 
 
@@ -399,11 +416,11 @@ def prepare(
 ) -> Prepared:
     """A plan made ready; see `HingePair.prepare`."""
     names = _checked_given(given)
-    forward = not dynamics.LOADS.keys().isdisjoint(names)
+    forward = not LOADS.keys().isdisjoint(names)
     if outputs is None and forward:
-        outputs = dynamics.MOVES
+        outputs = MOVES
     elif outputs is None and given == "inverse_dynamics":
-        outputs = dynamics.REQUIRED
+        outputs = REQUIRED
     rows = "q" in names
     if rows:
         find_sequence(sequence)
@@ -411,14 +428,14 @@ def prepare(
     steps = _steps(names, sequence if rows else None, "home" in pair.values)
     wanted = default_outputs(level) if outputs is None else check_names(outputs, TAILS)
     needed = needed_steps(steps, wanted)[1]
-    if not needed.isdisjoint(dynamics.CONSTANTS):
+    if not needed.isdisjoint(CONSTANTS):
         pair = dynamics.with_masses(pair, bodies, gravity, needed)
     if forward:
         dynamics.check_resistance(pair, bodies)
     known = {*names, *constraints.with_hinge_frames(pair).values}
     for name in wanted:
         unknown = name in constraints.TAILS and "S2" not in names and not forward
-        missing = sorted(needed_steps(constraints.STEPS if unknown else steps, (name,))[1] - known)
+        missing = sorted(needed_steps(CONSTRAINT_STEPS if unknown else steps, (name,))[1] - known)
         if missing:
             raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
     return Prepared(pair, names, wanted, sequence, how, now=True)

@@ -1,0 +1,176 @@
+"""The steps of forces and motion: which equation makes what of what, for what must act and for how the pair moves."""
+
+from __future__ import annotations
+
+import functools
+import operator
+
+from hingepair.equations import dynamics as dyn
+from hingepair.equations import spatial as eq
+from hingepair.equations.spatial import Vector
+from hingepair.evaluation.steps import ARM_STEPS, Step, same, together
+
+
+def _nothing() -> Vector:
+    return 0.0, 0.0, 0.0
+
+
+_LEVERS = (
+    *ARM_STEPS,
+    Step("centre1", eq.rotate, ("S1", "c1")),
+    Step("centre2", eq.rotate, ("S2", "c2")),
+    Step("from_hinge", eq.subtract, ("c2", "u2")),
+    Step("h", eq.rotate, ("S2", "from_hinge")),
+    Step("e", eq.add, ("r1", "h")),
+    Step("push", eq.cross, ("axis", "h")),
+    Step("masses", together, ("m1", "m2")),
+    Step("share", dyn.share_of, ("masses",)),
+    Step("J1", dyn.world_inertia, ("S1", "I1")),
+    Step("J2", dyn.world_inertia, ("S2", "I2")),
+    Step("J", dyn.matrix_sum, ("J1", "J2")),
+    Step("spread1", dyn.spread, ("m1", "centre1")),
+    Step("J_R1", dyn.matrix_sum, ("J", "spread1")),
+    Step("about_R1", dyn.resistance, ("J_R1", "J2", "axis", "push", "m2", "e")),
+    Step("apart", eq.subtract, ("e", "centre1")),
+    Step("reduced", operator.mul, ("m1", "share")),
+    Step("about_centre", dyn.resistance, ("J", "J2", "axis", "push", "reduced", "apart")),
+    Step("to_centre", eq.scale, ("apart", "share")),
+    Step("centre", eq.add, ("centre1", "to_centre")),
+)
+"""Where the masses are, world axes, and what resists (D1-D6)."""
+
+_INVERSE = (
+    Step("f1", dyn.inertial_force, ("m1", "a1", "omega1", "alpha1", "centre1", "gravity")),
+    Step("f2", dyn.inertial_force, ("m2", "a2", "omega2", "alpha2", "centre2", "gravity")),
+    Step("t1", dyn.inertial_torque, ("S1", "I1", "omega1", "alpha1")),
+    Step("t2", dyn.inertial_torque, ("S2", "I2", "omega2", "alpha2")),
+    Step("moment", dyn.torque_about, ("t2", "h", "f2")),
+    Step("hinge_torque", eq.dot, ("axis", "moment")),
+    Step("about_axis", eq.scale, ("axis", "hinge_torque")),
+    Step("bearing_torque", eq.subtract, ("moment", "about_axis")),
+    Step("force1", eq.add, ("f1", "f2")),
+    Step("about1", dyn.torque_about, ("t1", "centre1", "f1")),
+    Step("about2", dyn.torque_about, ("t2", "e", "f2")),
+    Step("torque1", eq.add, ("about1", "about2")),
+)
+"""What must act (D1-D5)."""
+
+_ENERGIES = (
+    Step("v_centre1", dyn.point_velocity, ("v1", "omega1", "centre1")),
+    Step("v_centre2", dyn.point_velocity, ("v2", "omega2", "centre2")),
+    Step("velocities", together, ("v_centre1", "v_centre2")),
+    Step("spins", together, ("omega1", "omega2")),
+    Step("inertias", together, ("J1", "J2")),
+    Step("at1", eq.add, ("R1", "centre1")),
+    Step("at2", eq.add, ("R1", "e")),
+    Step("kinetic", dyn.kinetic_of_both, ("masses", "velocities", "spins", "inertias")),
+    Step("potential", dyn.potential_energy, ("masses", "gravity", "at1", "at2")),
+    Step("linear", dyn.linear_momentum, ("masses", "velocities")),
+    Step("angular1", dyn.angular_momentum, ("m1", "at1", "v_centre1", "J1", "omega1")),
+    Step("angular2", dyn.angular_momentum, ("m2", "at2", "v_centre2", "J2", "omega2")),
+    Step("angular", eq.add, ("angular1", "angular2")),
+)
+"""Energy and momentum (D7, D8)."""
+
+MASS_STEPS = (
+    *_LEVERS,
+    *_INVERSE,
+    Step("mass_matrix", dyn.mass_matrix, ("masses", "centre1", "e", "push", "about_R1")),
+    *_ENERGIES,
+)
+"""What is known of a motion: what must act, the mass matrix, energy and momentum."""
+
+LOADS = {**dict.fromkeys(("force1", "torque1", "force2", "torque2"), (3,)), "hinge_torque": ()}
+"""What may act, and the shape of one sample of it."""
+CONSTANTS = ("m1", "m2", "c1", "c2", "I1", "I2", "gravity")
+REQUIRED = ("force1", "torque1", "hinge_torque")
+MOVES = ("a1", "alpha1", "psidd")
+MASS_TAILS = {
+    **{name: LOADS[name] for name in REQUIRED},
+    **{
+        "bearing_torque": (3,),
+        "mass_matrix": (7, 7),
+        "kinetic": (),
+        "potential": (),
+        "linear": (3,),
+        "angular": (3,),
+    },
+    "psidd": (),
+}
+"""What can be had beside the accelerations of body 1, and the shape of one sample of it."""
+
+_LOADED = (
+    Step("pushed", eq.add, ("force1", "force2")),
+    Step("force", eq.subtract, ("pushed", "force1_bias")),
+    Step("torque2_about1", dyn.torque_about, ("torque2", "d", "force2")),
+    Step("turned", eq.add, ("torque1", "torque2_about1")),
+    Step("torque", eq.subtract, ("turned", "torque1_bias")),
+    Step("torque2_at_hinge", dyn.hinge_torque_of, ("axis", "torque2", "r2", "force2")),
+    Step("acting", operator.add, ("hinge_torque", "torque2_at_hinge")),
+    Step("motor", operator.sub, ("acting", "hinge_torque_bias")),
+)
+"""What acts, less what it takes to move without accelerations."""
+
+_POINTS = {
+    "free": (Step("point", same, ("centre",)), Step("about", same, ("about_centre",))),
+    "pinned": (Step("point", _nothing, ()), Step("about", same, ("about_R1",))),
+    "carried": (Step("about", dyn.resistance, ("J2", "J2", "axis", "push", "m2", "e")),),
+}
+"""About which point a pair turns, from R1, and what resists there."""
+
+_FREE = (
+    Step("torque_there", dyn.torque_from, ("torque", "centre", "force")),
+    Step("motor_there", lambda motor, share, push, force: motor - share * eq.dot(push, force),
+         ("motor", "share", "push", "force")),
+    Step("solved", dyn.turning, ("about", "J2", "torque_there", "motor_there")),
+    Step("alpha1", operator.itemgetter(0), ("solved",)),
+    Step("psidd", operator.itemgetter(1), ("solved",)),
+    Step("kept", operator.itemgetter(2), ("solved",)),
+    Step("a_centre", lambda force, masses: eq.scale(force, 1 / (masses[0] + masses[1])), ("force", "masses")),
+    Step("drift", operator.mul, ("share", "psidd")),
+    Step("a1", dyn.from_centre, ("a_centre", "alpha1", "centre", "push", "drift")),
+)  # fmt: skip
+_PINNED = (
+    Step("solved", dyn.turning, ("about", "J2", "torque", "motor")),
+    Step("alpha1", operator.itemgetter(0), ("solved",)),
+    Step("psidd", operator.itemgetter(1), ("solved",)),
+    Step("kept", operator.itemgetter(2), ("solved",)),
+    Step("a1", _nothing, ()),
+)
+_CARRIED = (Step("psidd", lambda motor, about: motor / about[2], ("motor", "about")),)
+_SOLVED = {"free": _FREE, "pinned": _PINNED, "carried": _CARRIED}
+_SOUGHT = {"free": ("a1", "alpha1", "psidd"), "pinned": ("a1", "alpha1", "psidd"), "carried": ("psidd",)}
+
+
+def lever_steps(base: str) -> tuple[Step, ...]:
+    """Where the masses are, and about which point a pair turns that is held like this; see `forward_steps`."""
+    return (*_LEVERS, *_POINTS[base])
+
+
+@functools.lru_cache(maxsize=64)
+def forward_steps(kinematics: tuple[Step, ...], base: str = "free") -> tuple[Step, ...]:
+    """How the pair moves under what acts (D6): steps to a1, alpha1 and psidd, and to what follows from these.
+
+    Args:
+        kinematics: steps to S1, omega1 and what the hinge makes of them.
+        base: what holds body 1: nothing ("free"), a ball joint at R1 ("pinned"), or its given motion ("carried").
+    """
+    sought = _SOUGHT[base]
+    still = {"a1": "none", "alpha1": "none", "psidd": "zero"}
+    bias = {name: still[name] for name in sought}
+    fixed, follows = [], []
+    for step in kinematics:
+        if step.result in sought:
+            continue
+        if any(name in bias for name in step.arguments):
+            bias[step.result] = f"{step.result}_bias"
+            follows.append(step)
+        else:
+            fixed.append(step)
+    bias |= {step.result: f"{step.result}_bias" for step in _INVERSE}
+    at_rest = [
+        step._replace(result=bias[step.result], arguments=tuple(bias.get(name, name) for name in step.arguments))
+        for step in (*follows, *_INVERSE)
+    ]
+    none = (Step("none", _nothing, ()), Step("zero", float, ()))
+    return (*fixed, *lever_steps(base), *none, *at_rest, *_LOADED, *_SOLVED[base], *follows)
