@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +14,9 @@ from hingepair.formats.model_parts import (
     BODY2_AT_HINGE,
     HINGE,
     Part,
+    add,
     document,
     hinge_axis2,
-    numbers,
     parts_of,
 )
 from hingepair.numeric.arrays import check_choice
@@ -61,43 +62,39 @@ def to_mjcf(pair: HingePair, *, base: str = "free") -> str:
     check_choice("base", base, ("free", "fixed"))
     one, two = parts_of(pair)
     root = ET.Element("mujoco", {"model": pair.name})
-    ET.SubElement(root, "compiler", _COMPILER)
-    ET.SubElement(root, "option", {"gravity": numbers((0, 0, 0))})
-    body1 = ET.SubElement(ET.SubElement(root, "worldbody"), "body", {"name": BODY1})
+    add(root, "compiler", **_COMPILER)
+    add(root, "option", gravity=(0, 0, 0))
+    body1 = add(add(root, "worldbody"), "body", name=BODY1)
     if base == "free":
-        ET.SubElement(body1, "freejoint", {"name": BASE})
+        add(body1, "freejoint", name=BASE)
     _add_part(body1, one)
-    place = {"pos": numbers(pair.u1), "quat": numbers(matrix_to_quaternion(pair.home))}
-    at_hinge = ET.SubElement(body1, "body", {"name": BODY2_AT_HINGE, **place})
-    hinge = ET.SubElement(at_hinge, "joint", {"name": HINGE, "type": "hinge", "axis": numbers(hinge_axis2(pair))})
-    if pair.limits is not None:
-        hinge.set("range", numbers(pair.limits))
+    quat_wxyz = matrix_to_quaternion(pair.home)
+    at_hinge = add(body1, "body", name=BODY2_AT_HINGE, pos=pair.u1, quat=quat_wxyz)
+    limits: dict[str, Any] = {} if pair.limits is None else {"range": pair.limits}
     if pair.torque_limit:  # MuJoCo refuses a range of 0
-        hinge.set("actuatorfrcrange", numbers((-pair.torque_limit, pair.torque_limit)))
+        limits["actuatorfrcrange"] = -pair.torque_limit, pair.torque_limit
+    add(at_hinge, "joint", name=HINGE, type="hinge", axis=hinge_axis2(pair), **limits)
     _add_part(at_hinge, two)
-    ET.SubElement(at_hinge, "body", {"name": BODY2, "pos": numbers(-pair.u2)})
+    add(at_hinge, "body", name=BODY2, pos=-pair.u2)
     return document(root)
 
 
 def _add_part(body: ET.Element, part: Part) -> None:
-    mass_properties = {
-        "pos": numbers(part.center),
-        "mass": numbers((part.mass,)),
-        "fullinertia": numbers(part.moments),
-    }
-    ET.SubElement(body, "inertial", mass_properties)
+    add(body, "inertial", pos=part.center, mass=part.mass, fullinertia=part.moments)
     for shape in part.shapes:
         drawn = {"contype": "0", "conaffinity": "0", "group": "1", "rgba": part.colour}
-        ET.SubElement(body, "geom", {**_geom(shape), "pos": numbers(shape.center), **drawn})
+        add(body, "geom", **_geom(shape), pos=shape.center, **drawn)
 
 
-def _geom(shape: Shape) -> dict[str, str]:
+def _geom(shape: Shape) -> dict[str, Any]:
     """Type and size; MuJoCo counts from the centre, in half lengths."""
     if isinstance(shape, Box):
         turned = (shape.axes != np.eye(3)).any()
-        turn = {"quat": numbers(matrix_to_quaternion(shape.axes))} if turned else {}
-        return {"type": "box", "size": numbers(shape.size / 2), **turn}
+        return {
+            "type": "box",
+            "size": shape.size / 2,
+            **({"quat": matrix_to_quaternion(shape.axes)} if turned else {}),
+        }
     if isinstance(shape, Cylinder):
-        size = numbers((shape.radius, shape.length / 2))
-        return {"type": "cylinder", "size": size, "zaxis": numbers(shape.axis)}
-    return {"type": "sphere", "size": numbers((shape.radius,))}
+        return {"type": "cylinder", "size": (shape.radius, shape.length / 2), "zaxis": shape.axis}
+    return {"type": "sphere", "size": shape.radius}

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,16 +33,10 @@ _LIFT = 2.0**-46  # of the largest moment; 2^-50 was enough for MuJoCo in all of
 Vector = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Part:
-    """A body in the frame of its link.
+class Part(NamedTuple):
+    """A body in the frame of its link: mass [kg], centre of mass [m], what is drawn, and its colour.
 
-    Attributes:
-        mass: kg.
-        center: centre of mass [m].
-        moments: Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2].
-        shapes: what is drawn.
-        colour: as text.
+    `moments` are Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2].
     """
 
     mass: float
@@ -92,9 +86,17 @@ def hinge_axis2(pair: HingePair) -> Vector:
     return axis
 
 
-def numbers(values: Iterable[float]) -> str:
-    """Numbers with all their digits (repr knows no locale), without the sign of -0."""
-    return " ".join(repr(float(value) + 0.0) for value in values)
+def add(parent: ET.Element, tag: str, /, **said: Any) -> ET.Element:
+    """A new child of an element, with attributes: texts, numbers and arrays of numbers.
+
+    Numbers have all their digits (repr knows no locale), and no -0 a sign.
+    """
+    texts = {
+        key: " ".join(repr(number + 0.0) for number in np.ravel(value).tolist())
+        for key, value in said.items()
+        if not isinstance(value, str)
+    }
+    return ET.SubElement(parent, tag, said | texts)
 
 
 def document(root: ET.Element) -> str:

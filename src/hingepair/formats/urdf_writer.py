@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,9 @@ from hingepair.formats.model_parts import (
     HINGE,
     WORLD,
     Part,
+    add,
     document,
     hinge_axis2,
-    numbers,
     parts_of,
 )
 from hingepair.numeric.arrays import check_choice
@@ -39,9 +39,6 @@ BASES = ("free", "floating", "fixed")
 _BEYOND = {"effort": 1000.0, "velocity": 100.0}  # N m, rad/s: what should stop nobody
 _ASIDE = (2.0**-53, 2.0**-39)
 _STILL = (0.0, 0.0, 0.0)
-
-# MuJoCo reads URDF too, and this element of it: body2 stays a body of its own, and the shapes are kept.
-_FOR_MUJOCO = {"fusestatic": "false", "discardvisual": "false"}
 
 
 def to_urdf(pair: HingePair, *, base: str = "free") -> str:
@@ -68,26 +65,26 @@ def to_urdf(pair: HingePair, *, base: str = "free") -> str:
     ['<limit lower="-1.0" upper="1.0" effort="1000.0" velocity="100.0" />']
     """
     check_choice("base", base, BASES)
-    one, two = parts_of(pair)
+    parts = dict(zip((BODY1, BODY2_AT_HINGE), parts_of(pair), strict=True))
     robot = ET.Element("robot", {"name": pair.name})
-    ET.SubElement(ET.SubElement(robot, "mujoco"), "compiler", _FOR_MUJOCO)
-    for name, part in ((BODY1, one), (BODY2_AT_HINGE, two)):
-        material = ET.SubElement(robot, "material", {"name": f"{name}_paint"})
-        ET.SubElement(material, "color", {"rgba": part.colour})
+    # MuJoCo reads URDF too, and this element of it: body2 stays a body of its own, and the shapes are kept.
+    add(add(robot, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
+    for name, part in parts.items():
+        add(add(robot, "material", name=f"{name}_paint"), "color", rgba=part.colour)
     if base != "free":
-        ET.SubElement(robot, "link", {"name": WORLD})
-    _add_link(robot, BODY1, one)
-    _add_link(robot, BODY2_AT_HINGE, two)
-    ET.SubElement(robot, "link", {"name": BODY2})
+        add(robot, "link", name=WORLD)
+    for name, part in parts.items():
+        _add_link(robot, name, part)
+    add(robot, "link", name=BODY2)
     if base != "free":
         _add_joint(robot, BASE, base, WORLD, BODY1)
     kind = "continuous" if pair.limits is None else "revolute"
     hinge = _add_joint(robot, HINGE, kind, BODY1, BODY2_AT_HINGE)
-    _add_origin(hinge, pair.u1, matrix_to_euler(pair.home, "xyz"))
-    ET.SubElement(hinge, "axis", {"xyz": numbers(_axis(pair))})
+    add(hinge, "origin", xyz=pair.u1, rpy=matrix_to_euler(pair.home, "xyz"))
+    add(hinge, "axis", xyz=_axis(pair))
     if limit := _limit(pair):
-        ET.SubElement(hinge, "limit", {key: numbers((value,)) for key, value in limit.items()})
-    _add_origin(_add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), -pair.u2, _STILL)
+        add(hinge, "limit", **limit)
+    add(_add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), "origin", xyz=-pair.u2, rpy=_STILL)
     return document(robot)
 
 
@@ -111,44 +108,32 @@ def _axis(pair: HingePair) -> NDArray[np.float64]:
 
 
 def _add_link(robot: ET.Element, name: str, part: Part) -> None:
-    link = ET.SubElement(robot, "link", {"name": name})
-    inertial = ET.SubElement(link, "inertial")
-    _add_origin(inertial, part.center, _STILL)
-    ET.SubElement(inertial, "mass", {"value": numbers((part.mass,))})
-    keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-    ET.SubElement(inertial, "inertia", {k: numbers((m,)) for k, m in zip(keys, part.moments, strict=True)})
+    link = add(robot, "link", name=name)
+    inertial = add(link, "inertial")
+    add(inertial, "origin", xyz=part.center, rpy=_STILL)
+    add(inertial, "mass", value=part.mass)
+    add(inertial, "inertia", **dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), part.moments, strict=True)))
     for shape in part.shapes:
-        visual = ET.SubElement(link, "visual")
-        _add_origin(visual, shape.center, _turn(shape))
-        kind, sizes = _geometry(shape)
-        ET.SubElement(ET.SubElement(visual, "geometry"), kind, sizes)
-        ET.SubElement(visual, "material", {"name": f"{name}_paint"})
+        kind, sizes, rpy = _geometry(shape)
+        visual = add(link, "visual")
+        add(visual, "origin", xyz=shape.center, rpy=rpy)
+        add(add(visual, "geometry"), kind, **sizes)
+        add(visual, "material", name=f"{name}_paint")
 
 
-def _geometry(shape: Shape) -> tuple[str, dict[str, str]]:
+def _geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
+    """Kind, sizes, and roll, pitch and yaw: of a cylinder those that take z, the axis of URDF's, to its own."""
     if isinstance(shape, Box):
-        return "box", {"size": numbers(shape.size)}
-    if isinstance(shape, Cylinder):
-        return "cylinder", {"radius": numbers((shape.radius,)), "length": numbers((shape.length,))}
-    return "sphere", {"radius": numbers((shape.radius,))}
-
-
-def _turn(shape: Shape) -> Iterable[float]:
-    """Roll, pitch and yaw of a box; of a cylinder those that take z, the axis of URDF's, to its own."""
-    if isinstance(shape, Box):
-        return matrix_to_euler(shape.axes, "xyz")
+        return "box", {"size": shape.size}, matrix_to_euler(shape.axes, "xyz")
     if isinstance(shape, Cylinder):
         x, y, z = map(float, shape.axis)
-        return math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0
-    return _STILL
+        rpy = math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0
+        return "cylinder", {"radius": shape.radius, "length": shape.length}, rpy
+    return "sphere", {"radius": shape.radius}, _STILL
 
 
 def _add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
-    joint = ET.SubElement(robot, "joint", {"name": name, "type": kind})
-    ET.SubElement(joint, "parent", {"link": parent})
-    ET.SubElement(joint, "child", {"link": child})
+    joint = add(robot, "joint", name=name, type=kind)
+    add(joint, "parent", link=parent)
+    add(joint, "child", link=child)
     return joint
-
-
-def _add_origin(element: ET.Element, xyz: Iterable[float], rpy: Iterable[float]) -> None:
-    ET.SubElement(element, "origin", {"xyz": numbers(xyz), "rpy": numbers(rpy)})
