@@ -11,8 +11,7 @@ import pytest
 
 from hingepair.errors import URDFError
 from hingepair.formats.robots import load_robot_hinge, robot_names, robot_urdf
-from hingepair.formats.urdf_file import read_urdf
-from hingepair.formats.urdf_reader import from_urdf, hinge_pair
+from hingepair.formats.urdf_reader import from_urdf, hinge_pair, read_urdf
 from hingepair.rotations.matrices import rotation_exp
 from support import states
 from support.exported import ARM, welded_robot

@@ -7,8 +7,7 @@ import time
 import pytest
 
 from hingepair.errors import HingePairError, URDFError
-from hingepair.formats.urdf_file import read_urdf
-from hingepair.formats.urdf_reader import from_urdf
+from hingepair.formats.urdf_reader import from_urdf, read_urdf
 from support.exported import ARM
 
 

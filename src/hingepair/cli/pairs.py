@@ -13,8 +13,7 @@ from hingepair.cli.output import give
 from hingepair.errors import ArgumentError, MissingDependencyError, choices
 from hingepair.formats.mjcf_writer import to_mjcf
 from hingepair.formats.robots import robot_names, robot_urdf
-from hingepair.formats.urdf_file import read_urdf
-from hingepair.formats.urdf_reader import from_urdf, quiet_hinge_pair
+from hingepair.formats.urdf_reader import from_urdf, hinge_pair, read_urdf
 from hingepair.formats.urdf_writer import to_urdf
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -56,7 +55,7 @@ def named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair
     if joint is not None and source.lower().endswith(".toml"):
         raise ArgumentError("JOINT", "none beside a scene, whose pair is its own", repr(joint))
     if joint is not None:
-        return quiet_hinge_pair(read_urdf(robot_urdf(source)), joint, *frames, name=f"{source}/{joint}")
+        return hinge_pair(read_urdf(robot_urdf(source)), joint, *frames, name=f"{source}/{joint}")
     if any(frames):
         raise ArgumentError("--body1-frame, --body2-frame", "none without JOINT", ", ".join(filter(None, frames)))
     with contextlib.suppress(MissingDependencyError):

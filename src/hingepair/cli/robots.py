@@ -11,8 +11,7 @@ from hingepair.cli.output import Json
 from hingepair.cli.pairs import is_urdf
 from hingepair.errors import URDFError, printable
 from hingepair.formats.robots import robot_names, robot_urdf
-from hingepair.formats.urdf_file import read_urdf
-from hingepair.formats.urdf_reader import quiet_hinge_pair
+from hingepair.formats.urdf_reader import hinge_pair, read_urdf
 from hingepair.numeric.tables import aligned
 from hingepair.pair.body import Body
 
@@ -63,7 +62,7 @@ def _hinges(name: str) -> list[dict[str, Any]]:
         row: dict[str, Any] = {"joint": hinge.name, "type": hinge.type, "parent": hinge.parent, "child": hinge.child}
         row |= {"follows": hinge.mimic}
         try:
-            pair = quiet_hinge_pair(robot, hinge.name, name=hinge.name)
+            pair = hinge_pair(robot, hinge.name, name=hinge.name)
         except URDFError as error:
             found.append(row | {"error": str(error)})
             continue

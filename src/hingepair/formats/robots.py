@@ -14,8 +14,7 @@ from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.formats.urdf_file import read_urdf
-from hingepair.formats.urdf_reader import quiet_hinge_pair
+from hingepair.formats.urdf_reader import hinge_pair, read_urdf
 from hingepair.pair.hinge_pair import HingePair
 
 PACKAGE = "example-robot-data"
@@ -45,7 +44,7 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
     >>> pair.n.tolist(), pair.u1.tolist()
     ([0.0, 1.0, 0.0], [0.02, 0.0, -0.273])
     """
-    return quiet_hinge_pair(read_urdf(robot_urdf(robot)), joint, name=f"{robot}/{joint}")
+    return hinge_pair(read_urdf(robot_urdf(robot)), joint, name=f"{robot}/{joint}")
 
 
 def robot_names() -> tuple[str, ...]:
