@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -155,10 +155,9 @@ def _by_rates(table: Table, t: Float64Array, planar: bool) -> HeldMotion:
     own = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
     table.check_keys((*START, "tol", "omega1", "psi_dot", "constants", *own))
     axes = ("x", "y") if planar else ("x", "y", "z")
-    source = table if planar else entries(table, "omega1")
+    source = table if planar else table.entries("omega1", 3, "t")
     turning, hinge = read_functions(source, ("omega1",) if planar else _OMEGA), read_functions(table, ("psi_dot",))
-    still = Table(table.file, table.name, dict.fromkeys(axes, 0) | table.values, table.constants)
-    point = read_functions(still, axes)
+    point = read_functions(replace(table, values=dict.fromkeys(axes, 0) | table.values), axes)
     known = dict(zip(("R1", "v1", "a1"), point.stacked(t, 2), strict=True))
     known |= dict(zip(("omega1", "alpha1"), turning.stacked(t, 1), strict=True))
     known |= dict(zip(("psid", "psidd"), (column[:, 0] for column in hinge.stacked(t, 1)), strict=True))
@@ -184,14 +183,6 @@ def held_instants(time: Table) -> Float64Array:
     if len(t) > MOST_HELD:
         time.fail("samples", f"at most {MOST_HELD} where a motion is integrated, which is done in memory")
     return np.asarray(read_only(t[:]))
-
-
-def entries(table: Table, key: str, count: int = 3, of: str = "t") -> Table:
-    """The entries of a list, by the names omega1[0], ..."""
-    values = table.values.get(key)
-    if not isinstance(values, list) or len(values) != count:
-        table.fail(key, f"{('two', 'three')[count - 2]} numbers or expressions in {of}")
-    return Table(table.file, table.name, {f"{key}[{i}]": value for i, value in enumerate(values)}, table.constants)
 
 
 def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:

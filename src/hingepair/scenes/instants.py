@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.numeric.arrays import Float64Array
-from hingepair.scenes.tables import Table
+from hingepair.scenes.tables import Kind, Table
 
 Rows: TypeAlias = slice | NDArray[np.intp]
 """Some of the instants, by their numbers."""
@@ -58,11 +59,22 @@ def read_instants(time: Table) -> Uniform:
     Raises:
         SceneError: a key cannot be used; names it.
     """
-    time.check_keys(("start", "stop", "samples"))
-    start, stop = time.number("start"), time.number("stop")
+    start, stop, samples = time.read(_TIME, required=_TIME).values()
     if not 0 <= stop - start < np.inf:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
-    samples = time.integer("samples", 1, MAX_SAMPLES)
     if samples == 1 and stop > start:
         time.fail("samples", f"at least 2, from start = {start!r} to stop = {stop!r}, or stop = start")
     return Uniform(start, stop, samples)
+
+
+def _samples(time: Table, key: str) -> int:
+    """A whole number within limits."""
+    value: Any = time.values.get(key)
+    if type(value) is float and value.is_integer():
+        value = int(value)
+    if type(value) is not int or not 1 <= value <= MAX_SAMPLES:
+        time.fail(key, f"an integer from 1 to {MAX_SAMPLES}")
+    return value
+
+
+_TIME: Final[Mapping[str, Kind]] = {"start": Table.number, "stop": Table.number, "samples": _samples}

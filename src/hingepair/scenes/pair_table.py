@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -13,91 +13,88 @@ from hingepair.errors import printable
 from hingepair.pair.body import Body, Box, Cylinder, Shape, Sphere
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.scenes.tables import Table
+from hingepair.scenes.tables import Kind, Table, numbers
 
 Made = TypeVar("Made")
 
-KEYS = ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit", "name", "body1", "body2", "robot", "joint")
+
+def _inertia(table: Table, key: str) -> Any:
+    """Principal moments, or a matrix."""
+    given = table.values[key]
+    diagonal = isinstance(given, list) and not any(isinstance(row, list) for row in given)
+    return np.diag(table.numbers(key, 3)) if diagonal else table.numbers(key, 3, 3)
+
+
+def _shapes(table: Table, key: str) -> list[Shape]:
+    given = table.values[key]
+    if not isinstance(given, list) or not all(isinstance(shape, dict) for shape in given):
+        table.fail(key, "a list of { box = [...] }, { cylinder = radius, length = ... }, { sphere = radius }")
+    return [_shape(replace(table, name=f"{table.name}.{key}[{i}]", values=own)) for i, own in enumerate(given)]
+
+
+def _shape(table: Table) -> Shape:
+    named = [kind for kind in _SHAPES if kind in table.values]
+    if len(named) != 1:
+        table.refuse("", f"one of {', '.join(_SHAPES)}", ", ".join(named) or "none of them")
+    (kind,) = named
+    make, size, kinds = _SHAPES[kind]
+    values = table.read(kinds, required=[key for key in kinds if key in {kind, "length"}])
+    return _made(table, make, {size: values.pop(kind), **values})
+
+
+def _body(table: Table, key: str) -> Body:
+    own = table.table(key)
+    return _made(own, Body, {"mass": 1.0} | own.read(_BODY))
+
+
+_SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Kind]]]] = {
+    "box": (Box, "size", {"box": numbers(3), "center": numbers(3), "axes": Table.rotation}),
+    "cylinder": (
+        Cylinder,
+        "radius",
+        {"cylinder": Table.number, "length": Table.number, "center": numbers(3), "axis": numbers(3)},
+    ),
+    "sphere": (Sphere, "radius", {"sphere": Table.number, "center": numbers(3)}),
+}
+_BODY: Final[Mapping[str, Kind]] = {
+    "mass": Table.number,
+    "center_of_mass": numbers(3),
+    "inertia": _inertia,
+    "shapes": _shapes,
+}
+_BODIES: Final[Mapping[str, Kind]] = {"body1": _body, "body2": _body}
+_ROBOT: Final[Mapping[str, Kind]] = {"robot": Table.text, "joint": Table.text}
+_PLANAR: Final[Mapping[str, Kind]] = {"u1": numbers(2), "u2": numbers(2), "name": Table.text, **_BODIES}
+_SPATIAL: Final[Mapping[str, Kind]] = {
+    **{"u1": numbers(3), "u2": numbers(3), "n": numbers(3), "home": Table.rotation, "limits": numbers(2)},
+    **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_BODIES},
+}
+KEYS: Final = (*_SPATIAL, *_ROBOT)
 
 
 def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
-    """The pair of the table [pair].
+    """The pair of the table [pair], named as its file is unless it has a name.
 
     Raises:
         SceneError: a value cannot be used; names file, table and key.
         MissingDependencyError: the pair is a robot's, and example-robot-data is not installed.
     """
+    name = {"name": " ".join(printable(Path(table.file).stem).split()) or None}
     if planar:
-        table.check_keys(("u1", "u2", "name", "body1", "body2"))
-        own = {key: table.numbers(key, 2) for key in ("u1", "u2")}
-        return _made(table, PlanarPair, **own, **_bodies(table), name=_name(table))
+        return _made(table, PlanarPair, name | table.read(_PLANAR, ("u1", "u2")))
     table.check_keys(KEYS)
-    if "robot" in table.values or "joint" in table.values:
-        from hingepair.formats.robots import load_robot_hinge
+    if not table.values.keys() & _ROBOT:
+        return _made(table, HingePair, name | table.read(_SPATIAL, ("u1", "u2", "n")))
+    from hingepair.formats.robots import load_robot_hinge
 
-        for key in table.values:
-            if key not in {"robot", "joint", "body1", "body2"}:
-                table.fail(key, "nothing beside robot, joint, body1 and body2")
-        hinge = _made(table, load_robot_hinge, robot=table.text("robot"), joint=table.text("joint"))
-        bodies: dict[str, Any] = _bodies(table)
-        return replace(hinge, **bodies)
-    values: dict[str, Any] = {key: table.numbers(key, 3) for key in ("u1", "u2", "n")}
-    if "home" in table.values:
-        values["home"] = table.rotation("home")
-    if "limits" in table.values:
-        values["limits"] = table.numbers("limits", 2)
-    values |= {key: table.number(key) for key in ("torque_limit", "rate_limit") if key in table.values}
-    return _made(table, HingePair, **values, **_bodies(table), name=_name(table))
+    for key in table.values:
+        if key not in {**_ROBOT, **_BODIES}:
+            table.fail(key, "nothing beside robot, joint, body1 and body2")
+    values = table.read({**_ROBOT, **_BODIES}, _ROBOT)
+    return replace(_made(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT}), **values)
 
 
-def _bodies(table: Table) -> dict[str, Body]:
-    return {key: _body(table.table(key)) for key in ("body1", "body2") if key in table.values}
-
-
-def _name(table: Table) -> str:
-    """The name of the pair; that of the file unless given."""
-    return table.text("name", printable(Path(table.file).stem).strip() or None)
-
-
-def _body(table: Table) -> Body:
-    """Mass properties and shapes: the table [pair.body1]."""
-    table.check_keys(("mass", "center_of_mass", "inertia", "shapes"))
-    values: dict[str, Any] = {"mass": table.number("mass", 1.0)}
-    if "center_of_mass" in table.values:
-        values["center_of_mass"] = table.numbers("center_of_mass", 3)
-    if "inertia" in table.values:
-        moments = table.values["inertia"]
-        diagonal = isinstance(moments, list) and not any(isinstance(row, list) for row in moments)
-        values["inertia"] = np.diag(table.numbers("inertia", 3)) if diagonal else table.numbers("inertia", 3, 3)
-    shapes = table.values.get("shapes", [])
-    if not isinstance(shapes, list) or not all(isinstance(shape, dict) for shape in shapes):
-        table.fail("shapes", "a list of { box = [...] }, { cylinder = radius, length = ... }, { sphere = radius }")
-    own = [Table(table.file, f"{table.name}.shapes[{i}]", shape, table.constants) for i, shape in enumerate(shapes)]
-    return _made(table, Body, shapes=[_shape(shape) for shape in own], **values)
-
-
-def _shape(table: Table) -> Shape:
-    kinds: dict[str, tuple[Callable[..., Shape], tuple[str, ...]]] = {
-        "box": (Box, ("center", "axes")),
-        "cylinder": (Cylinder, ("length", "center", "axis")),
-        "sphere": (Sphere, ("center",)),
-    }
-    named = [kind for kind in kinds if kind in table.values]
-    if len(named) != 1:
-        table.refuse("", f"one of {', '.join(kinds)}", ", ".join(named) or "none of them")
-    (kind,) = named
-    make, others = kinds[kind]
-    table.check_keys((kind, *others))
-    values: dict[str, Any] = {"size": table.numbers(kind, 3)} if kind == "box" else {"radius": table.number(kind)}
-    values |= {key: table.numbers(key, 3) for key in ("center", "axis") if key in table.values}
-    if kind == "cylinder":
-        values["length"] = table.number("length")
-    if "axes" in table.values:
-        values["axes"] = table.rotation("axes")
-    return _made(table, make, **values)
-
-
-def _made(table: Table, make: Callable[..., Made], **values: Any) -> Made:
+def _made(table: Table, make: Callable[..., Made], values: Mapping[str, Any]) -> Made:
     """What is made of the values of a table; an argument that is refused is named as the key that it came from."""
     with table.naming():
         return make(**values)

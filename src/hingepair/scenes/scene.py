@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, TypeAlias
@@ -533,7 +533,7 @@ def _read(path: str | os.PathLike[str]) -> Table:
             constants.refuse(key, fault, quoted(key))
         with constants.naming(key):
             known[key] = constant(key, value, known) if isinstance(value, str) else constants.number(key)
-    return Table(tables.file, "", tables.values, known)
+    return replace(tables, constants=known)
 
 
 def _pair(tables: Table) -> HingePair | PlanarPair:

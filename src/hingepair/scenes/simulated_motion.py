@@ -20,7 +20,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.rotations.sequences import SEQUENCES
-from hingepair.scenes.expression_motion import entries, held_instants, read_functions
+from hingepair.scenes.expression_motion import held_instants, read_functions
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion
 from hingepair.scenes.tables import Place, Table
@@ -202,7 +202,7 @@ def _force(table: Table, key: str, planar: bool) -> Any:
         (one,) = _functions(table, (key,))
         return one if isinstance(one, float) else lambda t, now: one(t, now.psi, now.psid)
     size = 2 if planar else 3
-    parts = _functions(entries(table, key, size, "t, psi and psid"), [f"{key}[{i}]" for i in range(size)])
+    parts = _functions(table.entries(key, size, "t, psi and psid"), [f"{key}[{i}]" for i in range(size)])
     if all(isinstance(part, float) for part in parts):
         return parts
 

@@ -7,9 +7,10 @@ import math
 import os
 import re
 import reprlib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Any, Final, NoReturn, TypeAlias
 
 from hingepair.errors import ArgumentError, SceneError, choices, nearest, pointed, quoted
 from hingepair.numeric.arrays import check_choice, finite_number
@@ -31,12 +32,12 @@ _shown.maxstring = _shown.maxother = 80
 _shown.maxlist = 9
 
 
+@dataclass(eq=False)
 class Place:
     """Where values come from - a table of a scene file, a file of samples - and how messages name them."""
 
-    def __init__(self, file: str, name: str) -> None:
-        self.file = file
-        self.name = name
+    file: str
+    name: str
 
     def label(self, key: str) -> str:
         """`file: table.key`, for messages."""
@@ -63,6 +64,7 @@ class Place:
             raise named from None
 
 
+@dataclass(eq=False)
 class Table(Place):
     """One table of a scene file; the file's own keys stand in the table without a name.
 
@@ -71,14 +73,21 @@ class Table(Place):
         constants: numbers that expressions may name, or SymPy expressions of numbers.
     """
 
-    def __init__(self, file: str, name: str, values: dict[str, Any], constants: Mapping[str, Any]) -> None:
-        super().__init__(file, name)
-        self.values = values
-        self.constants = constants
+    values: dict[str, Any]
+    constants: Mapping[str, Any]
 
-    def fail(self, key: str, expected: str) -> NoReturn:
-        """Refuse the value of a key, or its absence."""
-        self.refuse(key, expected, show(self.values[key]) if key in self.values else "nothing")
+    def read(
+        self, kinds: Mapping[str, Kind], required: Collection[str] = (), also: Collection[str] = ()
+    ) -> dict[str, Any]:
+        """What the keys of some kinds hold, of those that are there or required; all others are refused.
+
+        Args:
+            kinds: what each key holds.
+            required: keys that must be there.
+            also: keys that may be there, and that others read.
+        """
+        self.check_keys((*kinds, *also))
+        return {key: kind(self, key) for key, kind in kinds.items() if key in self.values or key in required}
 
     def check_keys(self, known: Collection[str]) -> None:
         """Refuse keys that nothing reads, and say which was probably meant."""
@@ -86,12 +95,23 @@ class Table(Place):
             if key not in known:
                 self.refuse(key, choices(tuple(known)) + nearest(key, known), "an unknown key")
 
+    def fail(self, key: str, expected: str) -> NoReturn:
+        """Refuse the value of a key, or its absence."""
+        self.refuse(key, expected, show(self.values[key]) if key in self.values else "nothing")
+
     def table(self, key: str, *, required: bool = True) -> Table:
         """The table below a key; an empty one where it is absent and need not be there."""
         value = self.values.get(key, None if required else {})
         if not isinstance(value, dict):
             self.fail(key, f"a table [{f'{self.name}.' if self.name else ''}{key}]")
-        return Table(self.file, f"{self.name}.{key}" if self.name else key, value, self.constants)
+        return replace(self, name=f"{self.name}.{key}" if self.name else key, values=value)
+
+    def entries(self, key: str, count: int, of: str) -> Table:
+        """The entries of a list, functions of `of`, as a table of key[0], key[1], ..."""
+        value = self.values.get(key)
+        if not isinstance(value, list) or len(value) != count:
+            self.fail(key, f"{('two', 'three')[count - 2]} numbers or expressions in {of}")
+        return replace(self, values={f"{key}[{i}]": entry for i, entry in enumerate(value)})
 
     def text(self, key: str, default: str | None = None) -> str:
         """The text of a key that is not empty; the default, if there is one, where the key is absent."""
@@ -118,15 +138,6 @@ class Table(Place):
     def number(self, key: str, default: float | None = None) -> float:
         """The finite number of a key, or of an expression without t; the default where the key is absent."""
         return default if key not in self.values and default is not None else self._number(key, self.values.get(key))
-
-    def integer(self, key: str, smallest: int, largest: int) -> int:
-        """The whole number of a key, within limits."""
-        value: Any = self.values.get(key)
-        if type(value) is float and value.is_integer():
-            value = int(value)
-        if type(value) is not int or not smallest <= value <= largest:
-            self.fail(key, f"an integer from {smallest} to {largest}")
-        return value
 
     def numbers(self, key: str, *shape: int) -> list[Any]:
         """The nested list of finite numbers of a key, of a given shape."""
@@ -169,6 +180,15 @@ class Table(Place):
             return finite_number(key, value)
         except ArgumentError:
             self.fail(key, "a finite number")
+
+
+Kind: TypeAlias = Callable[[Table, str], Any]
+"""Reads a key out of a table, or refuses what it holds: `Table.number`, `numbers(3)` and the like."""
+
+
+def numbers(*shape: int) -> Kind:
+    """Finite numbers of a given shape."""
+    return lambda table, key: table.numbers(key, *shape)
 
 
 def read_tables(path: str | os.PathLike[str]) -> Table:
