@@ -68,7 +68,7 @@ def test_a_free_scene_moves_as_simulate_says(tmp_path):
 
 def test_a_scene_has_energy_and_momentum():
     scene = hp.load_scene(MODELS / "thrown_flail.toml")
-    result, found = scene.evaluate(), scene.motion.found
+    result, found = scene.evaluate(), scene.motion.simulated
     np.testing.assert_allclose(result.energy(), found.energy(), rtol=1e-14)
     np.testing.assert_allclose(result.momentum(), found.momentum(), rtol=0, atol=1e-13)
     with pytest.raises(AttributeError, match=r"energy, .*momentum"):
@@ -86,7 +86,7 @@ def test_a_prescribed_base_carries_the_hinge(tmp_path):
     load = "[dynamics]\nbase = 'prescribed'\nstiffness = 2\nrest = 0.2\ngravity = [0, 0, -1.6]\n"
     scene = scene_of(tmp_path, PAIR + motion + load)
     forces, spring = scene.forces(), hp.HingeLoad(stiffness=2, rest=0.2)
-    psi = scene.motion.found.psi
+    psi = scene.motion.simulated.psi
     np.testing.assert_allclose(forces.hinge_torque, spring(0, psi, 0), rtol=0, atol=1e-12)
     other = "[motion]\nsequence = 'ZYX'\n" + turn + "\nphi_y = '0.4*t'\nphi_z = 't'\npsi = 0\n"
     expected = scene_of(tmp_path, PAIR + other).evaluate(("R1", "S1", "a1"))
@@ -103,7 +103,7 @@ def test_a_double_pendulum_in_the_plane(tmp_path):
     scene = scene_of(
         tmp_path, "planar = true" + text + "[dynamics]\nbase = 'pinned'\nphi_0 = 0.3\ntorque1 = '0.1*t'\n"
     )
-    np.testing.assert_array_equal(scene.motion.found.body1.R, 0)
+    np.testing.assert_array_equal(scene.motion.simulated.body1.R, 0)
     forces = scene.forces()
     assert forces.force1.shape == (11, 2)
     np.testing.assert_allclose(forces.hinge_torque, 0, rtol=0, atol=1e-12)
@@ -128,8 +128,8 @@ def test_all_that_hangs_on_talos_elbow_is_body2():
 def test_stops_may_be_the_limits(tmp_path):
     text = "[dynamics]\nbase = 'fixed'\npsid_0 = 3\nstops = true\nstop_stiffness = 3000\ngravity = [0, 0, 0]\n"
     scene = scene_of(tmp_path, PAIR + text)
-    assert np.abs(scene.motion.found.psi).max() < 0.33
-    assert np.abs(np.diff(np.sign(scene.motion.found.psid))).max() == 2
+    assert np.abs(scene.motion.simulated.psi).max() < 0.33
+    assert np.abs(np.diff(np.sign(scene.motion.simulated.psid))).max() == 2
 
 
 @pytest.mark.parametrize(

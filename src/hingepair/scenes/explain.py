@@ -5,7 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hingepair.evaluation.loops import Operations
-from hingepair.evaluation.plan import PLANAR, Plan
+from hingepair.evaluation.plan import PLANAR, SPATIAL, default_outputs, make_plan
+from hingepair.evaluation.steps import PARTS
+from hingepair.pair.evaluate import count_operations
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.planar_pair import PlanarPair
+from hingepair.scenes.known_motion import KnownMotion
 
 _MEANING = {
     "hinge": "sine, versine and cosine of psi",
@@ -69,24 +74,29 @@ class ScenePlan:
         return "\n".join(lines)
 
 
-def explain(plan: Plan, operations: Operations, order: int, level: int, constant: frozenset[str]) -> ScenePlan:
-    """The plan in words.
+def explain(
+    pair: HingePair | PlanarPair, known: KnownMotion, outputs: tuple[str, ...] | None, level: int
+) -> ScenePlan:
+    """What is computed of a motion, and what is skipped.
 
     Args:
-        plan: the steps of the outputs.
-        operations: how many of them are left.
-        order: of the highest derivative of the coordinates that is computed.
+        pair: it.
+        known: its motion, with the derivatives that are computed.
+        outputs: what is asked for; all of body 2 that the derivatives allow unless given.
         level: of the highest derivative that the motion has.
-        constant: which coordinates, and which inputs of the plan, do not depend on t.
     """
-    still, computed = set(constant) | {"u1", "u2", "n", "home", "along", "across", "around"}, []
+    kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
+    names, constant = default_outputs(known.level, kind) if outputs is None else outputs, known.constant()
+    plan = make_plan(names, known.sequence, "home" in pair.constants.values, kind=kind)
+    operations = count_operations(plan, pair.constants, dict(zip(PARTS, known.derivatives, strict=False)))
+    still, computed = {*constant} | {"u1", "u2", "n", "home", "along", "across", "around"}, []
     for step in plan.steps:
         once = still.issuperset(step.arguments)
         still |= {step.result} if once else set()
         if step.result in _MEANING:
             computed.append((step.result, "once" if once else "each"))
     reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
-    skipped = [(f"{_DERIVATIVES[i]} derivatives of the coordinates", reasons[i]) for i in range(order, 2)]
+    skipped = [(f"{_DERIVATIVES[i]} derivatives of the coordinates", reasons[i]) for i in range(known.level, 2)]
     if operations.known:
         skipped.append(
             (f"{operations.known} of {operations.full} operations", "what is known to be 0, 1 or -1 folds")
@@ -94,7 +104,7 @@ def explain(plan: Plan, operations: Operations, order: int, level: int, constant
     if operations.once:
         skipped.append((f"{operations.once} operations at each instant", "they depend on constants only"))
     skipped += [(_MEANING[name], "no output needs it") for name in plan.skipped if name in _MEANING]
-    if plan.sequence is None and plan.kind != PLANAR:
+    if plan.sequence is None and kind != PLANAR:
         skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
     if not plan.home and any(step.result == "S2" for step in plan.steps):
         skipped.append(("the product with C", "home is the identity"))

@@ -6,7 +6,7 @@ They are the coordinates themselves, or the rates that are integrated.
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final
 
@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.evaluation.plan import ACCELERATION
 from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES
 from hingepair.integration.signals import Function as Signal
-from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.pair.results import MOST_HELD
+from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.sequences import SEQUENCES
-from hingepair.scenes.instants import Rows, Uniform, read_instants
-from hingepair.scenes.integrated_motion import START, integrated_in_plane, integrated_in_space
-from hingepair.scenes.known_motion import ByCoordinates, HeldMotion, KnownMotion
+from hingepair.scenes.instants import Instants, Rows, held_instants, read_instants
+from hingepair.scenes.integrated_motion import START, integrated
+from hingepair.scenes.known_motion import ByCoordinates
+from hingepair.scenes.motion import Motion, turns_about
 from hingepair.scenes.tables import Table
 from hingepair.scenes.waypoints import MAX_POINTS, PROFILES, WayPoints, through
 from hingepair.symbolic.expressions import parse
@@ -31,7 +31,7 @@ from hingepair.symbolic.time_functions import Derivatives, TimeFunctions, exact
 TOLERANCE: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
 
-_OMEGA: Final = ("omega1[0]", "omega1[1]", "omega1[2]")
+_LIMITS: Final = ("speed", "acceleration")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,14 +41,17 @@ class FunctionsOfTime:
     Attributes:
         names: the keys of the table that they came from.
         functions: SymPy expressions or way points.
-        texts: the expressions as they were written; "" for numbers and way points.
-        constants: what they name.
+        table: where they were written.
     """
 
     names: tuple[str, ...]
     functions: tuple[Expr | WayPoints, ...]
-    texts: tuple[str, ...]
-    constants: Mapping[str, Any]
+    table: Table
+
+    @property
+    def tail(self) -> tuple[int, ...]:
+        """The shape of their values at one instant: a vector, or a number."""
+        return () if len(self.names) == 1 else (len(self.names),)
 
     def derivatives(self, t: ArrayLike, order: int) -> Derivatives:
         """(values, first derivatives, ...), each one entry per function; exact, at kinks those from the right."""
@@ -57,20 +60,14 @@ class FunctionsOfTime:
         return tuple(zip(*columns, strict=True))
 
     def stacked(self, t: Float64Array, order: int) -> list[Float64Array]:
-        """The same as arrays side by side; shape (N, functions) each."""
-        shape = t.shape
-        return [
-            np.stack([np.broadcast_to(np.asarray(value, float), shape) for value in row], axis=-1)
-            for row in self.derivatives(t, order)
-        ]
+        """The same as arrays; shape (N, *tail) each."""
+        rows = self.derivatives(t, order)
+        return [np.stack(np.broadcast_arrays(*row, t)[:-1], axis=-1).reshape(*t.shape, *self.tail) for row in rows]
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
         """Whether kinks or jumps lie between neighbouring instants; shape (N - 1,)."""
-        switched = self.compiled().switches(t)
-        for function in self.functions:
-            if isinstance(function, WayPoints):
-                switched |= function.switches(t)
-        return switched
+        points = (function.switches(t) for function in self.functions if isinstance(function, WayPoints))
+        return functools.reduce(np.logical_or, points, self.compiled().switches(t))
 
     def expressions(self, letters: Sequence[str] = ()) -> dict[str, Expr | None]:
         """The expressions by name; None for way points.
@@ -78,10 +75,14 @@ class FunctionsOfTime:
         Args:
             letters: which of the constants stay letters.
         """
-        return {
-            name: parse(name, text, self.constants, letters) if text else None if isinstance(f, WayPoints) else f
-            for name, f, text in zip(self.names, self.functions, self.texts, strict=True)
-        }
+        found: dict[str, Expr | None] = {}
+        for name, function in zip(self.names, self.functions, strict=True):
+            written = self.table.values[name]
+            if isinstance(written, str):
+                found[name] = parse(name, written, self.table.constants, letters)
+            else:
+                found[name] = None if isinstance(function, WayPoints) else function
+        return found
 
     def compiled(self) -> TimeFunctions:
         """The expressions among them, ready to be evaluated.
@@ -89,8 +90,8 @@ class FunctionsOfTime:
         Raises:
             ArgumentError: one is not real and finite, whatever t is; names it.
         """
-        kept = [(name, f) for name, f in zip(self.names, self.functions, strict=True) if not isinstance(f, WayPoints)]
-        return _time_functions(tuple(f for _, f in kept), tuple(name for name, _ in kept))
+        kept = {name: f for name, f in zip(self.names, self.functions, strict=True) if not isinstance(f, WayPoints)}
+        return _time_functions(tuple(kept.values()), tuple(kept))
 
 
 @functools.lru_cache(maxsize=16)
@@ -99,43 +100,27 @@ def _time_functions(expressions: tuple[Expr, ...], names: tuple[str, ...]) -> Ti
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ExpressionMotion:
-    """The coordinates as functions of t, and the instants to evaluate them at.
+class ByFunctions:
+    """The coordinates as functions of t, at any instants.
 
     Attributes:
         t: instants [s].
         functions: of x, y, z, phi_x, phi_y, phi_z, psi, or in the plane of x, y, phi, psi [m, rad].
         sequence: Euler sequence of body 1; None of a planar pair.
-        level: the highest derivative that there is.
     """
 
-    t: Uniform
+    t: Instants
     functions: FunctionsOfTime
     sequence: str | None
     level: ClassVar[int] = ACCELERATION
-    error_estimate: ClassVar[float] = 0.0
-    origin: ClassVar[str] = "coordinates as expressions in t"
-    hint: ClassVar[str] = ""
-    doubt: ClassVar[str] = ""
 
-    @property
-    def turning(self) -> str:
-        """How body 1 turns, for a reader."""
-        if self.sequence is None:
-            return "in the plane z = 0"
-        return f"phi_x, phi_y, phi_z turn about {', '.join(self.sequence)}"
-
-    def kinks(self, start: int, stop: int) -> int:
-        """How many of the intervals that end at these instants have a kink or a jump of a coordinate."""
-        return int(self.functions.switches(self.t[max(start - 1, 0) : stop]).sum())
-
-    def known(self, rows: Rows, order: int) -> KnownMotion:
+    def part(self, rows: Rows, order: int) -> ByCoordinates:
         """The motion at some of the instants, with derivatives up to an order."""
         t = self.t[rows]
         return ByCoordinates(t.size, self.functions.derivatives(t, order), self.sequence)
 
 
-def read_expression_motion(motion: Table, time: Table, planar: bool) -> ExpressionMotion | HeldMotion:
+def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
     """The motion that the tables [motion] and [time] describe: coordinates, or rates to be integrated (E12).
 
     Raises:
@@ -145,51 +130,37 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Expressi
         return _by_rates(motion, held_instants(time), planar)
     names = PLANAR_COORDINATES if planar else COORDINATES
     motion.check_keys((*names, "constants", *(() if planar else ("sequence", "file", "omega1"))))
-    functions = read_functions(motion, names)
-    return ExpressionMotion(
-        read_instants(time), functions, None if planar else motion.choice("sequence", SEQUENCES, "XYZ")
-    )
+    functions, t = read_functions(motion, names), read_instants(time)
+    sequence = None if planar else motion.choice("sequence", SEQUENCES, "XYZ")
+    how = turns_about(sequence) if sequence else "in the plane z = 0"
+    given = ByFunctions(t, functions, sequence)
+    return Motion(t, given, "coordinates as expressions in t", how, functions=(functions,))
 
 
-def _by_rates(table: Table, t: Float64Array, planar: bool) -> HeldMotion:
+def _by_rates(table: Table, t: Float64Array, planar: bool) -> Motion:
     own = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
     table.check_keys((*START, "tol", "omega1", "psi_dot", "constants", *own))
-    axes = ("x", "y") if planar else ("x", "y", "z")
-    source = table if planar else table.entries("omega1", 3, "t")
-    turning, hinge = read_functions(source, ("omega1",) if planar else _OMEGA), read_functions(table, ("psi_dot",))
+    axes = own[:2] if planar else own[:3]
+    omega = (
+        replace(table, values={"omega1": table.values.get("omega1")}) if planar else table.entries("omega1", 3, "t")
+    )
+    turning, hinge = read_functions(omega, tuple(omega.values)), read_functions(table, ("psi_dot",))
     point = read_functions(replace(table, values=dict.fromkeys(axes, 0) | table.values), axes)
     known = dict(zip(("R1", "v1", "a1"), point.stacked(t, 2), strict=True))
     known |= dict(zip(("omega1", "alpha1"), turning.stacked(t, 1), strict=True))
-    known |= dict(zip(("psid", "psidd"), (column[:, 0] for column in hinge.stacked(t, 1)), strict=True))
-    if planar:
-        known |= {name: known[name][:, 0] for name in ("omega1", "alpha1")}
-    signals = _signal("omega1", turning, planar), _signal("psi_dot", hinge, True)
-    switched = np.logical_or.reduce([functions.switches(t) for functions in (turning, hinge, point)])
-    integrate = integrated_in_plane if planar else integrated_in_space
-    return integrate(table, t, signals, known, table.number("tol", TOLERANCE), switched=switched)
+    known |= dict(zip(("psid", "psidd"), hinge.stacked(t, 1), strict=True))
+    signals = _signal("omega1", turning), _signal("psi_dot", hinge)
+    tol = table.number("tol", TOLERANCE)
+    return integrated(table, t, signals, known, tol, planar=planar, functions=(turning, hinge, point))
 
 
-def _signal(name: str, functions: FunctionsOfTime, single: bool) -> Signal:
-    def values(times: Float64Array) -> Float64Array:
-        columns = functions.stacked(times, 0)[0]
-        return columns[:, 0] if single else columns
-
-    return Signal(name, values, () if single else (3,))
-
-
-def held_instants(time: Table) -> Float64Array:
-    """The instants of the table [time], where all of them are in memory at once."""
-    t = read_instants(time)
-    if len(t) > MOST_HELD:
-        time.fail("samples", f"at most {MOST_HELD} where a motion is integrated, which is done in memory")
-    return np.asarray(read_only(t[:]))
+def _signal(name: str, functions: FunctionsOfTime) -> Signal:
+    return Signal(name, lambda t: functions.stacked(t, 0)[0], functions.tail)
 
 
 def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
     """The functions of t of some keys: numbers, expressions, way points."""
-    found = tuple(_function(table, key) for key in names)
-    texts = tuple(value if isinstance(value := table.values.get(key), str) else "" for key in names)
-    functions = FunctionsOfTime(names, found, texts, table.constants)
+    functions = FunctionsOfTime(names, tuple(_function(table, key) for key in names), table)
     with table.naming():
         functions.compiled()
     return functions
@@ -209,7 +180,7 @@ def _function(table: Table, key: str) -> Expr | WayPoints:
 
 def _way_points(table: Table) -> WayPoints:
     """Way points: { t = [...], value = [...], profile = "...", speed = ..., acceleration = ... }."""
-    table.check_keys(("t", "value", "profile", "speed", "acceleration"))
+    table.check_keys(("t", "value", "profile", *_LIMITS))
     given: Any = table.values.get("t")
     count = len(given) if isinstance(given, list) else 0
     if not 2 <= count <= MAX_POINTS:
@@ -217,7 +188,7 @@ def _way_points(table: Table) -> WayPoints:
     t, values = np.array(table.numbers("t", count)), np.array(table.numbers("value", count))
     if not (np.diff(t) > 0).all():
         table.fail("t", "instants that increase")
-    limits = {key: table.number(key) for key in ("speed", "acceleration") if key in table.values}
+    limits = {key: table.number(key) for key in _LIMITS if key in table.values}
     for key, limit in limits.items():
         if limit <= 0:
             table.fail(key, "a number above 0")

@@ -8,7 +8,8 @@ from typing import Any, Final, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.arrays import Float64Array, read_only
+from hingepair.pair.results import MOST_HELD
 from hingepair.scenes.tables import Kind, Table
 
 Rows: TypeAlias = slice | NDArray[np.intp]
@@ -65,6 +66,14 @@ def read_instants(time: Table) -> Uniform:
     if samples == 1 and stop > start:
         time.fail("samples", f"at least 2, from start = {start!r} to stop = {stop!r}, or stop = start")
     return Uniform(start, stop, samples)
+
+
+def held_instants(time: Table) -> Float64Array:
+    """The instants of the table [time], where all of them are in memory at once."""
+    t = read_instants(time)
+    if len(t) > MOST_HELD:
+        time.fail("samples", f"at most {MOST_HELD} where a motion is integrated, which is done in memory")
+    return np.asarray(read_only(t[:]))
 
 
 def _samples(time: Table, key: str) -> int:

@@ -5,23 +5,20 @@ Each kind answers the same calls, so that what computes, explains or checks a sc
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.evaluation.plan import PLANAR, SPATIAL, default_outputs, make_plan
-from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
+from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_ROW_STEPS, ROW_STEPS
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.blocks import Named
 from hingepair.pair.accuracy import euler_rate_sizes, given_rate_sizes
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.evaluate import count_operations
 from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.matrices import rotation_exp
-from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.instants import Rows
 
 if TYPE_CHECKING:
@@ -36,6 +33,8 @@ SPATIAL_NAMES = (
 """What the coordinates and their derivatives are called in files: as in a log of motion."""
 PLANAR_NAMES = (PLANAR_COORDINATES, ("v1_x", "v1_y", "phid", "psid"), ("a1_x", "a1_y", "phidd", "psidd"))
 """The same in the plane."""
+_PARTS = (("R1", "S1", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
+"""A motion by that of body 1 and the hinge angle, and its derivatives."""
 Accelerated: TypeAlias = tuple[BodyMotion, Float64Array, Float64Array, Float64Array]
 """The motion of body 1 with its accelerations, psi, psi' and psi''."""
 
@@ -88,26 +87,21 @@ class ByCoordinates:
         )
         return found
 
-    def plan(self, pair: Any, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
-        """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
-        values: Named = {}
-        for parts, q in zip((PARTS if self.sequence else PLANAR_PARTS).values(), self.derivatives, strict=False):
-            turning = q[3:6] if self.sequence else q[2]
-            values |= dict(zip(parts, (q[: len(q) // 2], turning, q[-1]), strict=True))
-        kind = SPATIAL if self.sequence else PLANAR
-        names = default_outputs(self.level, kind) if outputs is None else outputs
-        plan = make_plan(names, self.sequence, "home" in pair.constants.values, kind=kind)
-        operations = count_operations(plan, pair.constants, dict(zip(PARTS, self.derivatives, strict=False)))
-        constant = {name for name, group in values.items() if not _varies(group)}
-        own = (SPATIAL_NAMES if self.sequence else PLANAR_NAMES)[0]
-        constant |= {name for name, value in zip(own, self.derivatives[0], strict=True) if not _varies(value)}
-        return explain(plan, operations, self.level, level, frozenset(constant))
-
     def cross_validate(self, pair: Any) -> CrossValidation:
         """The equations against Pinocchio."""
         from hingepair.validation.cross_validate import cross_validate
 
         return cross_validate(pair, *self.derivatives, **self._sequence())
+
+    def constant(self) -> frozenset[str]:
+        """Which coordinates, and which inputs of a plan, do not depend on t."""
+        given = dict(zip(PARTS, self.derivatives, strict=False))
+        names = SPATIAL_NAMES[0] if self.sequence else PLANAR_NAMES[0]
+        values = dict(zip(names, self.derivatives[0], strict=True))
+        for part, take, (name,) in ROW_STEPS if self.sequence else PLANAR_ROW_STEPS:
+            if name in given:
+                values[part] = take(given[name])
+        return frozenset(name for name, value in values.items() if not _varies(value))
 
     def bodies(self, pair: Any) -> dict[str, NDArray[Any]]:
         """R1, S1, R2, S2, and omega1, omega2 where rates are known, in space."""
@@ -162,6 +156,8 @@ class ByBody1:
 
     body1: BodyMotion
     hinge: tuple[Float64Array, ...]
+    sequence: ClassVar[None] = None
+    derivatives: ClassVar[Derivatives] = ()
 
     @property
     def level(self) -> int:
@@ -177,10 +173,14 @@ class ByBody1:
         """The hinge angle, or its derivative of an order that is known, by name; shape (count,)."""
         return {SPATIAL_NAMES[order][-1]: self.hinge[order]}
 
+    def constant(self) -> frozenset[str]:
+        """Which inputs of a plan do not depend on t: none is looked for."""
+        return frozenset()
+
     def part(self, rows: Rows, order: int) -> ByBody1:
         """Some of the instants, with the derivatives up to an order."""
-        letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * order + 2]
-        arrays = {letter: array[rows] for letter in letters if (array := getattr(self.body1, letter)) is not None}
+        letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * min(order, self.level) + 2]
+        arrays = {letter: getattr(self.body1, letter)[rows] for letter in letters}
         return ByBody1(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
 
     def forward_kinematics(self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto") -> PairState:
@@ -189,13 +189,6 @@ class ByBody1:
             self.body1, *self.hinge, outputs=outputs, backend=backend
         )
         return found
-
-    def plan(self, pair: Any, outputs: tuple[str, ...] | None, level: int) -> ScenePlan:
-        """What `forward_kinematics` computes and skips; `level`: the highest derivative that the motion has."""
-        names = default_outputs(self.level) if outputs is None else outputs
-        plan = make_plan(names, None, "home" in pair.constants.values)
-        operations = count_operations(plan, pair.constants, {})
-        return explain(plan, operations, self.level, level, frozenset())
 
     def cross_validate(self, pair: Any) -> CrossValidation:
         """The equations against Pinocchio."""
@@ -223,48 +216,11 @@ KnownMotion: TypeAlias = ByCoordinates | ByBody1
 """The kinds, which answer the same calls."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HeldMotion:
-    """A motion at instants that need not be uniform, all of it in memory: logged, or integrated from rates.
-
-    Attributes:
-        t: instants; shape (N,) s.
-        given: the motion at these instants.
-        origin: what it is, in words.
-        turning: how body 1 turns, for a reader.
-        error_estimate: how far attitude and psi [rad] are off at the worst instant, and rates; 0 of what is exact,
-            NaN where it is not known.
-        doubt: why it is not known, where it is not.
-        hint: how to get derivatives that are missing, for messages.
-        switched: whether a kink or a jump lies between neighbouring instants; shape (N - 1,); None: none is known.
-    """
-
-    t: Float64Array
-    given: KnownMotion
-    origin: str
-    turning: str
-    error_estimate: float
-    doubt: str
-    hint: str = ""
-    switched: NDArray[np.bool_] | None = None
-
-    @property
-    def level(self) -> int:
-        """The highest derivative that there is."""
-        return self.given.level
-
-    @property
-    def sequence(self) -> str | None:
-        """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
-        return self.given.sequence if isinstance(self.given, ByCoordinates) else None
-
-    def kinks(self, start: int, stop: int) -> int:
-        """How many of the intervals that end at these instants have a kink or a jump."""
-        return 0 if self.switched is None else int(self.switched[max(start - 1, 0) : max(stop - 1, 0)].sum())
-
-    def known(self, rows: Rows, order: int) -> KnownMotion:
-        """The motion at some of the instants, with derivatives up to an order."""
-        return self.given.part(rows, order)
+def by_body1(known: Mapping[str, Float64Array]) -> ByBody1:
+    """The motion by R1, S1 and psi, and those of v1, omega1, psid, a1, alpha1, psidd that complete a derivative."""
+    level = max(i for i, names in enumerate(_PARTS) if known.keys() >= {*names})
+    arrays = {name[:-1]: known[name] for names in _PARTS[: level + 1] for name in names[:2]}
+    return ByBody1(BodyMotion(**arrays), tuple(known[names[2]] for names in _PARTS[: level + 1]))
 
 
 def _varies(group: Any) -> bool:

@@ -53,6 +53,11 @@ ARRAYS: Final[dict[str, tuple[str, ...]]] = {
 COLUMNS: Final = tuple(dict.fromkeys(("t", *(c for own in ARRAYS.values() for c in own), "psi")))
 
 
+def columns_of(name: str) -> tuple[str, ...]:
+    """The columns of an array; what is no array is a column itself."""
+    return ARRAYS.get(name, (name,))
+
+
 class LogFile(Place):
     """A file of samples, and its name in messages.
 

@@ -12,14 +12,14 @@ import numpy as np
 from hingepair.integration.signals import Samples
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.finite_differences import check_instants, differentiate
-from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.evaluate import AUTO
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCES
-from hingepair.scenes.integrated_motion import START, integrated_in_space
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates, HeldMotion, KnownMotion
-from hingepair.scenes.log_file import ARRAYS, Columns, LogFile
+from hingepair.scenes.integrated_motion import START, integrated
+from hingepair.scenes.known_motion import ByCoordinates, by_body1
+from hingepair.scenes.log_file import ARRAYS, Columns, LogFile, columns_of
+from hingepair.scenes.motion import Given, Motion, turns_about
 from hingepair.scenes.tables import Table
 
 ORDER: Final = 6
@@ -33,10 +33,9 @@ _HINGE = ("psi", "psid", "psidd")
 _EULER = ("phi", "phid", "phidd")
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
 _DOUBT = "rates were found by finite differences; how far they are off is not known"
-_HINT = "; motion.differentiate = true gives the others"
 
 
-def read_log(table: Table, folder: Path) -> HeldMotion:
+def read_log(table: Table, folder: Path) -> Motion:
     """The motion in the file that the table [motion] names.
 
     Args:
@@ -66,6 +65,7 @@ class _Log:
     def __init__(self, file: LogFile, completed: bool) -> None:
         self.file = file
         self.completed = completed
+        self.hint = "" if completed else "; motion.differentiate = true gives the others"
         self.found = False
         self.columns: Columns = file.columns()
         if "t" not in self.columns:
@@ -83,7 +83,7 @@ class _Log:
         """
         found = {}
         for i, name in enumerate(names):
-            array = self.file.together(self.columns, ARRAYS.get(name, (name,)), required and i == 0)
+            array = self.file.together(self.columns, columns_of(name), required and i == 0)
             if array is not None:
                 found[name] = array
         if self.completed and names[0] in found:
@@ -96,15 +96,14 @@ class _Log:
                         if key not in found
                     }
                     self.found = True
-        return found
+        return {name: array if name in ARRAYS else array[:, 0] for name, array in found.items()}
 
     def finite(self, name: str, array: Float64Array, use: str) -> None:
         """Refuse numbers that are not finite."""
-        bad = np.argwhere(~np.isfinite(array))
-        if bad.size:
-            sample, i = bad[0]
-            column = ARRAYS.get(name, (name,))[i]
-            self.file.refuse(column, f"finite numbers, to be {use}", f"{array[sample, i]} at sample {sample}")
+        columns = array.reshape(len(array), -1)
+        for sample, i in np.argwhere(~np.isfinite(columns))[:1]:
+            got = f"{columns[sample, i]} at sample {sample}"
+            self.file.refuse(columns_of(name)[i], f"finite numbers, to be {use}", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
         """The matrices of quaternions."""
@@ -129,35 +128,30 @@ class _Log:
         return np.stack([first for first, _ in found], axis=-1), np.stack([second for _, second in found], axis=-1)
 
 
-def _stated(table: Table, log: _Log) -> HeldMotion:
+def _stated(table: Table, log: _Log) -> Motion:
     """The motion that the file states: position, attitude, hinge angle."""
     attitude = _attitude(log.file, log.columns)
     if attitude is _QUATERNION and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
     parts = {names: log.part(names) for names in (_POSITION, attitude, _HINGE)}
     level = _level(log.file, parts)
-    position, turning, hinge = ([part[name] for name in names[: level + 1]] for names, part in parts.items())
-    given: KnownMotion
     sequence = table.choice("sequence", SEQUENCES, "XYZ")
+    given: Given
     if attitude is _EULER:
-        derivatives = tuple(_seven(*group) for group in zip(position, turning, hinge, strict=True))
-        given = ByCoordinates(log.t.size, derivatives, sequence)
+        rows = tuple(_seven([part[names[i]] for names, part in parts.items()]) for i in range(level + 1))
+        given, how = ByCoordinates(log.t.size, rows, sequence), turns_about(sequence)
     else:
-        turning[0] = log.rotations(turning[0])
-        linear = dict(zip(("R", "v", "a"), position, strict=False))
-        angular = dict(zip(("S", "omega", "alpha"), turning, strict=False))
-        given = ByBody1(BodyMotion(**linear, **angular), tuple(angle[:, 0] for angle in hinge))
-    angles = isinstance(given, ByCoordinates)
-    how = f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}" if angles else "attitude as quaternions"
+        known = {name: array for part in parts.values() for name, array in part.items()}
+        known["S1"] = log.rotations(known["quat_xyzw"])
+        given, how = by_body1(known), "attitude as quaternions"
     how += ", rates by finite differences" * log.found
-    error, hint = float("nan") if log.found else 0.0, "" if log.completed else _HINT
-    return HeldMotion(log.t, given, "samples in a file", how, error, _DOUBT, hint)
+    return Motion(log.t, given, "samples in a file", how, {}, _DOUBT * log.found, log.hint)
 
 
-def _integrated(table: Table, log: _Log) -> HeldMotion:
+def _integrated(table: Table, log: _Log) -> Motion:
     """The motion whose rates the file states, integrated (E12)."""
     rates = (_QUATERNION[1:], _HINGE[1:])
-    read = {"t", *(column for names in (_POSITION, *rates) for name in names for column in ARRAYS.get(name, (name,)))}
+    read = {"t", *(column for names in (_POSITION, *rates) for name in names for column in columns_of(name))}
     for column in log.columns:
         if column not in read:
             log.file.refuse(column, "columns of rates and of R1, since motion.integrate is true", "a column")
@@ -170,10 +164,9 @@ def _integrated(table: Table, log: _Log) -> HeldMotion:
         position = dict.fromkeys(_POSITION, np.zeros((log.t.size, 3)))
     if "v1" not in position:
         log.file.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
-    known = position | turning | {name: column[:, 0] for name, column in hinge.items()}
+    known = position | turning | hinge
     signals = Samples(log.since, known["omega1"], AUTO), Samples(log.since, known["psid"], AUTO)
-    found = integrated_in_space(table, log.since, signals, known, None, hint="" if log.completed else _HINT)
-    return replace(found, t=log.t)
+    return replace(integrated(table, log.since, signals, known, hint=log.hint), t=log.t)
 
 
 def _attitude(file: LogFile, columns: Columns) -> tuple[str, ...]:
@@ -195,12 +188,12 @@ def _level(file: LogFile, parts: dict[tuple[str, ...], Part]) -> int:
     for names, part in parts.items():
         for name in names[: level + 1]:
             if name not in part:
-                column = ARRAYS.get(name, (name,))[0]
+                column = columns_of(name)[0]
                 file.refuse(column, "a column, beside rates of others (or differentiate = true)", "no such column")
     return level
 
 
-def _seven(*parts: Float64Array) -> tuple[float | Float64Array, ...]:
+def _seven(parts: list[Float64Array]) -> tuple[float | Float64Array, ...]:
     """Seven coordinates; those that never change as one number."""
-    columns = [np.ascontiguousarray(column) for part in parts for column in part.T]
+    columns = [np.ascontiguousarray(column) for column in np.column_stack(parts).T]
     return tuple(float(column[0]) if (column == column[0]).all() else column for column in columns)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,25 +16,25 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, check_outputs, outputs_of
 from hingepair.integration.trajectory import span
-from hingepair.numeric.arrays import Frozen, one_constant, read_only
+from hingepair.numeric.arrays import Frozen, read_only
 from hingepair.numeric.notebook import Sheet, Shown, cell
 from hingepair.numeric.tables import instant
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
+from hingepair.pair.dynamics import Energy, Momentum
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import MOST_HELD, ROWS, Record, Result
 from hingepair.pair.states import PairState, PlanarState, lacking
-from hingepair.scenes.explain import ScenePlan
+from hingepair.scenes.explain import ScenePlan, explain
+from hingepair.scenes.forces import fall_of, forces, massive
 from hingepair.scenes.instants import Rows
-from hingepair.scenes.known_motion import Derivatives, KnownMotion
+from hingepair.scenes.known_motion import ByBody1, ByCoordinates, Derivatives, KnownMotion
+from hingepair.scenes.motion import Motion
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
 if TYPE_CHECKING:
-    from hingepair.scenes.expression_motion import ExpressionMotion
-    from hingepair.scenes.known_motion import HeldMotion
-    from hingepair.scenes.simulated_motion import ForcedMotion
+    from hingepair.scenes.expression_motion import FunctionsOfTime
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
@@ -45,10 +45,6 @@ _LEVELS = {
 }
 COORDINATES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
 """What a scene gives beside the state of the pair: its coordinates, all or psi alone, and their derivatives."""
-
-
-Motion: TypeAlias = "ExpressionMotion | HeldMotion | ForcedMotion"
-"""Where the motion of a scene comes from: functions of t, a log, rates that were integrated, what acts."""
 
 
 class _Wanted(NamedTuple):
@@ -107,7 +103,7 @@ class SceneResult(Frozen, Result):
         Raises:
             ArgumentError: no output has second derivatives, or body 2 no mass properties.
         """
-        return self.scene._massive().energy(*self._moved(), self.scene._gravity())
+        return massive(self.scene.pair).energy(*self._moved(), fall_of(self.scene.pair, self.scene.motion))
 
     def momentum(self) -> Momentum:
         """Linear and angular momentum at the instants (D8), where both bodies have mass properties.
@@ -115,7 +111,7 @@ class SceneResult(Frozen, Result):
         Raises:
             ArgumentError: no output has second derivatives, or a body no mass properties.
         """
-        return self.scene._massive().momentum(*self._moved())
+        return massive(self.scene.pair).momentum(*self._moved())
 
     def _moved(self) -> tuple[BodyMotion, NDArray[np.float64], NDArray[np.float64]]:
         """Body 1 in space, psi and psi'."""
@@ -237,8 +233,7 @@ class Scene(Shown):
         Raises:
             ArgumentError: the motion does not come as expressions, or a constant must be a number.
         """
-        found: dict[str, Expr | None] = self._by_functions().expressions(tuple(letters))
-        return found
+        return self._functions().expressions(tuple(letters))
 
     def times(self) -> NDArray[np.float64]:
         """The instants; shape (samples,) s.
@@ -267,8 +262,7 @@ class Scene(Shown):
         Raises:
             ArgumentError: the motion does not come as expressions.
         """
-        found: Derivatives = self._by_functions().derivatives(t, ACCELERATION)
-        return found
+        return self._functions().derivatives(t, ACCELERATION)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
         """The pair's state at the scene's instants.
@@ -336,7 +330,8 @@ class Scene(Shown):
             ArgumentError: as for `evaluate`.
         """
         wanted = self._wanted(outputs)
-        return self.motion.known(slice(1), wanted.order).plan(self.pair, wanted.names, self.motion.level)
+        known = self.motion.known(slice(1), wanted.order)
+        return explain(self.pair, known, wanted.names, self.motion.level)
 
     def cross_validate(self, most: int | None = None) -> CrossValidation:
         """The pair's motion by the equations and by Pinocchio, compared.
@@ -366,46 +361,8 @@ class Scene(Shown):
             ArgumentError: body 2 has no mass properties, the motion has no accelerations, or [dynamics] has a
                 gravity of its own.
         """
-        t, known = self.times(), self.motion.known(slice(None), ACCELERATION)
-        if known.level < ACCELERATION:
-            raise ArgumentError(
-                "scene", f"a motion with accelerations, which forces need{self.motion.hint}", self.motion.origin
-            )
-        flat = isinstance(self.pair, PlanarPair)
-        simulated: Any = self.motion if hasattr(self.motion, "loads") else None
-        if gravity is None:
-            gravity = self._gravity()
-        elif simulated:
-            raise ArgumentError("gravity", "none beside [dynamics], which has its own", gravity)
-        elif flat:
-            gravity = (*one_constant("gravity", gravity, 2), 0.0)
-        pair, moved = self._massive(), known.accelerated(self.pair)
-        wrench = pair.hinge_wrench(*moved, gravity)
-        found = {
-            "hinge_torque": wrench.hinge_torque,
-            "bearing_torque": wrench.bearing_torque,
-            "hinge_force": wrench.force,
-        }
-        if pair.body1 is not None:
-            forces = pair.inverse_dynamics(*moved, gravity)
-            found |= {"force1": forces.force1, "torque1": forces.torque1}
-        if simulated:
-            simulated.take_off_loads(pair, found)
-        if flat:
-            del found["bearing_torque"]
-            found |= {name: found[name][:, :2] for name in ("hinge_force", "force1") if name in found}
-            found |= {name: found[name][:, 2] for name in ("torque1",) if name in found}
-        return Record(t, found, f"forces: {self.title}")
-
-    def _massive(self) -> HingePair:
-        """The pair in space, of bodies with their masses."""
-        return self.pair.massive() if isinstance(self.pair, PlanarPair) else self.pair
-
-    def _gravity(self) -> tuple[float, ...]:
-        """Acceleration of free fall in space: that of [dynamics], or the usual."""
-        if hasattr(self.motion, "found"):
-            return self.motion.found.gravity
-        return (*PLANAR_GRAVITY, 0.0) if isinstance(self.pair, PlanarPair) else GRAVITY
+        t = self.times()
+        return Record(t, forces(self.pair, self.motion, gravity), f"forces: {self.title}")
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the results should know: psi past its limits, kinks, rates by finite differences."""
@@ -428,13 +385,13 @@ class Scene(Shown):
         asked = tuple(name for name in names if name in COORDINATES)
         return _Wanted(tuple(name for name in names if name not in asked), asked, max(map(_level, names)))
 
-    def _by_functions(self) -> Any:
+    def _functions(self) -> FunctionsOfTime:
         """The coordinates as functions of t."""
-        motion: Any = self.motion
-        if not hasattr(motion, "functions"):
+        given = self.motion.given
+        if isinstance(given, ByCoordinates | ByBody1):
             wanted = "a scene whose motion is coordinates as expressions in t"
             raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
-        return motion.functions
+        return given.functions
 
 
 class Notes:
