@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 from hingepair.integration.integrals import Angle, Integral
 from hingepair.integration.interpolation_error import largest_error
 from hingepair.integration.methods import RULES, Rule
-from hingepair.integration.signals import Constant, Function, Samples, Signal, Values
+from hingepair.integration.signals import Constant, Function, Samples, Signal
 from hingepair.integration.stepping import Division, Steps, divided
+from hingepair.numeric.arrays import Float64Array as Array
 
 PROBES: Final = 2048
 
@@ -49,38 +50,32 @@ _GROUP = 1 << 12  # intervals that are looked at in one go: arrays of a megabyte
 
 
 class Probes(NamedTuple):
-    """Intervals that are looked at, one of each part of the time.
+    """Intervals that are looked at, one of each part of the time."""
 
-    Attributes:
-        t: the instants.
-        intervals: those looked at, increasing.
-        parts: the first interval of each part.
-    """
-
-    t: Values
-    intervals: NDArray[np.intp]
-    parts: NDArray[np.intp]
+    t: Array  # the instants
+    intervals: NDArray[np.intp]  # those looked at, increasing
+    parts: NDArray[np.intp]  # the first interval of each part
 
     @property
-    def ends(self) -> tuple[Values, Values]:
+    def ends(self) -> tuple[Array, Array]:
         """When those looked at begin and end."""
         return self.t[self.intervals], self.t[self.intervals + 1]
 
-    def each(self, values: Values) -> Values:
+    def each(self, values: Array) -> Array:
         """Values of probes as those of all intervals."""
         return np.repeat(values, np.diff(self.parts, append=len(self.t) - 1))
 
-    def stand_for(self, order: int) -> Values:
+    def stand_for(self, order: int) -> Array:
         """How many times a probe's error its part's is, where steps' errors go as length^(order + 1)."""
         if len(self.intervals) == len(self.t) - 1:
             return np.ones(len(self.intervals))
         errors = np.diff(self.t) ** (order + 1)
         largest = errors[self.intervals]
-        found: Values = np.add.reduceat(errors, self.parts) / np.where(largest > 0, largest, 1.0)
+        found: Array = np.add.reduceat(errors, self.parts) / np.where(largest > 0, largest, 1.0)
         return found
 
 
-def probes(t: Values, signals: Sequence[Signal] = ()) -> Probes:
+def probes(t: Array, signals: Sequence[Signal] = ()) -> Probes:
     """All intervals if they are few; else the longest of each part.
 
     Parts are alike in time and number of intervals; those over which a callable changes most abruptly, so that it
@@ -103,7 +98,7 @@ def probes(t: Values, signals: Sequence[Signal] = ()) -> Probes:
     return Probes(t, np.lexsort((lengths, part))[last], np.flatnonzero(first))
 
 
-def _most_abrupt(columns: Values, lengths: Values) -> NDArray[np.intp]:
+def _most_abrupt(columns: Array, lengths: Array) -> NDArray[np.intp]:
     """The intervals over which values change least like over their neighbours, by what the integral may be off."""
     slopes = np.diff(columns, axis=0) / lengths[:, None]
     near = np.pad(slopes, ((1, 1), (0, 0)), mode="edge")
@@ -112,14 +107,8 @@ def _most_abrupt(columns: Values, lengths: Values) -> NDArray[np.intp]:
 
 
 @np.errstate(all="ignore")
-def estimated_error(integral: Integral, steps: Steps, values: Values) -> float:
-    """How far an integral is off at the worst instant [rad]; NaN where it cannot be told.
-
-    Args:
-        integral: what is integrated.
-        steps: that were made.
-        values: what they came to; a row more.
-    """
+def estimated_error(integral: Integral, steps: Steps, values: Array) -> float:
+    """How far what steps came to is off at the worst instant [rad]; NaN where it cannot be told."""
     rate, rule = integral.rate, integral.rule
     if not steps.made or (isinstance(integral, Angle) and integral.exact):
         return integral.rounded_on_the_way(values, 0.0)
@@ -148,7 +137,7 @@ def estimated_error(integral: Integral, steps: Steps, values: Values) -> float:
     return rounded + float(np.maximum(0.0 if apart <= enlarged else apart, hidden))
 
 
-def _between_samples(steps: Steps, chosen: NDArray[np.intp], errors: Values) -> tuple[NDArray[np.intp], Values]:
+def _between_samples(steps: Steps, chosen: NDArray[np.intp], errors: Array) -> tuple[NDArray[np.intp], Array]:
     """Errors of steps as those of the intervals between samples, of which they may be parts."""
     if steps.own is None:
         return chosen, errors
@@ -157,32 +146,26 @@ def _between_samples(steps: Steps, chosen: NDArray[np.intp], errors: Values) -> 
 
 
 class StepErrors(NamedTuple):
-    """Of steps over intervals.
+    """Of steps over intervals."""
 
-    Attributes:
-        errors: vectors, shape (P, 3) or (P, 1).
-        hidden: the size of what these may not show, shape (P,).
-        noise: what rounding explains, shape (P,).
-    """
-
-    errors: Values
-    hidden: Values
-    noise: Values
+    errors: Array  # vectors, shape (P, 3) or (P, 1)
+    hidden: Array  # the size of what these may not show, shape (P,)
+    noise: Array  # what rounding explains, shape (P,)
 
     @property
-    def sizes(self) -> Values:
+    def sizes(self) -> Array:
         """How large they are where rounding does not explain them."""
         return np.maximum(above(_size(self.errors), self.noise), self.hidden)
 
 
-def step_errors(integral: Integral, start: Values, stop: Values, whole: float) -> StepErrors:
+def step_errors(integral: Integral, start: Array, stop: Array, whole: float) -> StepErrors:
     """Errors of steps over intervals, by steps of half the length, or as short as `LOOKS` over the whole time are."""
     few = (slice(first, first + _GROUP) for first in range(0, len(start), _GROUP))
     found = zip(*(_few_errors(integral, start[own], stop[own], whole) for own in few), strict=True)
     return StepErrors(*map(np.concatenate, found))
 
 
-def _few_errors(integral: Integral, start: Values, stop: Values, whole: float) -> StepErrors:
+def _few_errors(integral: Integral, start: Array, stop: Array, whole: float) -> StepErrors:
     rate, rule = integral.rate, integral.rule
     one = divided(start, stop, np.ones(len(start), np.int64))
     many = divided(start, stop, 2 * np.maximum(-(-spread(stop - start, whole, LOOKS) // 2), 1))
@@ -194,18 +177,18 @@ def _few_errors(integral: Integral, start: Values, stop: Values, whole: float) -
     return StepErrors(errors, above(_hidden(rate, one, many, nodes, rule), 4 * noise), noise)
 
 
-def spread(lengths: Values, whole: float, steps: int) -> NDArray[np.int64]:
+def spread(lengths: Array, whole: float, steps: int) -> NDArray[np.int64]:
     """Of so many steps over the whole time, spread evenly, those within intervals; one at least."""
     found: NDArray[np.int64] = np.clip(np.nan_to_num(np.ceil(lengths * (steps / whole)), nan=1.0), 1, steps)
     return found.astype(np.int64)
 
 
-def above(errors: Values, noise: Values) -> Values:
+def above(errors: Array, noise: Array) -> Array:
     """The sizes of errors that rounding does not explain, else zero."""
     return np.where(errors <= _SURE * noise, 0.0, errors)
 
 
-def _hidden(signal: Signal, one: Division, many: Division, nodes: tuple[Values, Values], rule: Rule) -> Values:
+def _hidden(signal: Signal, one: Division, many: Division, nodes: tuple[Array, Array], rule: Rule) -> Array:
     """What a jump or a kink may come to that two quadratures do not show, since they agree by chance.
 
     Where a callable jumps between two nodes of a pair of steps, the integral may be off by as much as it jumps times
@@ -225,7 +208,7 @@ def _hidden(signal: Signal, one: Division, many: Division, nodes: tuple[Values, 
 
 
 @functools.cache
-def _jump_weights(rule: Rule) -> tuple[Values, Values]:
+def _jump_weights(rule: Rule) -> tuple[Array, Array]:
     """Divided differences of the rule's order and of one more, about each gap between the nodes of a pair of steps.
 
     Each makes of a jump by 1 in its gap the length of the gap.
@@ -245,20 +228,14 @@ def _jump_weights(rule: Rule) -> tuple[Values, Values]:
 
 
 class Rounding(NamedTuple):
-    """Of steps over intervals.
+    """Of steps over intervals."""
 
-    Attributes:
-        size: the integral of the rate's size, shape (P,).
-        noise: standard deviation of what rounding adds to the integral, shape (P,).
-        alike: whether all have the same rate, and so are rounded alike.
-    """
-
-    size: Values
-    noise: Values
-    alike: bool
+    size: Array  # the integral of the rate's size, shape (P,)
+    noise: Array  # standard deviation of what rounding adds to the integral, shape (P,)
+    alike: bool  # whether all have the same rate, and so are rounded alike
 
 
-def interval_rounding(signal: Signal, start: Values, stop: Values) -> Rounding:
+def interval_rounding(signal: Signal, start: Array, stop: Array) -> Rounding:
     """The rounding of steps over intervals."""
     h = stop - start
     if isinstance(signal, Constant):
@@ -285,7 +262,7 @@ def stamp_rounding(samples: Samples) -> float:
     return 2 * float((_size(columns) * sigma).max()) + walk
 
 
-def _stamps_are_rounded(t: Values, columns: Values, sigma: Values) -> bool:
+def _stamps_are_rounded(t: Array, columns: Array, sigma: Array) -> bool:
     if len(t) < _WINDOW + 1:
         return True
     first = np.unique(np.linspace(0, len(t) - _WINDOW, _WINDOWS).astype(np.intp))
@@ -299,6 +276,5 @@ def _stamps_are_rounded(t: Values, columns: Values, sigma: Values) -> bool:
     return bool((rough**2).sum() > _ROUGH**2 * expected.sum())
 
 
-def _size(rows: Values) -> Values:
-    size: Values = np.sqrt((rows**2).sum(axis=-1))
-    return size
+def _size(rows: Array) -> Array:
+    return np.asarray(np.sqrt((rows**2).sum(axis=-1)))

@@ -19,12 +19,13 @@ from hingepair.evaluation.binding import bind
 from hingepair.evaluation.loops import Loop
 from hingepair.evaluation.native import can_compile
 from hingepair.evaluation.trace import where_less
-from hingepair.integration.methods import Quaternion, Rule, quaternion_product
-from hingepair.integration.signals import Signal, Values
+from hingepair.integration.methods import RULES, Quaternion, quaternion_product
+from hingepair.integration.signals import Signal
 from hingepair.integration.stepping import Steps
+from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.blocks import cosine, sine
 
-RULE: Final = Rule("euler_angles", 4, (0.0, 0.5, 1.0), (1, 4, 1))
+NODES: Final = RULES["rk4_quaternion"].nodes
 
 _LOCK = 0.5  # of abs(cos phi_y): below, an angle that turns far in a step does so because lock is near
 _FARTHEST = 1.0  # rad in a step
@@ -32,7 +33,7 @@ _WORTH_COMPILING = 5_000  # steps
 _F8 = np.dtype(np.float64)
 
 
-def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, body: bool) -> Values:
+def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, body: bool) -> Array:
     """The Euler angles of body 1 between steps, continuous in time, shape (steps + 1, 3).
 
     Raises:
@@ -46,7 +47,7 @@ def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, 
         begin, (h, _) = steps.within(first, last)
         rows = found[first + 1 : last + 1]
         rows[:] = math.nan
-        run(omega.nodes(begin, h, RULE.nodes), h, found[first], body, rows)
+        run(omega.nodes(begin, h, NODES), h, found[first], body, rows)
         if not np.isfinite(rows[-1]).all():
             at = int(np.argmin(np.isfinite(rows).all(axis=1)))
             near = rows[at - 1, 1] if at else found[first, 1]
@@ -59,14 +60,14 @@ def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, 
     return found
 
 
-def quaternions_of_euler(phi: Values) -> Values:
+def quaternions_of_euler(phi: Array) -> Array:
     """The rotations of Euler angles (E10), unit quaternions (w, x, y, z) that are continuous where the angles are."""
     s, c = np.sin(0.5 * phi), np.cos(0.5 * phi)
     x, y, z = (_about(i, s[:, i], c[:, i]) for i in range(3))
     return np.stack(quaternion_product(quaternion_product(x, y), z), axis=-1)
 
 
-def _about(axis: int, sine: Values, cosine: Values) -> Quaternion:
+def _about(axis: int, sine: Array, cosine: Array) -> Quaternion:
     x, y, z = (sine if i == axis else 0 * sine for i in range(3))
     return cosine, x, y, z
 
@@ -78,7 +79,7 @@ def _compiles(how: How, steps: int) -> bool:
     return steps >= _WORTH_COMPILING and can_compile()
 
 
-def _run(omega: Values, h: Values, start: Values, body: bool, rows: Values) -> None:
+def _run(omega: Array, h: Array, start: Array, body: bool, rows: Array) -> None:
     """The steps one after the other, up to the first that comes too near to lock."""
     phi, step = tuple(start.tolist()), _step_of_floats(body)
     for k, (w, length) in enumerate(zip(omega.reshape(-1, 9).tolist(), h.tolist(), strict=True)):
@@ -94,7 +95,7 @@ def _step_of_floats(body: bool) -> Any:
     return loop.program(bind(loop.inputs, some, frozenset(loop.carry)).pattern).floats_function
 
 
-def _run_compiled(omega: Values, h: Values, start: Values, body: bool, rows: Values) -> None:
+def _run_compiled(omega: Array, h: Array, start: Array, body: bool, rows: Array) -> None:
     given = {"phi": start[None], "omega": omega[None], "h": h[None]}
     _steps(body).run(given, {"phi": rows[None]}, (1, len(h)), _F8, How("compiled", 1))
 

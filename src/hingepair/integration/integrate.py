@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, check_outputs, default_outputs, make_plan
-from hingepair.integration.signals import Signal, Values, read_position, read_signal
+from hingepair.integration.signals import Signal, read_position, read_signal
 from hingepair.integration.solve import METHODS, Course, Solution, solve
 from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, rotations, world_vectors
+from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only, real_array
 from hingepair.numeric.finite_differences import check_instants
 from hingepair.pair.body_motion import unchecked_motion
@@ -26,7 +27,7 @@ from hingepair.rotations.matrices import check_rotation
 
 FRAMES: Final = ("world", "body")
 
-Given: TypeAlias = ArrayLike | Callable[[Values], Any]
+Given: TypeAlias = ArrayLike | Callable[[Array], Any]
 Rates: TypeAlias = Mapping[str, Signal]
 
 _GIVEN: Final = {
@@ -151,7 +152,7 @@ def integrate(
     course = Course(t, method, tol, how, frame == "body")
     hinge = finite_number("psi_0", psi_0)
     flat = isinstance(pair, PlanarPair)
-    start: Values | float
+    start: Array | float
     if flat:
         if S1_0 is not None:
             raise ArgumentError("S1_0", "nothing beside a PlanarPair, which takes phi_0", quoted(S1_0))

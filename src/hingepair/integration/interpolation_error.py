@@ -20,9 +20,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from hingepair.integration.signals import POINTS, Samples, Values
+from hingepair.integration.signals import POINTS, Samples
+from hingepair.numeric.arrays import Float64Array as Array
 
-Turn: TypeAlias = Callable[[int, int, Values], Values]
+Turn: TypeAlias = Callable[[int, int, Array], Array]
 
 _BLOCK = 65536
 _MARGIN = 12  # samples beside a block that its differences look at
@@ -38,7 +39,7 @@ _STEEP = 15  # power by which less growth counts less; a vibration with six samp
 _GAUSS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)
 
 
-def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Values], turn: Turn | None = None) -> float:
+def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Array], turn: Turn | None = None) -> float:
     """The largest sum, up to any instant, of what integrals over the intervals are off; NaN of fewer than 4 samples.
 
     Args:
@@ -64,7 +65,7 @@ def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Values], tur
     return float(np.maximum(worst, np.sqrt(sizes * np.sqrt(squares)).max()))
 
 
-def _missed(samples: Samples) -> Iterator[tuple[int, int, Values]]:
+def _missed(samples: Samples) -> Iterator[tuple[int, int, Array]]:
     """Blocks of intervals, from one to another, and what is missed there; shape (2 + kinks, intervals, columns).
 
     First by the mean of two sixth differences; then by the larger of them, since beside a gap they may cancel.
@@ -78,7 +79,7 @@ def _missed(samples: Samples) -> Iterator[tuple[int, int, Values]]:
         yield first, last, found[:, first - low : last - low]
 
 
-def _of_block(t: Values, columns: Values) -> Values:
+def _of_block(t: Array, columns: Array) -> Array:
     points = min(POINTS, len(t))
     differences = [columns]
     for k in range(1, min(POINTS + 1, len(t))):
@@ -96,18 +97,17 @@ def _of_block(t: Values, columns: Values) -> Values:
     return found
 
 
-def _product(t: Values, start: NDArray[np.intp], points: int) -> Values:
+def _product(t: Array, start: NDArray[np.intp], points: int) -> Array:
     """The integrals over the intervals of the product of the distances from the samples of the stencil."""
     h = np.diff(t)
     times = t[:-1, None] + h[:, None] * (0.5 + 0.5 * _GAUSS[0])
     product = np.ones_like(times)
     for j in range(points):
         product *= times - t[start + j][:, None]
-    found: Values = 0.5 * h * (product @ _GAUSS[1])
-    return found
+    return np.asarray(0.5 * h * (product @ _GAUSS[1]))
 
 
-def _next(differences: list[Values], start: NDArray[np.intp], points: int) -> tuple[Values, Values]:
+def _next(differences: list[Array], start: NDArray[np.intp], points: int) -> tuple[Array, Array]:
     """The divided difference of the stencil and one sample more, on either side: their mean, and the larger.
 
     Where there are no more samples, it is as the differences there are go on.
@@ -129,7 +129,7 @@ def _next(differences: list[Values], start: NDArray[np.intp], points: int) -> tu
     return found, found
 
 
-def _kinks(differences: list[Values], order: int, h: Values, reach: Values) -> Values:
+def _kinks(differences: list[Array], order: int, h: Array, reach: Array) -> Array:
     """How far each difference of an order stands out, times h^(order + 1), as far as higher ones grow upon it."""
     spikes = math.factorial(order) * _standing_out(differences[order])[_at(order, h)]
     low = _widest(_sizes(spikes), 2) * reach**order
@@ -146,34 +146,30 @@ def _kinks(differences: list[Values], order: int, h: Values, reach: Values) -> V
     return spikes * (weight * h * reach**order)[:, None]
 
 
-def _at(order: int, h: Values) -> NDArray[np.intp]:
+def _at(order: int, h: Array) -> NDArray[np.intp]:
     """The difference of an order in whose middle each interval is, or the nearest."""
     return np.clip(np.arange(len(h)) - order // 2, 0, len(h) - order)
 
 
-def _standing_out(rows: Values) -> Values:
+def _standing_out(rows: Array) -> Array:
     """Rows less the median of the five nearest, unless these are spread so much that it means nothing."""
     near = list(np.moveaxis(sliding_window_view(np.pad(rows, ((2, 2), (0, 0)), mode="reflect"), 5, axis=0), -1, 0))
     middle = _median(near)
     spread = _median([np.abs(row - middle) for row in near])
-    found: Values = rows - np.where(spread > 0.5 * np.abs(middle), 0.0, middle)
-    return found
+    return rows - np.where(spread > 0.5 * np.abs(middle), 0.0, middle)
 
 
-def _median(five: list[Values]) -> Values:
+def _median(five: list[Array]) -> Array:
     a, b, c, d, e = five
     low = np.maximum(np.minimum(a, b), np.minimum(d, e))
     high = np.minimum(np.maximum(a, b), np.maximum(d, e))
-    found: Values = np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), c))
-    return found
+    return np.asarray(np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), c)))
 
 
-def _widest(sizes: Values, far: int) -> Values:
+def _widest(sizes: Array, far: int) -> Array:
     """The largest of the neighbours up to so far."""
-    found: Values = sliding_window_view(np.pad(sizes, far, mode="edge"), 2 * far + 1).max(axis=-1)
-    return found
+    return np.asarray(sliding_window_view(np.pad(sizes, far, mode="edge"), 2 * far + 1).max(axis=-1))
 
 
-def _sizes(rows: Values) -> Values:
-    found: Values = np.sqrt((rows**2).sum(axis=-1))
-    return found
+def _sizes(rows: Array) -> Array:
+    return np.asarray(np.sqrt((rows**2).sum(axis=-1)))

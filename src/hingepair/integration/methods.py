@@ -112,39 +112,6 @@ def _stage(w: Vector, k: Quaternion, h: Scalar, part: float) -> Quaternion:
     return quaternion_product((0.0, *scale(w, 0.5 * h)), (1 + part * k[0], part * k[1], part * k[2], part * k[3]))
 
 
-class Rule(NamedTuple):
-    """A method that makes each step from omega alone.
-
-    Attributes:
-        name: by which it is known.
-        order: of the error against h.
-        nodes: where a step looks at omega and psi', as parts of the step.
-        weights: of the nodes in an integral, integers.
-    """
-
-    name: str
-    order: int
-    nodes: tuple[float, ...]
-    weights: tuple[int, ...]
-
-    def integral(self, values: Any, h: Any) -> Any:
-        """The integrals over steps of lengths h from values at their nodes (steps, nodes, ...), by columns."""
-        columns = values.reshape(len(h), len(self.nodes), -1)
-        return h[:, None] * np.einsum("n,snk->sk", np.array(self.weights) / sum(self.weights), columns)
-
-
-RULES: Final = {
-    rule.name: rule
-    for rule in (
-        Rule("magnus6", 6, (_B, 0.5, 1 - _B), (5, 8, 5)),
-        Rule("magnus4", 4, (_A, 1 - _A), (1, 1)),
-        Rule("cf4", 4, (_A, 1 - _A), (1, 1)),
-        Rule("midpoint", 2, (0.5,), (1,)),
-        Rule("rk4_quaternion", 4, (0.0, 0.5, 1.0), (1, 4, 1)),
-    )
-}
-
-
 def _by_one(Omega: Callable[..., Vector]) -> Callable[..., Quaternion]:
     return lambda *given: quaternion_exp(Omega(*given))
 
@@ -160,23 +127,48 @@ def _by_runge_kutta(*given: Any) -> Quaternion:
     return q[0] * f, q[1] * f, q[2] * f, q[3] * f
 
 
-_TURNS: Final = {
-    "magnus6": _by_one(magnus6),
-    "magnus4": _by_one(magnus4),
-    "cf4": _by_two,
-    "midpoint": _by_one(midpoint),
-    "rk4_quaternion": _by_runge_kutta,
+class Rule(NamedTuple):
+    """A method that makes each step from omega alone.
+
+    Attributes:
+        name: by which it is known.
+        order: of the error against h.
+        nodes: where a step looks at omega and psi', as parts of the step.
+        weights: of the nodes in an integral, integers.
+        turn: the rotation of a step, from omega at the nodes and the step's length.
+    """
+
+    name: str
+    order: int
+    nodes: tuple[float, ...]
+    weights: tuple[int, ...]
+    turn: Callable[..., Quaternion]
+
+    def integral(self, values: Any, h: Any) -> Any:
+        """The integrals over steps of lengths h from values at their nodes (steps, nodes, ...), by columns."""
+        columns = values.reshape(len(h), len(self.nodes), -1)
+        return h[:, None] * np.einsum("n,snk->sk", np.array(self.weights) / sum(self.weights), columns)
+
+
+RULES: Final = {
+    rule.name: rule
+    for rule in (
+        Rule("magnus6", 6, (_B, 0.5, 1 - _B), (5, 8, 5), _by_one(magnus6)),
+        Rule("magnus4", 4, (_A, 1 - _A), (1, 1), _by_one(magnus4)),
+        Rule("cf4", 4, (_A, 1 - _A), (1, 1), _by_two),
+        Rule("midpoint", 2, (0.5,), (1,), _by_one(midpoint)),
+        Rule("rk4_quaternion", 4, (0.0, 0.5, 1.0), (1, 4, 1), _by_runge_kutta),
+    )
 }
 
 
 @functools.cache
 def turns(rule: Rule) -> Loop:
     """The rotations q of steps, from omega at the nodes of each and its length h, negative in body axes."""
-    turn = _TURNS[rule.name]
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
         w = v["omega"]
-        return {"q": turn(*(w[i : i + 3] for i in range(0, len(w), 3)), v["h"])}
+        return {"q": rule.turn(*(w[i : i + 3] for i in range(0, len(w), 3)), v["h"])}
 
     return Loop(f"turns_{rule.name}", step, {"omega": (len(rule.nodes), 3), "h": ()}, {"q": (4,)})
 

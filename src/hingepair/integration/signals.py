@@ -10,7 +10,7 @@ import functools
 import itertools
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -20,29 +20,28 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, HingePairError, ShapeError
 from hingepair.evaluation.backend import How
 from hingepair.evaluation.loops import Loop
+from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
-
-Values: TypeAlias = NDArray[np.float64]
 
 POINTS: Final = 6
 """Samples that an interpolating polynomial goes through."""
 
 _POINT = ("R1", "v1", "a1")
 
-_BEFORE = POINTS // 2 - 1  # samples before the interval in whose middle the others are
+_MANY = 8
 
 
 class Constant:
     """The same value at every time."""
 
-    def __init__(self, value: Values) -> None:
+    def __init__(self, value: Array) -> None:
         self.value = value
 
-    def instants(self, times: Values) -> Values:
+    def instants(self, times: Array) -> Array:
         """The values at times of any shape."""
         return np.broadcast_to(self.value, times.shape + self.value.shape)
 
-    def nodes(self, start: Values, _: Values, c: tuple[float, ...]) -> Values:
+    def nodes(self, start: Array, _: Array, c: tuple[float, ...]) -> Array:
         """The values at the nodes of steps; shape (steps, nodes, ...)."""
         return np.broadcast_to(self.value, (len(start), len(c), *self.value.shape))
 
@@ -50,12 +49,12 @@ class Constant:
 class Function:
     """A callable of an array of times."""
 
-    def __init__(self, name: str, function: Callable[[Values], Any], tail: tuple[int, ...]) -> None:
+    def __init__(self, name: str, function: Callable[[Array], Any], tail: tuple[int, ...]) -> None:
         self.name = name
         self.function = function
         self.tail = tail
 
-    def instants(self, times: Values) -> Values:
+    def instants(self, times: Array) -> Array:
         """The values at times of any shape; the callable sees them in a row.
 
         Raises:
@@ -73,7 +72,7 @@ class Function:
             raise ArgumentError(f"{self.name}(t)", "finite numbers", f"{values[first]} at t = {float(row[first])!r}")
         return values.reshape(times.shape + self.tail)
 
-    def nodes(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
+    def nodes(self, start: Array, h: Array, c: tuple[float, ...]) -> Array:
         """The values at the nodes start + c h of steps; shape (steps, nodes, ...)."""
         return self.instants(start[:, None] + h[:, None] * np.array(c))
 
@@ -84,57 +83,55 @@ class Samples:
     Only differences of instants that are near each other enter, so that stamps since 1970 lose nothing.
 
     Args:
-        t: the instants, shape (N,).
-        values: at these, shape (N, ...).
-        how: backend that interpolates.
+        t: instants, increasing; shape (N,).
+        values: shape (N,) or (N, k).
+        how: backend.
     """
 
-    def __init__(self, t: Values, values: Values, how: How) -> None:
+    def __init__(self, t: Array, values: Array, how: How) -> None:
         self.t = t
         self.values = values
         self.how = how
-        self.columns = values.reshape(len(values), -1)
+        self._columns = values.reshape(len(values), -1)
 
-    def nodes(self, start: Values, h: Values, c: tuple[float, ...]) -> Values:
-        """The values at the nodes start + c h of steps; shape (steps, nodes, ...)."""
-        later = np.multiply.outer(c, h).T  # columns: what eight steps have side by side
-        found = np.empty((*later.shape, self.columns.shape[1]))
-        first = int(np.searchsorted(self.t, start[0]))
-        inner = range(max(_BEFORE, first), min(first + len(h), len(self.t) - _BEFORE - 1))
-        steps = slice(0, 0)
-        if inner and np.array_equal(self.t[first : first + len(h)], start):  # from sample to sample
-            steps, near = slice(inner.start - first, inner.stop - first), slice(inner.start - _BEFORE, None)
-            x = (sliding_window_view(self.t[near], len(inner))[:POINTS] - start[steps]).T
-            values = sliding_window_view(self.columns[near], POINTS, axis=0)[: len(inner)]
-            self._through(x, values, later[steps], found[steps])
-        for rest in (slice(steps.start), slice(steps.stop, None)):
-            self._between(start[rest], later[rest], found[rest])
-        return found.reshape(len(h), len(c), *self.values.shape[1:])
-
-    def _between(self, start: Values, later: Values, found: Values) -> None:
-        """The same for any steps: each node with the samples about it."""
-        count = min(POINTS, len(self.t))
-        interval = np.searchsorted(self.t, start[:, None] + later, side="right") - 1
-        lowest = np.clip(interval - (count // 2 - 1), 0, len(self.t) - count)
-        stencil = (lowest[..., None] + np.arange(count)).reshape(-1, count)
-        x = self.t[stencil] - np.repeat(start, later.shape[1])[:, None]
-        values = np.swapaxes(self.columns[stencil], 1, 2)
-        self._through(x, values, later.reshape(-1, 1), found.reshape(-1, 1, found.shape[2]))
-
-    def _through(self, x: Values, values: Values, later: Values, found: Values) -> None:
-        """Polynomials through values at x, at times; both counted from the start of the step."""
-        loop = interpolation(x.shape[1], later.shape[1], values.shape[1])
-        loop.run({"x": x, "values": values, "later": later}, {"values": found}, x.shape[:1], found.dtype, self.how)
-
-    def instants(self, _: Values) -> Values:
+    def instants(self, _: Array) -> Array:
         """The samples."""
         return self.values
+
+    def nodes(self, start: Array, h: Array, c: tuple[float, ...]) -> Array:
+        """The values at the nodes of steps of which each lies between two samples; shape (steps, nodes, ...)."""
+        count = min(POINTS, len(self.t))
+        first = int(np.searchsorted(self.t, start[0]))
+        if np.array_equal(self.t[first : first + len(start)], start):
+            interval = np.arange(first, first + len(start))
+        else:
+            interval = np.searchsorted(self.t, start, side="right") - 1
+        lowest = np.clip(interval - (count // 2 - 1), 0, len(self.t) - count)
+        later = np.multiply.outer(c, h).T  # columns: what eight steps have side by side
+        found = np.empty((*later.shape, self._columns.shape[1]))
+        loop = interpolation(count, len(c), found.shape[2])
+        t, columns = sliding_window_view(self.t, count), sliding_window_view(self._columns, count, axis=0)
+        for own, rows in _runs(lowest):
+            x = (t[rows].T - start[own]).T
+            given = {"x": x, "values": columns[rows], "later": later[own]}
+            loop.run(given, {"values": found[own]}, x.shape[:1], found.dtype, self.how)
+        return found.reshape(*later.shape, *self.values.shape[1:])
+
+
+def _runs(lowest: NDArray[np.intp]) -> Iterator[tuple[slice, slice | NDArray[np.intp]]]:
+    """Steps, and where their samples begin: steps from sample to sample as slices, unless these are many."""
+    stops = np.flatnonzero(np.diff(lowest, append=-1) != 1) + 1
+    if len(stops) > _MANY:
+        yield slice(None), lowest
+    else:
+        for first, stop in itertools.pairwise((0, *stops.tolist())):
+            yield slice(first, stop), slice(lowest[first], lowest[first] + stop - first)
 
 
 Signal: TypeAlias = Constant | Function | Samples
 
 
-def read_signal(name: str, value: Any, t: Values, tail: tuple[int, ...], how: How) -> Signal:
+def read_signal(name: str, value: Any, t: Array, tail: tuple[int, ...], how: How) -> Signal:
     """What was given as a signal.
 
     Args:
@@ -161,15 +158,15 @@ def read_signal(name: str, value: Any, t: Values, tail: tuple[int, ...], how: Ho
     return Constant(array) if array.shape == tail else Samples(t, array, how)
 
 
-def unmistakable(row: Values, tail: tuple[int, ...]) -> Values:
+def unmistakable(row: Array, tail: tuple[int, ...]) -> Array:
     """Times, with the last one twice where there are as many as a value has components.
 
-    Values one below the other, (n, 3), and side by side, (3, n), could not be told apart.
+    Array one below the other, (n, 3), and side by side, (3, n), could not be told apart.
     """
     return np.append(row, row[-1]) if row.shape == tail else row
 
 
-def called(name: str, function: Callable[[Values], Any], times: Values) -> Any:
+def called(name: str, function: Callable[[Array], Any], times: Array) -> Any:
     """What a callable makes of an array of times, of which it gets a copy: it may work in place.
 
     Raises:
@@ -220,7 +217,7 @@ def _points(name: str, value: Any, t: NDArray[Any], times: NDArray[Any], size: i
     return points if points.ndim == 1 else points[: len(t)]
 
 
-def _first_not_finite(values: Values) -> int:
+def _first_not_finite(values: Array) -> int:
     bad = ~np.isfinite(values)
     return int(np.argmax(bad.reshape(len(values), -1).any(axis=1)))
 

@@ -11,14 +11,14 @@ import numpy as np
 from hingepair.errors import ArgumentError, GimbalLockError, MissingDependencyError
 from hingepair.evaluation.backend import How
 from hingepair.integration.error_estimate import estimated_error
-from hingepair.integration.euler_angles import RULE as EULER_RULE
 from hingepair.integration.euler_angles import euler_angles, quaternions_of_euler
 from hingepair.integration.integrals import Angle, Attitude, Integral
 from hingepair.integration.methods import RULES, quaternion_product
-from hingepair.integration.signals import Samples, Signal, Values
+from hingepair.integration.signals import Samples, Signal
 from hingepair.integration.step_selection import MOST_STEPS, selected_steps
 from hingepair.integration.stepping import Steps
 from hingepair.integration.trajectory import Later
+from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.matrices import matrix_to_quaternion
@@ -36,39 +36,22 @@ _SHARPEST = 3e-14  # SciPy takes no smaller relative tolerance
 
 
 class Course(NamedTuple):
-    """How to go.
+    """How to go."""
 
-    Attributes:
-        t: the instants.
-        method: one of METHODS; in the plane, of RULES.
-        tol: the error that is aimed at [rad], or None: one step for each interval.
-        how: backend.
-        body: whether omega is in body axes.
-        names: what omega1 and psi' are called in errors.
-    """
-
-    t: Values
-    method: str
-    tol: float | None
+    t: Array  # the instants
+    method: str  # one of METHODS; in the plane, of RULES
+    tol: float | None  # the error that is aimed at [rad], or None: one step for each interval
     how: How
-    body: bool
-    names: tuple[str, str] = ("omega1", "psid")
+    body: bool  # whether omega is in body axes
+    names: tuple[str, str] = ("omega1", "psid")  # what the rates are called in errors
 
 
 class Solution(NamedTuple):
-    """What was found at the instants.
+    """What was found at the instants, and how far it is off at the worst of them [rad]."""
 
-    Attributes:
-        turned: attitudes of body 1, unit quaternions (N, 4) without a jump of sign; in the plane its angles (N,).
-        psi: hinge angles (N,).
-        steps: how many steps were made; 0 where SciPy chose them.
-        error: how far the attitudes are off at the worst instant [rad].
-        psi_error: the same of psi.
-    """
-
-    turned: Values
-    psi: Values
-    steps: int
+    turned: Array  # attitudes of body 1, unit quaternions (N, 4) without a jump of sign; in the plane its angles (N,)
+    psi: Array  # hinge angles (N,)
+    steps: int  # how many were made; 0 where SciPy chose them
     error: Later
     psi_error: Later
 
@@ -92,17 +75,17 @@ class Solution(NamedTuple):
 class _Found(NamedTuple):
     """Attitudes or angles between steps, and how far they are off."""
 
-    values: Values
+    values: Array
     steps: Steps
     error: Later
 
     @property
-    def asked(self) -> Values:
+    def asked(self) -> Array:
         """The values at the instants."""
         return self.steps.asked(self.values)
 
 
-def solve(course: Course, omega: Signal, psid: Signal, start: Values | float, psi_0: float) -> Solution:
+def solve(course: Course, omega: Signal, psid: Signal, start: Array | float, psi_0: float) -> Solution:
     """Attitudes and hinge angles at the instants.
 
     Args:
@@ -121,7 +104,7 @@ def solve(course: Course, omega: Signal, psid: Signal, start: Values | float, ps
         raise ArgumentError("tol", "a positive number", course.tol)
     flat = np.ndim(start) == 0
     check_choice("method", course.method, tuple(RULES) if flat else METHODS)
-    rule = {"euler_angles": EULER_RULE, "dop853": _BEST, **RULES}[course.method]
+    rule = {"euler_angles": RULES["rk4_quaternion"], "dop853": _BEST, **RULES}[course.method]
     attitude = Attitude(course.names[0], omega, rule, course.how, course.body)
     hinge = Angle(course.names[1], psid, rule, course.how)
     if course.method in RULES:
@@ -143,7 +126,7 @@ def _integrated(integral: Integral, start: Any, steps: Steps) -> _Found:
     return _Found(values, steps, Later(lambda: min(estimated_error(integral, steps, values), integral.farthest)))
 
 
-def _by_euler_angles(course: Course, turning: Attitude, S1_0: Values) -> _Found:
+def _by_euler_angles(course: Course, turning: Attitude, S1_0: Array) -> _Found:
     """Steps are halved for all intervals alike until the error is small enough, or no longer falls (of samples).
 
     Where a tolerance lets them, they are halved as well where they are too long to tell lock from a fast turn.
@@ -164,7 +147,7 @@ def _by_euler_angles(course: Course, turning: Attitude, S1_0: Values) -> _Found:
         steps = steps.refined(steps.t[:-1] + 0.5 * np.diff(steps.t))
 
 
-def _by_scipy(course: Course, turning: Attitude, S1_0: Values) -> _Found:
+def _by_scipy(course: Course, turning: Attitude, S1_0: Array) -> _Found:
     """By DOP853, from q' = omega q / 2 (body axes: q omega / 2), in the time since the first instant."""
     try:
         from scipy.integrate import solve_ivp
@@ -179,7 +162,9 @@ def _by_scipy(course: Course, turning: Attitude, S1_0: Values) -> _Found:
         if looks > MOST_LOOKS:
             got = f"{MOST_LOOKS:,} looks at omega1 until {time:.3g} s of {since[-1]:.3g} s"
             raise ArgumentError("method", "'magnus6' for a motion so long or fast that 'dop853' takes minutes", got)
-        w = (0.0, *(0.5 * turning.rate.nodes(t[:1], np.array([time]), (1.0,))[0, 0]).tolist())
+        k = int(np.searchsorted(since, time, side="right")) - 1
+        omega = turning.rate.nodes(t[k : k + 1], np.array([time - since[k]]), (1.0,))[0, 0]
+        w = (0.0, *(0.5 * omega).tolist())
         p = tuple(q.tolist())
         return quaternion_product(p, w) if course.body else quaternion_product(w, p)
 
@@ -192,7 +177,7 @@ def _by_scipy(course: Course, turning: Attitude, S1_0: Values) -> _Found:
     return _compared(turning, Steps(t), rows / np.sqrt((rows**2).sum(axis=1, keepdims=True)), start)
 
 
-def _compared(best: Attitude, steps: Steps, quats: Values, start: Values) -> _Found:
+def _compared(best: Attitude, steps: Steps, quats: Array, start: Array) -> _Found:
     """The error of attitudes that depend on one another: how far they are from those of the best rule."""
 
     def error() -> float:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from hingepair.integration.error_estimate import probes, spread, step_errors
 from hingepair.integration.integrals import Integral
-from hingepair.integration.signals import Values
 from hingepair.integration.stepping import Steps, divided
+from hingepair.numeric.arrays import Float64Array as Array
 
 MOST_STEPS: Final = 2_000_000
 """That a tolerance may ask for; where they are not enough, the estimate says how far they got."""
@@ -34,13 +34,10 @@ _HUGE = 1e30  # rad; anything larger is as bad
 
 
 @np.errstate(all="ignore")
-def selected_steps(integrals: Sequence[Integral], t: Values, tol: float | None) -> Steps:
-    """Steps that keep the errors of integrals below tol, but for that of interpolation; one each without.
+def selected_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> Steps:
+    """Steps between instants that keep the errors of integrals below tol, but for that of interpolation.
 
-    Args:
-        integrals: of one rule.
-        t: the instants that are asked for.
-        tol: largest error [rad].
+    Without a tolerance there is one for each interval. The integrals are of one rule.
     """
     moving = [integral for integral in integrals if not integral.exact]
     if tol is None or len(t) < 2 or not moving:
@@ -84,7 +81,7 @@ def selected_steps(integrals: Sequence[Integral], t: Values, tol: float | None) 
     return Steps(t).refined(np.append(start, divided(t[:-1], t[1:], like).start))
 
 
-def _asked(errors: Values, weights: Values, most: NDArray[np.int64], goal: float, order: int) -> NDArray[np.int64]:
+def _asked(errors: Array, weights: Array, most: NDArray[np.int64], goal: float, order: int) -> NDArray[np.int64]:
     """The parts of intervals that make their errors as large as the goal in all, or as many as there may be steps."""
     shares = errors ** (1 / (order + 1))
     more = np.clip(((shares * weights).sum() / goal) ** (1 / order) * shares, 1, most)

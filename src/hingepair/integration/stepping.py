@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from hingepair.evaluation.backend import How
 from hingepair.evaluation.loops import Loop
 from hingepair.integration.methods import quaternion_product, quaternion_unit
-from hingepair.integration.signals import Values
+from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.twofold import HighLow, exact_sum, pair_sum
 
 SLAB: Final = 16384
@@ -34,26 +34,21 @@ _F8 = np.dtype(np.float64)
 
 
 class Steps(NamedTuple):
-    """Steps, one from each of these times to the next.
+    """Steps, one from each of these times to the next."""
 
-    Attributes:
-        t: shape (steps + 1,).
-        own: which of the times are the instants that were asked for; None for all.
-    """
-
-    t: Values
-    own: NDArray[np.intp] | None = None
+    t: Array  # shape (steps + 1,)
+    own: NDArray[np.intp] | None = None  # which of the times are the instants that were asked for; None for all
 
     @property
     def made(self) -> int:
         """How many steps."""
         return len(self.t) - 1
 
-    def asked(self, rows: Values) -> Values:
+    def asked(self, rows: Array) -> Array:
         """Of what was found between all steps, that at the instants."""
         return rows if self.own is None else rows[self.own]
 
-    def refined(self, times: Values) -> Steps:
+    def refined(self, times: Array) -> Steps:
         """Steps that end at these times as well."""
         t = np.union1d(self.t, times)
         return Steps(t, np.searchsorted(t, self.asked(self.t)))
@@ -62,37 +57,30 @@ class Steps(NamedTuple):
         """Ranges of SLAB steps."""
         return ((first, min(first + SLAB, self.made)) for first in range(0, self.made, SLAB))
 
-    def within(self, first: int, last: int) -> tuple[Values, HighLow]:
+    def within(self, first: int, last: int) -> tuple[Array, HighLow]:
         """Starts and lengths (as two doubles) of steps."""
         return self.t[first:last], exact_sum(self.t[first + 1 : last + 1], -self.t[first:last])
 
 
 class Division(NamedTuple):
-    """Intervals in equal steps.
+    """Intervals in equal steps."""
 
-    Attributes:
-        counts: steps of each interval, shape (P,).
-        start: of each step.
-        stop: of each step.
-        part: its number in its interval.
-    """
-
-    counts: NDArray[np.int64]
-    start: Values
-    stop: Values
-    part: NDArray[np.int64]
+    counts: NDArray[np.int64]  # steps of each interval
+    start: Array  # of each step
+    stop: Array
+    part: NDArray[np.int64]  # number of each step in its interval
 
     @property
-    def h(self) -> Values:
+    def h(self) -> Array:
         """Lengths of the steps."""
         return self.stop - self.start
 
-    def added(self, rows: Values) -> Values:
+    def added(self, rows: Array) -> Array:
         """Sums over the intervals of what the steps have."""
         return np.asarray(np.add.reduceat(rows, np.cumsum(self.counts) - self.counts))
 
 
-def divided(start: Values, stop: Values, counts: NDArray[np.int64]) -> Division:
+def divided(start: Array, stop: Array, counts: NDArray[np.int64]) -> Division:
     """Intervals in so many steps each; the end of a step is the start of the next."""
     ends = np.cumsum(counts)
     part = np.arange(ends[-1]) - np.repeat(ends - counts, counts)
@@ -132,13 +120,35 @@ class Prefixes:
         self._join = Loop(f"{name}_joined", lambda v: {"own": finish(combine(v["own"], v["before"]))}, given, out,
                           exact=exact)  # fmt: skip
 
-    def room(self, count: int) -> Values:
+    def over(
+        self, steps: Steps, start: tuple[float, ...], fill: Callable[[Array, HighLow, Array], None], how: How
+    ) -> Array:
+        """What the steps come to, from a start; one row more than there are steps.
+
+        `fill` writes steps into rows, from their starts and lengths (as two doubles). Of the slabs so far no long
+        part is combined with a much shorter one.
+        """
+        found = np.concatenate([[start], self.room(steps.made)])
+        parts: list[
+            tuple[int, tuple[float, ...]]
+        ] = []  # powers of two of slabs: none is combined with a much shorter
+        for first, last in steps.slabs():
+            count, rows = 1, found[first + 1 : len(found) if last == steps.made else last + 1]
+            fill(*steps.within(first, last), rows[: last - first])
+            before = functools.reduce(lambda whole, part: self.combine(part[1], whole), parts, start)
+            slab = self.run(rows, before, how)
+            while parts and parts[-1][0] == count:
+                slab, count = self.combine(slab, parts.pop()[1]), 2 * count
+            parts.append((count, slab))
+        return found[: steps.made + 1]
+
+    def room(self, count: int) -> Array:
         """Rows for so many elements and, where there are many, neutral ones to fill the last group."""
-        rows = np.empty((count if count <= FEW else -(-count // RADIX) * RADIX, len(self.neutral)))
+        rows = np.empty((_filled_up(count), len(self.neutral)))
         rows[count:] = self.neutral
         return rows
 
-    def run(self, rows: Values, start: tuple[float, ...], how: How) -> Any:
+    def run(self, rows: Array, start: tuple[float, ...], how: How) -> Any:
         """Combine rows, as many as `room` has, after a start; returns what they come to without it."""
         if len(rows) <= FEW:
             own = list(itertools.accumulate(map(tuple, rows.tolist()), lambda a, b: self.combine(b, a)))
@@ -153,54 +163,13 @@ class Prefixes:
         self._run(self._join, groups, before[:, None], how)
         return whole
 
-    def _run(self, loop: Loop, own: Values, before: Values, how: How) -> None:
+    def _run(self, loop: Loop, own: Array, before: Array, how: How) -> None:
         loop.run({"own": own, "before": before}, {"own": own}, own.shape[:-1], _F8, how)
+
+
+def _filled_up(count: int) -> int:
+    return count if count <= FEW else -(-count // RADIX) * RADIX
 
 
 ROTATIONS: Final = Prefixes("rotations", quaternion_product, (1.0, 0.0, 0.0, 0.0), quaternion_unit)
 SUMS: Final = Prefixes("sums", pair_sum, (0.0, 0.0), exact=True)
-
-
-class _Carry:
-    """What the slabs so far come to, kept for powers of two of them: none is combined with one much shorter."""
-
-    def __init__(self, prefixes: Prefixes, start: Values) -> None:
-        self.combine = prefixes.combine
-        self.start = tuple(start.tolist())
-        self.parts: list[tuple[int, tuple[float, ...]]] = []
-
-    def add(self, slab: tuple[float, ...]) -> None:
-        count = 1
-        while self.parts and self.parts[-1][0] == count:
-            slab, count = self.combine(slab, self.parts.pop()[1]), 2 * count
-        self.parts.append((count, slab))
-
-    @property
-    def now(self) -> tuple[float, ...]:
-        return functools.reduce(lambda whole, part: self.combine(part[1], whole), self.parts, self.start)
-
-
-def accumulated(
-    steps: Steps, prefixes: Prefixes, start: Values, fill: Callable[[Values, HighLow, Values], None], how: How
-) -> Values:
-    """What the steps come to, from a start; one row more than there are steps.
-
-    Args:
-        steps: the steps.
-        prefixes: how they are combined.
-        start: before the first step.
-        fill: writes the steps of a slab, from starts and lengths (as two doubles), into rows.
-        how: backend.
-    """
-    found = np.empty((steps.made + 1, len(start)))
-    found[0] = start
-    carry = _Carry(prefixes, start)
-    for first, last in steps.slabs():
-        target = found[first + 1 : last + 1]
-        direct = len(target) <= FEW or len(target) % RADIX == 0
-        rows = target if direct else prefixes.room(len(target))
-        fill(*steps.within(first, last), rows[: len(target)])
-        carry.add(prefixes.run(rows, carry.now, how))
-        if not direct:
-            target[:] = rows[: len(target)]
-    return found
