@@ -15,6 +15,7 @@ import sympy
 import hingepair as hp
 from hingepair.cli.main import main
 from hingepair.evaluation.plan import outputs_of
+from hingepair.symbolic.kinks import Side, Smaller, Where
 from hingepair.symbolic.printers import LATEX, PYTHON, TEXT
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -162,6 +163,19 @@ def test_latex_has_fractions_before_what_they_multiply():
     assert LATEX(5 * sympy.sin(2 * t) / 2) == r"\frac{5}{2} \sin 2 t"
     assert LATEX(sympy.Rational(11068, 10**7) * t) == "0.0011068 t"
     assert LATEX(sympy.Integer(10) ** 600 * t) == r"1 \cdot 10^{600} t"
+
+
+def test_powers_of_what_has_kinks_are_written():
+    below = Where(t, y, 1) ** 2
+    assert TEXT(below) == "(y if t ≥ 0 else 1)²"
+    assert LATEX(below) == r"\left(\begin{cases} y & t \ge 0 \\ 1 & \text{else} \end{cases}\right)^{2}"
+
+
+def test_a_guard_s_side_is_written_as_the_guard():
+    """Also where it is put together of several: which side each is on is the business of the numbers."""
+    guard = Smaller(Side(t, 1, 0), Side(1 - t, -1, 0))
+    assert TEXT(Where(guard, 1, 0)) == "(1 if min(t, 1 - t) ≥ 0 else 0)"
+    assert LATEX(guard) == r"\min\left(t, 1 - t\right)"
 
 
 ACROSS = {"u1": (1, 2, 3), "u2": (0.1, 0, 0), "n": (1, 1, 0)}

@@ -8,14 +8,16 @@ last step. What would take too long or too much memory is refused before it is c
 from __future__ import annotations
 
 import ast
+import functools
 import keyword
 import math
+import operator
 import re
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from fractions import Fraction
 from types import MappingProxyType
-from typing import Final, NamedTuple, NoReturn, TypeAlias
+from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
 
 import sympy
 
@@ -71,14 +73,20 @@ CONSTANTS: Final = MappingProxyType({"pi": sympy.pi, "tau": 2 * sympy.pi, "e": s
 Number: TypeAlias = float | Expr
 
 _STRANGE = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)
-_INSTEAD = {"^": "; a power is written **", "%": "; a remainder is written mod(x, period)"}
+_INSTEAD: Final[Mapping[Any, str]] = {
+    "^": "; a power is written **",
+    "%": "; a remainder is written mod(x, period)",
+    **dict.fromkeys((ast.Compare, ast.BoolOp, ast.UnaryOp), "a condition only in where(condition, x, y)"),
+    ast.IfExp: "where(condition, x, y) for a choice",
+    ast.Tuple: "one number or expression (decimals follow a point)",
+}  # of a sign or a node
 _A_NUMBER = "a finite real number"
 _A_CONDITION = "a condition: comparisons by < <= > >=, joined by and, or, not"
 _SHOWN, _FRAGMENT = 20, 40  # constants, and characters of the text, in a message
 # 2t, 2 sin(t), (1 + t)(2 - t), pi t
 _WORD = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"
 _NUMBER = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"
-_PRODUCT = re.compile(rf"({_NUMBER}|\)|\b{_WORD}(?=\s+\w))\s*({_WORD}|\(|(?<=\s)\d)")
+_SIDE_BY_SIDE = re.compile(rf"({_NUMBER}|\)|\b{_WORD}(?=\s+\w))\s*({_WORD}|\(|(?<=\s)\d)")
 
 
 class UnknownNameError(ArgumentError):
@@ -138,6 +146,13 @@ def constant_name_fault(name: str) -> str | None:
     return f"a name other than {', '.join(taken)}" if name in taken else None
 
 
+_Function: TypeAlias = Callable[..., Any]
+_Chain: TypeAlias = tuple[tuple[type, type], _Function, _Function, _Function]
+"""Its signs, what puts it together exactly and in floats, and what its second sign does to a part."""
+_SUM: Final = ((ast.Add, ast.Sub), sympy.Add, lambda *terms: math.fsum(terms), operator.neg)
+_PRODUCT: Final = ((ast.Mult, ast.Div), sympy.Mul, lambda *factors: math.prod(factors), lambda x: 1 / x)
+
+
 class _Part(NamedTuple):
     """A part of an expression; value is that of a part without t, else None."""
 
@@ -186,20 +201,14 @@ class _Builder:
             case ast.Name():
                 return self._named(node)
             case ast.BinOp(op=ast.Add() | ast.Sub()) | ast.UnaryOp(op=ast.UAdd() | ast.USub()):
-                return self._sum(node, depth + 1)
+                return self._chain(node, depth + 1, _SUM)
             case ast.BinOp(op=ast.Mult() | ast.Div()):
-                return self._product(node, depth + 1)
+                return self._chain(node, depth + 1, _PRODUCT)
             case ast.BinOp(op=ast.Pow()):
                 return self._power(node, depth + 1)
             case ast.Call():
                 return self._call(node, depth + 1)
-            case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
-                self._refuse(node, "a condition only in where(condition, x, y)")
-            case ast.IfExp():
-                self._refuse(node, "where(condition, x, y) for a choice")
-            case ast.Tuple():
-                self._refuse(node, "one number or expression (decimals follow a point)")
-        self._refuse(node, "numbers, names, calls and + - * / **")
+        self._refuse(node, _INSTEAD.get(type(node), "numbers, names, calls and + - * / **"))
 
     def _number(self, node: ast.Constant) -> _Part:
         if type(node.value) not in {int, float} or node.value == math.inf:
@@ -219,62 +228,61 @@ class _Builder:
             self._refuse(node, FUNCTIONS[node.id])
         self._unknown(node)
 
-    def _sum(self, node: ast.expr, depth: int) -> _Part:
-        terms, values = [], []
-        for negative, term in self._chain(node, (ast.Add, ast.Sub)):
-            part = self.build(term, depth)
-            terms.append(-part.expr if negative else part.expr)
-            values.append(-part.value if negative and part.value is not None else part.value)
-        value = self._evaluate(node, lambda *numbers: math.fsum(numbers), values)
-        return self._finish(node, sympy.Add(*terms), value)
-
-    def _product(self, node: ast.expr, depth: int) -> _Part:
-        factors, values = [], []
-        for divides, factor in self._chain(node, (ast.Mult, ast.Div)):
-            part = self.build(factor, depth)
-            factors.append(1 / part.expr if divides else part.expr)
-            values.append(self._evaluate(node, lambda x: 1 / x, [part.value]) if divides else part.value)
-        value = self._evaluate(node, lambda *numbers: math.prod(numbers), values)
-        return self._finish(node, sympy.Mul(*factors), value)
+    def _chain(self, node: ast.expr, depth: int, kind: _Chain) -> _Part:
+        """The sum `a - b + c`, or the product `a / b * c`: one level, however long."""
+        signs, exact, rounded, inverse = kind
+        found, inverts, place = [], False, node
+        while True:
+            if isinstance(place, ast.BinOp) and isinstance(place.op, signs):
+                found.append((inverts ^ isinstance(place.op, signs[1]), place.right))
+                place = place.left
+            elif isinstance(place, ast.UnaryOp) and ast.Sub in signs and isinstance(place.op, ast.UAdd | ast.USub):
+                inverts ^= isinstance(place.op, ast.USub)
+                place = place.operand
+            else:
+                break
+            self._count(place)
+        parts = [(inverts, self.build(term, depth)) for inverts, term in reversed([*found, (inverts, place)])]
+        own = [self._apply(node, inverse, inverse, part) if inverts else part for inverts, part in parts]
+        return self._apply(node, exact, rounded, *own)
 
     def _power(self, node: ast.BinOp, depth: int) -> _Part:
         base, exponent = self.build(node.left, depth), self.build(node.right, depth)
         self._check_power(node, base.expr, exponent.expr)
-        value = self._evaluate(node, math.pow, [base.value, exponent.value])
-        return self._finish(node, sympy.Pow(base.expr, exponent.expr), value)
+        return self._apply(node, sympy.Pow, math.pow, base, exponent)
 
     def _call(self, node: ast.Call, depth: int) -> _Part:
         if not isinstance(node.func, ast.Name):
             self._refuse(node, f"the name of a function before the bracket{self._hint()}")
-        function = node.func.id
-        if function not in FUNCTIONS:
-            if function == "t" or function in self.constants:
-                self._refuse(node, f"{function}*(...)")
+        name = node.func.id
+        if name not in FUNCTIONS:
+            if name == "t" or name in self.constants:
+                self._refuse(node, f"{name}*(...)")
             self._unknown(node.func)
-        call, count = FUNCTIONS[function], len(node.args)
+        call, count = FUNCTIONS[name], len(node.args)
         if node.keywords or (count < 2 if call.endswith("...)") else count != call.count(",") + 1):
             self._refuse(node, call)
         if call in _KINKED:
-            return self._finish(node, self._kinked(node, call, depth))
+            return self._kinked(node, call, depth)
         parts = [self.build(argument, depth) for argument in node.args]
-        value = self._evaluate(node, getattr(math, function), [part.value for part in parts])
-        if function == "exp":  # SymPy turns exp(c*log(b)) into b**c
+
+        if name == "exp":  # SymPy turns exp(c*log(b)) into b**c
             for term in sympy.Add.make_args(parts[0].expr):
                 factor, rest = term.as_coeff_Mul()
                 if isinstance(rest, sympy.log):
                     self._check_power(node, rest.args[0], factor)
-        evaluate = function != "atan2" or value is None  # of constants: SymPy may try logarithms for minutes
-        expr = getattr(sympy, function)(*[part.expr for part in parts], evaluate=evaluate)
-        return self._finish(node, expr, value)
+        evaluate = name != "atan2" or None in [part.value for part in parts]  # else SymPy may try for minutes
+        exact = functools.partial(getattr(sympy, name), evaluate=evaluate)
+        return self._apply(node, exact, getattr(math, name), *parts)
 
-    def _kinked(self, node: ast.Call, call: str, depth: int) -> Expr:
+    def _kinked(self, node: ast.Call, call: str, depth: int) -> _Part:
         """A call of what has kinks or jumps."""
         first, *rest = node.args
         read = self._guard if _KINKED[call] is Where else self._expr
         parts = [read(first, depth), *(self._expr(argument, depth) for argument in rest)]
         if _KINKED[call] is Remainder and (parts[1].free_symbols or not constant_value(parts[1]) > 0):
             self._refuse(node, f"{call} with a period above 0 that does not depend on t")
-        return _KINKED[call](*parts)
+        return self._finish(node, _KINKED[call](*parts))
 
     def _expr(self, node: ast.expr, depth: int) -> Expr:
         return self.build(node, depth).expr
@@ -288,39 +296,23 @@ class _Builder:
                 return _of_many(Smaller if isinstance(node.op, ast.And) else Larger, guards)
             case ast.UnaryOp(op=ast.Not()):
                 return _negated(self._guard(node.operand, depth + 1))
-            case ast.Compare():
+            case ast.Compare() if all(isinstance(sign, ast.Lt | ast.LtE | ast.Gt | ast.GtE) for sign in node.ops):
                 sides = [self._expr(side, depth + 1) for side in (node.left, *node.comparators)]
-                pairs = zip(node.ops, sides[:-1], sides[1:], strict=True)
-                return _of_many(Smaller, [self._comparison(node, sign, left, right) for sign, left, right in pairs])
+                guards = []
+                for sign, left, right in zip(node.ops, sides[:-1], sides[1:], strict=True):
+                    guard = right - left if isinstance(sign, ast.LtE | ast.Gt) else left - right
+                    guards.append(_negated(guard) if isinstance(sign, ast.Lt | ast.Gt) else guard)
+                return _of_many(Smaller, guards)
         self._refuse(node, _A_CONDITION)
 
-    def _comparison(self, node: ast.expr, sign: ast.cmpop, left: Expr, right: Expr) -> Expr:
-        if not isinstance(sign, ast.Lt | ast.LtE | ast.Gt | ast.GtE):
-            self._refuse(node, _A_CONDITION)
-        guard = right - left if isinstance(sign, ast.LtE | ast.Gt) else left - right
-        return _negated(guard) if isinstance(sign, ast.Lt | ast.Gt) else guard
-
-    def _chain(self, node: ast.expr, kinds: tuple[type, type]) -> list[tuple[bool, ast.expr]]:
-        """The terms of `a - b + c`, or factors of `a / b * c`, with whether each counts inversely."""
-        found = []
-        inverse = False
-        while True:
-            if isinstance(node, ast.BinOp) and isinstance(node.op, kinds):
-                found.append((inverse ^ isinstance(node.op, kinds[1]), node.right))
-                node = node.left
-            elif isinstance(node, ast.UnaryOp) and ast.Sub in kinds and isinstance(node.op, ast.UAdd | ast.USub):
-                inverse ^= isinstance(node.op, ast.USub)
-                node = node.operand
-            else:
-                return [*found, (inverse, node)][::-1]
-            self._count(node)
-
-    def _evaluate(self, node: ast.expr, function: Callable[..., float], values: list[float | None]) -> float | None:
-        """The value of a part without t, in floats: it shows what is not finite before SymPy tries it exactly."""
+    def _apply(self, node: ast.expr, exact: _Function, rounded: _Function, *parts: _Part) -> _Part:
+        """A function of parts: in floats first, which shows what is not finite before SymPy tries it exactly."""
+        exprs, values = zip(*parts, strict=True)
         try:
-            return None if None in values else function(*values)
+            value = None if None in values else rounded(*values)
         except (ArithmeticError, ValueError):
             self._refuse(node, _A_NUMBER)
+        return self._finish(node, exact(*exprs), value)
 
     def _finish(self, node: ast.expr, expr: Expr, value: float | None = None) -> _Part:
         """The part, once it is known to be finite and of a size that can be worked with."""
@@ -357,7 +349,7 @@ class _Builder:
 
     def _hint(self) -> str:
         """What to write where a product lacks its sign, or a function its brackets."""
-        found = _PRODUCT.search(self.text)
+        found = _SIDE_BY_SIDE.search(self.text)
         if found and found[1] in FUNCTIONS:
             call = f"{found[1]}({found[2]})" if found[1] in SMOOTH else FUNCTIONS[found[1]]
             return f"; a function is called as {call}"

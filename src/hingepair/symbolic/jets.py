@@ -14,7 +14,7 @@ from typing import Final, TypeAlias
 
 import sympy
 
-from hingepair.symbolic.kinks import Expr, Extreme, Remainder, Side, Where, constant_value
+from hingepair.symbolic.kinks import Choice, Expr, Remainder, Side, Where, constant_value
 
 Jet: TypeAlias = tuple[Expr, Expr, Expr]
 
@@ -109,10 +109,8 @@ class JetProgram:
                 guard, x, y = expr.args[0], jets[0], self._multiply(jets[0], (sympy.S.NegativeOne, 0, 0))
             case sympy.sign():
                 guard, x, y = expr.args[0], *[(sympy.S.Zero,) * 3] * 2
-            case Where():
-                guard, x, y = expr.args[0], *jets[1:]
-            case Extreme():
-                guard, x, y = expr.guard(), *jets
+            case Choice():
+                guard, x, y = expr.guard, *jets[-2:]
             case _:
                 return self._differentiate(value, jets)
         side = self._side(guard)
@@ -123,7 +121,7 @@ class JetProgram:
         """1 or -1, on which side of zero a guard is just after t; one put together of others is judged by them."""
         if guard not in self._sides:
             match guard:
-                case Where() | Extreme():
+                case Choice():
                     side = guard.func(*map(self._side, guard.args))
                 case sympy.Number():
                     side = sympy.S.One if guard >= 0 else sympy.S.NegativeOne

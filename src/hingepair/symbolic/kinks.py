@@ -26,7 +26,30 @@ def constant_value(expr: Expr) -> float:
     return float(number) if number.is_Float else math.nan
 
 
-class Where(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
+class Kinked(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
+    """A function with kinks or jumps; `numpy`, `text` and `latex` say how it is written of its arguments {0}, {1}."""
+
+    is_real = True
+    numpy = text = latex = ""
+
+    def _numpycode(self, printer: Any) -> str:
+        return self.numpy.format(*map(printer.doprint, self.args))
+
+    def _latex(self, printer: Any, exp: str | None = None) -> str:
+        written = self.latex.format(*map(printer.doprint, self.args))
+        return written if exp is None else f"\\left({written}\\right)^{{{exp}}}"
+
+
+class Choice(Kinked):
+    """The first of the last two arguments where `guard` is at least 0, else the second."""
+
+    guard: Expr
+
+    def _eval_derivative(self, symbol: Expr) -> Expr:
+        return Where(self.guard, *(part.diff(symbol) for part in self.args[-2:]))
+
+
+class Where(Choice):
     """`Where(guard, x, y)`: x where guard >= 0, else y; NaN where the guard is.
 
     >>> t = sympy.Symbol("t", real=True)
@@ -35,7 +58,10 @@ class Where(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
     """
 
     nargs = 3
-    is_real = True
+    guard = property(lambda self: self.args[0])
+    numpy = "numpy.select([{0} >= 0, {0} < 0], [{1}, {2}], numpy.nan)"
+    text = "({1} if {0} ≥ 0 else {2})"
+    latex = r"\begin{{cases}} {1} & {0} \ge 0 \\ {2} & \text{{else}} \end{{cases}}"
 
     @classmethod
     def eval(cls, guard: Expr, x: Expr, y: Expr) -> Expr | None:
@@ -48,40 +74,13 @@ class Where(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
             return Where(guard.args[0], *(Where(part, x, y) for part in guard.args[1:]))
         return None
 
-    def _eval_derivative(self, symbol: Expr) -> Expr:
-        guard, x, y = self.args
-        return Where(guard, x.diff(symbol), y.diff(symbol))
 
-    def _numpycode(self, printer: Any) -> str:
-        guard, x, y = map(printer.doprint, self.args)
-        return f"numpy.select([{guard} >= 0, {guard} < 0], [{x}, {y}], numpy.nan)"
-
-    def _latex(self, printer: Any) -> str:
-        guard, x, y = (printer.doprint(part) for part in (shown_guard(self.args[0]), *self.args[1:]))
-        return f"\\begin{{cases}} {x} & {guard} \\ge 0 \\\\ {y} & \\text{{else}} \\end{{cases}}"
-
-
-class Side(sympy.Function):  # type: ignore[misc]
-    """`Side(g, g', g'')`: 1 or -1, on which side of zero g is just after t; NaN where g is."""
-
-    nargs = 3
-    is_real = True
-
-    def _eval_derivative(self, _: Expr) -> Expr:
-        return sympy.S.Zero
-
-    def _numpycode(self, printer: Any) -> str:
-        value, first, second = map(printer.doprint, self.args)
-        after = f"numpy.where({first} != 0, numpy.sign({first}), numpy.where({second} < 0, -1.0, 1.0))"
-        return f"numpy.where({value} != 0, numpy.sign({value}), {after})"
-
-
-class Extreme(sympy.Function):  # type: ignore[misc]
+class Extreme(Choice):
     """The larger or the smaller of two."""
 
     nargs = 2
-    is_real = True
-    sense, word = 0, ""
+    sense = 0
+    guard = property(lambda self: self.sense * (self.args[0] - self.args[1]))
 
     @classmethod
     def eval(cls, x: Expr, y: Expr) -> Expr | None:
@@ -89,38 +88,26 @@ class Extreme(sympy.Function):  # type: ignore[misc]
         guard = cls.sense * (x - y)
         return None if guard.free_symbols else Where(guard, x, y)
 
-    def guard(self) -> Expr:
-        """What is at least 0 where it is the first of the two."""
-        return self.sense * (self.args[0] - self.args[1])
-
-    def _eval_derivative(self, symbol: Expr) -> Expr:
-        return Where(self.guard(), *(part.diff(symbol) for part in self.args))
-
-    def _numpycode(self, printer: Any) -> str:
-        return f"numpy.{self.word}imum({', '.join(map(printer.doprint, self.args))})"
-
-    def _latex(self, printer: Any) -> str:
-        return f"\\{self.word}\\left({', '.join(map(printer.doprint, self.args))}\\right)"
-
 
 class Larger(Extreme):
     """The larger of two."""
 
-    sense, word = 1, "max"
+    sense = 1
+    numpy, text, latex = "numpy.maximum({0}, {1})", "max({0}, {1})", r"\max\left({0}, {1}\right)"
 
 
 class Smaller(Extreme):
     """The smaller of two."""
 
-    sense, word = -1, "min"
+    sense = -1
+    numpy, text, latex = "numpy.minimum({0}, {1})", "min({0}, {1})", r"\min\left({0}, {1}\right)"
 
 
-class Remainder(sympy.Function):  # type: ignore[misc]
+class Remainder(Kinked):
     """`Remainder(x, period)`: x less whole periods, at least 0 and below the period, which is a positive number."""
 
     nargs = 2
-    is_real = True
-    word = "mod"
+    numpy, text, latex = "numpy.mod({0}, {1})", "mod({0}, {1})", r"\left({0} \bmod {1}\right)"
 
     @classmethod
     def eval(cls, x: Expr, period: Expr) -> Expr | None:
@@ -130,14 +117,19 @@ class Remainder(sympy.Function):  # type: ignore[misc]
     def _eval_derivative(self, symbol: Expr) -> Expr:
         return self.args[0].diff(symbol)
 
-    def _numpycode(self, printer: Any) -> str:
-        return f"numpy.mod({', '.join(map(printer.doprint, self.args))})"
 
-    def _latex(self, printer: Any) -> str:
-        x, period = map(printer.doprint, self.args)
-        return f"\\left({x} \\bmod {period}\\right)"
+class Side(Kinked):
+    """`Side(g, g', g'')`: 1 or -1, on which side of zero g is just after t; NaN where g is.
 
+    It stands in guards only, where a reader wants to know g.
+    """
 
-def shown_guard(guard: Expr) -> Expr:
-    """What a reader wants to know of a guard: of a Side, the value."""
-    return guard.args[0] if isinstance(guard, Side) else guard
+    nargs = 3
+    numpy = (
+        "numpy.where({0} != 0, numpy.sign({0}), "
+        "numpy.where({1} != 0, numpy.sign({1}), numpy.where({2} < 0, -1.0, 1.0)))"
+    )
+    text = latex = "{0}"
+
+    def _eval_derivative(self, _: Expr) -> Expr:
+        return sympy.S.Zero

@@ -15,7 +15,7 @@ from sympy.printing.numpy import NumPyPrinter
 from sympy.printing.precedence import PRECEDENCE
 from sympy.printing.str import StrPrinter
 
-from hingepair.symbolic.kinks import Expr, constant_value, shown_guard
+from hingepair.symbolic.kinks import Expr, Kinked, constant_value
 
 _READABLE: Final = 1_000  # the largest denominator that is read more easily than a decimal number
 _LONGEST: Final = 10**6
@@ -171,17 +171,15 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
 
     def _print_Function(self, expr: Expr) -> str:
         outer, self.tight = self.tight, False
-        arguments = ", ".join(map(self._print, expr.args))
+        arguments = [self._print(part) for part in expr.args]
         self.tight = outer
-        name = getattr(expr.func, "word", expr.func.__name__.lower())
+        if isinstance(expr, Kinked):
+            return expr.text.format(*arguments)
+        name, together = expr.func.__name__.lower(), ", ".join(arguments)
         plain = isinstance(expr, sympy.sin | sympy.cos) and is_simple(expr.args[0]) and not self.tight
-        return f"{name} {arguments}" if plain else f"{name}({arguments})"
+        return f"{name} {together}" if plain else f"{name}({together})"
 
     _print_ExpBase = _print_Function  # noqa: N815
-
-    def _print_Where(self, expr: Expr) -> str:
-        guard, x, y = (self._print(part) for part in (shown_guard(expr.args[0]), *expr.args[1:]))
-        return f"({x} if {guard} ≥ 0 else {y})"
 
     def _print_Pow(self, expr: Expr, rational: bool = False) -> str:  # noqa: ARG002
         if _is_inverse(expr):
