@@ -718,7 +718,7 @@ FAULTS = {
         "symbolic/closed_forms.py",
         "return expr, jet[1].xreplace(meaning), jet[2].xreplace(meaning)",
         "return expr, jet[1].xreplace(meaning), 0 * jet[2].xreplace(meaning)",
-        "symbolic/test_listings.py::test_forms_evaluate_to_the_numeric_results[reference_2d]",
+        "symbolic/test_derivation.py::test_forms_evaluate_to_the_numeric_results[reference_2d]",
     ),
     "a spline with a jump of acceleration": Fault(
         "scenes/waypoints.py",

@@ -227,10 +227,10 @@ def test_an_axis_that_is_none_of_these_is_what_it_is():
 def test_only_what_is_looked_at_is_derived_and_once():
     forms = hp.derive(hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)))
     assert isinstance(forms.S1, sympy.ImmutableMatrix)
-    assert {"S2", "omega1", "a2"}.isdisjoint(forms._forms.best)
-    first = forms._forms.best["S1"]
+    assert {"S2", "omega1", "a2"}.isdisjoint(forms._best)
+    first = forms._best["S1"]
     assert forms.S2.shape == (3, 3)
-    assert forms._forms.best["S1"] is first
+    assert forms._best["S1"] is first
 
 
 BATCH = {"u1": np.zeros((2, 3)), "u2": (0, 0, 0), "n": (1, 0, 0)}
@@ -246,6 +246,7 @@ ONE = {"u1": (0, 0, 0), "u2": (0, 0, 0), "n": (1, 0, 0)}
         (lambda: hp.derive(hp.HingePair(**ONE), ("home",)), "symbolic"),
         (lambda: hp.derive(hp.PlanarPair((0, 0), (0, 0)), ("n",)), "symbolic"),
         (lambda: hp.derive(hp.HingePair(**ONE)).terms("phi2"), "outputs"),
+        (lambda: hp.derive(hp.HingePair(**ONE)).to_text(["phi2"]), "outputs"),
     ],
 )
 def test_what_cannot_be_derived_is_named(call, name):

@@ -8,7 +8,8 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.scene import Scene
-from hingepair.symbolic.closed_forms import SYMBOLIC, Derivation, closed_forms
+from hingepair.symbolic.closed_forms import SYMBOLIC
+from hingepair.symbolic.derivation import Derivation
 
 
 def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str] = ()) -> Derivation:
@@ -58,6 +59,6 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
         if name not in known:
             raise ArgumentError("symbolic", expected, quoted(name))
     if scene is None:
-        return closed_forms(pair, symbolic=names)
+        return Derivation(pair, symbolic=names)
     motion = scene.expressions_with(tuple(name for name in names if name in constants))
-    return closed_forms(pair, motion, scene.sequence, names)
+    return Derivation(pair, motion, scene.sequence, names)

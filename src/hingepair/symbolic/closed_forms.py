@@ -7,8 +7,7 @@ goes on to the next step, where a product of products reads better than a produc
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
 from fractions import Fraction
 from typing import Any, Final, TypeAlias
 
@@ -20,7 +19,6 @@ from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, P
 from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.symbolic import listings
 from hingepair.symbolic.jets import SYMPY_ERRORS, Jet, JetProgram, time_symbol
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import count_letters, in_order
@@ -39,85 +37,11 @@ _MAX_SQUARE: Final = 1_000  # the largest denominator of a squared axis componen
 _ANGLES: Final = frozenset(("phi", "psi", "phi1", "angles", "phi2"))
 
 
-@dataclass(frozen=True, eq=False)
-class Derivation:
-    """The closed forms of a pair's motion: `R2`, `S2`, `d`, `v2`, `omega2`, `a2`, `alpha2`, and body 1's.
+class ClosedForms:
+    """The closed forms of a pair's motion (E1-E11): attributes `R2`, `S2`, `d`, `v2` and so on, and those of body 1.
 
-    Each is an attribute: an immutable SymPy matrix (3, 1) or (3, 3), of a planar pair (2, 1) or an expression. It is
-    derived when it is first looked at.
-
-    Attributes:
-        t: the SymPy symbol of time [s].
-        names: what can be derived.
-    """
-
-    t: Expr
-    names: tuple[str, ...]
-    _forms: _Forms
-
-    def __getattr__(self, name: str) -> Any:
-        names = self.__dict__.get("names", ())  # not there yet in a copy that is being made
-        if name not in names:
-            raise AttributeError(f"Derivation has no {name!r}; it has t, {', '.join(names)}")
-        parts = [sympy.Add(*terms) for terms in self.terms(name)]
-        tail = outputs_of(self._forms.kind)[name].tail
-        return parts[0] if not tail else sympy.ImmutableMatrix(tail[0], len(parts) // tail[0], parts)
-
-    def __dir__(self) -> list[str]:
-        return [*object.__dir__(self), *self.names]
-
-    def terms(self, name: str) -> tuple[Terms, ...]:
-        """The terms of each component of an output, in the order in which they arise.
-
-        Args:
-            name: one of `names`.
-
-        Raises:
-            ArgumentError: no such output, or its closed form is too long to be of use.
-        """
-        check_outputs((name,), self._forms.kind)
-        return self._forms.terms(name)
-
-    def to_text(self, names: Iterable[str] | None = None, *, short: bool = False, width: int = 100) -> str:
-        """One equation a component, as a paper has it: `omega1_x = 3 + 5 sin t`.
-
-        Args:
-            names: some of `names`; all unless given.
-            short: whether sines, cosines and other functions that come again are abbreviated: c_1, s_12, k_1.
-            width: of a line; longer equations go on in the next.
-
-        Raises:
-            ArgumentError: an unknown output, or one whose closed form is too long.
-        """
-        return listings.to_text(self._chosen(names), short=short, width=width)
-
-    def to_latex(self, names: Iterable[str] | None = None, *, short: bool = False) -> str:
-        r"""An align* environment of the package amsmath; derivatives of x(t) are \dot{x}. As `to_text`."""
-        return listings.to_latex(self._chosen(names), short=short)
-
-    def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
-        """A Python module that needs only NumPy, one function an output, vectorised over its arguments.
-
-        These are t and what stayed a letter; of coordinates that are letters x, phi_x, psi, their rates xd, phi_xd,
-        psid, and so on. As `to_text`.
-        """
-        return listings.to_python(self._chosen(names), title)
-
-    def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
-        """The SymPy source of each component by its label: omega1_x, S2_xy. As `to_text`."""
-        return listings.to_sympy(self._chosen(names))
-
-    def _chosen(self, names: Iterable[str] | None) -> dict[str, tuple[Terms, ...]]:
-        return {name: self.terms(name) for name in (self.names if names is None else names)}
-
-
-def closed_forms(
-    pair: HingePair | PlanarPair,
-    motion: Mapping[str, Expr | None] | None = None,
-    sequence: str | None = "XYZ",
-    symbolic: Collection[str] = (),
-) -> Derivation:
-    """The closed forms of a pair's motion as SymPy expressions (E1-E11).
+    Each is an immutable SymPy matrix (3, 1) or (3, 3), of a planar pair (2, 1) or an expression. It is derived when
+    it is first looked at, and what other forms need of it is kept.
 
     Args:
         pair: one pair; its numbers are taken as `hingepair.derive` says.
@@ -128,53 +52,86 @@ def closed_forms(
     Raises:
         ArgumentError: more than one pair, or an expression's derivatives are too long; names it.
     """
-    check_one(pair)
-    kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
-    names = PLANAR_COORDINATES if kind == PLANAR else COORDINATES
-    given = motion or {}
-    jets = [_jet(name, given.get(name)) for name in names]
-    inputs = constant_inputs(pair, symbolic) | motion_inputs(jets, kind)
-    return Derivation(time_symbol(), tuple(outputs_of(kind)), _Forms(kind, sequence, inputs))
 
+    __slots__ = ("_best", "_home", "_kind", "_letters", "_sequence", "_shown")
 
-class _Forms:
-    """The values of a plan's steps, each computed once: those to go on with, and those to show."""
+    def __init__(
+        self,
+        pair: HingePair | PlanarPair,
+        motion: Mapping[str, Expr | None] | None = None,
+        sequence: str | None = "XYZ",
+        symbolic: Collection[str] = (),
+    ) -> None:
+        check_one(pair)
+        self._kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
+        names = PLANAR_COORDINATES if self._kind == PLANAR else COORDINATES
+        jets = [_jet(name, (motion or {}).get(name)) for name in names]
+        constants = constant_inputs(pair, symbolic)
+        self._sequence = sequence if self._kind == SPATIAL else None
+        self._home = "home" in constants
+        self._best: dict[str, Any] = constants | motion_inputs(jets, self._kind)
+        self._shown: dict[str, tuple[Expr, ...]] = {}
+        self._letters: dict[Expr, int] = {}
 
-    def __init__(self, kind: str, sequence: str | None, inputs: dict[str, Any]) -> None:
-        self.kind = kind
-        self.sequence = sequence if kind == SPATIAL else None
-        self.home = "home" in inputs
-        self.best = inputs
-        self.shown: dict[str, tuple[Expr, ...]] = {}
-        self.letters: dict[Expr, int] = {}
+    @property
+    def t(self) -> Expr:
+        """The SymPy symbol of time [s]."""
+        return time_symbol()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What can be derived."""
+        return tuple(outputs_of(self._kind))
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # of a copy that is being made
+            raise AttributeError(name)
+        if name not in self.names:
+            raise AttributeError(f"{type(self).__name__} has no {name!r}; it has t, {', '.join(self.names)}")
+        parts = [sympy.Add(*terms) for terms in self.terms(name)]
+        tail = outputs_of(self._kind)[name].tail
+        return parts[0] if not tail else sympy.ImmutableMatrix(tail[0], len(parts) // tail[0], parts)
+
+    def __dir__(self) -> list[str]:
+        return [*object.__dir__(self), *self.names]
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__} of {', '.join(self.names)}"
 
     def terms(self, name: str) -> tuple[Terms, ...]:
-        """The terms of each component."""
-        for result, function, arguments in make_plan((name,), self.sequence, self.home, _TERMS, self.kind).steps:
-            if result not in self.best:
-                built = function(*[self.best[key] for key in arguments])
+        """The terms of each component of an output, in the order in which they arise.
+
+        Args:
+            name: one of `names`.
+
+        Raises:
+            ArgumentError: no such output, or its closed form is too long to be of use.
+        """
+        check_outputs((name,), self._kind)
+        for result, function, arguments in make_plan((name,), self._sequence, self._home, _TERMS, self._kind).steps:
+            if result not in self._best:
+                built = function(*[self._best[key] for key in arguments])
                 plain = result in _ANGLES or any(isinstance(part, tuple) for part in _flat(built))
-                self.best[result] = built if plain else self._shortened(result, built)
-        return tuple(map(in_order, self.shown.get(name, _flat(self.best[name]))))
+                self._best[result] = built if plain else self._shortened(result, built)
+        return tuple(map(in_order, self._shown.get(name, _flat(self._best[name]))))
 
     def _shortened(self, result: str, built: Any) -> Any:
-        """Each component in its shorter form."""
+        """Each component in its shorter form: those to go on with; those to show are kept aside."""
         pairs = [self._forms(sympy.sympify(part)) for part in _flat(built)]
-        longest = max(self._count(kept) for kept, _ in pairs)
+        longest = max(count_letters(kept, self._letters) for kept, _ in pairs)
         if longest > MAX_LETTERS:
             expected = f"an output whose components have at most {MAX_LETTERS} letters"
             raise ArgumentError("outputs", expected, f"{result} with {longest}")
-        kept, self.shown[result] = zip(*pairs, strict=True)
+        kept, self._shown[result] = zip(*pairs, strict=True)
         return kept if isinstance(built, tuple) else kept[0]
 
     def _forms(self, built: Expr) -> tuple[Expr, Expr]:
         """What to go on with, and what to show."""
         summed = trig_sum(built)
-        gain = -1 if summed is None else self._count(built) - self._count(summed)
+        if summed is None:
+            return built, built
+        gain = count_letters(built, self._letters) - count_letters(summed, self._letters)
         return summed if gain > 0 else built, summed if gain >= 0 else built
-
-    def _count(self, expr: Expr) -> int:
-        return count_letters(expr, self.letters)
 
 
 def _jet(name: str, expr: Expr | None) -> Jet:

@@ -2,79 +2,98 @@
 
 from __future__ import annotations
 
+import itertools
 import textwrap
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from typing import Final, TypeAlias
+from collections.abc import Iterable
+from typing import Final
 
 import sympy
 
+from hingepair.evaluation.plan import outputs_of
 from hingepair.numeric.notebook import unit_of
+from hingepair.symbolic.closed_forms import ClosedForms, Terms
 from hingepair.symbolic.jets import time_symbol
 from hingepair.symbolic.kinks import Expr, Side
 from hingepair.symbolic.printers import LATEX, PYTHON, TEXT, is_simple, joined, latex_name, lettered, signed
-
-Outputs: TypeAlias = Mapping[str, tuple[tuple[Expr, ...], ...]]
-"""Of each output the terms of each component."""
 
 _WIDE: Final = 90  # characters of terms, as text, in a line of LaTeX
 _INDENT = " " * 6
 _FIXED = "\N{NO-BREAK SPACE}"
 
 
-def to_text(outputs: Outputs, *, short: bool, width: int) -> str:
-    """One equation a component; derivatives of x(t) are x', x''."""
-    rows, meanings = _rows(outputs, short)
-    told = [f"{name} = {TEXT(expr)}" for name, expr in meanings.items()]
-    lines = ["; ".join(told)] if told else []
-    lines += [f"{label} = {joined(terms, TEXT)}" for label, terms in rows]
-    return "".join(f"{_wrapped(line, width)}\n" for line in lines)
+class Derivation(ClosedForms):
+    """The closed forms of a pair's motion, and how to write them out.
+
+    `R2`, `S2`, `d`, `v2`, `omega2`, `a2`, `alpha2` and body 1's are attributes: immutable SymPy matrices (3, 1) or
+    (3, 3), of a planar pair (2, 1) or expressions. Each is derived when it is first looked at.
+    """
+
+    __slots__ = ()
+
+    def to_text(self, names: Iterable[str] | None = None, *, short: bool = False, width: int = 100) -> str:
+        """One equation a component, as a paper has it: `omega1_x = 3 + 5 sin t`; derivatives of x(t) are x', x''.
+
+        Args:
+            names: some of `names`; all unless given.
+            short: whether sines, cosines and other functions that come again are abbreviated: c_1, s_12, k_1.
+            width: of a line; longer equations go on in the next.
+
+        Raises:
+            ArgumentError: an unknown output, or one whose closed form is too long.
+        """
+        rows, meanings = _rows(self._labelled(names), short)
+        told = [f"{name} = {TEXT(expr)}" for name, expr in meanings.items()]
+        lines = ["; ".join(told)] if told else []
+        lines += [f"{label} = {joined(terms, TEXT)}" for label, terms in rows]
+        return "".join(f"{_wrapped(line, width)}\n" for line in lines)
+
+    def to_latex(self, names: Iterable[str] | None = None, *, short: bool = False) -> str:
+        r"""An align* environment of the package amsmath; derivatives of x(t) are \dot{x}. As `to_text`."""
+        rows, meanings = _rows(self._labelled(names), short)
+        lines = [f"{latex_name(name)} &= {LATEX(expr)}" for name, expr in meanings.items()]
+        for label, terms in rows:
+            line, filled = f"{latex_name(label)} &=", 0
+            for text, term in zip([joined(terms[:1], LATEX), *signed(terms[1:], LATEX)], terms, strict=True):
+                size = len(TEXT(term))
+                if filled + size > _WIDE and filled:
+                    lines.append(line)
+                    line, filled = "&\\quad", 0
+                line += f" {text}"
+                filled += size
+            lines.append(line)
+        return "\\begin{align*}  % \\usepackage{amsmath}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
+
+    def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
+        """A Python module that needs only NumPy, one function an output, vectorised over its arguments.
+
+        These are t and what stayed a letter; of coordinates that are letters x, phi_x, psi, their rates xd, phi_xd,
+        psid, and so on. As `to_text`.
+        """
+        heading = "".join(sign for sign in " ".join(title.split()) if sign.isprintable() and sign not in '"\\')
+        parts = [f'"""Closed forms{": " * bool(heading)}{heading}."""\n\nimport numpy\n']
+        for name in self.names if names is None else names:
+            parts.append(_function(name, [sympy.Add(*terms) for terms in self.terms(name)]))
+        return "\n\n".join(parts)
+
+    def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
+        """The SymPy source of each component by its label: omega1_x, S2_xy. As `to_text`."""
+        return {label: str(sympy.Add(*terms)) for label, terms in self._labelled(names)}
+
+    def _labelled(self, names: Iterable[str] | None) -> list[tuple[str, Terms]]:
+        """The terms of every component with its label."""
+        found = []
+        for name in self.names if names is None else names:
+            parts = self.terms(name)
+            places = map("".join, itertools.product("xyz", repeat=len(outputs_of(self._kind)[name].tail)))
+            labels = (f"{name}_{place}" if place else name for place in places)
+            found += list(zip(labels, parts, strict=False))
+        return found
 
 
-def to_latex(outputs: Outputs, *, short: bool) -> str:
-    """An align* environment, one equation a component; long ones go on in the next line."""
-    rows, meanings = _rows(outputs, short)
-    lines = [f"{latex_name(name)} &= {LATEX(expr)}" for name, expr in meanings.items()]
-    for label, terms in rows:
-        line, filled = f"{latex_name(label)} &=", 0
-        for text, term in zip([joined(terms[:1], LATEX), *signed(terms[1:], LATEX)], terms, strict=True):
-            size = len(TEXT(term))
-            if filled + size > _WIDE and filled:
-                lines.append(line)
-                line, filled = "&\\quad", 0
-            line += f" {text}"
-            filled += size
-        lines.append(line)
-    return "\\begin{align*}  % \\usepackage{amsmath}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
-
-
-def to_sympy(outputs: Outputs) -> dict[str, str]:
-    """The SymPy source of each component."""
-    return {label: str(sympy.Add(*terms)) for label, terms in _labelled(outputs)}
-
-
-def to_python(outputs: Outputs, title: str) -> str:
-    """A Python module with one function an output."""
-    heading = "".join(sign for sign in " ".join(title.split()) if sign.isprintable() and sign not in '"\\')
-    parts = [f'"""Closed forms{": " * bool(heading)}{heading}."""\n\nimport numpy\n']
-    parts += [_function(name, [sympy.Add(*terms) for terms in components]) for name, components in outputs.items()]
-    return "\n\n".join(parts)
-
-
-def _labelled(outputs: Outputs) -> Iterator[tuple[str, tuple[Expr, ...]]]:
-    """The terms of every component with its label."""
-    for name, parts in outputs.items():
-        for place, terms in zip(_places(len(parts)), parts, strict=True):
-            yield f"{name}_{place}" if place else name, terms
-
-
-def _places(count: int) -> list[str]:
-    return [i + j for i in "xyz" for j in "xyz"] if count == 9 else list("xyz"[:count]) if count > 1 else [""]
-
-
-def _rows(outputs: Outputs, short: bool) -> tuple[list[tuple[str, tuple[Expr, ...]]], dict[str, Expr]]:
+def _rows(labelled: list[tuple[str, Terms]], short: bool) -> tuple[list[tuple[str, Terms]], dict[str, Expr]]:
     """The components, letters for functions of t, and what further letters abbreviate."""
-    rows = [(label, tuple(lettered(terms, "'"))) for label, terms in _labelled(outputs)]
+    rows = [(label, tuple(lettered(terms, "'"))) for label, terms in labelled]
     if not short:
         return rows, {}
     letters = _abbreviations([term for _, terms in rows for term in terms])

@@ -128,10 +128,10 @@ def test_short_forms_have_letters_for_sines():
 
 @pytest.mark.parametrize("name", ["reference_2d", "truck_trailer"])
 def test_abbreviations_are_told_before_they_are_used_and_mean_the_same(name):
-    from hingepair.symbolic.listings import _rows
+    from hingepair.symbolic.derivation import _rows
 
     forms = hp.derive(hp.load_scene(MODELS / f"{name}.toml"))
-    rows, meanings = _rows({"v2": forms.terms("v2")}, True)
+    rows, meanings = _rows(forms._labelled(["v2"]), True)
     known = {t}
     whole = {}
     for letter, meaning in meanings.items():
