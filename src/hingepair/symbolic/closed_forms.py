@@ -53,7 +53,7 @@ class ClosedForms:
         ArgumentError: more than one pair, or an expression's derivatives are too long; names it.
     """
 
-    __slots__ = ("_best", "_home", "_kind", "_letters", "_sequence", "_shown")
+    __slots__ = ("_best", "_home", "_letters", "_sequence", "_shown", "kind")
 
     def __init__(
         self,
@@ -63,13 +63,13 @@ class ClosedForms:
         symbolic: Collection[str] = (),
     ) -> None:
         check_one(pair)
-        self._kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
-        names = PLANAR_COORDINATES if self._kind == PLANAR else COORDINATES
+        self.kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
+        names = PLANAR_COORDINATES if self.kind == PLANAR else COORDINATES
         jets = [_jet(name, (motion or {}).get(name)) for name in names]
         constants = constant_inputs(pair, symbolic)
-        self._sequence = sequence if self._kind == SPATIAL else None
+        self._sequence = sequence if self.kind == SPATIAL else None
         self._home = "home" in constants
-        self._best: dict[str, Any] = constants | motion_inputs(jets, self._kind)
+        self._best: dict[str, Any] = constants | motion_inputs(jets, self.kind)
         self._shown: dict[str, tuple[Expr, ...]] = {}
         self._letters: dict[Expr, int] = {}
 
@@ -81,7 +81,7 @@ class ClosedForms:
     @property
     def names(self) -> tuple[str, ...]:
         """What can be derived."""
-        return tuple(outputs_of(self._kind))
+        return tuple(outputs_of(self.kind))
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # of a copy that is being made
@@ -89,7 +89,7 @@ class ClosedForms:
         if name not in self.names:
             raise AttributeError(f"{type(self).__name__} has no {name!r}; it has t, {', '.join(self.names)}")
         parts = [sympy.Add(*terms) for terms in self.terms(name)]
-        tail = outputs_of(self._kind)[name].tail
+        tail = outputs_of(self.kind)[name].tail
         return parts[0] if not tail else sympy.ImmutableMatrix(tail[0], len(parts) // tail[0], parts)
 
     def __dir__(self) -> list[str]:
@@ -107,8 +107,8 @@ class ClosedForms:
         Raises:
             ArgumentError: no such output, or its closed form is too long to be of use.
         """
-        check_outputs((name,), self._kind)
-        for result, function, arguments in make_plan((name,), self._sequence, self._home, _TERMS, self._kind).steps:
+        check_outputs((name,), self.kind)
+        for result, function, arguments in make_plan((name,), self._sequence, self._home, _TERMS, self.kind).steps:
             if result not in self._best:
                 built = function(*[self._best[key] for key in arguments])
                 plain = result in _ANGLES or any(isinstance(part, tuple) for part in _flat(built))

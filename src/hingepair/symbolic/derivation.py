@@ -85,7 +85,7 @@ class Derivation(ClosedForms):
         found = []
         for name in self.names if names is None else names:
             parts = self.terms(name)
-            places = map("".join, itertools.product("xyz", repeat=len(outputs_of(self._kind)[name].tail)))
+            places = map("".join, itertools.product("xyz", repeat=len(outputs_of(self.kind)[name].tail)))
             labels = (f"{name}_{place}" if place else name for place in places)
             found += list(zip(labels, parts, strict=False))
         return found
