@@ -5,17 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
+from hingepair.errors import ArgumentError
+from hingepair.evaluation.plan import ACCELERATION
 from hingepair.integration.trajectory import Later
+from hingepair.numeric.arrays import one_constant
+from hingepair.pair.dynamics import GRAVITY
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion
 
 if TYPE_CHECKING:
-    from hingepair.scenes.expression_motion import ByFunctions, FunctionsOfTime
+    from hingepair.scenes.functions import ByFunctions, FunctionsOfTime
 
 Given: TypeAlias = "ByFunctions | ByCoordinates | ByBody1"
 
@@ -80,7 +87,61 @@ class Motion:
         """The motion at some of the instants, with derivatives up to an order."""
         return self.given.part(rows, order)
 
+    def gravity(self, pair: HingePair | PlanarPair) -> tuple[float, ...]:
+        """Acceleration of free fall in space: that of [dynamics], or the usual."""
+        if self.simulated:
+            return self.simulated.gravity
+        return (*PLANAR_GRAVITY, 0.0) if isinstance(pair, PlanarPair) else GRAVITY
+
+    def forces(self, pair: HingePair | PlanarPair, gravity: ArrayLike | None) -> dict[str, NDArray[Any]]:
+        """What acts for the pair to move so, by name: as `Scene.forces`."""
+        if self.level < ACCELERATION:
+            raise ArgumentError("scene", f"a motion with accelerations, which forces need{self.hint}", self.origin)
+        flat, space = isinstance(pair, PlanarPair), massive(pair)
+        if gravity is None:
+            gravity = self.gravity(pair)
+        elif self.simulated:
+            raise ArgumentError("gravity", "none beside [dynamics], which has its own", gravity)
+        elif flat:
+            gravity = (*one_constant("gravity", gravity, 2), 0.0)
+        moved = self.known(slice(None), ACCELERATION).accelerated(pair)
+        wrench = space.hinge_wrench(*moved, gravity)
+        found = {"hinge_torque": wrench.hinge_torque, "bearing_torque": wrench.bearing_torque}
+        found["hinge_force"] = wrench.force
+        if pair.body1 is not None:
+            given = space.inverse_dynamics(*moved, gravity)
+            found |= {"force1": given.force1, "torque1": given.torque1}
+        if self.simulated:
+            others = _of_others(space, self.simulated)
+            found = {name: array - others[name] for name, array in found.items()}
+        if flat:
+            del found["bearing_torque"]
+            found |= {name: array[:, :2] for name, array in found.items() if name.endswith(("force", "force1"))}
+            found |= {name: array[:, 2] for name, array in found.items() if name == "torque1"}
+        return found
+
 
 def turns_about(sequence: str) -> str:
     """How Euler angles turn body 1, for a reader."""
     return f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}"
+
+
+def massive(pair: HingePair | PlanarPair) -> HingePair:
+    """The pair in space, of bodies with their masses."""
+    return pair.massive() if isinstance(pair, PlanarPair) else pair
+
+
+def _of_others(pair: HingePair, found: SimulatedMotion | SimulatedPlanarMotion) -> dict[str, NDArray[Any]]:
+    """What of the forces the loads on body 2 give already."""
+    state = pair.forward_kinematics_from_body1(found.body1, found.psi, outputs=("S2", "d"))
+    force, torque = found.loads["force2"], found.loads["torque2"]
+    about = torque - np.cross(state.S2 @ pair.u2, force)
+    axis = found.body1.S @ pair.n
+    turn = (axis * about).sum(axis=-1)
+    return {
+        "hinge_torque": turn,
+        "bearing_torque": about - axis * turn[:, None],
+        "hinge_force": force,
+        "force1": force,
+        "torque1": torque + np.cross(state.d, force),
+    }

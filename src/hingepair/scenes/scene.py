@@ -26,15 +26,14 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import MOST_HELD, ROWS, Record, Result
 from hingepair.pair.states import PairState, PlanarState, lacking
 from hingepair.scenes.explain import ScenePlan, explain
-from hingepair.scenes.forces import fall_of, forces, massive
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.known_motion import ByBody1, ByCoordinates, Derivatives, KnownMotion
-from hingepair.scenes.motion import Motion
+from hingepair.scenes.motion import Motion, massive
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
 if TYPE_CHECKING:
-    from hingepair.scenes.expression_motion import FunctionsOfTime
+    from hingepair.scenes.functions import FunctionsOfTime
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
@@ -103,7 +102,7 @@ class SceneResult(Frozen, Result):
         Raises:
             ArgumentError: no output has second derivatives, or body 2 no mass properties.
         """
-        return massive(self.scene.pair).energy(*self._moved(), fall_of(self.scene.pair, self.scene.motion))
+        return massive(self.scene.pair).energy(*self._moved(), self.scene.motion.gravity(self.scene.pair))
 
     def momentum(self) -> Momentum:
         """Linear and angular momentum at the instants (D8), where both bodies have mass properties.
@@ -362,7 +361,7 @@ class Scene(Shown):
                 gravity of its own.
         """
         t = self.times()
-        return Record(t, forces(self.pair, self.motion, gravity), f"forces: {self.title}")
+        return Record(t, self.motion.forces(self.pair, gravity), f"forces: {self.title}")
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the results should know: psi past its limits, kinks, rates by finite differences."""
