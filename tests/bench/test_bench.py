@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.bench import direct, peers, skip, truth
-from hingepair.bench.measure import Report, Row, measured
-from hingepair.bench.peers import LEVELS, Way, ways
+from hingepair.bench import direct, engines, measure, peers, skip, truth
+from hingepair.bench.measure import Report, Row, Way, interleaved, present, rows_of
+from hingepair.bench.peers import LEVELS
 from hingepair.bench.plot import Curve, Panel, draw
 from hingepair.cli import bench as command
 from hingepair.cli.main import app
@@ -21,9 +21,9 @@ from support.reference import from_euler
 from support.states import generator
 
 PAIR = hp.HingePair(**peers.CONSTANTS)
-PRESENT = ways(cpp=False)[0]
+PRESENT, _ = present(peers.WAYS, {engines.CPP: "not here"})
 MEASURED = [way for way in PRESENT if way.name not in {peers.FLOOR, peers.FRESH_FLOOR}]
-FEW = tuple(way for way in PRESENT if way.name in {peers.OURS, peers.PYTHON_LOOP, peers.FLOOR})
+FEW = tuple(way for way in PRESENT if way.name in {peers.OURS, engines.PYTHON_LOOP, peers.FLOOR})
 
 
 def run(*options):
@@ -88,7 +88,11 @@ def test_one_state_is_computed_as_a_batch_is(ordinary):
 
 def _changed(change):
     """Our results, changed."""
-    return lambda p, m, r: lambda: change({k: v.copy() for k, v in peers.ours()(p, m, r)().items()})
+    return lambda task: lambda: change(_named(task, peers.ours()(task)()))
+
+
+def _named(task, results):
+    return {name: result.copy() for name, result in zip(task.room, results, strict=True)}
 
 
 def _with_nan(found):
@@ -96,11 +100,11 @@ def _with_nan(found):
     return found
 
 
-def _reduced(pair, motion, room):
+def _reduced(task):
     """Reduces psi modulo 2 pi in double."""
-    q = motion[0].copy()
+    q = task.motion[0].copy()
     q[:, 6] %= 2 * np.pi
-    return peers.ours()(pair, (q, *motion[1:]), room)
+    return peers.ours()(task._replace(motion=(q, *task.motion[1:])))
 
 
 def _refuses(*_):
@@ -125,7 +129,8 @@ def test_the_error_columns_see_errors_and_what_is_not_finite(ordinary, hard):
 
 
 def test_rows_are_medians_of_one_run_and_ratios_to_the_first():
-    rows = measured("a case", {"a": lambda: None, "b": lambda: sum(range(2000))}, 5, {"a": 1, "b": 10}, {"b": 2.0})
+    times = interleaved({"a": lambda: None, "b": lambda: sum(range(2000))}, 5)
+    rows = rows_of("a case", times, {"a": 1, "b": 10}, {"b": 2.0})
     assert [row.method for row in rows] == ["a", "b"]
     assert rows[0].ratio == 1
     assert rows[1].ratio > 0.5
@@ -162,7 +167,7 @@ def _row(case, method, ratio, seconds=1e-3):
 
 def test_targets_say_what_is_reached_and_what_is_missed():
     case = direct.case_of("velocity", 1_000_000)
-    ratios = {peers.OURS: 1.0, peers.FLOOR: 0.5, peers.PYTHON_LOOP: 200.0}
+    ratios = {peers.OURS: 1.0, peers.FLOOR: 0.5, engines.PYTHON_LOOP: 200.0}
     rows = [_row(case, method, ratio) for method, ratio in ratios.items()]
     first = f"{direct.STARTS}: {direct.FIRST_CALL}"
     rows += [_row(first, backend, 1, s) for backend, s in zip(direct.BACKENDS, (0.3, 0.2, 0.5), strict=True)]
@@ -187,7 +192,7 @@ def test_no_cell_of_the_report_is_cut(capsys):
     rows += [_row(case, peers.OURS, 1.0) for case in (direct.CYCLE, direct.MADE)]
     targets = direct.targets(rows)
     assert len(targets) == 6 + 9 + 2 + 1 + len(direct.SEQUENCES) + 2
-    command._print(Report(rows, "error", targets), False)
+    command._report(Report(rows, "error", targets), False)
     assert "…" not in capsys.readouterr().out
 
 
@@ -221,26 +226,29 @@ def test_bad_options(option):
 
 
 def test_a_way_that_is_not_installed_is_a_line(monkeypatch):
-    monkeypatch.setattr(peers, "find_spec", lambda name: None if name in {"jax", "mujoco"} else True)
-    found, left_out = ways(cpp=False)
+    monkeypatch.setattr(measure, "find_spec", lambda name: None if name in {"jax", "mujoco"} else True)
+    found, left_out = present(peers.WAYS, {engines.CPP: engines.cpp_missing(False)})
     assert not [way for way in found if way.needs in {"jax", "mujoco"}]
-    assert {"MuJoCo", "JAX", "Pinocchio"} <= {line.split(",")[0] for line in left_out}
+    assert {f"left out: {name}" for name in ("MuJoCo", "JAX", "Pinocchio")} <= {
+        line.split(",")[0] for line in left_out
+    }
 
 
 def test_without_a_compiler_or_headers_the_cpp_loop_is_a_line(monkeypatch):
-    peers.compiled_loop.cache_clear()
-    monkeypatch.setattr(peers, "_headers", lambda: iter(()))
-    assert "pinocchio/algorithm/" in " ".join(ways(cpp=True)[1])
+    engines.compiled_loop.cache_clear()
+    monkeypatch.setattr(engines, "_headers", lambda: iter(()))
+    assert "pinocchio/algorithm/" in engines.cpp_missing(True)
     monkeypatch.setenv("PATH", "")
-    assert "a C++ compiler" in " ".join(ways(cpp=True)[1])
+    assert "a C++ compiler" in engines.cpp_missing(True)
 
 
 @pytest.mark.slow
 def test_the_cpp_loop_computes_the_truth(ordinary, monkeypatch):
     """Not optimised, which takes the compiler half the time."""
-    peers.compiled_loop.cache_clear()
-    monkeypatch.setattr(peers, "_FLAGS", tuple("-O0" if flag == "-O3" else flag for flag in peers._FLAGS))
-    way = next(way for way in ways(cpp=True)[0] if way.name == peers.CPP)
+    engines.compiled_loop.cache_clear()
+    monkeypatch.setattr(engines, "_FLAGS", tuple("-O0" if flag == "-O3" else flag for flag in engines._FLAGS))
+    assert engines.cpp_missing(True) is None
+    way = next(way for way in peers.WAYS if way.name == engines.CPP)
     for level in LEVELS:
         assert direct.errors(PAIR, [way], ordinary[level])[way.name] < 20
 
@@ -273,7 +281,7 @@ def test_what_is_known_changes_no_output():
 @pytest.mark.slow
 def test_starts_are_measured_in_fresh_processes(monkeypatch):
     monkeypatch.setattr(direct, "SEQUENCES", {direct.FIRST_CALL: "[3, 1]"})
-    rows = direct.starts(1, lambda _: None)
+    rows = direct.starts(1)
     assert len(rows) == 2 + 1 + len(direct.BACKENDS)
     assert all(row.seconds > 0 for row in rows)
     assert {target.what for target in direct.targets(rows)} >= {"import", "hingepair run, reference scene"}

@@ -9,7 +9,6 @@ import pytest
 from typer.testing import CliRunner
 
 from hingepair.bench import dynamics as bench
-from hingepair.bench.peers import OURS, PREPARED, PYTHON_LOOP
 from hingepair.cli.main import app
 
 PAIR = bench.bodies()
@@ -17,31 +16,29 @@ PAIR = bench.bodies()
 
 @pytest.mark.parametrize("inverse", [True, False], ids=[bench.INVERSE, bench.FORWARD])
 def test_all_ways_compute_the_same(inverse):
-    many, one = bench.Motion(PAIR, 5), bench.Motion(PAIR, 1)
-    ways = many.ways(inverse, cpp=False)
+    many, one = bench.task_of(PAIR, inverse, 5), bench.task_of(PAIR, inverse, 1)
     own = np.swapaxes(many.body1.S, -1, -2)
 
     def turned(vectors):
         return (own @ vectors[..., None])[..., 0]
 
-    first, second, third = ways[OURS]()
+    first, second, third = bench.ours(many)()
     near = {"rtol": 0, "atol": 1e-10}
-    theirs, mujoco = ways[PYTHON_LOOP](), ways[bench.MUJOCO]()
+    theirs, mujoco = bench.pinocchio_loop(many)(), bench.mujoco_loop(many)()
     np.testing.assert_allclose(mujoco, np.concatenate([first, turned(second), third[:, None]], -1), **near)
     drift = 0 if inverse else np.cross(many.body1.omega, many.body1.v)  # Pinocchio's is the spatial acceleration
     np.testing.assert_allclose(
         theirs, np.concatenate([turned(first - drift), turned(second), third[:, None]], -1), **near
     )
-    lone = one.ways(inverse, cpp=False)
-    for found, expected in zip(lone[PREPARED](), lone[OURS](), strict=True):
+    for found, expected in zip(bench.prepared(one)(), bench.ours(one)(), strict=True):
         np.testing.assert_allclose(found, expected[0], **near)
 
 
 def test_the_textbook_is_newton_and_euler():
-    motion = bench.Motion(PAIR, 1)
+    motion = bench.task_of(PAIR, True, 1)
     psi, psid, _ = motion.hinge[:, 0]
     one = motion.body1
-    y = np.concatenate([one.R[0], np.roll(motion.engine[0][0, 3:7], 1), [psi], one.v[0], one.omega[0], [psid]])
+    y = np.concatenate([one.R[0], np.roll(motion.rows[0][0, 3:7], 1), [psi], one.v[0], one.omega[0], [psid]])
     slopes = bench.textbook(PAIR, lambda _: 0.7)(0.0, y)
     found = PAIR.forward_dynamics(one, psi, psid, hinge_torque=0.7)
     np.testing.assert_allclose(

@@ -12,10 +12,22 @@ from pathlib import Path
 import numpy as np
 
 from hingepair.bench import peers
-from hingepair.bench.measure import Job, Report, Row, Target, Tell, measured, rows_of
-from hingepair.bench.peers import CONSTANTS, LEVELS, Way, room_for
+from hingepair.bench.engines import CPP, PYTHON_LOOP, cpp_missing
+from hingepair.bench.measure import (
+    Report,
+    Row,
+    Target,
+    Way,
+    compared,
+    interleaved,
+    present,
+    reached,
+    rows_of,
+    tell,
+)
+from hingepair.bench.peers import CONSTANTS, FLOOR, FRESH, FRESH_FLOOR, LEVELS, OURS, PREPARED, task_of
 from hingepair.bench.plot import Curve, Panel
-from hingepair.bench.truth import DIGITS, Motion, Truth, hard_states, random_states
+from hingepair.bench.truth import DIGITS, Truth, hard_states, random_states
 from hingepair.pair.hinge_pair import HingePair
 
 HARD = "on hard states"
@@ -31,18 +43,17 @@ _NOTE = (
 )
 
 
-def direct(sizes: Sequence[int], levels: Sequence[str], repeats: int, cpp: bool, cold: bool, tell: Tell) -> Report:
+def direct(sizes: Sequence[int], levels: Sequence[str], repeats: int, cpp: bool, cold: bool) -> Report:
     """All ways at all sizes beside the copy floor; single states; with `cold`, the first seconds of a process."""
     if cpp:
         tell("compiling Pinocchio's C++ loop (up to a minute)")
-    ways, left_out = peers.ways(cpp)
-    rows = batches(ways, sizes, levels, repeats, tell) + singles(repeats, tell)
-    rows += starts(repeats, tell) if cold else []
-    notes = [*(f"left out: {line}" for line in left_out), _NOTE]
-    return Report(rows, "error", targets(rows), notes, [panels(rows)])
+    ways, left_out = present(peers.WAYS, {CPP: cpp_missing(cpp)})
+    rows = batches(ways, sizes, levels, repeats) + singles(repeats)
+    rows += starts(repeats) if cold else []
+    return Report(rows, "error", targets(rows), [*left_out, _NOTE], [panels(rows)])
 
 
-def batches(ways: Sequence[Way], sizes: Sequence[int], levels: Sequence[str], repeats: int, tell: Tell) -> list[Row]:
+def batches(ways: Sequence[Way], sizes: Sequence[int], levels: Sequence[str], repeats: int) -> list[Row]:
     """All ways at all sizes, interleaved; a way with a limit is given fewer samples."""
     rng = np.random.default_rng(20)
     pair = HingePair(**CONSTANTS)
@@ -53,39 +64,34 @@ def batches(ways: Sequence[Way], sizes: Sequence[int], levels: Sequence[str], re
             errors(pair, ways, Truth(CONSTANTS, states, outputs))
             for states in (random_states(rng, _COMPARED, parts), hard_states(rng, parts))
         )
+        more = {name: {HARD: value} for name, value in hard.items()}
         found = {}
         for size in sorted(sizes, reverse=True):  # the largest first: what is measured of small ones is warm
-            motion, room = random_states(rng, size, parts), room_for(outputs, size)
-            counts = {way.name: min(size, way.most) for way in ways if size >= way.least}
-            jobs = {way.name: _job(way, pair, motion, room, counts[way.name]) for way in ways if way.name in counts}
-            tell(f"{level}, N = {size:,}: {len(jobs)} ways, {repeats} repeats")
-            more = {name: {HARD: value} for name, value in hard.items()}
-            found[size] = measured(case_of(level, size), jobs, repeats, counts, random, more)
+            tell(f"{level}, N = {size:,}: {repeats} repeats")
+            task = task_of(pair, random_states(rng, size, parts), outputs)
+            found[size] = compared(case_of(level, size), ways, task.first, size, repeats, random, more)
         rows += [row for size in sizes for row in found[size]]
     return rows
 
 
-def case_of(level: str, size: int) -> str:
+def case_of(what: str, size: int) -> str:
     """The name of a case."""
-    return f"{level}, N = {size:,}"
-
-
-def _job(way: Way, pair: HingePair, motion: Motion, room: peers.Room, count: int) -> Job:
-    return way.make(pair, tuple(c[:count] for c in motion), {name: array[:count] for name, array in room.items()})
+    return f"{what}, N = {size:,}"
 
 
 def errors(pair: HingePair, ways: Iterable[Way], truth: Truth) -> dict[str, float]:
     """Each way's largest error, in units of u * scale; infinite where it refuses a state."""
     found = {}
     for way in ways:
-        room = {name: np.full_like(a, np.nan) for name, a in room_for(truth.outputs, len(truth.exact)).items()}
+        task = task_of(pair, truth.motion, truth.outputs)
         try:
             with np.errstate(all="ignore"):
-                results = way.make(pair, truth.motion, room)()
+                results = way.make(task)()
         except ValueError:
-            results = room
-        if way.name not in {peers.FLOOR, peers.FRESH_FLOOR}:
-            found[way.name] = truth.error(results)
+            results = {name: np.full_like(array, np.nan) for name, array in task.room.items()}
+        if way.name not in {FLOOR, FRESH_FLOOR}:
+            named = results if isinstance(results, dict) else dict(zip(truth.outputs, results, strict=True))
+            found[way.name] = truth.error(named)
     return found
 
 
@@ -105,12 +111,12 @@ def panels(rows: Sequence[Row]) -> list[Panel]:
             if name in drawn and row.error is not None
         ]
         if curves:
-            up, floor = "" if found else "largest error [u * scale]", times.get(peers.FLOOR)
+            up, floor = "" if found else "largest error [u * scale]", times.get(FLOOR)
             found.append(Panel(cases[-1], "run time [ns a sample]", up, curves, floor and floor[0], most=10.0))
     return found
 
 
-def singles(repeats: int, tell: Tell) -> list[Row]:
+def singles(repeats: int) -> list[Row]:
     """What one state costs beside forward kinematics: a pair made, and a control cycle from a quaternion."""
     tell(f"one state: a pair made, a control cycle; {repeats} repeats")
     pair = HingePair(**CONSTANTS)
@@ -118,53 +124,31 @@ def singles(repeats: int, tell: Tell) -> list[Row]:
     R, quat, v, omega = (rng.normal(size=k) for k in (3, 4, 3, 3))
     given = R, quat / np.sqrt(quat @ quat), v, omega, 0.3, -0.7
     plain = {key: value for key, value in CONSTANTS.items() if key != "home"}
-    jobs = {"Pinocchio": peers.pinocchio_cycle(pair, *given), peers.OURS: peers.our_cycle(pair, *given)}
-    return [
-        *measured(CYCLE, jobs, repeats),
-        *measured(MADE, {peers.OURS: lambda: HingePair(**plain)}, repeats),
-    ]
+    jobs = {"Pinocchio": peers.pinocchio_cycle(pair, *given), OURS: peers.our_cycle(pair, *given)}
+    made = interleaved({OURS: lambda: HingePair(**plain)}, repeats)
+    return rows_of(CYCLE, interleaved(jobs, repeats)) + rows_of(MADE, made)
 
 
-_FIRST = """
-import time
+_TIMED = """
+import atexit, sys, time
+{before}
+atexit.register(lambda start: print(time.perf_counter() - start, file=sys.stderr), time.perf_counter())
+{timed}
+"""
+_PAIR = """
 import numpy as np
 import hingepair as hp
 pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
 rng = np.random.default_rng(0)
 calls = [(rng.normal(size=(n, 7) if n > 1 else 7), rng.normal(size=(n, 7) if n > 1 else 7)) for n in {sizes}]
-start = time.perf_counter()
-for q, qd in calls:
-    pair.forward_kinematics(q, qd, backend={backend!r})
-print(time.perf_counter() - start)
 """
-_CLOCK = "import time; start = time.perf_counter(); {}; print(time.perf_counter() - start)"
+_CALLS = "for q, qd in calls: pair.forward_kinematics(q, qd, backend={backend!r})"
 _SCENE = """
-[pair]
-u1 = [0.5, 0.2, 0.1]
-u2 = [-0.25, 0.1, 0.3]
-n = [1, 0, 0]
-[motion]
-x = "3*t"
-y = "3*t"
-z = "3*t"
-phi_x = "3*t"
-phi_y = "t"
-phi_z = "5*t"
-psi = "10*t"
-[time]
-start = 0
-stop = 10
-samples = 10001
+pair = {u1 = [0.5, 0.2, 0.1], u2 = [-0.25, 0.1, 0.3], n = [1, 0, 0]}
+motion = {x = "3*t", y = "3*t", z = "3*t", phi_x = "3*t", phi_y = "t", phi_z = "5*t", psi = "10*t"}
+time = {start = 0, stop = 10, samples = 10001}
 """
-_RUN = """
-import contextlib, io, sys, time
-start = time.perf_counter()
-from hingepair.cli.main import main
-sys.argv = ["hingepair", "run", {scene!r}]
-with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
-    main()
-print(time.perf_counter() - start)
-"""
+_RUN = "from hingepair.cli.main import main; main()"
 IMPORT, RUN = f"{STARTS}: import", f"{STARTS}: hingepair run, reference scene"
 FIRST_CALL = "1 x 200,000"
 SEQUENCES = {
@@ -179,74 +163,76 @@ SEQUENCES = {
 BACKENDS = ("auto", "numpy", "compiled")
 
 
-def starts(repeats: int, tell: Tell) -> list[Row]:
+def starts(repeats: int) -> list[Row]:
     """The first seconds of a process: imports, a scene, sequences of calls by each backend; each in a fresh one."""
     tell(f"fresh processes: imports and {len(SEQUENCES)} sequences of calls, {repeats} repeats")
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.toml"
         scene.write_text(_SCENE, encoding="utf-8")
-        run = _RUN.format(scene=str(scene))
-        codes = {IMPORT: {name: _CLOCK.format(f"import {name}") for name in ("numpy", "hingepair")}}
-        codes[RUN] = {peers.OURS: run}
+        run = _TIMED.format(before=f"sys.argv = ['hingepair', 'run', {str(scene)!r}]", timed=_RUN)
+        codes = {
+            IMPORT: {name: _TIMED.format(before="", timed=f"import {name}") for name in ("numpy", "hingepair")},
+            RUN: {OURS: run},
+        }
         for name, sizes in SEQUENCES.items():
-            own = {backend: _FIRST.format(sizes=sizes, backend=backend) for backend in BACKENDS}
-            codes[f"{STARTS}: {name}"] = own
-        bytecode = os.environ | {"PYTHONPYCACHEPREFIX": folder, "PYTHONDONTWRITEBYTECODE": ""}
-        for code in (run, _FIRST.format(sizes="[1]", backend="compiled")):  # modules are compiled to bytecode
-            _inside(code, bytecode)
+            calls = {backend: _CALLS.format(backend=backend) for backend in BACKENDS}
+            before = _PAIR.format(sizes=sizes)
+            codes[f"{STARTS}: {name}"] = {b: _TIMED.format(before=before, timed=call) for b, call in calls.items()}
+        own = os.environ | {"PYTHONPYCACHEPREFIX": folder, "PYTHONDONTWRITEBYTECODE": ""}
+        for code in (run, *codes[f"{STARTS}: {FIRST_CALL}"].values()):  # modules are compiled to bytecode
+            _seconds_in(code, own)
         rows = []
         for case, ways in codes.items():
-            times: dict[str, list[float]] = {name: [] for name in ways}
-            for _ in range(repeats):
-                for name, code in ways.items():
-                    times[name].append(_inside(code, bytecode))
-            rows += rows_of(case, times)
+            times = [{name: _seconds_in(code, own) for name, code in ways.items()} for _ in range(repeats)]
+            rows += rows_of(case, {name: [one[name] for one in times] for name in ways})
     return rows
 
 
-def _inside(code: str, environment: dict[str, str]) -> float:
-    """The seconds that a fresh process prints."""
+def _seconds_in(code: str, environment: dict[str, str]) -> float:
+    """The seconds that a fresh process says last."""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
-    return float(done.stdout)
+    return float(done.stderr.split()[-1])
 
 
 def targets(rows: Sequence[Row]) -> list[Target]:
     """What the rows say of each target, as far as they were measured."""
-    by = {(row.case, row.method): row for row in rows}
-    found: list[Target] = []
-
-    def take(what: str, case: str, way: str, unit: str, size: float, target: float) -> None:
-        if (case, way) in by:
-            found.append(Target(what, by[case, way].seconds / size, target, unit))
-
-    def compare(what: str, case: str, way: str, beside: str, target: float, least: bool) -> None:
-        if (case, way) in by and (case, beside) in by:
-            a, b = by[case, way].ratio, by[case, beside].ratio
-            found.append(Target(what, b / a if least else a / b, target, f"x {beside}", least))
-
     one, hundred, many = (case_of("velocity", size) for size in (1, 100, 1_000_000))
-    take("one state", one, peers.OURS, "us", 1e-6, 5.0)
-    compare("one state, prepared", one, peers.PREPARED, peers.PYTHON_LOOP, 1.0, False)
-    take("one state with Jacobian and bias, prepared", CYCLE, peers.OURS, "us", 1e-6, 10.0)
-    take("100 samples", hundred, peers.FRESH, "us", 1e-6, 12.0)
-    take("100 samples, prepared", hundred, peers.PREPARED, "us", 1e-6, 12.0)
-    take("10,000 samples", case_of("velocity", 10_000), peers.OURS, "ms", 1e-3, 0.16)
+    asked = [
+        Target("one state", one, OURS, 5.0, "us"),
+        Target("one state, prepared", one, PREPARED, 1.0, f"x {PYTHON_LOOP}"),
+        Target("one state with Jacobian and bias, prepared", CYCLE, OURS, 10.0, "us"),
+        Target("100 samples", hundred, FRESH, 12.0, "us"),
+        Target("100 samples, prepared", hundred, PREPARED, 12.0, "us"),
+        Target("10,000 samples", case_of("velocity", 10_000), OURS, 0.16, "ms"),
+    ]
     for level in LEVELS:
-        what, case = f"{level} of a million", case_of(level, 1_000_000)
-        compare(what, case, peers.OURS, peers.FLOOR, 1.3, False)
-        compare(what, case, peers.OURS, peers.PYTHON_LOOP, 180.0, True)
-        compare(what, case, peers.OURS, peers.CPP, 12.0, True)
-    compare("velocity of a million, fresh", many, peers.FRESH, peers.PYTHON_LOOP, 90.0, True)
-    compare("velocity of a million, fresh", many, peers.FRESH, peers.FRESH_FLOOR, 1.3, False)
+        million = f"{level} of a million", case_of(level, 1_000_000), OURS
+        asked += [
+            Target(*million, 1.3, f"x {FLOOR}"),
+            Target(*million, 180.0, f"x {PYTHON_LOOP}", least=True),
+            Target(*million, 12.0, f"x {CPP}", least=True),
+        ]
+    asked += [
+        Target("velocity of a million, fresh", many, FRESH, 90.0, f"x {PYTHON_LOOP}", least=True),
+        Target("velocity of a million, fresh", many, FRESH, 1.3, f"x {FRESH_FLOOR}"),
+    ]
+    last = [
+        Target("HingePair(...)", MADE, OURS, 60.0, "us"),
+        Target("import", IMPORT, "hingepair", 1.3, "x numpy"),
+        Target("hingepair run, reference scene", RUN, OURS, 1.0, "s"),
+    ]
+    return reached(rows, asked) + _of_backends(rows) + reached(rows, last)
+
+
+def _of_backends(rows: Sequence[Row]) -> list[Target]:
+    """How much longer calls take in a fresh process than by the backend that is better in hindsight."""
+    by = {(row.case, row.method): row.seconds for row in rows}
+    found = []
     for name in SEQUENCES:
-        cases = [(f"{STARTS}: {name}", backend) for backend in BACKENDS]
-        if not by.keys() >= {*cases}:
-            continue
-        auto, numpy, compiled = (by[case].seconds for case in cases)
+        case = f"{STARTS}: {name}"
+        auto, numpy, compiled = (by.get((case, backend), np.nan) for backend in BACKENDS)
+        over = {f"calls {name}: over 2 x the better": auto - 2 * min(numpy, compiled)}
         if name == FIRST_CALL:
-            found.append(Target(f"first call, {name}: over NumPy", auto - numpy, 0.05, "s"))
-        found.append(Target(f"calls {name}: over 2 x the better", auto - 2 * min(numpy, compiled), 0.05, "s"))
-    take("HingePair(...)", MADE, peers.OURS, "us", 1e-6, 60.0)
-    compare("import", IMPORT, "hingepair", "numpy", 1.3, False)
-    take("hingepair run, reference scene", RUN, peers.OURS, "s", 1.0, 1.0)
-    return found
+            over = {f"first call, {name}: over NumPy": auto - numpy} | over
+        found += [Target(what, case, "auto", 0.05, "s", reached=value) for what, value in over.items()]
+    return [target for target in found if not np.isnan(target.reached)]

@@ -6,30 +6,45 @@ hingepair has a part in it.
 
 from __future__ import annotations
 
-import weakref
-from collections.abc import Callable, Mapping, Sequence
+import functools
+from collections.abc import Callable
 from importlib.util import find_spec
-from typing import Any, TypeAlias
+from operator import attrgetter
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.bench.measure import Job, Report, Row, Target, Tell, measured
-from hingepair.bench.peers import (
-    CONSTANTS,
+from hingepair.bench.direct import case_of
+from hingepair.bench.engines import (
     CPP,
-    OURS,
-    PREPARED,
+    FEW,
+    MUJOCO,
     PYTHON_LOOP,
-    address_of,
-    compiled_loop,
+    cpp_job,
     cpp_missing,
+    mujoco_rows,
+    pinocchio_rows,
 )
+from hingepair.bench.measure import (
+    Job,
+    Report,
+    Row,
+    Target,
+    Way,
+    compared,
+    interleaved,
+    present,
+    reached,
+    rows_of,
+    tell,
+)
+from hingepair.bench.peers import CONSTANTS, OURS, PREPARED
 from hingepair.dynamics.simulate import simulate
 from hingepair.formats.mjcf_writer import to_mjcf
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import GRAVITY
+from hingepair.pair.dynamics import GRAVITY, Forces
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.validation.pinocchio_twin import to_pinocchio
@@ -37,11 +52,10 @@ from hingepair.validation.pinocchio_twin import to_pinocchio
 Array: TypeAlias = NDArray[np.float64]
 
 INVERSE, FORWARD = "inverse dynamics", "forward dynamics"
-MUJOCO, DOP853 = "MuJoCo, Python loop", "SciPy DOP853, NumPy"
+DOP853 = "SciPy DOP853, NumPy"
 GOAL = 1e-8
 """Largest error of a simulation [rad]."""
 
-_FEW = 10**4
 _TIME = np.linspace(0, 10, 101)
 _SPIN = np.array([0.3, 1.5, -0.7])
 _SPRING = 3.0
@@ -49,214 +63,180 @@ _SPRING = 3.0
 
 def bodies() -> HingePair:
     """A pair whose bodies have masses."""
-    rng = np.random.default_rng(22)
-    turned = [rotation_exp(vector) for vector in rng.normal(size=(2, 3))]
-    moments = ((0.5, 0.7, 0.9), (0.2, 0.3, 0.4))
-    body1, body2 = (
-        Body(mass, rng.normal(size=3) / 5, S @ np.diag(own) @ S.T)
-        for mass, S, own in zip((2.0, 1.0), turned, moments, strict=True)
-    )
+    body1 = Body(2.0, (0.1, -0.3, 0.2), [[0.7, 0.1, 0.05], [0.1, 0.6, -0.1], [0.05, -0.1, 0.8]])
+    body2 = Body(1.0, (-0.2, 0.1, 0.05), [[0.3, 0.02, 0.04], [0.02, 0.25, -0.03], [0.04, -0.03, 0.35]])
     return HingePair(**CONSTANTS, body1=body1, body2=body2)
 
 
-def dynamics(samples: int, repeats: int, cpp: bool, tell: Tell) -> Report:
+def dynamics(samples: int, repeats: int, cpp: bool) -> Report:
     """One state and many, both ways; a simulation to a given error."""
-    pair, rows, notes = bodies(), list[Row](), []
-    missing = cpp_missing(dynamics=True) if cpp else "compiled where --cpp asks for it"
-    if missing:
-        notes.append(f"left out: {CPP} ({missing})")
-    for count in (1, samples):
-        motion = Motion(pair, count)
-        for case, inverse in ((INVERSE, True), (FORWARD, False)):
-            ways = motion.ways(inverse, cpp=not missing)
-            counts = {name: min(count, _FEW if name in {PYTHON_LOOP, MUJOCO} else count) for name in ways}
-            tell(f"{case}, N = {count:,}: {len(ways)} ways, {repeats} repeats")
-            rows += measured(case_of(case, count), ways, repeats, counts)
+    pair, rows = bodies(), list[Row]()
+    ways, notes = present(WAYS, {CPP: cpp_missing(cpp, dynamics=True)})
+    for size in (1, samples):
+        for case in (INVERSE, FORWARD):
+            tell(f"{case}, N = {size:,}: {repeats} repeats")
+            task = functools.cache(functools.partial(task_of, pair, case == INVERSE))
+            own = ways[1:] if size > 1 else ways
+            rows += compared(case_of(case, size), own, task, size, repeats)
     if find_spec("scipy"):
-        rows += simulation(pair, repeats, tell)
+        rows += simulation(pair, repeats)
     notes.append(f"error: largest of attitude and psi over 10 s [rad]; tolerances by which it is at most {GOAL:g}")
-    return Report(rows, "error [rad]", targets(rows, samples), notes)
+    return Report(rows, "error [rad]", reached(rows, targets(samples)), notes)
 
 
-def case_of(case: str, count: int) -> str:
-    """The name of a case."""
-    return f"{case}, N = {count:,}"
-
-
-def targets(rows: Sequence[Row], samples: int) -> list[Target]:
-    """What the rows say of each target, as far as they were measured."""
-    by = {(row.case, row.method): row.ratio for row in rows}
+def targets(samples: int) -> list[Target]:
+    """What is aimed at."""
     found = []
     for case in (INVERSE, FORWARD):
-        one, many = case_of(case, 1), case_of(case, samples)
-        if (one, PYTHON_LOOP) in by:
-            ratio = by[one, PREPARED] / by[one, PYTHON_LOOP]
-            found.append(Target(f"{case}, one state prepared", ratio, 1.0, "x Pinocchio from Python"))
-        if (many, CPP) in by:
-            found.append(Target(many, by[many, CPP] / by[many, OURS], 5.0, f"x {CPP}", least=True))
-    if (SIMULATION, DOP853) in by:
-        found.append(Target("a simulation", by[SIMULATION, DOP853], 10.0, f"x {DOP853}", least=True))
-    return found
+        many = case_of(case, samples)
+        found += [
+            Target(f"{case}, one state prepared", case_of(case, 1), PREPARED, 1.0, f"x {PYTHON_LOOP}"),
+            Target(many, many, OURS, 5.0, f"x {CPP}", least=True),
+        ]
+    return [*found, Target("a simulation", SIMULATION, OURS, 10.0, f"x {DOP853}", least=True)]
 
 
-class Motion:
-    """Random states, forces that fit them, and both as the engines take them."""
+class Task(NamedTuple):
+    """Random states and forces that fit them, of which accelerations are sought, or, inverse, forces."""
 
-    def __init__(self, pair: HingePair, count: int) -> None:
-        rng = np.random.default_rng(23)
-        self.pair, self.count = pair, count
-        R, v, omega, a, alpha, turn = rng.normal(size=(6, count, 3))
-        self.hinge: Array = rng.normal(size=(3, count))
-        self.body1 = BodyMotion(R=R, S=rotation_exp(turn), v=v, omega=omega, a=a, alpha=alpha)
-        self.forces = pair.inverse_dynamics(self.body1, *self.hinge)
-        twin = to_pinocchio(pair)
-        makers: tuple[Any, ...] = (twin.configuration, twin.velocity, twin.acceleration)
-        self.engine: list[Array] = [make(self.body1, *self.hinge[: i + 1]) for i, make in enumerate(makers)]
-        own = np.swapaxes(self.body1.S, -1, -2)
-        vectors = [(own @ vector[..., None])[..., 0] for vector in self.forces[:2]]
-        self.tau = np.concatenate([*vectors, self.forces.hinge_torque[:, None]], axis=-1)
+    pair: HingePair  # with masses
+    inverse: bool  # whether forces are sought
+    body1: BodyMotion  # its motion
+    hinge: Array  # psi, psi', psi''; shape (3, N)
+    forces: Forces  # what acts
+    rows: list[Array]  # Pinocchio's q and v, and its accelerations or, where these are sought, its forces
 
-    def ways(self, inverse: bool, *, cpp: bool) -> dict[str, Job]:
-        """Jobs by name."""
-        found: dict[str, Job] = {} if self.count > 1 else {PREPARED: self._prepared(inverse)}
-        found[OURS] = self._ours(inverse)
-        found[PYTHON_LOOP] = self._pinocchio(inverse)
-        if cpp:
-            found[CPP] = self._compiled(inverse)
-        if find_spec("mujoco"):
-            found[MUJOCO] = self._mujoco(inverse)
-        return found
 
-    def _ours(self, inverse: bool) -> Job:
-        pair, body1, (psi, psid, psidd), (force1, torque1, hinge) = self.pair, self.body1, self.hinge, self.forces
-        if inverse:
-            return lambda: pair.inverse_dynamics(body1, psi, psid, psidd)
-        return lambda: pair.forward_dynamics(body1, psi, psid, force1=force1, torque1=torque1, hinge_torque=hinge)
+def task_of(pair: HingePair, inverse: bool, count: int) -> Task:
+    """So many random states."""
+    rng = np.random.default_rng(23)
+    R, v, omega, a, alpha, turn = rng.normal(size=(6, count, 3))
+    hinge: Array = rng.normal(size=(3, count))
+    body1 = BodyMotion(R=R, S=rotation_exp(turn), v=v, omega=omega, a=a, alpha=alpha)
+    forces = pair.inverse_dynamics(body1, *hinge)
+    rows = pinocchio_rows(pair, body1, hinge)
+    if not inverse:
+        own = np.swapaxes(body1.S, -1, -2)
+        vectors = [(own @ vector[..., None])[..., 0] for vector in forces[:2]]
+        rows[2] = np.concatenate([*vectors, forces.hinge_torque[:, None]], axis=-1)
+    return Task(pair, inverse, body1, hinge, forces, rows)
 
-    def _prepared(self, inverse: bool) -> Job:
-        """From a quaternion, as Pinocchio's."""
-        psi, psid, psidd = map(float, self.hinge[:, 0])
-        moves = [np.array(array[0]) for array in (self.body1.omega, self.body1.a, self.body1.alpha)]  # type: ignore[index]
-        quat, (force1, torque1, hinge) = self.engine[0][0, 3:7].copy(), (np.array(part[0]) for part in self.forces)
-        if inverse:
-            given = ("quat_xyzw", "omega1", "a1", "alpha1", "psi", "psid", "psidd")
-            call = self.pair.prepare(given, outputs=("force1", "torque1", "hinge_torque"))
 
-            def run() -> Any:
-                state = call(quat, *moves, psi, psid, psidd)
-                return state.force1, state.torque1, state.hinge_torque
+def ours(task: Task) -> Job:
+    """The methods of the pair."""
+    pair, _, body1, (psi, psid, psidd), (force1, torque1, hinge), _ = task
+    if task.inverse:
+        return lambda: pair.inverse_dynamics(body1, psi, psid, psidd)
+    return lambda: pair.forward_dynamics(body1, psi, psid, force1=force1, torque1=torque1, hinge_torque=hinge)
 
-            return run
-        follow = self.pair.prepare(("quat_xyzw", "omega1", "psi", "psid", "force1", "torque1", "hinge_torque"))
-        omega, torque = moves[0], float(hinge)
 
-        def solve() -> Any:
-            state = follow(quat, omega, psi, psid, force1, torque1, torque)
-            return state.a1, state.alpha1, state.psidd
+def prepared(task: Task) -> Job:
+    """One state from a quaternion, as Pinocchio's; what comes out is looked at."""
+    psi, psid, psidd = map(float, task.hinge[:, 0])
+    body1: Any = task.body1
+    quat, omega, a, alpha = (x[0].copy() for x in (task.rows[0][:, 3:7], body1.omega, body1.a, body1.alpha))
+    force1, torque1, hinge = (np.array(part[0]) for part in task.forces)
+    if task.inverse:
+        names, outputs = ("a1", "alpha1", "psi", "psid", "psidd"), ("force1", "torque1", "hinge_torque")
+        given: tuple[Any, ...] = (a, alpha, psi, psid, psidd)
+    else:
+        names, outputs = ("psi", "psid", "force1", "torque1", "hinge_torque"), ("a1", "alpha1", "psidd")
+        given = (psi, psid, force1, torque1, float(hinge))
+    call, read = task.pair.prepare(("quat_xyzw", "omega1", *names), outputs=outputs), attrgetter(*outputs)
+    return lambda: read(call(quat, omega, *given))
 
-        return solve
 
-    def _pinocchio(self, inverse: bool) -> Job:
-        """From Python: of one state its parts are read out, of many each goes into an array."""
-        import pinocchio as pin
+def pinocchio_loop(task: Task) -> Job:
+    """From Python: of one state its parts are read out, of many each goes into an array."""
+    import pinocchio as pin
 
-        twin = to_pinocchio(self.pair)
-        model, data, call = twin.model, twin.data, pin.rnea if inverse else pin.aba
-        q, v, last = (self.engine[0], self.engine[1], self.engine[2] if inverse else self.tau)
-        count = min(self.count, _FEW)
-        room = np.empty((count, 7))
-        if count == 1:
-            one = q[0], v[0], last[0]
+    twin = to_pinocchio(task.pair)
+    model, data, call = twin.model, twin.data, pin.rnea if task.inverse else pin.aba
+    q, v, last = task.rows
+    room = np.empty_like(v)
+    if len(q) == 1:
+        one = q[0], v[0], last[0]
 
-            def read() -> Any:
-                found = call(model, data, *one)
-                return found[:3], found[3:6], found[6]
+        def read() -> Any:
+            found = call(model, data, *one)
+            return found[:3], found[3:6], found[6]
 
-            return read
+        return read
 
-        def run() -> Array:
-            for i in range(count):
-                room[i] = call(model, data, q[i], v[i], last[i])
-            return room
+    def run() -> Array:
+        for i in range(len(q)):
+            room[i] = call(model, data, q[i], v[i], last[i])
+        return room
 
-        return run
+    return run
 
-    def _compiled(self, inverse: bool) -> Job:
-        """The same loop in C++."""
-        library, pair = compiled_loop(dynamics=True), self.pair
-        constants = [np.ascontiguousarray(c) for c in (pair.u1, pair.u2, pair.n, pair.home)]
-        handle = library.pair_new(*map(address_of, constants))
-        both: list[Any] = [pair.body1, pair.body2]
-        masses = [np.array([getattr(one, name) for one in both]) for name in ("mass", "center_of_mass", "inertia")]
-        library.pair_masses(handle, *map(address_of, masses))
-        room = np.ones((self.count, 7))
-        arrays = [self.engine[0], self.engine[1], self.engine[2] if inverse else self.tau, room]
-        addresses = [address_of(array) for array in arrays]
 
-        def run() -> Array:
-            library.pair_dynamics(handle, int(inverse), self.count, *addresses)
-            return room
+def pinocchio_cpp(task: Task) -> Job:
+    """The same loop in C++."""
+    room = np.ones_like(task.rows[1])
+    return cpp_job(task.pair, [int(task.inverse), len(room), *task.rows, room], room, dynamics=True)
 
-        weakref.finalize(run, lambda *_: library.pair_delete(handle), *arrays)
-        return run
 
-    def _mujoco(self, inverse: bool) -> Job:
-        """MuJoCo on the exported model."""
-        import mujoco as mj
+def mujoco_loop(task: Task) -> Job:
+    """MuJoCo on the exported model."""
+    import mujoco as mj
 
-        model = mj.MjModel.from_xml_string(to_mjcf(self.pair))
-        model.opt.gravity[:] = GRAVITY
-        data, count = mj.MjData(model), min(self.count, _FEW)
-        q = self.engine[0][:count, [0, 1, 2, 6, 3, 4, 5, 7]]
-        own = np.swapaxes(self.body1.S[:count], -1, -2)
-        _, psid, psidd = self.hinge[:, :count, None]
-        turned = [(own @ x[:count, :, None])[..., 0] for x in (self.body1.omega, self.body1.alpha)]  # type: ignore[index]
-        v = np.concatenate([self.body1.v[:count], turned[0], psid], axis=-1)  # type: ignore[index]
-        a = np.concatenate([self.body1.a[:count], turned[1], psidd], axis=-1)  # type: ignore[index]
-        tau = np.concatenate([self.forces.force1[:count], self.tau[:count, 3:]], axis=-1)
-        room = np.empty((count, 7))
+    model = mj.MjModel.from_xml_string(to_mjcf(task.pair))
+    model.opt.gravity[:] = GRAVITY
+    data = mj.MjData(model)
+    rows = mujoco_rows(task.rows, task.body1.v, task.body1.a if task.inverse else task.forces.force1)
+    last, solve, found = (
+        (data.qacc, mj.mj_inverse, data.qfrc_inverse)
+        if task.inverse
+        else (data.qfrc_applied, mj.mj_forward, data.qacc)
+    )
+    room = np.empty_like(rows[1])
 
-        def run() -> Array:
-            for i in range(count):
-                data.qpos[:], data.qvel[:] = q[i], v[i]
-                if inverse:
-                    data.qacc[:] = a[i]
-                    mj.mj_inverse(model, data)
-                    room[i] = data.qfrc_inverse
-                else:
-                    data.qfrc_applied[:] = tau[i]
-                    mj.mj_forward(model, data)
-                    room[i] = data.qacc
-            return room
+    def run() -> Array:
+        for i, given in enumerate(zip(*rows, strict=True)):
+            data.qpos[:], data.qvel[:], last[:] = given
+            solve(model, data)
+            room[i] = found
+        return room
 
-        return run
+    return run
+
+
+WAYS = (
+    Way(PREPARED, prepared),
+    Way(OURS, ours),
+    Way(PYTHON_LOOP, pinocchio_loop, most=FEW, needs="pinocchio"),
+    Way(CPP, pinocchio_cpp, needs="pinocchio"),
+    Way(MUJOCO, mujoco_loop, most=FEW, needs="mujoco"),
+)
+"""The first is of one state only."""
 
 
 SIMULATION = f"simulation of 10 s, error at most {GOAL:g}"
 
 
-def simulation(pair: HingePair, repeats: int, tell: Tell) -> list[Row]:
+def simulation(pair: HingePair, repeats: int) -> list[Row]:
     """A tumbling pair with a spring at its hinge, by the coarsest tolerance that reaches the goal."""
     truth = by_scipy(pair, 1e-13)()
     start = BodyMotion(R=np.zeros(3), S=np.eye(3), omega=_SPIN)
 
-    def ours(tol: float) -> Job:
-        return lambda: simulate(
-            pair, _TIME, start, 0.5, 1.0, hinge_torque=lambda _t, psi, _psid: -_SPRING * psi, tol=tol
-        )
+    def spring(_t: Array, psi: Array, _psid: Array) -> Array:
+        return -_SPRING * psi
 
-    makers: Mapping[str, Callable[[float], Job]] = {OURS: ours, DOP853: lambda tol: by_scipy(pair, tol)}
+    def by_us(tol: float) -> Job:
+        read = attrgetter("quat_wxyz", "psi")
+        return lambda: read(simulate(pair, _TIME, start, 0.5, 1.0, hinge_torque=spring, tol=tol))
+
+    makers: dict[str, Callable[[float], Job]] = {OURS: by_us, DOP853: lambda tol: by_scipy(pair, tol)}
     jobs, errors = {}, {}
     tell(f"simulation: tolerances for an error of {GOAL:g}, {repeats} repeats")
     for name, make in makers.items():
         for tol in np.logspace(-5, -13, 17):
-            found = make(float(tol))()
-            other = (found.quat_wxyz, found.psi) if name == OURS else found
-            errors[name] = error_of(other, truth)
+            jobs[name] = make(float(tol))
+            errors[name] = error_of(jobs[name](), truth)
             if errors[name] <= GOAL:
                 break
-        jobs[name] = make(float(tol))
-    return measured(SIMULATION, jobs, repeats, errors=errors)
+    return rows_of(SIMULATION, interleaved(jobs, repeats), errors=errors)
 
 
 def error_of(found: tuple[Array, Array], truth: tuple[Array, Array]) -> float:

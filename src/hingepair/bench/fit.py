@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.bench.measure import Report, Row, Target, Tell, measured
+from hingepair.bench.measure import Report, Row, Target, interleaved, reached, rows_of, tell
 from hingepair.measured.hinge_fit import fit as fit_pair
 from hingepair.pair.body_motion import BodyMotion
 
@@ -45,9 +45,9 @@ class Line(NamedTuple):
     u2: Array
 
 
-def fit(sizes: Sequence[int], repeats: int, tell: Tell) -> Report:
-    """Recordings of several lengths, with noise, and with outliers."""
-    rows: list[Row] = []
+def fit(sizes: Sequence[int], repeats: int) -> Report:
+    """Recordings of several lengths, with noise, and with outliers; how much quicker, and a million in a second."""
+    rows, aims = list[Row](), list[Target]()
     for count in sizes:
         for outliers, loss in ((0.0, "linear"), (0.3, "cauchy")):
             case = f"{'30 % outliers, cauchy' if outliers else 'noise'}, N = {count:,}"
@@ -56,28 +56,13 @@ def fit(sizes: Sequence[int], repeats: int, tell: Tell) -> Report:
             ways = {OURS: ours} | ({GENERIC: generic} if count < 10**5 else {})
             if count <= 10**3 and not outliers:
                 ways[RAW] = raw
-            jobs = {name: functools.partial(way, made[0], loss) for name, way in ways.items()}
-            errors = {
-                name: float(np.sqrt(np.mean([error_of(way(p, loss)) ** 2 for p in made])))
-                for name, way in ways.items()
-            }
-            rows += measured(case, jobs, repeats, count, errors)
-    return Report(rows, "error [rad, m]", targets(rows), [_NOTE])
-
-
-def targets(rows: Sequence[Row]) -> list[Target]:
-    """How much quicker, and a million samples in a second."""
-    found = [
-        Target(f"{row.case}: {RAW}", row.ratio, 20.0, "times our time", least=True)
-        for row in rows
-        if row.method == RAW
-    ]
-    found += [
-        Target(f"{row.case}: {OURS}", row.seconds, 1.0, "s")
-        for row in rows
-        if row.method == OURS and row.count >= 10**6 and row.case.startswith("noise")
-    ]
-    return found
+                aims.append(Target(case, case, OURS, 20.0, f"x {RAW}", least=True))
+            if count >= 10**6 and not outliers:
+                aims.append(Target(case, case, OURS, 1.0, "s"))
+            times = interleaved({n: functools.partial(way, made[0], loss) for n, way in ways.items()}, repeats)
+            errors = {n: np.sqrt(np.mean([error_of(way(p, loss)) ** 2 for p in made])) for n, way in ways.items()}
+            rows += rows_of(case, times, count, {name: float(error) for name, error in errors.items()})
+    return Report(rows, "error [rad, m]", reached(rows, aims), [_NOTE])
 
 
 def recording(count: int, outliers: float, seed: int) -> Poses:
@@ -100,6 +85,12 @@ def recording(count: int, outliers: float, seed: int) -> Poses:
     return Poses(R1 + METRES * noise[2], first.as_matrix(), R2, S2)
 
 
+def relative(poses: Poses) -> tuple[Array, Array]:
+    """Attitude and place of body 2 in the axes of body 1."""
+    back = np.swapaxes(poses.S1, -1, -2)
+    return back @ poses.S2, (back @ (poses.R2 - poses.R1)[..., None])[..., 0]
+
+
 def ours(poses: Poses, loss: str) -> Line:
     """What this library finds."""
     pair = fit_pair(BodyMotion(R=poses.R1, S=poses.S1), BodyMotion(R=poses.R2, S=poses.S2), loss=loss).pair
@@ -110,8 +101,7 @@ def generic(poses: Poses, loss: str) -> Line:
     """The constraints as they are, S1 n = S2 m and E1, from a start that is 0.2 off in every number."""
     from scipy.optimize import least_squares
 
-    Q = np.swapaxes(poses.S1, -1, -2) @ poses.S2
-    p = np.einsum("nji,nj->ni", poses.S1, poses.R2 - poses.R1)
+    Q, p = relative(poses)
 
     def left(x: Array) -> Array:
         n, m, u1, u2 = x.reshape(4, 3)
@@ -131,9 +121,8 @@ def raw(poses: Poses, loss: str) -> Line:
     from scipy.sparse import lil_matrix
     from scipy.spatial.transform import Rotation
 
-    count = poses.R1.shape[0]
-    Q = np.swapaxes(poses.S1, -1, -2) @ poses.S2
-    p = np.einsum("nji,nj->ni", poses.S1, poses.R2 - poses.R1)
+    Q, p = relative(poses)
+    count = len(p)
 
     def left(x: Array) -> Array:
         n, turn, u1, u2, psi = x[:3], x[3:6], x[6:9], x[9:12], x[12:]

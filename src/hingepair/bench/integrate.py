@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import functools
-import importlib.util
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from importlib.util import find_spec
 from typing import Any, Final, NamedTuple
 
 import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.bench.measure import Job, Report, Row, Target, Tell, measured
+from hingepair.bench.measure import Job, Report, Row, Target, interleaved, reached, rows_of, tell
 from hingepair.bench.plot import Curve, Panel
 from hingepair.bench.truth import rotation, turn, vee
 from hingepair.errors import GimbalLockError
@@ -34,7 +34,9 @@ GOAL: Final = 1e-11
 _DIGITS: Final = 50
 _PAIR = HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))
 _OURS = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
+_STEPS = tuple(COMPARED * k for k in (2, 5, 10, 20, 40, 100, 200, 400))
 _SCIPY = ("DOP853", "RK45", "LSODA")
+_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)
 
 
 class Spin(NamedTuple):
@@ -89,71 +91,53 @@ class Spin(NamedTuple):
 SPINS: Final = (Spin("reference", (1, 0, 0, 0)), Spin("turned", (6, 1, -1, 1)))
 
 
-class Method(NamedTuple):
-    """A method with its finenesses.
-
-    Attributes:
-        name: the method.
-        finenesses: numbers of steps, or tolerances of a solver that chooses its steps.
-        solver: whether it chooses its steps.
-        run: of a spin and a fineness, the attitudes at the compared instants, quaternions (w, x, y, z).
-    """
-
-    name: str
-    finenesses: tuple[float, ...]
-    solver: bool
-    run: Callable[[Spin, float], Array]
+def runs(spin: Spin) -> dict[str, tuple[Job, float | None]]:
+    """All methods at all finenesses, ours first: what finds attitudes (w, x, y, z), and its step, if it is given."""
+    found: dict[str, tuple[Job, float | None]] = {}
+    for method, steps in itertools.product(_OURS, _STEPS):
+        found[f"{method}, {steps} steps"] = functools.partial(_ours, method, spin, steps), STOP / steps
+    for solver, tol in itertools.product(_SCIPY if find_spec("scipy") else (), _TOLERANCES):
+        found[f"SciPy {solver}, {tol:g}"] = functools.partial(_scipy, solver, spin, tol), None
+    return found
 
 
-def ways() -> tuple[Method, ...]:
-    """All methods that can be had, ours first."""
-    steps = tuple(float(COMPARED * k) for k in (2, 5, 10, 20, 40, 100, 200, 400))
-    tolerances = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)
-    solvers = _SCIPY if importlib.util.find_spec("scipy") else ()
-    return (
-        *(Method(name, steps, False, functools.partial(_ours, name)) for name in _OURS),
-        *(Method(f"SciPy {name}", tolerances, True, functools.partial(_scipy, name)) for name in solvers),
-    )
-
-
-def integrate(repeats: int, steps: int, tell: Tell) -> Report:
+def integrate(repeats: int, steps: int) -> Report:
     """All methods at all their finenesses on all motions; with `steps`, a long run too."""
-    rows = [row for spin in SPINS for row in _all_ways(spin, repeats, tell)]
-    more = goals(rows) + (long_run(steps, min(repeats, 3), tell) if steps else [])
+    rows = [row for spin in SPINS for row in _all_ways(spin, repeats)]
+    more = goals(rows) + (long_run(steps, min(repeats, 3)) if steps else [])
+    aims = [Target(_long(spin), _long(spin), LONG, 120.0, "ns a step") for spin in SPINS]
     notes = ["left out: finenesses at which a method stops at gimbal lock"]
-    return Report([*rows, *more], ERROR, targets(more), notes, panels(rows))
+    return Report([*rows, *more], ERROR, reached(more, aims), notes, panels(rows))
 
 
-def _all_ways(spin: Spin, repeats: int, tell: Tell) -> list[Row]:
+def _all_ways(spin: Spin, repeats: int) -> list[Row]:
     exact = spin.exact(np.linspace(0, STOP, COMPARED + 1))
     jobs: dict[str, Job] = {}
     errors: dict[str, float] = {}
     more: dict[str, dict[str, float | None]] = {}
-    for way in ways():
-        before = None
-        for fineness in way.finenesses:
-            job = functools.partial(way.run, spin, fineness)
-            try:
-                error = spin.error(job(), exact)
-            except GimbalLockError:
-                continue
-            label = f"{way.name}, {fineness:g}" + ("" if way.solver else " steps")
-            own = None if way.solver else (STOP / fineness, error)
-            jobs[label], errors[label] = job, error
-            more[label] = {STEP: own and own[0], ORDER: _order(before, own)}
-            before = own
+    before: dict[str, tuple[float, float]] = {}
+    for label, (job, step) in runs(spin).items():
+        try:
+            errors[label] = error = spin.error(job(), exact)
+        except GimbalLockError:
+            continue
+        method = _method(label)
+        jobs[label], more[label] = job, {STEP: step, ORDER: None}
+        if step is not None:
+            more[label][ORDER] = _order(before.get(method), (step, error))
+            before[method] = step, error
     tell(f"{spin.name}: {len(jobs)} runs, {repeats} repeats")
-    return measured(spin.name, jobs, repeats, 1, errors, more)
+    return rows_of(spin.name, interleaved(jobs, repeats), 1, errors, more)
 
 
-def _order(before: tuple[float, float] | None, own: tuple[float, float] | None) -> float | None:
+def _order(before: tuple[float, float] | None, own: tuple[float, float]) -> float | None:
     """How fast the error falls between two steps; each is (h, error). Where rounding is all: none."""
-    if before is None or own is None or min(before[1], own[1]) <= 1e-14:
+    if before is None or min(before[1], own[1]) <= 1e-14:
         return None
     return math.log(before[1] / own[1]) / math.log(before[0] / own[0])
 
 
-def long_run(steps: int, repeats: int, tell: Tell) -> list[Row]:
+def long_run(steps: int, repeats: int) -> list[Row]:
     """`magnus6` in so many steps, omega at its nodes computed beforehand: the time for a step, and the drift."""
     rows = []
     for spin in SPINS:
@@ -162,8 +146,12 @@ def long_run(steps: int, repeats: int, tell: Tell) -> list[Row]:
         job = _long_job(spin, t)
         picked = np.unique(np.linspace(1, steps, 100).astype(int))
         error = spin.error(job().quat_wxyz[picked], spin.exact(t[picked]))
-        rows += measured(f"{spin.name}, long", {LONG: job}, repeats, steps, {LONG: error})
+        rows += rows_of(_long(spin), interleaved({LONG: job}, repeats), steps, {LONG: error})
     return rows
+
+
+def _long(spin: Spin) -> str:
+    return f"{spin.name}, long"
 
 
 def _long_job(spin: Spin, t: Array) -> Job:
@@ -178,15 +166,10 @@ def _long_job(spin: Spin, t: Array) -> Job:
     return lambda: integrate_pair(_PAIR, t, omega, 0.0, S1_0=spin.start(), outputs=())
 
 
-def targets(rows: Sequence[Row]) -> list[Target]:
-    """What a step of a long run should take."""
-    return [Target(row.case, row.each * 1e9, 120.0, "ns a step") for row in rows if row.method == LONG]
-
-
-def _ours(method: str, spin: Spin, steps: float) -> Array:
-    t = np.linspace(0, STOP, int(steps) + 1)
+def _ours(method: str, spin: Spin, steps: int) -> Array:
+    t = np.linspace(0, STOP, steps + 1)
     motion = integrate_pair(_PAIR, t, spin.omega, 0.0, S1_0=spin.start(), method=method, outputs=())
-    return motion.quat_wxyz[:: int(steps) // COMPARED]
+    return motion.quat_wxyz[:: steps // COMPARED]
 
 
 def _scipy(solver: str, spin: Spin, tol: float) -> Array:
@@ -211,16 +194,18 @@ def _scipy(solver: str, spin: Spin, tol: float) -> Array:
     return np.asarray(done.y.T)
 
 
-def method_of(row: Row) -> str:
-    """The method of a row, without its fineness."""
-    return row.method.rpartition(", ")[0]
+def _method(label: str) -> str:
+    """The method, without its fineness."""
+    return label.rpartition(", ")[0]
 
 
 def time_to_goal(rows: Sequence[Row], case: str) -> dict[str, float]:
     """By method, the run time [s] at which its error is GOAL, between its finenesses; without those that miss it."""
     found = {}
-    for method in dict.fromkeys(method_of(row) for row in rows):
-        own = [(row.error, row.least) for row in rows if row.case == case and method_of(row) == method and row.error]
+    for method in dict.fromkeys(_method(row.method) for row in rows):
+        own = [
+            (row.error, row.least) for row in rows if row.case == case and _method(row.method) == method and row.error
+        ]
         for (e1, t1), (e2, t2) in itertools.pairwise(own):
             if e1 > GOAL >= e2 and math.isfinite(e1):
                 found[method] = t1 * (t2 / t1) ** (math.log(e1 / GOAL) / math.log(e1 / e2))
@@ -254,5 +239,5 @@ def _curves(rows: Sequence[Row], case: str, column: str | None) -> list[Curve]:
     for row in rows:
         x = row.least * 1e3 if column is None else row.more.get(column)
         if row.case == case and x is not None and row.error is not None:
-            points.setdefault(method_of(row), []).append((x, row.error))
+            points.setdefault(_method(row.method), []).append((x, row.error))
     return [Curve(name, own) for name, own in points.items()]

@@ -1,18 +1,21 @@
-"""What every bench is made of: one timer, one row, one report.
+"""What every bench is made of: ways to do a case, one timer, one row, one report.
 
 A bench is a function that gives a `Report`. It makes the jobs of a case (functions of no argument, by the name of who
-does the case this way), hands them to `measured`, and adds what it alone knows to `Row.more`.
+does the case this way), times them with `interleaved`, and adds what it alone knows to `Row.more`.
 """
 
 from __future__ import annotations
 
 import os
 import platform
+import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from math import nan
 from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -24,38 +27,52 @@ if TYPE_CHECKING:
     from hingepair.bench.plot import Panel
 
 Job: TypeAlias = Callable[[], Any]
-Tell: TypeAlias = Callable[[str], None]
-"""Where a bench says what it is about to measure."""
 
 _PACKAGES = ("hingepair", "numpy", "llvmlite", "pin", "mujoco", "scipy", "jax")
 _LEAST = 2e-3  # seconds that one repeat should take
 _SHORT = 0.1  # seconds, in which what a job works on fits the caches
+_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+class Way(NamedTuple):
+    """One way to do a case: this library's, or what a user could take instead."""
+
+    name: str  # it
+    # makes a job of a problem; what can be made once is made before the job, what a user would read out of an engine
+    # is read out in it
+    make: Callable[[Any], Job]
+    least: int = 1  # samples below which it is not asked
+    most: int = 10**7  # samples that it is given at most, the first of all
+    needs: str = ""  # the package it needs
+    drawn: bool = True  # whether it is in the picture
+
+
+def present(ways: Iterable[Way], lacking: Mapping[str, str | None]) -> tuple[list[Way], list[str]]:
+    """The ways that can be had, and a line for each that cannot; `lacking` are reasons by name, found beforehand."""
+    found, missing = [], []
+    for way in ways:
+        absent = f"{way.needs} is not installed" if way.needs and find_spec(way.needs) is None else None
+        if reason := absent or lacking.get(way.name):
+            missing.append(f"left out: {way.name} ({reason})")
+        else:
+            found.append(way)
+    return found, missing
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One way to do a case, measured.
+    """One way to do a case, measured."""
 
-    Attributes:
-        case: what all ways of it compute.
-        method: the way.
-        count: samples or steps of a call.
-        seconds: of a call, the median of the repeats.
-        least: the smallest of them.
-        ratio: time for a sample against that of the case's first way: the median over the repeats of both in one.
-        error: largest error, in the unit that the bench names; infinite where a result is not finite; None where
-            there is nothing to compare.
-        more: what one bench alone measures, by column.
-    """
-
-    case: str
-    method: str
-    count: int
-    seconds: float
-    least: float
-    ratio: float
+    case: str  # what all ways of it compute
+    method: str  # the way
+    count: int  # samples or steps of a call
+    seconds: float  # of a call, the median of the repeats
+    least: float  # the smallest of them
+    ratio: float  # time for a sample against that of the case's first way: the median over the repeats of both in one
+    # largest error, in the unit that the bench names; infinite where a result is not finite; None where there is
+    # nothing to compare
     error: float | None = None
-    more: Mapping[str, Any] = field(default_factory=dict)
+    more: Mapping[str, Any] = field(default_factory=dict)  # what one bench alone measures, by column
 
     @property
     def each(self) -> float:
@@ -63,23 +80,18 @@ class Row:
         return self.seconds / self.count
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
-    """What is aimed at on the reference machine (two cores, AVX2 or better), and what was reached.
+class Target(NamedTuple):
+    """What is aimed at on the reference machine (two cores, AVX2 or better), and what was reached."""
 
-    Attributes:
-        what: is measured.
-        reached: the number.
-        target: what it should be.
-        unit: of both.
-        least: whether it should be at least that, not at most.
-    """
-
-    what: str
-    reached: float
-    target: float
+    what: str  # is measured
+    case: str  # of the row that says it
+    method: str  # of the row
+    target: float  # what it should be
+    # of a call's time, such as "us", or of a sample's, such as "ns a step"; or "x" and the way of the same case
+    # beside which the row is: at most so many times its time, or, with `least`, so many times quicker
     unit: str
-    least: bool = False
+    least: bool = False  # whether it should be at least that, not at most
+    reached: float = nan  # the number
 
     @property
     def ok(self) -> bool:
@@ -87,22 +99,31 @@ class Target:
         return self.reached >= self.target if self.least else self.reached <= self.target
 
 
+def reached(rows: Iterable[Row], targets: Iterable[Target]) -> list[Target]:
+    """What the rows say of the targets, as far as they were measured."""
+    by = {(row.case, row.method): row for row in rows}
+    found = []
+    for target in targets:
+        kind, _, other = target.unit.partition(" ")
+        row = by.get((target.case, target.method))
+        beside = by.get((target.case, other)) if kind == "x" else row
+        if row is None or beside is None:
+            continue
+        value = (row.each if other else row.seconds) / _UNITS.get(kind, 1.0)
+        if kind == "x":
+            value = beside.ratio / row.ratio if target.least else row.ratio / beside.ratio
+        found.append(target._replace(reached=value))
+    return found
+
+
 class Report(NamedTuple):
-    """What a bench found.
+    """What a bench found."""
 
-    Attributes:
-        rows: a block of them for each case.
-        unit: of their errors.
-        targets: as far as they were measured.
-        notes: lines to read the numbers by.
-        panels: of the picture, row by row.
-    """
-
-    rows: Sequence[Row]
-    unit: str = ""
-    targets: Sequence[Target] = ()
-    notes: Sequence[str] = ()
-    panels: Sequence[Sequence[Panel]] = ()
+    rows: Sequence[Row]  # a block of them for each case
+    unit: str = ""  # of their errors
+    targets: Sequence[Target] = ()  # as far as they were measured
+    notes: Sequence[str] = ()  # lines to read the numbers by
+    panels: Sequence[Sequence[Panel]] = ()  # of the picture, row by row
 
     def tables(self) -> list[Table]:
         """The rows, a block under each case, and the targets."""
@@ -124,29 +145,24 @@ class Report(NamedTuple):
 
     def to_json(self) -> str:
         """Everything but the picture, and the machine, as JSON; a number that is not finite is null."""
-        targets = [asdict(target) | {"ok": target.ok} for target in self.targets]
+        targets = [target._asdict() | {"ok": target.ok} for target in self.targets]
         rows = [asdict(row) for row in self.rows]
         return json_text({"facts": facts(), "rows": rows, "targets": targets, "notes": self.notes})
 
 
-def measured(
+def compared(
     case: str,
-    jobs: Mapping[str, Job],
+    ways: Iterable[Way],
+    problem: Callable[[int], Any],
+    size: int,
     repeats: int,
-    counts: int | Mapping[str, int] = 1,
     errors: Mapping[str, float] | None = None,
     more: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
-    """The rows of a case: every repeat goes through all jobs, so that noise meets all alike.
-
-    Args:
-        case: what the jobs compute.
-        jobs: what to time, by name; ratios are against the first.
-        repeats: times that each is measured.
-        counts: samples of a call, one number or by name.
-        errors: by name, as far as known.
-        more: further columns, by name.
-    """
+    """A case by all ways that are asked at this size, of a problem of as many samples as each is given."""
+    given = {way: min(size, way.most) for way in ways if way.least <= size}
+    jobs = {way.name: way.make(problem(count)) for way, count in given.items()}
+    counts = {way.name: count for way, count in given.items()}
     return rows_of(case, interleaved(jobs, repeats), counts, errors, more)
 
 
@@ -157,10 +173,17 @@ def rows_of(
     errors: Mapping[str, float] | None = None,
     more: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
-    """The rows of a case whose times are known: seconds of a call in each repeat, by name; else as `measured`."""
+    """The rows of a case.
+
+    Args:
+        case: what is computed.
+        times: seconds of a call in each repeat, by name; ratios are against the first.
+        counts: samples of a call, one number or by name.
+        errors: by name, as far as known.
+        more: further columns, by name.
+    """
     number = {name: counts if isinstance(counts, int) else counts[name] for name in times}
-    first = next(iter(times), "")
-    rows = []
+    first, rows = next(iter(times), ""), []
     for name, own in times.items():
         scale = number[first] / number[name]
         ratio = median(scale * t / base for t, base in zip(own, times[first], strict=True))
@@ -170,7 +193,7 @@ def rows_of(
 
 
 def interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]:
-    """Seconds of a call in each repeat, by name.
+    """Seconds of a call in each repeat, by name; every repeat goes through all jobs, so that noise meets all alike.
 
     A short job runs once untimed in every repeat: it finds the caches as it left them, not as its neighbour did.
     """
@@ -230,31 +253,23 @@ def duration(seconds: float) -> str:
     >>> duration(1.234e-8), duration(0.25)
     ('12.3 ns', '250 ms')
     """
-    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
-        if seconds >= size:
-            return f"{digits(seconds / size)} {unit}"
-    return f"{digits(seconds * 1e9)} ns"
+    unit = next((unit for unit, size in _UNITS.items() if seconds >= size), "ns")
+    return f"{digits(seconds / _UNITS[unit])} {unit}"
 
 
 def facts() -> dict[str, Any]:
     """The machine and the versions that a measurement belongs to."""
-    found = {
-        "processor": _processor(),
-        "machine": platform.machine(),
-        "cores": os.cpu_count(),
-        "system": platform.system(),
-        "python": platform.python_version(),
-    }
+    processor = platform.processor()
+    with suppress(OSError, StopIteration), open("/proc/cpuinfo", encoding="utf-8") as lines:
+        processor = next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    found = {"processor": processor, "machine": platform.machine(), "cores": os.cpu_count()}
+    found |= {"system": platform.system(), "python": platform.python_version()}
     for name in _PACKAGES:
         with suppress(PackageNotFoundError):
             found[name] = version(name)
     return found
 
 
-def _processor() -> str:
-    """The processor's name, where the system says it."""
-    with suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as lines:
-        for line in lines:
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor()
+def tell(text: str) -> None:
+    """Say what is about to be measured."""
+    print(text, file=sys.stderr, flush=True)

@@ -1,29 +1,23 @@
 """Ways to body 2 from the same coordinates: this library's, and what a Python user would take instead.
 
-A way makes a job of a pair, a motion (q, qd, qdd as far as they go, shape (N, 7)) and room for the outputs; the job
-returns the outputs of the level by name. What can be made once is made before the job; what a user would read out of
-an engine is read out in it.
+A way makes a job of a task: a pair, a motion (q, qd, qdd as far as they go, shape (N, 7)) and room for the outputs;
+the job returns the outputs of the level in their order, or by name.
 """
 
 from __future__ import annotations
 
-import ctypes
-import functools
 import os
-import shutil
-import subprocess
-import tempfile
-import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
-from pathlib import Path
+from operator import attrgetter
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import MissingDependencyError
+from hingepair.bench.engines import CPP, FEW, MUJOCO, PYTHON_LOOP, cpp_job, mujoco_rows, pinocchio_rows
+from hingepair.bench.measure import Job, Way
+from hingepair.formats.mjcf_writer import to_mjcf
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.validation.pinocchio_twin import to_pinocchio
@@ -31,7 +25,6 @@ from hingepair.validation.pinocchio_twin import to_pinocchio
 Array: TypeAlias = NDArray[Any]
 Motion: TypeAlias = tuple[Array, ...]
 Room: TypeAlias = dict[str, Array]
-Make: TypeAlias = Callable[[HingePair, Motion, Room], Callable[[], Any]]
 
 LEVELS = {"pose": ("R2", "S2"), "velocity": ("R2", "S2", "v2", "omega2")}
 LEVELS["acceleration"] = (*LEVELS["velocity"], "a2", "alpha2")
@@ -45,84 +38,80 @@ CONSTANTS: dict[str, Any] = {
 """Of the pair that is measured."""
 
 
-class Way(NamedTuple):
-    """One way.
+class Task(NamedTuple):
+    """What all ways compute."""
 
-    Attributes:
-        name: it.
-        make: makes a job.
-        least: samples below which it is not asked.
-        most: samples that it is given at most, the first of all.
-        needs: the package it needs.
-        drawn: whether it is in the picture.
-    """
+    pair: HingePair
+    motion: Motion
+    room: Room
 
-    name: str
-    make: Make
-    least: int = 1
-    most: int = 10**7
-    needs: str = ""
-    drawn: bool = True
+    @property
+    def given(self) -> Motion:
+        """The motion; of one sample, as one state."""
+        return tuple(c[0] for c in self.motion) if len(self.motion[0]) == 1 else self.motion
+
+    def first(self, count: int) -> Task:
+        """The task of the first samples."""
+        room = {name: array[:count] for name, array in self.room.items()}
+        return Task(self.pair, tuple(c[:count] for c in self.motion), room)
 
 
-def room_for(outputs: tuple[str, ...], samples: int) -> Room:
-    """Arrays for outputs, every page of them touched."""
-    return {name: np.ones((samples, 3, 3) if name == "S2" else (samples, 3)) for name in outputs}
+def task_of(pair: HingePair, motion: Motion, outputs: tuple[str, ...]) -> Task:
+    """A task with room, every page of it touched."""
+    samples = len(motion[0])
+    return Task(pair, motion, {name: np.ones((samples, 3, 3) if name == "S2" else (samples, 3)) for name in outputs})
 
 
-def ours(*, fresh: bool = False, **how: Any) -> Make:
+def ours(*, fresh: bool = False, **how: Any) -> Callable[[Task], Job]:
     """`pair.forward_kinematics`, into arrays that are there or into fresh ones; one sample is given as one state."""
 
-    def make(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:
-        one = len(motion[0]) == 1
-        given = tuple(c[0] for c in motion) if one else motion
-        names = tuple(room)
-        out = None if one or fresh else room
-
-        def run() -> Room:
-            state = pair.forward_kinematics(*given, outputs=names, out=out, **how)
-            return {name: getattr(state, name) for name in names}
-
-        return run
+    def make(task: Task) -> Job:
+        call, given, names = task.pair.forward_kinematics, task.given, tuple(task.room)
+        out, read = None if given[0].ndim == 1 or fresh else task.room, attrgetter(*names)
+        return lambda: read(call(*given, outputs=names, out=out, **how))
 
     return make
 
 
-def prepared(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:
+def prepared(task: Task) -> Job:
     """`pair.prepare`, called with one state or a batch; the outputs are new arrays."""
-    names = tuple(room)
-    fk = pair.prepare(list(LEVELS)[len(motion) - 1], outputs=names)
-    given = tuple(c[0] for c in motion) if len(motion[0]) == 1 else motion
+    given, names = task.given, tuple(task.room)
+    call, read = task.pair.prepare(list(LEVELS)[len(given) - 1], outputs=names), attrgetter(*names)
+    return lambda: read(call(*given))
 
-    def run() -> Room:
-        state = fk(*given)
-        return {name: getattr(state, name) for name in names}
+
+def copies(task: Task) -> Job:
+    """The floor: as many bytes as the outputs have, copied into arrays that are there."""
+    source = {name: np.ones_like(array) for name, array in task.room.items()}
+
+    def run() -> None:
+        for name, array in source.items():
+            np.copyto(task.room[name], array)
 
     return run
 
 
-def copies(*, fresh: bool = False) -> Make:
-    """The floor: as many bytes as the outputs have, copied into arrays that are there, or into new ones."""
-
-    def make(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:  # noqa: ARG001
-        source = {name: np.ones_like(array) for name, array in room.items()}
-
-        def run() -> None:
-            for name, array in source.items():
-                np.copyto(room[name], array)
-
-        return (lambda: [array.copy() for array in source.values()]) if fresh else run
-
-    return make
+def fresh_copies(task: Task) -> Job:
+    """The same into new arrays."""
+    source = [np.ones_like(array) for array in task.room.values()]
+    return lambda: [array.copy() for array in source]
 
 
-def pinocchio_loop(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:
+def _engine_rows(task: Task) -> list[Array]:
+    """Pinocchio's q, v, a, as far as the motion goes."""
+    names = ("R1", "S1", "v1", "omega1", "a1", "alpha1")[: 2 * len(task.motion)]
+    state = task.pair.forward_kinematics(*task.motion, outputs=names, backend="numpy")
+    given: Any = {name[:-1]: getattr(state, name) for name in names}
+    return pinocchio_rows(task.pair, BodyMotion(**given), [c[:, 6] for c in task.motion])
+
+
+def pinocchio_loop(task: Task) -> Job:
     """Pinocchio from Python, sample by sample, results copied into arrays; of one sample, read and no more."""
     import pinocchio as pin
 
-    twin = to_pinocchio(pair)
+    twin = to_pinocchio(task.pair)
     model, data, frame = twin.model, twin.data, twin.body2_frame
-    made = _engine_inputs(pair, motion)
+    made, room = _engine_rows(task), task.room
     level, world = len(made), pin.LOCAL_WORLD_ALIGNED
 
     def read(*given: Array) -> Room:
@@ -150,50 +139,19 @@ def pinocchio_loop(pair: HingePair, motion: Motion, room: Room) -> Callable[[], 
     return run
 
 
-def our_cycle(pair: HingePair, *given: Any) -> Callable[[], Any]:
-    """Body 2, its Jacobian and its bias from R1, quat_xyzw, v1, omega1, psi, psi', as a controller asks for them."""
-    names = ("R2", "S2", "v2", "omega2", "jacobian", "acceleration_bias")
-    cycle = pair.prepare(("R1", "quat_xyzw", "v1", "omega1", "psi", "psid"), outputs=names)
-
-    def run() -> Any:
-        state = cycle(*given)
-        return state.R2, state.S2, state.v2, state.omega2, state.jacobian, state.acceleration_bias
-
-    return run
+def pinocchio_cpp(task: Task) -> Job:
+    """Pinocchio from C++: the same inputs and outputs as from Python, the loop compiled."""
+    rows = [*_engine_rows(task), None, None][:3]
+    outputs = [task.room.get(name) for name in LEVELS["acceleration"]]
+    return cpp_job(task.pair, [len(task.motion[0]), *rows, *outputs], task.room)
 
 
-def pinocchio_cycle(
-    pair: HingePair, R: Array, quat: Array, v: Array, omega: Array, psi: float, psid: float
-) -> Callable[[], Any]:
-    """The same of Pinocchio, whose q and v are made beforehand."""
-    import pinocchio as pin
-
-    twin = to_pinocchio(pair)
-    model, data, frame, world = twin.model, twin.data, twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
-    body1 = BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=quat, v=v, omega=omega)
-    q, rates, still = np.array([*R, *quat, psi]), twin.velocity(body1, psi, psid), np.zeros(7)
-
-    def run() -> Any:
-        pin.forwardKinematics(model, data, q, rates, still)
-        placement = pin.updateFramePlacement(model, data, frame)
-        twist = pin.getFrameVelocity(model, data, frame, world)
-        pin.computeJointJacobians(model, data)
-        jacobian = pin.getFrameJacobian(model, data, frame, world)
-        bias = pin.getFrameClassicalAcceleration(model, data, frame, world)
-        pose = placement.translation, placement.rotation
-        return *pose, twist.linear, twist.angular, jacobian, bias.linear, bias.angular
-
-    return run
-
-
-def mujoco_loop(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:
+def mujoco_loop(task: Task) -> Job:
     """MuJoCo from Python: the stages of its dynamics that make poses, velocities, accelerations, and no others."""
     import mujoco as mj
 
-    q, *rates = _engine_inputs(pair, motion)
-    made = [np.ascontiguousarray(q[:, [0, 1, 2, 6, 3, 4, 5, 7]])]  # its quaternions are wxyz
-    made += [np.hstack([c[:, :3], rate[:, 3:]]) for c, rate in zip(motion[1:], rates, strict=True)]
-    model = mj.MjModel.from_xml_string(_mjcf(pair))
+    made, room = mujoco_rows(_engine_rows(task), *(c[:, :3] for c in task.motion[1:])), task.room
+    model = mj.MjModel.from_xml_string(to_mjcf(task.pair))
     data = mj.MjData(model)
     body2, kind = model.body("body2").id, mj.mjtObj.mjOBJ_XBODY
     position, matrix = data.xpos[body2], data.xmat[body2].reshape(3, 3)
@@ -221,62 +179,38 @@ def mujoco_loop(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any
     return run
 
 
-def _engine_inputs(pair: HingePair, motion: Motion) -> list[Array]:
-    """Pinocchio's q, v, a, as far as the motion goes."""
-    twin = to_pinocchio(pair)
-    names = ("R1", "S1", "v1", "omega1", "a1", "alpha1")[: 2 * len(motion)]
-    state = pair.forward_kinematics(*motion, outputs=names, backend="numpy")
-    given: Any = {name[:-1]: getattr(state, name) for name in names}
-    body1, hinge = BodyMotion(**given), [c[:, 6] for c in motion]
-    makers = (twin.configuration, twin.velocity, twin.acceleration)
-    return [make(body1, *hinge[: i + 1]) for i, make in enumerate(makers[: len(motion)])]
-
-
-def _mjcf(pair: HingePair) -> str:
-    """The pair as MuJoCo reads it, body 2 at psi = 0; without gravity, which MuJoCo counts as an acceleration."""
-
-    def text(vector: Array) -> str:
-        return " ".join(repr(float(x)) for x in vector)
-
-    C = pair.home
-    quat = to_pinocchio(pair).configuration(BodyMotion(R=np.zeros(3), S=C), 0.0)[[6, 3, 4, 5]]
-    inertial = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
-    return f"""<mujoco><option gravity="0 0 0"/><worldbody><body><freejoint/>{inertial}
-      <body name="body2" pos="{text(pair.u1 - C @ pair.u2)}" quat="{text(quat)}">{inertial}
-        <joint type="hinge" pos="{text(pair.u2)}" axis="{text(C.T @ pair.n)}"/>
-      </body></body></worldbody></mujoco>"""
-
-
-def scipy_rotation(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:  # noqa: ARG001
+def scipy_rotation(task: Task) -> Job:
     """SciPy's Rotation for the attitudes, NumPy for the rest."""
     from scipy.spatial.transform import Rotation
 
+    pair, q = task.pair, task.motion[0]
     home = Rotation.from_matrix(pair.home)
 
     def run() -> Room:
-        q = motion[0]
         first = Rotation.from_euler("XYZ", q[:, 3:6])
         second = first * Rotation.from_rotvec(q[:, 6:] * pair.n) * home
-        return _by_stacks(np, pair, motion, first.as_matrix(), second.as_matrix())
+        return _by_stacks(np, pair, task.motion, first.as_matrix(), second.as_matrix())
 
     return run
 
 
-def numpy_stacks(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:  # noqa: ARG001
+def numpy_stacks(task: Task) -> Job:
     """NumPy on stacks of 3 x 3 matrices: products with @, vector products with numpy.cross."""
+    pair, motion, _ = task
     return lambda: _by_stacks(np, pair, motion, *_attitudes(np, pair, motion[0]))
 
 
-def jax_compiled(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:  # noqa: ARG001
+def jax_compiled(task: Task) -> Job:
     """The same stacks, compiled by jax.jit, on one core; its inputs are JAX arrays beforehand."""
     with _one_core():
         import jax
         import jax.numpy as jnp
 
         device = jax.devices("cpu")[0]
+    pair = task.pair
     function = jax.jit(lambda *given: _by_stacks(jnp, pair, given, *_attitudes(jnp, pair, given[0])))
     with jax.enable_x64(True):
-        made = [jax.device_put(c, device) for c in motion]
+        made = [jax.device_put(c, device) for c in task.motion]
 
     def run() -> Room:
         with jax.enable_x64(True):
@@ -344,81 +278,38 @@ def _one_core() -> Iterator[None]:
         os.sched_setaffinity(0, cores)
 
 
-def pinocchio_cpp(pair: HingePair, motion: Motion, room: Room) -> Callable[[], Any]:
-    """Pinocchio from C++: the same inputs and outputs as from Python, the loop compiled."""
-    made = _engine_inputs(pair, motion)
-    library = compiled_loop()
-    constants = [np.ascontiguousarray(c) for c in (pair.u1, pair.u2, pair.n, pair.home)]
-    handle = library.pair_new(*map(address_of, constants))
-    arrays = [*(*made, None, None)[:3], *(room.get(name) for name in LEVELS["acceleration"])]
-    samples, addresses = len(motion[0]), [address_of(array) for array in arrays]
+def our_cycle(pair: HingePair, *given: Any) -> Job:
+    """Body 2, its Jacobian and its bias from R1, quat_xyzw, v1, omega1, psi, psi', as a controller asks for them."""
+    names = ("R2", "S2", "v2", "omega2", "jacobian", "acceleration_bias")
+    cycle = pair.prepare(("R1", "quat_xyzw", "v1", "omega1", "psi", "psid"), outputs=names)
+    read = attrgetter(*names)
+    return lambda: read(cycle(*given))
 
-    def run() -> Room:
-        library.pair_loop(handle, samples, *addresses)
-        return room
 
-    def release(*kept: Array | None) -> None:  # noqa: ARG001 (arrays that live as long as what runs on their addresses)
-        library.pair_delete(handle)
+def pinocchio_cycle(pair: HingePair, R: Array, quat: Array, v: Array, omega: Array, psi: float, psid: float) -> Job:
+    """The same of Pinocchio, whose q and v are made beforehand."""
+    import pinocchio as pin
 
-    weakref.finalize(run, release, *arrays)
+    twin = to_pinocchio(pair)
+    model, data, frame, world = twin.model, twin.data, twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
+    body1 = BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=quat, v=v, omega=omega)
+    q, rates, still = np.array([*R, *quat, psi]), twin.velocity(body1, psi, psid), np.zeros(7)
+
+    def run() -> Any:
+        pin.forwardKinematics(model, data, q, rates, still)
+        placement = pin.updateFramePlacement(model, data, frame)
+        twist = pin.getFrameVelocity(model, data, frame, world)
+        pin.computeJointJacobians(model, data)
+        jacobian = pin.getFrameJacobian(model, data, frame, world)
+        bias = pin.getFrameClassicalAcceleration(model, data, frame, world)
+        pose = placement.translation, placement.rotation
+        return *pose, twist.linear, twist.angular, jacobian, bias.linear, bias.angular
+
     return run
-
-
-def address_of(array: Array | None) -> int | None:
-    """Where an array lies."""
-    return None if array is None else array.ctypes.data
-
-
-SOURCE = Path(__file__).with_name("pinocchio_loop.cpp")
-_FLAGS = ("-std=c++17", "-O3", "-march=native", "-DNDEBUG", "-shared", "-fPIC", "-w")
-_COMPILERS = ("c++", "g++", "clang++")
-_HOW = "a C++ compiler and the headers of Pinocchio, Boost and Eigen (pip install '.[bench]' in the project's folder)"
-
-
-@functools.cache
-def compiled_loop(*, dynamics: bool = False) -> Any:
-    """The library with the compiled loop; a process compiles it once: half a minute, with dynamics up to two.
-
-    Raises:
-        MissingDependencyError: there is no compiler, or a header is missing.
-    """
-    compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
-    if compiler is None:
-        raise MissingDependencyError("--cpp", _HOW, f"none of {', '.join(_COMPILERS)} is on the path")
-    with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "pinocchio_loop.so"
-        headers = [part for path in _headers() for part in ("-isystem", str(path))]
-        command = [compiler, *_FLAGS, *["-DDYNAMICS"] * dynamics, *headers, str(SOURCE), "-o", str(target)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"LC_ALL": "C"})
-        if done.returncode:
-            lines = [line for line in done.stderr.splitlines() if "error" in line]
-            raise MissingDependencyError("--cpp", _HOW, (lines or ["the compiler failed"])[0])
-        loaded = ctypes.CDLL(str(target))
-    pointer: Any = ctypes.c_void_p
-    loaded.pair_new.argtypes, loaded.pair_new.restype = [pointer] * 4, pointer
-    loaded.pair_delete.argtypes, loaded.pair_delete.restype = [pointer], None
-    loaded.pair_loop.argtypes, loaded.pair_loop.restype = [pointer, ctypes.c_long] + [pointer] * 9, None
-    if dynamics:
-        loaded.pair_masses.argtypes, loaded.pair_masses.restype = [pointer] * 4, None
-        loaded.pair_dynamics.argtypes = [pointer, ctypes.c_long, ctypes.c_long] + [pointer] * 4
-        loaded.pair_dynamics.restype = None
-    return loaded
-
-
-def _headers() -> Iterator[Path]:
-    """Folders of headers beside the Pinocchio that Python imports, and Eigen's where systems have it."""
-    import pinocchio
-
-    for parent in Path(pinocchio.__file__).resolve().parents:
-        if (parent / "include" / "pinocchio").is_dir():
-            yield from (parent / "include", parent / "include" / "eigen3")
-            break
-    yield from (Path("/usr/include/eigen3"), Path("/usr/local/include/eigen3"))
 
 
 FLOOR, FRESH_FLOOR = "copy floor", "copy floor, fresh"
 OURS, FRESH, PREPARED, NUMPY = "hingepair", "hingepair, fresh", "hingepair, prepared", "hingepair, NumPy"
-PYTHON_LOOP, CPP = "Pinocchio, Python loop", "Pinocchio, C++ loop"
 
 WAYS = (
     Way(OURS, ours(backend="compiled")),
@@ -426,41 +317,12 @@ WAYS = (
     Way(FRESH, ours(fresh=True, backend="compiled"), least=2, drawn=False),
     Way("hingepair, 2 workers", ours(workers=2, backend="compiled"), least=10**5),
     Way(NUMPY, ours(backend="numpy")),
-    Way(PYTHON_LOOP, pinocchio_loop, most=10**4, needs="pinocchio"),
+    Way(PYTHON_LOOP, pinocchio_loop, most=FEW, needs="pinocchio"),
     Way(CPP, pinocchio_cpp, most=10**6, needs="pinocchio"),
-    Way("MuJoCo, Python loop", mujoco_loop, most=10**4, needs="mujoco"),
+    Way(MUJOCO, mujoco_loop, most=FEW, needs="mujoco"),
     Way("JAX, compiled, one core", jax_compiled, needs="jax"),
     Way("SciPy Rotation + NumPy", scipy_rotation, most=10**5, needs="scipy"),
     Way("NumPy, stacks of 3x3", numpy_stacks, most=10**5),
-    Way(FLOOR, copies(), least=2, drawn=False),
-    Way(FRESH_FLOOR, copies(fresh=True), least=2, drawn=False),
+    Way(FLOOR, copies, least=2, drawn=False),
+    Way(FRESH_FLOOR, fresh_copies, least=2, drawn=False),
 )
-
-
-def ways(cpp: bool) -> tuple[list[Way], list[str]]:
-    """The ways that can be had, and a line for each that cannot.
-
-    Args:
-        cpp: compile Pinocchio's C++ loop.
-    """
-    found, missing = [], []
-    for way in WAYS:
-        reason = None
-        if way.needs and find_spec(way.needs) is None:
-            reason = f"{way.needs} is not installed"
-        elif way.name == CPP:
-            reason = cpp_missing() if cpp else "compiled where --cpp asks for it"
-        if reason is None:
-            found.append(way)
-        else:
-            missing.append(f"{way.name} ({reason})")
-    return found, missing
-
-
-def cpp_missing(*, dynamics: bool = False) -> str | None:
-    """Why the compiled loop cannot be had; None where it can."""
-    try:
-        compiled_loop(dynamics=dynamics)
-    except MissingDependencyError as error:
-        return str(error)
-    return None

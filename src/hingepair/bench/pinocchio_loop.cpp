@@ -26,8 +26,11 @@ struct Pair
   pin::FrameIndex frame;
 };
 
-// u1, u2, n: 3 numbers; home: 9, row by row.
-extern "C" Pair * pair_new(const double * u1, const double * u2, const double * n, const double * home)
+// u1, u2, n: 3 numbers; home: 9, row by row; of each body (two or none) its mass, its centre from the reference point (3)
+// and its inertia about it (9), body axes.
+extern "C" Pair * pair_new(
+  long bodies, const double * u1, const double * u2, const double * n, const double * home, const double * masses,
+  const double * centres, const double * inertias)
 {
   const Eigen::Matrix3d C = Eigen::Map<const Matrix>(home);
   pin::Model model;
@@ -35,8 +38,15 @@ extern "C" Pair * pair_new(const double * u1, const double * u2, const double * 
   const auto hinge = model.addJoint(
     body1, pin::JointModelRevoluteUnaligned(Eigen::Vector3d(Constant(n))),
     pin::SE3(Eigen::Matrix3d::Identity(), Constant(u1)), "hinge");
-  const auto frame =
-    model.addFrame(pin::Frame("body2", hinge, pin::SE3(C, -(C * Constant(u2))), pin::OP_FRAME));
+  const pin::SE3 placement(C, -(C * Constant(u2)));
+  const auto frame = model.addFrame(pin::Frame("body2", hinge, placement, pin::OP_FRAME));
+  for (long i = 0; i < bodies; ++i)
+  {
+    const Eigen::Matrix3d inertia = Eigen::Map<const Matrix>(inertias + 9 * i);
+    model.appendBodyToJoint(
+      i == 0 ? body1 : hinge, pin::Inertia(masses[i], Constant(centres + 3 * i), inertia),
+      i == 0 ? pin::SE3::Identity() : placement);
+  }
   return new Pair{model, pin::Data(model), frame};
 }
 
@@ -86,20 +96,6 @@ extern "C" void pair_loop(
 }
 
 #ifdef DYNAMICS
-
-// Each body: its mass, its centre from the reference point (3) and its inertia about it (9), body axes.
-extern "C" void pair_masses(Pair * pair, const double * masses, const double * centres, const double * inertias)
-{
-  const auto hinge = pair->model.frames[pair->frame].parentJoint;
-  for (int i = 0; i < 2; ++i)
-  {
-    const Eigen::Matrix3d inertia = Eigen::Map<const Matrix>(inertias + 9 * i);
-    pair->model.appendBodyToJoint(
-      i == 0 ? pair->model.getJointId("body1") : hinge, pin::Inertia(masses[i], Constant(centres + 3 * i), inertia),
-      i == 0 ? pin::SE3::Identity() : pair->model.frames[pair->frame].placement);
-  }
-  pair->data = pin::Data(pair->model);
-}
 
 // As the model's own rnea (w: accelerations, out: forces) or, inverse = 0, aba (the other way round); 7 numbers each.
 extern "C" void pair_dynamics(

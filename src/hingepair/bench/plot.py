@@ -15,48 +15,35 @@ _MARKS = "oDs^vP<>X*hpd"
 
 
 class Curve(NamedTuple):
-    """A method in a panel.
+    """A method in a panel."""
 
-    Attributes:
-        name: it.
-        points: (x, y) each.
-        hard: the second point is the same under hardship, and drawn hollow.
-    """
-
-    name: str
-    points: list[tuple[float, float]]
-    hard: bool = False
+    name: str  # it
+    points: list[tuple[float, float]]  # (x, y) each
+    hard: bool = False  # the second point is the same under hardship, and drawn hollow
 
 
 class Panel(NamedTuple):
-    """Curves over one axis.
+    """Curves over one axis."""
 
-    Attributes:
-        title: of the panel.
-        across: what its x is.
-        up: what its y is.
-        curves: in it.
-        floor: x below which nothing can be.
-        most: y runs from 0 to here, evenly; what lies beyond stands on the edge with its number. Logarithmic if None.
-        falling: x falls to the right.
-    """
-
-    title: str
-    across: str
-    up: str
-    curves: list[Curve]
-    floor: float | None = None
+    title: str  # of the panel
+    across: str  # what its x is
+    up: str  # what its y is
+    curves: list[Curve]  # in it
+    floor: float | None = None  # x below which nothing can be
+    # y runs from 0 to here, evenly; what lies beyond stands on the edge with its number. Logarithmic if None
     most: float | None = None
-    falling: bool = False
+    falling: bool = False  # x falls to the right
 
 
-def check_picture(path: Path) -> None:
+def check_picture(path: Path | None) -> None:
     """Refuse, before minutes of measuring, a picture that could not be written.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.
         ArgumentError: the ending is of no picture, or the file cannot be written.
     """
+    if path is None:
+        return
     kinds = _figure((1, 1)).canvas.get_supported_filetypes()
     if path.suffix[1:].lower() not in kinds:
         raise ArgumentError("plot", f"a file that ends in one of .{', .'.join(sorted(kinds))}", str(path))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +11,7 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
 
 if TYPE_CHECKING:
-    from hingepair.bench.measure import Report, Tell
+    from hingepair.bench.measure import Report
 
 app = typer.Typer(help="Measure run time and error on this machine.", no_args_is_help=True)
 
@@ -26,34 +24,21 @@ Plot = Annotated[Path | None, typer.Option(metavar="FILE", help="Draw error agai
 Sizes = Annotated[str, typer.Option(help="Numbers of samples.")]
 
 
-def _run(bench: Callable[[Tell], Report], show_json: bool, plot: Path | None = None) -> None:
-    """Measure, draw, print."""
-    from hingepair.bench.plot import check_picture, draw
-
-    if plot is not None:
-        check_picture(plot)
-    report = bench(_tell)
-    if plot is not None:
-        draw(report.panels, plot)
-        _tell(f"written: {plot}")
-    _print(report, show_json)
-
-
-def _tell(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
-def _print(report: Report, show_json: bool) -> None:
-    """Rows, targets, notes and the machine."""
+def _report(found: Report, show_json: bool, plot: Path | None = None) -> None:
+    """Draw; print rows, targets, notes and the machine."""
     from rich.console import Console
 
-    from hingepair.bench.measure import facts
+    from hingepair.bench.measure import facts, tell
+    from hingepair.bench.plot import draw
 
+    if plot is not None:
+        draw(found.panels, plot)
+        tell(f"written: {plot}")
     if show_json:
-        print(report.to_json())
+        print(found.to_json())
         return
     console = Console(highlight=False, markup=False, width=120)
-    for part in (*report.tables(), *report.notes, ", ".join(f"{key} {value}" for key, value in facts().items())):
+    for part in (*found.tables(), *found.notes, ", ".join(f"{key} {value}" for key, value in facts().items())):
         console.print(part)
 
 
@@ -79,11 +64,13 @@ def direct(
     """Run time against error: this library, Pinocchio, MuJoCo, JAX, SciPy, NumPy, in one run."""
     from hingepair.bench import direct as bench
     from hingepair.bench.peers import LEVELS
+    from hingepair.bench.plot import check_picture
 
     counts, chosen = _counts(sizes), [level.strip() for level in levels.split(",")]
     for level in chosen:
         check_choice("levels", level, tuple(LEVELS))
-    _run(lambda tell: bench.direct(counts, chosen, repeats, cpp, cold, tell), show_json, plot)
+    check_picture(plot)
+    _report(bench.direct(counts, chosen, repeats, cpp, cold), show_json, plot)
 
 
 @app.command()
@@ -97,8 +84,10 @@ def integrate(
 ) -> None:
     """Error against step and run time: attitudes from angular velocity by all methods, and by SciPy's solvers."""
     from hingepair.bench import integrate as bench
+    from hingepair.bench.plot import check_picture
 
-    _run(lambda tell: bench.integrate(repeats, steps, tell), show_json, plot)
+    check_picture(plot)
+    _report(bench.integrate(repeats, steps), show_json, plot)
 
 
 @app.command()
@@ -106,8 +95,7 @@ def fit(sizes: Sizes = "1000,10000,1000000", repeats: Repeats = 5, show_json: Js
     """The hinge from recordings: time and error, beside SciPy's least_squares on the constraints as they are."""
     from hingepair.bench import fit as bench
 
-    counts = _counts(sizes)
-    _run(lambda tell: bench.fit(counts, repeats, tell), show_json)
+    _report(bench.fit(_counts(sizes), repeats), show_json)
 
 
 @app.command()
@@ -119,7 +107,7 @@ def skip(
     """What it is worth to leave out what a scene does not need."""
     from hingepair.bench import skip as bench
 
-    _run(lambda tell: bench.skip(samples, repeats, tell), show_json)
+    _report(bench.skip(samples, repeats), show_json)
 
 
 @app.command()
@@ -132,4 +120,4 @@ def dynamics(
     """Forces from motion, motion from forces, and a simulation: beside Pinocchio, MuJoCo and SciPy."""
     from hingepair.bench import dynamics as bench
 
-    _run(lambda tell: bench.dynamics(samples, repeats, cpp, tell), show_json)
+    _report(bench.dynamics(samples, repeats, cpp), show_json)
