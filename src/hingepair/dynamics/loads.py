@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import inspect
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -112,32 +113,35 @@ class HingeLoad:
                 raise ArgumentError("stops", "(lower, upper) with lower < upper", stops)
         object.__setattr__(self, "stops", ends)
 
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Where in psi the torque changes from one smooth function to another, its motor's too, increasing."""
+        of_motor = self.motor.kinks if _is_named(self.motor) else ()
+        return tuple(sorted({*(self.stops or ()), *of_motor}))
+
     def __call__(self, t: Any, psi: Any, psid: Any) -> Any:
         """The torque [N m] at instants [s], hinge angles [rad] and rates [rad/s]; of floats or arrays."""
-        torque = self._between(t, psi, psid)
-        if self.stops is None:
-            return torque
-        held = np.clip(psi, *self.stops)
-        return torque + np.where(psi == held, 0.0, self._push(psi - held, psid))
+        return self.smooth(psi, t, psi, psid)
 
-    def on_side(self, side: int, t: Any, psi: Any, psid: Any) -> Any:
-        """The same as it goes on smoothly from a side: below the lower stop (0), between (1), above the upper (2)."""
-        torque = self._between(t, psi, psid)
-        if self.stops is None or side == 1:
-            return torque
-        return torque + self._push(psi - self.stops[side // 2], psid)
-
-    def _between(self, t: Any, psi: Any, psid: Any) -> Any:
-        """All but the stops."""
+    def smooth(self, side: Any, t: Any, psi: Any, psid: Any) -> Any:
+        """The same as it goes on smoothly from an angle on one side of a kink."""
         torque = -self.stiffness * (psi - self.rest) - self.damping * psid
-        torque = torque + (self.motor(t, psi, psid) if callable(self.motor) else self.motor)
+        if _is_named(self.motor):
+            torque = torque + self.motor.smooth(side, t, psi, psid)
+        else:
+            torque = torque + (self.motor(t, psi, psid) if callable(self.motor) else self.motor)
         if self.friction:
             torque = torque - self.friction * np.tanh(psid / self.friction_rate)
-        return torque
+        if self.stops is None:
+            return torque
+        held = np.clip(side, *self.stops)
+        beyond = -self.stop_stiffness * (psi - held) - self.stop_damping * psid
+        return torque + np.where(side == held, 0.0, beyond)
 
-    def _push(self, beyond: Any, psid: Any) -> Any:
-        """The torque of a stop."""
-        return -self.stop_stiffness * beyond - self.stop_damping * psid
+
+def _is_named(torque: object) -> TypeGuard[HingeLoad]:
+    """Whether its kinks are known: those of a class made of it are not."""
+    return type(torque) is HingeLoad
 
 
 class Loads:
@@ -166,8 +170,9 @@ class Loads:
         for name, load in self._moving.items():
             check_callable(name, load, "t", "now")
         self._hinge = hinge_torque if callable(hinge_torque) else None
-        own = type(hinge_torque) is HingeLoad and hinge_torque.stops
-        self.levels: tuple[float, ...] = own or ()
+        self.levels = hinge_torque.kinks if _is_named(hinge_torque) else ()
+        inner = [(below + above) / 2 for below, above in itertools.pairwise(self.levels)]
+        self._sides = (-np.inf, *inner, np.inf) if self.levels else None
         self.look_at_motion = bool(self._moving)
         self.known: dict[str, Any] = {"gravity": self._constant("gravity", gravity)}
         self.known |= {name: self._constant(name, load) for name, load in forces.items() if not callable(load)}
@@ -185,10 +190,10 @@ class Loads:
         for name, load in self._moving.items():
             own = self._answer(name, load(t, now), (len(t), *self._tail(name)))  # type: ignore[arg-type]
             found[name] = _lifted(own, len(self._tail(name))) if self._flat else own
-        if self._hinge is not None:
-            smooth = bool(self.levels) and side is not None
-            torque = self._hinge.on_side(side, t, psi, psid) if smooth else self._hinge(t, psi, psid)  # type: ignore[attr-defined]
-            found["hinge_torque"] = self._answer("hinge_torque", torque, t.shape)
+        if _is_named(self._hinge) and self._sides is not None and side is not None:
+            found["hinge_torque"] = self._hinge.smooth(self._sides[side], t, psi, psid)
+        elif self._hinge is not None:
+            found["hinge_torque"] = self._answer("hinge_torque", self._hinge(t, psi, psid), t.shape)
         return found
 
     def everything(self, t: Array, now: Moving) -> dict[str, Array]:
