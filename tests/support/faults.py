@@ -140,8 +140,8 @@ FAULTS = {
     ),
     "what acts on body 2 turns a free pair the other way": Fault(
         "dynamics/bases.py",
-        'Step("twist", eq.add, ("moment1"',
-        'Step("twist", eq.subtract, ("moment1"',
+        'Step("twist", dyn.torque_from, ("turned"',
+        'Step("twist", dyn.torque_about, ("turned"',
         "dynamics/test_simulate.py::test_the_motion_is_the_integral_of_its_accelerations",
     ),
     "an error bound that forgets half of a product": Fault(

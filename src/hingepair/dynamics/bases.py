@@ -9,6 +9,7 @@ the angular momentum that about R1; in the plane g is (0, 0, phi) and goes on. A
 from __future__ import annotations
 
 import functools
+import operator
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -24,7 +25,7 @@ from hingepair.evaluation.binding import Bound, bind
 from hingepair.evaluation.dynamics_steps import forward_steps, lever_steps
 from hingepair.evaluation.loops import Loop
 from hingepair.evaluation.plan import INPUTS, SPATIAL, Plan, needed_steps, steps_of
-from hingepair.evaluation.steps import Step, upright
+from hingepair.evaluation.steps import Step, same, together, upright
 from hingepair.integration.methods import quaternion_product
 from hingepair.integration.trajectory import rotations
 from hingepair.numeric.blocks import turn_terms
@@ -35,57 +36,52 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 
 Start: TypeAlias = tuple[Array, Array, Array, Array, float, float]
 """R, S, v and omega of body 1, psi and psi'."""
+Prescribed: TypeAlias = Callable[[Array], BodyMotion]
 Tails: TypeAlias = Mapping[str, tuple[int, ...]]
 
 _DOUBLE = np.dtype(np.float64)
-_G = slice(9, 12)  # where the attitude stands in the state
+_G, _PSI = slice(9, 12), 12  # where the attitude and psi stand in the state
 
-_STATE = (
-    Step("place", lambda state: state[0:3], ("state",)),
-    Step("momentum", lambda state: state[3:6], ("state",)),
-    Step("angular", lambda state: state[6:9], ("state",)),
-    Step("g", lambda state: state[9:12], ("state",)),
-    Step("psi", lambda state: state[12], ("state",)),
-    Step("psid", lambda state: state[13], ("state",)),
-)
-_SPACE = Step("S1", dyn.cayley_attitude, ("g", "S0"))
-_PLANE = Step("S1", lambda g: upright(turn_terms(g[2])), ("g",))
+_PARTS = {"place": slice(0, 3), "momentum": slice(3, 6), "angular": slice(6, 9), "g": _G, "psi": _PSI, "psid": 13}
+_STATE = tuple(Step(name, operator.itemgetter(where), ("state",)) for name, where in _PARTS.items())
+_TURNED = {
+    False: (Step("S1", dyn.cayley_attitude, ("g", "S0")), Step("g_rate", dyn.cayley_rate, ("g", "omega1"))),
+    True: (Step("S1", lambda g: upright(turn_terms(g[2])), ("g",)), Step("g_rate", same, ("omega1",))),
+}
+"""The attitude and how g changes; in space, and in the plane."""
 _SPIN = Step("omega1", dyn.spin_of_momentum, ("about", "angular", "psid"))
-_FREE = (
-    Step("sway", lambda share, psid: share * psid, ("share", "psid")),
-    Step("beside", dyn.from_centre, ("none", "omega1", "centre", "push", "sway")),
-    Step("mass", lambda masses: masses[0] + masses[1], ("masses",)),
-    Step("velocity", lambda momentum, mass: eq.scale(momentum, 1 / mass), ("momentum", "mass")),
-    Step("v1", eq.add, ("velocity", "beside")),
-    Step("weight", eq.scale, ("gravity", "mass")),
-    Step("drive", eq.add, ("pushed", "weight")),
-    Step("moment1", dyn.torque_from, ("torque1", "point", "force1")),
-    Step("from_point", eq.subtract, ("d", "point")),
-    Step("moment2", dyn.torque_about, ("torque2", "from_point", "force2")),
-    Step("twist", eq.add, ("moment1", "moment2")),
-)
-_PINNED = (
-    *(Step(name, lambda none: none, ("none",)) for name in ("beside", "velocity", "v1", "drive")),
-    Step("mass", lambda masses: masses[0] + masses[1], ("masses",)),
-    Step("weight", eq.scale, ("gravity", "mass")),
-    Step("twist", dyn.torque_about, ("turned", "centre", "weight")),
-)
+_MOVED = {
+    "free": (
+        Step("sway", operator.mul, ("share", "psid")),
+        Step("beside", dyn.from_centre, ("none", "omega1", "centre", "push", "sway")),
+        Step("velocity", lambda momentum, mass: eq.scale(momentum, 1 / mass), ("momentum", "mass")),
+        Step("v1", eq.add, ("velocity", "beside")),
+        Step("drive", eq.add, ("pushed", "weight")),
+        Step("twist", dyn.torque_from, ("turned", "point", "pushed")),
+    ),
+    "pinned": (
+        *(Step(name, same, ("none",)) for name in ("beside", "velocity", "v1", "drive")),
+        Step("twist", dyn.torque_about, ("turned", "centre", "weight")),
+    ),
+}
+"""How place and momenta change: velocity, drive and twist; R1 moves beside the place."""
 _SLOPES = (
+    Step("weight", eq.scale, ("gravity", "mass")),
     Step("R1", eq.subtract, ("place", "point")),
     Step("start", dyn.momentum_about, ("about", "omega1", "psid")),
     Step("slopes", lambda v, drive, twist, g_rate, psid, psidd: (*v, *drive, *twist, *g_rate, psid, psidd),
          ("velocity", "drive", "twist", "g_rate", "psid", "psidd")),
 )  # fmt: skip
+_HINGE = (
+    Step("psi", operator.itemgetter(0), ("state",)),
+    Step("psid", operator.itemgetter(1), ("state",)),
+    Step("slopes", together, ("psid", "psidd")),
+)
+"""The state of a carried pair, and how it changes."""
 
-_MOTION: Final[Tails] = {"R1": (3,), "S1": (3, 3), "v1": (3,), "omega1": (3,)}
-_SLOPE: Final[Tails] = {"slopes": (14,)}
-_ACCELERATIONS: Final[Tails] = {"a1": (3,), "alpha1": (3,), "psidd": ()}
-_BEGIN: Final[Tails] = {"point": (3,), "beside": (3,), "start": (3,)}
-_TAILS: Final[Tails] = {
-    **INPUTS,
-    "S0": (9,),
-    "state": (14,),
-}
+_TAILS: Final[Tails] = {**INPUTS, "S0": (9,), "state": (14,)}
+_MOVING: Final = np.repeat([False, True, False, True], [3, 6, 4, 1])  # what of the state is a velocity or a momentum
+_MOTION: Final = ("R1", "S1", "v1", "omega1")
 
 
 class Course(NamedTuple):
@@ -100,118 +96,68 @@ class Course(NamedTuple):
     steps: int = 0
 
 
-class Carried:
-    """A pair whose body 1 moves as given: its state is (psi, psi')."""
+class PairMotion:
+    """The motion of a pair: its state, how that changes, and what it means.
 
-    sizes = np.ones(2)
-    moving = np.array([False, True])
-    angle = 0  # where psi stands in the state
-    quat = np.array([1.0, 0, 0, 0])
+    Args:
+        pair: it.
+        base: what holds body 1: nothing ("free"), a pin at R1 ("pinned"), or its motion as given.
+        flat: whether it stays in the plane.
+        start: where it starts.
+        loads: what acts.
+        how: to compute.
+    """
 
     def __init__(
-        self, pair: HingePair, base: Callable[[Array], BodyMotion], start: Start, loads: Loads, how: How
+        self, pair: HingePair, base: str | Prescribed, flat: bool, start: Start, loads: Loads, how: How
     ) -> None:
-        self.state = np.array(start[4:])
-        self._base, self._loads, self.levels = base, loads, loads.levels
-        _check_hinge(pair)
-        known = mass_constants((None, pair.body2), "body2") | loads.known | pair.constants.values
-        self._program = _Program(_loop("carried", None, "home" in known, (("psidd", ()),)), known, how)
-
-    def first_step(self, t: float, span: float) -> float:
-        """A length to begin with."""
-        _, psid = self.state
-        psidd = self.rates(np.array([t]), self.state[None])[0, 1]
-        return _first_step(np.array([psid, np.sqrt(abs(psidd))]), span)
-
-    def rates(self, t: Array, states: Array, side: int | None = None) -> Array:
-        """The derivatives of the state at some instants; of a side, as they go on smoothly from there."""
-        return np.stack([states[:, 1], self._accelerations(t, states, side)[-1]], axis=-1)
-
-    def renew(self, state: Array) -> Array:
-        """The state that the next step begins with."""
-        return state
-
-    def read(self, t: Array, states: Array, _: Array) -> Course:
-        """What is asked for at some instants."""
-        now, a, alpha, psidd = self._accelerations(t, states)
-        quats = matrix_to_quaternion(now.S1)
-        return Course(quats, now, a, alpha, psidd, np.unwrap(2 * np.arctan2(quats[:, 3], quats[:, 0])))
-
-    def _accelerations(self, t: Array, states: Array, side: int | None = None) -> tuple[Moving, Array, Array, Array]:
-        """The motion at some instants, and a1, alpha1 and psi''."""
-        R, S, v, omega, a, alpha = self._carry(t)
-        now = Moving(R, S, v, omega, *states.T.copy())
-        given = {"S1": S, "omega1": omega, "a1": a, "alpha1": alpha, "psi": now.psi, "psid": now.psid}
-        return (
-            now,
-            a,
-            alpha,
-            self._program(len(t), **given, **self._loads.at(t, now, now.psi, now.psid, side))["psidd"].copy(),
-        )
-
-    def _carry(self, t: Array) -> list[Array]:
-        """The motion of body 1 at some instants, each of its arrays with an axis of instants."""
-        given = motion_arrays("base1", self._base(t), "R", "S", "v", "omega", "a", "alpha")
-        try:
-            return [np.broadcast_to(x, (len(t), *_TAILS[name[:-1] + "1"])) for name, x in given.items()]
-        except ValueError:
-            expected = f"a callable that returns the motion of body 1 at {len(t)} instants"
-            raise ArgumentError("base", expected, {name: array.shape for name, array in given.items()}) from None
-
-
-class Turning:
-    """A pair whose body 1 nothing holds, or a pin at R1."""
-
-    moving = np.array([False] * 3 + [True] * 6 + [False] * 4 + [True])
-    angle = 12
-
-    def __init__(self, pair: HingePair, base: str, flat: bool, start: Start, loads: Loads, how: How) -> None:
-        masses = mass_constants((pair.body1, pair.body2), "body1", "body2")
-        check_resistance(pair.constants, (pair.body1, pair.body2))
-        known = masses | loads.known | pair.constants.values
-        own = base, flat, "home" in known
-        self._motion, self._rates, self._accelerations = (
-            _Program(_loop(*own, tuple(tails.items())), known, how) for tails in (_MOTION, _SLOPE, _ACCELERATIONS)
-        )
+        self._carry = base if callable(base) else None
+        kind = base if isinstance(base, str) else "carried"
+        bodies = (pair.body1, pair.body2) if self._carry is None else (None, pair.body2)
+        masses = mass_constants(bodies, *(("body1", "body2") if self._carry is None else ("body2",)))
         self._loads, self._flat, self.levels = loads, flat, loads.levels
+        known = masses | loads.known | pair.constants.values
         R, S, v, omega, psi, psid = start
         self.quat = matrix_to_quaternion(S)
-        g = np.array([0, 0, np.arctan2(S[1, 0], S[0, 0])]) if flat else np.zeros(3)
-        begin = _Program(_loop(base, None, own[2], tuple(_BEGIN.items())), known, how)
-        found = begin(1, S1=S, omega1=omega, psi=psi, psid=psid)
-        point, beside, angular = (found[name][0] for name in _BEGIN)
+
+        def program(own: bool | None, **tails: tuple[int, ...]) -> _Program:
+            return _Program(_loop(kind, own, "home" in known, tuple(tails.items())), known, how)
+
+        if self._carry is not None:
+            _check_hinge(pair)
+            self.state, self.sizes, self.moving, self.angle = np.array([psi, psid]), np.ones(2), _MOVING[-2:], 0
+            self._rates, self._accelerations = program(None, slopes=(2,)), program(None, psidd=())
+            return
+        check_resistance(pair.constants, bodies)
+        self._motion = program(flat, **{name: _TAILS[name] for name in _MOTION})
+        self._rates = program(flat, slopes=(14,))
+        self._accelerations = program(flat, a1=(3,), alpha1=(3,), psidd=())
+        found = program(None, point=(3,), beside=(3,), start=(3,))(1, S1=S, omega1=omega, psi=psi, psid=psid)
+        point, beside, angular = (found[name][0] for name in ("point", "beside", "start"))
         mass = masses["m1"] + masses["m2"]
         momentum = mass * (v - beside) if base == "free" else np.zeros(3)
+        g = np.array([0, 0, np.arctan2(S[1, 0], S[0, 0])]) if flat else np.zeros(3)
         self.state = np.hstack([R + point, momentum, angular, g, psi, psid])
         reach = sum(float(np.linalg.norm(x)) for x in (pair.u1, pair.u2, masses["c1"], masses["c2"])) or 1.0
         inertia = sum(sum(masses[name][0::4]) for name in ("I1", "I2")) + mass * reach**2
-        sizes = (reach, mass * reach, inertia, 1.0)
-        self.sizes = np.hstack([*(np.full(3, size) for size in sizes), 1.0, 1.0])
+        self.sizes = np.repeat([reach, mass * reach, inertia, 1.0, 1.0], [3, 3, 3, 3, 2])
+        self.moving, self.angle = _MOVING, _PSI
 
     def first_step(self, t: float, span: float) -> float:
-        """A length to begin with."""
-        slopes = self.rates(np.array([t]), self.state[None])[0] / self.sizes
-        return _first_step(slopes[9:] / np.array([1, 1, 1, 1, max(1, abs(self.state[-1]))]), span)
+        """A length to begin with, in which nothing turns by more than a tenth of a radian."""
+        turns = (self.rates(np.array([t]), self.state[None])[0] / self.sizes)[-5:]
+        turns[-1] /= max(1, abs(self.state[-1]))
+        fastest = float(np.abs(turns).max())
+        return min(span, 0.1 / fastest) if 0 < fastest < np.inf else span / 100
 
     def rates(self, t: Array, states: Array, side: int | None = None) -> Array:
         """The derivatives of the state at some instants; of a side, as they go on smoothly from there."""
-        S0 = eq.quaternion_attitude(tuple(self.quat.tolist()))
-        return self._rates(len(t), state=states, S0=S0, **self._acting(t, states, S0, side))["slopes"].copy()
-
-    def _acting(self, t: Array, states: Array, S0: Any, side: int | None = None) -> dict[str, Array]:
-        """What acts at some instants."""
-        now = self._now(states, S0) if self._loads.look_at_motion else None
-        return self._loads.at(t, now, states[:, 12], states[:, 13], side)
-
-    def _now(self, states: Array, S0: Any) -> Moving:
-        """The motion at some instants."""
-        found = self._motion(len(states), state=states, S0=S0)
-        R1, S1, v1, omega1 = (found[name].copy() for name in _MOTION)
-        return Moving(R1, S1, v1, omega1, states[:, 12], states[:, 13])
+        given = self._given(t, states, eq.quaternion_attitude(tuple(self.quat.tolist())))
+        return self._rates(len(t), **given, **self._acting(t, given, side))["slopes"].copy()
 
     def renew(self, state: Array) -> Array:
         """The state that the next step begins with: the turn of this one goes into the attitude."""
-        if self._flat:
+        if self._flat or self._carry is not None:
             return state
         self.quat = _turned(state[_G], self.quat)
         state = state.copy()
@@ -220,18 +166,47 @@ class Turning:
 
     def read(self, t: Array, states: Array, quats: Array) -> Course:
         """What is asked for at some instants; quats is the attitude that their steps began with."""
-        S0 = np.eye(3).reshape(1, 9)
-        if self._flat:
-            half = states[:, 11] / 2
-            quats = np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=-1)
-        else:
+        S0: Any = np.eye(3).reshape(1, 9)
+        if self._carry is None and not self._flat:
             quats = _turned(states[:, _G], quats)
-            S0 = rotations(quats).reshape(-1, 9)
-            states = states.copy()
+            S0, states = rotations(quats).reshape(-1, 9), states.copy()
             states[:, _G] = 0.0
-        now = self._now(states, S0)
-        found = self._accelerations(len(t), state=states, S0=S0, **self._acting(t, states, S0))
-        return Course(quats, now, found["a1"], found["alpha1"], found["psidd"], states[:, 11])
+        given = self._given(t, states, S0)
+        now = self._now(given)
+        values = given | self._accelerations(len(t), **given, **self._acting(t, given))
+        if self._carry is not None:
+            quats = matrix_to_quaternion(now.S1)
+            phi = np.unwrap(2 * np.arctan2(quats[:, 3], quats[:, 0]))
+        else:
+            phi = states[:, _G][:, 2]
+        if self._carry is None and self._flat:
+            quats = np.stack([np.cos(phi / 2), 0 * phi, 0 * phi, np.sin(phi / 2)], axis=-1)
+        return Course(quats, now, values["a1"], values["alpha1"], values["psidd"], phi)
+
+    def _given(self, t: Array, states: Array, S0: Any) -> dict[str, Any]:
+        """What the programs start from at some instants: the state, and the motion of body 1 where it is given."""
+        if self._carry is None:
+            return {"state": states, "S0": S0}
+        given = motion_arrays("base1", self._carry(t), "R", "S", "v", "omega", "a", "alpha")
+        try:
+            wide = {f"{n[:-1]}1": np.broadcast_to(x, (len(t), *_TAILS[f"{n[:-1]}1"])) for n, x in given.items()}
+        except ValueError:
+            expected = f"a callable that returns the motion of body 1 at {len(t)} instants"
+            raise ArgumentError("base", expected, {name: array.shape for name, array in given.items()}) from None
+        return {"state": states, **wide}
+
+    def _acting(self, t: Array, given: dict[str, Any], side: int | None = None) -> dict[str, Array]:
+        """What acts at some instants."""
+        now = self._now(given) if self._loads.look_at_motion else None
+        psi, psid = given["state"].T[self.angle : self.angle + 2]
+        return self._loads.at(t, now, psi, psid, side)
+
+    def _now(self, given: dict[str, Any]) -> Moving:
+        """The motion where this is given."""
+        states = given["state"]
+        found = given if self._carry is not None else self._motion(len(states), **given)
+        motion = (found[name].copy() for name in _MOTION)
+        return Moving(*motion, *states.T[self.angle : self.angle + 2].copy())
 
 
 class _Program:
@@ -265,22 +240,20 @@ class _Program:
 def _loop(base: str, flat: bool | None, home: bool, outputs: tuple[tuple[str, tuple[int, ...]], ...]) -> Loop:
     """From the state - where `flat` is None, from S1, omega1, psi and psi' - to some outputs."""
     hinge = steps_of(None, home)
+    steps: tuple[Step, ...]
+    tails = dict(_TAILS)
     if base == "carried":
-        steps = forward_steps(hinge, base)
+        steps, tails = (*_HINGE[:2], *forward_steps(hinge, base), *_HINGE[2:]), tails | {"state": (2,)}
     else:
         own: tuple[Step, ...] = ()
         if flat is not None:
-            turn = Step("g_rate", *((_omega, ("omega1",)) if flat else (dyn.cayley_rate, ("g", "omega1"))))
+            attitude, rate = _TURNED[flat]
             before = [step.result for step in hinge].index("omega2")
-            own = (*_STATE, _PLANE if flat else _SPACE, *hinge[:before], *lever_steps(base), _SPIN, turn)
-        steps = (*forward_steps((*own, *hinge), base), *(_FREE if base == "free" else _PINNED), *_SLOPES)
+            own = (*_STATE, attitude, *hinge[:before], *lever_steps(base), _SPIN, rate)
+        steps = (*forward_steps((*own, *hinge), base), *_SLOPES[:1], *_MOVED[base], *_SLOPES[1:])
     taken, inputs = needed_steps({step.result: step for step in steps}.values(), (name for name, _ in outputs))
     plan = Plan(tuple(name for name, _ in outputs), taken, inputs, (), None, home, SPATIAL)
-    return Loop(base, plan.run, {name: _TAILS.get(name, (3,)) for name in sorted(inputs)}, dict(outputs))
-
-
-def _omega(omega1: eq.Vector) -> eq.Vector:
-    return omega1
+    return Loop(base, plan.run, {name: tails.get(name, (3,)) for name in sorted(inputs)}, dict(outputs))
 
 
 def _check_hinge(pair: HingePair) -> None:
@@ -293,12 +266,6 @@ def _check_hinge(pair: HingePair) -> None:
     about = k @ body2.inertia @ k + body2.mass * (push @ push)
     if about <= SINGULAR * np.trace(body2.inertia):
         raise ArgumentError("pair.body2", "inertia about the hinge axis, beyond round-off", body2)
-
-
-def _first_step(slopes: Array, span: float) -> float:
-    """A length in which nothing turns by more than a tenth of a radian."""
-    fastest = float(np.abs(slopes).max())
-    return min(span, 0.1 / fastest) if 0 < fastest < np.inf else span / 100
 
 
 def _turned(g: Array, quats: Array) -> Array:

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.bases import Carried, Course, Start, Turning
+from hingepair.dynamics.bases import Course, PairMotion, Start
 from hingepair.dynamics.collocation import Array, Stepper, TooStiffError
 from hingepair.dynamics.loads import Base, HingeLoad, HingeTorque, Load, Loads, check_callable
 from hingepair.errors import ArgumentError, HingePairError, quoted
@@ -215,15 +215,12 @@ def simulate(
     how = choose(backend, 1)
 
     def run(tolerance: float) -> Course:
-        moving: Carried | Turning
-        if base in ("free", "pinned"):
-            moving = Turning(space, str(base), flat, start, loads, how)
-        else:
-            moving = Carried(space, base if callable(base) else _still(start), start, loads, how)
+        held = base if callable(base) or base != "fixed" else _still(start)
+        moving = PairMotion(space, held, flat, start, loads, how)
         return _follow(moving, instants, tolerance)
 
     found = run(tolerance)
-    if space.limits is not None and not (isinstance(hinge_torque, HingeLoad) and hinge_torque.stops):
+    if space.limits is not None and not (isinstance(hinge_torque, HingeLoad) and hinge_torque.kinks):
         _warn_of_limits(space.limits, instants, found.now.psi)
     finer = functools.cache(lambda: run(max(tolerance * _FINER, 1e-15)))
     now = found.now
@@ -304,7 +301,7 @@ def _warn_of_limits(limits: tuple[float, float], t: Array, psi: Array) -> None:
         warnings.warn(f"{left}; HingeLoad(stops=pair.limits) enforces them", DynamicsWarning, stacklevel=3)
 
 
-def _follow(motion: Turning | Carried, t: Array, tol: float) -> Course:
+def _follow(motion: PairMotion, t: Array, tol: float) -> Course:
     """The motion from t[0] to t[-1], read out at the instants."""
     states, quats = np.empty((len(t), len(motion.state))), np.empty((len(t), 4))
     states[:1], quats[:1] = motion.state, motion.quat

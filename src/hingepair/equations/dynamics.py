@@ -91,9 +91,8 @@ def resistance(J: Matrix, J2: Matrix, axis: Vector, push: Vector, mass: Scalar, 
     return matrix_sum(J, spread(mass, lever)), add(own, cross(lever, pushed)), dot(axis, own) + dot(push, pushed)
 
 
-def mass_matrix(masses: tuple[Scalar, Scalar], r1: Vector, e: Vector, push: Vector, about: Resistance) -> Entries:
+def mass_matrix(m1: Scalar, m2: Scalar, r1: Vector, e: Vector, push: Vector, about: Resistance) -> Entries:
     """M of D6, 7 x 7, row by row; push = k x h, the velocity of body 2's centre by psi'; about R1."""
-    m1, m2 = masses
     zero = 0 * m1
     total = m1 + m2
     x, y, z = add(scale(r1, m1), scale(e, m2))
@@ -170,25 +169,14 @@ def hinge_torque_of(axis: Vector, torque2: Vector, r2: Vector, force2: Vector) -
     return dot(axis, subtract(torque2, cross(r2, force2)))
 
 
-def kinetic_of_both(
-    masses: tuple[Scalar, Scalar],
-    velocities: tuple[Vector, Vector],
-    spins: tuple[Vector, Vector],
-    inertias: tuple[Matrix, Matrix],
-) -> Scalar:
-    """T (D7), of the centres' velocities and of what the bodies turn."""
-    one, two = map(kinetic_energy, masses, velocities, spins, inertias)
-    return one + two
-
-
-def potential_energy(masses: tuple[Scalar, Scalar], gravity: Vector, at1: Vector, at2: Vector) -> Scalar:
+def potential_energy(m1: Scalar, at1: Vector, m2: Scalar, at2: Vector, gravity: Vector) -> Scalar:
     """U (D7); at1, at2 lead from the origin to the centres of mass."""
-    return -(masses[0] * dot(gravity, at1) + masses[1] * dot(gravity, at2))
+    return -(m1 * dot(gravity, at1) + m2 * dot(gravity, at2))
 
 
-def linear_momentum(masses: tuple[Scalar, Scalar], velocities: tuple[Vector, Vector]) -> Vector:
+def linear_momentum(m1: Scalar, v1: Vector, m2: Scalar, v2: Vector) -> Vector:
     """P (D8), of the centres' velocities."""
-    return add(scale(velocities[0], masses[0]), scale(velocities[1], masses[1]))
+    return add(scale(v1, m1), scale(v2, m2))
 
 
 def cayley_attitude(g: Vector, S: Matrix) -> Matrix:
@@ -207,11 +195,6 @@ def cayley_attitude(g: Vector, S: Matrix) -> Matrix:
 def cayley_rate(g: Vector, omega: Vector) -> Vector:
     """The rate of g where `cayley_attitude` turns with omega, world axes."""
     return add(subtract(omega, scale(cross(g, omega), 0.5)), scale(g, dot(g, omega) * 0.25))
-
-
-def share_of(masses: tuple[Scalar, Scalar]) -> Scalar:
-    """What body 2 has of the mass of both."""
-    return masses[1] / (masses[0] + masses[1])
 
 
 def spin_of_momentum(about: Resistance, momentum: Vector, psid: Scalar) -> Vector:

@@ -8,7 +8,7 @@ import operator
 from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
 from hingepair.equations.spatial import Vector
-from hingepair.evaluation.steps import ARM_STEPS, Step, same, together
+from hingepair.evaluation.steps import ARM_STEPS, Step, same
 
 
 def _nothing() -> Vector:
@@ -23,8 +23,8 @@ _LEVERS = (
     Step("h", eq.rotate, ("S2", "from_hinge")),
     Step("e", eq.add, ("r1", "h")),
     Step("push", eq.cross, ("axis", "h")),
-    Step("masses", together, ("m1", "m2")),
-    Step("share", dyn.share_of, ("masses",)),
+    Step("mass", operator.add, ("m1", "m2")),
+    Step("share", operator.truediv, ("m2", "mass")),
     Step("J1", dyn.world_inertia, ("S1", "I1")),
     Step("J2", dyn.world_inertia, ("S2", "I2")),
     Step("J", dyn.matrix_sum, ("J1", "J2")),
@@ -58,14 +58,13 @@ _INVERSE = (
 _ENERGIES = (
     Step("v_centre1", dyn.point_velocity, ("v1", "omega1", "centre1")),
     Step("v_centre2", dyn.point_velocity, ("v2", "omega2", "centre2")),
-    Step("velocities", together, ("v_centre1", "v_centre2")),
-    Step("spins", together, ("omega1", "omega2")),
-    Step("inertias", together, ("J1", "J2")),
     Step("at1", eq.add, ("R1", "centre1")),
     Step("at2", eq.add, ("R1", "e")),
-    Step("kinetic", dyn.kinetic_of_both, ("masses", "velocities", "spins", "inertias")),
-    Step("potential", dyn.potential_energy, ("masses", "gravity", "at1", "at2")),
-    Step("linear", dyn.linear_momentum, ("masses", "velocities")),
+    Step("kinetic1", dyn.kinetic_energy, ("m1", "v_centre1", "omega1", "J1")),
+    Step("kinetic2", dyn.kinetic_energy, ("m2", "v_centre2", "omega2", "J2")),
+    Step("kinetic", operator.add, ("kinetic1", "kinetic2")),
+    Step("potential", dyn.potential_energy, ("m1", "at1", "m2", "at2", "gravity")),
+    Step("linear", dyn.linear_momentum, ("m1", "v_centre1", "m2", "v_centre2")),
     Step("angular1", dyn.angular_momentum, ("m1", "at1", "v_centre1", "J1", "omega1")),
     Step("angular2", dyn.angular_momentum, ("m2", "at2", "v_centre2", "J2", "omega2")),
     Step("angular", eq.add, ("angular1", "angular2")),
@@ -75,7 +74,7 @@ _ENERGIES = (
 MASS_STEPS = (
     *_LEVERS,
     *_INVERSE,
-    Step("mass_matrix", dyn.mass_matrix, ("masses", "centre1", "e", "push", "about_R1")),
+    Step("mass_matrix", dyn.mass_matrix, ("m1", "m2", "centre1", "e", "push", "about_R1")),
     *_ENERGIES,
 )
 """What is known of a motion: what must act, the mass matrix, energy and momentum."""
@@ -118,27 +117,31 @@ _POINTS = {
 }
 """About which point a pair turns, from R1, and what resists there."""
 
-_FREE = (
-    Step("torque_there", dyn.torque_from, ("torque", "centre", "force")),
-    Step("motor_there", lambda motor, share, push, force: motor - share * eq.dot(push, force),
-         ("motor", "share", "push", "force")),
+_TURNING = (
     Step("solved", dyn.turning, ("about", "J2", "torque_there", "motor_there")),
     Step("alpha1", operator.itemgetter(0), ("solved",)),
     Step("psidd", operator.itemgetter(1), ("solved",)),
     Step("kept", operator.itemgetter(2), ("solved",)),
-    Step("a_centre", lambda force, masses: eq.scale(force, 1 / (masses[0] + masses[1])), ("force", "masses")),
-    Step("drift", operator.mul, ("share", "psidd")),
-    Step("a1", dyn.from_centre, ("a_centre", "alpha1", "centre", "push", "drift")),
-)  # fmt: skip
-_PINNED = (
-    Step("solved", dyn.turning, ("about", "J2", "torque", "motor")),
-    Step("alpha1", operator.itemgetter(0), ("solved",)),
-    Step("psidd", operator.itemgetter(1), ("solved",)),
-    Step("kept", operator.itemgetter(2), ("solved",)),
-    Step("a1", _nothing, ()),
 )
-_CARRIED = (Step("psidd", lambda motor, about: motor / about[2], ("motor", "about")),)
-_SOLVED = {"free": _FREE, "pinned": _PINNED, "carried": _CARRIED}
+_SOLVED = {
+    "free": (
+        Step("torque_there", dyn.torque_from, ("torque", "centre", "force")),
+        Step("motor_there", lambda motor, share, push, force: motor - share * eq.dot(push, force),
+             ("motor", "share", "push", "force")),
+        *_TURNING,
+        Step("a_centre", lambda force, mass: eq.scale(force, 1 / mass), ("force", "mass")),
+        Step("drift", operator.mul, ("share", "psidd")),
+        Step("a1", dyn.from_centre, ("a_centre", "alpha1", "centre", "push", "drift")),
+    ),
+    "pinned": (
+        Step("torque_there", same, ("torque",)),
+        Step("motor_there", same, ("motor",)),
+        *_TURNING,
+        Step("a1", same, ("none",)),
+    ),
+    "carried": (Step("psidd", lambda motor, about: motor / about[2], ("motor", "about")),),
+}  # fmt: skip
+"""The accelerations."""
 _SOUGHT = {"free": ("a1", "alpha1", "psidd"), "pinned": ("a1", "alpha1", "psidd"), "carried": ("psidd",)}
 
 
