@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hingepair.measured.likelihood import Noise, Residuals, frame, judged, most_likely, moved, seen_from
-from hingepair.measured.relative_poses import Hinge, closed_form, relative_poses
-from hingepair.measured.rules import GAUGES, derivatives, in_gauge, shortest_turn
+from hingepair.measured.hinge import GAUGES, Hinge, derivatives, frame, shortest_turn
+from hingepair.measured.likelihood import Noise, Residuals, judged, most_likely, seen_from
+from hingepair.measured.relative_poses import closed_form, relative_poses
 from hingepair.rotations.matrices import rotation_log
 from support.recorded import HOME, N1, U1, U2, recording
 
@@ -27,7 +27,7 @@ TRUE = Hinge(N1, HOME.T @ N1, U1, U2)
 @pytest.mark.parametrize("k", range(9))
 def test_derivatives_are_those_of_the_residuals(k: int) -> None:
     step = 1e-6 * np.eye(9)[k]
-    high, low = (seen(moved(TRUE, sign * step)) for sign in (1, -1))
+    high, low = (seen(TRUE.moved(sign * step)) for sign in (1, -1))
     # the axes along the hinge move with it; to first order tilt and gap, which are 0 here, do not
     tilts, gaps = (high.tilt - low.tilt) / 2e-6, (high.gap - low.gap) / 2e-6
     plus, minus = seen(TRUE).whiten(NOISE, tilts[None], gaps[None])
@@ -64,10 +64,10 @@ def test_that_covariance_is_what_noise_leaves() -> None:
 
 @pytest.mark.parametrize("gauge", GAUGES)
 def test_what_the_fit_returns_changes_as_its_derivatives_say(gauge: str) -> None:
-    hinge = in_gauge(TRUE, gauge)
+    hinge = TRUE.in_gauge(gauge)
     columns = []
     for k in range(9):
-        high, low = (in_gauge(moved(hinge, sign * 1e-6 * np.eye(9)[k]), gauge) for sign in (1, -1))
+        high, low = (hinge.moved(sign * 1e-6 * np.eye(9)[k]).in_gauge(gauge) for sign in (1, -1))
         turn = rotation_log(shortest_turn(high.m, high.n) @ shortest_turn(low.m, low.n).T)
         columns.append(np.concatenate((high.u1 - low.u1, high.u2 - low.u2, high.n - low.n, turn)) / 2e-6)
     found = derivatives(hinge, shortest_turn(hinge.m, hinge.n), gauge)
@@ -102,4 +102,4 @@ def test_no_hinge_near_the_most_likely_one_is_likelier() -> None:
     assert still
     for k in range(9):
         for sign in (1, -1):
-            assert misfit(moved(best, sign * 0.4 * scatter[k] * np.eye(9)[k]).balanced()) > least
+            assert misfit(best.moved(sign * 0.4 * scatter[k] * np.eye(9)[k]).balanced()) > least

@@ -11,10 +11,10 @@ import typer
 
 from hingepair.cli.output import Json, console
 from hingepair.errors import ArgumentError, FitError
+from hingepair.measured.hinge import GAUGES
 from hingepair.measured.hinge_fit import fit
 from hingepair.measured.likelihood import LOSSES
 from hingepair.measured.recordings import read_recording
-from hingepair.measured.rules import GAUGES
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.results import ENDINGS, Record, check_ending
 

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hingepair.errors import FitError
+from hingepair.measured.hinge import Hinge
 from hingepair.measured.likelihood import Judged, Noise
-from hingepair.measured.relative_poses import Hinge, RelativePoses
+from hingepair.measured.relative_poses import RelativePoses
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import project_to_rotation, rotation_vector
 
@@ -28,10 +29,10 @@ _VAGUE_AXIS, _VAGUE_POINT = np.radians(2.0), 0.1
 
 
 class Finding(NamedTuple):
-    """One sentence, and whether the hinge can be relied on in spite of it."""
+    """One sentence."""
 
     text: str
-    harmless: bool
+    harmless: bool  # whether the hinge can be relied on in spite of it
 
 
 def check_turning(poses: RelativePoses) -> None:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, MissingDependencyError, ShapeError
 from hingepair.measured.findings import check_turning, findings
+from hingepair.measured.hinge import GAUGES, derivatives, offset, shortest_turn
 from hingepair.measured.instants import recorded
 from hingepair.measured.likelihood import LOSSES, judged, most_likely, without_bias
 from hingepair.measured.relative_poses import closed_form, closed_form_of_most, relative_poses
-from hingepair.measured.rules import GAUGES, derivatives, in_gauge, offset, shortest_turn, signed
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, check_choice, read_only, real_array
 from hingepair.numeric.notebook import Sheet, Shown, cell, unit_of
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from hingepair.pair.residuals import Residuals
 
 
-PARAMETERS: Final = tuple(f"{name}_{axis}" for name in ("u1", "u2", "n", "home") for axis in "xyz")
 _WITHIN = 5.0
 _FEW = 10
 
@@ -229,7 +228,7 @@ def fit(
     penalty = LOSSES[loss]
     start = closed_form(poses.thinned(65536)) if penalty is None else closed_form_of_most(poses)
     hinge, noise, still = most_likely(poses, start, penalty)
-    hinge = in_gauge(signed(without_bias(poses, hinge, noise)), gauge)
+    hinge = without_bias(poses, hinge, noise).signed().in_gauge(gauge)
     seen = judged(poses, hinge, noise, penalty)
     home = shortest_turn(hinge.m, hinge.n)
     change = derivatives(hinge, home, gauge)

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
+from hingepair.measured.hinge import frame, sign_of, turned
 from hingepair.measured.instants import checked_gaps, pieces, recorded
-from hingepair.measured.likelihood import frame
 from hingepair.measured.spline import FEWEST, smooth_columns
 from hingepair.numeric.arrays import Float64Array, read_only, vectors
 from hingepair.numeric.unit_vectors import unit_axis
@@ -123,9 +123,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike) -> AxisFit:
     alike = [_follows(omega1, omega2, n1, sign * n2) for sign in (1, -1)]
     if alike[1] > alike[0]:
         n2 = -n2
-    large = np.abs(n1) >= 0.5 * np.abs(n1).max()
-    sign = 1.0 if n1[np.argmax(large)] > 0 else -1.0
-    n1, n2 = sign * n1, sign * n2
+    n1, n2 = sign_of(n1) * n1, sign_of(n1) * n2
     rest, change = _axis_rows(w1, w2, np.stack((n1, n2)))
     rms = float(np.sqrt(cost / w1.shape[0]))
     covariance, unseen = _covariance(rest, change, rms * rms / 2)
@@ -286,9 +284,7 @@ def _axis_rows(w1: Float64Array, w2: Float64Array, axes: Float64Array) -> tuple[
 
 def _turned(axes: Float64Array, step: Float64Array) -> Float64Array:
     """Both axes after a step across each."""
-    steps = np.concatenate((step.reshape(2, 2), np.ones((2, 1))), axis=-1)
-    found = np.stack([frame(n) @ own for n, own in zip(axes, steps, strict=True)])
-    return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
+    return np.stack([turned(n, own) for n, own in zip(axes, step.reshape(2, 2), strict=True)])
 
 
 def _follows(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: Float64Array) -> float:

@@ -15,18 +15,18 @@ through in blocks; nothing of the size of a Jacobian of all samples is kept.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from hingepair.measured.relative_poses import Hinge, RelativePoses
+from hingepair.measured.hinge import Hinge, frame
+from hingepair.measured.relative_poses import RelativePoses
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import rotation_exp
 
 PARAMETERS = 9
-"""Turns of n (2) and m (2), across; u1 (3); u2 across m (2): along the axis only u1 - u2 is seen."""
+"""Those of `Hinge.moved`."""
 _BLOCK = 2048  # samples, that fit the caches
 _THIN = 16384  # samples that the first steps are taken with
 _SCORED, _STRETCH = 131072, 16  # samples that the covariance is taken from; blocks of them that follow each other
@@ -56,28 +56,20 @@ LOSSES: dict[str, Loss | None] = {
 
 
 class Noise(NamedTuple):
-    """Variances: of a component of R2 - R1 [m^2], and of the relative attitude [rad^2]."""
+    """Variances."""
 
-    place: float
-    attitude: float
+    place: float  # of a component of R2 - R1 [m^2]
+    attitude: float  # of a component of the relative attitude [rad^2]
 
 
 class Residuals(NamedTuple):
-    """What the constraints leave of some samples, in axes along the hinge.
+    """What the constraints leave of some samples, in axes along the hinge."""
 
-    Attributes:
-        q: relative attitude, row by row; shape (9, M).
-        p: relative place [m]; shape (3, M).
-        arms: S1 u1 + S2 u2 [m]; shape (3, M).
-        tilt: of Q m - n the direction, its length the chord; shape (2, M).
-        gap: of E1, half of the tilt's share taken out [m]; shape (3, M).
-    """
-
-    q: Float64Array
-    p: Float64Array
-    arms: Float64Array
-    tilt: Float64Array
-    gap: Float64Array
+    q: Float64Array  # relative attitude, row by row; shape (9, M)
+    p: Float64Array  # relative place [m]; shape (3, M)
+    arms: Float64Array  # S1 u1 + S2 u2 [m]; shape (3, M)
+    tilt: Float64Array  # of Q m - n the direction, its length the chord; shape (2, M)
+    gap: Float64Array  # of E1, half of the tilt's share taken out [m]; shape (3, M)
 
     @property
     def spread(self) -> Float64Array:
@@ -88,12 +80,8 @@ class Residuals(NamedTuple):
     def whiten(self, noise: Noise, tilts: Float64Array, gaps: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Rows whose squares, less the square of one more row, are those of C^-1: (k, 6, M) and (k, M).
 
-        By the formula of Sherman and Morrison, twice, for C = whole - b p p^T + b w w^T with w = (-y, x, 0).
-
-        Args:
-            noise: what C is made of.
-            tilts: rows of the tilt; shape (k, 2, M).
-            gaps: rows of the gap; shape (k, 3, M).
+        By the formula of Sherman and Morrison, twice, for C = whole - b p p^T + b w w^T with w = (-y, x, 0); of rows
+        of the tilt (k, 2, M) and of the gap (k, 3, M).
         """
         a, b = noise.place, noise.attitude / 4
         p, (x, y, _) = self.p, self.arms
@@ -130,47 +118,15 @@ class Residuals(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """Every sample beside a hinge.
+    """Every sample beside a hinge."""
 
-    Attributes:
-        tilt: angle between the axes [rad]; shape (N,).
-        gap: of E1, in axes along the hinge [m]; shape (3, N).
-        psi: angle about the hinge from one `frame` to the other, in [-pi, pi] [rad]; shape (N,).
-        sizes: r^T C^-1 r; shape (N,); NaN where it was not looked at, of very many.
-        weights: given, times those of the loss; shape (N,).
-        alike: correlations of neighbours, of tilts and of gaps.
-        covariance: of the parameters.
-    """
-
-    tilt: Float64Array
-    gap: Float64Array
-    psi: Float64Array
-    sizes: Float64Array
-    weights: Float64Array
-    alike: tuple[float, float]
-    covariance: Float64Array
-
-
-def frame(axis: Float64Array) -> Float64Array:
-    """Axes of which the third is along a unit vector, as columns."""
-    x, y, z = axis.tolist()
-    if abs(x) <= min(abs(y), abs(z)):
-        first = (0.0, z, -y)
-    elif abs(y) <= abs(z):
-        first = (-z, 0.0, x)
-    else:
-        first = (y, -x, 0.0)
-    size = math.hypot(*first)
-    a, b, c = (component / size for component in first)
-    return np.array(((a, y * c - z * b, x), (b, z * a - x * c, y), (c, x * b - y * a, z)))
-
-
-def moved(hinge: Hinge, step: Float64Array) -> Hinge:
-    """The hinge after a step of the parameters, in the axes of `frame`."""
-    first, second = frame(hinge.n), frame(hinge.m)
-    n, m = first @ (step[0], step[1], 1.0), second @ (step[2], step[3], 1.0)
-    u1, u2 = hinge.u1 + first @ step[4:7], hinge.u2 + second @ (step[7], step[8], 0.0)
-    return Hinge(n / np.linalg.norm(n), m / np.linalg.norm(m), u1, u2)
+    tilt: Float64Array  # angle between the axes [rad]; shape (N,)
+    gap: Float64Array  # of E1, in axes along the hinge [m]; shape (3, N)
+    psi: Float64Array  # angle about the hinge from one `frame` to the other, in [-pi, pi] [rad]; shape (N,)
+    sizes: Float64Array  # r^T C^-1 r; shape (N,); NaN where it was not looked at, of very many
+    weights: Float64Array  # given, times those of the loss; shape (N,)
+    alike: tuple[float, float]  # correlations of neighbours, of tilts and of gaps
+    covariance: Float64Array  # of the parameters
 
 
 def most_likely(poses: RelativePoses, start: Hinge, loss: Loss | None) -> tuple[Hinge, Noise, bool]:
@@ -185,7 +141,7 @@ def most_likely(poses: RelativePoses, start: Hinge, loss: Loss | None) -> tuple[
             turn = float(np.abs(step[:4]).max())
             if turn > _LONGEST:
                 step *= _LONGEST / turn
-            hinge = moved(hinge, step).balanced()
+            hinge = hinge.moved(step).balanced()
             noise = _noise(thin, hinge, noise, loss)
             # in standard deviations; without a loss the next step is about this one times the noise
             size = np.sqrt(step @ normal @ step)
@@ -224,7 +180,7 @@ def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
         np.ascontiguousarray(rows.T), np.ascontiguousarray(places.T), np.ones(places.shape[0]), poses.size
     )
     normal, gradient = _normal_equations(around, hinge, noise, None)
-    return moved(hinge, _solved(normal / len(exact), gradient / 2)).balanced()
+    return hinge.moved(_solved(normal / len(exact), gradient / 2)).balanced()
 
 
 def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> Judged:

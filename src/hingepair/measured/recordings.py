@@ -41,17 +41,11 @@ _EXACT = 1e14
 
 
 class Recording(NamedTuple):
-    """Both bodies at the same instants.
-
-    Attributes:
-        body1: shape (N,), NaN where nothing was recorded.
-        body2: at the same instants.
-        t: as the file has it; None where it has none.
-    """
+    """Both bodies at the same instants, NaN where nothing was recorded."""
 
     body1: BodyMotion
     body2: BodyMotion
-    t: NDArray[Any] | None
+    t: NDArray[Any] | None  # as the file has it; None where it has none
 
 
 def read_recording(paths: Sequence[Path], ignore: Sequence[str] = (), gaps: float = 0.05) -> Recording:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.measured.hinge import Hinge
 from hingepair.numeric.arrays import Float64Array, FloatArray
 
 _BLOCK = 4096
@@ -20,41 +21,13 @@ _PAIRS, _JUDGES = 200, 300
 _LEAST_TURN = 0.017
 
 
-class Hinge(NamedTuple):
-    """A hinge without its psi = 0: two lines, one in either body, and where they meet.
-
-    Attributes:
-        n: axis in body 1's axes, unit.
-        m: axis in body 2's axes, unit.
-        u1: hinge point, body 1's axes [m].
-        u2: hinge point, body 2's axes [m].
-    """
-
-    n: Float64Array
-    m: Float64Array
-    u1: Float64Array
-    u2: Float64Array
-
-    def balanced(self) -> Hinge:
-        """The same hinge with its point, which may slide along the axis, as near to one body as to the other."""
-        slide = -(self.u1 @ self.n + self.u2 @ self.m) / 2
-        return self._replace(u1=self.u1 + slide * self.n, u2=self.u2 + slide * self.m)
-
-
 class RelativePoses(NamedTuple):
-    """Relative attitudes and places, component by component.
+    """Relative attitudes and places, component by component."""
 
-    Attributes:
-        Q: S1^T S2, row by row; shape (9, N).
-        p: S1^T (R2 - R1) [m]; shape (3, N).
-        weights: of the samples; shape (N,).
-        size: largest coordinate of either body, for what rounding leaves [m].
-    """
-
-    Q: Float64Array
-    p: Float64Array
-    weights: Float64Array
-    size: float
+    Q: Float64Array  # S1^T S2, row by row; shape (9, N)
+    p: Float64Array  # S1^T (R2 - R1) [m]; shape (3, N)
+    weights: Float64Array  # of the samples; shape (N,)
+    size: float  # largest coordinate of either body, for what rounding leaves [m]
 
     @property
     def samples(self) -> int:

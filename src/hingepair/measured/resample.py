@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import NamedTuple, overload
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,20 +13,6 @@ from hingepair.measured.instants import checked_gaps, elapsed, pieces, recorded
 from hingepair.numeric.arrays import Float64Array, real_array
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
-
-
-class Neighbours(NamedTuple):
-    """The samples that each instant is interpolated from.
-
-    Attributes:
-        inside: which instants lie within the recording, and in none of its gaps.
-        samples: for those, four samples; shape (M, 4); the second is at or before the instant, or the first is.
-        weights: of Lagrange's polynomial; shape (M, 4).
-    """
-
-    inside: NDArray[np.bool_]
-    samples: NDArray[np.intp]
-    weights: Float64Array
 
 
 @overload
@@ -86,43 +72,35 @@ def interpolated(
     t: Float64Array, values: Float64Array, to: Float64Array, gaps: float, rotations: bool = False
 ) -> Float64Array:
     """Columns, or rotations, at other instants; instants as `hingepair.measured.instants.recorded` returns them."""
-    flat = values.reshape(t.size, -1)
-    found = np.full((to.size, flat.shape[1]), np.nan)
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(flat).all(axis=-1))
-    near = neighbours(t, known, to, gaps)
-    if rotations:
-        S = values[near.samples]
-        base = S[:, 1]
-        theta = rotation_vector(np.swapaxes(base, -1, -2)[:, None] @ S)
-        turn = rotation_exp((near.weights[..., None] * theta).sum(axis=-2))
-        hit = (near.weights == 1).any(axis=-1, keepdims=True)
-        own = np.take_along_axis(S, np.argmax(near.weights, axis=-1)[:, None, None, None], axis=1)[:, 0]
-        found[near.inside] = np.where(hit, own.reshape(-1, 9), (base @ turn).reshape(-1, 9))
-    else:
-        found[near.inside] = (near.weights[..., None] * flat[near.samples]).sum(axis=-2)
-    return found.reshape(to.size, *values.shape[1:])
-
-
-def neighbours(t: Float64Array, known: NDArray[np.bool_], to: Float64Array, gaps: float) -> Neighbours:
-    """The four known samples around each instant, and their weights; fewer in pieces of fewer samples."""
-    inside = np.zeros(to.shape, dtype=bool)
-    samples = np.zeros((to.size, 4), dtype=np.intp)
+    found = np.full((to.size, *values.shape[1:]), np.nan)
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
     for piece in pieces(t, known, gaps):
         rows = np.flatnonzero((to >= t[piece[0]]) & (to <= t[piece[-1]]))
-        before = np.clip(np.searchsorted(t[piece], to[rows], side="right") - 1, 0, max(piece.size - 2, 0))
-        first = np.clip(before - 1, 0, max(piece.size - 4, 0))
-        samples[rows] = piece[np.minimum(first[:, None] + np.arange(4), piece.size - 1)]
-        inside[rows] = True
-    samples = samples[inside]
-    return Neighbours(inside, samples, _lagrange(t[samples] - to[inside, None], samples))
+        count = min(4, piece.size)
+        before = np.searchsorted(t[piece], to[rows], side="right") - 1
+        first = np.clip(before - 1, 0, piece.size - count)
+        near = piece[first[:, None] + np.arange(count)]
+        between = _rotations_between if rotations else _columns_between
+        found[rows] = between(_lagrange(t[near] - to[rows, None]), values[near])
+    return found
 
 
-def _lagrange(nodes: Float64Array, samples: NDArray[np.intp]) -> Float64Array:
-    """Weights at 0 of the polynomial through nodes; of a sample that comes twice, only the first counts."""
-    counts = np.ones(samples.shape, dtype=bool)
-    counts[:, 1:] = samples[:, 1:] != samples[:, :-1]
-    weights = counts.astype(np.float64)
-    with np.errstate(all="ignore"):
-        for i, j in itertools.permutations(range(4), 2):
-            weights[:, i] *= np.where(counts[:, i] & counts[:, j], nodes[:, j] / (nodes[:, j] - nodes[:, i]), 1.0)
+def _columns_between(weights: Float64Array, near: Float64Array) -> Float64Array:
+    return np.asarray(np.einsum("ni,ni...->n...", weights, near))
+
+
+def _rotations_between(weights: Float64Array, near: Float64Array) -> Float64Array:
+    """By rotation vectors from the sample before; at a sample stands the sample."""
+    base = near[:, min(1, near.shape[1] - 1)]
+    theta = rotation_vector(np.swapaxes(base, -1, -2)[:, None] @ near)
+    turn = rotation_exp((weights[..., None] * theta).sum(axis=-2))
+    hit = weights == 1
+    return np.where(hit.any(axis=-1)[:, None, None], near[np.arange(len(near)), hit.argmax(axis=-1)], base @ turn)
+
+
+def _lagrange(nodes: Float64Array) -> Float64Array:
+    """Weights at 0 of the polynomial through nodes, no two alike; shape (..., k)."""
+    weights = np.ones_like(nodes)
+    for i, j in itertools.permutations(range(nodes.shape[-1]), 2):
+        weights[..., i] *= nodes[..., j] / (nodes[..., j] - nodes[..., i])
     return weights

@@ -21,6 +21,7 @@ from hingepair.measured.instants import MeasurementWarning, checked_gaps, pieces
 from hingepair.measured.resample import interpolated
 from hingepair.measured.spline import FEWEST, Smoothed, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, finite_number, read_only, real_array
+from hingepair.numeric.notebook import unit_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
@@ -29,10 +30,6 @@ _ROUNDS = 2
 _ORDER = 6
 _DROWNED = 0.5
 """Noise in a derivative that is warned of, as a part of the derivative."""
-_UNITS = {
-    **{"R": "m", "S": "rad", "v": "m/s", "omega": "rad/s", "a": "m/s^2", "alpha": "rad/s^2"},
-    **{"psi": "rad", "psid": "rad/s", "psidd": "rad/s^2"},
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
@@ -223,7 +220,7 @@ def _warn_of_noise(arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float
         if letter in arrays:
             size = float(np.sqrt(np.nanmean(np.square(arrays[letter]))))
             if noise[letter] > _DROWNED * size:
-                unit = _UNITS[letter]
+                unit = unit_of(letter)
                 drowned.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
     if drowned:
         message = f"{'; '.join(drowned)} (rms of a component): a lower bandwidth leaves less"

@@ -41,19 +41,12 @@ _WINDOW, _WINDOWS = 4096, 8
 
 
 class Smoothed(NamedTuple):
-    """Smooth columns at the instants asked for, and how sure they are.
+    """Smooth columns at the instants asked for, and how sure they are."""
 
-    Attributes:
-        values: and first and second derivative; shape (3, M, k); NaN outside the pieces.
-        bandwidth: of the smoothing [Hz].
-        noise: standard deviation of the noise of one sample of one column.
-        errors: standard deviations that this noise leaves in values, first and second derivatives; shape (3,).
-    """
-
-    values: Float64Array
-    bandwidth: float
-    noise: float
-    errors: Float64Array
+    values: Float64Array  # and first and second derivative; shape (3, M, k); NaN outside the pieces
+    bandwidth: float  # of the smoothing [Hz]
+    noise: float  # standard deviation of the noise of one sample of one column
+    errors: Float64Array  # standard deviations that this leaves in values, first and second derivatives; shape (3,)
 
 
 def smooth_columns(
@@ -137,12 +130,7 @@ def _stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
 
 
 class Spline:
-    """B-splines on uniform knots of their own in each piece, and the penalty of a bandwidth.
-
-    Args:
-        times: instants of each piece [s].
-        bandwidth: [Hz].
-    """
+    """B-splines on uniform knots of their own in each piece (instants [s]), and the penalty of a bandwidth [Hz]."""
 
     def __init__(self, times: Sequence[Float64Array], bandwidth: float) -> None:
         from scipy.interpolate import BSpline
