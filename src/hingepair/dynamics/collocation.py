@@ -70,65 +70,37 @@ class TooStiffError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """One step.
+    """One step."""
 
-    Attributes:
-        start: its first instant.
-        length: how long it is.
-        state: at its start; shape (k,).
-        slopes: derivatives at the nodes; shape (8, k).
-    """
-
-    start: float
+    start: float  # its first instant
     length: float
-    state: Array
-    slopes: Array
+    state: Array  # at its start; (k,)
+    slopes: Array  # derivatives at the nodes; (8, k)
 
     def at(self, t: Array) -> Array:
         """The states at instants of the step; shape (m, k)."""
         return self.state + self.length * (integrals((t - self.start) / self.length) @ self.slopes)
 
 
+@dataclass
 class Stepper:
-    """Steps of one motion, each as long as the tolerance allows.
+    """Steps of one motion, each as long as the tolerance allows."""
 
-    Args:
-        rates: derivatives of the state.
-        t: first instant.
-        state: there; shape (k,).
-        sizes: what an error of each component is measured by, of a velocity times the length of this step or those
-            before; shape (k,).
-        moving: which components are velocities or momenta; shape (k,).
-        tol: largest error of a step, in these sizes.
-        length: first length to try.
-        levels: values, increasing, of the component `angle`, on both sides of which the derivatives are smooth.
-        angle: which component that is.
-    """
+    rates: Rates  # derivatives of the state
+    t: float  # where it stands
+    state: Array  # there; (k,)
+    sizes: Array  # what errors are measured by, of a velocity times the length of this step or those before; (k,)
+    moving: NDArray[np.bool_]  # which components are velocities or momenta; (k,)
+    tol: float  # largest error of a step, in these sizes
+    length: float  # to try next
+    levels: tuple[float, ...] = ()  # of the component `angle`, increasing; on both sides the derivatives are smooth
+    angle: int = 0
 
-    def __init__(
-        self,
-        rates: Rates,
-        t: float,
-        state: Array,
-        sizes: Array,
-        moving: NDArray[np.bool_],
-        tol: float,
-        length: float,
-        levels: tuple[float, ...] = (),
-        angle: int = 0,
-    ) -> None:
-        self.rates = rates
-        self.t = t
-        self.state = state
-        self.sizes = sizes
-        self.moving = moving
-        self.tol = tol
-        self.length = length
-        self._levels: tuple[float, ...] = (-np.inf, *levels, np.inf)
-        self._angle = angle
-        self._side = sum(level < state[angle] for level in levels)
+    def __post_init__(self) -> None:
+        self._levels: tuple[float, ...] = (-np.inf, *self.levels, np.inf)
+        self._side = sum(level < self.state[self.angle] for level in self.levels)
         self._reach = 0.0
-        self._lost = np.zeros_like(state)  # what rounding took from the sum of the steps
+        self._lost = np.zeros_like(self.state)  # what rounding took from the sum of the steps
         self._before: Piece | None = None
 
     def step(self, stop: float) -> Piece:
@@ -170,7 +142,7 @@ class Stepper:
         """After which share of a step it leaves its side, by more than round-off, and to which one: -1, 1, or 0."""
         if len(self._levels) == 2:
             return 1.0, 0
-        psi, rate = self.state[self._angle], slopes[:, self._angle]
+        psi, rate = self.state[self.angle], slopes[:, self.angle]
         series = length * (_TO_INTEGRAL @ rate)
         margin = 2e-15 * (1 + abs(psi)) + instant * float(np.abs(rate).max())
         series = np.asarray(legendre.legtrim(series, margin / 64), np.float64)  # round-off has roots of its own

@@ -41,7 +41,7 @@ class Moving(NamedTuple):
     psid: Array
 
 
-@dataclass(frozen=True, slots=True, init=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HingeLoad:
     """Torque at the hinge from motor, spring, damper, friction and stops; a `hinge_torque` for `simulate`.
 
@@ -68,50 +68,34 @@ class HingeLoad:
     -2.5
     """
 
-    stiffness: float
-    rest: float
-    damping: float
-    friction: float
-    friction_rate: float
-    stops: tuple[float, float] | None
-    stop_stiffness: float
-    stop_damping: float
-    motor: HingeTorque
+    stiffness: float = 0.0
+    rest: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    friction_rate: float = 1e-2
+    stops: tuple[float, float] | None = None
+    stop_stiffness: float = 1e4
+    stop_damping: float = 0.0
+    motor: HingeTorque = 0.0
 
-    def __init__(
-        self,
-        *,
-        stiffness: float = 0.0,
-        rest: float = 0.0,
-        damping: float = 0.0,
-        friction: float = 0.0,
-        friction_rate: float = 1e-2,
-        stops: tuple[float, float] | None = None,
-        stop_stiffness: float = 1e4,
-        stop_damping: float = 0.0,
-        motor: HingeTorque = 0.0,
-    ) -> None:
-        if callable(motor):
-            check_callable("motor", motor, "t", "psi", "psid")
-        object.__setattr__(self, "motor", motor if callable(motor) else finite_number("motor", motor))
-        given = {
-            "stiffness": stiffness, "damping": damping, "friction": friction, "friction_rate": friction_rate,
-            "stop_stiffness": stop_stiffness, "stop_damping": stop_damping,
-        }  # fmt: skip
-        for name, value in given.items():
+    def __post_init__(self) -> None:
+        if callable(self.motor):
+            check_callable("motor", self.motor, "t", "psi", "psid")
+        numbers = ["stiffness", "rest", "damping", "friction", "friction_rate", "stop_stiffness", "stop_damping"]
+        for name in numbers if callable(self.motor) else ["motor", *numbers]:
+            value = getattr(self, name)
             number = finite_number(name, value)
-            if number < 0 or (number == 0 and name == "friction_rate"):
+            if name not in {"motor", "rest"} and (number < 0 or (number == 0 and name == "friction_rate")):
                 raise ArgumentError(name, "a number above 0" if name == "friction_rate" else "0 or above", value)
             object.__setattr__(self, name, number)
-        object.__setattr__(self, "rest", finite_number("rest", rest))
-        ends = None
+        stops: Any = self.stops
         if stops is not None:
             if not isinstance(stops, tuple | list | np.ndarray) or len(stops) != 2:
                 raise ArgumentError("stops", "(lower, upper)", stops)
             ends = finite_number("stops[0]", stops[0]), finite_number("stops[1]", stops[1])
             if not ends[0] < ends[1]:
                 raise ArgumentError("stops", "(lower, upper) with lower < upper", stops)
-        object.__setattr__(self, "stops", ends)
+            object.__setattr__(self, "stops", ends)
 
     @property
     def kinks(self) -> tuple[float, ...]:

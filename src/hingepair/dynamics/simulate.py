@@ -49,20 +49,18 @@ class SimulationError(HingePairError, RuntimeError):
         return type(self), (self.t, self.why)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class _Moved:
     """What a simulated motion has beside a trajectory."""
 
-    __slots__ = ()
-
     body1: BodyMotion
-    psi: Array
     psid: Array
     psidd: Array
     loads: Mapping[str, Array]
     space: HingePair
     gravity: tuple[float, ...]
+    psi: Array
     _error: Later
-    _psi_error: Later
 
     @property
     def error_estimate(self) -> float:
@@ -72,11 +70,6 @@ class _Moved:
         from a second run, of a thousandth of the tolerance, when the first of them is asked for.
         """
         return self._error()
-
-    @property
-    def psi_error_estimate(self) -> float:
-        """How far the hinge angle psi is off at the worst instant [rad]; beside `error_estimate`."""
-        return self._psi_error()
 
     def energy(self) -> Energy:
         """Kinetic and potential energy at the instants, of each body that has mass properties (D7)."""
@@ -91,7 +84,7 @@ class _Moved:
         return {"psi": self.psi, "psid": self.psid, "psidd": self.psidd, "hinge_torque": self.loads["hinge_torque"]}
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SimulatedMotion(_Moved, Trajectory):
     """The motion of a pair that `simulate` found: a `Trajectory`, the motion of body 1 and the hinge, and the loads.
 
@@ -104,29 +97,15 @@ class SimulatedMotion(_Moved, Trajectory):
         gravity: acceleration of free fall, in space [m/s^2].
     """
 
-    body1: BodyMotion
-    psid: Array
-    psidd: Array
-    loads: Mapping[str, Array]
-    space: HingePair
-    gravity: tuple[float, ...]
-
     def recorded(self) -> dict[str, NDArray[Any]]:
         """The outputs of the state, the motion of body 1 and that of the hinge, by name; shape (N, ...)."""
         body1 = {f"{letter}1": getattr(self.body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha")}
         return {**self.state.arrays(), **body1, **self._hinge()}
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SimulatedPlanarMotion(_Moved, PlanarTrajectory):
     """The motion of a planar pair that `simulate` found: a `PlanarTrajectory`, and what a `SimulatedMotion` has."""
-
-    body1: BodyMotion
-    psid: Array
-    psidd: Array
-    loads: Mapping[str, Array]
-    space: HingePair
-    gravity: tuple[float, ...]
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """The outputs of the state, the motion of body 1 and that of the hinge, by name; shape (N, ...)."""
