@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES
-from hingepair.numeric.arrays import Float64Array, result_dtype
+from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import error_ratios, euler_rate_sizes, given_rate_sizes, output_scales, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.evaluate import component, read_coordinates
+from hingepair.pair.evaluate import read_coordinates
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.validation.pinocchio_twin import PinocchioTwin, import_pinocchio, to_pinocchio
+from hingepair.validation.pinocchio_twin import PinocchioTwin, frame_motion, import_pinocchio, to_pinocchio
 from hingepair.validation.report import Comparison, CrossValidation
 
 if TYPE_CHECKING:
@@ -66,16 +67,12 @@ def cross_validate(
         state = pair.forward_kinematics(q, qd, qdd)
     else:
         state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
-    shape = np.asarray(state.R2).shape[:-1]
-    given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES if planar else COORDINATES).parts.values()
-    dtype = result_dtype(c for parts in given for c in ((parts,) if isinstance(parts, np.ndarray) else parts))
-    flat = [_packed(parts, shape) for parts in given]
-    finite = _finite(flat)
-    seven = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in (c[finite] for c in flat)]
-    body1 = _body1_by_pinocchio(import_pinocchio("cross_validate"), seven, "XYZ" if planar else sequence)
-    sizes = euler_rate_sizes(*(*(c[:, 3:6] for c in seven[1:]), None, None)[:2])
-    hinge = [c[:, 6] for c in seven]
-    return _compared(space, twin, state, finite, body1, hinge, sizes, dtype, None if planar else sequence)
+    given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES if planar else COORDINATES).parts
+    flat = _samples(given, np.shape(state.R2)[:-1])
+    seven = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in flat.values()]
+    body1 = _body1_by_pinocchio(seven, "XYZ" if planar else sequence)
+    sizes = (None, None) if qd is None else euler_rate_sizes(*(c[:, 3:6] for c in seven[1:]))
+    return _compared(space, twin, state, body1, [c[:, 6] for c in seven], sizes, None if planar else sequence)
 
 
 def cross_validate_from_body1(
@@ -111,59 +108,66 @@ def cross_validate_from_body1(
     """
     twin = to_pinocchio(pair)
     state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd)
-    shape = state.shape
-    angles = [component(name, c) for name, c in (("psi", psi), ("psid", psid), ("psidd", psidd)) if c is not None]
-    arrays = {letter: getattr(body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(angles)]}
-    hinge = [_flat(angle, shape) for angle in angles]
-    motion = {name: _flat(array, shape, *((3, 3) if name == "S" else (3,))) for name, array in arrays.items()}
-    finite = _finite([*hinge, *motion.values()])
-    hinge = [angle[finite] for angle in hinge]
-    moving = BodyMotion(**{letter: array[finite] for letter, array in motion.items()})
+    angles = {name: c for name, c in (("psi", psi), ("psid", psid), ("psidd", psidd)) if c is not None}
+    letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(angles)]
+    flat = _samples(angles | {letter: getattr(body1, letter) for letter in letters}, state.shape)
+    moving = BodyMotion(**{letter: flat[letter] for letter in letters})
     sizes = given_rate_sizes(moving.omega, moving.alpha)
-    dtype = result_dtype((*arrays.values(), *angles))
-    return _compared(pair, twin, state, finite, moving, hinge, sizes, dtype, None)
+    return _compared(pair, twin, state, moving, [flat[name] for name in angles], sizes, None)
+
+
+def _samples(given: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
+    """The arguments at every sample as float64, shape (N, ...); all NaN where one of them is not finite."""
+    found: dict[str, Float64Array] = {}
+    for name, value in given.items():
+        array = np.stack(np.broadcast_arrays(*value), axis=-1) if isinstance(value, tuple) else np.asarray(value)
+        rank = 0 if name in {"psi", "psid", "psidd"} else 2 if name == "S" else 1
+        tail = array.shape[array.ndim - rank :]
+        found[name] = np.broadcast_to(array, (*shape, *tail)).reshape(-1, *tail).astype(np.float64)
+    finite = [np.isfinite(c).all(axis=tuple(range(1, c.ndim))) for c in found.values()]
+    for values in found.values():
+        values[~np.logical_and.reduce(finite)] = np.nan
+    return found
 
 
 def _compared(
     pair: HingePair,
     twin: PinocchioTwin,
     state: PairState | PlanarState,
-    finite: NDArray[np.bool_],
     body1: BodyMotion,
     hinge: list[Float64Array],
     sizes: tuple[Float64Array | None, Float64Array | None],
-    dtype: np.dtype[Any],
     sequence: str | None,
 ) -> CrossValidation:
-    """The state of all samples against Pinocchio's at those that are finite, of which is what follows `finite`."""
+    """The state against Pinocchio's, of motion as `_samples` gives it."""
     _, psid, psidd = (*hinge, None, None)[:3]
-    shape = np.asarray(state.R2).shape[:-1]
     scales = output_scales(
         u1=pair.u1, u2=pair.u2, R1=body1.R, v1=body1.v, a1=body1.a,
         W1=sizes[0], A1=sizes[1], psid=psid, psidd=psidd, pinocchio=True,
     )  # fmt: skip
     truths = _body2_by_pinocchio(twin, body1, hinge)
     if isinstance(state, PlanarState):
-        phi2 = np.asarray(state.phi2, np.float64).reshape(-1)[finite]
+        phi2 = np.asarray(state.phi2, np.float64).reshape(-1)
         truths, scales["phi2"] = _in_the_plane(truths, phi2), 1 + np.abs(phi2) + np.abs(hinge[0])
+    shape, dtype = np.shape(state.R2)[:-1], np.asarray(state.R2).dtype
     rows = []
     for name, truth in truths.items():
-        got = np.asarray(getattr(state, name)).reshape(-1, *truth.shape[1:])[finite]
-        error, ratio = error_ratios(name, got, truth, scales[name], dtype)
-        rows.append(Comparison.worst_of(name, error, ratio, np.flatnonzero(finite), shape))
-    skipped = int(np.count_nonzero(~finite))
+        got = np.asarray(getattr(state, name)).reshape(truth.shape)
+        rows.append(Comparison.worst_of(name, *error_ratios(name, got, truth, scales[name], dtype), shape))
+    skipped = int(np.isnan(hinge[0]).sum())
     return CrossValidation(pair.name, sequence, shape, skipped, unit_roundoff(dtype), tuple(rows))
 
 
 def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Float64Array]) -> dict[str, Float64Array]:
-    """Body 2 by Pinocchio, d by the twin at R1 = 0; finite motion of shape (N,)."""
+    """Body 2 by Pinocchio, d by the twin at R1 = 0; motion of shape (N,)."""
     q = twin.configuration(body1, hinge[0])
     v = twin.velocity(body1, *hinge[:2]) if len(hinge) > 1 else None
     a = twin.acceleration(body1, *hinge) if len(hinge) > 2 else None
     body2 = twin.body2(q, v, a)
-    d = twin.body2(np.concatenate([np.zeros_like(q[:, :3]), q[:, 3:]], axis=1)).R
-    found = {"R2": body2.R, "S2": body2.S, "d": d, "v2": body2.v, "omega2": body2.omega, "a2": body2.a}
-    return {name: values for name, values in (found | {"alpha2": body2.alpha}).items() if values is not None}
+    q[:, :3] = 0
+    found = {"R2": body2.R, "S2": body2.S, "d": twin.body2(q).R, "v2": body2.v, "omega2": body2.omega}
+    found |= {"a2": body2.a, "alpha2": body2.alpha}
+    return {name: values for name, values in found.items() if values is not None}
 
 
 def _in_the_plane(truths: dict[str, Float64Array], phi2: Float64Array) -> dict[str, Float64Array]:
@@ -178,43 +182,15 @@ def _in_the_plane(truths: dict[str, Float64Array], phi2: Float64Array) -> dict[s
     return found
 
 
-def _body1_by_pinocchio(pin: Any, coordinates: list[Float64Array], sequence: str) -> BodyMotion:
+def _body1_by_pinocchio(coordinates: list[Float64Array], sequence: str) -> BodyMotion:
     """Body 1's motion, by a chain of three Pinocchio joints that turn by its Euler angles (extrinsic: last first)."""
+    pin = import_pinocchio("cross_validate")
     order = -1 if sequence.islower() else 1
-    model, joint = pin.Model(), 0
+    model, joint, here = pin.Model(), 0, pin.SE3.Identity()
     for letter in sequence.upper()[::order]:
-        joint = model.addJoint(joint, getattr(pin, f"JointModelR{letter}")(), pin.SE3.Identity(), f"R{letter}{joint}")
-    data, count = model.createData(), len(coordinates[0])
-    S, omega, alpha = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
+        joint = model.addJoint(joint, getattr(pin, f"JointModelR{letter}")(), here, f"R{letter}{joint}")
+    frame = model.addFrame(pin.Frame("body1", joint, here, pin.FrameType.OP_FRAME))
     angles = [np.ascontiguousarray(c[:, 3:6][:, ::order]) for c in coordinates]
-    for i, sample in enumerate(zip(*angles, strict=True)):
-        pin.forwardKinematics(model, data, *sample)
-        S[i] = data.oMi[joint].rotation
-        if len(angles) > 1:
-            omega[i] = pin.getVelocity(model, data, joint, pin.LOCAL_WORLD_ALIGNED).angular
-        if len(angles) > 2:
-            alpha[i] = pin.getClassicalAcceleration(model, data, joint, pin.LOCAL_WORLD_ALIGNED).angular
-    motion = {"R": coordinates[0][:, :3], "S": S}
-    motion |= {"v": coordinates[1][:, :3], "omega": omega} if len(angles) > 1 else {}
-    motion |= {"a": coordinates[2][:, :3], "alpha": alpha} if len(angles) > 2 else {}
-    return BodyMotion(**motion)
-
-
-def _finite(arrays: list[Float64Array]) -> NDArray[np.bool_]:
-    """At which samples everything is finite; arrays of shape (N, ...)."""
-    finite: NDArray[np.bool_] = np.logical_and.reduce(
-        [np.isfinite(a).all(axis=tuple(range(1, a.ndim))) for a in arrays]
-    )
-    return finite
-
-
-def _flat(value: ArrayLike, shape: tuple[int, ...], *tail: int) -> Float64Array:
-    """The value at every sample as float64; shape (N, *tail)."""
-    return np.broadcast_to(value, (*shape, *tail)).reshape(-1, *tail).astype(np.float64)
-
-
-def _packed(parts: tuple[Any, ...] | NDArray[Any], shape: tuple[int, ...]) -> Float64Array:
-    """Coordinates as float64, side by side; shape (N, 7), or (N, 4) in the plane."""
-    if isinstance(parts, np.ndarray):
-        return _flat(parts, shape, parts.shape[-1])
-    return np.stack([_flat(c, shape) for c in parts], axis=-1)
+    turning = frame_motion(model, model.createData(), frame, angles)
+    points = zip(("R", "v", "a"), (c[:, :3] for c in coordinates), strict=False)
+    return BodyMotion(**turning | dict(points))

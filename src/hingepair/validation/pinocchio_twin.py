@@ -109,29 +109,16 @@ class PinocchioTwin:
         """
         if a is not None and v is None:
             raise ArgumentError("v", "the velocity that belongs to a", None)
-        pin = import_pinocchio("body2")
         given = [(name, c, size) for name, c, size in (("q", q, 8), ("v", v, 7), ("a", a, 7)) if c is not None]
-        arrays = [vectors(name, c, size).astype(np.float64) for name, c, size in given]
-        shape = broadcast_shape({name: c.shape[:-1] for (name, _, _), c in zip(given, arrays, strict=True)})
-        quat = arrays[0][..., 3:7]
+        arrays = {name: vectors(name, c, size).astype(np.float64) for name, c, size in given}
+        shape = broadcast_shape({name: c.shape[:-1] for name, c in arrays.items()})
+        quat = arrays["q"][..., 3:7]
         if (quat == 0).all(axis=-1).any():
             raise RotationError("q", "non-zero quaternions", "a zero quaternion")
-        arrays[0] = np.concatenate([arrays[0][..., :3], unit_quaternion(quat), arrays[0][..., 7:]], axis=-1)
-        flat = [np.broadcast_to(c, (*shape, c.shape[-1])).reshape(-1, c.shape[-1]) for c in arrays]
-        found = [np.empty((len(flat[0]), *tail)) for tail in ((3,), (3, 3), *((3,),) * 2 * (len(flat) - 1))]
-        where = self.model, self.data, self.body2_frame
-        for i, sample in enumerate(zip(*flat, strict=True)):
-            pin.forwardKinematics(self.model, self.data, *sample)
-            placement = pin.updateFramePlacement(*where)
-            found[0][i], found[1][i] = placement.translation, placement.rotation
-            if v is not None:
-                twist = pin.getFrameVelocity(*where, pin.LOCAL_WORLD_ALIGNED)
-                found[2][i], found[3][i] = twist.linear, twist.angular
-            if a is not None:
-                classical = pin.getFrameClassicalAcceleration(*where, pin.LOCAL_WORLD_ALIGNED)
-                found[4][i], found[5][i] = classical.linear, classical.angular
-        names = ("R", "S", "v", "omega", "a", "alpha")
-        return BodyMotion(**{name: c.reshape(*shape, *c.shape[1:]) for name, c in zip(names, found, strict=False)})
+        arrays["q"][..., 3:7] = unit_quaternion(quat)
+        flat = [np.broadcast_to(c, (*shape, c.shape[-1])).reshape(-1, c.shape[-1]) for c in arrays.values()]
+        found = frame_motion(self.model, self.data, self.body2_frame, flat)
+        return BodyMotion(**{name: c.reshape(*shape, *c.shape[1:]) for name, c in found.items()})
 
     def motion(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> Motion:
         """The way back: body 1's motion and the hinge's, of Pinocchio's coordinates.
@@ -147,21 +134,46 @@ class PinocchioTwin:
         Raises:
             ArgumentError: an argument of another shape, a quaternion of zero, or a without v.
         """
+        if a is not None and v is None:
+            raise ArgumentError("v", "the velocity that belongs to a", None)
         q = vectors("q", q, 8).astype(np.float64)
+        body1 = BodyMotion.from_quaternion_xyzw(R=q[..., :3], quat_xyzw=q[..., 3:7])
         if v is None:
-            if a is not None:
-                raise ArgumentError("v", "the velocity that belongs to a", None)
-            return BodyMotion.from_quaternion_xyzw(R=q[..., :3], quat_xyzw=q[..., 3:7]), q[..., 7], None, None
-        S = np.asarray(BodyMotion.from_quaternion_xyzw(R=q[..., :3], quat_xyzw=q[..., 3:7]).S)
-        v = vectors("v", v, 7).astype(np.float64)
-        v1, omega1 = _to_world(S, v[..., :3]), _to_world(S, v[..., 3:6])
+            return body1, q[..., 7], None, None
+        S, v = np.asarray(body1.S), vectors("v", v, 7).astype(np.float64)
+        known = {"R": q[..., :3], "S": S, "v": _to_world(S, v[..., :3]), "omega": _to_world(S, v[..., 3:6])}
         if a is None:
-            return BodyMotion(R=q[..., :3], S=S, v=v1, omega=omega1), q[..., 7], v[..., 6], None
+            return BodyMotion(**known), q[..., 7], v[..., 6], None
         a = vectors("a", a, 7).astype(np.float64)
         with np.errstate(over="ignore", invalid="ignore"):
-            a1 = _to_world(S, a[..., :3]) + np.cross(omega1, v1)
-        body1 = BodyMotion(R=q[..., :3], S=S, v=v1, omega=omega1, a=a1, alpha=_to_world(S, a[..., 3:6]))
+            a1 = _to_world(S, a[..., :3]) + np.cross(known["omega"], known["v"])
+        body1 = BodyMotion(**known, a=a1, alpha=_to_world(S, a[..., 3:6]))
         return body1, q[..., 7], v[..., 6], a[..., 6]
+
+
+def frame_motion(model: Any, data: Any, frame: int, coordinates: list[Float64Array]) -> dict[str, Float64Array]:
+    """R, S, and as far as there are coordinates v, omega, a, alpha of a frame; world axes, classical accelerations.
+
+    Args:
+        model: of Pinocchio.
+        data: its scratch memory.
+        frame: index of the frame.
+        coordinates: Pinocchio's q, or q and v, or q, v and a; shape (N, ...) each.
+    """
+    pin = import_pinocchio("body2")
+    names = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(coordinates)]
+    found = [np.empty((len(coordinates[0]), 3, *(3,) * (name == "S"))) for name in names]
+    for i, sample in enumerate(zip(*coordinates, strict=True)):
+        pin.forwardKinematics(model, data, *sample)
+        placement = pin.updateFramePlacement(model, data, frame)
+        found[0][i], found[1][i] = placement.translation, placement.rotation
+        if len(sample) > 1:
+            twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+            found[2][i], found[3][i] = twist.linear, twist.angular
+        if len(sample) > 2:
+            classical = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+            found[4][i], found[5][i] = classical.linear, classical.angular
+    return dict(zip(names, found, strict=True))
 
 
 def to_pinocchio(pair: HingePair) -> PinocchioTwin:

@@ -50,27 +50,14 @@ class Comparison:
 
     @classmethod
     def worst_of(
-        cls,
-        output: str,
-        error: NDArray[np.float64],
-        ratio: NDArray[np.float64],
-        index: NDArray[np.intp],
-        shape: tuple[int, ...],
+        cls, output: str, error: NDArray[np.float64], ratio: NDArray[np.float64], shape: tuple[int, ...]
     ) -> Comparison:
-        """The worst of errors and ratios per sample (NaN: not comparable).
-
-        Args:
-            output: its name.
-            error: shape (N,).
-            ratio: shape (N,).
-            index: flat index of each of the N samples; shape (N,).
-            shape: leading shape that the flat index belongs to.
-        """
+        """The worst of errors and ratios, (N,) each, NaN where not comparable; `shape` is that of the samples."""
         compared = ~np.isnan(ratio)
         if not compared.any():
             return cls(output, 0.0, 0.0, None, 0)
         worst = int(np.nanargmax(ratio))
-        where = tuple(int(i) for i in np.unravel_index(index[worst], shape))
+        where = tuple(int(i) for i in np.unravel_index(worst, shape))
         return cls(output, float(np.nanmax(error)), float(ratio[worst]), where, int(compared.sum()))
 
 
