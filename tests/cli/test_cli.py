@@ -152,8 +152,8 @@ def test_a_failed_check_exits_with_1(monkeypatch: pytest.MonkeyPatch, short_scen
 
     genuine = cross_validation.Comparison.worst_of
 
-    def spoiled(output, error, ratio, index, shape):
-        return genuine(output, error, ratio + 17, index, shape)
+    def spoiled(output, error, ratio, shape):
+        return genuine(output, error, ratio + 17, shape)
 
     monkeypatch.setattr(cross_validation.Comparison, "worst_of", spoiled)
     done = CliRunner().invoke(app, ["check", str(short_scene)])

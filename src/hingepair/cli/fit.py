@@ -9,13 +9,12 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from hingepair.cli.output import Json, console
-from hingepair.errors import ArgumentError, FitError
+from hingepair.cli.output import PICTURES, Json, check_picture, console, file_option, save_figure
+from hingepair.errors import FitError
 from hingepair.measured.hinge import GAUGES
 from hingepair.measured.hinge_fit import fit
 from hingepair.measured.likelihood import LOSSES
 from hingepair.measured.recordings import read_recording
-from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.results import ENDINGS, Record, check_ending
 
 
@@ -37,13 +36,11 @@ def fit_files(
         float, typer.Option(metavar="SECONDS", help="Longest time without a sample that is bridged between clocks.")
     ] = 0.05,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", metavar="FILE", help=f"Write psi and what is left of each sample ({', '.join(ENDINGS)})."
-        ),
+        Path | None, file_option(f"Write psi and what is left of each sample ({', '.join(ENDINGS)}).")
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw psi and what is left over time (.png, .svg, .pdf).")
+        Path | None,
+        typer.Option(metavar="FILE", help=f"Draw psi and what is left over time ({', '.join(PICTURES)})."),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -55,8 +52,8 @@ def fit_files(
     """
     if out is not None:
         check_ending(out)
-    if plot is not None and plot.suffix.lower() not in {".png", ".svg", ".pdf"}:
-        raise ArgumentError("plot", "a file name that ends in .png, .svg or .pdf", str(plot))
+    if plot is not None:
+        check_picture("plot", plot)
     recording = read_recording(files, ignore or (), gaps)
     try:
         found = fit(recording.body1, recording.body2, loss, gauge, recording.t)
@@ -72,8 +69,7 @@ def fit_files(
         arrays = {"psi": found.psi, "gap": found.gap, "tilt": found.tilt, "weight": found.weights}
         written.append(Record(t, arrays, "what is left of each sample").save(out, files))
     if plot is not None:
-        with whole_file(plot, files) as file:
-            found.plot().savefig(file, format=plot.suffix.lower()[1:])
+        save_figure(found.plot(), plot, files)
         written.append(plot)
     print(found.to_json() if as_json else found)
     for path in () if as_json else written:

@@ -12,13 +12,11 @@ from hingepair import __version__
 from hingepair.cli.bench import app as bench_app
 from hingepair.cli.derive import derive
 from hingepair.cli.fit import fit_files
-from hingepair.cli.forces import forces
 from hingepair.cli.output import EXIT_BAD, EXIT_FAULT, behave, printed
 from hingepair.cli.pairs import mjcf, urdf
-from hingepair.cli.plot import plot
+from hingepair.cli.pictures import plot, view
 from hingepair.cli.robots import robots
-from hingepair.cli.run import check, run
-from hingepair.cli.view import view
+from hingepair.cli.scenes import check, forces, run
 from hingepair.errors import HingePairError
 
 app = typer.Typer(

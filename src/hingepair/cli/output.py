@@ -8,15 +8,17 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, TypeVar
 
 import typer
+from rich import box
 from rich.console import Console
+from rich.table import Table
 
-from hingepair.errors import printable
+from hingepair.errors import ArgumentError, printable, quoted
 from hingepair.evaluation.plan import OUTPUTS, PLANAR_OUTPUTS
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.results import ROWS
@@ -30,7 +32,8 @@ EXIT_BAD = 2
 EXIT_FAULT = 3
 """That of an error which is none of ours: a traceback follows."""
 
-NOTHING_WRITTEN = "nothing written (--out FILE writes all instants)"
+PICTURES = (".png", ".svg", ".pdf")
+"""Endings of figures."""
 
 Outputs = Annotated[
     str | None,
@@ -43,10 +46,43 @@ Outputs = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
+def file_option(text: str) -> Any:
+    """The option --out FILE."""
+    return typer.Option("--out", "-o", metavar="FILE", help=text)
+
+
 def console() -> Console:
     """Where tables go; without a terminal lines are as long as they are and tables 100 characters wide."""
     found = Console(highlight=False, markup=False, soft_wrap=True)
     return found if found.is_terminal else Console(highlight=False, markup=False, soft_wrap=True, width=100)
+
+
+def component_table(headings: Iterable[str], rows: Iterable[Sequence[str]]) -> Table:
+    """A name and numbers in each row, a line below each vector."""
+    found = Table("", box=box.SIMPLE_HEAD)
+    for heading in headings:
+        found.add_column(heading, justify="right")
+    for column in found.columns:
+        column.no_wrap = True
+    for name, *cells in rows:
+        found.add_row(name, *cells, end_section=name.endswith(("_z", "_zz")))
+    return found
+
+
+def check_picture(option: str, path: Path) -> None:
+    """Refuse a figure's file name whose ending names no format.
+
+    Raises:
+        ArgumentError: names the option.
+    """
+    if path.suffix.lower() not in PICTURES:
+        raise ArgumentError(option, f"a file name that ends in {', '.join(PICTURES)}", quoted(str(path)))
+
+
+def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **how: Any) -> None:
+    """Write a figure, whole or not at all."""
+    with whole_file(path, inputs) as file:
+        figure.savefig(file, format=path.suffix.lower()[1:], **how)
 
 
 def watched(parts: Iterable[Part], samples: int) -> Iterable[Part]:

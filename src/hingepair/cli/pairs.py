@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from hingepair.cli.output import give
+from hingepair.cli.output import file_option, give
 from hingepair.errors import ArgumentError, MissingDependencyError, choices
 from hingepair.formats.mjcf_writer import to_mjcf
 from hingepair.formats.robots import robot_names, robot_urdf
@@ -30,9 +30,7 @@ Joint = Annotated[
     str | None,
     typer.Argument(metavar="JOINT", help="A hinge of the robot (hingepair robots NAME lists them)."),
 ]
-TextFile = Annotated[
-    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write to FILE instead of standard output.")
-]
+TextFile = Annotated[Path | None, file_option("Write to FILE instead of standard output.")]
 Frame1 = Annotated[
     str | None,
     typer.Option("--body1-frame", metavar="LINK", help="Link whose frame is body 1's: JOINT's parent unless given."),

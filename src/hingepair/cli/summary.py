@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.table import Table
 
-from hingepair.numeric.tables import finite_or_none, instant
+from hingepair.cli.output import component_table
+from hingepair.numeric.tables import instant
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.constraints import constraint_values
 from hingepair.pair.results import column_names
-from hingepair.scenes.scene import Notes
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from hingepair.scenes.known_motion import KnownMotion
-    from hingepair.scenes.scene import Scene, SceneResult
+from hingepair.scenes.known_motion import KnownMotion
+from hingepair.scenes.scene import Notes, Scene, SceneResult
 
 _MEANINGS = (
     ("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m"),
@@ -54,7 +51,8 @@ class Summary:
         self._scene = scene
         self._notes = Notes(scene)
         self._instants = sorted({0, (scene.samples - 1) // 2, scene.samples - 1})
-        self._seen: list[tuple[float, NDArray[np.float64]]] = []  # these instants, and each component then
+        self._t: list[float] = []  # these, and each component then
+        self._then: list[NDArray[np.float64]] = []
         self._names: list[str] = []
         self._least = self._most = np.array(np.nan)
         self._meanings = _MEANINGS[: scene.motion.level + 1]
@@ -68,7 +66,8 @@ class Summary:
         values = np.concatenate([array.reshape(len(part.t), -1) for array in arrays.values()], axis=1, dtype=float)
         for at in (i - part.first for i in self._instants):
             if 0 <= at < len(part.t):
-                self._seen.append((float(part.t[at]), values[at].copy()))
+                self._t.append(float(part.t[at]))
+                self._then.append(values[at].copy())
         lost = ~np.isfinite(values)
         self.lost += int(lost.any(axis=1).sum())
         values[lost] = np.nan
@@ -87,25 +86,14 @@ class Summary:
 
     def table(self) -> Table:
         """First, middle and last instant of every component, and its range."""
-        from rich import box
-        from rich.table import Table
+        columns = [[f"{cell + 0.0:.6g}" for cell in own] for own in (*self._then, self._least, self._most)]
+        headings = (*(f"t = {instant(t)}" for t in self._t), "smallest", "largest")
+        return component_table(headings, zip(self._names, *columns, strict=True))
 
-        found = Table(box=box.SIMPLE_HEAD)
-        found.add_column("", no_wrap=True)
-        for heading in (*(f"t = {instant(t)}" for t, _ in self._seen), "smallest", "largest"):
-            found.add_column(heading, justify="right", no_wrap=True)
-        for name, *cells in zip(self._names, *(then for _, then in self._seen), self._least, self._most, strict=True):
-            found.add_row(name, *(f"{cell + 0.0:.6g}" for cell in cells), end_section=name.endswith(("_z", "_zz")))
-        return found
-
-    def as_json(self) -> dict[str, Any]:
-        """The same as numbers; what is not finite is None."""
-        columns = (self._seen[0][1], self._seen[-1][1], self._least, self._most)
-        keys = ("first", "last", "smallest", "largest")
-        return {
-            name: {key: finite_or_none(float(number)) for key, number in zip(keys, numbers, strict=True)}
-            for name, *numbers in zip(self._names, *columns, strict=True)
-        }
+    def ranges(self) -> dict[str, dict[str, float]]:
+        """The same as numbers."""
+        columns = {"first": self._then[0], "last": self._then[-1], "smallest": self._least, "largest": self._most}
+        return {name: {key: float(own[i]) for key, own in columns.items()} for i, name in enumerate(self._names)}
 
 
 def _worst(scene: Scene, known: KnownMotion) -> NDArray[np.float64]:

@@ -1,0 +1,197 @@
+"""`hingepair run`, `check` and `forces`: a scene computed, compared with Pinocchio, and what forces it takes."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+
+from hingepair.cli.output import (
+    Json,
+    Outputs,
+    component_table,
+    console,
+    file_option,
+    listed,
+    said_if_stopped,
+    watched,
+)
+from hingepair.cli.summary import Summary
+from hingepair.errors import ArgumentError, printable
+from hingepair.numeric.notebook import unit_of
+from hingepair.numeric.tables import instant, json_text
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.results import ENDINGS, Record, check_ending, column_names, result_file
+from hingepair.scenes.scene import Scene, load_scene, scene_files
+
+MOST_CHECKED = 10_001
+"""Instants that `check` takes through Pinocchio at most, evenly spread: about a second."""
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
+Results = Annotated[Path | None, file_option(f"Write all instants to FILE ({', '.join(ENDINGS)}).")]
+
+
+def run(
+    scene_file: SceneFile,
+    out: Results = None,
+    outputs: Outputs = None,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Say what is computed, what is skipped, and why.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Compute the motion of body 2 and show what came out.
+
+    The table shows three instants and the range of each component; --out writes all of them. A .csv or .parquet is
+    written as the motion is computed, however long it is.
+    """
+    if out is not None:
+        check_ending(out)
+    scene = load_scene(scene_file)
+    names = listed(outputs)
+    summary = Summary(scene)
+    with contextlib.ExitStack() as opened:
+        add = None
+        if out is not None:
+            opened.enter_context(said_if_stopped(out))
+            add = opened.enter_context(result_file(out, scene.samples, scene.title, scene_files(scene_file)))
+        for part in watched(scene.blocks(names), scene.samples):
+            summary.add(part)
+            if add is not None:
+                add(part.t, part.recorded())
+    residuals, notes = summary.residuals(), summary.notes()
+    if as_json:
+        largest = {r.label: {"largest": r.largest, "in_u_scale": r.ratio} for r in residuals}
+        found = {**_facts(scene), "not_finite": summary.lost, "outputs": summary.ranges(), "residuals": largest}
+        found |= {"notes": notes, "file": None if out is None else str(out)}
+        print(json_text(found | ({"plan": asdict(scene.plan(names))} if explain else {})))
+        return
+    screen = console()
+    _head(screen, scene)
+    if explain:
+        screen.print(str(scene.plan(names)))
+    screen.print(summary.table())
+    some = summary.lost < scene.samples
+    if summary.lost:
+        others = "ranges and residuals are those of the others" if some else "there is nothing to show"
+        screen.print(f"{summary.lost} of {scene.samples} instants are not finite; {others}")
+    for r in residuals if some else ():
+        screen.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
+    _foot(screen, notes, out)
+
+
+def check(scene_file: SceneFile, as_json: Json = False) -> None:
+    """Compare the motion of body 2 with Pinocchio's.
+
+    Pose, velocities and accelerations are computed by the equations and by Pinocchio. At most 10,001 instants are
+    compared, evenly spread. The exit code is 1 where a difference is past its bound.
+    """
+    scene = load_scene(scene_file)
+    report = scene.cross_validate(MOST_CHECKED)
+    if as_json:
+        print(report.to_json())
+    else:
+        screen = console()
+        _head(screen, scene)
+        if report.samples < scene.samples:
+            screen.print(f"{report.samples} of the {scene.samples} instants are compared, evenly spread")
+        print(report)
+    raise typer.Exit(0 if report.ok else 1)
+
+
+def forces(
+    scene_file: SceneFile,
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Acceleration of free fall, world axes [m/s^2]: 0,0,-9.81, in the plane 0,-9.81, unless given.",
+        ),
+    ] = None,
+    out: Results = None,
+    as_json: Json = False,
+) -> None:
+    """Compute the forces that the motion of a scene takes.
+
+    The bodies of its pair have masses. hinge_torque is what a motor must give about the axis, bearing_torque what
+    the bearing carries across it, both of body 1 on body 2 at the hinge point, as is hinge_force; force1 and
+    torque1 act on body 1 at R1. World axes.
+    """
+    if out is not None:
+        check_ending(out)
+    scene = load_scene(scene_file)
+    found = scene.forces(None if gravity is None else _vector(gravity))
+    written = None if out is None else str(found.save(out, scene_files(scene_file)))
+    rows = _ranges(found)
+    if as_json:
+        print(json_text({"scene": str(scene.path), "samples": scene.samples, "file": written, "outputs": rows}))
+        return
+    screen = console()
+    _head(screen, scene)
+    lines = [
+        (name, unit_of(name), *(f"{value + 0.0:.5g}" for value in sizes), instant(t))
+        for name, (*sizes, t) in ((name, row.values()) for name, row in rows.items())
+    ]
+    screen.print(component_table(("unit", "first", "smallest", "largest", "rms", "max |.| at t"), lines))
+    _foot(screen, scene.notes(), out)
+
+
+def _ranges(found: Record) -> dict[str, dict[str, float]]:
+    """What a table says of each component."""
+    t, arrays = found.t, found.recorded()
+    columns = [column for array in arrays.values() for column in array.reshape(len(t), -1).T]
+    return {
+        name: {
+            "first": float(column[0]),
+            "smallest": float(np.nanmin(column)),
+            "largest": float(np.nanmax(column)),
+            "rms": float(np.sqrt(np.nanmean(column * column))),
+            "t_of_largest_size": float(t[np.nanargmax(np.abs(column))]),
+        }
+        for name, column in zip(column_names(arrays), columns, strict=True)
+    }
+
+
+def _vector(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(map(float, text.split(",")))
+    except ValueError:
+        raise ArgumentError("gravity", "numbers X,Y,Z", repr(text)) from None
+
+
+def _facts(scene: Scene) -> dict[str, Any]:
+    return {
+        "scene": str(scene.path),
+        "title": scene.title,
+        "samples": scene.samples,
+        "start": scene.start,
+        "stop": scene.stop,
+        "sequence": scene.sequence,
+        "error_estimate": scene.motion.error_estimate,
+        "pair": {key: getattr(scene.space, key).tolist() for key in ("u1", "u2", "n", "home")},
+    }
+
+
+def _head(screen: Console, scene: Scene) -> None:
+    """What a scene is, in three lines."""
+    if scene.title:
+        screen.print(printable(scene.title), style="bold")
+    pair = scene.pair
+    own = ("u1", "u2", "n") if isinstance(pair, HingePair) else ("u1", "u2")
+    vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in own)
+    screen.print(f"{printable(pair.name)}: {vectors}")
+    plural = "s" * (scene.samples != 1)
+    t = f"t = {instant(scene.start)} to {instant(scene.stop)} s"
+    screen.print(f"{scene.samples} instant{plural}, {t}; {scene.motion.turning}")
+
+
+def _foot(screen: Console, notes: tuple[str, ...], out: Path | None) -> None:
+    """What a reader should know, and where the rest is."""
+    for note in notes:
+        screen.print(f"note: {note}")
+    screen.print(f"written: {out}" if out else "nothing written (--out FILE writes all instants)")
