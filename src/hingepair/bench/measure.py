@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import platform
 import sys
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
@@ -17,6 +16,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from math import nan
 from statistics import median
+from timeit import timeit
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from hingepair.numeric.tables import json_text
@@ -129,7 +129,7 @@ class Report(NamedTuple):
         """The rows, a block under each case, and the targets."""
         columns = list(dict.fromkeys(key for row in self.rows for key in row.more))
         errors = [self.unit] if any(row.error is not None for row in self.rows) else []
-        found = _table("", right=("N", "a call", "each", "ratio", *errors, *columns))
+        found = _table("", "N", "a call", "each", "ratio", *errors, *columns)
         for i, row in enumerate(self.rows):
             if i == 0 or self.rows[i - 1].case != row.case:
                 found.add_row(row.case)
@@ -137,7 +137,7 @@ class Report(NamedTuple):
             cells = [f"{row.count:,}", duration(row.seconds), duration(row.each), digits(row.ratio)]
             cells += [_cell(number) for number in (*([row.error] if errors else []), *map(row.more.get, columns))]
             found.add_row(f"  {row.method}", *cells, end_section=last)
-        aims = _table("aimed at, on the reference machine", right=("target", "reached", "", ""))
+        aims = _table("aimed at, on the reference machine", "target", "reached", "", "")
         for target in self.targets:
             aim, verdict = f"{'>=' if target.least else '<='} {target.target:g}", "ok" if target.ok else "missed"
             aims.add_row(target.what, aim, digits(target.reached), target.unit, verdict)
@@ -197,45 +197,30 @@ def interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]
 
     A short job runs once untimed in every repeat: it finds the caches as it left them, not as its neighbour did.
     """
-    calls, short = {}, set()
-    for name, job in jobs.items():
+    for job in jobs.values():
         job()
-        taken = _seconds(job, 1)
-        calls[name] = max(1, int(_LEAST / max(taken, 1e-9)))
-        if taken < _SHORT:
-            short.add(name)
+    once = {name: timeit(job, number=1) for name, job in jobs.items()}
     times: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(repeats):
         for name, job in jobs.items():
-            if name in short:
+            if once[name] < _SHORT:
                 job()
-            times[name].append(_seconds(job, calls[name]) / calls[name])
+            calls = max(1, int(_LEAST / max(once[name], 1e-9)))
+            times[name].append(timeit(job, number=calls) / calls)
     return times
 
 
-def _seconds(job: Job, calls: int) -> float:
-    start = time.perf_counter()
-    for _ in range(calls):
-        job()
-    return time.perf_counter() - start
-
-
-def _table(left: str, right: Sequence[str]) -> Table:
+def _table(left: str, *right: str) -> Table:
     """A table with a column of words, and columns of numbers."""
-    from rich import box
-    from rich.table import Table
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Column, Table
 
-    found = Table(box=box.SIMPLE_HEAD)
-    found.add_column(left, no_wrap=True)
-    for heading in right:
-        found.add_column(heading, justify="right", no_wrap=True)
-    return found
+    numbers = (Column(heading, justify="right", no_wrap=True) for heading in right)
+    return Table(Column(left, no_wrap=True), *numbers, box=SIMPLE_HEAD)
 
 
 def _cell(value: Any) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.2g}" if isinstance(value, float) else str(value)
+    return "-" if value is None else f"{value:.2g}" if isinstance(value, float) else str(value)
 
 
 def digits(number: float) -> str:
