@@ -82,6 +82,7 @@ _HINGE = (
 _TAILS: Final[Tails] = {**INPUTS, "S0": (9,), "state": (14,)}
 _MOVING: Final = np.repeat([False, True, False, True], [3, 6, 4, 1])  # what of the state is a velocity or a momentum
 _MOTION: Final = ("R1", "S1", "v1", "omega1")
+_RATES: Final = ("v1", "omega1", "a1", "alpha1")
 
 
 class Course(NamedTuple):
@@ -99,31 +100,28 @@ class Course(NamedTuple):
 class PairMotion:
     """The motion of a pair: its state, how that changes, and what it means.
 
-    Args:
-        pair: it.
-        base: what holds body 1: nothing ("free"), a pin at R1 ("pinned"), or its motion as given.
-        flat: whether it stays in the plane.
-        start: where it starts.
-        loads: what acts.
-        how: to compute.
+    The base is nothing ("free"), a pin at R1 ("pinned"), all of body 1 at rest ("fixed"), or its motion as given.
     """
 
     def __init__(
         self, pair: HingePair, base: str | Prescribed, flat: bool, start: Start, loads: Loads, how: How
     ) -> None:
         self._carry = base if callable(base) else None
-        kind = base if isinstance(base, str) else "carried"
-        bodies = (pair.body1, pair.body2) if self._carry is None else (None, pair.body2)
-        masses = mass_constants(bodies, *(("body1", "body2") if self._carry is None else ("body2",)))
+        self._turning = base in ("free", "pinned")
+        bodies = (pair.body1 if self._turning else None, pair.body2)
+        masses = mass_constants(bodies, *(("body1", "body2") if self._turning else ("body2",)))
         self._loads, self._flat, self.levels = loads, flat, loads.levels
-        known = masses | loads.known | pair.constants.values
         R, S, v, omega, psi, psid = start
+        self._still = {"R1": R, "S1": S, **dict.fromkeys(_RATES, np.zeros(3))} if base == "fixed" else {}
+        still = {name: tuple(array.ravel().tolist()) for name, array in self._still.items()}
+        known = masses | loads.known | pair.constants.values | still
+        kind = str(base) if self._turning else "carried"
         self.quat = matrix_to_quaternion(S)
 
         def program(own: bool | None, **tails: tuple[int, ...]) -> _Program:
             return _Program(_loop(kind, own, "home" in known, tuple(tails.items())), known, how)
 
-        if self._carry is not None:
+        if not self._turning:
             _check_hinge(pair)
             self.state, self.sizes, self.moving, self.angle = np.array([psi, psid]), np.ones(2), _MOVING[-2:], 0
             self._rates, self._accelerations = program(None, slopes=(2,)), program(None, psidd=())
@@ -157,7 +155,7 @@ class PairMotion:
 
     def renew(self, state: Array) -> Array:
         """The state that the next step begins with: the turn of this one goes into the attitude."""
-        if self._flat or self._carry is not None:
+        if self._flat or not self._turning:
             return state
         self.quat = _turned(state[_G], self.quat)
         state = state.copy()
@@ -167,21 +165,22 @@ class PairMotion:
     def read(self, t: Array, states: Array, quats: Array) -> Course:
         """What is asked for at some instants; quats is the attitude that their steps began with."""
         S0: Any = np.eye(3).reshape(1, 9)
-        if self._carry is None and not self._flat:
+        if self._turning and not self._flat:
             quats = _turned(states[:, _G], quats)
             S0, states = rotations(quats).reshape(-1, 9), states.copy()
             states[:, _G] = 0.0
         given = self._given(t, states, S0)
         now = self._now(given)
-        values = given | self._accelerations(len(t), **given, **self._acting(t, given))
-        if self._carry is not None:
+        found = self._still | given | self._accelerations(len(t), **given, **self._acting(t, given))
+        if self._turning:
+            phi = states[:, _G][:, 2]
+        else:
             quats = matrix_to_quaternion(now.S1)
             phi = np.unwrap(2 * np.arctan2(quats[:, 3], quats[:, 0]))
-        else:
-            phi = states[:, _G][:, 2]
-        if self._carry is None and self._flat:
+        if self._turning and self._flat:
             quats = np.stack([np.cos(phi / 2), 0 * phi, 0 * phi, np.sin(phi / 2)], axis=-1)
-        return Course(quats, now, values["a1"], values["alpha1"], values["psidd"], phi)
+        a1, alpha1 = (np.broadcast_to(found[name], now.R1.shape) for name in ("a1", "alpha1"))
+        return Course(quats, now, a1, alpha1, found["psidd"], phi)
 
     def _given(self, t: Array, states: Array, S0: Any) -> dict[str, Any]:
         """What the programs start from at some instants: the state, and the motion of body 1 where it is given."""
@@ -189,7 +188,7 @@ class PairMotion:
             return {"state": states, "S0": S0}
         given = motion_arrays("base1", self._carry(t), "R", "S", "v", "omega", "a", "alpha")
         try:
-            wide = {f"{n[:-1]}1": np.broadcast_to(x, (len(t), *_TAILS[f"{n[:-1]}1"])) for n, x in given.items()}
+            wide = {name: np.broadcast_to(x, (len(t), *_TAILS[name])) for name, x in given.items()}
         except ValueError:
             expected = f"a callable that returns the motion of body 1 at {len(t)} instants"
             raise ArgumentError("base", expected, {name: array.shape for name, array in given.items()}) from None
@@ -204,8 +203,8 @@ class PairMotion:
     def _now(self, given: dict[str, Any]) -> Moving:
         """The motion where this is given."""
         states = given["state"]
-        found = given if self._carry is not None else self._motion(len(states), **given)
-        motion = (found[name].copy() for name in _MOTION)
+        found = self._motion(len(states), **given) if self._turning else self._still | given
+        motion = (np.broadcast_to(found[name], (len(states), *_TAILS[name])).copy() for name in _MOTION)
         return Moving(*motion, *states.T[self.angle : self.angle + 2].copy())
 
 

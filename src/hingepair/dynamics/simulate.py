@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -194,9 +194,7 @@ def simulate(
     how = choose(backend, 1)
 
     def run(tolerance: float) -> Course:
-        held = base if callable(base) or base != "fixed" else _still(start)
-        moving = PairMotion(space, held, flat, start, loads, how)
-        return _follow(moving, instants, tolerance)
+        return _follow(PairMotion(space, base, flat, start, loads, how), instants, tolerance)
 
     found = run(tolerance)
     if space.limits is not None and not (isinstance(hinge_torque, HingeLoad) and hinge_torque.kinks):
@@ -263,13 +261,6 @@ def _start_of(base: Base, body1: object, flat: bool, psi: float, psid: float) ->
         expected = f"a start in the plane, R and v with z = 0, S and omega about z, such as {_PLANAR}"
         raise ArgumentError("body1", expected, quoted(body1))
     return R, S, v, omega, psi, psid
-
-
-def _still(start: Start) -> Callable[[Array], BodyMotion]:
-    """A base that stays as it starts."""
-    R, S, zero, *_ = start
-    still = BodyMotion(R=R, S=S, v=zero, omega=zero, a=zero, alpha=zero)
-    return lambda _: still
 
 
 def _warn_of_limits(limits: tuple[float, float], t: Array, psi: Array) -> None:
