@@ -42,10 +42,8 @@ _GAUSS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)
 def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Array], turn: Turn | None = None) -> float:
     """The largest sum, up to any instant, of what integrals over the intervals are off; NaN of fewer than 4 samples.
 
-    Args:
-        samples: that are interpolated.
-        probed: some intervals, increasing, and errors of the steps there, which are added.
-        turn: errors (..., n, 3) of the intervals from one to another, in axes in which they add up.
+    Added are the errors of steps in some intervals (`probed`). `turn` takes errors (..., n, 3) of the intervals from
+    one to another into axes in which they add up.
     """
     chosen, extra = probed
     if len(samples.t) < 4:

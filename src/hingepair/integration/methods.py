@@ -58,11 +58,6 @@ def quaternion_exp(Omega: Vector) -> Quaternion:
     return cosine(half), Omega[0] * f, Omega[1] * f, Omega[2] * f
 
 
-def midpoint(w1: Vector, h: Scalar) -> Vector:
-    """Omega from omega in the middle of the step, order 2."""
-    return scale(w1, h)
-
-
 def magnus4(w1: Vector, w2: Vector, h: Scalar) -> Vector:
     """Omega from omega at two Gauss nodes, order 4."""
     return subtract(scale(add(w1, w2), 0.5 * h), scale(cross(w1, w2), h * h * (_ROOT_3 / 12)))
@@ -156,7 +151,7 @@ RULES: Final = {
         Rule("magnus6", 6, (_B, 0.5, 1 - _B), (5, 8, 5), _by_one(magnus6)),
         Rule("magnus4", 4, (_A, 1 - _A), (1, 1), _by_one(magnus4)),
         Rule("cf4", 4, (_A, 1 - _A), (1, 1), _by_two),
-        Rule("midpoint", 2, (0.5,), (1,), _by_one(midpoint)),
+        Rule("midpoint", 2, (0.5,), (1,), _by_one(scale)),
         Rule("rk4_quaternion", 4, (0.0, 0.5, 1.0), (1, 4, 1), _by_runge_kutta),
     )
 }

@@ -78,14 +78,9 @@ class Function:
 
 
 class Samples:
-    """Values at the instants, and between them a polynomial through those nearby.
+    """Values (N,) or (N, k) at the instants, and between them a polynomial through those nearby.
 
     Only differences of instants that are near each other enter, so that stamps since 1970 lose nothing.
-
-    Args:
-        t: instants, increasing; shape (N,).
-        values: shape (N,) or (N, k).
-        how: backend.
     """
 
     def __init__(self, t: Array, values: Array, how: How) -> None:
@@ -132,14 +127,7 @@ Signal: TypeAlias = Constant | Function | Samples
 
 
 def read_signal(name: str, value: Any, t: Array, tail: tuple[int, ...], how: How) -> Signal:
-    """What was given as a signal.
-
-    Args:
-        name: of the argument.
-        value: a callable of t; one value of shape `tail`; or samples, of shape t.shape + tail.
-        t: the instants, shape (N,).
-        tail: shape of one value.
-        how: backend.
+    """What was given as a signal: a callable of t; one value of shape `tail`; or samples at the instants t.
 
     Raises:
         ShapeError, DtypeError: it is none of these.
@@ -184,11 +172,8 @@ def called(name: str, function: Callable[[Array], Any], times: Array) -> Any:
 def read_position(R1: Any, t: NDArray[np.float64], size: int) -> dict[str, NDArray[Any]]:
     """R1 and, as far as they are known, v1 and a1; each of shape (size,) or (N, size).
 
-    Args:
-        R1: one point, which stays where it is; a point for each instant; a tuple (R1, v1) or (R1, v1, a1); a callable
-            of t that returns one of these.
-        t: the instants, shape (N,).
-        size: 3 in space, 2 in the plane.
+    Given is one point, which stays where it is; a point for each instant; a tuple (R1, v1) or (R1, v1, a1); or a
+    callable of t that returns one of these.
 
     Raises:
         ShapeError, DtypeError, ArgumentError: it is none of these.

@@ -73,27 +73,15 @@ class Solution(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """Attitudes or angles between steps, and how far they are off."""
+    """Attitudes or angles."""
 
-    values: Array
-    steps: Steps
+    values: Array  # at the instants
+    steps: int  # that were made
     error: Later
-
-    @property
-    def asked(self) -> Array:
-        """The values at the instants."""
-        return self.steps.asked(self.values)
 
 
 def solve(course: Course, omega: Signal, psid: Signal, start: Array | float, psi_0: float) -> Solution:
-    """Attitudes and hinge angles at the instants.
-
-    Args:
-        course: how to go.
-        omega: angular velocity of body 1.
-        psid: hinge rate.
-        start: attitude of body 1 at the first instant, shape (3, 3); in the plane its angle.
-        psi_0: hinge angle then.
+    """Attitudes of body 1 (in the plane its angles) and hinge angles at the instants; `start` is the first of them.
 
     Raises:
         ArgumentError: the tolerance is no positive number, something overflows, or SciPy's solver gives up.
@@ -117,13 +105,13 @@ def solve(course: Course, omega: Signal, psid: Signal, start: Array | float, psi
         tol = _SCIPY_TOLERANCE if course.tol is None and course.method == "dop853" else course.tol
         steps = selected_steps((hinge,), course.t, tol)
     swung = _integrated(hinge, psi_0, steps)
-    made = 0 if course.method == "dop853" else turned.steps.made
-    return Solution(turned.asked, swung.asked, made, turned.error, swung.error)
+    return Solution(turned.values, swung.values, turned.steps, turned.error, swung.error)
 
 
 def _integrated(integral: Integral, start: Any, steps: Steps) -> _Found:
     values = integral.over(steps, start)
-    return _Found(values, steps, Later(lambda: min(estimated_error(integral, steps, values), integral.farthest)))
+    error = Later(lambda: min(estimated_error(integral, steps, values), integral.farthest))
+    return _Found(steps.asked(values), steps.made, error)
 
 
 def _by_euler_angles(course: Course, turning: Attitude, S1_0: Array) -> _Found:
@@ -139,7 +127,9 @@ def _by_euler_angles(course: Course, turning: Attitude, S1_0: Array) -> _Found:
             if course.tol is None or 2 * steps.made > max(_STEPS_TO_LOCK, 4 * (len(course.t) - 1)):
                 raise
         else:
-            found = _compared(turning, steps, quaternions_of_euler(phi), matrix_to_quaternion(S1_0))
+            found = _compared(
+                turning, course.t, matrix_to_quaternion(S1_0), quaternions_of_euler(steps.asked(phi)), steps.made
+            )
             in_vain = isinstance(turning.rate, Samples) and not found.error() < 0.9 * before
             if course.tol is None or not found.error() > course.tol or steps.made > MOST_STEPS or in_vain:
                 return found
@@ -174,16 +164,15 @@ def _by_scipy(course: Course, turning: Attitude, S1_0: Array) -> _Found:
         if not done.success:
             raise ArgumentError("method", "a motion that 'dop853' can follow", done.message)
         rows = done.y.T
-    return _compared(turning, Steps(t), rows / np.sqrt((rows**2).sum(axis=1, keepdims=True)), start)
+    return _compared(turning, t, start, rows / np.sqrt((rows**2).sum(axis=1, keepdims=True)), 0)
 
 
-def _compared(best: Attitude, steps: Steps, quats: Array, start: Array) -> _Found:
+def _compared(best: Attitude, t: Array, start: Array, quats: Array, steps: int) -> _Found:
     """The error of attitudes that depend on one another: how far they are from those of the best rule."""
 
     def error() -> float:
-        own = steps.asked(quats)
-        other = _integrated(best, start, selected_steps((best,), steps.asked(steps.t), _CERTAIN))
-        w, x, y, z = quaternion_product(tuple(own.T), tuple((other.asked * [1, -1, -1, -1]).T))
+        other = _integrated(best, start, selected_steps((best,), t, _CERTAIN))
+        w, x, y, z = quaternion_product(tuple(quats.T), tuple((other.values * [1, -1, -1, -1]).T))
         apart = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
         return min(float(apart.max()) + other.error(), math.pi)
 

@@ -21,8 +21,6 @@ from hingepair.pair.states import PairState, PlanarState, lacking
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.sequences import SEQUENCES
 
-_TURN = 2 * np.pi
-
 
 class Later:
     """A number to be worked out; call it. Copies and pickles hold the number.
@@ -234,12 +232,8 @@ def continuous(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
     exchanges between neighbours are decided, all at once.
     """
     other = np.stack([phi[:, 0] + np.pi, (0.0 if proper else np.pi) - phi[:, 1], phi[:, 2] + np.pi], axis=-1)
-    stay, change = (np.abs(_within_half(kind[1:] - phi[:-1])).sum(axis=1) for kind in (phi, other))
+    steps = (np.remainder(kind[1:] - phi[:-1] + np.pi, 2 * np.pi) - np.pi for kind in (phi, other))
+    stay, change = (np.abs(step).sum(axis=1) for step in steps)
     changed = np.concatenate([[0], np.cumsum(change < stay)]) % 2 == 1
     chosen = np.where(changed[:, None], other, phi)
     return np.unwrap(chosen, axis=0)
-
-
-def _within_half(angle: NDArray[Any]) -> NDArray[Any]:
-    """The angle less its whole turns."""
-    return angle - _TURN * np.round(angle / _TURN)

@@ -12,7 +12,7 @@ motion (Olsson, Kok, Seel and Halvorsen, Sensors 20 (2020), 3534), and is told b
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,18 +114,14 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike) -> AxisFit:
     w1, w2 = omega1[known], omega2[known]
     step = -(-w1.shape[0] // _THIN)
     thin1, thin2 = w1[::step], w2[::step]
-    tried = [
-        _descended(lambda axes: _axis_rows(thin1, thin2, axes), _turned, start)
-        for start in _axis_starts(thin1, thin2)
-    ]
-    best = min(tried, key=lambda found: found[1])[0]
-    (n1, n2), cost = _descended(lambda axes: _axis_rows(w1, w2, axes), _turned, best)
+    starts = _axis_starts(thin1, thin2)
+    (n1, n2), rest = _fitted(_across(thin1, thin2), _across(w1, w2), _turned, starts)
     alike = [_follows(omega1, omega2, n1, sign * n2) for sign in (1, -1)]
     if alike[1] > alike[0]:
         n2 = -n2
     n1, n2 = sign_of(n1) * n1, sign_of(n1) * n2
-    rest, change = _axis_rows(w1, w2, np.stack((n1, n2)))
-    rms = float(np.sqrt(cost / w1.shape[0]))
+    _, change = _across(w1, w2)(np.stack((n1, n2)))
+    rms = float(np.sqrt(rest @ rest / rest.size))
     covariance, unseen = _covariance(rest, change, rms * rms / 2)
     variances = np.where(unseen, np.inf, np.diagonal(covariance)).reshape(2, 2)
     std = np.sqrt(variances.max(axis=1))
@@ -201,10 +197,9 @@ def fit_anchor(
     starts = [np.zeros(6), *rng.normal(scale=0.3, size=(5, 6))]
     some = slice(None, None, -(-used.size // _THIN))
     rough = _felt([each[some] for each in forces], [each[some] for each in gammas])
-    u = min((_descended(rough, np.add, start) for start in starts), key=lambda found: found[1])[0]
     linearise = _felt(forces, gammas)
-    u, cost = _descended(linearise, np.add, u)
-    rest, change = linearise(u)
+    u, rest = _fitted(rough, linearise, np.add, starts)
+    _, change = linearise(u)
     if n1 is None or n2 is None:
         along = np.linalg.eigh(change.T @ change)[1][:, 0]
         u = u - along * (along @ u)
@@ -228,7 +223,7 @@ def fit_anchor(
         u1=read_only(u[:3]),
         u2=read_only(u[3:]),
         covariance=read_only(covariance),
-        rms=float(np.sqrt(cost / used.size)),
+        rms=float(np.sqrt(rest @ rest / used.size)),
         ok=not findings,
         findings=tuple(findings),
     )
@@ -271,15 +266,18 @@ def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
     return [linear, principal, *random]
 
 
-def _axis_rows(w1: Float64Array, w2: Float64Array, axes: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """What is left of each sample, and its derivative by turns of n1 and n2 across themselves; (N,), (N, 4)."""
-    sizes, rows = [], []
-    for w, n in zip((w1, w2), axes, strict=True):
-        in_axes = w @ frame(n)
-        size = np.hypot(in_axes[:, 0], in_axes[:, 1])
-        sizes.append(size)
-        rows.append(-in_axes[:, 2:] * in_axes[:, :2] / np.maximum(size, 1e-300)[:, None])
-    return sizes[0] - sizes[1], np.concatenate((rows[0], -rows[1]), axis=-1)
+def _across(w1: Float64Array, w2: Float64Array) -> Linearise:
+    """The difference of the rates across axes (n1, n2), and its derivatives by turns of these across themselves."""
+
+    def linearise(axes: Float64Array) -> tuple[Float64Array, Float64Array]:
+        in_axes = [w @ frame(n) for w, n in zip((w1, w2), axes, strict=True)]
+        sizes = [np.hypot(w[:, 0], w[:, 1]) for w in in_axes]
+        rows = [
+            -w[:, 2:] * w[:, :2] / np.maximum(size, 1e-300)[:, None] for w, size in zip(in_axes, sizes, strict=True)
+        ]
+        return sizes[0] - sizes[1], np.concatenate((rows[0], -rows[1]), axis=-1)
+
+    return linearise
 
 
 def _turned(axes: Float64Array, step: Float64Array) -> Float64Array:
@@ -314,8 +312,16 @@ def _gamma(omega: Float64Array, alpha: Float64Array) -> Float64Array:
     return np.asarray(W @ W + skew(alpha), dtype=np.float64)
 
 
-def _descended(linearise: Linearise, move: Move, start: Float64Array) -> tuple[Float64Array, float]:
-    """Least squares from a start, and the sum of squares (Levenberg and Marquardt)."""
+def _fitted(
+    rough: Linearise, linearise: Linearise, move: Move, starts: Iterable[Float64Array]
+) -> tuple[Float64Array, Float64Array]:
+    """Least squares from the best of some starts, by some of the samples; and what is left of each sample."""
+    tried = [_descended(rough, move, start) for start in starts]
+    return _descended(linearise, move, min(tried, key=lambda found: float(found[1] @ found[1]))[0])
+
+
+def _descended(linearise: Linearise, move: Move, start: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Least squares from a start (Levenberg and Marquardt)."""
     at, (rest, change) = start, linearise(start)
     cost, damping = float(rest @ rest), 1e-3
     for _ in range(_MOST):
@@ -333,16 +339,14 @@ def _descended(linearise: Linearise, move: Move, start: Float64Array) -> tuple[F
             damping *= 10
             if damping > 1e12:
                 break
-    return at, cost
+    return at, rest
 
 
 def _covariance(rest: Float64Array, change: Float64Array, noise: float) -> tuple[Float64Array, NDArray[np.bool_]]:
     """Of least squares, by the sandwich, and which parameters the motion does not show.
 
-    Args:
-        rest: what is left of each sample.
-        change: its derivatives.
-        noise: variance that noise gives an element of `change`: what shows no more than ten times that is not shown.
+    These are those of which what is left of each sample changes by no more than ten times the variance that `noise`
+    gives an element of `change`.
     """
     normal = change.T @ change
     values, axes = np.linalg.eigh(normal)

@@ -26,12 +26,9 @@ class MeasurementWarning(UserWarning):
 
 
 def elapsed(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
-    """Seconds since an instant, and that instant as it came.
+    """Seconds since an instant, and that instant as it came: the first of t, or what an earlier call returned.
 
-    Args:
-        name: of the argument, for messages.
-        t: seconds as floats, datetime64, timedelta64, or integer nanoseconds since 1970; shape (N,).
-        since: what an earlier call returned beside its seconds; the first of t unless given.
+    Instants are seconds as floats, datetime64, timedelta64, or integer nanoseconds since 1970; shape (N,).
 
     Raises:
         ArgumentError: not of one axis, empty, not finite, of another kind than `since`, or integers that may be
@@ -107,13 +104,7 @@ def checked_gaps(gaps: object) -> float:
 def pieces(t: Float64Array, known: NDArray[np.bool_], gaps: float, fewest: int = 1) -> list[NDArray[np.intp]]:
     """The known samples, cut at gaps; pieces of fewer samples than `fewest` are left out.
 
-    A gap is where known samples are further apart than `gaps`, and than one and a half of the usual step.
-
-    Args:
-        t: instants, increasing [s].
-        known: which samples are there.
-        gaps: the longest time without a sample that is no gap [s].
-        fewest: samples that a piece has at least.
+    A gap is where known samples are further apart than `gaps` [s], and than one and a half of the usual step.
     """
     there = np.flatnonzero(known)
     if not there.size:

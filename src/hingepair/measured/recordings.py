@@ -51,12 +51,8 @@ class Recording(NamedTuple):
 def read_recording(paths: Sequence[Path], ignore: Sequence[str] = (), gaps: float = 0.05) -> Recording:
     """The poses of two bodies, from one file or from one for each.
 
-    Bodies of different instants are brought to those of the slower recording.
-
-    Args:
-        paths: one file, or two.
-        ignore: columns of no concern; `*` stands for anything.
-        gaps: the longest time without a sample that is bridged [s].
+    Bodies of different instants are brought to those of the slower recording. Columns to ignore may have a `*` for
+    anything; `gaps` is the longest time without a sample that is bridged [s].
 
     Raises:
         ArgumentError: a file or a column cannot be used; names both.

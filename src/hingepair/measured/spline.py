@@ -52,13 +52,9 @@ class Smoothed(NamedTuple):
 def smooth_columns(
     t: Float64Array, columns: Float64Array, pieces: Sequence[NDArray[np.intp]], bandwidth: float | None
 ) -> Smoothed:
-    """Columns smoothed piece by piece, with derivatives, at every instant between the ends of a piece.
+    """Columns (N, k) smoothed piece by piece, with derivatives, at every instant between the ends of a piece.
 
-    Args:
-        t: instants, increasing [s]; shape (N,).
-        columns: shape (N, k); those of pieces finite.
-        pieces: samples of each unbroken piece, FEWEST at least (`hingepair.measured.instants.pieces`).
-        bandwidth: [Hz]; chosen by the data where None.
+    A piece has FEWEST samples at least, all of them finite. A bandwidth of None is chosen by the data.
 
     Raises:
         MissingDependencyError: SciPy is not installed.
