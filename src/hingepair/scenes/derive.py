@@ -60,5 +60,5 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
             raise ArgumentError("symbolic", expected, quoted(name))
     if scene is None:
         return Derivation(pair, symbolic=names)
-    motion = scene.expressions_with(tuple(name for name in names if name in constants))
+    motion = scene.functions().expressions(tuple(name for name in names if name in constants))
     return Derivation(pair, motion, scene.sequence, names)

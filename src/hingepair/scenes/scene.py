@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,7 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, check_outputs, outputs_of
 from hingepair.integration.trajectory import span
 from hingepair.numeric.arrays import Frozen, read_only
-from hingepair.numeric.notebook import Sheet, Shown, cell
+from hingepair.numeric.notebook import Sheet, Shown, cell, unit_of
 from hingepair.numeric.tables import instant
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import Energy, Momentum
@@ -44,14 +44,6 @@ _LEVELS = {
 }
 COORDINATES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
 """What a scene gives beside the state of the pair: its coordinates, all or psi alone, and their derivatives."""
-
-
-class _Wanted(NamedTuple):
-    """Outputs of the equations (None: all of body 2), coordinates, and the order of derivatives that both need."""
-
-    names: tuple[str, ...] | None
-    asked: tuple[str, ...]
-    order: int
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -87,9 +79,8 @@ class SceneResult(Frozen, Result):
         """What was asked for, by name; shape (samples, ...); of q, qd and qdd each coordinate is an array."""
         found: dict[str, NDArray[Any]] = self.state.arrays()
         for name in self.asked:
-            named = self.known.coordinates(_level(name))
-            own = named if name[0] == "q" else (name,)
-            found |= {key: named[key] for key in own if key.partition("_")[0] not in found}  # v1 has v1_x already
+            own = self._coordinates(name)
+            found |= {key: own[key] for key in own if key.partition("_")[0] not in found}  # v1 has v1_x already
         return found
 
     def recorded(self) -> dict[str, NDArray[Any]]:
@@ -119,12 +110,17 @@ class SceneResult(Frozen, Result):
         body1, psi, psid, _ = self.known.accelerated(self.scene.pair)
         return body1, psi, psid
 
+    def _coordinates(self, name: str) -> dict[str, NDArray[np.float64]]:
+        """What an output of the coordinates is made of; nothing where the motion, or this part of it, lacks it."""
+        if name not in self.scene.coordinates_to(self.known.level):
+            return {}
+        named = self.known.coordinates(_level(name))
+        return named if name[0] == "q" else {name: named[name]}
+
     def __getattr__(self, name: str) -> Any:
         if name in COORDINATES:
-            known = self.known
-            named = known.coordinates(_level(name)) if _level(name) <= known.level else {}
-            whole = len(named) > 1 or name not in {"q", "qd", "qdd"}
-            return (np.stack([*named.values()], -1) if name[0] == "q" else named[name]) if named and whole else None
+            own = [*self._coordinates(name).values()]
+            return None if not own else np.stack(own, -1) if name[0] == "q" else own[0]
         if not name.startswith("_") and name not in self.__dataclass_fields__ and hasattr(type(self.state), name):
             return getattr(self.state, name)
         raise lacking(self, name)
@@ -134,9 +130,9 @@ class SceneResult(Frozen, Result):
 
     def _named(self) -> Iterable[str]:
         pair, level = self.scene.pair, self.known.level
-        masses = {"energy": pair.body2, "momentum": pair.body1 and pair.body2} if level == ACCELERATION else {}
-        known = (name for name in self.scene.coordinate_names if _level(name) <= level)
-        return *dir(self.state), *known, *(name for name, body in masses.items() if body is not None)
+        bodies = {"energy": pair.body2, "momentum": pair.body1 and pair.body2}
+        masses = (name for name, body in bodies.items() if level == ACCELERATION and body is not None)
+        return *dir(self.state), *self.scene.coordinates_to(level), *masses
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -191,11 +187,10 @@ class Scene(Shown):
         """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
         return self.motion.sequence
 
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """Those of q, qd, qdd, psi, psid, psidd that the kind of motion can have."""
+    def coordinates_to(self, level: int) -> tuple[str, ...]:
+        """Those of q, qd, qdd, psi, psid, psidd that the kind of motion can have, up to a derivative."""
         whole = self.kind == PLANAR or self.sequence is not None
-        return tuple(name for name in COORDINATES if whole or name[0] != "q")
+        return tuple(name for name in COORDINATES if (whole or name[0] != "q") and _level(name) <= level)
 
     @property
     def start(self) -> float:
@@ -221,18 +216,19 @@ class Scene(Shown):
         Raises:
             ArgumentError: the motion does not come as expressions.
         """
-        return self.expressions_with(())
+        return self.functions().expressions()
 
-    def expressions_with(self, letters: Iterable[str]) -> dict[str, Expr | None]:
-        """The same, some of the constants as letters.
-
-        Args:
-            letters: names of constants.
+    def functions(self) -> FunctionsOfTime:
+        """The coordinates as functions of t.
 
         Raises:
-            ArgumentError: the motion does not come as expressions, or a constant must be a number.
+            ArgumentError: the motion does not come as expressions.
         """
-        return self._functions().expressions(tuple(letters))
+        given = self.motion.given
+        if isinstance(given, ByCoordinates | ByBody1):
+            wanted = "a scene whose motion is coordinates as expressions in t"
+            raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
+        return given.functions
 
     def times(self) -> NDArray[np.float64]:
         """The instants; shape (samples,) s.
@@ -261,7 +257,7 @@ class Scene(Shown):
         Raises:
             ArgumentError: the motion does not come as expressions.
         """
-        return self._functions().derivatives(t, ACCELERATION)
+        return self.functions().derivatives(t, ACCELERATION)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
         """The pair's state at the scene's instants.
@@ -276,7 +272,7 @@ class Scene(Shown):
             ArgumentError: an unknown output, one that needs what the motion does not have, or more instants than can
                 be held in memory.
         """
-        return self._part(slice(len(self.times())), self._wanted(outputs))
+        return self._part(slice(len(self.times())), self._names(outputs))
 
     def sampled(self, most: int, outputs: Iterable[str] | None = None) -> SceneResult:
         """The same at so many instants at most, evenly spread.
@@ -285,7 +281,7 @@ class Scene(Shown):
             most: how many.
             outputs: as for `evaluate`.
         """
-        return self._part(self._spread(most), self._wanted(outputs), self.motion.level)
+        return self._part(self._spread(most), self._names(outputs), self.motion.level)
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[SceneResult]:
         """The same in pieces of 131,072 instants, one after the other, for motions longer than memory.
@@ -298,22 +294,24 @@ class Scene(Shown):
         Raises:
             ArgumentError: as for `evaluate`, but for the number of instants.
         """
-        wanted = self._wanted(outputs)
+        names = self._names(outputs)
         for start in range(0, self.samples, ROWS):
-            yield self._part(slice(start, start + ROWS), wanted, min(self.motion.level, VELOCITY))
+            yield self._part(slice(start, start + ROWS), names, min(self.motion.level, VELOCITY))
 
-    def _part(self, rows: Rows, wanted: _Wanted, least: int = 0) -> SceneResult:
+    def _part(self, rows: Rows, names: tuple[str, ...] | None, least: int = 0) -> SceneResult:
         """The state at some instants; derivatives up to the order `least` are kept beside it."""
         t = np.asarray(read_only(self.motion.t[rows]))
-        known = self.motion.known(rows, max(wanted.order, least))
+        own, order = self._needs(names)
+        known = self.motion.known(rows, max(order, least))
         # Of more than a block all are computed in one way, so that pieces and the whole are the same to the bit.
         backend = "auto" if self.samples <= ROWS else "compiled" if find_spec("llvmlite") else "numpy"
-        if wanted.names == ():
+        if own == ():
             state: PairState | PlanarState = (PairState if self.kind == SPATIAL else PlanarState)({}, t.shape)
         else:
-            state = known.part(slice(None), wanted.order).forward_kinematics(self.pair, wanted.names, backend)
+            state = known.part(slice(None), order).forward_kinematics(self.pair, own, backend)
+        asked = tuple(name for name in names or () if name in COORDINATES)
         first = (rows.start or 0) if isinstance(rows, slice) else 0
-        return SceneResult(t, state, self, known, wanted.asked, first)
+        return SceneResult(t, state, self, known, asked, first)
 
     def _spread(self, most: int) -> Rows:
         """So many instants at most."""
@@ -328,9 +326,8 @@ class Scene(Shown):
         Raises:
             ArgumentError: as for `evaluate`.
         """
-        wanted = self._wanted(outputs)
-        known = self.motion.known(slice(1), wanted.order)
-        return explain(self.pair, known, wanted.names, self.motion.level)
+        own, order = self._needs(self._names(outputs))
+        return explain(self.pair, self.motion.known(slice(1), order), own, self.motion.level)
 
     def cross_validate(self, most: int | None = None) -> CrossValidation:
         """The pair's motion by the equations and by Pinocchio, compared.
@@ -370,27 +367,44 @@ class Scene(Shown):
             notes.add(part)
         return notes.sentences()
 
-    def _wanted(self, outputs: Iterable[str] | None) -> _Wanted:
-        names = self.outputs if outputs is None else check_outputs(outputs, self.kind, COORDINATES)
-        level = self.motion.level
-        if names is None:
-            return _Wanted(None, (), level)
-        there = (*outputs_of(self.kind), *self.coordinate_names)
-        known = tuple(name for name in there if _level(name) <= level)
+    def _names(self, outputs: Iterable[str] | None) -> tuple[str, ...] | None:
+        """The outputs that are asked for, all of which the motion has; None: all about body 2."""
+        if outputs is None:
+            return self.outputs
+        names, level = check_outputs(outputs, self.kind, COORDINATES), self.motion.level
+        known = *(name for name in outputs_of(self.kind) if _level(name) <= level), *self.coordinates_to(level)
         for name in names:
             if name not in known:
                 hint = self.motion.hint if _level(name) > level else ""
                 raise ArgumentError("outputs", choices(known) + hint, quoted(name))
-        asked = tuple(name for name in names if name in COORDINATES)
-        return _Wanted(tuple(name for name in names if name not in asked), asked, max(map(_level, names)))
+        return names
 
-    def _functions(self) -> FunctionsOfTime:
-        """The coordinates as functions of t."""
-        given = self.motion.given
-        if isinstance(given, ByCoordinates | ByBody1):
-            wanted = "a scene whose motion is coordinates as expressions in t"
-            raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
-        return given.functions
+    def _needs(self, names: tuple[str, ...] | None) -> tuple[tuple[str, ...] | None, int]:
+        """Those that the equations give, and the order of derivatives that all of them need."""
+        if names is None:
+            return None, self.motion.level
+        return tuple(name for name in names if name not in COORDINATES), max(map(_level, names))
+
+
+class _Limits:
+    """How often a motion leaves some limits, and where first."""
+
+    def __init__(self, name: str, column: str, limits: tuple[float, float]) -> None:
+        self.name, self.column, (self.lower, self.upper) = name, column, limits
+        self.outside, self.first = 0, ""
+
+    def add(self, part: SceneResult) -> None:
+        """Look at one piece."""
+        values = part.known.coordinates(_level(self.column))[self.column]
+        outside = np.flatnonzero((values < self.lower) | (values > self.upper))
+        if outside.size and not self.outside:
+            self.first = f"first at t = {instant(part.t[outside[0]])} s ({values[outside[0]]:.6g})"
+        self.outside += outside.size
+
+    def sentence(self, samples: int) -> str:
+        """The note."""
+        left = f"{self.name} leaves its limits, {self.lower:g} to {self.upper:g} {unit_of(self.column)}"
+        return f"{left}, at {self.outside} of {samples} instants, {self.first}"
 
 
 class Notes:
@@ -398,52 +412,37 @@ class Notes:
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        pair = scene.space
-        rate = pair.rate_limit
-        self._limits = {
-            "psi": pair.limits,
-            "psi'": None if rate is None or not scene.motion.level else (-rate, rate),
-        }
-        self._outside = dict.fromkeys(self._limits, 0)
-        self._first = dict.fromkeys(self._limits, "")
-        self._range = (math.inf, -math.inf)  # of psi
+        pair, self._limits = scene.space, []
+        if pair.limits is not None:
+            self._limits.append(_Limits("psi", "psi", pair.limits))
+        if pair.rate_limit is not None and scene.motion.level:
+            self._limits.append(_Limits("psi'", "psid", (-pair.rate_limit, pair.rate_limit)))
+        self._least, self._most = math.inf, -math.inf  # of psi
         self._kinks = 0
 
     def add(self, part: SceneResult) -> None:
         """Look at one piece."""
         self._kinks += self._scene.motion.kinks(part.first, part.first + len(part.t))
-        psi = np.asarray(part.known.psi)
-        self._range = (min(self._range[0], float(psi.min())), max(self._range[1], float(psi.max())))
-        for name, limits in self._limits.items():
-            if limits is None:
-                continue
-            values = part.known.psi if name == "psi" else part.known.coordinates(VELOCITY)["psid"]
-            outside = np.flatnonzero((values < limits[0]) | (values > limits[1]))
-            if outside.size and not self._outside[name]:
-                self._first[name] = f"first at t = {instant(part.t[outside[0]])} s ({values[outside[0]]:.6g})"
-            self._outside[name] += outside.size
+        psi = part.known.psi
+        self._least, self._most = min(self._least, float(psi.min())), max(self._most, float(psi.max()))
+        for limits in self._limits:
+            limits.add(part)
 
     def sentences(self) -> tuple[str, ...]:
         """The notes."""
         motion = self._scene.motion
-        least, most = self._range
-        angles = {"limits of psi": self._limits["psi"], "psi": (most,) if least == most else None}
+        angles = {"limits of psi": self._scene.space.limits, "psi": (self._most,) * (self._least == self._most)}
         found = [
             f'{name}: {largest:g} is taken for radians, as all angles are; for degrees write "{largest:g}*pi/180"'
             for name, own in angles.items()
-            if own is not None
+            if own
             and all(angle % 1 == 0 for angle in own)  # whole ones of more than two turns are rare
             and abs(largest := max(own, key=abs)) > 4 * math.pi
         ]
-        for (name, limits), unit in zip(self._limits.items(), ("rad", "rad/s"), strict=True):
-            if limits is not None and self._outside[name]:
-                where = f"{self._outside[name]} of {self._scene.samples} instants, {self._first[name]}"
-                found.append(f"{name} leaves its limits, {limits[0]:g} to {limits[1]:g} {unit}, at {where}")
+        found += [limits.sentence(self._scene.samples) for limits in self._limits if limits.outside]
         if self._kinks:
-            plural = "s" * (self._kinks != 1)
-            found.append(
-                f"kinks or jumps in {self._kinks} interval{plural}; derivatives there are those from the right"
-            )
+            where = f"{self._kinks} interval{'s' * (self._kinks != 1)}"
+            found.append(f"kinks or jumps in {where}; derivatives there are those from the right")
         return (*found, motion.doubt) if math.isnan(motion.error_estimate) else tuple(found)
 
 
@@ -455,14 +454,18 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         MissingDependencyError: the pair is a robot's, and example-robot-data is not installed.
     """
     tables = _read(path)
-    planar, pair = tables.flag("planar"), _pair(tables)
+    pair, outputs = _pair(tables), tables.table("outputs", required=False)
     motion = _read_motion(tables, Path(path).parent, pair)
-    outputs = _read_outputs(tables.table("outputs", required=False), PLANAR if planar else SPATIAL)
     constants = {key: float(value) for key, value in tables.constants.items()}
-    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, outputs, constants)
-    with tables.table("outputs", required=False).naming("names"):
-        scene._wanted(None)
-    return scene
+    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, None, constants)
+    outputs.check_keys(("names",))
+    if "names" not in outputs.values:
+        return scene
+    names = outputs.values["names"]
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        outputs.fail("names", 'a list of names such as ["R2", "v2"]')
+    with outputs.naming("names"):
+        return replace(scene, outputs=scene._names(names))
 
 
 def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
@@ -518,18 +521,6 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> M
     if "time" in tables.values:
         tables.fail("time", "no such table beside motion.file, whose column t has the instants")
     return read_log(motion, folder)
-
-
-def _read_outputs(table: Table, kind: str) -> tuple[str, ...] | None:
-    """The names of the table [outputs]; None without."""
-    table.check_keys(("names",))
-    if "names" not in table.values:
-        return None
-    names = table.values["names"]
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
-        table.fail("names", 'a list of names such as ["R2", "v2"]')
-    with table.naming("names"):
-        return check_outputs(names, kind, COORDINATES)
 
 
 def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
