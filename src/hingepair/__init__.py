@@ -43,10 +43,9 @@ from hingepair.rotations.matrices import (
 if TYPE_CHECKING:
     from hingepair.dynamics.loads import HingeLoad
     from hingepair.dynamics.simulate import SimulationError, simulate
-    from hingepair.formats.mjcf_writer import to_mjcf
+    from hingepair.formats.model_writers import to_mjcf, to_urdf
     from hingepair.formats.robots import load_robot_hinge
     from hingepair.formats.urdf_reader import from_urdf
-    from hingepair.formats.urdf_writer import to_urdf
     from hingepair.integration.integrate import integrate
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
     from hingepair.measured.hinge_fit import HingeFit, fit
@@ -142,10 +141,9 @@ _LATER = {
     for module, names in {
         "dynamics.loads": "HingeLoad",
         "dynamics.simulate": "SimulationError simulate",
-        "formats.mjcf_writer": "to_mjcf",
+        "formats.model_writers": "to_mjcf to_urdf",
         "formats.robots": "load_robot_hinge",
         "formats.urdf_reader": "from_urdf",
-        "formats.urdf_writer": "to_urdf",
         "integration.integrate": "integrate",
         "integration.trajectory": "PlanarTrajectory Trajectory",
         "measured.hinge_fit": "HingeFit fit",

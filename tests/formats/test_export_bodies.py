@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.formats.model_parts import BODY1, BODY2, BODY2_AT_HINGE, HINGE
+from hingepair.formats.model_writers import BODY1, BODY2, BODY2_AT_HINGE, HINGE
 from hingepair.rotations.matrices import rotation_exp
 from support import states
 from support.exported import WRITERS, corner_pair

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.formats.model_parts import BODY1, BODY2, HINGE
+from hingepair.formats.model_writers import BODY1, BODY2, HINGE
 from hingepair.pair.accuracy import error_ratios, given_rate_sizes, output_scales
 from support import states
 from support.exported import WRITERS, corner_pair, pinocchio_of_urdf

@@ -10,8 +10,8 @@ import pinocchio as pin
 import pytest
 
 from hingepair.errors import ArgumentError, ShapeError
+from hingepair.formats.model_writers import to_urdf
 from hingepair.formats.urdf_reader import from_urdf, read_urdf
-from hingepair.formats.urdf_writer import to_urdf
 from hingepair.pair.accuracy import error_ratios, given_rate_sizes, output_scales
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair

@@ -493,19 +493,19 @@ FAULTS = {
     ),
     # files
     "roll, pitch and yaw of an intrinsic sequence": Fault(
-        "formats/urdf_writer.py",
+        "formats/model_writers.py",
         'matrix_to_euler(pair.home, "xyz")',
         'matrix_to_euler(pair.home, "XYZ")',
         "formats/test_urdf.py::test_pinocchio_reads_the_same_pair_from_urdf",
     ),
     "body 2 at u2 instead of -u2 in URDF": Fault(
-        "formats/urdf_writer.py",
+        "formats/model_writers.py",
         "xyz=-pair.u2",
         "xyz=pair.u2",
         "formats/test_urdf.py::test_pinocchio_reads_the_same_pair_from_urdf",
     ),
     "the axis of URDF in body 1's axes": Fault(
-        "formats/model_parts.py",
+        "formats/model_writers.py",
         "pair.home.T @ pair.n",
         "pair.home @ pair.n",
         "formats/test_urdf.py::test_pinocchio_reads_the_same_pair_from_urdf",
@@ -523,13 +523,13 @@ FAULTS = {
         "formats/test_urdf_masses.py::test_links_fixed_to_each_other_are_one_body[parent-child]",
     ),
     "MJCF's body 2 at u2": Fault(
-        "formats/mjcf_writer.py",
+        "formats/model_writers.py",
         "pos=-pair.u2",
         "pos=pair.u2",
         "formats/test_simulators.py::test_mujoco_moves_body2_as_the_pair_does[mjcf-20]",
     ),
     "MJCF's quaternion scalar last": Fault(
-        "formats/mjcf_writer.py",
+        "formats/model_writers.py",
         "= matrix_to_quaternion(pair.home)",
         "= np.roll(matrix_to_quaternion(pair.home), -1)",
         "formats/test_simulators.py::test_mujoco_moves_body2_as_the_pair_does[mjcf-20]",

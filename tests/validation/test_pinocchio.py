@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from hingepair.errors import ArgumentError, MissingDependencyError, ShapeError
-from hingepair.formats.urdf_writer import to_urdf
+from hingepair.formats.model_writers import to_urdf
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair

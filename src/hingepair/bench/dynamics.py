@@ -41,7 +41,7 @@ from hingepair.bench.measure import (
 )
 from hingepair.bench.peers import CONSTANTS, OURS, PREPARED
 from hingepair.dynamics.simulate import simulate
-from hingepair.formats.mjcf_writer import to_mjcf
+from hingepair.formats.model_writers import to_mjcf
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import GRAVITY, Forces

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hingepair.bench.engines import CPP, FEW, MUJOCO, PYTHON_LOOP, cpp_job, mujoco_rows, pinocchio_rows
 from hingepair.bench.measure import Job, Way
-from hingepair.formats.mjcf_writer import to_mjcf
+from hingepair.formats.model_writers import to_mjcf
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.validation.pinocchio_twin import to_pinocchio

@@ -11,10 +11,9 @@ import typer
 
 from hingepair.cli.output import file_option, give
 from hingepair.errors import ArgumentError, MissingDependencyError, choices
-from hingepair.formats.mjcf_writer import to_mjcf
+from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.robots import robot_names, robot_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair, read_urdf
-from hingepair.formats.urdf_writer import to_urdf
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.scene import Scene, load_pair, load_scene, scene_files

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.formats.model_parts import drawn_shapes
+from hingepair.formats.model_writers import drawn_shapes
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
 from hingepair.pair.hinge_pair import HingePair

@@ -1,0 +1,301 @@
+"""A hinge pair written as URDF or as MJCF (MuJoCo).
+
+Both formats hang body 2 up at the hinge point:
+
+    body1 --hinge--> body2_at_hinge --fixed--> body2
+
+`body2_at_hinge` has body 2's axes, mass and shapes and the hinge point as origin; `body2`, fixed to it at -u2, is the
+frame (R2, S2).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hingepair.errors import ArgumentError, quoted
+from hingepair.numeric.arrays import Float64Array, check_choice
+from hingepair.pair.body import Body, Box, Cylinder, Shape
+from hingepair.pair.constants import check_one, check_pair
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.rotations.euler import matrix_to_euler
+from hingepair.rotations.matrices import matrix_to_quaternion
+
+BODY1, BODY2, BODY2_AT_HINGE, HINGE, BASE, WORLD = "body1", "body2", "body2_at_hinge", "hinge", "base", "world"
+"""Names of the links and of the joints."""
+
+_BEYOND = {"effort": 1000.0, "velocity": 100.0}  # N m, rad/s: what should stop nobody
+_ASIDE = (2.0**-53, 2.0**-39)
+_STILL = (0.0, 0.0, 0.0)
+_NOT_XML = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"  # compiled when used: that takes milliseconds
+_DRAWABLE = (1e-9, 1e9)  # m: beyond, a viewer shows nothing, and what is drawn has the size of one metre
+_LIFT = 2.0**-46  # of the largest moment; 2^-50 was enough for MuJoCo in all of 1,000 flat bodies
+# Nothing of the model is left to the compiler's judgement: its masses are those written, and body2 stays a body.
+_COMPILER = {
+    "angle": "radian",
+    "autolimits": "true",
+    "inertiafromgeom": "false",
+    "balanceinertia": "false",
+    "boundmass": "0",
+    "boundinertia": "0",
+    "fusestatic": "false",
+}
+
+
+def to_urdf(pair: HingePair, *, base: str = "free") -> str:
+    """The pair as URDF text: the same text for the same pair.
+
+    The link `body1` has the frame (R1, S1). The joint `hinge`, revolute where the pair has limits, else continuous,
+    leads from it to the link `body2_at_hinge`, which has body 2's mass and shapes and its origin at the hinge point;
+    the link `body2`, fixed to that at -u2, has the frame (R2, S2). A joint of URDF that has
+    any limit must say how strong and how fast it is: where the pair has no torque_limit effort="1000.0" (N m) is
+    written, where it has no rate_limit velocity="100.0" (rad/s), which should stop nothing.
+
+    Args:
+        pair: the pair; its limits, torque_limit, rate_limit, body1 and body2 are written where given.
+        base: "free": body1 is the root, to be set free by the loader (Pinocchio: a free-flyer root joint);
+            "floating": a floating joint from a link `world`; "fixed": body1 is fixed to `world`.
+
+    Raises:
+        ArgumentError: an unknown base; the pair's name holds a character that XML cannot.
+        ShapeError: u1, u2, n or home differ from sample to sample.
+
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0), limits=(-1, 1))
+    >>> [line.strip() for line in hp.to_urdf(pair).splitlines() if "<limit" in line]
+    ['<limit lower="-1.0" upper="1.0" effort="1000.0" velocity="100.0" />']
+    """
+    check_choice("base", base, ("free", "floating", "fixed"))
+    parts = _parts(pair)
+    robot = ET.Element("robot", {"name": pair.name})
+    # MuJoCo reads URDF too, and this element of it: body2 stays a body of its own, and the shapes are kept.
+    _add(_add(robot, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
+    for part in parts:
+        _add(_add(robot, "material", name=f"{part.link}_paint"), "color", rgba=part.colour)
+    if base != "free":
+        _add(robot, "link", name=WORLD)
+    for part in parts:
+        _add_urdf_link(robot, part)
+    _add(robot, "link", name=BODY2)
+    if base != "free":
+        _add_joint(robot, BASE, base, WORLD, BODY1)
+    kind = "continuous" if pair.limits is None else "revolute"
+    hinge = _add_joint(robot, HINGE, kind, BODY1, BODY2_AT_HINGE)
+    _add(hinge, "origin", xyz=pair.u1, rpy=matrix_to_euler(pair.home, "xyz"))
+    _add(hinge, "axis", xyz=_long_axis(pair))
+    if limit := _limit(pair):
+        _add(hinge, "limit", **limit)
+    _add(_add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), "origin", xyz=-pair.u2, rpy=_STILL)
+    return _document(robot)
+
+
+def to_mjcf(pair: HingePair, *, base: str = "free") -> str:
+    """The pair as MJCF text, MuJoCo's format: the same text for the same pair.
+
+    The body `body1` has the frame (R1, S1); it carries `body2_at_hinge`, turned by the joint `hinge` at the hinge
+    point; in this, `body2` has the frame (R2, S2). qpos is (R1, quat_wxyz of S1, psi), qvel (v1, S1^T omega1, psi').
+    There is no gravity, and nothing collides.
+
+    Args:
+        pair: the pair; its limits, torque_limit, body1 and body2 are written where given; MuJoCo knows no limit of
+            the rate.
+        base: "free": body 1 has a free joint; "fixed": it stands still, R1 = 0, S1 = identity, and qpos is (psi).
+
+    Raises:
+        ArgumentError: an unknown base; the pair's name holds a character that XML cannot.
+        ShapeError: u1, u2, n or home differ from sample to sample.
+
+    >>> import xml.etree.ElementTree as ET
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
+    >>> root = ET.fromstring(hp.to_mjcf(pair))
+    >>> root.find("worldbody/body/body").get("pos")
+    '0.5 0.0 0.1'
+    """
+    check_choice("base", base, ("free", "fixed"))
+    one, two = _parts(pair)
+    root = ET.Element("mujoco", {"model": pair.name})
+    _add(root, "compiler", **_COMPILER)
+    _add(root, "option", gravity=(0, 0, 0))
+    body1 = _add(_add(root, "worldbody"), "body", name=BODY1)
+    if base == "free":
+        _add(body1, "freejoint", name=BASE)
+    _add_mjcf_body(body1, one)
+    quat_wxyz = matrix_to_quaternion(pair.home)
+    at_hinge = _add(body1, "body", name=BODY2_AT_HINGE, pos=pair.u1, quat=quat_wxyz)
+    limits: dict[str, Any] = {} if pair.limits is None else {"range": pair.limits}
+    if pair.torque_limit:  # MuJoCo refuses a range of 0
+        limits["actuatorfrcrange"] = -pair.torque_limit, pair.torque_limit
+    _add(at_hinge, "joint", name=HINGE, type="hinge", axis=_axis2(pair), **limits)
+    _add_mjcf_body(at_hinge, two)
+    _add(at_hinge, "body", name=BODY2, pos=-pair.u2)
+    return _document(root)
+
+
+def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
+    """The shapes of body 1 and body 2, each in its own axes from its reference point: those given, else drawn ones.
+
+    A body without shapes is a box at the reference point and a rod from there to the hinge, with a pin (body 1) or a
+    sleeve (body 2) along the hinge axis.
+
+    Raises:
+        ArgumentError: no pair.
+        ShapeError: u1, u2, n or home differ from sample to sample.
+    """
+    check_pair(pair)
+    check_one(pair)
+    reach = math.hypot(*pair.u1) + math.hypot(*pair.u2)
+    size = reach if _DRAWABLE[0] <= reach <= _DRAWABLE[1] else 1.0
+    pin = Cylinder(_short(0.04 * size), _short(0.3 * size), pair.u1, pair.n)
+    sleeve = Cylinder(_short(0.06 * size), _short(0.15 * size), pair.u2, _axis2(pair))
+    one = pair.body1.shapes if pair.body1 else ()
+    two = pair.body2.shapes if pair.body2 else ()
+    return one or (*_arm(pair.u1, size), pin), two or (*_arm(pair.u2, size), sleeve)
+
+
+class _Part(NamedTuple):
+    """A body in the frame of its link: mass [kg], centre of mass [m], what is drawn, and its colour.
+
+    `moments` are Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2].
+    """
+
+    link: str
+    colour: str
+    mass: float
+    center: Float64Array
+    moments: tuple[float, ...]
+    shapes: tuple[Shape, ...]
+
+
+def _parts(pair: HingePair) -> tuple[_Part, _Part]:
+    """Body 1 in the frame (R1, S1), and body 2 at the hinge point, in its own axes."""
+    one, two = drawn_shapes(pair)
+    if re.search(_NOT_XML, pair.name):
+        raise ArgumentError("name", "characters that XML can hold", quoted(pair.name))
+    blue, orange = "0.30 0.50 0.75 1", "0.85 0.60 0.30 1"  # of the README's figure
+    return _part(BODY1, blue, pair.body1, one, np.zeros(3)), _part(BODY2_AT_HINGE, orange, pair.body2, two, pair.u2)
+
+
+def _part(link: str, colour: str, given: Body | None, drawn: tuple[Shape, ...], origin: Float64Array) -> _Part:
+    body = given or Body()
+    shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn)
+    (xx, xy, xz), (_, yy, yz), (*_, zz) = _readable(body.inertia).tolist()
+    return _Part(link, colour, body.mass, body.center_of_mass - origin, (xx, yy, zz, xy, xz, yz), shapes)
+
+
+def _axis2(pair: HingePair) -> Float64Array:
+    """The hinge axis in body 2's axes, C^T n."""
+    axis: Float64Array = pair.home.T @ pair.n
+    return axis
+
+
+def _add(parent: ET.Element, tag: str, /, **said: Any) -> ET.Element:
+    """A new child of an element, with attributes: texts, numbers and arrays of numbers.
+
+    Numbers have all their digits (repr knows no locale), and no -0 a sign.
+    """
+    texts = {
+        key: " ".join(repr(number + 0.0) for number in np.ravel(value).tolist())
+        for key, value in said.items()
+        if not isinstance(value, str)
+    }
+    return ET.SubElement(parent, tag, said | texts)
+
+
+def _document(root: ET.Element) -> str:
+    """The XML text of an element."""
+    ET.indent(root)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _readable(inertia: Float64Array) -> Float64Array:
+    """The inertia, of a flat body lifted by some round-off: loaders compute its principal moments A + B = C anew."""
+    *smaller, largest = map(float, np.linalg.eigvalsh(inertia))
+    lift = _LIFT * largest
+    return inertia + lift * np.eye(3) if sum(smaller) - largest < lift else inertia
+
+
+def _arm(u: Float64Array, size: float) -> tuple[Shape, ...]:
+    """A box at the reference point, and a rod from there to the hinge unless that is too short to be seen."""
+    box = Box(np.full(3, _short(0.12 * size)))
+    length = math.hypot(*u)
+    if not 0.01 * size < length < _DRAWABLE[1]:
+        return (box,)
+    return box, Cylinder(_short(0.025 * size), length, u / 2, u)
+
+
+def _short(length: float) -> float:
+    """Two digits are enough for a drawing."""
+    return float(f"{length:.2g}")
+
+
+def _limit(pair: HingePair) -> dict[str, float]:
+    """What URDF says of a joint's limits: effort and velocity, both, where it says anything."""
+    given = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
+    if pair.limits is None and set(given.values()) == {None}:
+        return {}
+    range_ = dict(zip(("lower", "upper"), pair.limits or (), strict=False))
+    return range_ | {key: _BEYOND[key] if value is None else value for key, value in given.items()}
+
+
+def _long_axis(pair: HingePair) -> Float64Array:
+    """The hinge axis in the child's axes, a hair too long where it is a hair off x, y or z.
+
+    Pinocchio takes what is within 1e-12 of x for x; an axis that is longer by more than that it normalises.
+    """
+    axis = _axis2(pair)
+    return axis * (1 + 2 * _ASIDE[1]) if _ASIDE[0] < np.sort(np.abs(axis))[1] < _ASIDE[1] else axis
+
+
+def _add_urdf_link(robot: ET.Element, part: _Part) -> None:
+    link = _add(robot, "link", name=part.link)
+    inertial = _add(link, "inertial")
+    _add(inertial, "origin", xyz=part.center, rpy=_STILL)
+    _add(inertial, "mass", value=part.mass)
+    _add(inertial, "inertia", **dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), part.moments, strict=True)))
+    for shape in part.shapes:
+        kind, sizes, rpy = _geometry(shape)
+        visual = _add(link, "visual")
+        _add(visual, "origin", xyz=shape.center, rpy=rpy)
+        _add(_add(visual, "geometry"), kind, **sizes)
+        _add(visual, "material", name=f"{part.link}_paint")
+
+
+def _geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
+    """Kind, sizes, and roll, pitch and yaw: of a cylinder those that take z, the axis of URDF's, to its own."""
+    if isinstance(shape, Box):
+        return "box", {"size": shape.size}, matrix_to_euler(shape.axes, "xyz")
+    if isinstance(shape, Cylinder):
+        x, y, z = map(float, shape.axis)
+        rpy = math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0
+        return "cylinder", {"radius": shape.radius, "length": shape.length}, rpy
+    return "sphere", {"radius": shape.radius}, _STILL
+
+
+def _add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
+    joint = _add(robot, "joint", name=name, type=kind)
+    _add(joint, "parent", link=parent)
+    _add(joint, "child", link=child)
+    return joint
+
+
+def _add_mjcf_body(body: ET.Element, part: _Part) -> None:
+    _add(body, "inertial", pos=part.center, mass=part.mass, fullinertia=part.moments)
+    for shape in part.shapes:
+        drawn = {"contype": "0", "conaffinity": "0", "group": "1", "rgba": part.colour}
+        _add(body, "geom", **_geom(shape), pos=shape.center, **drawn)
+
+
+def _geom(shape: Shape) -> dict[str, Any]:
+    """Type and size; MuJoCo counts from the centre, in half lengths."""
+    if isinstance(shape, Box):
+        turn = {"quat": matrix_to_quaternion(shape.axes)} if (shape.axes != np.eye(3)).any() else {}
+        return {"type": "box", "size": shape.size / 2, **turn}
+    if isinstance(shape, Cylinder):
+        return {"type": "cylinder", "size": (shape.radius, shape.length / 2), "zaxis": shape.axis}
+    return {"type": "sphere", "size": shape.radius}
