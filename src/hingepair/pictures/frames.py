@@ -30,20 +30,30 @@ class Frames(NamedTuple):
     """A motion as a page shows it.
 
     Attributes:
+        pair: what moves.
+        title: of the picture.
         t: instants [s]; shape (N,).
-        placements: of body 1 and of body 2, (R, S) each; shapes (N, 3), (N, 3, 3).
+        bodies: R1, S1, R2 and S2 by name; shapes (N, 3), (N, 3, 3).
         psi: hinge angle [rad]; shape (N,).
         readings: what else is shown, by name, such as v2; shape (N, 3), or as it is where outputs were named.
     """
 
+    pair: HingePair
+    title: str
     t: Array
-    placements: tuple[tuple[Array, Array], tuple[Array, Array]]
+    bodies: dict[str, Array]
     psi: Array
     readings: dict[str, Array]
 
+    @property
+    def hinge(self) -> Array:
+        """The hinge point as body 1 has it; shape (N, 3)."""
+        point: Array = self.bodies["R1"] + self.bodies["S1"] @ self.pair.u1
+        return point
 
-def frames_of(source: object, outputs: Iterable[str] | None = None) -> tuple[HingePair, str, Frames]:
-    """The pair, a title and the frames of a source.
+
+def frames_of(source: object, outputs: Iterable[str] | None = None) -> Frames:
+    """The frames of a source.
 
     Args:
         source: what holds a motion.
@@ -56,58 +66,46 @@ def frames_of(source: object, outputs: Iterable[str] | None = None) -> tuple[Hin
         outputs = () if isinstance(outputs, str) else tuple(outputs)
         if not outputs:
             raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", "none, or a text")
-    if isinstance(source, HingePair):
-        return source, source.name, _turning(source, outputs)
     if isinstance(source, SceneResult):
         source = source.scene
     if isinstance(source, Scene):
-        return source.space, source.title, _of_scene(source, outputs)
+        names = (*RATES[: 2 * source.motion.level], "psi") if outputs is None else outputs
+        part = source.sampled(MOST_FRAMES, names)
+        found, bodies = part.chosen(), part.known.bodies(source.pair)
+        readings = found if outputs is not None else _rates(found)
+        return Frames(source.space, source.title, part.t, bodies, part.known.psi, readings)
+    t, pair, body1, psi, recorded = _motion(source)
+    rows = np.unique(np.linspace(0, len(t) - 1, min(len(t), MOST_FRAMES)).astype(np.intp))
+    body1, psi = BodyMotion(R=body1.R[rows], S=body1.S[rows]), psi[rows]
+    bodies = pair.forward_kinematics_from_body1(body1, psi, outputs=("R1", "S1", "R2", "S2")).arrays()
+    found = {name: array[rows] for name, array in recorded.items()} if recorded else {**bodies, "psi": psi}
+    for name in outputs or ():
+        if name not in found:
+            raise ArgumentError("outputs", choices(tuple(found)), quoted(name))
+    readings = _rates(found) if outputs is None else {name: found[name] for name in outputs}
+    return Frames(pair, pair.name, t[rows], bodies, psi, readings)
+
+
+def _motion(source: object) -> tuple[Array, HingePair, BodyMotion, Array, dict[str, Array]]:
+    """Instants, pair, body 1, psi and what was recorded; a bare pair turns its hinge to the limits and back."""
     if isinstance(source, Trajectory):
-        return source.pair, source.pair.name, _of_trajectory(source, source.pair, source.R1, source.S1, outputs)
+        return source.t, source.pair, BodyMotion(R=source.R1, S=source.S1), source.psi, source.recorded()
     if isinstance(source, SimulatedPlanarMotion):
-        pair, body1 = source.space, source.body1
-        return pair, pair.name, _of_trajectory(source, pair, body1.R, body1.S, outputs)
-    expected = "a pair in space, a scene, its result, or a trajectory in space or by `simulate`"
-    raise ArgumentError("source", expected, type(source).__name__)
-
-
-def _turning(pair: HingePair, outputs: Iterable[str] | None) -> Frames:
-    """A pair whose hinge turns through its limits and back, body 1 at rest."""
-    check_one(pair)
-    lower, upper = pair.limits or (-np.pi, np.pi)
+        return source.t, source.space, source.body1, source.psi, source.recorded()
+    if not isinstance(source, HingePair):
+        expected = "a pair in space, a scene, its result, or a trajectory in space or by `simulate`"
+        raise ArgumentError("source", expected, type(source).__name__)
+    check_one(source)
+    lower, upper = source.limits or (-np.pi, np.pi)
     share = np.linspace(0, 1, 181)
-    psi = lower + (upper - lower) * (share if pair.limits is None else (1 - np.cos(2 * np.pi * share)) / 2)
-    q = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, psi)
-    a = pair.forward_kinematics(q, outputs=("R1", "S1", "R2", "S2")).arrays()
-    readings = {name: _chosen({**a, "psi": psi}, name) for name in outputs or ()}
-    return Frames(6 * share, ((a["R1"], a["S1"]), (a["R2"], a["S2"])), psi, readings)
+    psi = lower + (upper - lower) * (share if source.limits is None else (1 - np.cos(2 * np.pi * share)) / 2)
+    still = BodyMotion(R=np.zeros((181, 3)), S=np.broadcast_to(np.eye(3), (181, 3, 3)))
+    return 6 * share, source, still, psi, {}
 
 
-def _of_scene(scene: Scene, outputs: Iterable[str] | None) -> Frames:
-    part = scene.sampled(MOST_FRAMES, (*RATES[: 2 * scene.motion.level], "psi") if outputs is None else outputs)
-    bodies, found = part.known.bodies(scene.pair), part.chosen()
-    readings = found if outputs is not None else {name: _in_space(a) for name, a in part.state.arrays().items()}
-    return Frames(part.t, ((bodies["R1"], bodies["S1"]), (bodies["R2"], bodies["S2"])), part.known.psi, readings)
-
-
-def _of_trajectory(
-    motion: Trajectory | SimulatedPlanarMotion, pair: HingePair, R1: Array, S1: Array, outputs: Iterable[str] | None
-) -> Frames:
-    rows = np.unique(np.linspace(0, len(motion.t) - 1, min(len(motion.t), MOST_FRAMES)).astype(np.intp))
-    body1 = BodyMotion(R=R1[rows], S=S1[rows])
-    a = pair.forward_kinematics_from_body1(body1, motion.psi[rows]).arrays()
-    found = motion.recorded()
-    names = [name for name in RATES if name in found] if outputs is None else outputs
-    readings = {name: _chosen(found, name)[rows] for name in names}
-    if outputs is None:
-        readings = {name: _in_space(array) for name, array in readings.items()}
-    return Frames(motion.t[rows], ((body1.R, body1.S), (a["R2"], a["S2"])), motion.psi[rows], readings)
-
-
-def _chosen(found: dict[str, Array], name: str) -> Array:
-    if name not in found:
-        raise ArgumentError("outputs", choices(tuple(found)), quoted(name))
-    return found[name]
+def _rates(found: dict[str, Array]) -> dict[str, Array]:
+    """The rates among them, in space."""
+    return {name: _in_space(found[name]) for name in RATES if name in found}
 
 
 def _in_space(vectors: Array) -> Array:

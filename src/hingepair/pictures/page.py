@@ -11,6 +11,7 @@ import json
 import os
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -22,7 +23,6 @@ from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.formats.model_writers import drawn_shapes
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
-from hingepair.pair.hinge_pair import HingePair
 from hingepair.pictures.frames import Array, Frames, Source, frames_of
 from hingepair.scenes.scene import Scene
 
@@ -47,13 +47,14 @@ def view(source: Source, path: str | os.PathLike[str] | None = None) -> Page:
     >>> page
     Page(hinge_pair, frames=181)
     """
-    pair, title, frames = frames_of(source)
-    page = Page(title, len(frames.t), _html(pair, title, frames))
+    frames = frames_of(source)
+    page = Page(frames.title, len(frames.t), _html(frames))
     if path is not None:
         page.save(path, [source.path] if isinstance(source, Scene) else ())
     return page
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Page:
     """One HTML file, and everything that it needs in it.
 
@@ -63,10 +64,9 @@ class Page:
         html: its text.
     """
 
-    def __init__(self, title: str, frames: int, html: str) -> None:
-        self.title = title
-        self.frames = frames
-        self.html = html
+    title: str
+    frames: int
+    html: str
 
     def __repr__(self) -> str:
         return f"Page({self.title}, frames={self.frames})"
@@ -92,19 +92,19 @@ class Page:
         return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: 480px; border: 0"></iframe>'
 
 
-def _html(pair: HingePair, title: str, frames: Frames) -> str:
+def _html(frames: Frames) -> str:
     """The page: the viewer's code, the motion as JSON, and what brings the two together."""
-    (R1, S1), (R2, S2) = frames.placements
-    hinge = R1 + S1 @ pair.u1
+    pair, (R1, S1, R2, S2) = frames.pair, (frames.bodies[name] for name in ("R1", "S1", "R2", "S2"))
     seen: Array = np.isfinite(np.concatenate([R1, R2], axis=1)).all(axis=1)
     origin = R1[seen][0] if seen.any() else np.zeros(3)  # drawn from here: a browser's numbers have seven digits
-    places = np.concatenate([R1[seen], R2[seen], hinge[seen]]) - origin if seen.any() else np.zeros((1, 3))
+    trails = {"body1": R1 - origin, "body2": R2 - origin, "hinge": frames.hinge - origin}
+    places = np.concatenate([path[seen] for path in trails.values()]) if seen.any() else np.zeros((1, 3))
     low, high = places.min(axis=0), places.max(axis=0)
     size = float(np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)) or 1.0
     one, two = drawn_shapes(pair)
     reach = max(size, *map(_reach, (*one, *two)))
     motion: dict[str, Any] = {
-        "title": title,
+        "title": frames.title,
         "t": frames.t.tolist(),
         "psi": _plain(frames.psi),
         "axis": pair.n.tolist(),
@@ -114,17 +114,14 @@ def _html(pair: HingePair, title: str, frames: Frames) -> str:
         "extent": max(float(np.linalg.norm(high - low)), reach),
         "centre": ((low + high) / 2).tolist(),
         "origin": origin.tolist(),
-        "body1": {"shapes": [_drawn(shape) for shape in one], "placements": _placements(R1 - origin, S1)},
-        "body2": {"shapes": [_drawn(shape) for shape in two], "placements": _placements(R2 - origin, S2)},
-        "trails": {
-            name: _plain(np.where(seen[:, None], R - origin, 0.0))
-            for name, R in (("body1", R1), ("body2", R2), ("hinge", hinge))
-        },
+        "body1": {"shapes": [_drawn(shape) for shape in one], "placements": _placements(trails["body1"], S1)},
+        "body2": {"shapes": [_drawn(shape) for shape in two], "placements": _placements(trails["body2"], S2)},
+        "trails": {name: _plain(np.where(seen[:, None], path, 0.0)) for name, path in trails.items()},
         **{name: _plain(frames.readings[name]) for name in ("v2", "omega2") if name in frames.readings},
     }
     text = json.dumps(motion, allow_nan=False).replace("<", "\\u003c")
     page = files("hingepair.pictures").joinpath("page.html").read_text(encoding="utf-8")
-    parts = {"@TITLE@": escape(title), "@VIEWER@": _viewer(), "@MOTION@": text}
+    parts = {"@TITLE@": escape(frames.title), "@VIEWER@": _viewer(), "@MOTION@": text}
     return re.sub("@[A-Z]+@", lambda found: parts[found[0]], page)
 
 

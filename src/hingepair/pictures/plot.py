@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from hingepair.pair.hinge_pair import HingePair
-
 _COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")  # Okabe and Ito's blue, vermilion and green
 _BODIES: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
 _ROWS: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"))
@@ -64,9 +62,9 @@ def plot(source: Source, outputs: Iterable[str] | None = None) -> Figure:
         raise MissingDependencyError(
             "plot", "the package matplotlib: pip install 'hingepair[plot]'", "none"
         ) from None
-    pair, title, frames = frames_of(source, outputs)
-    figure = _several(Figure, frames) if outputs is not None else _whole(Figure, pair, frames)
-    figure.suptitle(title)
+    frames = frames_of(source, outputs)
+    figure = _several(Figure, frames) if outputs is not None else _whole(Figure, frames)
+    figure.suptitle(frames.title)
     for axes in figure.axes:
         axes.tick_params(labelsize=8)
         axes.title.set_fontsize(9)
@@ -88,9 +86,8 @@ def _several(make: type[Figure], frames: Frames) -> Figure:
     return figure
 
 
-def _whole(make: type[Figure], pair: HingePair, frames: Frames) -> Figure:
-    (_, _), (R2, S2) = frames.placements
-    shown = {"R2": R2, "S2": S2, **frames.readings}
+def _whole(make: type[Figure], frames: Frames) -> Figure:
+    shown = {**frames.bodies, **frames.readings}
     columns = max(sum(name in shown for name in row) for row in _ROWS)
     figure = make(figsize=(4.2 * max(columns, 2), 8.4), layout="constrained")
     grid = figure.add_gridspec(3, 2 * max(columns, 2), height_ratios=(1, 1, 1.25))
@@ -101,11 +98,11 @@ def _whole(make: type[Figure], pair: HingePair, frames: Frames) -> Figure:
             first = first or axes
             _over_time(axes, name, frames.t, shown[name])
     half = max(columns, 2)
-    _paths(figure, grid[2, :half], pair, frames)
+    _paths(figure, grid[2, :half], frames)
     lower = grid[2, half:].subgridspec(2, 1)
     psi = figure.add_subplot(lower[0], sharex=first)
     _over_time(psi, "psi", frames.t, frames.psi)
-    _gap(figure.add_subplot(lower[1], sharex=first), pair, frames)
+    _gap(figure.add_subplot(lower[1], sharex=first), frames)
     return figure
 
 
@@ -134,11 +131,11 @@ def _shade(axes: Axes, t: Array, values: Array) -> None:
         axes.axvspan(t[max(start - 1, 0)], t[min(stop, len(t) - 1)], color="0.85", lw=0)
 
 
-def _paths(figure: Figure, place: Any, pair: HingePair, frames: Frames) -> None:
+def _paths(figure: Figure, place: Any, frames: Frames) -> None:
     """The paths of both reference points and of the hinge point, at one scale; from above where z stays."""
-    (R1, S1), (R2, _) = frames.placements
     with np.errstate(invalid="ignore"):
-        paths = [np.where(np.isfinite(path), path, np.nan) for path in (R1, R2, R1 + S1 @ pair.u1)]
+        paths = [frames.bodies["R1"], frames.bodies["R2"], frames.hinge]
+    paths = [np.where(np.isfinite(path), path, np.nan) for path in paths]
     far = np.nanmax(np.abs(paths[0]), initial=0.0) >= 1e4
     paths = [path * (1e-3 if far else 1.0) for path in paths]
     ends = np.array([(np.nanmin(path, 0), np.nanmax(path, 0)) for path in paths if not np.isnan(path).all(0).any()])
@@ -165,12 +162,12 @@ def _paths(figure: Figure, place: Any, pair: HingePair, frames: Frames) -> None:
     axes.set_box_aspect(size, zoom=0.65)  # leaves room for the labels
 
 
-def _gap(axes: Axes, pair: HingePair, frames: Frames) -> None:
+def _gap(axes: Axes, frames: Frames) -> None:
     """The residual of E1 beside the rounding of the numbers that it is made of."""
-    (R1, S1), (R2, S2) = frames.placements
+    pair, (R1, R2, S2) = frames.pair, (frames.bodies[name] for name in ("R1", "R2", "S2"))
     size = np.abs(R1).max(axis=1) + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
     with np.errstate(invalid="ignore"):
-        gap = np.abs(R1 + S1 @ pair.u1 - R2 - S2 @ pair.u2).max(axis=1)
+        gap = np.abs(frames.hinge - R2 - S2 @ pair.u2).max(axis=1)
     least = np.finfo(float).eps / 2 * size
     axes.semilogy(frames.t, np.maximum(gap, least / 8), ".", color="#222222", ms=2, label="residual")
     axes.semilogy(frames.t, 16 * least, color=_COLOURS[1], lw=1, label="16 u scale")
