@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from inspect import Signature
 from typing import Any
 
@@ -53,12 +53,16 @@ class Later:
         return Later, (None, self())
 
 
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class _OfState(Frozen, Result):
     """The fields of the state as attributes."""
 
-    __slots__ = ()
     __signature__ = Signature()  # `integrate` makes it, of more than its readers need to know
 
+    t: NDArray[np.float64]
+    psi: NDArray[np.float64]
+    method: str
+    steps: int
     _error: Later
     _psi_error: Later
 
@@ -69,8 +73,8 @@ class _OfState(Frozen, Result):
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """The outputs of the state, the motion of body 1 and the hinge angle, by name; shape (N, ...)."""
-        own = {name: getattr(self, name) for name in ("R1", "S1", "phi", "psi") if hasattr(type(self), name)}
-        return {**self.state.arrays(), **own}
+        own = ("R1", "S1", "psi") if isinstance(self, Trajectory) else ("phi", "psi")
+        return {**self.state.arrays(), **{name: getattr(self, name) for name in own}}
 
     @property
     def error_estimate(self) -> float:
@@ -109,7 +113,7 @@ class _OfState(Frozen, Result):
         return dir(object.__getattribute__(self, "state"))
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Trajectory(_OfState):
     """The motion of a pair that `integrate` found (E12); also has every attribute of its state (R2, S2, v2, ...).
 
@@ -124,16 +128,10 @@ class Trajectory(_OfState):
         steps: how many steps were made; 0 where SciPy chose them.
     """
 
-    t: NDArray[np.float64]
     quat_wxyz: NDArray[np.float64]
-    psi: NDArray[np.float64]
     R1: NDArray[Any]
     state: PairState
     pair: HingePair
-    method: str
-    steps: int
-    _error: Later = field(repr=False)
-    _psi_error: Later = field(repr=False)
 
     @property
     def quat_xyzw(self) -> NDArray[np.float64]:
@@ -171,7 +169,7 @@ class Trajectory(_OfState):
         return continuous(matrix_to_euler(S, sequence), proper=sequence[0] == sequence[2])
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class PlanarTrajectory(_OfState):
     """The motion of a planar pair that `integrate` found (E11, E12); also has every attribute of its state.
 
@@ -184,14 +182,8 @@ class PlanarTrajectory(_OfState):
         steps: how many steps were made.
     """
 
-    t: NDArray[np.float64]
     phi: NDArray[np.float64]
-    psi: NDArray[np.float64]
     state: PlanarState
-    method: str
-    steps: int
-    _error: Later = field(repr=False)
-    _psi_error: Later = field(repr=False)
 
 
 def span(t: NDArray[np.float64]) -> str:
