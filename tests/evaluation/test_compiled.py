@@ -16,14 +16,13 @@ from hingepair.evaluation import binding
 from hingepair.evaluation.backend import How
 from hingepair.evaluation.llvm_ir import LANES
 from hingepair.evaluation.loops import Loop
-from hingepair.evaluation.plan import OUTPUTS, default_outputs, make_plan
-from hingepair.pair.evaluate import loop_of
+from hingepair.evaluation.plan import SPATIAL, default_outputs, loop_of, make_plan
 from hingepair.rotations.sequences import SEQUENCES
 from support.sparse import sparse
 from support.states import coordinates, generator, pair, rotations
 
 U = 2.0**-53
-NAMES = tuple(OUTPUTS)
+NAMES = tuple(SPATIAL.levels)
 
 
 def pair_of(rng, home=True):
@@ -331,7 +330,7 @@ def test_a_kernel_serves_all_pairs_of_the_same_build():
     rng = generator(72)
     motion = coordinates(rng, 30)
     one, other = pair_of(rng), pair_of(rng)
-    loop = loop_of(make_plan(default_outputs(2), "XYZ", True), True)
+    loop = loop_of(make_plan(default_outputs(2), "XYZ", True, given=("q", "qd", "qdd")))
     loop.program.cache_clear()
     both(one, *motion)
     programs = loop.program.cache_info().currsize

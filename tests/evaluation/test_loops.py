@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from hingepair.equations import spatial as eq
-from hingepair.errors import ArgumentError
 from hingepair.evaluation import array_heads, binding, native
 from hingepair.evaluation.backend import Account, How
 from hingepair.evaluation.llvm_ir import LANES
 from hingepair.evaluation.loops import Loop
-from hingepair.evaluation.one_state import OneState
 from hingepair.evaluation.plan import SPATIAL, make_plan
 from hingepair.evaluation.trace import arc_tangent, hypotenuse, square_root, where_less
 from support.sparse import sparse
@@ -265,12 +263,3 @@ def test_an_account_pays_when_the_rent_has_come_to_the_price():
     assert 100 < calls < 3000
     assert Account(200).pays(10**7)
     assert not Account(200).pays(100_000)
-
-
-def test_one_state_takes_what_does_not_lie_side_by_side():
-    loop = Loop("trace", lambda v: {"r": v["S"][1] + 10 * v["S"][3] + v["x"]}, {"S": (3, 3), "x": ()}, {"r": ()})
-    one, S = OneState(loop, {}, "compiled"), np.arange(9.0).reshape(3, 3)
-    for kind, x in ((float, 0.5), (int, 1), (">f8", np.float32(1))):
-        assert one({"S": S.T.astype(kind), "x": x})[0] == 3 + 10 + x
-    with pytest.raises(ArgumentError, match="values"):
-        one({"S": np.eye(2), "x": 0.5})

@@ -13,7 +13,7 @@ import sympy
 from sympy.physics.vector import Point, ReferenceFrame
 
 import hingepair as hp
-from hingepair.evaluation.plan import LEVER_STEPS, OUTPUTS, make_plan
+from hingepair.evaluation.plan import LEVER_STEPS, SPATIAL, make_plan
 from hingepair.symbolic import closed_forms
 from hingepair.symbolic.closed_forms import exact_axis
 from hingepair.symbolic.time_functions import exact
@@ -196,7 +196,7 @@ def test_omega_is_that_of_the_attitude(reference, body):
 
 def test_forms_run_the_same_equations_as_numbers():
     """No step but the sines and cosines is another function."""
-    for name in OUTPUTS:
+    for name in SPATIAL.levels:
         numeric = {step.result: step for step in (*LEVER_STEPS, *make_plan((name,)).steps)}
         steps = make_plan((name,), "XYZ", True, closed_forms._TERMS).steps
         own = {step.result for step in steps if step != numeric[step.result]}

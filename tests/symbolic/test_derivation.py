@@ -14,7 +14,6 @@ import sympy
 
 import hingepair as hp
 from hingepair.cli.main import main
-from hingepair.evaluation.plan import outputs_of
 from hingepair.symbolic.kinks import Side, Smaller, Where
 from hingepair.symbolic.printers import LATEX, PYTHON, TEXT
 
@@ -33,7 +32,7 @@ EXACT_ENOUGH = 128
 @pytest.mark.parametrize("name", ["reference_3d", *SLOW])
 def test_forms_evaluate_to_the_numeric_results(name):
     found = hp.load_scene(MODELS / f"{name}.toml")
-    outputs = tuple(outputs_of(found.kind))
+    outputs = tuple(found.kind.levels)
     numbers = found.evaluate(outputs)
     functions = run(hp.derive(found).to_python(outputs, found.title))
     for output in outputs:

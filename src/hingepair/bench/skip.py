@@ -8,8 +8,9 @@ import numpy as np
 
 from hingepair.bench.measure import Job, Report, interleaved, rows_of, tell
 from hingepair.bench.peers import CONSTANTS, LEVELS
+from hingepair.evaluation.plan import PLANAR, SPATIAL
 from hingepair.pair.evaluate import count_operations
-from hingepair.pair.forward_kinematics import plan_from_coordinates, plan_planar
+from hingepair.pair.forward_kinematics import plan_from_coordinates
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 
@@ -28,9 +29,9 @@ class Case(NamedTuple):
         """How many a sample are left, those taken once for all samples not counted."""
         q, qd = (*self.motion, None)[:2]
         if isinstance(self.pair, PlanarPair):
-            plan, given = plan_planar(self.pair.constants, q, qd, None, self.outputs, None)
+            plan, given = plan_from_coordinates(PLANAR, self.pair.constants, q, qd, None, self.outputs, None, None)
         else:
-            plan, given = plan_from_coordinates(self.pair.constants, q, qd, None, self.outputs, None, "XYZ")
+            plan, given = plan_from_coordinates(SPATIAL, self.pair.constants, q, qd, None, self.outputs, None, "XYZ")
         return count_operations(plan, self.pair.constants, given.parts).each
 
     def job(self, backend: str) -> Job:

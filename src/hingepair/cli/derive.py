@@ -59,7 +59,7 @@ def derive(
     forms = closed_forms(found, listed(symbolic) or ())
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
     usual = default_outputs(ACCELERATION, PLANAR) if kind == PLANAR else DEFAULT
-    names = asked or usual if outputs is None else check_outputs(listed(outputs), kind)
+    names = asked or usual if outputs is None else check_outputs(listed(outputs), kind.levels)
     if latex:
         text = forms.to_latex(names, short=bool(short))
     elif python:

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hingepair.errors import ArgumentError, printable, quoted
-from hingepair.evaluation.plan import OUTPUTS, PLANAR_OUTPUTS
+from hingepair.evaluation.plan import PLANAR, SPATIAL
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.results import ROWS
 from hingepair.scenes.scene import COORDINATES
@@ -39,7 +39,7 @@ Outputs = Annotated[
     str | None,
     typer.Option(
         metavar="NAMES",
-        help=f"Which: of {', '.join(OUTPUTS)}; in the plane of {', '.join(PLANAR_OUTPUTS)}; "
+        help=f"Which: of {', '.join(SPATIAL.levels)}; in the plane of {', '.join(PLANAR.levels)}; "
         f"of the coordinates {', '.join(COORDINATES)}.",
     ),
 ]

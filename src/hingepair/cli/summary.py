@@ -11,7 +11,8 @@ from rich.table import Table
 from hingepair.cli.output import component_table
 from hingepair.numeric.tables import instant
 from hingepair.pair.accuracy import error_ratios, output_scales
-from hingepair.pair.constraints import constraint_values
+from hingepair.pair.constants import with_hinge_frames
+from hingepair.pair.prepared import arrays_of
 from hingepair.pair.results import column_names
 from hingepair.scenes.known_motion import KnownMotion
 from hingepair.scenes.scene import Notes, Scene, SceneResult
@@ -102,7 +103,8 @@ def _worst(scene: Scene, known: KnownMotion) -> NDArray[np.float64]:
     W1, psid = known.rates() if known.level else (None, None)
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
     names, rate = (("gap",), {}) if psid is None else (("gap", "slip"), {"psid_given": psid})
-    measured = constraint_values(pair.constants, names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})
+    constants = with_hinge_frames(pair.constants)
+    measured = arrays_of(constants, names, {**a, **rate}, {"R1": a["R1"].shape[:-1]})
     found = []
     for name, residual in zip(("R2", "omega2"), measured.values(), strict=False):
         error, ratio = error_ratios(name, residual, np.zeros_like(residual), scales[name])

@@ -24,7 +24,7 @@ from hingepair.evaluation.backend import How
 from hingepair.evaluation.binding import Bound, bind
 from hingepair.evaluation.dynamics_steps import forward_steps, lever_steps
 from hingepair.evaluation.loops import Loop
-from hingepair.evaluation.plan import INPUTS, SPATIAL, Plan, needed_steps, steps_of
+from hingepair.evaluation.plan import SPATIAL, Plan, needed_steps, steps_of
 from hingepair.evaluation.steps import Step, same, together, upright
 from hingepair.integration.methods import quaternion_product
 from hingepair.integration.trajectory import rotations
@@ -79,7 +79,7 @@ _HINGE = (
 )
 """The state of a carried pair, and how it changes."""
 
-_TAILS: Final[Tails] = {**INPUTS, "S0": (9,), "state": (14,)}
+_TAILS: Final[Tails] = {**SPATIAL.shapes, "S0": (9,), "state": (14,)}
 _MOVING: Final = np.repeat([False, True, False, True], [3, 6, 4, 1])  # what of the state is a velocity or a momentum
 _MOTION: Final = ("R1", "S1", "v1", "omega1")
 _RATES: Final = ("v1", "omega1", "a1", "alpha1")
@@ -251,7 +251,7 @@ def _loop(base: str, flat: bool | None, home: bool, outputs: tuple[tuple[str, tu
             own = (*_STATE, attitude, *hinge[:before], *lever_steps(base), _SPIN, rate)
         steps = (*forward_steps((*own, *hinge), base), *_SLOPES[:1], *_MOVED[base], *_SLOPES[1:])
     taken, inputs = needed_steps({step.result: step for step in steps}.values(), (name for name, _ in outputs))
-    plan = Plan(tuple(name for name, _ in outputs), taken, inputs, (), None, home, SPATIAL)
+    plan = Plan(tuple(name for name, _ in outputs), taken, inputs, SPATIAL)
     return Loop(base, plan.run, {name: tails.get(name, (3,)) for name in sorted(inputs)}, dict(outputs))
 
 

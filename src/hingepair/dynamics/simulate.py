@@ -22,7 +22,7 @@ from hingepair.numeric.finite_differences import check_instants
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_one, check_pair
 from hingepair.pair.dynamics import GRAVITY, DynamicsWarning, Energy, Momentum
-from hingepair.pair.evaluate import Outputs
+from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 

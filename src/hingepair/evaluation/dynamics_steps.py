@@ -79,24 +79,14 @@ MASS_STEPS = (
 )
 """What is known of a motion: what must act, the mass matrix, energy and momentum."""
 
-LOADS = {**dict.fromkeys(("force1", "torque1", "force2", "torque2"), (3,)), "hinge_torque": ()}
-"""What may act, and the shape of one sample of it."""
-CONSTANTS = ("m1", "m2", "c1", "c2", "I1", "I2", "gravity")
+LOADS = ("force1", "torque1", "force2", "torque2", "hinge_torque")
+"""What may act."""
+MASSES = ("m1", "m2", "c1", "c2", "I1", "I2", "gravity")
+"""What a pair brings for its dynamics."""
 REQUIRED = ("force1", "torque1", "hinge_torque")
+"""What must act."""
 MOVES = ("a1", "alpha1", "psidd")
-MASS_TAILS = {
-    **{name: LOADS[name] for name in REQUIRED},
-    **{
-        "bearing_torque": (3,),
-        "mass_matrix": (7, 7),
-        "kinetic": (),
-        "potential": (),
-        "linear": (3,),
-        "angular": (3,),
-    },
-    "psidd": (),
-}
-"""What can be had beside the accelerations of body 1, and the shape of one sample of it."""
+"""How the pair moves under what acts."""
 
 _LOADED = (
     Step("pushed", eq.add, ("force1", "force2")),

@@ -7,84 +7,111 @@ runs the steps of one plan, so the equations are put together here and nowhere e
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.evaluation.dynamics_steps import LOADS, MASS_STEPS, forward_steps
+from hingepair.evaluation.loops import Loop
 from hingepair.evaluation.steps import (
+    ATTITUDE_STEPS,
+    CONSTRAINT_STEPS,
+    COORDINATES,
     GIVEN_S1,
     HINGE_STEPS,
+    JACOBIAN_STEPS,
     LEVER_STEPS,
+    PARTS,
+    PLANAR_COORDINATES,
+    PLANAR_PARTS,
+    PLANAR_ROW_STEPS,
     PLANAR_STEPS,
+    ROW_STEPS,
+    SENSITIVITY_STEPS,
     WITHOUT_HOME,
     Step,
+    coordinate_steps,
     same,
 )
 from hingepair.evaluation.trace import name_lines
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
 from hingepair.rotations.sequences import find_sequence
 
-
-class Output(NamedTuple):
-    """One thing that can be asked for: its shape per sample, and the level at which it is a default output."""
-
-    tail: tuple[int, ...]
-    default_level: int | None
-
+Tail: TypeAlias = tuple[int, ...]
+Terms: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]
 
 POSE, VELOCITY, ACCELERATION = 0, 1, 2
 
-OUTPUTS = {
-    "R2": Output((3,), POSE),
-    "S2": Output((3, 3), POSE),
-    "d": Output((3,), POSE),
-    "v2": Output((3,), VELOCITY),
-    "omega2": Output((3,), VELOCITY),
-    "a2": Output((3,), ACCELERATION),
-    "alpha2": Output((3,), ACCELERATION),
-    "R1": Output((3,), None),
-    "S1": Output((3, 3), None),
-    "v1": Output((3,), None),
-    "omega1": Output((3,), None),
-    "a1": Output((3,), None),
-    "alpha1": Output((3,), None),
-}
-"""Everything of both bodies by name; without a default level, only computed when named."""
-
-PLANAR_OUTPUTS = {
-    "R2": Output((2,), POSE),
-    "phi2": Output((), POSE),
-    "d": Output((2,), POSE),
-    "v2": Output((2,), VELOCITY),
-    "omega2": Output((), VELOCITY),
-    "a2": Output((2,), ACCELERATION),
-    "alpha2": Output((), ACCELERATION),
-}
-"""Everything of body 2 of a planar pair."""
-
-SPATIAL, PLANAR = "spatial", "planar"
-"""Kinds of plan: motion in space, and in two coordinates (E11)."""
-
-INPUTS: dict[str, tuple[int, ...]] = {
-    **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1", "R2", "v2", "omega2", "a2", "alpha2"), (3,)),
+_SHAPES: Final[dict[str, Tail]] = {
+    **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1", "R2", "v2", "omega2", "a2", "alpha2", "d"), (3,)),
     **dict.fromkeys(("phi", "phid", "phidd", "u1", "u2", "n", "along", "across", "around"), (3,)),
-    **dict.fromkeys(("psi", "psid", "psidd", "phi1", "phi1d", "phi1dd", "psid_given", "hinge_torque"), ()),
+    **dict.fromkeys(("e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"), (3,)),
+    **dict.fromkeys(("psi", "psid", "psidd", "phi1", "phi1d", "phi1dd", "psid_given"), ()),
     **dict.fromkeys(("S1", "S2"), (3, 3)),
+    **dict.fromkeys(("quat_xyzw", "quat_wxyz"), (4,)),
     **dict.fromkeys(("q", "qd", "qdd"), (7,)),
+    **dict.fromkeys(("jacobian", "coordinate_jacobian", "coordinate_jacobian_rate"), (6, 7)),
+    "acceleration_bias": (6,),
+    **dict.fromkeys(("d_by_u1", "d_by_u2", "d_by_n", "S2_by_psi", "v2_by_u1", "v2_by_u2", "v2_by_n"), (3, 3)),
+    **dict.fromkeys(("omega2_by_n",), (3, 3)),
+    **dict.fromkeys(("d_by_psi", "v2_by_psi"), (3,)),
+    "S2_by_n": (3, 3, 3),
+    **dict.fromkeys(("gap", "gap_rate", "gap_acceleration", "slip"), (3,)),
+    **dict.fromkeys(("tilt", "tilt_rate", "tilt_acceleration"), (2,)),
+    "tilt_angle": (),
+    "constraint_jacobian": (5, 12),
+    "constraint_bias": (5,),
+    **dict.fromkeys(("m1", "m2", "hinge_torque", "kinetic", "potential"), ()),
+    **dict.fromkeys(("c1", "c2", "gravity", "force1", "torque1", "force2", "torque2"), (3,)),
+    **dict.fromkeys(("f2", "moment", "bearing_torque", "linear", "angular"), (3,)),
     **dict.fromkeys(("home", "I1", "I2"), (9,)),
-    **dict.fromkeys(("m1", "m2"), ()),
+    "kept": (4,),
+    "mass_matrix": (7, 7),
+    "attitude_check": (),
 }
-"""The shape of one sample of what can be given in space."""
 
-PLANAR_INPUTS = {
-    **INPUTS,
-    **dict.fromkeys(("R1", "v1", "a1", "u1", "u2"), (2,)),
-    **dict.fromkeys(("q", "qd", "qdd"), (4,)),
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kind:
+    """A kind of motion: what it is made of, by name.
+
+    Attributes:
+        coordinates: what the components of q are called.
+        parts: of q, qd, qdd, what a plan calls the position, the angles and the hinge angle.
+        shapes: of one sample of everything that can be given or computed.
+        levels: of everything of the bodies that can be computed, the level at which it is a default output; None
+            where it is computed only when named.
+    """
+
+    coordinates: tuple[str, ...]
+    parts: Mapping[str, tuple[str, ...]]
+    shapes: Mapping[str, Tail]
+    levels: Mapping[str, int | None]
+
+
+_OF_BODY2 = {
+    **dict.fromkeys(("R2", "S2", "d"), POSE),
+    **dict.fromkeys(("v2", "omega2"), VELOCITY),
+    **dict.fromkeys(("a2", "alpha2"), ACCELERATION),
 }
-"""The same in the plane."""
-
+SPATIAL: Final = Kind(
+    COORDINATES, PARTS, _SHAPES, {**_OF_BODY2, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))}
+)
+"""Motion in space."""
+PLANAR: Final = Kind(
+    PLANAR_COORDINATES,
+    PLANAR_PARTS,
+    {
+        **_SHAPES,
+        **dict.fromkeys(("R1", "v1", "a1", "u1", "u2", "R2", "d", "v2", "a2"), (2,)),
+        **dict.fromkeys(("phi2", "omega2", "alpha2"), ()),
+        **dict.fromkeys(("q", "qd", "qdd"), (4,)),
+    },
+    {{"S2": "phi2"}.get(name, name): level for name, level in _OF_BODY2.items()},
+)
+"""Motion in two coordinates (E11)."""
 
 _LABELS = {
     "hinge": ("sin_psi", "versine_psi", "cos_psi"),
@@ -103,19 +130,13 @@ class Plan:
         outputs: names, in the order asked for.
         steps: what is computed.
         inputs: which of the given things are needed.
-        skipped: the results of the steps that nothing needs.
-        sequence: of the Euler angles; None where S1, omega1 and alpha1 are given.
-        home: whether C differs from the identity.
         kind: SPATIAL or PLANAR.
     """
 
     outputs: tuple[str, ...]
     steps: tuple[Step, ...]
     inputs: frozenset[str]
-    skipped: tuple[str, ...]
-    sequence: str | None
-    home: bool
-    kind: str
+    kind: Kind
 
     def run(self, values: dict[str, Any]) -> dict[str, Any]:
         """Run the steps on values by name; the results join the values."""
@@ -125,41 +146,50 @@ class Plan:
         return values
 
 
-Terms: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]
-NUMERIC: Terms = (angle_terms, hinge_terms)
+NUMERIC: Final[Terms] = (angle_terms, hinge_terms)
 """How floats and arrays make the sines and cosines of phi and of psi."""
 
 
+@functools.lru_cache(maxsize=1024)
 def make_plan(
     outputs: tuple[str, ...],
     sequence: str | None = "XYZ",
     home: bool = True,
     terms: Terms = NUMERIC,
-    kind: str = SPATIAL,
+    kind: Kind = SPATIAL,
+    given: tuple[str, ...] = (),
 ) -> Plan:
     """The plan for some outputs.
 
     Args:
-        outputs: names out of OUTPUTS.
+        outputs: their names.
         sequence: of the Euler angles; None where S1, omega1 and alpha1 are given.
         home: whether C differs from the identity.
         terms: what makes (sin, cos) of the three angles and (sin, 1 - cos) of psi in the numbers at hand. Exact
             numbers (other terms than NUMERIC) go through LEVER_STEPS as well; doubles find them done in the pair.
         kind: SPATIAL or PLANAR; the latter takes phi1 for the three angles.
+        given: what comes in beside the pair's constants: names out of the kind's shapes; nothing for the parts of
+            the coordinates and of body 1's motion, as far as they are needed.
 
     Returns:
-        The same object for the same arguments, however they are given: programs and kernels hang on it.
+        The same object where the same steps are taken, however they are asked for: programs and kernels hang on it.
     """
-    return _plan(outputs, sequence, home, terms, kind)
+    taken, _ = needed_steps(steps_of(sequence, home, terms, kind, given), outputs)
+    return _plan(taken, outputs, kind)
 
 
 @functools.lru_cache(maxsize=1024)
-def _plan(outputs: tuple[str, ...], sequence: str | None, home: bool, terms: Terms, kind: str) -> Plan:
-    steps = steps_of(sequence, home, terms) if kind == SPATIAL else _planar_steps(terms)
-    taken, inputs = needed_steps(steps, outputs)
-    made = {step.result for step in taken}
-    skipped = tuple(step.result for step in steps if step.result not in made)
-    return Plan(outputs, taken, inputs, skipped, sequence, home, kind)
+def _plan(taken: tuple[Step, ...], outputs: tuple[str, ...], kind: Kind) -> Plan:
+    return Plan(outputs, *needed_steps(taken, outputs), kind)
+
+
+@functools.lru_cache(maxsize=1024)
+def loop_of(plan: Plan) -> Loop:
+    """The loop that runs a plan over samples."""
+    shapes = plan.kind.shapes
+    labels = {name: tuple(f"{one}{name[1:]}" for one in plan.kind.coordinates) for name in plan.kind.parts}
+    inputs, outputs = ({name: shapes[name] for name in names} for names in (sorted(plan.inputs), plan.outputs))
+    return Loop("state", plan.run, inputs, outputs, labels=labels)
 
 
 def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[Step, ...], frozenset[str]]:
@@ -169,28 +199,18 @@ def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[S
     for step in reversed(tuple(steps)):
         if step.result in needed:
             taken.append(step)
+            needed.remove(step.result)
             needed.update(step.arguments)
-    return tuple(reversed(taken)), frozenset(needed - {step.result for step in taken})
-
-
-def outputs_of(kind: str) -> dict[str, Output]:
-    """What a kind of plan can compute."""
-    return PLANAR_OUTPUTS if kind == PLANAR else OUTPUTS
+    return tuple(reversed(taken)), frozenset(needed)
 
 
 @functools.cache
-def default_outputs(level: int, kind: str = SPATIAL) -> tuple[str, ...]:
+def default_outputs(level: int, kind: Kind = SPATIAL) -> tuple[str, ...]:
     """The outputs that a level brings without being named."""
-    levels = {name: output.default_level for name, output in outputs_of(kind).items()}
-    return tuple(name for name, own in levels.items() if own is not None and own <= level)
+    return tuple(name for name, own in kind.levels.items() if own is not None and own <= level)
 
 
-def check_outputs(outputs: Any, kind: str = SPATIAL, also: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """The names asked for, each once, out of what a kind of plan can compute, and of `also`."""
-    return check_names(outputs, (*outputs_of(kind), *also))
-
-
-def check_names(outputs: Any, known: Collection[str]) -> tuple[str, ...]:
+def check_outputs(outputs: Any, known: Collection[str]) -> tuple[str, ...]:
     """The names asked for, each once.
 
     Raises:
@@ -209,8 +229,27 @@ def check_names(outputs: Any, known: Collection[str]) -> tuple[str, ...]:
 
 
 @functools.lru_cache(maxsize=256)
-def steps_of(sequence: str | None, home: bool, terms: Terms = NUMERIC) -> tuple[Step, ...]:
-    """All steps of motion in space; the arguments are those of `make_plan`."""
+def steps_of(
+    sequence: str | None, home: bool, terms: Terms = NUMERIC, kind: Kind = SPATIAL, given: tuple[str, ...] = ()
+) -> tuple[Step, ...]:
+    """Everything that can be had; the arguments are those of `make_plan`."""
+    if kind is PLANAR:
+        return (*(PLANAR_ROW_STEPS if "q" in given else ()), *_planar_steps(terms))
+    steps = [step for name in given for step in ATTITUDE_STEPS.get(name, ())]
+    steps += [*(ROW_STEPS if "q" in given else ()), *_spatial_steps(sequence, home, terms)]
+    if not given:
+        return tuple(steps)
+    if any(name in LOADS for name in given):
+        return forward_steps(tuple(steps))
+    steps += CONSTRAINT_STEPS if "S2" in given else MASS_STEPS
+    steps += [*JACOBIAN_STEPS, *SENSITIVITY_STEPS]
+    if sequence is not None:
+        steps += coordinate_steps(sequence)
+    return tuple(step for step in steps if step.result not in given)
+
+
+def _spatial_steps(sequence: str | None, home: bool, terms: Terms) -> tuple[Step, ...]:
+    """Both bodies from body 1 and the hinge."""
     angle_terms, hinge_terms = terms
     if terms is NUMERIC:
         steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", hinge_cosine, ("hinge",))]
@@ -237,7 +276,7 @@ def steps_of(sequence: str | None, home: bool, terms: Terms = NUMERIC) -> tuple[
 
 
 def _planar_steps(terms: Terms) -> tuple[Step, ...]:
-    """The steps of a planar pair; numbers of another kind make the two turns their own way."""
+    """Both bodies of a planar pair; numbers of another kind make the two turns their own way."""
     if terms == NUMERIC:
         return PLANAR_STEPS
     angle_terms, hinge_terms = terms

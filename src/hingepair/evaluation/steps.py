@@ -11,7 +11,7 @@ from hingepair.equations import constraints as ce
 from hingepair.equations import derivatives as by
 from hingepair.equations import spatial as eq
 from hingepair.equations.spatial import Scalar, Vector
-from hingepair.evaluation.trace import arc_tangent, hypotenuse
+from hingepair.evaluation.trace import arc_tangent, hypotenuse, square_root, where_less
 from hingepair.numeric.blocks import Components, hinge_cosine, hinge_terms, turn_terms
 from hingepair.rotations.sequences import find_sequence
 
@@ -41,6 +41,38 @@ PLANAR_ROW_STEPS = tuple(
     for part, place in zip(parts, (slice(0, 2), 2, 3), strict=True)
 )
 """The parts out of q, qd, qdd."""
+
+
+def _attitude_of(quat: tuple[Any, ...]) -> eq.Matrix:
+    """The rotation of a quaternion (w, x, y, z) of any length but zero."""
+    size = _size(quat)
+    w, x, y, z = (c / size for c in quat)
+    length = square_root(w * w + x * x + y * y + z * z)
+    return eq.quaternion_attitude((w / length, x / length, y / length, z / length))
+
+
+def _size(parts: tuple[Any, ...]) -> Any:
+    """The largest absolute component."""
+    return functools.reduce(lambda a, b: where_less(a, b, b, a), (where_less(c, 0.0, -c, c) for c in parts))
+
+
+def _orthonormality(S: eq.Matrix) -> Any:
+    """The largest element of S S^T - I; of a reflection, 2."""
+    *errors, volume = eq.orthonormality(S)
+    return where_less(volume, 0.0, 2.0, _size(tuple(errors)))
+
+
+ATTITUDE_STEPS = {
+    "S1": (Step("attitude_check", _orthonormality, ("S1",)),),
+    "quat_xyzw": (
+        Step("quat", lambda q: (q[3], *q[:3]), ("quat_xyzw",)),
+        Step("S1", _attitude_of, ("quat",)),
+        Step("attitude_check", _size, ("quat",)),
+    ),
+    "quat_wxyz": (Step("S1", _attitude_of, ("quat_wxyz",)), Step("attitude_check", _size, ("quat_wxyz",))),
+}
+"""The attitude out of what else it can be given as, and a number that tells one that is none: of a matrix, how far it
+is from a rotation; of a quaternion, its size."""
 
 HINGE_STEPS = (
     Step("Sh", eq.hinge_rotation, ("n", "hinge")),

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
-from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, check_outputs, default_outputs, make_plan
+from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, Kind, check_outputs, default_outputs, make_plan
 from hingepair.integration.signals import Signal, read_position, read_signal
 from hingepair.integration.solve import METHODS, Course, Solution, solve
 from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, rotations, world_vectors
@@ -19,7 +19,7 @@ from hingepair.numeric.arrays import check_choice, finite_number, one_constant, 
 from hingepair.numeric.finite_differences import check_instants
 from hingepair.pair.body_motion import unchecked_motion
 from hingepair.pair.constants import Constants, check_pair
-from hingepair.pair.evaluate import Outputs
+from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
@@ -219,7 +219,7 @@ def _state(
 
 
 def _wanted(
-    pair: Constants, outputs: Outputs, rates: Rates, point: Mapping[str, Any], kind: str
+    pair: Constants, outputs: Outputs, rates: Rates, point: Mapping[str, Any], kind: Kind
 ) -> tuple[tuple[str, ...], frozenset[str]]:
     """The outputs, and the inputs that they need.
 
@@ -236,7 +236,7 @@ def _wanted(
         possible = default_outputs(ACCELERATION, kind)
         names = tuple(name for name in possible if inputs((name,)) <= given)
         return names, inputs(names)
-    names = check_outputs(outputs, kind) if not isinstance(outputs, tuple) or outputs else ()
+    names = check_outputs(outputs, kind.levels) if not isinstance(outputs, tuple) or outputs else ()
     for name in names:
         for missing in sorted(inputs((name,)) - given):
             expected = f"{_WANTED.get(missing, 'a value')}, since output {name} needs it"

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from hingepair.evaluation.plan import INPUTS, Plan
+from hingepair.evaluation.plan import Kind, Plan
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
@@ -25,7 +25,6 @@ from hingepair.numeric.bounded import Bounded, Double, kind_of
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import Outputs, leading_shapes, parts_of
 
 
 class Promise(NamedTuple):
@@ -236,14 +235,16 @@ _BEYOND = 2.0**-90
 _MADE_OF = {"n": ("n",), "along": ("u1", "u2"), "across": ("u2",), "around": ("u2",)}
 
 
-def error_bounds(pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, sequence: str) -> Bounds:
+def error_bounds(
+    kind: Kind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: kinematics.Outputs, sequence: str | None
+) -> Bounds:
     """The bounds of what forward_kinematics gives for coordinates."""
-    plan, given = kinematics.plan_from_coordinates(pair, q, qd, qdd, outputs, None, sequence)
-    return _bounds(pair, plan, parts_of(given), leading_shapes(given))
+    plan, given = kinematics.plan_from_coordinates(kind, pair, q, qd, qdd, outputs, None, sequence)
+    return _bounds(pair, plan, given.parts, given.shapes)
 
 
 def error_bounds_from_body1(
-    pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs
+    pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: kinematics.Outputs
 ) -> Bounds:
     """The bounds of what forward_kinematics_from_body1 gives."""
     plan, values, shapes = kinematics.plan_from_body1(pair, body1, psi, psid, psidd, outputs, None)
@@ -251,13 +252,7 @@ def error_bounds_from_body1(
     return _bounds(pair, plan, own, shapes)
 
 
-def planar_error_bounds(pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs) -> Bounds:
-    """The bounds of what forward_kinematics of a planar pair gives."""
-    plan, given = kinematics.plan_planar(pair, q, qd, qdd, outputs, None)
-    return _bounds(pair, plan, parts_of(given, planar=True), leading_shapes(given))
-
-
-def _bounds(pair: Constants, plan: Plan, values: Named, shapes: Mapping[str, tuple[int, ...]]) -> Bounds:
+def _bounds(pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> Bounds:
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
     kind = kind_of(dtype)
     aligned = pair.axis is not None and pair.single and np.count_nonzero(pair.axis) == 1  # and so exactly 1 or -1
@@ -269,19 +264,22 @@ def _bounds(pair: Constants, plan: Plan, values: Named, shapes: Mapping[str, tup
         return {name: _largest(found[name]) for name in plan.outputs}
 
     wanted = plan.inputs | {"u1", "u2"}
-    groups = {name: _components(name, group) for name, group in {**pair.values, **values}.items() if name in wanted}
+    groups = {
+        name: _components(group, plan.kind.shapes[name])
+        for name, group in {**pair.values, **values}.items()
+        if name in wanted
+    }
     shape = broadcast_shape({**shapes, "pair": pair.shape})
     return tabulate(bounds, groups, dict.fromkeys(plan.outputs, ()), shape, np.dtype(np.float64))
 
 
-def _components(name: str, group: Any) -> Any:
+def _components(group: Any, tail: tuple[int, ...]) -> Any:
     """A group as the equations take it: a component, or a tuple of components."""
-    if not isinstance(group, np.ndarray) or INPUTS.get(name) == ():
+    if not isinstance(group, np.ndarray) or tail == ():
         return group
-    rank = 2 if name in {"S1", "S2"} else 1
-    if group.ndim == rank and group.dtype.char == "d":
+    if group.ndim == len(tail) and group.dtype.char == "d":
         return tuple(group.ravel().tolist())
-    return components_of(group, rank)
+    return components_of(group, len(tail))
 
 
 def _known(group: Any, made_of: tuple[str, ...], numbers: Named, kind: type[Bounded]) -> Any:

@@ -28,7 +28,7 @@ class Constants:
         arrays: the same as arrays, with the components last; home too where it is the identity.
         shape: leading shape of the pair; () for one pair.
         axis: the hinge axis as it was given, of any length; none of a planar pair.
-        prepared: what single states of this pair were prepared for.
+        prepared: what was made of this pair once: plans made ready, and constants with more beside them.
     """
 
     values: Named
@@ -97,6 +97,36 @@ def _side_by_side(components: Components) -> NDArray[np.float64]:
     if all(type(c) is float for c in components):
         return np.array(components)
     return np.stack(np.broadcast_arrays(*components), axis=-1)
+
+
+HINGE_FRAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"})
+"""What `with_hinge_frames` adds."""
+
+
+def with_hinge_frames(pair: Constants) -> Constants:
+    """The pair's constants, and the hinge's frame (e1, e2, n) in the axes of body 1 and of body 2.
+
+    e1 is the axis of body 1 that is furthest from n, made perpendicular to it; e2 = n x e1. Body 2 has them turned by
+    C^-1: by C^T a home that is a rotation to nine digits only would be seen as a tilt.
+    """
+    found: Constants | None = pair.prepared.get(HINGE_FRAMES)
+    if found is None:
+        frames = _frames(pair.arrays["n"], pair.arrays["home"] if "home" in pair.values else None)
+        found = Constants({**pair.values, **frames}, {**pair.arrays, **frames}, pair.shape)
+        pair.prepared[HINGE_FRAMES] = found
+    return found
+
+
+def _frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
+    first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
+    first = first - n * (n * first).sum(axis=-1, keepdims=True)
+    first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))
+    own = other = {"e1": first, "e2": np.cross(n, first), "n": n}
+    if home is not None:
+        back = np.linalg.inv(home.reshape(*home.shape[:-1], 3, 3))
+        other = {name: (back @ vector[..., None])[..., 0] for name, vector in own.items()}
+    named = {**own, **{f"{name}_in_2": vector for name, vector in other.items()}}
+    return {name: numbers(vector) for name, vector in named.items()}
 
 
 def check_pair(pair: object) -> None:

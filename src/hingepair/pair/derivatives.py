@@ -1,51 +1,41 @@
-"""How body 2 depends on velocities, coordinates, psi and the pair itself: Jacobians and sensitivities (E2, E5-E9)."""
+"""Jacobians and sensitivities: how body 2 and the constraints depend on velocities, coordinates, psi and the pair."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError
-from hingepair.evaluation.plan import steps_of
-from hingepair.evaluation.steps import (
-    ARM_STEPS,
-    COORDINATES,
-    JACOBIAN_STEPS,
-    ROW_STEPS,
-    SENSITIVITY_STEPS,
-    Step,
-    coordinate_steps,
-)
+from hingepair.evaluation.plan import SPATIAL
 from hingepair.numeric.arrays import FloatArray, Frozen, read_only
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import Rows, component, follow_steps, leading_shapes, read_coordinates
-
-Tails: TypeAlias = Mapping[str, tuple[int, ...]]
+from hingepair.pair.constants import Constants, with_hinge_frames
+from hingepair.pair.forward_kinematics import Rows, component, read_coordinates
+from hingepair.pair.prepared import arrays_of
+from hingepair.rotations.sequences import find_sequence
 
 
 def jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     """Body 2's velocity by the velocities of the equations: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2)."""
-    return _from_body1(pair, JACOBIAN_STEPS, {"jacobian": (6, 7)}, body1, "S", psi=psi)["jacobian"]
+    return _from_body1(pair, ("jacobian",), body1, "S", psi=psi)["jacobian"]
 
 
 def acceleration_bias(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
     """What velocities alone add to body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9)."""
     name = "acceleration_bias"
-    return _from_body1(pair, JACOBIAN_STEPS, {name: (6,)}, body1, "S", "omega", psi=psi, psid=psid)[name]
+    return _from_body1(pair, (name,), body1, "S", "omega", psi=psi, psid=psid)[name]
 
 
 def _from_body1(
-    pair: Constants, steps: tuple[Step, ...], tails: Tails, body1: BodyMotion, *letters: str, **hinge: ArrayLike
+    pair: Constants, names: tuple[str, ...], body1: BodyMotion, *letters: str, **hinge: ArrayLike
 ) -> dict[str, FloatArray]:
-    """What some steps make of these letters of body 1 and of psi and its rate."""
+    """What is computed of these letters of body 1 and of psi and its rate."""
     values = {**motion_arrays("body1", body1, *letters), **{n: component(n, value) for n, value in hinge.items()}}
-    shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
-    return follow_steps((*steps_of(None, "home" in pair.values), *ARM_STEPS, *steps), tails, pair, values, shapes)
+    shapes = {"body1": body1.shape, **{name: np.shape(values[name]) for name in hinge}}
+    return arrays_of(pair, names, values, shapes)
 
 
 def coordinate_jacobian(pair: Constants, q: Rows, sequence: str) -> FloatArray:
@@ -60,10 +50,26 @@ def coordinate_jacobian_rate(pair: Constants, q: Rows, qd: Rows, sequence: str) 
     return _by_coordinates(pair, "coordinate_jacobian_rate", q, qd, sequence)
 
 
-def _by_coordinates(pair: Constants, result: str, q: Any, qd: Any, sequence: str) -> FloatArray:
-    given = read_coordinates(q, qd, None, COORDINATES)
-    steps = (*ROW_STEPS, *steps_of(sequence, "home" in pair.values), *ARM_STEPS, *coordinate_steps(sequence))
-    return follow_steps(steps, {result: (6, 7)}, pair, given.parts, leading_shapes(given))[result]
+def _by_coordinates(pair: Constants, name: str, q: Any, qd: Any, sequence: str) -> FloatArray:
+    find_sequence(sequence)
+    given = read_coordinates(SPATIAL, q, qd, None)
+    return arrays_of(pair, (name,), given.parts, given.shapes, sequence=sequence)[name]
+
+
+def constraint_jacobian(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
+    """The constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2)."""
+    return _of_both(pair, "constraint_jacobian", body1, body2, "S")
+
+
+def constraint_bias(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
+    """What velocities alone add to the constraints' second derivative (E1, E2)."""
+    return _of_both(pair, "constraint_bias", body1, body2, "S", "omega")
+
+
+def _of_both(pair: Constants, name: str, body1: BodyMotion, body2: BodyMotion, *letters: str) -> FloatArray:
+    values = {**motion_arrays("body1", body1, *letters), **motion_arrays("body2", body2, *letters)}
+    shapes = {"body1": body1.shape, "body2": body2.shape}
+    return arrays_of(with_hinge_frames(pair), (name,), values, shapes)[name]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -102,32 +108,15 @@ class Sensitivities(Frozen):
     omega2_by_n: FloatArray | None = None
 
 
-POSE_TAILS: Tails = {
-    **dict.fromkeys(("d_by_u1", "d_by_u2", "d_by_n", "S2_by_psi"), (3, 3)),
-    "d_by_psi": (3,),
-    "S2_by_n": (3, 3, 3),
-}
-VELOCITY_TAILS: Tails = {
-    "v2_by_u1": (3, 3),
-    "v2_by_u2": (3, 3),
-    "v2_by_n": (3, 3),
-    "v2_by_psi": (3,),
-    "omega2_by_n": (3, 3),
-}
-TAILS: Tails = {
-    **dict.fromkeys(("jacobian", "coordinate_jacobian", "coordinate_jacobian_rate"), (6, 7)),
-    "acceleration_bias": (6,),
-    **POSE_TAILS,
-    **VELOCITY_TAILS,
-}
-"""All derivatives by name, and the shape of one sample of each."""
+POSE_SENSITIVITIES = ("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi")
+RATE_SENSITIVITIES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n")
 
 
 def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None) -> Sensitivities:
     """Derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d."""
     if psid is None:
-        found = _from_body1(pair, SENSITIVITY_STEPS, POSE_TAILS, body1, "S", psi=psi)
+        found = _from_body1(pair, POSE_SENSITIVITIES, body1, "S", psi=psi)
     else:
-        tails = {**POSE_TAILS, **VELOCITY_TAILS}
-        found = _from_body1(pair, SENSITIVITY_STEPS, tails, body1, "S", "omega", psi=psi, psid=psid)
+        names = (*POSE_SENSITIVITIES, *RATE_SENSITIVITIES)
+        found = _from_body1(pair, names, body1, "S", "omega", psi=psi, psid=psid)
     return Sensitivities(**{name: read_only(array) for name, array in found.items()})

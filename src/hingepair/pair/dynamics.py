@@ -13,16 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.spatial import Vector
 from hingepair.errors import ArgumentError
-from hingepair.evaluation.dynamics_steps import LOADS, MASS_STEPS, forward_steps
-from hingepair.evaluation.one_state import OneState
-from hingepair.evaluation.plan import INPUTS, steps_of
-from hingepair.evaluation.steps import Step
-from hingepair.numeric.arrays import FloatArray, one_constant, result_dtype, vectors
+from hingepair.evaluation.dynamics_steps import LOADS, MOVES, REQUIRED
+from hingepair.evaluation.plan import SPATIAL
+from hingepair.numeric.arrays import FloatArray, one_constant, vectors
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import component, follow_steps, loop_of_steps
-from hingepair.pair.states import spans_of
+from hingepair.pair.forward_kinematics import component
+from hingepair.pair.prepared import arrays_of
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity unless given, world axes [m/s^2]."""
@@ -136,7 +134,21 @@ def _of_body(body: Body, digit: str) -> tuple[dict[str, Any], bool]:
     return {f"m{digit}": body.mass, f"c{digit}": centre, f"I{digit}": inertia}, body.inertia_is_assumed
 
 
-def with_masses(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: Iterable[str]) -> Constants:
+def with_masses(constants: Constants, masses: Mapping[str, Any]) -> Constants:
+    """A pair's constants and those of its masses; the same object for those of the same names."""
+    key = "masses", *masses
+    found: Constants | None = constants.prepared.get(key)
+    if found is None:
+        found = constants.prepared[key] = _with(constants, masses)
+    return found
+
+
+def _with(constants: Constants, more: Mapping[str, Any]) -> Constants:
+    arrays = {name: np.array(value) for name, value in more.items()}
+    return Constants({**constants.values, **more}, {**constants.arrays, **arrays}, constants.shape)
+
+
+def for_calls(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: Iterable[str]) -> Constants:
     """The pair's constants, those of its masses that are needed, gravity, and no loads.
 
     Raises:
@@ -144,10 +156,9 @@ def with_masses(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed
     """
     of = {name for digit, name in (("1", "body1"), ("2", "body2")) if {f"{c}{digit}" for c in "mcI"} & {*needed}}
     own = {name: body if name in of else None for name, body in zip(("body1", "body2"), bodies, strict=True)}
-    more = _gravity(gravity) | {name: _ZERO if tail else 0.0 for name, tail in LOADS.items()}
+    more = {"gravity": _gravity(gravity), **{name: 0.0 if name == "hinge_torque" else _ZERO for name in LOADS}}
     more |= mass_constants((own["body1"], own["body2"]), *of)
-    arrays = {name: np.array(value) for name, value in more.items()}
-    return Constants({**constants.values, **more}, {**constants.arrays, **arrays}, constants.shape)
+    return _with(constants, more)
 
 
 def _caller() -> int:
@@ -161,8 +172,8 @@ def _caller() -> int:
 def mass_matrix(constants: Constants, bodies: Bodies, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     """M of D6; see `HingePair.mass_matrix`."""
     masses = mass_constants(bodies, "body1", "body2")
-    tails = {"mass_matrix": (7, 7)}
-    return _follow(constants, tails, masses, motion_arrays("body1", body1, "S"), {"psi": psi})["mass_matrix"]
+    (found,) = _computed(constants, masses, ("mass_matrix",), motion_arrays("body1", body1, "S"), psi=psi)
+    return found
 
 
 def inverse_dynamics(
@@ -175,10 +186,9 @@ def inverse_dynamics(
     gravity: ArrayLike,
 ) -> Forces:
     """What must act (D5); see `HingePair.inverse_dynamics`."""
-    masses = mass_constants(bodies, "body1", "body2") | _gravity(gravity)
-    given = motion_arrays("body1", body1, "S", "omega", "a", "alpha")
-    tails = {"force1": (3,), "torque1": (3,), "hinge_torque": ()}
-    return Forces(**_follow(constants, tails, masses, given, {"psi": psi, "psid": psid, "psidd": psidd}))
+    masses = mass_constants(bodies, "body1", "body2")
+    given = motion_arrays("body1", body1, "S", "omega", "a", "alpha") | {"gravity": _gravity(gravity)}
+    return Forces(*_computed(constants, masses, REQUIRED, given, psi=psi, psid=psid, psidd=psidd))
 
 
 def hinge_wrench(
@@ -191,11 +201,10 @@ def hinge_wrench(
     gravity: ArrayLike,
 ) -> HingeWrench:
     """What the hinge carries (D3, D4); see `HingePair.hinge_wrench`."""
-    masses = mass_constants(bodies, "body2") | _gravity(gravity)
-    given = motion_arrays("body1", body1, "S", "omega", "a", "alpha")
-    tails = {"f2": (3,), "moment": (3,), "hinge_torque": (), "bearing_torque": (3,)}
-    found = _follow(constants, tails, masses, given, {"psi": psi, "psid": psid, "psidd": psidd})
-    return HingeWrench(*found.values())
+    masses = mass_constants(bodies, "body2")
+    given = motion_arrays("body1", body1, "S", "omega", "a", "alpha") | {"gravity": _gravity(gravity)}
+    names = ("f2", "moment", "hinge_torque", "bearing_torque")
+    return HingeWrench(*_computed(constants, masses, names, given, psi=psi, psid=psid, psidd=psidd))
 
 
 def forward_dynamics(
@@ -209,12 +218,11 @@ def forward_dynamics(
     gravity: ArrayLike,
 ) -> Accelerations:
     """How the pair moves (D6); see `HingePair.forward_dynamics`."""
-    masses = mass_constants(bodies, "body1", "body2") | _gravity(gravity)
-    given = motion_arrays("body1", body1, "S", "omega")
+    masses = mass_constants(bodies, "body1", "body2")
+    given = motion_arrays("body1", body1, "S", "omega") | {"gravity": _gravity(gravity)}
     given |= {name: _load(name, value) for name, value in loads.items()}
     angles = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
-    tails = {"a1": (3,), "alpha1": (3,), "psidd": (), "kept": (4,)}
-    *found, kept = _follow(constants, tails, masses, given, angles, forward=True).values()
+    *found, kept = _computed(constants, masses, (*MOVES, "kept"), given, **angles)
     if (kept <= SINGULAR).any():
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])
@@ -228,86 +236,48 @@ def check_resistance(constants: Constants, bodies: Bodies) -> None:
         ArgumentError: as for `forward_dynamics`.
     """
     still = BodyMotion(R=_ZERO, S=np.eye(3), omega=_ZERO)
-    forward_dynamics(
-        constants, bodies, still, 0.0, 0.0, dict.fromkeys(LOADS.keys() - {"hinge_torque"}, 0), 0.0, _ZERO
-    )
+    forces = dict.fromkeys((name for name in LOADS if name != "hinge_torque"), 0)
+    forward_dynamics(constants, bodies, still, 0.0, 0.0, forces, 0.0, _ZERO)
 
 
 def energy(
     constants: Constants, bodies: Bodies, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike
 ) -> Energy:
     """The pair's energy (D7); see `HingePair.energy`."""
-    none = {"m1": 0.0, "c1": _ZERO, "I1": (0.0,) * 9}
-    masses = none | mass_constants(bodies, "body2") | _gravity(gravity)
-    given = motion_arrays("body1", body1, "R", "S", "v", "omega")
-    found = _follow(constants, {"kinetic": (), "potential": ()}, masses, given, {"psi": psi, "psid": psid})
-    return Energy(**found)
+    masses = {"m1": 0.0, "c1": _ZERO, "I1": (0.0,) * 9} | mass_constants(bodies, "body2")
+    given = motion_arrays("body1", body1, "R", "S", "v", "omega") | {"gravity": _gravity(gravity)}
+    return Energy(*_computed(constants, masses, ("kinetic", "potential"), given, psi=psi, psid=psid))
 
 
 def momentum(constants: Constants, bodies: Bodies, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
     """The pair's momentum (D8); see `HingePair.momentum`."""
     masses = mass_constants(bodies, "body1", "body2")
     given = motion_arrays("body1", body1, "R", "S", "v", "omega")
-    found = _follow(constants, {"linear": (3,), "angular": (3,)}, masses, given, {"psi": psi, "psid": psid})
-    return Momentum(**found)
+    return Momentum(*_computed(constants, masses, ("linear", "angular"), given, psi=psi, psid=psid))
 
 
-def _follow(
+def _computed(
     constants: Constants,
-    tails: Mapping[str, tuple[int, ...]],
-    known: Mapping[str, Any],
-    arrays: Mapping[str, NDArray[Any]],
-    angles: Mapping[str, ArrayLike],
-    *,
-    forward: bool = False,
-) -> dict[str, NDArray[Any]]:
-    """Some results at all samples."""
+    masses: Mapping[str, Any],
+    names: tuple[str, ...],
+    given: Mapping[str, Any],
+    **angles: ArrayLike,
+) -> Iterable[NDArray[Any]]:
+    """Some results at all samples, in order."""
     for name, value in angles.items():
         if value is None:
             raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: what is asked for needs it", None)
-    values = {**arrays, **{name: component(name, v) for name, v in angles.items()}}
-    ranks = {name: 2 if name == "S1" else 1 for name in arrays}
-    shapes = {name: v.shape[: v.ndim - ranks[name]] for name, v in arrays.items()}
-    shapes |= {name: np.shape(values[name]) for name in angles}
-    dtype = result_dtype(values.values())
-    if constants.single and dtype == np.float64 and not any(shapes.values()):
-        return _of_one(constants, tails, known, values, forward)
-    return follow_steps(_steps(constants, forward), tails, constants, {**known, **values}, shapes, dtype)
+    hinge = {name: component(name, value) for name, value in angles.items()}
+    arrays = {name: value for name, value in given.items() if isinstance(value, np.ndarray)}
+    shapes = {name: v.shape[: v.ndim - len(SPATIAL.shapes[name])] for name, v in arrays.items()}
+    shapes |= {name: np.shape(value) for name, value in hinge.items()}
+    return arrays_of(with_masses(constants, masses), names, {**given, **hinge}, shapes).values()
 
 
-def _steps(constants: Constants, forward: bool) -> tuple[Step, ...]:
-    kinematics = steps_of(None, "home" in constants.values)
-    return forward_steps(kinematics) if forward else (*kinematics, *MASS_STEPS)
+def _gravity(gravity: ArrayLike) -> tuple[float, ...]:
+    return tuple(one_constant("gravity", gravity, 3).tolist())
 
 
-def _of_one(
-    constants: Constants,
-    tails: Mapping[str, tuple[int, ...]],
-    known: Mapping[str, Any],
-    values: Mapping[str, Any],
-    forward: bool,
-) -> dict[str, NDArray[Any]]:
-    """Some results of one state of one pair, whose masses stay what they are; gravity need not."""
-    key = "dynamics", forward, *tails
-    one = constants.prepared.get(key)
-    if one is None:
-        fixed = {**constants.values, **known}
-        fixed.pop("gravity", None)
-        inputs = {name: INPUTS.get(name, (3,)) for name in (*fixed, "gravity", *values)}
-        loop = loop_of_steps(_steps(constants, forward), tuple(tails.items()), tuple(inputs.items()))
-        own = {name: fixed[name] for name, _ in loop.inputs if name in fixed}
-        one = constants.prepared[key] = OneState(loop, own, "auto")
-    given = {n: v if isinstance(v, float) else np.asarray(v, np.float64, order="C") for n, v in values.items()}
-    buffer = one({**given, "gravity": np.array(known.get("gravity", _ZERO))})
-    buffer.flags.writeable = True
-    spans = spans_of(tuple(tails.items())).items()
-    return {name: buffer[begin:end].reshape(tail) for name, (begin, end, tail) in spans}
-
-
-def _gravity(gravity: ArrayLike) -> dict[str, Any]:
-    return {"gravity": tuple(one_constant("gravity", gravity, 3).tolist())}
-
-
-def _load(name: str, value: ArrayLike) -> NDArray[Any]:
+def _load(name: str, value: ArrayLike) -> NDArray[Any] | Vector:
     """A force or a torque; the number 0 says that there is none."""
-    return np.zeros(3) if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)
+    return _ZERO if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)

@@ -2,59 +2,120 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.errors import ArgumentError, ShapeError, choices, quoted
 from hingepair.evaluation.backend import How
-from hingepair.evaluation.plan import (
-    OUTPUTS,
-    PLANAR,
-    SPATIAL,
-    Plan,
-    check_outputs,
-    default_outputs,
-    make_plan,
-    outputs_of,
-)
-from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
-from hingepair.numeric.array_libraries import foreign_components, is_foreign, library_of
-from hingepair.numeric.blocks import Named
+from hingepair.evaluation.plan import SPATIAL, Kind, Plan, check_outputs, default_outputs, make_plan
+from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign, library_of
+from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, real_array, vectors
+from hingepair.numeric.blocks import Components, Named
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import (
-    Coordinates,
-    Out,
-    Outputs,
-    StateT,
-    component,
-    evaluate,
-    evaluate_foreign,
-    evaluate_one,
-    float_row,
-    leading_shapes,
-    parts_of,
-    read_coordinates,
-    written,
-)
-from hingepair.pair.prepared import Prepared
-from hingepair.pair.states import PairState, PlanarState
+from hingepair.pair.evaluate import Out, evaluate_foreign, written
+from hingepair.pair.prepared import Prepared, compute, ready
 from hingepair.rotations.sequences import find_sequence
 
-_OF_COORDINATES = {part: name for parts in (PARTS, PLANAR_PARTS) for name, own in parts.items() for part in own}
-HINGE = ("psi", "psid", "psidd")
+Rows: TypeAlias = ArrayLike | tuple[Any, ...]
+"""q, qd or qdd: an array with the coordinates last, or a tuple of coordinates that broadcast."""
+Outputs: TypeAlias = Iterable[str] | None
+
+_COUNTS = {4: "four", 7: "seven"}
+_DOUBLES = "dbhilqBHILQ"  # dtypes that are computed in float64, by their characters
+_SEQUENCES, _NUMBERS = {tuple, list}, {float, int, np.float64, np.int64, np.int32}
 _LETTERS = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
-_OF_BODY1 = {name: f"body1.{letter}" for name, letter in _LETTERS.items()} | {"psid": "psid", "psidd": "psidd"}
+_OF_BODY1 = {name: f"body1.{letter}" for name, letter in _LETTERS.items()}
+
+
+class Coordinates(NamedTuple):
+    """The coordinates and their derivatives as they were given.
+
+    Attributes:
+        parts: q, qd, qdd, as far as given: tuples of components, or arrays with the components last.
+        shapes: of the samples of each.
+        library: that they are arrays of; None of NumPy's, and of numbers.
+    """
+
+    parts: Mapping[str, Components | NDArray[Any]]
+    shapes: Mapping[str, tuple[int, ...]]
+    library: Library | None = None
+
+
+def read_coordinates(kind: Kind, q: Any, qd: Any, qdd: Any, foreign: bool = False) -> Coordinates:
+    """The coordinates as plans take them; arrays of other libraries as they are where `foreign`."""
+    if qdd is not None and qd is None:
+        raise ArgumentError("qd", "the first derivatives beside the second", None)
+    if q is None:
+        raise ArgumentError("q", "coordinates", None)
+    given = {"q": q} if qd is None else {"q": q, "qd": qd} if qdd is None else {"q": q, "qd": qd, "qdd": qdd}
+    count = len(kind.coordinates)
+    floats = {name: row for name, value in given.items() if (row := float_row(value, count)) is not None}
+    if floats.keys() == given.keys():
+        return Coordinates(floats, dict.fromkeys(floats, ()))
+    leaves = {f"{name}[{i}]": c for name, v in given.items() if type(v) is tuple for i, c in enumerate(v)}
+    library = library_of({name: v for name, v in given.items() if type(v) is not tuple} | leaves) if foreign else None
+    parts: dict[str, Any]
+    if library is not None:
+        parts = {name: foreign_components(name, v, count) for name, v in given.items()}
+    else:
+        parts = {name: _coordinates(name, value, kind.coordinates) for name, value in given.items()}
+    return Coordinates(parts, {name: _leading_shape(name, part) for name, part in parts.items()}, library)
+
+
+def _leading_shape(name: str, part: Components | NDArray[Any]) -> tuple[int, ...]:
+    if isinstance(part, np.ndarray):
+        return part.shape[:-1]
+    return broadcast_shape({f"{name}[{i}]": np.shape(c) for i, c in enumerate(part)})
+
+
+def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | NDArray[Any]:
+    """A tuple of broadcastable coordinates, or one array with the coordinates last, or a table with their names."""
+    count = len(names)
+    several = f"{_COUNTS[count]} coordinates"
+    if isinstance(value, tuple) and len(value) == count:
+        if all(isinstance(part, list | tuple) and len(part) == count for part in value):
+            expected = f"an array of states (numpy.array(...)), or a tuple of arrays of {several}"
+            raise ShapeError(name, expected, f"{count} sequences of {count} numbers, which could be either")
+        return tuple(component(f"{name}[{i}]", part) for i, part in enumerate(value))
+    if is_table(value):
+        endings = {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name]
+        meaning = {f"{one}{ending}": one for one in names for ending in ("", *endings)}
+        value = columns_by_name(name, value, meaning, names)
+    try:
+        return vectors(name, value, count)
+    except ShapeError as error:
+        raise ShapeError(name, f"{error.expected}, or a tuple of {several}", error.got) from None
+
+
+def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
+    """So many numbers that are computed in float64, as an array of it; None of anything else."""
+    if type(value) is np.ndarray:
+        known = value.shape == (count,) and value.dtype.char in _DOUBLES
+    else:
+        known = type(value) in _SEQUENCES and len(value) == count and _NUMBERS.issuperset(map(type, value))
+    try:
+        return np.asarray(value, np.float64) if known else None
+    except OverflowError:
+        return None
+
+
+def component(name: str, value: Any) -> Any:
+    """One coordinate: a Python number stays one, so that it follows the dtype of the arrays beside it."""
+    if type(value) is float or (type(value) is int and value.bit_length() < 1024):
+        return float(value)
+    return real_array(name, value)
 
 
 def from_coordinates(
-    pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str, how: How
-) -> PairState:
-    """The pair's state from the seven coordinates and as many derivatives as are given (E1-E10)."""
+    kind: Kind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str | None, how: How
+) -> Any:
+    """The pair's state from its coordinates and as many derivatives as are given (E1-E11)."""
     rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
-    ready: Prepared | None = None
+    known: Prepared | None = None
     short = how.workers == 1 and (qd is not None or qdd is None)
     if type(outputs) is list:
         outputs = tuple(outputs)
@@ -62,86 +123,59 @@ def from_coordinates(
         short = short and type(outputs) is tuple and type(out) is dict and out.keys() <= {*outputs}
     if short:
         try:
-            ready = pair.prepared.get((outputs, sequence, how.backend, len(rows)))
+            known = pair.prepared.get((outputs, sequence, how.backend, len(rows)))
         except TypeError:  # outputs that are no key
             short = False
         else:
-            found: PairState | None = None if ready is None else ready.short(*rows)
+            found = None if known is None else known.short(*rows)
             if found is not None:
-                inputs = dict(zip(PARTS, rows, strict=False)) if found.shape else {}
+                inputs = dict(zip(kind.parts, rows, strict=False)) if found.shape else {}
                 return found if out is None else written(found, out, inputs)
-            if ready is not None and out is None:
-                state: PairState | None = ready.short(*[float_row(value, len(COORDINATES)) for value in rows])
-                if state is not None:
-                    return state
-    plan, given = plan_from_coordinates(pair, q, qd, qdd, outputs, out, sequence, foreign=True)
-    state = _of_rows(PairState, plan, pair, given, out, how)
-    if short and pair.single and given.library is None:
-        if ready is None:
-            ready = Prepared(pair, tuple(given.parts), plan.outputs, sequence, how, now=False)
-            pair.prepared[outputs, sequence, how.backend, len(rows)] = ready
+            if known is not None and out is None:
+                found = known.short(*[float_row(value, len(kind.coordinates)) for value in rows])
+                if found is not None:
+                    return found
+    plan, given = plan_from_coordinates(kind, pair, q, qd, qdd, outputs, out, sequence, foreign=True)
+    if given.library is not None:
+        return evaluate_foreign(pair, plan, given.parts, given.shapes, given.library, out, how)
+    state = compute(pair, plan, given.parts, given.shapes, out, how)
+    if short and pair.single:
+        if known is None:
+            known = ready(pair, plan, tuple(given.parts), how.backend)
+            pair.prepared[outputs, sequence, how.backend, len(rows)] = known
         if how.backend != "numpy":
-            ready.learn(rows)
+            known.learn(rows)
     return state
 
 
 def plan_from_coordinates(
-    pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str, foreign: bool = False
+    kind: Kind,
+    pair: Constants,
+    q: Any,
+    qd: Any,
+    qdd: Any,
+    outputs: Outputs,
+    out: Out,
+    sequence: Any,
+    foreign: bool = False,
 ) -> tuple[Plan, Coordinates]:
-    """What to compute from the seven coordinates, and of what."""
-    if type(sequence) is not str or sequence != "XYZ":
+    """What to compute from the coordinates, and of what."""
+    if kind is SPATIAL and (type(sequence) is not str or sequence != "XYZ"):
         find_sequence(sequence)
-    given = read_coordinates(q, qd, qdd, COORDINATES, foreign)
-    level, home = len(given.parts) - 1, "home" in pair.values
-    if outputs is None and out is None:
-        return make_plan(default_outputs(level), sequence, home), given
-    names = _wanted(outputs, out, level)
-    return _plan_for(names, (sequence, home), _parts(given, PARTS, pair), _OF_COORDINATES), given
-
-
-def planar_from_coordinates(
-    pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, how: How
-) -> PlanarState:
-    """The planar pair's state from (x, y, phi, psi) and as many derivatives as are given (E11)."""
-    plan, given = plan_planar(pair, q, qd, qdd, outputs, out, foreign=True)
-    return _of_rows(PlanarState, plan, pair, given, out, how)
-
-
-def plan_planar(
-    pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, foreign: bool = False
-) -> tuple[Plan, Coordinates]:
-    """What to compute from the four coordinates of a planar pair, and of what."""
-    given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES, foreign)
-    names = _wanted(outputs, out, len(given.parts) - 1, PLANAR)
-    return _plan_for(names, (None, False), _parts(given, PLANAR_PARTS, pair), _OF_COORDINATES, PLANAR), given
-
-
-def _parts(given: Coordinates, parts: Mapping[str, tuple[str, ...]], pair: Constants) -> set[str]:
-    """What a plan can start from."""
-    return {*pair.values, *(part for name in given.parts for part in parts[name])}
-
-
-def _of_rows(state: type[StateT], plan: Plan, pair: Constants, given: Coordinates, out: Out, how: How) -> StateT:
-    if given.library is not None:
-        values = parts_of(given, plan.kind == PLANAR)
-        return evaluate_foreign(state, plan, pair, values, leading_shapes(given), given.library, out, how)
-    if given.single and pair.single:
-        return evaluate_one(state, plan, True, pair, given.parts, out, how)
-    return evaluate(state, plan, True, pair, given.parts, leading_shapes(given), out, how)
+    given = read_coordinates(kind, q, qd, qdd, foreign)
+    names = _wanted(outputs, out, len(given.parts) - 1, kind)
+    return _plan_for(names, pair, tuple(given.parts), sequence, kind), given
 
 
 def from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out, how: How
-) -> PairState:
+) -> Any:
     """The pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
     plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
     library = library_of({_OF_BODY1.get(name, name): value for name, value in values.items()})
     if library is not None:
-        parts = {n: v if n in HINGE else foreign_components(n, v, *OUTPUTS[n].tail) for n, v in values.items()}
-        return evaluate_foreign(PairState, plan, pair, parts, shapes, library, out, how)
-    if body1.shape == () and pair.single and all(_is_double(name, value) for name, value in values.items()):
-        return evaluate_one(PairState, plan, False, pair, values, out, how)
-    return evaluate(PairState, plan, False, pair, values, shapes, out, how)
+        return evaluate_foreign(pair, plan, values, shapes, library, out, how)
+    return compute(pair, plan, values, shapes, out, how)
 
 
 def plan_from_body1(
@@ -154,22 +188,16 @@ def plan_from_body1(
         raise ArgumentError("psid", "the first derivative beside the second", None)
     if psi is None:
         raise ArgumentError("psi", "hinge angles", None)
-    given = {"psi": psi, "psid": psid, "psidd": psidd}
-    known_hinge = {name: value for name, value in given.items() if value is not None}
-    hinge = {name: v if is_foreign(v) else component(name, v) for name, v in known_hinge.items()}
+    angles = {name: v for name, v in {"psi": psi, "psid": psid, "psidd": psidd}.items() if v is not None}
+    hinge = {name: v if is_foreign(v) else component(name, v) for name, v in angles.items()}
     arrays = {name: array for name, letter in _LETTERS.items() if (array := getattr(body1, letter)) is not None}
-    known = hinge.keys() | arrays.keys() | pair.values.keys()
-    plan = _plan_for(_wanted(outputs, out, len(hinge) - 1), (None, "home" in pair.values), known, _OF_BODY1)
+    names = _wanted(outputs, out, len(hinge) - 1, SPATIAL)
+    plan = _plan_for(names, pair, (*arrays, *hinge), None, SPATIAL)
     shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
     return plan, {**arrays, **hinge}, shapes
 
 
-def _is_double(name: str, value: Any) -> bool:
-    """Whether it is a float of the hinge, or an array of body 1 in float64."""
-    return type(value) is float if name in HINGE else value.dtype.char == "d"
-
-
-def _wanted(outputs: Outputs, out: Out, level: int, kind: str = SPATIAL) -> tuple[str, ...]:
+def _wanted(outputs: Outputs, out: Out, level: int, kind: Kind) -> tuple[str, ...]:
     """What to compute: the names asked for, or the level's defaults and whatever `out` has room for."""
     if out is not None and not isinstance(out, Mapping):
         raise ArgumentError("out", "a dict of arrays by output name", quoted(out))
@@ -177,11 +205,11 @@ def _wanted(outputs: Outputs, out: Out, level: int, kind: str = SPATIAL) -> tupl
         return default_outputs(level, kind)
     room = tuple(out or ())
     for name in room:
-        if name not in outputs_of(kind):
-            raise ArgumentError("out", choices(tuple(outputs_of(kind))), quoted(name))
+        if name not in kind.levels:
+            raise ArgumentError("out", choices(tuple(kind.levels)), quoted(name))
     if outputs is None:
         return tuple(dict.fromkeys((*default_outputs(level, kind), *room)))
-    names = check_outputs(outputs, kind)
+    names = check_outputs(outputs, kind.levels)
     for name in room:
         if name not in names:
             raise ArgumentError("out", f"arrays for nothing but the outputs named ({', '.join(names)})", quoted(name))
@@ -189,18 +217,16 @@ def _wanted(outputs: Outputs, out: Out, level: int, kind: str = SPATIAL) -> tupl
 
 
 def _plan_for(
-    names: tuple[str, ...],
-    form: tuple[str | None, bool],
-    given: Set[str],
-    sources: Mapping[str, str],
-    kind: str = SPATIAL,
+    names: tuple[str, ...], pair: Constants, given: tuple[str, ...], sequence: str | None, kind: Kind
 ) -> Plan:
-    """The plan for some outputs, if what is given suffices; `sources` are the arguments that inputs come from."""
-    sequence, home = form
-    plan = make_plan(names, sequence, home, kind=kind)
-    if plan.inputs <= given:
+    """The plan for some outputs, if what is given suffices."""
+    home = "home" in pair.values
+    plan = make_plan(names, sequence, home, kind=kind, given=given)
+    known = {*given, *pair.values}
+    if plan.inputs <= known:
         return plan
     for name in names:
-        for missing in sorted(make_plan((name,), sequence, home, kind=kind).inputs - given):
-            raise ArgumentError(sources[missing], f"a value, since output {name} needs it", None)
+        for missing in sorted(make_plan((name,), sequence, home, kind=kind, given=given).inputs - known):
+            argument = missing if "q" in given else _OF_BODY1.get(missing, missing)
+            raise ArgumentError(argument, f"a value, since output {name} needs it", None)
     return plan

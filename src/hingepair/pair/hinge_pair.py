@@ -12,17 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
+from hingepair.evaluation.plan import SPATIAL
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
 from hingepair.numeric.notebook import Sheet, Shown, sheet_of
-from hingepair.pair import accuracy, constraints, derivatives, dynamics, residuals
+from hingepair.pair import accuracy, derivatives, dynamics, residuals
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants, pair_constants
 from hingepair.pair.derivatives import Sensitivities
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
-from hingepair.pair.evaluate import Out, Outputs, Rows
-from hingepair.pair.prepared import Prepared, prepare
+from hingepair.pair.evaluate import Out
+from hingepair.pair.forward_kinematics import Outputs, Rows
+from hingepair.pair.prepare import prepare
+from hingepair.pair.prepared import Prepared
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
 
@@ -170,7 +173,10 @@ class HingePair(Shown):
         array([ 1.,  4., -1.])
         """
         how = choose(backend, workers)
-        return kinematics.from_coordinates(self.constants, q, qd, qdd, outputs, out, sequence, how)
+        state: PairState = kinematics.from_coordinates(
+            SPATIAL, self.constants, q, qd, qdd, outputs, out, sequence, how
+        )
+        return state
 
     def prepare(
         self,
@@ -247,7 +253,8 @@ class HingePair(Shown):
         array([2., 0., 0.])
         """
         how = choose(backend, workers)
-        return kinematics.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, how)
+        state: PairState = kinematics.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, how)
+        return state
 
     def error_bounds(
         self,
@@ -277,7 +284,7 @@ class HingePair(Shown):
         >>> [f"{bound:.0e}" for bound in bounds["R2"]], [f"{bound:.0e}" for bound in bounds["d"]]
         (['2e-15', '6e-08'], ['2e-15', '2e-15'])
         """
-        return accuracy.error_bounds(self.constants, q, qd, qdd, outputs, sequence)
+        return accuracy.error_bounds(SPATIAL, self.constants, q, qd, qdd, outputs, sequence)
 
     def error_bounds_from_body1(
         self,
@@ -586,7 +593,7 @@ class HingePair(Shown):
         >>> (pair.constraint_jacobian(body, body) @ (0, 0, 0, 0, 0, 1, 0, 4, 0, 0, 0, 3)).tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0]
         """
-        return constraints.constraint_jacobian(self.constants, body1, body2)
+        return derivatives.constraint_jacobian(self.constants, body1, body2)
 
     def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
         """What velocities alone add to the constraints' second derivative (E1, E2).
@@ -602,7 +609,7 @@ class HingePair(Shown):
         >>> pair.constraint_bias(body1, body2).tolist()
         [-4.0, 0.0, 0.0, 0.0, 0.0]
         """
-        return constraints.constraint_bias(self.constants, body1, body2)
+        return derivatives.constraint_bias(self.constants, body1, body2)
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:

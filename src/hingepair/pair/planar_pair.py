@@ -10,17 +10,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
-from hingepair.evaluation.steps import PLANAR_COORDINATES
+from hingepair.evaluation.plan import PLANAR
 from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, real_array, vectors
 from hingepair.numeric.blocks import numbers
 from hingepair.numeric.notebook import Sheet, Shown, sheet_of
+from hingepair.pair import accuracy
 from hingepair.pair import forward_kinematics as kinematics
-from hingepair.pair.accuracy import planar_error_bounds
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
 from hingepair.pair.dynamics import Energy, Forces, Momentum
-from hingepair.pair.evaluate import Out, Outputs, Rows, leading_shapes, parts_of, read_coordinates
+from hingepair.pair.evaluate import Out
+from hingepair.pair.forward_kinematics import Outputs, Rows
 from hingepair.pair.hinge_pair import HingePair, checked_body
 from hingepair.pair.states import PlanarState
 from hingepair.rotations.matrices import rotation_exp
@@ -116,7 +117,8 @@ class PlanarPair(Shown):
         (array([1., 4.]), np.float64(2.0))
         """
         how = choose(backend, workers)
-        return kinematics.planar_from_coordinates(self.constants, q, qd, qdd, outputs, out, how)
+        state: PlanarState = kinematics.from_coordinates(PLANAR, self.constants, q, qd, qdd, outputs, out, None, how)
+        return state
 
     def error_bounds(
         self, q: Rows, qd: Rows | None = None, qdd: Rows | None = None, outputs: Outputs = None
@@ -130,7 +132,7 @@ class PlanarPair(Shown):
         >>> f"{pair.error_bounds((0, 0, 0.5, 0.25))['R2']:.0e}"
         '7e-16'
         """
-        return planar_error_bounds(self.constants, q, qd, qdd, outputs)
+        return accuracy.error_bounds(PLANAR, self.constants, q, qd, qdd, outputs, None)
 
     def to_spatial(self) -> HingePair:
         """The same pair in space: n = e_z, and the plane is z = 0.
@@ -151,7 +153,11 @@ class PlanarPair(Shown):
         >>> pair.massive().body2
         Body(mass=2.0, center_of_mass=[0.0, 0.0, 0.0], inertia=[[3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]])
         """
-        return self._in_space(*(None if body is None else _level(body) for body in (self.body1, self.body2)))
+        found: HingePair | None = self.constants.prepared.get("massive")
+        if found is None:
+            found = self._in_space(*(None if body is None else _level(body) for body in (self.body1, self.body2)))
+            self.constants.prepared["massive"] = found
+        return found
 
     def _in_space(self, body1: Body | None, body2: Body | None) -> HingePair:
         u1, u2 = (np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1) for u in (self.u1, self.u2))
@@ -293,22 +299,18 @@ def _level(body: Body) -> Body:
 
 def motion_in_space(q: Rows, qd: Rows | None = None, qdd: Rows | None = None) -> tuple[Any, ...]:
     """Body 1 in space, and psi and its derivatives, from q, qd, qdd as far as they go."""
-    given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES, False)
-    shape = broadcast_shape(leading_shapes(given))
-    parts = {
-        name: [np.broadcast_to(c, shape) for c in (part if isinstance(part, tuple) else (part,))]
-        for name, part in parts_of(given, planar=True).items()
-    }
+    given = kinematics.read_coordinates(PLANAR, q, qd, qdd)
+    shape = broadcast_shape(given.shapes)
     zero = np.zeros(shape)
-    arrays = {}
-    for letter, part in (("R", "R1"), ("v", "v1"), ("a", "a1")):
-        if part in parts:
-            arrays[letter] = np.stack([*parts[part], zero], axis=-1)
-    for letter, part in (("omega", "phi1d"), ("alpha", "phi1dd")):
-        if part in parts:
-            arrays[letter] = np.stack([zero, zero, *parts[part]], axis=-1)
-    S = rotation_exp(np.stack([zero, zero, *parts["phi1"]], axis=-1))
-    return BodyMotion(S=S, **arrays), *(parts[name][0] for name in ("psi", "psid", "psidd") if name in parts)
+    arrays: dict[str, NDArray[Any]] = {}
+    hinge = []
+    for part, linear, angular in zip(given.parts.values(), "Rva", ("S", "omega", "alpha"), strict=False):
+        columns = np.moveaxis(part, -1, 0) if isinstance(part, np.ndarray) else part
+        x, y, phi, psi = (np.broadcast_to(c, shape) for c in columns)
+        arrays |= {linear: np.stack([x, y, zero], axis=-1), angular: np.stack([zero, zero, phi], axis=-1)}
+        hinge.append(psi)
+    S = rotation_exp(arrays.pop("S"))
+    return BodyMotion(S=S, **arrays), *hinge
 
 
 def _fall(gravity: ArrayLike) -> tuple[float, float, float]:

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
+from hingepair.evaluation.plan import make_plan
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only, real_array
 from hingepair.numeric.notebook import Sheet, Shown
 from hingepair.numeric.tables import aligned, json_text, left_out
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.constants import Constants
-from hingepair.pair.constraints import TAILS, available, constraint_values
+from hingepair.pair.constants import Constants, with_hinge_frames
+from hingepair.pair.prepared import arrays_of
 
 _HEADER = (
     *("residual", "", "rms", "largest", "worst", "unit", "tolerance", "worst/tolerance", "at sample", "at t"),
@@ -216,7 +217,10 @@ KINDS = {
 }
 """What is judged; W_i = abs(omega_i), A_i = abs(alpha_i), max abs over the components of both bodies."""
 
-_ARRAYS = tuple(name for name in TAILS if name != "slip" and not name.startswith("constraint"))
+_ARRAYS = (
+    *("gap", "tilt", "tilt_angle", "psi"),
+    *("gap_rate", "tilt_rate", "psid", "gap_acceleration", "tilt_acceleration", "psidd"),
+)
 
 
 def residuals(
@@ -238,8 +242,10 @@ def residuals(
         _check_given(kind, given)
     shapes = {"body1": body1.shape, "body2": body2.shape}
     shape = broadcast_shape({**shapes, "pair": pair.shape})
-    names = available(_ARRAYS, given)
-    arrays = constraint_values(pair, names, given, shapes, np.dtype(np.float64))
+    pair = with_hinge_frames(pair)
+    home, there = "home" in pair.values, {*given, *pair.values}
+    names = [name for name in _ARRAYS if make_plan((name,), None, home, given=tuple(given)).inputs <= there]
+    arrays = arrays_of(pair, names, given, shapes, np.dtype(np.float64))
     u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in given.values())
     scales = _scales(pair, given, [kind for kind in KINDS if kind in names])
     attitudes = np.isfinite(given["S1"]).all(axis=(-2, -1)) & np.isfinite(given["S2"]).all(axis=(-2, -1))

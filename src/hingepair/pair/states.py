@@ -49,6 +49,14 @@ class State(Shown):
         """What was computed, by name."""
         return {name: self[name] for name in self._content[1]}
 
+    def released(self) -> dict[str, FloatArray]:
+        """What was computed, by name, of a state that nobody else holds: arrays that can be written to."""
+        content = self._content[0]
+        if not isinstance(content, np.ndarray):
+            return dict(content)
+        content.flags.writeable = True
+        return self.arrays()
+
     def __getitem__(self, name: str) -> FloatArray:
         """An output by its name; what `prepare` computes beyond kinematics has no attribute of its own.
 

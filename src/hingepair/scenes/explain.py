@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hingepair.evaluation.loops import Operations
-from hingepair.evaluation.plan import PLANAR, SPATIAL, default_outputs, make_plan
-from hingepair.evaluation.steps import PARTS
+from hingepair.evaluation.plan import PLANAR, SPATIAL, default_outputs, make_plan, steps_of
+from hingepair.evaluation.steps import PARTS, WITHOUT_HOME
 from hingepair.pair.evaluate import count_operations
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -87,8 +87,10 @@ def explain(
     """
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
     names, constant = default_outputs(known.level, kind) if outputs is None else outputs, known.constant()
-    plan = make_plan(names, known.sequence, "home" in pair.constants.values, kind=kind)
-    operations = count_operations(plan, pair.constants, dict(zip(PARTS, known.derivatives, strict=False)))
+    form = known.sequence, "home" in pair.constants.values
+    plan, others = make_plan(names, *form, kind=kind), [step.result for step in steps_of(*form, kind=kind)]
+    rows = dict(zip(PARTS, known.derivatives, strict=False))
+    operations = count_operations(make_plan(names, *form, kind=kind, given=tuple(rows)), pair.constants, rows)
     still, computed = {*constant} | {"u1", "u2", "n", "home", "along", "across", "around"}, []
     for step in plan.steps:
         once = still.issuperset(step.arguments)
@@ -103,10 +105,11 @@ def explain(
         )
     if operations.once:
         skipped.append((f"{operations.once} operations at each instant", "they depend on constants only"))
-    skipped += [(_MEANING[name], "no output needs it") for name in plan.skipped if name in _MEANING]
-    if plan.sequence is None and kind != PLANAR:
+    made = {step.result for step in plan.steps}
+    skipped += [(_MEANING[name], "no output needs it") for name in others if name in _MEANING and name not in made]
+    if known.sequence is None and kind is SPATIAL:
         skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
-    if not plan.home and any(step.result == "S2" for step in plan.steps):
+    if WITHOUT_HOME in plan.steps:
         skipped.append(("the product with C", "home is the identity"))
     for name in ("phi_x", "phi_y", "phi_z", "psi"):
         if name in constant and any(step.result in {"trig", "hinge"} for step in plan.steps):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, choices, quoted
-from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, check_outputs, outputs_of
+from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, Kind, check_outputs
 from hingepair.integration.trajectory import span
 from hingepair.numeric.arrays import Frozen, read_only
 from hingepair.numeric.notebook import Sheet, Shown, cell, unit_of
@@ -178,7 +178,7 @@ class Scene(Shown):
         return self.pair if isinstance(self.pair, HingePair) else self.pair.to_spatial()
 
     @property
-    def kind(self) -> str:
+    def kind(self) -> Kind:
         """Whether the outputs are those of a plane or of space."""
         return SPATIAL if isinstance(self.pair, HingePair) else PLANAR
 
@@ -371,8 +371,8 @@ class Scene(Shown):
         """The outputs that are asked for, all of which the motion has; None: all about body 2."""
         if outputs is None:
             return self.outputs
-        names, level = check_outputs(outputs, self.kind, COORDINATES), self.motion.level
-        known = *(name for name in outputs_of(self.kind) if _level(name) <= level), *self.coordinates_to(level)
+        names, level = check_outputs(outputs, (*self.kind.levels, *COORDINATES)), self.motion.level
+        known = *(name for name in self.kind.levels if _level(name) <= level), *self.coordinates_to(level)
         for name in names:
             if name not in known:
                 hint = self.motion.hint if _level(name) > level else ""

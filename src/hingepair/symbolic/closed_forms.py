@@ -14,8 +14,7 @@ from typing import Any, Final, TypeAlias
 import sympy
 
 from hingepair.errors import ArgumentError
-from hingepair.evaluation.plan import PLANAR, SPATIAL, check_outputs, make_plan, outputs_of
-from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_PARTS
+from hingepair.evaluation.plan import PLANAR, SPATIAL, Kind, check_outputs, make_plan
 from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -64,8 +63,7 @@ class ClosedForms:
     ) -> None:
         check_one(pair)
         self.kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
-        names = PLANAR_COORDINATES if self.kind == PLANAR else COORDINATES
-        jets = [_jet(name, (motion or {}).get(name)) for name in names]
+        jets = [_jet(name, (motion or {}).get(name)) for name in self.kind.coordinates]
         constants = constant_inputs(pair, symbolic)
         self._sequence = sequence if self.kind == SPATIAL else None
         self._home = "home" in constants
@@ -81,7 +79,7 @@ class ClosedForms:
     @property
     def names(self) -> tuple[str, ...]:
         """What can be derived."""
-        return tuple(outputs_of(self.kind))
+        return tuple(self.kind.levels)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # of a copy that is being made
@@ -89,7 +87,7 @@ class ClosedForms:
         if name not in self.names:
             raise AttributeError(f"{type(self).__name__} has no {name!r}; it has t, {', '.join(self.names)}")
         parts = [sympy.Add(*terms) for terms in self.terms(name)]
-        tail = outputs_of(self.kind)[name].tail
+        tail = self.kind.shapes[name]
         return parts[0] if not tail else sympy.ImmutableMatrix(tail[0], len(parts) // tail[0], parts)
 
     def __dir__(self) -> list[str]:
@@ -107,7 +105,7 @@ class ClosedForms:
         Raises:
             ArgumentError: no such output, or its closed form is too long to be of use.
         """
-        check_outputs((name,), self.kind)
+        check_outputs((name,), self.kind.levels)
         for result, function, arguments in make_plan((name,), self._sequence, self._home, _TERMS, self.kind).steps:
             if result not in self._best:
                 built = function(*[self._best[key] for key in arguments])
@@ -156,9 +154,9 @@ def _jet(name: str, expr: Expr | None) -> Jet:
         raise ArgumentError(name, expected, "one that SymPy cannot differentiate") from None
 
 
-def motion_inputs(jets: list[Jet], kind: str) -> dict[str, Any]:
+def motion_inputs(jets: list[Jet], kind: Kind) -> dict[str, Any]:
     """The coordinates and their derivatives by the names of a plan's inputs."""
-    size, parts = (2, PLANAR_PARTS) if kind == PLANAR else (3, PARTS)
+    size, parts = 2 if kind is PLANAR else 3, kind.parts
     found: dict[str, Any] = {}
     for (point, angle, hinge), row in zip(parts.values(), zip(*jets, strict=True), strict=True):
         found[point] = row[:size]

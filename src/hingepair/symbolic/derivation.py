@@ -10,7 +10,6 @@ from typing import Final
 
 import sympy
 
-from hingepair.evaluation.plan import outputs_of
 from hingepair.numeric.notebook import unit_of
 from hingepair.symbolic.closed_forms import ClosedForms, Terms
 from hingepair.symbolic.jets import time_symbol
@@ -85,7 +84,7 @@ class Derivation(ClosedForms):
         found = []
         for name in self.names if names is None else names:
             parts = self.terms(name)
-            places = map("".join, itertools.product("xyz", repeat=len(outputs_of(self.kind)[name].tail)))
+            places = map("".join, itertools.product("xyz", repeat=len(self.kind.shapes[name])))
             labels = (f"{name}_{place}" if place else name for place in places)
             found += list(zip(labels, parts, strict=False))
         return found

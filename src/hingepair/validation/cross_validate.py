@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES
+from hingepair.evaluation.plan import PLANAR, SPATIAL
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import error_ratios, euler_rate_sizes, given_rate_sizes, output_scales, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.evaluate import read_coordinates
+from hingepair.pair.forward_kinematics import read_coordinates
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.validation.pinocchio_twin import PinocchioTwin, frame_motion, import_pinocchio, to_pinocchio
@@ -67,7 +67,7 @@ def cross_validate(
         state = pair.forward_kinematics(q, qd, qdd)
     else:
         state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
-    given = read_coordinates(q, qd, qdd, PLANAR_COORDINATES if planar else COORDINATES).parts
+    given = read_coordinates(PLANAR if planar else SPATIAL, q, qd, qdd).parts
     flat = _samples(given, np.shape(state.R2)[:-1])
     seven = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in flat.values()]
     body1 = _body1_by_pinocchio(seven, "XYZ" if planar else sequence)
