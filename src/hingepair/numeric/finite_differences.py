@@ -12,7 +12,7 @@ steps h^p too. Only differences of instants and of values enter, so neither may 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,21 +23,9 @@ from hingepair.numeric.arrays import Float64Array
 _BLOCK = 16384
 
 
-class Stencils(NamedTuple):
-    """The neighbours of some samples one after the other, and their weights; shape (rows, neighbours).
-
-    Attributes:
-        rows: which samples.
-        neighbours: their neighbours, they themselves among them.
-        first: weights of the first derivative [1/s].
-        second: weights of the second derivative [1/s^2].
-    """
-
-    rows: slice
-    neighbours: NDArray[np.intp]
-    first: Float64Array
-    second: Float64Array
-
+Stencil: TypeAlias = tuple[slice, NDArray[np.intp], Float64Array, Float64Array]
+"""Some samples, their neighbours (they themselves among them), and the neighbours' weights in the first [1/s] and the
+second derivative [1/s^2]; shape (samples, neighbours)."""
 
 _NO_SECONDS = 1e11  # whole numbers from here on, 3,000 years, are stamps in milliseconds or nanoseconds
 
@@ -69,7 +57,7 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
     return instants
 
 
-def stencils(t: Float64Array, order: int) -> Iterator[Stencils]:
+def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
     """The neighbours of all samples and their weights, block by block; instants as `check_instants` returns them."""
     half, wide = order // 2, min(order + 5, t.size)
     for start in range(half, t.size - half, _BLOCK):
@@ -80,27 +68,16 @@ def stencils(t: Float64Array, order: int) -> Iterator[Stencils]:
         yield _weighted(t, rows, np.broadcast_to(first + np.arange(wide), (half, wide)), order)
 
 
-def _weighted(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], order: int) -> Stencils:
+def _weighted(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], order: int) -> Stencil:
     nodes = t[neighbours] - t[rows, None]
     step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
     x = nodes / step
-    first, second = weights(x) if x.shape[1] == order + 1 else nearest_weights(x, order)
-    return Stencils(rows, neighbours, first / step, second / step / step)
+    first, second = _weights(x) if x.shape[1] == order + 1 else _nearest_weights(x, order)
+    return rows, neighbours, first / step, second / step / step
 
 
-def weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Weights of the first and second derivative at 0 of the polynomial through nodes.
-
-    Args:
-        x: nodes, no two alike; shape (..., m).
-
-    Returns:
-        Two arrays of x's shape.
-
-    >>> first, second = weights(np.array([-1.0, 0.0, 1.0]))
-    >>> first.tolist(), second.tolist()
-    ([-0.5, 0.0, 0.5], [1.0, -2.0, 1.0])
-    """
+def _weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Weights of the first and second derivative at 0 of the polynomial through nodes, no two alike; (..., m)."""
     nodes = [x[..., i] for i in range(x.shape[-1])]
     zero = np.zeros(x.shape[:-1])
     found = [(zero + 1, zero, zero)]
@@ -118,20 +95,8 @@ def weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
     return np.stack([w[1] for w in found], axis=-1), np.stack([w[2] for w in found], axis=-1)
 
 
-def nearest_weights(x: Float64Array, degree: int) -> tuple[Float64Array, Float64Array]:
-    """Weights of the first and second derivative at 0 of the polynomial nearest to values at nodes (least squares).
-
-    Args:
-        x: nodes, increasing, more than degree; shape (rows, m).
-        degree: of the polynomial.
-
-    Returns:
-        Two arrays of x's shape.
-
-    >>> first, second = nearest_weights(np.array([[-2.0, -1.0, 0.0, 1.0, 2.0]]), 2)
-    >>> first.round(12).tolist()
-    [[-0.2, -0.1, 0.0, 0.1, 0.2]]
-    """
+def _nearest_weights(x: Float64Array, degree: int) -> tuple[Float64Array, Float64Array]:
+    """The same of the polynomial nearest to values at increasing nodes, more than its degree; (rows, m)."""
     from numpy.polynomial.legendre import legder, legval, legvander
 
     slopes = legder(np.eye(degree + 1))
