@@ -5,8 +5,8 @@ What does not depend on t comes out as a Python float, which the equations take 
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator, Sequence
+import functools
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Any, TypeAlias
 
@@ -51,7 +51,7 @@ class TimeFunctions:
         self._letters = (time_symbol(), *(sympy.Symbol(letter, real=True) for letter in letters))
         self._program = JetProgram()
         self._jets: list[Jet] = []
-        self._compiled: dict[tuple[Expr, ...], Callable[..., Sequence[Any]]] = {}
+        self._compiled = functools.cache(self._compile)
         expected = "an expression with finite real values and derivatives"
         for i, expr in enumerate(expressions):
             name = names[i] if names else f"expressions[{i}]"
@@ -72,53 +72,47 @@ class TimeFunctions:
             t: instants [s]; shape (...).
             order: of the highest derivative, at most 2.
         """
-        times = np.asarray(t, dtype=np.float64)
-        flat = [jet[k] for k in range(order + 1) for jet in self._jets]
-        constants = [self._program.value(expr) for expr in flat]
-        moving = [expr for expr, constant in zip(flat, constants, strict=True) if constant is None]
-        rows = (row.reshape(times.shape) for row in self._sample(moving, times.reshape(-1)))
-        arrays: Iterator[Value] = rows if times.ndim else map(float, rows)
-        values = iter([next(arrays) if constant is None else constant for constant in constants])
-        return tuple(tuple(itertools.islice(values, len(self._jets))) for _ in range(order + 1))
+        times, count = np.asarray(t, dtype=np.float64), len(self._jets)
+        rows = self._sample([jet[k] for k in range(order + 1) for jet in self._jets], times.reshape(-1))
+        arrays = (row if isinstance(row, float) else row.reshape(times.shape) for row in rows)
+        values = [array if times.ndim else float(array) for array in arrays]
+        return tuple(tuple(values[k * count : (k + 1) * count]) for k in range(order + 1))
 
     def values(self, *given: NDArray[np.float64]) -> tuple[Value, ...]:
         """The expressions at instants and values of the letters, arrays of one shape; constants as numbers."""
-        results = [jet[0] for jet in self._jets]
-        found = self._compiled_for(results)
+        function = self._compiled(tuple(jet[0] for jet in self._jets))
         with np.errstate(all="ignore"):
-            return tuple(np.nan if np.iscomplexobj(value) else value for value in found(*given))
+            return tuple(np.nan if np.iscomplexobj(value) else value for value in function(*given))
 
     def switches(self, t: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether kinks or jumps lie between neighbours of increasing instants; shape (N - 1,)."""
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
-        for sides in self._sample([switch for switch in self._program.switches if switch.free_symbols], t):
-            switched |= np.abs(np.diff(sides)) > 0  # not of NaN, where nothing is known
+        for sides in self._sample(self._program.switches, t):
+            switched |= np.abs(np.diff(np.broadcast_to(sides, t.shape))) > 0  # not of NaN, where nothing is known
         return switched
 
-    def _sample(self, results: list[Expr], t: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        """Steps of the program evaluated, block by block."""
-        rows = [np.empty(t.shape) for _ in results]
-        if not results:
-            return rows
-        function = self._compiled_for(results)
-        with np.errstate(all="ignore"):
-            for start in range(0, t.size, _BLOCK):
-                block = slice(start, start + _BLOCK)
-                for row, values in zip(rows, function(t[block]), strict=True):
-                    row[block] = np.nan if np.iscomplexobj(values) else values
-        return rows
+    def _sample(self, results: Sequence[Expr], t: NDArray[np.float64]) -> list[Value]:
+        """Results of the program at all instants, block by block; what does not depend on t as a number."""
+        found = [self._program.value(result) for result in results]
+        rows = {result: np.empty(t.shape) for result, value in zip(results, found, strict=True) if value is None}
+        if rows:
+            function = self._compiled(tuple(rows))
+            with np.errstate(all="ignore"):
+                for start in range(0, t.size, _BLOCK):
+                    block = slice(start, start + _BLOCK)
+                    for row, values in zip(rows.values(), function(t[block]), strict=True):
+                        row[block] = np.nan if np.iscomplexobj(values) else values
+        return [rows[result] if value is None else value for result, value in zip(results, found, strict=True)]
 
-    def _compiled_for(self, results: list[Expr]) -> Callable[..., Sequence[Any]]:
+    def _compile(self, results: tuple[Expr, ...]) -> Callable[..., Sequence[Any]]:
         """A function of t and the letters."""
-        key = tuple(results)
-        if key not in self._compiled:
-            steps = self._program.needed(results)
-            self._compiled[key] = sympy.lambdify(
-                self._letters,
-                results,
-                [{"numpy": np}],
-                NumPySource(),
-                cse=lambda parts: (steps, parts),
-                docstring_limit=0,
-            )
-        return self._compiled[key]
+        steps = self._program.needed(list(results))
+        function: Callable[..., Sequence[Any]] = sympy.lambdify(
+            self._letters,
+            results,
+            [{"numpy": np}],
+            NumPySource(),
+            cse=lambda parts: (steps, parts),
+            docstring_limit=0,
+        )
+        return function
