@@ -89,14 +89,6 @@ _NUMBER = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"
 _SIDE_BY_SIDE = re.compile(rf"({_NUMBER}|\)|\b{_WORD}(?=\s+\w))\s*({_WORD}|\(|(?<=\s)\d)")
 
 
-class UnknownNameError(ArgumentError):
-    """An expression uses a name that nothing is known by; `expected` lists those that are."""
-
-    def __init__(self, name: str, expected: str, got: object) -> None:
-        super().__init__(name, expected, got)
-        self.args = (f"{name}: {got}; known: {expected}",)
-
-
 def parse(name: str, text: str, constants: Mapping[str, Number] | None = None, letters: Collection[str] = ()) -> Expr:
     """The SymPy expression that a text in t stands for.
 
@@ -110,7 +102,6 @@ def parse(name: str, text: str, constants: Mapping[str, Number] | None = None, l
 
     Raises:
         ArgumentError: no such expression; a constant part that is not a finite real number; too long or too deep.
-        UnknownNameError: a name that is not known.
 
     >>> parse("psi", "amplitude*sin(2*pi*t) + 0.1", {"amplitude": 0.25})
     sin(2*pi*t)/4 + 1/10
@@ -262,10 +253,13 @@ class _Builder:
         call, count = FUNCTIONS[name], len(node.args)
         if node.keywords or (count < 2 if call.endswith("...)") else count != call.count(",") + 1):
             self._refuse(node, call)
-        if call in _KINKED:
-            return self._kinked(node, call, depth)
-        parts = [self.build(argument, depth) for argument in node.args]
-
+        kinked = _KINKED.get(call)
+        first = _Part(self._guard(node.args[0], depth), None) if kinked is Where else self.build(node.args[0], depth)
+        parts = [first, *(self.build(argument, depth) for argument in node.args[1:])]
+        if kinked is not None:
+            if kinked is Remainder and not (parts[1].value or 0) > 0:
+                self._refuse(node, f"{call} with a period above 0 that does not depend on t")
+            return self._finish(node, kinked(*(part.expr for part in parts)))
         if name == "exp":  # SymPy turns exp(c*log(b)) into b**c
             for term in sympy.Add.make_args(parts[0].expr):
                 factor, rest = term.as_coeff_Mul()
@@ -274,18 +268,6 @@ class _Builder:
         evaluate = name != "atan2" or None in [part.value for part in parts]  # else SymPy may try for minutes
         exact = functools.partial(getattr(sympy, name), evaluate=evaluate)
         return self._apply(node, exact, getattr(math, name), *parts)
-
-    def _kinked(self, node: ast.Call, call: str, depth: int) -> _Part:
-        """A call of what has kinks or jumps."""
-        first, *rest = node.args
-        read = self._guard if _KINKED[call] is Where else self._expr
-        parts = [read(first, depth), *(self._expr(argument, depth) for argument in rest)]
-        if _KINKED[call] is Remainder and (parts[1].free_symbols or not constant_value(parts[1]) > 0):
-            self._refuse(node, f"{call} with a period above 0 that does not depend on t")
-        return self._finish(node, _KINKED[call](*parts))
-
-    def _expr(self, node: ast.expr, depth: int) -> Expr:
-        return self.build(node, depth).expr
 
     def _guard(self, node: ast.expr, depth: int) -> Expr:
         """What is at least 0 where a condition holds."""
@@ -297,7 +279,7 @@ class _Builder:
             case ast.UnaryOp(op=ast.Not()):
                 return _negated(self._guard(node.operand, depth + 1))
             case ast.Compare() if all(isinstance(sign, ast.Lt | ast.LtE | ast.Gt | ast.GtE) for sign in node.ops):
-                sides = [self._expr(side, depth + 1) for side in (node.left, *node.comparators)]
+                sides = [self.build(side, depth + 1).expr for side in (node.left, *node.comparators)]
                 guards = []
                 for sign, left, right in zip(node.ops, sides[:-1], sides[1:], strict=True):
                     guard = right - left if isinstance(sign, ast.LtE | ast.Gt) else left - right
@@ -371,7 +353,8 @@ class _Builder:
         column, short = self.column + node.col_offset, node.id[:_FRAGMENT]
         meant = f" ({_MEANT[short]})" if short in _MEANT else nearest(short, names)
         got = f"unknown name '{short}' at column {column}{meant}"
-        error = UnknownNameError(self.name, ", ".join(names), got)
+        error = ArgumentError(self.name, ", ".join(names), got)
+        error.args = (f"{self.name}: {got}; known: {error.expected}",)
         error.add_note(pointed(self.line, column))
         raise error
 
