@@ -100,7 +100,7 @@ class Summary:
 def _worst(scene: Scene, known: KnownMotion) -> NDArray[np.float64]:
     """Largest residual of E1 and E2, absolute and in units of u * scale; NaN where no instant is finite."""
     pair, a = scene.space, known.bodies(scene.pair)
-    W1, psid = known.rates() if known.level else (None, None)
+    W1, psid = a.pop("W1", None), a.pop("psid", None)
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
     names, rate = (("gap",), {}) if psid is None else (("gap", "slip"), {"psid_given": psid})
     constants = with_hinge_frames(pair.constants)

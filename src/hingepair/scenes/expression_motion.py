@@ -5,21 +5,118 @@ They are the coordinates themselves, or the rates that are integrated.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Final
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Final
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.evaluation.plan import ACCELERATION
 from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES
 from hingepair.integration.signals import Function as Signal
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.sequences import SEQUENCES
-from hingepair.scenes.functions import ByFunctions, FunctionsOfTime, read_functions
-from hingepair.scenes.instants import held_instants, read_instants
+from hingepair.scenes.instants import Instants, Rows, held_instants, read_instants
 from hingepair.scenes.integrated_motion import START, integrated
+from hingepair.scenes.known_motion import ByCoordinates
 from hingepair.scenes.motion import Motion, turns_about
 from hingepair.scenes.tables import Table
+from hingepair.scenes.waypoints import MAX_POINTS, PROFILES, WayPoints, through
+from hingepair.symbolic.expressions import parse
+from hingepair.symbolic.kinks import Expr
+from hingepair.symbolic.time_functions import Derivatives, TimeFunctions, exact
 
 TOLERANCE: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
+_LIMITS: Final = ("speed", "acceleration")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FunctionsOfTime:
+    """Functions of t by name.
+
+    Attributes:
+        names: the keys of the table that they came from.
+        functions: SymPy expressions or way points.
+        table: where they were written.
+    """
+
+    names: tuple[str, ...]
+    functions: tuple[Expr | WayPoints, ...]
+    table: Table
+
+    @property
+    def tail(self) -> tuple[int, ...]:
+        """The shape of their values at one instant: a vector, or a number."""
+        return () if len(self.names) == 1 else (len(self.names),)
+
+    def derivatives(self, t: ArrayLike, order: int) -> Derivatives:
+        """(values, first derivatives, ...), each one entry per function; exact, at kinks those from the right."""
+        rows = iter(zip(*self.compiled().derivatives(t, order), strict=True))
+        columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]
+        return tuple(zip(*columns, strict=True))
+
+    def stacked(self, t: Float64Array, order: int) -> list[Float64Array]:
+        """The same as arrays; shape (N, *tail) each."""
+        rows = self.derivatives(t, order)
+        return [np.stack(np.broadcast_arrays(*row, t)[:-1], axis=-1).reshape(*t.shape, *self.tail) for row in rows]
+
+    def switches(self, t: Float64Array) -> NDArray[np.bool_]:
+        """Whether kinks or jumps lie between neighbouring instants; shape (N - 1,)."""
+        points = (function.switches(t) for function in self.functions if isinstance(function, WayPoints))
+        return functools.reduce(np.logical_or, points, self.compiled().switches(t))
+
+    def expressions(self, letters: Sequence[str] = ()) -> dict[str, Expr | None]:
+        """The expressions by name; None for way points.
+
+        Args:
+            letters: which of the constants stay letters.
+        """
+        found: dict[str, Expr | None] = {}
+        for name, function in zip(self.names, self.functions, strict=True):
+            written = self.table.values[name]
+            if isinstance(written, str):
+                found[name] = parse(name, written, self.table.constants, letters)
+            else:
+                found[name] = None if isinstance(function, WayPoints) else function
+        return found
+
+    def compiled(self) -> TimeFunctions:
+        """The expressions among them, ready to be evaluated.
+
+        Raises:
+            ArgumentError: one is not real and finite, whatever t is; names it.
+        """
+        kept = {name: f for name, f in zip(self.names, self.functions, strict=True) if not isinstance(f, WayPoints)}
+        return _time_functions(tuple(kept.values()), tuple(kept))
+
+
+@functools.lru_cache(maxsize=16)
+def _time_functions(expressions: tuple[Expr, ...], names: tuple[str, ...]) -> TimeFunctions:
+    return TimeFunctions(expressions, names)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ByFunctions:
+    """The coordinates as functions of t, at any instants.
+
+    Attributes:
+        t: instants [s].
+        functions: of x, y, z, phi_x, phi_y, phi_z, psi, or in the plane of x, y, phi, psi [m, rad].
+        sequence: Euler sequence of body 1; None of a planar pair.
+    """
+
+    t: Instants
+    functions: FunctionsOfTime
+    sequence: str | None
+    level: ClassVar[int] = ACCELERATION
+
+    def part(self, rows: Rows, order: int) -> ByCoordinates:
+        """The motion at some of the instants, with derivatives up to an order."""
+        t = self.t[rows]
+        return ByCoordinates(t.size, self.functions.derivatives(t, order), self.sequence)
 
 
 def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
@@ -58,3 +155,41 @@ def _by_rates(table: Table, t: Float64Array, planar: bool) -> Motion:
 
 def _signal(name: str, functions: FunctionsOfTime) -> Signal:
     return Signal(name, lambda t: functions.stacked(t, 0)[0], functions.tail)
+
+
+def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
+    """The functions of t of some keys: numbers, expressions, way points."""
+    functions = FunctionsOfTime(names, tuple(_function(table, key) for key in names), table)
+    with table.naming():
+        functions.compiled()
+    return functions
+
+
+def _function(table: Table, key: str) -> Expr | WayPoints:
+    match table.values.get(key):
+        case str() as text:
+            with table.naming(key):
+                return parse(key, text, table.constants)
+        case dict():
+            return _way_points(table.table(key))
+        case bool() | None | list():
+            table.fail(key, "a finite number, an expression in t, or way points { t = [...], value = [...] }")
+    return exact(table.number(key))
+
+
+def _way_points(table: Table) -> WayPoints:
+    """Way points: { t = [...], value = [...], profile = "...", speed = ..., acceleration = ... }."""
+    table.check_keys(("t", "value", "profile", *_LIMITS))
+    given: Any = table.values.get("t")
+    count = len(given) if isinstance(given, list) else 0
+    if not 2 <= count <= MAX_POINTS:
+        table.fail("t", f"a list of 2 to {MAX_POINTS} instants")
+    t, values = np.array(table.numbers("t", count)), np.array(table.numbers("value", count))
+    if not (np.diff(t) > 0).all():
+        table.fail("t", "instants that increase")
+    limits = {key: table.number(key) for key in _LIMITS if key in table.values}
+    for key, limit in limits.items():
+        if limit <= 0:
+            table.fail(key, "a number above 0")
+    with table.naming():
+        return through(t, values, table.choice("profile", PROFILES), **limits)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, Protocol, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +17,6 @@ Rows: TypeAlias = slice | NDArray[np.intp]
 
 MAX_SAMPLES: Final = 1_000_000_000
 """Of a scene; what they come to goes into a file block by block."""
-
-
-class Instants(Protocol):
-    """Increasing instants [s]: an array, or what gives arrays."""
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, rows: Any, /) -> Any: ...
 
 
 class Uniform:
@@ -52,6 +44,10 @@ class Uniform:
         found: Float64Array = numbers * step + self.start
         last = (numbers == self.samples - 1) & (self.samples > 1)
         return np.where(last, self.stop, found)[()]
+
+
+Instants: TypeAlias = Uniform | Float64Array
+"""Increasing instants [s]."""
 
 
 def read_instants(time: Table) -> Uniform:

@@ -35,8 +35,7 @@ PLANAR_NAMES = (PLANAR_COORDINATES, ("v1_x", "v1_y", "phid", "psid"), ("a1_x", "
 """The same in the plane."""
 _PARTS = (("R1", "S1", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
 """A motion by that of body 1 and the hinge angle, and its derivatives."""
-Accelerated: TypeAlias = tuple[BodyMotion, Float64Array, Float64Array, Float64Array]
-"""The motion of body 1 with its accelerations, psi, psi' and psi''."""
+_BODIES = ("R1", "S1", "R2", "S2", "omega1", "omega2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,35 +102,31 @@ class ByCoordinates:
                 values[part] = take(given[name])
         return frozenset(name for name, value in values.items() if not _varies(value))
 
+    def in_space(self, pair: Any) -> ByBody1:
+        """Body 1 in space and the hinge, with the derivatives that are known."""
+        if not self.sequence:
+            body1, *hinge = motion_in_space(*self._of_many())
+            return ByBody1(body1, tuple(hinge))
+        names = [name for part in _PARTS[: self.level + 1] for name in part[:2]]
+        known = self.forward_kinematics(pair, tuple(names)).arrays()
+        return by_body1(known | {part[2]: self._column(i, -1) for i, part in enumerate(_PARTS[: self.level + 1])})
+
     def bodies(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """R1, S1, R2, S2, and omega1, omega2 where rates are known, in space."""
-        rates = ("omega1", "omega2") if self.level else ()
+        """R1, S1, R2, S2 in space, and of rates omega1, omega2, psid and W1, the size of body 1's turning."""
         if self.sequence:
-            return self.forward_kinematics(pair, ("R1", "S1", "R2", "S2", *rates)).arrays()
-        body1, *_ = motion_in_space(*self._of_many())
-        a, zero = self.forward_kinematics(pair, None).arrays(), np.zeros((self.count, 1))
+            found = self.forward_kinematics(pair, _BODIES if self.level else _BODIES[:4]).arrays()
+            if self.level:
+                W1, _ = euler_rate_sizes(np.stack([self._column(1, i) for i in (3, 4, 5)], axis=-1))
+                found |= {"psid": self._column(1, -1), "W1": np.asarray(W1)}
+            return found
+        body1, zero = self.in_space(pair).body1, np.zeros((self.count, 1))
+        a = self.forward_kinematics(pair, None).arrays()
         found = {"R1": body1.R, "S1": body1.S, "R2": np.concatenate((a["R2"], zero), axis=-1)}
         found["S2"] = rotation_exp(np.concatenate((zero, zero, a["phi2"][:, None]), axis=-1))
-        if rates:
-            found["omega1"] = body1.omega
-            found["omega2"] = np.concatenate((zero, zero, a["omega2"][:, None]), axis=-1)
+        if body1.omega is not None:
+            found |= {"omega1": body1.omega, "omega2": np.concatenate((zero, zero, a["omega2"][:, None]), axis=-1)}
+            found |= {"psid": self._column(1, -1), "W1": np.abs(self._column(1, 2))}
         return found
-
-    def rates(self) -> tuple[Float64Array, Float64Array]:
-        """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
-        if not self.sequence:
-            return np.abs(self._column(1, 2)), self._column(1, -1)
-        W1, _ = euler_rate_sizes(np.stack([self._column(1, i) for i in (3, 4, 5)], axis=-1))
-        return np.asarray(W1), self._column(1, -1)
-
-    def accelerated(self, pair: Any) -> Accelerated:
-        """Body 1 in space and the hinge with all derivatives; needs second derivatives."""
-        if not self.sequence:
-            body1, psi, psid, psidd = motion_in_space(*self._of_many())
-            return body1, psi, psid, psidd
-        a = self.forward_kinematics(pair, ("R1", "S1", "v1", "omega1", "a1", "alpha1")).arrays()
-        body1 = BodyMotion(**{name.rstrip("1"): array for name, array in a.items()})
-        return body1, self._column(0, -1), self._column(1, -1), self._column(2, -1)
 
     def _column(self, order: int, i: int) -> Float64Array:
         return np.broadcast_to(np.asarray(self.derivatives[order][i], dtype=np.float64), (self.count,))
@@ -196,27 +191,23 @@ class ByBody1:
 
         return cross_validate_from_body1(pair, self.body1, *self.hinge)
 
+    def in_space(self, _: Any) -> ByBody1:
+        """The same."""
+        return self
+
     def bodies(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """R1, S1, R2, S2, and omega1, omega2 where rates are known."""
-        names = ("R1", "S1", "R2", "S2", *(("omega1", "omega2") if self.level else ()))
-        return self.forward_kinematics(pair, names).arrays()
-
-    def rates(self) -> tuple[Float64Array, Float64Array]:
-        """W1, the size of body 1's turning, and psi'; shape (count,) rad/s; needs first derivatives."""
+        """R1, S1, R2, S2, and of rates omega1, omega2, psid and W1, the size of body 1's turning."""
+        if not self.level:
+            return self.forward_kinematics(pair, _BODIES[:4]).arrays()
         W1, _ = given_rate_sizes(self.body1.omega)
-        return np.asarray(W1), self.hinge[1]
-
-    def accelerated(self, _: Any) -> Accelerated:
-        """Body 1 and the hinge with all derivatives; needs second derivatives."""
-        psi, psid, psidd = self.hinge
-        return self.body1, psi, psid, psidd
+        return self.forward_kinematics(pair, _BODIES).arrays() | {"psid": self.hinge[1], "W1": np.asarray(W1)}
 
 
 KnownMotion: TypeAlias = ByCoordinates | ByBody1
 """The kinds, which answer the same calls."""
 
 
-def by_body1(known: Mapping[str, Float64Array]) -> ByBody1:
+def by_body1(known: Mapping[str, NDArray[Any]]) -> ByBody1:
     """The motion by R1, S1 and psi, and those of v1, omega1, psid, a1, alpha1, psidd that complete a derivative."""
     level = max(i for i, names in enumerate(_PARTS) if known.keys() >= {*names})
     arrays = {name[:-1]: known[name] for names in _PARTS[: level + 1] for name in names[:2]}

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from hingepair.errors import MissingDependencyError, SceneError, choices, nearest
 from hingepair.numeric.arrays import real_array
+from hingepair.scenes.known_motion import SPATIAL_NAMES
 from hingepair.scenes.tables import Place
 
 MAX_ROWS: Final = 10_000_000
@@ -44,9 +45,7 @@ ARRAYS: Final[dict[str, tuple[str, ...]]] = {
     "quat_xyzw": ("qx", "qy", "qz", "qw"),
     "quat_wxyz": ("qw", "qx", "qy", "qz"),
     **{name: _xyz(name) for name in ("phi", "phid", "phidd", "v1", "a1", "omega1", "alpha1")},
-    "q": ("x", "y", "z", *_xyz("phi"), "psi"),
-    "qd": (*_xyz("v1"), *_xyz("phid"), "psid"),
-    "qdd": (*_xyz("a1"), *_xyz("phidd"), "psidd"),
+    **dict(zip(("q", "qd", "qdd"), SPATIAL_NAMES, strict=True)),
 }
 """Array -> its columns."""
 

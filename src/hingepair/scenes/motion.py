@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,17 +14,34 @@ from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.errors import ArgumentError
 from hingepair.evaluation.plan import ACCELERATION
 from hingepair.integration.trajectory import Later
-from hingepair.numeric.arrays import one_constant
+from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.scenes.instants import Instants, Rows
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion
+from hingepair.scenes.known_motion import KnownMotion
 
-if TYPE_CHECKING:
-    from hingepair.scenes.functions import ByFunctions, FunctionsOfTime
 
-Given: TypeAlias = "ByFunctions | ByCoordinates | ByBody1"
+class Given(Protocol):
+    """A motion at all of its instants, of which it gives some."""
+
+    @property
+    def level(self) -> int:
+        """The highest derivative that there is."""
+
+    @property
+    def sequence(self) -> str | None:
+        """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
+
+    def part(self, rows: Rows, order: int, /) -> KnownMotion:
+        """The motion at some of the instants, with derivatives up to an order."""
+
+
+class Switching(Protocol):
+    """Functions of t."""
+
+    def switches(self, t: Float64Array, /) -> NDArray[np.bool_]:
+        """Whether kinks or jumps lie between neighbouring instants; shape (N - 1,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +50,7 @@ class Motion:
 
     Attributes:
         t: instants [s].
-        given: the motion at all of them; gives some, and knows `level` and `sequence`.
+        given: the motion at all of them.
         origin: where it comes from, in words.
         how: how body 1 turns, or how the motion was found.
         errors: how far each thing that was found is off at the worst instant, NaN where that is not known, by its
@@ -51,7 +68,7 @@ class Motion:
     errors: Mapping[str, Later] = field(default_factory=dict)
     doubt: str = ""
     hint: str = ""
-    functions: tuple[FunctionsOfTime, ...] = ()
+    functions: tuple[Switching, ...] = ()
     simulated: SimulatedMotion | SimulatedPlanarMotion | None = None
 
     @property
@@ -104,12 +121,13 @@ class Motion:
             raise ArgumentError("gravity", "none beside [dynamics], which has its own", gravity)
         elif flat:
             gravity = (*one_constant("gravity", gravity, 2), 0.0)
-        moved = self.known(slice(None), ACCELERATION).accelerated(pair)
-        wrench = space.hinge_wrench(*moved, gravity)
+        known = self.known(slice(None), ACCELERATION).in_space(pair)
+        psi, psid, psidd = known.hinge
+        wrench = space.hinge_wrench(known.body1, psi, psid, psidd, gravity)
         found = {"hinge_torque": wrench.hinge_torque, "bearing_torque": wrench.bearing_torque}
         found["hinge_force"] = wrench.force
         if pair.body1 is not None:
-            given = space.inverse_dynamics(*moved, gravity)
+            given = space.inverse_dynamics(known.body1, psi, psid, psidd, gravity)
             found |= {"force1": given.force1, "torque1": given.torque1}
         if self.simulated:
             others = _of_others(space, self.simulated)

@@ -19,7 +19,6 @@ from hingepair.integration.trajectory import span
 from hingepair.numeric.arrays import Frozen, read_only
 from hingepair.numeric.notebook import Sheet, Shown, cell, unit_of
 from hingepair.numeric.tables import instant
-from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import Energy, Momentum
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -27,13 +26,13 @@ from hingepair.pair.results import MOST_HELD, ROWS, Record, Result
 from hingepair.pair.states import PairState, PlanarState, lacking
 from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.instants import Rows
-from hingepair.scenes.known_motion import ByBody1, ByCoordinates, Derivatives, KnownMotion
+from hingepair.scenes.known_motion import ByBody1, Derivatives, KnownMotion
 from hingepair.scenes.motion import Motion, massive
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
 if TYPE_CHECKING:
-    from hingepair.scenes.functions import FunctionsOfTime
+    from hingepair.scenes.expression_motion import FunctionsOfTime
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
@@ -93,7 +92,8 @@ class SceneResult(Frozen, Result):
         Raises:
             ArgumentError: no output has second derivatives, or body 2 no mass properties.
         """
-        return massive(self.scene.pair).energy(*self._moved(), self.scene.motion.gravity(self.scene.pair))
+        moved, gravity = self._moved(), self.scene.motion.gravity(self.scene.pair)
+        return massive(self.scene.pair).energy(moved.body1, moved.psi, moved.hinge[1], gravity)
 
     def momentum(self) -> Momentum:
         """Linear and angular momentum at the instants (D8), where both bodies have mass properties.
@@ -101,14 +101,14 @@ class SceneResult(Frozen, Result):
         Raises:
             ArgumentError: no output has second derivatives, or a body no mass properties.
         """
-        return massive(self.scene.pair).momentum(*self._moved())
+        moved = self._moved()
+        return massive(self.scene.pair).momentum(moved.body1, moved.psi, moved.hinge[1])
 
-    def _moved(self) -> tuple[BodyMotion, NDArray[np.float64], NDArray[np.float64]]:
-        """Body 1 in space, psi and psi'."""
+    def _moved(self) -> ByBody1:
+        """Body 1 in space, and the hinge."""
         if self.known.level < ACCELERATION:
             raise ArgumentError("outputs", "some that need second derivatives, such as a2", self.state.outputs)
-        body1, psi, psid, _ = self.known.accelerated(self.scene.pair)
-        return body1, psi, psid
+        return self.known.in_space(self.scene.pair)
 
     def _coordinates(self, name: str) -> dict[str, NDArray[np.float64]]:
         """What an output of the coordinates is made of; nothing where the motion, or this part of it, lacks it."""
@@ -224,8 +224,10 @@ class Scene(Shown):
         Raises:
             ArgumentError: the motion does not come as expressions.
         """
+        from hingepair.scenes.expression_motion import ByFunctions
+
         given = self.motion.given
-        if isinstance(given, ByCoordinates | ByBody1):
+        if not isinstance(given, ByFunctions):
             wanted = "a scene whose motion is coordinates as expressions in t"
             raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
         return given.functions

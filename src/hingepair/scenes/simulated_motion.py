@@ -20,7 +20,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.rotations.sequences import SEQUENCES
-from hingepair.scenes.functions import read_functions
+from hingepair.scenes.expression_motion import read_functions
 from hingepair.scenes.instants import held_instants
 from hingepair.scenes.known_motion import ByBody1, ByCoordinates
 from hingepair.scenes.motion import Motion
@@ -167,6 +167,6 @@ def _carried(motion: Table, pair: HingePair | PlanarPair) -> Callable[[Float64Ar
 
     def moved(t: Float64Array) -> BodyMotion:
         rows = tuple((*row, 0.0) for row in functions.derivatives(t, ACCELERATION))
-        return ByCoordinates(len(t), rows, sequence).accelerated(pair)[0]
+        return ByCoordinates(len(t), rows, sequence).in_space(pair).body1
 
     return moved
