@@ -30,11 +30,9 @@ def test_derivatives_are_those_of_the_residuals(k: int) -> None:
     high, low = (seen(TRUE.moved(sign * step)) for sign in (1, -1))
     # the axes along the hinge move with it; to first order tilt and gap, which are 0 here, do not
     tilts, gaps = (high.tilt - low.tilt) / 2e-6, (high.gap - low.gap) / 2e-6
-    plus, minus = seen(TRUE).whiten(NOISE, tilts[None], gaps[None])
-    rows, taken = seen(TRUE).rows(NOISE)
-    size = np.abs(rows).max()
-    assert np.abs(rows[k] - plus[0]).max() < 1e-8 * size
-    assert np.abs(taken[k] - minus[0]).max() < 1e-8 * size
+    whitened = seen(TRUE).whiten(NOISE, tilts[None], gaps[None])
+    rows = seen(TRUE).rows(NOISE)
+    assert np.abs(rows[k] - whitened[0]).max() < 1e-8 * np.abs(rows).max()
 
 
 def test_sizes_are_those_of_the_covariance_that_the_module_names() -> None:

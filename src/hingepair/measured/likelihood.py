@@ -9,8 +9,8 @@ from the gap, after which it is
 
     C = a + b (abs(p)^2 - p p^T) + b w w^T,   w = n x (S1 u1 + S2 u2),
 
-a the variance of R2 - R1, b a quarter of that of the relative attitude: inverted in closed form. Samples are walked
-through in blocks; nothing of the size of a Jacobian of all samples is kept.
+a the variance of R2 - R1, b a quarter of that of the relative attitude. Samples are walked through in blocks; nothing
+of the size of a Jacobian of all samples is kept.
 """
 
 from __future__ import annotations
@@ -77,33 +77,32 @@ class Residuals(NamedTuple):
         x, y, _ = self.arms
         return np.asarray((self.p * self.p).sum(axis=0) / 2 + (x * x + y * y) / 4)
 
-    def whiten(self, noise: Noise, tilts: Float64Array, gaps: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Rows whose squares, less the square of one more row, are those of C^-1: (k, 6, M) and (k, M).
+    def whiten(self, noise: Noise, tilts: Float64Array, gaps: Float64Array) -> Float64Array:
+        """Rows of the tilt (k, 2, M) and of the gap (k, 3, M) whose squares are those of C^-1; shape (k, 5, M).
 
-        By the formula of Sherman and Morrison, twice, for C = whole - b p p^T + b w w^T with w = (-y, x, 0); of rows
-        of the tilt (k, 2, M) and of the gap (k, 3, M).
+        C = L L^T (Cholesky) with w = (-y, x, 0); no eigenvalue of C is below a.
         """
         a, b = noise.place, noise.attitude / 4
-        p, (x, y, _) = self.p, self.arms
-        whole = a + b * (p * p).sum(axis=0)
-        v = (x * p[1] - y * p[0]) * (b / a) * p
-        v[0] -= y
-        v[1] += x
-        v /= whole
-        taken = np.sqrt(b / (1 + b * (x * v[1] - y * v[0])))
-        plus = np.empty((tilts.shape[0], 6, tilts.shape[2]))
-        np.multiply(tilts, 1 / np.sqrt(noise.attitude), out=plus[:, :2])
-        np.multiply(gaps, 1 / np.sqrt(whole), out=plus[:, 2:5])
-        np.einsum("kri,ri->ki", gaps, p * np.sqrt(b / a / whole), out=plus[:, 5])
-        return plus, np.einsum("kri,ri->ki", gaps, v * taken)
+        (p, q, r), (x, y, _) = self.p, self.arms
+        xy, zx, yz = -b * (p * q + x * y), -b * r * p, -b * q * r
+        l1 = np.sqrt(a + b * (q * q + r * r + y * y))
+        l2, l3 = xy / l1, zx / l1
+        m2 = np.sqrt(np.maximum(a + b * (r * r + p * p + x * x) - l2 * l2, a))
+        m3 = (yz - l2 * l3) / m2
+        n3 = np.sqrt(np.maximum(a + b * (p * p + q * q) - l3 * l3 - m3 * m3, a))
+        rows = np.empty((tilts.shape[0], 5, tilts.shape[2]))
+        rows[:, :2] = tilts / np.sqrt(noise.attitude)
+        rows[:, 2] = gaps[:, 0] / l1
+        rows[:, 3] = (gaps[:, 1] - l2 * rows[:, 2]) / m2
+        rows[:, 4] = (gaps[:, 2] - l3 * rows[:, 2] - m3 * rows[:, 3]) / n3
+        return rows
 
     def sizes(self, noise: Noise) -> Float64Array:
         """r^T C^-1 r, about 5 where noise is as supposed; shape (M,)."""
-        plus, minus = self.whiten(noise, self.tilt[None], self.gap[None])
-        return np.asarray((plus[0] ** 2).sum(axis=0) - minus[0] ** 2)
+        return np.asarray((self.whiten(noise, self.tilt[None], self.gap[None])[0] ** 2).sum(axis=0))
 
-    def rows(self, noise: Noise) -> tuple[Float64Array, Float64Array]:
-        """Derivatives by the PARAMETERS, and the residual last, whitened; (10, 6, M) and (10, M)."""
+    def rows(self, noise: Noise) -> Float64Array:
+        """Derivatives by the PARAMETERS, and the residual last, whitened; shape (10, 5, M)."""
         q, (x, y, z), count = self.q, self.arms, self.q.shape[1]
         tilts, gaps = np.zeros((PARAMETERS + 1, 2, count)), np.zeros((PARAMETERS + 1, 3, count))
         tilts[0, 0] = tilts[1, 1] = -1.0
@@ -209,14 +208,14 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
                 sizes[own] = seen.sizes(noise)
                 weights[own] *= _slopes(loss, given * sizes[own])[0]
             continue
-        plus, minus = seen.rows(noise)
-        sizes[own] = (plus[-1] ** 2).sum(axis=0) - minus[-1] ** 2
+        rows = seen.rows(noise)
+        sizes[own] = (rows[-1] ** 2).sum(axis=0)
         first, second = (1.0, 0.0) if loss is None else _slopes(loss, given * sizes[own])
         weights[own] = given * first
-        score = np.einsum("kri,ri->ki", plus[:-1], plus[-1]) - minus[:-1] * minus[-1]
-        slope += _gram(plus, minus, weights[own])[:-1, :-1] + 2 / _CUT * (score * (second * given**2)) @ score.T
+        score = np.einsum("kri,ri->ki", rows[:-1], rows[-1])
+        slope += _gram(rows, weights[own])[:-1, :-1] + 2 / _CUT * (score * (second * given**2)) @ score.T
         scores.append(weights[own] * score)
-        left.append(weights[own] * plus[-1])
+        left.append(weights[own] * rows[-1])
     whole = np.concatenate(scores, axis=1)
     rest = np.concatenate(left, axis=1)
     alike = _alike(rest[:2], 1), _alike(rest[2:], 1)
@@ -271,12 +270,10 @@ def _normal_equations(
     """J^T W J and J^T W r of one step."""
     total = np.zeros((PARAMETERS + 1, PARAMETERS + 1))
     for own, seen in seen_from(poses, hinge):
-        plus, minus = seen.rows(noise)
-        weights = poses.weights[own]
+        rows, weights = seen.rows(noise), poses.weights[own]
         if loss is not None:
-            sizes = (plus[-1] ** 2).sum(axis=0) - minus[-1] ** 2
-            weights = weights * _slopes(loss, weights * sizes)[0]
-        total += _gram(plus, minus, weights)
+            weights = weights * _slopes(loss, weights * (rows[-1] ** 2).sum(axis=0))[0]
+        total += _gram(rows, weights)
     return total[:-1, :-1], total[:-1, -1]
 
 
@@ -287,10 +284,9 @@ def _slopes(loss: Loss, sizes: Float64Array) -> tuple[Float64Array, Float64Array
     return np.where(gross, 0.0, first), np.where(gross, 0.0, second)
 
 
-def _gram(plus: Float64Array, minus: Float64Array, weights: Float64Array) -> Float64Array:
-    root = np.sqrt(weights)
-    rows, taken = (plus * root).reshape(plus.shape[0], -1), minus * root
-    return np.asarray(rows @ rows.T - taken @ taken.T)
+def _gram(rows: Float64Array, weights: Float64Array) -> Float64Array:
+    rows = (rows * np.sqrt(weights)).reshape(rows.shape[0], -1)
+    return np.asarray(rows @ rows.T)
 
 
 def _noise(poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss | None) -> Noise:
@@ -320,7 +316,5 @@ def _noise(poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss 
 def _solved(matrix: Float64Array, right: Float64Array) -> Float64Array:
     """matrix^-1 right; what the matrix does not see comes out as 0."""
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
-    values, vectors = np.linalg.eigh(matrix * scale * scale[:, None])
-    inverse = np.where(values > 1e-13 * values[-1], 1 / np.maximum(values, 1e-300), 0.0)
-    whole = (scale[:, None] * vectors * inverse) @ (vectors.T * scale)
-    return np.asarray(whole @ right)
+    found = np.linalg.lstsq(matrix * scale * scale[:, None], (right.T * scale).T, rcond=1e-13)[0]
+    return np.asarray((found.T * scale).T)
