@@ -481,8 +481,8 @@ FAULTS = {
     ),
     "free-flyer velocity in world axes": Fault(
         "validation/pinocchio_twin.py",
-        "_joined(_to_body(S, v), _to",
-        "_joined(v, _to",
+        """{"v": _to_body(S, v), """,
+        """{"v": v, """,
         "validation/test_pinocchio.py::test_coordinates_come_back_from_pinocchio[()]",
     ),
     "u2 not turned by home in Pinocchio's frame": Fault(

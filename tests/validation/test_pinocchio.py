@@ -74,6 +74,8 @@ def test_what_was_not_given_does_not_come_back():
         twin.motion(q, None, v)
     with pytest.raises(ArgumentError, match="body1: expected a motion with v"):
         twin.velocity(BodyMotion(R=body1.R, S=body1.S), 0.0, 0.0)
+    with pytest.raises(ShapeError, match=r"psid: expected leading shape that broadcasts with \(3,\)"):
+        twin.velocity(body1, np.zeros(3), np.zeros(2))
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (4, 5), (0,)], ids=str)

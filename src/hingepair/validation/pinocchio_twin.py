@@ -53,7 +53,7 @@ class PinocchioTwin:
             ArgumentError: body1 lacks R or S.
         """
         quat_wxyz = matrix_to_quaternion(_given(body1, "S"))
-        return _joined(_given(body1, "R"), np.roll(quat_wxyz, -1, axis=-1), _column("psi", psi))
+        return _joined({"R": _given(body1, "R"), "S": np.roll(quat_wxyz, -1, axis=-1)}, psi=psi)
 
     def velocity(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Float64Array:
         """Pinocchio's v; shape (..., 7).
@@ -67,7 +67,7 @@ class PinocchioTwin:
             ArgumentError: body1 lacks S, v or omega.
         """
         S, v, omega = (_given(body1, name) for name in ("S", "v", "omega"))
-        return _joined(_to_body(S, v), _to_body(S, omega), _column("psid", psid), like=_column("psi", psi))
+        return _joined({"v": _to_body(S, v), "omega": _to_body(S, omega)}, psi=psi, psid=psid)
 
     def acceleration(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike) -> Float64Array:
         """Pinocchio's a, which is the spatial acceleration; shape (..., 7).
@@ -84,8 +84,7 @@ class PinocchioTwin:
         S, v, omega, a, alpha = (_given(body1, name) for name in ("S", "v", "omega", "a", "alpha"))
         with np.errstate(over="ignore", invalid="ignore"):
             spatial = _to_body(S, a - np.cross(omega, v))
-        like = _column("psi", psi) + _column("psid", psid)
-        return _joined(spatial, _to_body(S, alpha), _column("psidd", psidd), like=like)
+        return _joined({"a": spatial, "alpha": _to_body(S, alpha)}, psi=psi, psid=psid, psidd=psidd)
 
     def body2(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> BodyMotion:
         """Body 2 as Pinocchio moves it, one sample after another.
@@ -251,10 +250,6 @@ def _given(body1: BodyMotion, name: str) -> Float64Array:
     return np.asarray(value, dtype=np.float64)
 
 
-def _column(name: str, value: ArrayLike) -> Float64Array:
-    return real_array(name, value).astype(np.float64)[..., None]
-
-
 def _to_body(S: Float64Array, vector: Float64Array) -> Float64Array:
     """S^T times the vector."""
     with np.errstate(over="ignore", invalid="ignore"):
@@ -267,8 +262,9 @@ def _to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
         return np.asarray((S * vector[..., None, :]).sum(axis=-1))
 
 
-def _joined(*parts: Float64Array, like: Float64Array | None = None) -> Float64Array:
-    """The parts side by side, broadcast over their leading axes (and those of `like`)."""
-    named = {str(i): part.shape[:-1] for i, part in enumerate((*parts, *(() if like is None else (like,))))}
-    shape = broadcast_shape(named)
-    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1)
+def _joined(parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:
+    """Parts and the last of the hinge's numbers side by side, broadcast over the leading axes of all."""
+    numbers = {name: real_array(name, value).astype(np.float64)[..., None] for name, value in hinge.items()}
+    shape = broadcast_shape({name: part.shape[:-1] for name, part in (parts | numbers).items()})
+    found = [*parts.values(), list(numbers.values())[-1]]
+    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in found], axis=-1)
