@@ -384,6 +384,28 @@ def test_one_state_however_it_lies(price, monkeypatch):
                 assert single.flags.writeable
 
 
+def test_states_after_the_first_are_looked_at_as_it_was():
+    rng = generator(33)
+    pair, body1 = massive(rng), moving(rng)
+    first = pair.inverse_dynamics(body1, 0.3, 0.2, 0.1)
+    again = pair.inverse_dynamics(body1, 0.3, 0.2, 0.1)
+    as_array = pair.inverse_dynamics(body1, [0.3], 0.2, 0.1)
+    for one, other, many in zip(first, again, as_array, strict=True):
+        np.testing.assert_array_equal(one, other)
+        np.testing.assert_allclose(one, many[0], rtol=1e-13)
+        assert other.flags.writeable
+    with pytest.raises(hp.ArgumentError, match=r"^psid: expected a value"):
+        pair.inverse_dynamics(body1, 0.3, None, 0.1)
+    with pytest.raises(hp.ArgumentError, match=r"body1\.alpha"):
+        pair.inverse_dynamics(hp.BodyMotion(R=body1.R, S=body1.S, omega=body1.omega, a=body1.a), 0.3, 0.2, 0.1)
+    with pytest.raises(hp.ArgumentError, match="gravity"):
+        pair.inverse_dynamics(body1, 0.3, 0.2, 0.1, (0, -9.81))
+    vague = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body2=hp.Body(mass=1))
+    for _ in range(2):
+        with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no inertia is given"):
+            vague.hinge_wrench(body1, 0.3, 0.2, 0.1)
+
+
 @pytest.mark.slow
 def test_prepared_dynamics_takes_arrays_of_jax():
     import jax

@@ -6,6 +6,7 @@ import functools
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,19 +15,22 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations.spatial import Vector
 from hingepair.errors import ArgumentError
 from hingepair.evaluation.dynamics_steps import LOADS, MOVES, REQUIRED
-from hingepair.evaluation.plan import SPATIAL
+from hingepair.evaluation.plan import SPATIAL, make_plan
 from hingepair.numeric.arrays import FloatArray, one_constant, vectors
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.forward_kinematics import component
-from hingepair.pair.prepared import arrays_of
+from hingepair.pair.prepared import Prepared, arrays_of, ready
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity unless given, world axes [m/s^2]."""
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
 _ZERO: Vector = (0.0, 0.0, 0.0)
+_FALL, _NONE = np.array(GRAVITY), np.zeros(3)
+_FORCES = tuple(name for name in LOADS if name != "hinge_torque")
+_MASSLESS = {"m1": 0.0, "c1": _ZERO, "I1": (0.0,) * 9}
 SINGULAR = 64 * 2.0**-53
 """Of the inertias: a pivot below is made of their round-off."""
 
@@ -134,15 +138,6 @@ def _of_body(body: Body, digit: str) -> tuple[dict[str, Any], bool]:
     return {f"m{digit}": body.mass, f"c{digit}": centre, f"I{digit}": inertia}, body.inertia_is_assumed
 
 
-def with_masses(constants: Constants, masses: Mapping[str, Any]) -> Constants:
-    """A pair's constants and those of its masses; the same object for those of the same names."""
-    key = "masses", *masses
-    found: Constants | None = constants.prepared.get(key)
-    if found is None:
-        found = constants.prepared[key] = _with(constants, masses)
-    return found
-
-
 def _with(constants: Constants, more: Mapping[str, Any]) -> Constants:
     arrays = {name: np.array(value) for name, value in more.items()}
     return Constants({**constants.values, **more}, {**constants.arrays, **arrays}, constants.shape)
@@ -156,7 +151,10 @@ def for_calls(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: 
     """
     of = {name for digit, name in (("1", "body1"), ("2", "body2")) if {f"{c}{digit}" for c in "mcI"} & {*needed}}
     own = {name: body if name in of else None for name, body in zip(("body1", "body2"), bodies, strict=True)}
-    more = {"gravity": _gravity(gravity), **{name: 0.0 if name == "hinge_torque" else _ZERO for name in LOADS}}
+    more = {
+        "gravity": tuple(one_constant("gravity", gravity, 3).tolist()),
+        **{name: 0.0 if name == "hinge_torque" else _ZERO for name in LOADS},
+    }
     more |= mass_constants((own["body1"], own["body2"]), *of)
     return _with(constants, more)
 
@@ -169,60 +167,69 @@ def _caller() -> int:
     return level
 
 
-def mass_matrix(constants: Constants, bodies: Bodies, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-    """M of D6; see `HingePair.mass_matrix`."""
-    masses = mass_constants(bodies, "body1", "body2")
-    (found,) = _computed(constants, masses, ("mass_matrix",), motion_arrays("body1", body1, "S"), psi=psi)
-    return found
+@dataclass(frozen=True, slots=True, eq=False)
+class Quantity:
+    """What can be had of a pair with masses, and of what."""
+
+    outputs: tuple[str, ...]
+    letters: tuple[str, ...]  # of the motion of body 1
+    bodies: tuple[str, ...] = ("body1", "body2")  # whose masses it needs
 
 
-def inverse_dynamics(
+MASS_MATRIX = Quantity(("mass_matrix",), ("S",))
+FORCES = Quantity(REQUIRED, ("S", "omega", "a", "alpha"))
+HINGE_WRENCH = Quantity(("f2", "moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",))
+ACCELERATIONS = Quantity((*MOVES, "kept"), ("S", "omega"))
+ENERGY = Quantity(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
+MOMENTUM = Quantity(("linear", "angular"), ("R", "S", "v", "omega"))
+
+
+def compute(
+    what: Quantity,
     constants: Constants,
     bodies: Bodies,
     body1: BodyMotion,
-    psi: ArrayLike,
-    psid: ArrayLike,
-    psidd: ArrayLike,
-    gravity: ArrayLike,
-) -> Forces:
-    """What must act (D5); see `HingePair.inverse_dynamics`."""
-    masses = mass_constants(bodies, "body1", "body2")
-    given = motion_arrays("body1", body1, "S", "omega", "a", "alpha") | {"gravity": _gravity(gravity)}
-    return Forces(*_computed(constants, masses, REQUIRED, given, psi=psi, psid=psid, psidd=psidd))
+    gravity: ArrayLike = GRAVITY,
+    **given: ArrayLike,
+) -> Iterable[FloatArray]:
+    """The outputs of a quantity at all samples, in order; `given` are psi, psid, psidd and loads, as it takes them.
+
+    Raises:
+        ArgumentError: an argument cannot be used; names it.
+    """
+    fall = _FALL if gravity is GRAVITY else one_constant("gravity", gravity, 3)
+    values = {name: _load(name, value) if name in _FORCES else value for name, value in given.items()}
+    quick: Prepared | None = constants.prepared.get(what)
+    if quick is not None and type(body1) is BodyMotion:
+        state = quick.short(*(getattr(body1, letter) for letter in what.letters), fall, *values.values())
+        if state is not None:
+            found: Iterable[FloatArray] = state.released().values()
+            return found
+    masses = _MASSLESS | mass_constants(bodies, *what.bodies)  # the same whatever is asked of a pair
+    own: dict[str, Any] = motion_arrays("body1", body1, *what.letters)
+    for name, value in values.items():
+        if value is None:
+            raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: what is asked for needs it", None)
+    own["gravity"] = tuple(fall.tolist())
+    for name, value in values.items():  # a force that is none is a constant of the program
+        own[name] = component(name, value) if name not in _FORCES else _ZERO if value is _NONE else value
+    shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL.shapes[name])] for name, v in own.items()}
+    massive: Constants = constants.prepared.get("masses") or _with(constants, masses)
+    constants.prepared["masses"] = massive
+    told = any(body is not None and body.inertia_is_assumed for body in bodies)  # at every call
+    if constants.single and not any(shapes.values()) and not told:
+        plan = make_plan(what.outputs, None, "home" in constants.values, given=tuple(own))
+        constants.prepared[what] = ready(massive, plan, tuple(own), "auto")  # for single states from now on
+    return arrays_of(massive, what.outputs, own, shapes).values()
 
 
-def hinge_wrench(
-    constants: Constants,
-    bodies: Bodies,
-    body1: BodyMotion,
-    psi: ArrayLike,
-    psid: ArrayLike,
-    psidd: ArrayLike,
-    gravity: ArrayLike,
-) -> HingeWrench:
-    """What the hinge carries (D3, D4); see `HingePair.hinge_wrench`."""
-    masses = mass_constants(bodies, "body2")
-    given = motion_arrays("body1", body1, "S", "omega", "a", "alpha") | {"gravity": _gravity(gravity)}
-    names = ("f2", "moment", "hinge_torque", "bearing_torque")
-    return HingeWrench(*_computed(constants, masses, names, given, psi=psi, psid=psid, psidd=psidd))
+def accelerations(constants: Constants, bodies: Bodies, body1: BodyMotion, **given: ArrayLike) -> Accelerations:
+    """How the pair moves (D6), of all loads; arguments as for `compute`.
 
-
-def forward_dynamics(
-    constants: Constants,
-    bodies: Bodies,
-    body1: BodyMotion,
-    psi: ArrayLike,
-    psid: ArrayLike,
-    loads: Mapping[str, ArrayLike],
-    hinge_torque: ArrayLike,
-    gravity: ArrayLike,
-) -> Accelerations:
-    """How the pair moves (D6); see `HingePair.forward_dynamics`."""
-    masses = mass_constants(bodies, "body1", "body2")
-    given = motion_arrays("body1", body1, "S", "omega") | {"gravity": _gravity(gravity)}
-    given |= {name: _load(name, value) for name, value in loads.items()}
-    angles = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
-    *found, kept = _computed(constants, masses, (*MOVES, "kept"), given, **angles)
+    Raises:
+        ArgumentError: also where masses leave a motion without resistance.
+    """
+    *found, kept = compute(ACCELERATIONS, constants, bodies, body1, **given)
     if (kept <= SINGULAR).any():
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])
@@ -233,51 +240,12 @@ def check_resistance(constants: Constants, bodies: Bodies) -> None:
     """Refuse masses that leave a motion without resistance where psi is 0.
 
     Raises:
-        ArgumentError: as for `forward_dynamics`.
+        ArgumentError: as for `accelerations`.
     """
     still = BodyMotion(R=_ZERO, S=np.eye(3), omega=_ZERO)
-    forces = dict.fromkeys((name for name in LOADS if name != "hinge_torque"), 0)
-    forward_dynamics(constants, bodies, still, 0.0, 0.0, forces, 0.0, _ZERO)
+    accelerations(constants, bodies, still, gravity=_ZERO, psi=0.0, psid=0.0, **dict.fromkeys(LOADS, 0.0))
 
 
-def energy(
-    constants: Constants, bodies: Bodies, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike
-) -> Energy:
-    """The pair's energy (D7); see `HingePair.energy`."""
-    masses = {"m1": 0.0, "c1": _ZERO, "I1": (0.0,) * 9} | mass_constants(bodies, "body2")
-    given = motion_arrays("body1", body1, "R", "S", "v", "omega") | {"gravity": _gravity(gravity)}
-    return Energy(*_computed(constants, masses, ("kinetic", "potential"), given, psi=psi, psid=psid))
-
-
-def momentum(constants: Constants, bodies: Bodies, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
-    """The pair's momentum (D8); see `HingePair.momentum`."""
-    masses = mass_constants(bodies, "body1", "body2")
-    given = motion_arrays("body1", body1, "R", "S", "v", "omega")
-    return Momentum(*_computed(constants, masses, ("linear", "angular"), given, psi=psi, psid=psid))
-
-
-def _computed(
-    constants: Constants,
-    masses: Mapping[str, Any],
-    names: tuple[str, ...],
-    given: Mapping[str, Any],
-    **angles: ArrayLike,
-) -> Iterable[NDArray[Any]]:
-    """Some results at all samples, in order."""
-    for name, value in angles.items():
-        if value is None:
-            raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: what is asked for needs it", None)
-    hinge = {name: component(name, value) for name, value in angles.items()}
-    arrays = {name: value for name, value in given.items() if isinstance(value, np.ndarray)}
-    shapes = {name: v.shape[: v.ndim - len(SPATIAL.shapes[name])] for name, v in arrays.items()}
-    shapes |= {name: np.shape(value) for name, value in hinge.items()}
-    return arrays_of(with_masses(constants, masses), names, {**given, **hinge}, shapes).values()
-
-
-def _gravity(gravity: ArrayLike) -> tuple[float, ...]:
-    return tuple(one_constant("gravity", gravity, 3).tolist())
-
-
-def _load(name: str, value: ArrayLike) -> NDArray[Any] | Vector:
+def _load(name: str, value: ArrayLike) -> NDArray[Any]:
     """A force or a torque; the number 0 says that there is none."""
-    return _ZERO if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)
+    return _NONE if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)

@@ -129,6 +129,10 @@ class HingePair(Shown):
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
         return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses])
 
+    @property
+    def _bodies(self) -> tuple[Body | None, Body | None]:
+        return self.body1, self.body2
+
     def forward_kinematics(
         self,
         q: Rows,
@@ -226,8 +230,7 @@ class HingePair(Shown):
         >>> at(np.array([0.0, 0.0, 0.0, 1.0]), 0.0).jacobian @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        bodies = (self.body1, self.body2)
-        return prepare(self.constants, bodies, given, outputs, sequence, gravity, choose(backend, workers))
+        return prepare(self.constants, self._bodies, given, outputs, sequence, gravity, choose(backend, workers))
 
     def forward_kinematics_from_body1(
         self,
@@ -324,7 +327,8 @@ class HingePair(Shown):
         >>> pair.mass_matrix(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).diagonal().round(12).tolist()
         [4.0, 4.0, 4.0, 2.0, 10.0, 10.0, 3.0]
         """
-        return dynamics.mass_matrix(self.constants, (self.body1, self.body2), body1, psi)
+        (found,) = dynamics.compute(dynamics.MASS_MATRIX, self.constants, self._bodies, body1, psi=psi)
+        return found
 
     def inverse_dynamics(
         self,
@@ -358,8 +362,8 @@ class HingePair(Shown):
         >>> forces.force1.round(9).tolist(), forces.hinge_torque.round(9).tolist()
         ([0.0, 0.0, 39.24], -19.62)
         """
-        bodies = (self.body1, self.body2)
-        return dynamics.inverse_dynamics(self.constants, bodies, body1, psi, psid, psidd, gravity)
+        hinge = {"psi": psi, "psid": psid, "psidd": psidd}
+        return Forces(*dynamics.compute(dynamics.FORCES, self.constants, self._bodies, body1, gravity, **hinge))
 
     def forward_dynamics(
         self,
@@ -405,8 +409,8 @@ class HingePair(Shown):
         ([0.0, 0.0, -9.81], 0.0)
         """
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-        bodies = (self.body1, self.body2)
-        return dynamics.forward_dynamics(self.constants, bodies, body1, psi, psid, loads, hinge_torque, gravity)
+        hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
+        return dynamics.accelerations(self.constants, self._bodies, body1, gravity=gravity, **loads, **hinge)
 
     def hinge_wrench(
         self,
@@ -430,8 +434,9 @@ class HingePair(Shown):
         >>> pair.hinge_wrench(still, psi=0.0, psid=0.0, psidd=0.0).force.round(9).tolist()
         [0.0, 0.0, 19.62]
         """
-        bodies = (self.body1, self.body2)
-        return dynamics.hinge_wrench(self.constants, bodies, body1, psi, psid, psidd, gravity)
+        hinge = {"psi": psi, "psid": psid, "psidd": psidd}
+        found = dynamics.compute(dynamics.HINGE_WRENCH, self.constants, self._bodies, body1, gravity, **hinge)
+        return HingeWrench(*found)
 
     def energy(
         self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.GRAVITY
@@ -452,7 +457,8 @@ class HingePair(Shown):
         >>> [round(float(part), 9) for part in pair.energy(body1, psi=0.0, psid=0.0)]
         [2.0, 78.48]
         """
-        return dynamics.energy(self.constants, (self.body1, self.body2), body1, psi, psid, gravity)
+        hinge = {"psi": psi, "psid": psid}
+        return Energy(*dynamics.compute(dynamics.ENERGY, self.constants, self._bodies, body1, gravity, **hinge))
 
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
         """Linear momentum of the pair, and angular momentum about the world's origin (D8).
@@ -467,7 +473,8 @@ class HingePair(Shown):
         >>> pair.momentum(body1, psi=0.0, psid=0.0).linear.tolist()
         [4.0, 0.0, 0.0]
         """
-        return dynamics.momentum(self.constants, (self.body1, self.body2), body1, psi, psid)
+        hinge = {"psi": psi, "psid": psid}
+        return Momentum(*dynamics.compute(dynamics.MOMENTUM, self.constants, self._bodies, body1, **hinge))
 
     def residuals(
         self,
