@@ -70,11 +70,7 @@ def component_table(headings: Iterable[str], rows: Iterable[Sequence[str]]) -> T
 
 
 def check_picture(option: str, path: Path) -> None:
-    """Refuse a figure's file name whose ending names no format.
-
-    Raises:
-        ArgumentError: names the option.
-    """
+    """Refuse a figure's file name whose ending names no format."""
     if path.suffix.lower() not in PICTURES:
         raise ArgumentError(option, f"a file name that ends in {', '.join(PICTURES)}", quoted(str(path)))
 

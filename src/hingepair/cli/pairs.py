@@ -42,11 +42,7 @@ FixedBase = Annotated[bool, typer.Option("--fixed-base", help="Body 1 stands sti
 
 
 def named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair | PlanarPair:
-    """The pair of a scene file, or the hinge of a robot or of a URDF file, between two links' frames.
-
-    Raises:
-        ArgumentError: there is no such thing; says what there is.
-    """
+    """The pair of a scene file, or the hinge of a robot or of a URDF file, between two links' frames."""
     if is_urdf(source):
         return from_urdf(source, _given(source, joint), *frames)
     if joint is not None and source.lower().endswith(".toml"):

@@ -77,14 +77,7 @@ class ScenePlan:
 def explain(
     pair: HingePair | PlanarPair, known: KnownMotion, outputs: tuple[str, ...] | None, level: int
 ) -> ScenePlan:
-    """What is computed of a motion, and what is skipped.
-
-    Args:
-        pair: it.
-        known: its motion, with the derivatives that are computed.
-        outputs: what is asked for; all of body 2 that the derivatives allow unless given.
-        level: of the highest derivative that the motion has.
-    """
+    """What is computed of a motion with derivatives up to some order, of the `level` that there are, and why not."""
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
     names, constant = default_outputs(known.level, kind) if outputs is None else outputs, known.constant()
     form = known.sequence, "home" in pair.constants.values

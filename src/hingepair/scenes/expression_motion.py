@@ -69,11 +69,7 @@ class FunctionsOfTime:
         return functools.reduce(np.logical_or, points, self.compiled().switches(t))
 
     def expressions(self, letters: Sequence[str] = ()) -> dict[str, Expr | None]:
-        """The expressions by name; None for way points.
-
-        Args:
-            letters: which of the constants stay letters.
-        """
+        """The expressions by name, some of the constants as letters; None for way points."""
         found: dict[str, Expr | None] = {}
         for name, function in zip(self.names, self.functions, strict=True):
             written = self.table.values[name]
@@ -84,11 +80,7 @@ class FunctionsOfTime:
         return found
 
     def compiled(self) -> TimeFunctions:
-        """The expressions among them, ready to be evaluated.
-
-        Raises:
-            ArgumentError: one is not real and finite, whatever t is; names it.
-        """
+        """The expressions among them, ready to be evaluated; one that is never real and finite is refused."""
         kept = {name: f for name, f in zip(self.names, self.functions, strict=True) if not isinstance(f, WayPoints)}
         return _time_functions(tuple(kept.values()), tuple(kept))
 
@@ -120,11 +112,7 @@ class ByFunctions:
 
 
 def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
-    """The motion that the tables [motion] and [time] describe: coordinates, or rates to be integrated (E12).
-
-    Raises:
-        SceneError: a value cannot be used; names file, table and key.
-    """
+    """The motion that the tables [motion] and [time] describe: coordinates, or rates to be integrated (E12)."""
     if "omega1" in motion.values or "psi_dot" in motion.values:
         return _by_rates(motion, held_instants(time), planar)
     names = PLANAR_COORDINATES if planar else COORDINATES

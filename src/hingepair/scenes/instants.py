@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.results import MOST_HELD
-from hingepair.scenes.tables import Kind, Table
+from hingepair.scenes.tables import Key, Table
 
 Rows: TypeAlias = slice | NDArray[np.intp]
 """Some of the instants, by their numbers."""
@@ -19,6 +20,7 @@ MAX_SAMPLES: Final = 1_000_000_000
 """Of a scene; what they come to goes into a file block by block."""
 
 
+@dataclass(frozen=True, slots=True)
 class Uniform:
     """Evenly spaced instants from start to stop: those of `numpy.linspace`, to the bit, in pieces.
 
@@ -28,8 +30,9 @@ class Uniform:
     np.float64(1.0)
     """
 
-    def __init__(self, start: float, stop: float, samples: int) -> None:
-        self.start, self.stop, self.samples = start, stop, samples
+    start: float
+    stop: float
+    samples: int
 
     def __len__(self) -> int:
         return self.samples
@@ -51,11 +54,7 @@ Instants: TypeAlias = Uniform | Float64Array
 
 
 def read_instants(time: Table) -> Uniform:
-    """The instants of the table [time].
-
-    Raises:
-        SceneError: a key cannot be used; names it.
-    """
+    """The instants of the table [time]."""
     start, stop, samples = time.read(_TIME, required=_TIME).values()
     if not 0 <= stop - start < np.inf:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
@@ -82,4 +81,4 @@ def _samples(time: Table, key: str) -> int:
     return value
 
 
-_TIME: Final[Mapping[str, Kind]] = {"start": Table.number, "stop": Table.number, "samples": _samples}
+_TIME: Final[Mapping[str, Key]] = {"start": Table.number, "stop": Table.number, "samples": _samples}

@@ -35,16 +35,10 @@ def integrated(
     planar: bool = False,
     **notes: Any,
 ) -> Motion:
-    """The motion from rates; in the plane two sums (E11).
+    """The motion from the signals omega1 and psi' (E12), in the plane by two sums (E11).
 
-    Args:
-        table: [motion], with what the motion starts from, frame and method.
-        t: instants.
-        signals: omega1 and psi'.
-        known: at the instants R1, v1, omega1, psid, and a1, alpha1, psidd where these are known.
-        tol: the error that is aimed at; refused where it is missed and the table asks for it.
-        planar: whether the motion is that of a planar pair.
-        notes: functions and hint of the motion.
+    `known` are R1, v1, omega1, psid at the instants, and a1, alpha1, psidd where these are known; `tol` is the error
+    that is aimed at, refused where it is missed and the table asks for it; `notes` are functions and hint.
     """
     body = not planar and table.choice("frame", FRAMES) == "body"
     method = table.choice("method", tuple(RULES) if planar else METHODS)

@@ -71,12 +71,7 @@ class LogFile(Place):
         self.since: NDArray[np.float64] | None = None
 
     def columns(self) -> Columns:
-        """The columns by name, all of one length, which is not 0.
-
-        Raises:
-            SceneError: the file, or a column, cannot be used; names both.
-            MissingDependencyError: the file is a .parquet and pyarrow is not installed.
-        """
+        """The columns by name, all of one length, which is not 0."""
         read = _READERS.get(self.path.suffix.lower())
         if read is None:
             self.refuse("", f"a file name that ends in {', '.join(_READERS)}", self.path.suffix or "no ending")

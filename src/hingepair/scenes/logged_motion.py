@@ -36,16 +36,7 @@ _DOUBT = "rates were found by finite differences; how far they are off is not kn
 
 
 def read_log(table: Table, folder: Path) -> Motion:
-    """The motion in the file that the table [motion] names.
-
-    Args:
-        table: [motion].
-        folder: what the file's name is relative to.
-
-    Raises:
-        SceneError: a key of the table, the file or one of its columns cannot be used; names it.
-        MissingDependencyError: the file is a .parquet and pyarrow is not installed.
-    """
+    """The motion in the file that the table [motion] names, relative to a folder."""
     integrated = table.flag("integrate")
     start = (*START, "S1_0", "frame")
     for key in start:

@@ -14,7 +14,7 @@ from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.errors import ArgumentError
 from hingepair.evaluation.plan import ACCELERATION
 from hingepair.integration.trajectory import Later
-from hingepair.numeric.arrays import Float64Array, one_constant
+from hingepair.numeric.arrays import one_constant
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
@@ -37,13 +37,6 @@ class Given(Protocol):
         """The motion at some of the instants, with derivatives up to an order."""
 
 
-class Switching(Protocol):
-    """Functions of t."""
-
-    def switches(self, t: Float64Array, /) -> NDArray[np.bool_]:
-        """Whether kinks or jumps lie between neighbouring instants; shape (N - 1,)."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
     """A motion at instants, and what a reader of it should know.
@@ -57,7 +50,7 @@ class Motion:
             unit; none of what is exact.
         doubt: why an error is not known, where one is not.
         hint: how to get derivatives that are missing, for messages.
-        functions: of t that it is made of.
+        functions: of t that it is made of; they know where they switch.
         simulated: the motion as it was simulated; None of others.
     """
 
@@ -68,7 +61,7 @@ class Motion:
     errors: Mapping[str, Later] = field(default_factory=dict)
     doubt: str = ""
     hint: str = ""
-    functions: tuple[Switching, ...] = ()
+    functions: tuple[Any, ...] = ()
     simulated: SimulatedMotion | SimulatedPlanarMotion | None = None
 
     @property

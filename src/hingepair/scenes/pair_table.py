@@ -13,7 +13,7 @@ from hingepair.errors import printable
 from hingepair.pair.body import Body, Box, Cylinder, Shape, Sphere
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.scenes.tables import Kind, Table, numbers
+from hingepair.scenes.tables import Key, Table, numbers
 
 Made = TypeVar("Made")
 
@@ -37,8 +37,8 @@ def _shape(table: Table) -> Shape:
     if len(named) != 1:
         table.refuse("", f"one of {', '.join(_SHAPES)}", ", ".join(named) or "none of them")
     (kind,) = named
-    make, size, kinds = _SHAPES[kind]
-    values = table.read(kinds, required=[key for key in kinds if key in {kind, "length"}])
+    make, size, keys = _SHAPES[kind]
+    values = table.read(keys, required=[key for key in keys if key in {kind, "length"}])
     return _made(table, make, {size: values.pop(kind), **values})
 
 
@@ -47,7 +47,7 @@ def _body(table: Table, key: str) -> Body:
     return _made(own, Body, {"mass": 1.0} | own.read(_BODY))
 
 
-_SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Kind]]]] = {
+_SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
     "box": (Box, "size", {"box": numbers(3), "center": numbers(3), "axes": Table.rotation}),
     "cylinder": (
         Cylinder,
@@ -56,16 +56,16 @@ _SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Kind]]
     ),
     "sphere": (Sphere, "radius", {"sphere": Table.number, "center": numbers(3)}),
 }
-_BODY: Final[Mapping[str, Kind]] = {
+_BODY: Final[Mapping[str, Key]] = {
     "mass": Table.number,
     "center_of_mass": numbers(3),
     "inertia": _inertia,
     "shapes": _shapes,
 }
-_BODIES: Final[Mapping[str, Kind]] = {"body1": _body, "body2": _body}
-_ROBOT: Final[Mapping[str, Kind]] = {"robot": Table.text, "joint": Table.text}
-_PLANAR: Final[Mapping[str, Kind]] = {"u1": numbers(2), "u2": numbers(2), "name": Table.text, **_BODIES}
-_SPATIAL: Final[Mapping[str, Kind]] = {
+_BODIES: Final[Mapping[str, Key]] = {"body1": _body, "body2": _body}
+_ROBOT: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
+_PLANAR: Final[Mapping[str, Key]] = {"u1": numbers(2), "u2": numbers(2), "name": Table.text, **_BODIES}
+_SPATIAL: Final[Mapping[str, Key]] = {
     **{"u1": numbers(3), "u2": numbers(3), "n": numbers(3), "home": Table.rotation, "limits": numbers(2)},
     **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_BODIES},
 }
@@ -73,12 +73,7 @@ KEYS: Final = (*_SPATIAL, *_ROBOT)
 
 
 def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
-    """The pair of the table [pair], named as its file is unless it has a name.
-
-    Raises:
-        SceneError: a value cannot be used; names file, table and key.
-        MissingDependencyError: the pair is a robot's, and example-robot-data is not installed.
-    """
+    """The pair of the table [pair], named as its file is unless it has a name."""
     name = {"name": " ".join(printable(Path(table.file).stem).split()) or None}
     if planar:
         return _made(table, PlanarPair, name | table.read(_PLANAR, ("u1", "u2")))

@@ -24,7 +24,7 @@ from hingepair.scenes.expression_motion import read_functions
 from hingepair.scenes.instants import held_instants
 from hingepair.scenes.known_motion import ByBody1, ByCoordinates
 from hingepair.scenes.motion import Motion
-from hingepair.scenes.tables import Kind, Place, Table, numbers
+from hingepair.scenes.tables import Key, Place, Table, numbers
 from hingepair.symbolic.expressions import parse
 from hingepair.symbolic.kinks import constant_value
 from hingepair.symbolic.time_functions import TimeFunctions, exact
@@ -77,11 +77,11 @@ def _stops(table: Table, key: str) -> Any:
     return table.values[key] is True or tuple(table.numbers(key, 2))
 
 
-def _keys(size: int) -> dict[str, Kind]:
+def _keys(size: int) -> dict[str, Key]:
     """What [dynamics] may hold, of vectors of so many components."""
     vector, turn = numbers(size), Table.number if size == 2 else numbers(3)
-    force: Kind = lambda table, key: _load(table, key, size)  # noqa: E731
-    torque: Kind = lambda table, key: _load(table, key, 1 if size == 2 else 3)  # noqa: E731
+    force: Key = lambda table, key: _load(table, key, size)  # noqa: E731
+    torque: Key = lambda table, key: _load(table, key, 1 if size == 2 else 3)  # noqa: E731
     return {
         **({"phi_0": Table.number} if size == 2 else {"S1_0": Table.rotation}),
         **{"R1_0": vector, "v1_0": vector, "omega1_0": turn, "psi_0": Table.number, "psid_0": Table.number},
@@ -96,11 +96,7 @@ LOAD_KEYS: Final = tuple(_keys(3))
 
 
 def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | PlanarPair) -> Motion:
-    """The motion that the tables [dynamics], [motion] and [time] describe.
-
-    Raises:
-        SceneError: a value cannot be used, or the motion cannot be followed; names file, table and key.
-    """
+    """The motion that the tables [dynamics], [motion] and [time] describe; refused where it cannot be followed."""
     planar = isinstance(pair, PlanarPair)
     given = table.read(_keys(2 if planar else 3))
     kind = given.pop("base", BASES[0])

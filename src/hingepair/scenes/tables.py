@@ -76,18 +76,10 @@ class Table(Place):
     values: dict[str, Any]
     constants: Mapping[str, Any]
 
-    def read(
-        self, kinds: Mapping[str, Kind], required: Collection[str] = (), also: Collection[str] = ()
-    ) -> dict[str, Any]:
-        """What the keys of some kinds hold, of those that are there or required; all others are refused.
-
-        Args:
-            kinds: what each key holds.
-            required: keys that must be there.
-            also: keys that may be there, and that others read.
-        """
-        self.check_keys((*kinds, *also))
-        return {key: kind(self, key) for key, kind in kinds.items() if key in self.values or key in required}
+    def read(self, keys: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
+        """What keys hold, each read as is told, of those that are there or required; all others are refused."""
+        self.check_keys(keys)
+        return {key: read(self, key) for key, read in keys.items() if key in self.values or key in required}
 
     def check_keys(self, known: Collection[str]) -> None:
         """Refuse keys that nothing reads, and say which was probably meant."""
@@ -182,11 +174,11 @@ class Table(Place):
             self.fail(key, "a finite number")
 
 
-Kind: TypeAlias = Callable[[Table, str], Any]
+Key: TypeAlias = Callable[[Table, str], Any]
 """Reads a key out of a table, or refuses what it holds: `Table.number`, `numbers(3)` and the like."""
 
 
-def numbers(*shape: int) -> Kind:
+def numbers(*shape: int) -> Key:
     """Finite numbers of a given shape."""
     return lambda table, key: table.numbers(key, *shape)
 

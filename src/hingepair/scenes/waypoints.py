@@ -84,17 +84,7 @@ class WayPoints:
 def through(
     t: Float64Array, values: Float64Array, profile: str, speed: float = math.inf, acceleration: float = math.inf
 ) -> WayPoints:
-    """The function through way points.
-
-    Args:
-        t: instants, increasing, two at least; shape (N,) s.
-        values: at the instants; shape (N,).
-        profile: one of PROFILES.
-        speed: the largest absolute first derivative.
-        acceleration: the largest absolute second derivative.
-
-    Raises:
-        ArgumentError: a limit is passed; says by how much, or what a segment needs.
+    """The function through values at increasing instants, two at least; a limit that is passed says by how much.
 
     >>> position, speed = through(np.array([0.0, 2.0]), np.array([0.0, 4.0]), "quintic").derivatives(1.0, 1)
     >>> round(float(position), 9), round(float(speed), 9)
@@ -124,24 +114,21 @@ def _each(t: Float64Array, values: Float64Array, shape: tuple[float, ...]) -> Fl
 
 def _spline(t: Float64Array, values: Float64Array) -> Float64Array:
     """The spline of degree 5 through points, at rest and without acceleration at the first and the last."""
-    degree = 5
-    h, m, size = np.diff(t), len(t) - 1, degree + 1
-    ones = [_derived(np.eye(size), k).sum(axis=1) for k in range(degree)]  # k-th derivative of x^j at x = 1
-    system, right = np.zeros((m * size, m * size)), np.zeros(m * size)
-    row = 0
-    for i in range(m):  # in x = (time since t[i]) / h[i]: the value at both ends
-        system[row, i * size], right[row] = 1.0, values[i]
-        system[row + 1, i * size : (i + 1) * size], right[row + 1] = 1.0, values[i + 1]
-        row += 2
-    for i in range(m - 1):
-        for k in range(1, degree):
-            system[row, i * size : (i + 1) * size] = ones[k]
-            system[row, (i + 1) * size + k] = -math.factorial(k) * (h[i] / h[i + 1]) ** k
-            row += 1
-    for k in range(1, size // 2):
-        system[row, k], system[row + 1, (m - 1) * size :] = 1.0, ones[k]
-        row += 2
-    solved = np.linalg.solve(system, right).reshape(m, size)
+    h, m, size = np.diff(t), len(t) - 1, 6
+    ends = [_polynomials(_derived(np.eye(size), k), np.array([[0.0], [1.0]])) for k in range(size - 1)]
+
+    def row(i: int, k: int, end: int) -> Float64Array:
+        """The k-th derivative at one end of a piece, in x = (time since t[i]) / h[i]."""
+        found = np.zeros((m, size))
+        found[i] = ends[k][end]
+        return found.ravel()
+
+    rows = [row(i, 0, end) for i in range(m) for end in (0, 1)]
+    rows += [row(i, k, 1) - (h[i] / h[i + 1]) ** k * row(i + 1, k, 0) for i in range(m - 1) for k in (1, 2, 3, 4)]
+    rows += [row(i, k, end) for i, end in ((0, 0), (m - 1, 1)) for k in (1, 2)]
+    right = np.zeros(m * size)
+    right[: 2 * m] = np.repeat(values, 2)[1:-1]
+    solved = np.linalg.solve(np.array(rows), right).reshape(m, size)
     solved[:, 0], solved[0, 1:3] = values[:-1], 0.0
     return solved / h[:, None] ** np.arange(size)
 
