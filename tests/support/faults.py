@@ -626,12 +626,6 @@ FAULTS = {
         "(rows[-1][lane - 1], sample)",
         "evaluation/test_loops.py::test_every_count[8-float64]",
     ),
-    "compensated sums fused": Fault(
-        "evaluation/loops.py",
-        "fuse=can_fuse() and not self.loop.exact",
-        "fuse=can_fuse()",
-        "evaluation/test_loops.py::test_exact_arithmetic_is_not_fused",
-    ),
     "a scan that hands on what it was given": Fault(
         "evaluation/llvm_ir.py",
         "self.of(later))",

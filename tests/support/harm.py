@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import gc
 import multiprocessing
 import os
 import sys
@@ -16,7 +18,17 @@ from hypothesis import Phase
 
 TESTS = Path(__file__).parents[1]
 PACKAGE = TESTS.parent / "src" / "hingepair"
-TOOLS = ["hypothesis.extra.numpy", "mpmath", "numpy", "pinocchio", "pytest", "scipy.linalg", "sympy", "typer.testing"]
+TOOLS = [
+    "hypothesis.extra.numpy",
+    "mpmath",
+    "numpy",
+    "pandas",
+    "pinocchio",
+    "pytest",
+    "sympy.physics.vector",
+    "typer.testing",
+]
+TOOLS += ["scipy.interpolate", "scipy.linalg", "scipy.optimize", "scipy.spatial.transform"]
 
 
 class Fault(NamedTuple):
@@ -59,15 +71,18 @@ class _Loader(SourceFileLoader):
         return compile(self.fault.harmed(), self.path, "exec", dont_inherit=True)
 
 
-def _run(answer, fault, tests):
+def _run(answer, fault, tests, compiled):
     """In the new process: the tests, with the fault; sends the exit code and what pytest printed."""
+    gc.freeze()
     os.chdir(TESTS.parent)
+    os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
+    sys.pycache_prefix, sys.dont_write_bytecode = compiled, False
     if fault is not None:
         sys.meta_path.insert(0, _Finder(fault))
     # What fails is enough: the least that does is not looked for
     hypothesis.settings.register_profile("harmed", phases=[Phase.explicit, Phase.generate])
     hypothesis.settings.load_profile("harmed")
-    options = ["-q", "-x", "-m", "slow or not slow", "-p", "no:cacheprovider", "-p", "no:xdist", "--color=no"]
+    options = ["-q", "-x", "-m", "slow or not slow", "-p", "no:cacheprovider", "--color=no", "--tb=native"]
     options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # the tools are loaded already
     with tempfile.TemporaryFile("w+") as output:
         for number in (1, 2):
@@ -78,6 +93,12 @@ def _run(answer, fault, tests):
         answer.send((code, output.read()))
 
 
+@functools.cache
+def _compiled():
+    """A folder for what Python compiles, which is the same for all faults but for one module."""
+    return tempfile.TemporaryDirectory()
+
+
 def run(fault, tests):
     """Exit code and output of some tests of hingepair with a fault in it, or with none.
 
@@ -86,7 +107,7 @@ def run(fault, tests):
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(TOOLS)
     receive, send = context.Pipe(duplex=False)
-    process = context.Process(target=_run, args=(send, fault, tests))
+    process = context.Process(target=_run, args=(send, fault, tests, _compiled().name))
     process.start()
     send.close()
     try:
