@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 
 import pytest
@@ -50,6 +51,8 @@ def pytest_configure(config):
 def pytest_collection_finish():
     """What is loaded by now stays: to look at it again and again for what may go took a tenth of the time."""
     gc.enable()
+    gc.freeze()
+    atexit.register(gc.unfreeze)  # or libraries say at the end what was never freed
     gc.set_threshold(20_000, 50, 50)
 
 
