@@ -170,19 +170,13 @@ def _fail_at_row(file: LogFile, reason: str) -> NoReturn:
                     expected = f"{len(names)} fields, separated by commas, with decimal points"
                     file.refuse(f"line {line}", expected, f"{len(row)} fields")
                 for name, text in zip(names, row, strict=False):
-                    if not _is_number(text):
+                    try:
+                        float(text)
+                    except ValueError:
                         file.refuse(f"line {line}: {name}", "a number (nan where there is none)", repr(text[:40]))
         except csv.Error as error:
             reason = str(error)
     file.refuse("", "rows of numbers", reason)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _read_npz(file: LogFile) -> Columns:
@@ -251,17 +245,12 @@ def _read_parquet(file: LogFile) -> Columns:
             for field in schema:
                 if not (pa.types.is_floating(field.type) or pa.types.is_integer(field.type)):
                     file.refuse(field.name, "a column of numbers", str(field.type))
-            columns = table.read()
-            return {name: _numbers(columns[name].cast(pa.float64(), safe=False)) for name in schema.names}
+            columns = {name: table.read([name])[name].cast(pa.float64(), safe=False) for name in schema.names}
+            return {name: np.array(column.to_numpy()) for name, column in columns.items()}  # nulls are NaN
     except SceneError:
         raise
     except (pa.ArrowException, ValueError, KeyError) as error:
         file.refuse("", "a .parquet file that can be read", str(error))
-
-
-def _numbers(column: Any) -> NDArray[np.float64]:
-    """The numbers of a column; NaN where there is none."""
-    return np.array(column.to_numpy(), dtype=np.float64)
 
 
 _READERS: Final[dict[str, Callable[[LogFile], Columns]]] = {
