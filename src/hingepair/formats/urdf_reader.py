@@ -290,11 +290,7 @@ def hinge_pair(
 
 
 def _fixed_to(robot: Robot, hinge: Joint, link: str) -> dict[str, Pose]:
-    """Rotation and origin of every link that is rigidly fixed to a link of a hinge, in the axes of that link.
-
-    Raises:
-        URDFError: a joint on the way lacks an end or runs in a circle, or a link of them is not there once.
-    """
+    """Rotation and origin of every link that is rigidly fixed to a link of a hinge, in the axes of that link."""
     robot.check_link(link, hinge)
     poses = {link: _HERE}
     waiting: list[tuple[str, Joint]] = [(link, hinge)]

@@ -52,7 +52,7 @@ class ClosedForms:
         ArgumentError: more than one pair, or an expression's derivatives are too long; names it.
     """
 
-    __slots__ = ("_best", "_home", "_letters", "_sequence", "_shown", "kind")
+    __slots__ = ("_best", "_home", "_sequence", "_shown", "kind")
 
     def __init__(
         self,
@@ -69,7 +69,6 @@ class ClosedForms:
         self._home = "home" in constants
         self._best: dict[str, Any] = constants | motion_inputs(jets, self.kind)
         self._shown: dict[str, tuple[Expr, ...]] = {}
-        self._letters: dict[Expr, int] = {}
 
     @property
     def t(self) -> Expr:
@@ -116,7 +115,7 @@ class ClosedForms:
     def _shortened(self, result: str, built: Any) -> Any:
         """Each component in its shorter form: those to go on with; those to show are kept aside."""
         pairs = [self._forms(sympy.sympify(part)) for part in _flat(built)]
-        longest = max(count_letters(kept, self._letters) for kept, _ in pairs)
+        longest = max(count_letters(kept) for kept, _ in pairs)
         if longest > MAX_LETTERS:
             expected = f"an output whose components have at most {MAX_LETTERS} letters"
             raise ArgumentError("outputs", expected, f"{result} with {longest}")
@@ -128,7 +127,7 @@ class ClosedForms:
         summed = trig_sum(built)
         if summed is None:
             return built, built
-        gain = count_letters(built, self._letters) - count_letters(summed, self._letters)
+        gain = count_letters(built) - count_letters(summed)
         return summed if gain > 0 else built, summed if gain >= 0 else built
 
 
@@ -139,14 +138,14 @@ def _jet(name: str, expr: Expr | None) -> Jet:
         function = sympy.Function(name, real=True)(t)
         return function, function.diff(t), function.diff(t, 2)
     expected = f"an expression whose derivatives have at most {MAX_LETTERS_GIVEN} letters"
-    program, known = JetProgram(), dict[Expr, int]()
+    program = JetProgram()
     meaning: dict[Expr, Expr] = {}
     try:
         jet = program.jet(expr)
         for symbol, step in program.needed([part for part in jet if part.is_Symbol]):
             whole = meaning[symbol] = step.xreplace(meaning)
-            if count_letters(whole, known) > MAX_LETTERS_GIVEN:
-                raise ArgumentError(name, expected, f"{count_letters(whole, known)}")
+            if count_letters(whole) > MAX_LETTERS_GIVEN:
+                raise ArgumentError(name, expected, f"{count_letters(whole)}")
         return expr, jet[1].xreplace(meaning), jet[2].xreplace(meaning)
     except ArgumentError:
         raise

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import decimal
+import functools
 import math
 from collections.abc import Callable, Iterable
 from typing import Any, Final, TypeAlias
@@ -222,23 +223,20 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return text if whole or power else f"({text})"
 
 
-def count_letters(expr: Expr, known: dict[Expr, int]) -> int:
+@functools.lru_cache(maxsize=65536)
+def count_letters(expr: Expr) -> int:
     """How often letters stand in an expression; x(t) and its derivatives are letters, numbers are none."""
-    if expr not in known:
-        if not expr.args or expr.is_Derivative or isinstance(expr, AppliedUndef):
-            known[expr] = 0 if expr.is_number else 1
-        else:
-            known[expr] = sum(count_letters(part, known) for part in expr.args)
-    return known[expr]
+    if not expr.args or expr.is_Derivative or isinstance(expr, AppliedUndef):
+        return 0 if expr.is_number else 1
+    return sum(map(count_letters, expr.args))
 
 
 def in_order(expr: Expr) -> tuple[Expr, ...]:
     """The terms of a sum: short ones first, then those that weigh less; none with a minus sign in front if may be."""
-    known: dict[Expr, int] = {}
 
     def key(term: Expr) -> tuple[int, Expr, Any]:
         coefficient, rest = term.as_coeff_Mul(rational=True)
-        return count_letters(term, known), abs(coefficient), rest.sort_key()
+        return count_letters(term), abs(coefficient), rest.sort_key()
 
     terms = sorted(sympy.Add.make_args(expr), key=key)
     first = next((i for i, term in enumerate(terms) if not term.as_coeff_Mul()[0].is_negative), 0)
