@@ -205,7 +205,7 @@ def compute(
         if state is not None:
             found: Iterable[FloatArray] = state.released().values()
             return found
-    masses = _MASSLESS | mass_constants(bodies, *what.bodies)  # the same whatever is asked of a pair
+    massive = with_masses(what, constants, bodies)
     own: dict[str, Any] = motion_arrays("body1", body1, *what.letters)
     for name, value in values.items():
         if value is None:
@@ -214,8 +214,6 @@ def compute(
     for name, value in values.items():  # a force that is none is a constant of the program
         own[name] = component(name, value) if name not in _FORCES else _ZERO if value is _NONE else value
     shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL.shapes[name])] for name, v in own.items()}
-    massive: Constants = constants.prepared.get("masses") or _with(constants, masses)
-    constants.prepared["masses"] = massive
     told = any(body is not None and body.inertia_is_assumed for body in bodies)  # at every call
     if constants.single and not any(shapes.values()) and not told:
         plan = make_plan(what.outputs, None, "home" in constants.values, given=tuple(own))
@@ -223,17 +221,29 @@ def compute(
     return arrays_of(massive, what.outputs, own, shapes).values()
 
 
-def accelerations(constants: Constants, bodies: Bodies, body1: BodyMotion, **given: ArrayLike) -> Accelerations:
-    """How the pair moves (D6), of all loads; arguments as for `compute`.
+def with_masses(what: Quantity, constants: Constants, bodies: Bodies) -> Constants:
+    """The constants of a pair and of its masses.
 
     Raises:
-        ArgumentError: also where masses leave a motion without resistance.
+        ArgumentError: a body that the quantity needs has no mass properties; names it.
     """
-    *found, kept = compute(ACCELERATIONS, constants, bodies, body1, **given)
+    masses = _MASSLESS | mass_constants(bodies, *what.bodies)  # the same whatever is asked of a pair
+    found: Constants = constants.prepared.get("masses") or _with(constants, masses)
+    constants.prepared["masses"] = found
+    return found
+
+
+def accelerations(bodies: Bodies, found: Iterable[FloatArray]) -> Accelerations:
+    """How the pair moves (D6), of what ACCELERATIONS computes.
+
+    Raises:
+        ArgumentError: the masses leave a motion without resistance.
+    """
+    *moves, kept = found
     if (kept <= SINGULAR).any():
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])
-    return Accelerations(*found)
+    return Accelerations(*moves)
 
 
 def check_resistance(constants: Constants, bodies: Bodies) -> None:
@@ -243,7 +253,9 @@ def check_resistance(constants: Constants, bodies: Bodies) -> None:
         ArgumentError: as for `accelerations`.
     """
     still = BodyMotion(R=_ZERO, S=np.eye(3), omega=_ZERO)
-    accelerations(constants, bodies, still, gravity=_ZERO, psi=0.0, psid=0.0, **dict.fromkeys(LOADS, 0.0))
+    loads = dict.fromkeys(LOADS, 0.0)
+    found = compute(ACCELERATIONS, constants, bodies, still, gravity=_ZERO, psi=0.0, psid=0.0, **loads)
+    accelerations(bodies, found)
 
 
 def _load(name: str, value: ArrayLike) -> NDArray[Any]:

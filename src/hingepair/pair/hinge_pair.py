@@ -410,7 +410,10 @@ class HingePair(Shown):
         """
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
-        return dynamics.accelerations(self.constants, self._bodies, body1, gravity=gravity, **loads, **hinge)
+        found = dynamics.compute(
+            dynamics.ACCELERATIONS, self.constants, self._bodies, body1, gravity=gravity, **loads, **hinge
+        )
+        return dynamics.accelerations(self._bodies, found)
 
     def hinge_wrench(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
 from hingepair.evaluation.plan import PLANAR
-from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, real_array, vectors
-from hingepair.numeric.blocks import numbers
+from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, vectors
+from hingepair.numeric.blocks import components_of, numbers
 from hingepair.numeric.notebook import Sheet, Shown, sheet_of
-from hingepair.pair import accuracy
+from hingepair.pair import accuracy, dynamics
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
@@ -23,6 +24,7 @@ from hingepair.pair.dynamics import Energy, Forces, Momentum
 from hingepair.pair.evaluate import Out
 from hingepair.pair.forward_kinematics import Outputs, Rows
 from hingepair.pair.hinge_pair import HingePair, checked_body
+from hingepair.pair.prepared import arrays_of
 from hingepair.pair.states import PlanarState
 from hingepair.rotations.matrices import rotation_exp
 
@@ -179,9 +181,8 @@ class PlanarPair(Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).mass_matrix((0, 0, 0, 0)).diagonal().tolist()
         [4.0, 4.0, 10.0, 3.0]
         """
-        body1, psi = motion_in_space(q)
-        M: FloatArray = self.massive().mass_matrix(body1, psi)[..., _IN_PLANE[:, None], _IN_PLANE]
-        return M
+        (M,) = self._computed(dynamics.MASS_MATRIX, {"q": q})
+        return M[..., _IN_PLANE[:, None], _IN_PLANE]
 
     def inverse_dynamics(self, q: Rows, qd: Rows, qdd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> Forces:
         """What must act on body 1 and at the hinge for the pair to move as it does (D1-D5).
@@ -201,9 +202,8 @@ class PlanarPair(Shown):
         >>> forces.force1.tolist(), float(forces.hinge_torque)
         ([0.0, 39.24], 19.62)
         """
-        body1, psi, psid, psidd = motion_in_space(q, qd, qdd)
-        found = self.massive().inverse_dynamics(body1, psi, psid, psidd, _fall(gravity))
-        return Forces(found.force1[..., :2], found.torque1[..., 2], found.hinge_torque)
+        force1, torque1, hinge_torque = self._computed(dynamics.FORCES, {"q": q, "qd": qd, "qdd": qdd}, gravity)
+        return Forces(force1[..., :2], torque1[..., 2], hinge_torque)
 
     def forward_dynamics(
         self,
@@ -241,19 +241,12 @@ class PlanarPair(Shown):
         >>> pair.forward_dynamics((0, 0, 0, 0.3), (0, 0, 0, 0)).round(9).tolist()  # both bodies fall
         [0.0, -9.81, 0.0, 0.0]
         """
-        body1, psi, psid = motion_in_space(q, qd)
-        found = self.massive().forward_dynamics(
-            body1,
-            psi,
-            psid,
-            force1=_pushing("force1", force1),
-            torque1=_about_z("torque1", torque1),
-            hinge_torque=hinge_torque,
-            force2=_pushing("force2", force2),
-            torque2=_about_z("torque2", torque2),
-            gravity=_fall(gravity),
+        loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
+        found = self._computed(
+            dynamics.ACCELERATIONS, {"q": q, "qd": qd}, gravity, **loads, hinge_torque=hinge_torque
         )
-        return np.concatenate([found.a1[..., :2], found.alpha1[..., 2:], found.psidd[..., None]], axis=-1)
+        a1, alpha1, psidd = dynamics.accelerations((self.body1, self.body2), found)
+        return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
     def energy(self, q: Rows, qd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> Energy:
         """Kinetic and potential energy (D7); body 1 counts where it has mass properties.
@@ -268,8 +261,7 @@ class PlanarPair(Shown):
         >>> pair.energy((0, 1, 0, 0), (1, 0, 0, 0)).potential.round(9).tolist()
         19.62
         """
-        body1, psi, psid = motion_in_space(q, qd)
-        return self.massive().energy(body1, psi, psid, _fall(gravity))
+        return Energy(*self._computed(dynamics.ENERGY, {"q": q, "qd": qd}, gravity))
 
     def momentum(self, q: Rows, qd: Rows) -> Momentum:
         """Linear momentum, shape (..., 2), and angular momentum about the origin, shape (...) (D8).
@@ -284,8 +276,33 @@ class PlanarPair(Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).momentum((0, 1, 0, 0), (1, 0, 0, 0)).linear.tolist()
         [4.0, 0.0]
         """
-        found = self.massive().momentum(*motion_in_space(q, qd))
-        return Momentum(found.linear[..., :2], found.angular[..., 2])
+        linear, angular = self._computed(dynamics.MOMENTUM, {"q": q, "qd": qd})
+        return Momentum(linear[..., :2], angular[..., 2])
+
+    def _computed(
+        self,
+        what: dynamics.Quantity,
+        rows: Mapping[str, Any],
+        gravity: ArrayLike = PLANAR_GRAVITY,
+        **loads: ArrayLike,
+    ) -> Iterable[FloatArray]:
+        """A quantity in space, of coordinates and loads in the plane."""
+        for name, row in rows.items():
+            if row is None:
+                raise ArgumentError(
+                    name, "four coordinates, or their derivatives: what is asked for needs them", None
+                )
+        space, given = self.massive(), kinematics.read_coordinates(PLANAR, **{"qd": None, "qdd": None, **rows})
+        values: dict[str, Any] = {"gravity": (*one_constant("gravity", gravity, 2).tolist(), 0.0)}
+        for name, part in given.parts.items():
+            x, y, phi, psi = part if isinstance(part, tuple) else components_of(part)
+            values[name] = x, y, 0.0, 0.0, 0.0, phi, psi
+        shapes = dict(given.shapes)
+        for name, value in loads.items():
+            values[name] = load = _load(name, value)
+            shapes[name] = np.broadcast_shapes(*map(np.shape, load if isinstance(load, tuple) else (load,)))
+        massive = dynamics.with_masses(what, space.constants, (space.body1, space.body2))
+        return arrays_of(massive, what.outputs, values, shapes, sequence="XYZ").values()
 
 
 _IN_PLANE = np.array([0, 1, 5, 6])
@@ -313,17 +330,12 @@ def motion_in_space(q: Rows, qd: Rows | None = None, qdd: Rows | None = None) ->
     return BodyMotion(S=S, **arrays), *hinge
 
 
-def _fall(gravity: ArrayLike) -> tuple[float, float, float]:
-    x, y = one_constant("gravity", gravity, 2).tolist()
-    return x, y, 0.0
-
-
-def _pushing(name: str, force: ArrayLike) -> NDArray[Any]:
-    """A force of the plane in space; the number 0 says that there is none."""
-    given = np.zeros(2) if isinstance(force, int | float) and force == 0 else vectors(name, force, 2)
-    return np.concatenate([given, np.zeros((*given.shape[:-1], 1))], axis=-1)
-
-
-def _about_z(name: str, torque: ArrayLike) -> NDArray[Any]:
-    given = real_array(name, torque)
-    return np.stack([0 * given, 0 * given, given], axis=-1)
+def _load(name: str, value: ArrayLike) -> Any:
+    """What acts in the plane, in space; the number 0 says that there is no force."""
+    if name == "hinge_torque":
+        return kinematics.component(name, value)
+    if name.startswith("torque"):
+        return 0.0, 0.0, kinematics.component(name, value)
+    if isinstance(value, int | float) and value == 0:
+        return 0.0, 0.0, 0.0
+    return *components_of(vectors(name, value, 2)), 0.0
