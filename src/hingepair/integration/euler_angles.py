@@ -19,7 +19,7 @@ from hingepair.evaluation.binding import bind
 from hingepair.evaluation.loops import Loop
 from hingepair.evaluation.native import can_compile
 from hingepair.evaluation.trace import where_less
-from hingepair.integration.methods import RULES, Quaternion, quaternion_product
+from hingepair.integration.methods import RULES, quaternion_product
 from hingepair.integration.signals import Signal
 from hingepair.integration.stepping import Steps
 from hingepair.numeric.arrays import Float64Array as Array
@@ -42,7 +42,8 @@ def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, 
     """
     found = np.empty((len(steps.t), 3))
     found[0] = start
-    run = _run_compiled if _compiles(how, steps.made) else _run
+    pays = how.backend == "auto" and steps.made >= _WORTH_COMPILING and can_compile()
+    run = _run_compiled if pays or how.backend == "compiled" else _run
     for first, last in steps.slabs():
         begin, (h, _) = steps.within(first, last)
         rows = found[first + 1 : last + 1]
@@ -62,21 +63,9 @@ def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, 
 
 def quaternions_of_euler(phi: Array) -> Array:
     """The rotations of Euler angles (E10), unit quaternions (w, x, y, z) that are continuous where the angles are."""
-    s, c = np.sin(0.5 * phi), np.cos(0.5 * phi)
-    x, y, z = (_about(i, s[:, i], c[:, i]) for i in range(3))
-    return np.stack(quaternion_product(quaternion_product(x, y), z), axis=-1)
-
-
-def _about(axis: int, sine: Array, cosine: Array) -> Quaternion:
-    x, y, z = (sine if i == axis else 0 * sine for i in range(3))
-    return cosine, x, y, z
-
-
-def _compiles(how: How, steps: int) -> bool:
-    """Whether the steps, each of which needs the one before it, are worth compiling."""
-    if how.backend != "auto":
-        return how.backend == "compiled"
-    return steps >= _WORTH_COMPILING and can_compile()
+    (sx, sy, sz), (cx, cy, cz) = np.sin(0.5 * phi).T, np.cos(0.5 * phi).T
+    about_x_y = quaternion_product((cx, sx, 0.0, 0.0), (cy, 0.0, sy, 0.0))
+    return np.stack(quaternion_product(about_x_y, (cz, 0.0, 0.0, sz)), axis=-1)
 
 
 def _run(omega: Array, h: Array, start: Array, body: bool, rows: Array) -> None:

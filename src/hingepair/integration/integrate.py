@@ -164,14 +164,11 @@ def integrate(
             raise ArgumentError("phi_0", "nothing beside a HingePair, which takes S1_0", quoted(phi_0))
         start = one_constant("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
         check_rotation("S1_0", start)
-    for name, value in (("omega1", omega1), ("psid", psid)):
-        if value is None:
-            raise ArgumentError(name, "a callable, a constant, or samples at t", None)
     values = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
     rates = {
         name: read_signal(name, value, t, () if flat or name in {"psid", "psidd"} else (3,), how)
         for name, value in values.items()
-        if value is not None
+        if value is not None or name in {"omega1", "psid"}
     }
     size = 2 if flat else 3
     point = read_position(np.zeros(size) if R1 is None else R1, t, size)

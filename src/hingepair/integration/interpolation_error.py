@@ -13,7 +13,7 @@ all jumps are at samples, or go as chance has it: their total is taken halfway (
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -39,7 +39,7 @@ _STEEP = 15  # power by which less growth counts less; a vibration with six samp
 _GAUSS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)
 
 
-def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Array], turn: Turn | None = None) -> float:
+def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Array], turn: Turn) -> float:
     """The largest sum, up to any instant, of what integrals over the intervals are off; NaN of fewer than 4 samples.
 
     Added are the errors of steps in some intervals (`probed`). `turn` takes errors (..., n, 3) of the intervals from
@@ -48,13 +48,17 @@ def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Array], turn
     chosen, extra = probed
     if len(samples.t) < 4:
         return math.nan
-    columns = extra.reshape(len(chosen), -1).shape[1]
-    carry, worst = np.zeros(columns), 0.0
+    count, width = len(samples.t), extra.shape[1]
+    values = samples.values.reshape(count, -1)
+    carry, worst = np.zeros(width), 0.0
     sizes, squares = np.zeros(len(_KINKS)), np.zeros(len(_KINKS))
-    for first, last, missed in _missed(samples):
-        low, high = np.searchsorted(chosen, (first, last))
-        missed[0, chosen[low:high] - first] -= extra.reshape(len(chosen), -1)[low:high]
-        errors = missed if turn is None else turn(first, last, missed)
+    for first in range(0, count - 1, _BLOCK):
+        last = min(first + _BLOCK, count - 1)
+        low, high = max(0, first - _MARGIN), min(count, last + 1 + _MARGIN)
+        missed = _missed(samples.t[low:high], values[low:high])[:, first - low : last - low]
+        own = slice(*np.searchsorted(chosen, (first, last)))
+        missed[0, chosen[own] - first] -= extra[own]
+        errors = turn(first, last, missed)
         sums = carry + np.cumsum(errors[0], axis=0)
         worst = float(np.maximum(worst, np.maximum(_sizes(sums).max(), _sizes(errors[1]).max())))
         carry = sums[-1]
@@ -63,21 +67,11 @@ def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Array], turn
     return float(np.maximum(worst, np.sqrt(sizes * np.sqrt(squares)).max()))
 
 
-def _missed(samples: Samples) -> Iterator[tuple[int, int, Array]]:
-    """Blocks of intervals, from one to another, and what is missed there; shape (2 + kinks, intervals, columns).
+def _missed(t: Array, columns: Array) -> Array:
+    """What is missed in the intervals; shape (2 + kinks, intervals, columns).
 
     First by the mean of two sixth differences; then by the larger of them, since beside a gap they may cancel.
     """
-    columns = samples.values.reshape(len(samples.t), -1)
-    count = len(samples.t)
-    for first in range(0, count - 1, _BLOCK):
-        last = min(first + _BLOCK, count - 1)
-        low, high = max(0, first - _MARGIN), min(count, last + 1 + _MARGIN)
-        found = _of_block(samples.t[low:high], columns[low:high])
-        yield first, last, found[:, first - low : last - low]
-
-
-def _of_block(t: Array, columns: Array) -> Array:
     points = min(POINTS, len(t))
     differences = [columns]
     for k in range(1, min(POINTS + 1, len(t))):

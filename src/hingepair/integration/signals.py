@@ -133,6 +133,8 @@ def read_signal(name: str, value: Any, t: Array, tail: tuple[int, ...], how: How
         ShapeError, DtypeError: it is none of these.
         ArgumentError: a number is not finite; names the index of the first.
     """
+    if value is None:
+        raise ArgumentError(name, "a callable, a constant, or samples at t", None)
     if callable(value):
         return Function(name, value, tail)
     array = real_array(name, value).astype(np.float64)
