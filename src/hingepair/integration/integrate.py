@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 from typing import Any, Final, TypeAlias, overload
 
 import numpy as np
@@ -10,19 +10,28 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
-from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, Kind, check_outputs, default_outputs, make_plan
+from hingepair.evaluation.plan import (
+    ACCELERATION,
+    PLANAR,
+    SPATIAL,
+    Kind,
+    Plan,
+    check_outputs,
+    default_outputs,
+    make_plan,
+)
 from hingepair.integration.signals import Signal, read_position, read_signal
 from hingepair.integration.solve import METHODS, Course, Solution, solve
 from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, rotations, world_vectors
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only, real_array
 from hingepair.numeric.finite_differences import check_instants
-from hingepair.pair.body_motion import unchecked_motion
 from hingepair.pair.constants import Constants, check_pair
+from hingepair.pair.evaluate import STATES
 from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.states import PairState, PlanarState
+from hingepair.pair.prepared import compute
 from hingepair.rotations.matrices import check_rotation
 
 FRAMES: Final = ("world", "body")
@@ -30,10 +39,11 @@ FRAMES: Final = ("world", "body")
 Given: TypeAlias = ArrayLike | Callable[[Array], Any]
 Rates: TypeAlias = Mapping[str, Signal]
 
-_GIVEN: Final = {
-    **{"R1": "R1", "v1": "R1[1]", "a1": "R1[2]", "omega1": "omega1", "psid": "psid", "alpha1": "alpha1"},
-    **{"psidd": "psidd", "phi1d": "omega1", "phi1dd": "alpha1"},
+_RATES: Final = {
+    **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
+    **{"psid": "psid", "psidd": "psidd"},
 }
+"""Of what a plan may need, that which is a rate, and the argument it comes from."""
 
 _WANTED: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 
@@ -186,57 +196,39 @@ def integrate(
 def _state(
     pair: Any, course: Course, found: Solution, rates: Rates, point: Mapping[str, NDArray[Any]], outputs: Outputs
 ) -> Any:
-    """The state of the pair at the instants: all of body 2 that can be had, unless outputs name something else."""
-    flat, t, psi = isinstance(pair, PlanarPair), course.t, found.psi
-    names, needed = _wanted(pair.constants, outputs, rates, point, PLANAR if flat else SPATIAL)
-    if not names:
-        return (PlanarState if flat else PairState)({}, t.shape)
-    S1 = None if flat else rotations(found.turned)
-    known: dict[str, Any] = {name: values for name, values in point.items() if name in needed}
-    for name in needed & {"omega1", "alpha1", "phi1d", "phi1dd", "psid", "psidd"}:
-        values = rates[_GIVEN[name]].instants(t)
+    """The state of the pair at the instants."""
+    kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
+    plan = _plan(pair.constants, outputs, rates.keys() | point.keys(), kind)
+    if not plan.outputs:
+        return STATES[kind]({}, course.t.shape)
+    S1 = None if kind is PLANAR else rotations(found.turned)
+    known: dict[str, Any] = {**point, "psi": found.psi, **({"phi1": found.turned} if S1 is None else {"S1": S1})}
+    for name in plan.inputs & _RATES.keys():
+        values = rates[_RATES[name]].instants(course.t)
         known[name] = world_vectors(S1, values) if course.body and S1 is not None and values.ndim == 2 else values
-    if S1 is None:
-        levels = [(point["R1"], found.turned, psi)]
-        if known.keys() - {"R1"}:
-            parts = (("v1", "phi1d", "psid"), ("a1", "phi1dd", "psidd"))
-            levels += [(known.get(v, np.zeros(2)), known.get(w, 0.0), known.get(r, 0.0)) for v, w, r in parts]
-        coordinates = [(p[..., 0], p[..., 1], *angles) for p, *angles in levels]
-        return pair.forward_kinematics(*coordinates, outputs=names, backend=course.how.backend)
-    body1 = unchecked_motion(
-        R=known.get("R1", np.zeros(3)),
-        S=S1,
-        v=known.get("v1"),
-        omega=known.get("omega1"),
-        a=known.get("a1"),
-        alpha=known.get("alpha1"),
-    )
-    hinge = psi, known.get("psid", 0.0 if "psidd" in known else None), known.get("psidd")
-    return pair.forward_kinematics_from_body1(body1, *hinge, outputs=names, backend=course.how.backend)
+    known = {name: known[name] for name in known.keys() & plan.inputs}
+    return compute(pair.constants, plan, known, {"t": course.t.shape}, how=course.how)
 
 
-def _wanted(
-    pair: Constants, outputs: Outputs, rates: Rates, point: Mapping[str, Any], kind: Kind
-) -> tuple[tuple[str, ...], frozenset[str]]:
-    """The outputs, and the inputs that they need.
+def _plan(pair: Constants, outputs: Outputs, given: Set[str], kind: Kind) -> Plan:
+    """The plan for the outputs: all of body 2 that can be had, unless they name something else.
 
     Raises:
         ArgumentError: an unknown output, or one that needs what is not given; names that.
     """
-    given = rates.keys() | point.keys()
-    given |= {name for name, own in _GIVEN.items() if own in given} | {"S1", "psi", "phi1"} | pair.values.keys()
+    known = (
+        {"S1", "phi1", "psi"} | pair.values.keys() | given | {name for name, own in _RATES.items() if own in given}
+    )
 
-    def inputs(names: tuple[str, ...]) -> frozenset[str]:
-        return frozenset(make_plan(names, None, "home" in pair.values, kind=kind).inputs) if names else frozenset()
+    def plan(names: tuple[str, ...]) -> Plan:
+        return make_plan(names, None, "home" in pair.values, kind=kind)
 
     if outputs is None:
-        possible = default_outputs(ACCELERATION, kind)
-        names = tuple(name for name in possible if inputs((name,)) <= given)
-        return names, inputs(names)
+        return plan(tuple(name for name in default_outputs(ACCELERATION, kind) if plan((name,)).inputs <= known))
     names = check_outputs(outputs, kind.levels) if not isinstance(outputs, tuple) or outputs else ()
     for name in names:
-        for missing in sorted(inputs((name,)) - given):
+        for missing in sorted(plan((name,)).inputs - known):
             expected = f"{_WANTED.get(missing, 'a value')}, since output {name} needs it"
             got = f"no {missing}" if missing in _WANTED else None
-            raise ArgumentError(_GIVEN[missing].partition("[")[0], expected, got)
-    return names, inputs(names)
+            raise ArgumentError(_RATES.get(missing, "R1"), expected, got)
+    return plan(names)
