@@ -10,7 +10,6 @@ import typer
 from hingepair.cli.output import give, listed
 from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, TextFile, inputs_of, named
 from hingepair.errors import ArgumentError
-from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.scene import COORDINATES, Scene
 
 DEFAULT = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
@@ -47,19 +46,15 @@ def derive(
     """
     if unicode + latex + python + as_json > 1:
         raise ArgumentError("format", "one of --unicode, --latex, --python, --json", "several")
-    from hingepair.evaluation.plan import ACCELERATION, PLANAR, SPATIAL, check_outputs, default_outputs
+    from hingepair.evaluation.plan import ACCELERATION, PLANAR, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
 
     found = named(source, joint, body1_frame, body2_frame)
-    if isinstance(found, Scene):
-        pair, title = found.pair, found.title
-        asked = tuple(name for name in found.outputs or () if name not in COORDINATES)
-    else:
-        pair, title, asked = found, found.name, ()
     forms = closed_forms(found, listed(symbolic) or ())
-    kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
-    usual = default_outputs(ACCELERATION, PLANAR) if kind == PLANAR else DEFAULT
-    names = asked or usual if outputs is None else check_outputs(listed(outputs), kind.levels)
+    title, wanted = (found.title, found.outputs) if isinstance(found, Scene) else (found.name, None)
+    asked = tuple(name for name in wanted or () if name not in COORDINATES)
+    usual = default_outputs(ACCELERATION, PLANAR) if forms.kind is PLANAR else DEFAULT
+    names = asked or usual if outputs is None else check_outputs(listed(outputs), forms.kind.levels)
     if latex:
         text = forms.to_latex(names, short=bool(short))
     elif python:

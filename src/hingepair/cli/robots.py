@@ -13,7 +13,6 @@ from hingepair.errors import URDFError, printable
 from hingepair.formats.robots import robot_names, robot_urdf
 from hingepair.formats.urdf_reader import hinge_pair, read_urdf
 from hingepair.numeric.tables import aligned
-from hingepair.pair.body import Body
 
 HEADINGS = (
     "joint",
@@ -68,12 +67,9 @@ def _hinges(name: str) -> list[dict[str, Any]]:
             continue
         row |= {"n": pair.n.tolist(), "u1": pair.u1.tolist(), "home": pair.home.tolist(), "limits": pair.limits}
         row |= {"torque_limit": pair.torque_limit, "rate_limit": pair.rate_limit}
-        found.append(row | {"mass1": _mass(pair.body1), "mass2": _mass(pair.body2)})
+        row |= {f"mass{i}": body and body.mass for i, body in ((1, pair.body1), (2, pair.body2))}
+        found.append(row)
     return found
-
-
-def _mass(body: Body | None) -> float | None:
-    return None if body is None else body.mass
 
 
 def _cells(row: dict[str, Any]) -> list[str]:

@@ -144,17 +144,10 @@ def forces(
 def _ranges(found: Record) -> dict[str, dict[str, float]]:
     """What a table says of each component."""
     t, arrays = found.t, found.recorded()
-    columns = [column for array in arrays.values() for column in array.reshape(len(t), -1).T]
-    return {
-        name: {
-            "first": float(column[0]),
-            "smallest": float(np.nanmin(column)),
-            "largest": float(np.nanmax(column)),
-            "rms": float(np.sqrt(np.nanmean(column * column))),
-            "t_of_largest_size": float(t[np.nanargmax(np.abs(column))]),
-        }
-        for name, column in zip(column_names(arrays), columns, strict=True)
-    }
+    v = np.concatenate([array.reshape(len(t), -1) for array in arrays.values()], axis=1)
+    columns = {"first": v[0], "smallest": np.nanmin(v, axis=0), "largest": np.nanmax(v, axis=0)}
+    columns |= {"rms": np.sqrt(np.nanmean(v * v, axis=0)), "t_of_largest_size": t[np.nanargmax(np.abs(v), axis=0)]}
+    return {name: {key: float(own[i]) for key, own in columns.items()} for i, name in enumerate(column_names(arrays))}
 
 
 def _vector(text: str) -> tuple[float, ...]:

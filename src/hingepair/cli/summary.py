@@ -24,15 +24,7 @@ _MEANINGS = (
 
 
 class Residual(NamedTuple):
-    """The largest residual of one constraint over all instants.
-
-    Attributes:
-        label: of the equation.
-        meaning: the residual, spelled out.
-        unit: of `largest`.
-        largest: largest component.
-        ratio: the same in units of u * scale.
-    """
+    """The largest component of the residual of one constraint over all instants, and that in units of u * scale."""
 
     label: str
     meaning: str
