@@ -15,31 +15,29 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from hingepair.dynamics.collocation import BESIDE, NODES, Array
+from hingepair.dynamics.collocation import Array
 from hingepair.dynamics.loads import Loads, Moving
 from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError
 from hingepair.evaluation.backend import How
-from hingepair.evaluation.binding import Bound, bind
 from hingepair.evaluation.dynamics_steps import forward_steps, lever_steps
-from hingepair.evaluation.loops import Loop
 from hingepair.evaluation.plan import SPATIAL, Plan, needed_steps, steps_of
-from hingepair.evaluation.steps import Step, same, together, upright
+from hingepair.evaluation.steps import Step, same, upright
 from hingepair.integration.methods import quaternion_product
 from hingepair.integration.trajectory import rotations
 from hingepair.numeric.blocks import turn_terms
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
+from hingepair.pair.constants import Constants
 from hingepair.pair.dynamics import SINGULAR, check_resistance, mass_constants
 from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.prepared import Prepared
 from hingepair.rotations.matrices import matrix_to_quaternion
 
 Start: TypeAlias = tuple[Array, Array, Array, Array, float, float]
 """R, S, v and omega of body 1, psi and psi'."""
 Prescribed: TypeAlias = Callable[[Array], BodyMotion]
-Tails: TypeAlias = Mapping[str, tuple[int, ...]]
 
-_DOUBLE = np.dtype(np.float64)
 _G, _PSI = slice(9, 12), 12  # where the attitude and psi stand in the state
 
 _PARTS = {"place": slice(0, 3), "momentum": slice(3, 6), "angular": slice(6, 9), "g": _G, "psi": _PSI, "psid": 13}
@@ -72,14 +70,7 @@ _SLOPES = (
     Step("slopes", lambda v, drive, twist, g_rate, psid, psidd: (*v, *drive, *twist, *g_rate, psid, psidd),
          ("velocity", "drive", "twist", "g_rate", "psid", "psidd")),
 )  # fmt: skip
-_HINGE = (
-    Step("psi", operator.itemgetter(0), ("state",)),
-    Step("psid", operator.itemgetter(1), ("state",)),
-    Step("slopes", together, ("psid", "psidd")),
-)
-"""The state of a carried pair, and how it changes."""
 
-_TAILS: Final[Tails] = {**SPATIAL.shapes, "S0": (9,), "state": (14,)}
 _MOVING: Final = np.repeat([False, True, False, True], [3, 6, 4, 1])  # what of the state is a velocity or a momentum
 _MOTION: Final = ("R1", "S1", "v1", "omega1")
 _RATES: Final = ("v1", "omega1", "a1", "alpha1")
@@ -117,21 +108,25 @@ class PairMotion:
         known = masses | loads.known | pair.constants.values | still
         kind = str(base) if self._turning else "carried"
         self.quat = matrix_to_quaternion(S)
+        self._S0 = rotations(self.quat[None]).reshape(1, 9)
 
-        def program(own: bool | None, **tails: tuple[int, ...]) -> _Program:
-            return _Program(_loop(kind, own, "home" in known, tuple(tails.items())), known, how)
+        constants = Constants(known, {}, ())
+
+        def program(own: bool | None, *outputs: str) -> Prepared:
+            plan = _plan(kind, own, "home" in known, outputs)
+            return Prepared(constants, plan, tuple(sorted(plan.inputs - known.keys())), how, now=False)
 
         if not self._turning:
             _check_hinge(pair)
             self.state, self.sizes, self.moving, self.angle = np.array([psi, psid]), np.ones(2), _MOVING[-2:], 0
-            self._rates, self._accelerations = program(None, slopes=(2,)), program(None, psidd=())
+            self._rates = self._accelerations = program(None, "psidd")
             return
         check_resistance(pair.constants, bodies)
-        self._motion = program(flat, **{name: _TAILS[name] for name in _MOTION})
-        self._rates = program(flat, slopes=(14,))
-        self._accelerations = program(flat, a1=(3,), alpha1=(3,), psidd=())
-        found = program(None, point=(3,), beside=(3,), start=(3,))(1, S1=S, omega1=omega, psi=psi, psid=psid)
-        point, beside, angular = (found[name][0] for name in ("point", "beside", "start"))
+        self._motion, self._rates = program(flat, *_MOTION), program(flat, "slopes")
+        self._accelerations = program(flat, "a1", "alpha1", "psidd")
+        begin = program(None, "point", "beside", "start")
+        found = _run(begin, {"S1": S, "omega1": omega, "psi": psi, "psid": psid})
+        point, beside, angular = (found[name] for name in begin.outputs)
         mass = masses["m1"] + masses["m2"]
         momentum = mass * (v - beside) if base == "free" else np.zeros(3)
         g = np.array([0, 0, np.arctan2(S[1, 0], S[0, 0])]) if flat else np.zeros(3)
@@ -150,28 +145,30 @@ class PairMotion:
 
     def rates(self, t: Array, states: Array, side: int | None = None) -> Array:
         """The derivatives of the state at some instants; of a side, as they go on smoothly from there."""
-        given = self._given(t, states, eq.quaternion_attitude(tuple(self.quat.tolist())))
-        return self._rates(len(t), **given, **self._acting(t, given, side))["slopes"].copy()
+        given = self._given(t, states, self._S0)
+        found = _run(self._rates, given | self._acting(t, given, side))
+        return found["slopes"] if self._turning else np.stack([given["psid"], found["psidd"]], axis=-1)
 
     def renew(self, state: Array) -> Array:
         """The state that the next step begins with: the turn of this one goes into the attitude."""
         if self._flat or not self._turning:
             return state
         self.quat = _turned(state[_G], self.quat)
+        self._S0 = rotations(self.quat[None]).reshape(1, 9)
         state = state.copy()
         state[_G] = 0.0
         return state
 
     def read(self, t: Array, states: Array, quats: Array) -> Course:
         """What is asked for at some instants; quats is the attitude that their steps began with."""
-        S0: Any = np.eye(3).reshape(1, 9)
+        S0 = self._S0
         if self._turning and not self._flat:
             quats = _turned(states[:, _G], quats)
             S0, states = rotations(quats).reshape(-1, 9), states.copy()
             states[:, _G] = 0.0
         given = self._given(t, states, S0)
         now = self._now(given)
-        found = self._still | given | self._accelerations(len(t), **given, **self._acting(t, given))
+        found = self._still | given | _run(self._accelerations, given | self._acting(t, given)).arrays()
         if self._turning:
             phi = states[:, _G][:, 2]
         else:
@@ -182,77 +179,51 @@ class PairMotion:
         a1, alpha1 = (np.broadcast_to(found[name], now.R1.shape) for name in ("a1", "alpha1"))
         return Course(quats, now, a1, alpha1, found["psidd"], phi)
 
-    def _given(self, t: Array, states: Array, S0: Any) -> dict[str, Any]:
+    def _given(self, t: Array, states: Array, S0: Array) -> dict[str, Any]:
         """What the programs start from at some instants: the state, and the motion of body 1 where it is given."""
+        hinge = dict(zip(("psi", "psid"), states.T[self.angle : self.angle + 2], strict=True))
+        if self._turning:
+            return {**hinge, "state": states, "S0": np.broadcast_to(S0, (len(t), 9))}
         if self._carry is None:
-            return {"state": states, "S0": S0}
+            return hinge
         given = motion_arrays("base1", self._carry(t), "R", "S", "v", "omega", "a", "alpha")
         try:
-            wide = {name: np.broadcast_to(x, (len(t), *_TAILS[name])) for name, x in given.items()}
+            wide = {name: np.broadcast_to(x, (len(t), *SPATIAL.shapes[name])) for name, x in given.items()}
         except ValueError:
             expected = f"a callable that returns the motion of body 1 at {len(t)} instants"
             raise ArgumentError("base", expected, {name: array.shape for name, array in given.items()}) from None
-        return {"state": states, **wide}
+        return hinge | wide
 
     def _acting(self, t: Array, given: dict[str, Any], side: int | None = None) -> dict[str, Array]:
         """What acts at some instants."""
         now = self._now(given) if self._loads.look_at_motion else None
-        psi, psid = given["state"].T[self.angle : self.angle + 2]
-        return self._loads.at(t, now, psi, psid, side)
+        return self._loads.at(t, now, given["psi"], given["psid"], side)
 
     def _now(self, given: dict[str, Any]) -> Moving:
         """The motion where this is given."""
-        states = given["state"]
-        found = self._motion(len(states), **given) if self._turning else self._still | given
-        motion = (np.broadcast_to(found[name], (len(states), *_TAILS[name])).copy() for name in _MOTION)
-        return Moving(*motion, *states.T[self.angle : self.angle + 2].copy())
+        known = given | (_run(self._motion, given).arrays() if self._turning else self._still)
+        shapes = {name: (len(given["psi"]), *SPATIAL.shapes[name]) for name in Moving._fields}
+        return Moving(*(np.broadcast_to(known[name], shape).copy() for name, shape in shapes.items()))
 
 
-class _Program:
-    """A loop with the constants of one pair, for a few instants; what it reads and writes stays in place."""
-
-    def __init__(self, loop: Loop, known: Mapping[str, Any], how: How) -> None:
-        self._loop, self._how = loop, how
-        self._known = {name: known[name] for name, _ in loop.inputs if name in known}
-        self._ready: dict[int, tuple[dict[str, Array], dict[str, Array], Bound]] = {}
-
-    def __call__(self, count: int, **values: Any) -> dict[str, Array]:
-        """The outputs at so many instants; of the nodes of a step, and beside them, they hold until the next call."""
-        if count not in {NODES, len(BESIDE)}:
-            out = self._rooms(count)
-            self._loop.run({**self._known, **values}, out, (count,), _DOUBLE, self._how)
-            return out
-        if count not in self._ready:
-            given = {name: np.empty((count, *tail)) for name, tail in self._loop.inputs if name not in self._known}
-            self._ready[count] = given, self._rooms(count), bind(self._loop.inputs, {**self._known, **given})
-        given, out, bound = self._ready[count]
-        for name, array in given.items():
-            array[...] = values[name]
-        self._loop.program(bound.pattern).run(bound, out, (count,), _DOUBLE, self._how)
-        return out
-
-    def _rooms(self, count: int) -> dict[str, Array]:
-        return {name: np.empty((count, *tail)) for name, tail in self._loop.outputs}
+def _run(program: Prepared, values: Mapping[str, Any]) -> Any:
+    """The outputs of values by name, each side by side: a layout that the program will know again."""
+    return program(*(np.asarray(values[name], np.float64, order="C") for name in program.given))
 
 
 @functools.cache
-def _loop(base: str, flat: bool | None, home: bool, outputs: tuple[tuple[str, tuple[int, ...]], ...]) -> Loop:
+def _plan(base: str, flat: bool | None, home: bool, outputs: tuple[str, ...]) -> Plan:
     """From the state - where `flat` is None, from S1, omega1, psi and psi' - to some outputs."""
-    hinge = steps_of(None, home)
-    steps: tuple[Step, ...]
-    tails = dict(_TAILS)
-    if base == "carried":
-        steps, tails = (*_HINGE[:2], *forward_steps(hinge, base), *_HINGE[2:]), tails | {"state": (2,)}
-    else:
-        own: tuple[Step, ...] = ()
-        if flat is not None:
-            attitude, rate = _TURNED[flat]
-            before = [step.result for step in hinge].index("omega2")
-            own = (*_STATE, attitude, *hinge[:before], *lever_steps(base), _SPIN, rate)
-        steps = (*forward_steps((*own, *hinge), base), *_SLOPES[:1], *_MOVED[base], *_SLOPES[1:])
-    taken, inputs = needed_steps({step.result: step for step in steps}.values(), (name for name, _ in outputs))
-    plan = Plan(tuple(name for name, _ in outputs), taken, inputs, SPATIAL)
-    return Loop(base, plan.run, {name: tails.get(name, (3,)) for name in sorted(inputs)}, dict(outputs))
+    hinge, own = steps_of(None, home), list[Step]()
+    if flat is not None:
+        attitude, rate = _TURNED[flat]
+        before = [step.result for step in hinge].index("omega2")
+        own = [*_STATE, attitude, *hinge[:before], *lever_steps(base), _SPIN, rate]
+    steps = forward_steps((*own, *hinge), base)
+    if base != "carried":
+        steps = (*steps, *_SLOPES[:1], *_MOVED[base], *_SLOPES[1:])
+    taken, inputs = needed_steps({step.result: step for step in steps}.values(), outputs)
+    return Plan(outputs, taken, inputs, SPATIAL)
 
 
 def _check_hinge(pair: HingePair) -> None:

@@ -70,6 +70,9 @@ _SHAPES: Final[dict[str, Tail]] = {
     "kept": (4,),
     "mass_matrix": (7, 7),
     "attitude_check": (),
+    **dict.fromkeys(("state", "slopes"), (14,)),
+    **dict.fromkeys(("point", "beside", "start"), (3,)),
+    "S0": (9,),
 }
 
 
