@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -64,9 +63,6 @@ class BodyMotion(Frozen):
         if library_of(given) is None:
             given["S"] = vectors("S", S, 3, 3)
             check_rotation("S", given["S"])
-        self._set(given)
-
-    def _set(self, given: Mapping[str, Any]) -> None:
         shapes = {}
         for name, value in given.items():
             tail = (3, 3) if name == "S" else (3,)
@@ -153,13 +149,6 @@ class BodyMotion(Frozen):
                [ 0.,  0.,  1.]])
         """
         return cls(R=R, S=rotation_exp(rotvec), v=v, omega=omega, a=a, alpha=alpha)
-
-
-def unchecked_motion(**arrays: NDArray[Any] | None) -> BodyMotion:
-    """The motion with an attitude that is known to be a rotation; arguments as for `BodyMotion`, none left out."""
-    motion = BodyMotion.__new__(BodyMotion)
-    motion._set(arrays)
-    return motion
 
 
 def _read(name: str, value: ArrayLike, *tail: int) -> Any:
