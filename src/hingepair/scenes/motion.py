@@ -70,11 +70,6 @@ class Motion:
         return self.given.level
 
     @property
-    def sequence(self) -> str | None:
-        """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
-        return self.given.sequence
-
-    @property
     def error_estimate(self) -> float:
         """How far attitude and psi [rad] are off at the worst instant; 0 of what is exact, NaN: not known."""
         unknown = [math.nan] * bool(self.doubt)
@@ -93,10 +88,6 @@ class Motion:
         t = self.t[max(start - 1, 0) : stop]
         return int(np.logical_or.reduce([functions.switches(t) for functions in self.functions]).sum())
 
-    def known(self, rows: Rows, order: int) -> KnownMotion:
-        """The motion at some of the instants, with derivatives up to an order."""
-        return self.given.part(rows, order)
-
     def gravity(self, pair: HingePair | PlanarPair) -> tuple[float, ...]:
         """Acceleration of free fall in space: that of [dynamics], or the usual."""
         if self.simulated:
@@ -114,11 +105,11 @@ class Motion:
             raise ArgumentError("gravity", "none beside [dynamics], which has its own", gravity)
         elif flat:
             gravity = (*one_constant("gravity", gravity, 2), 0.0)
-        known = self.known(slice(None), ACCELERATION).in_space(pair)
+        known = self.given.part(slice(None), ACCELERATION).in_space(pair)
         psi, psid, psidd = known.hinge
         wrench = space.hinge_wrench(known.body1, psi, psid, psidd, gravity)
         found = {"hinge_torque": wrench.hinge_torque, "bearing_torque": wrench.bearing_torque}
-        found["hinge_force"] = wrench.force
+        found |= {"hinge_force": wrench.force}
         if pair.body1 is not None:
             given = space.inverse_dynamics(known.body1, psi, psid, psidd, gravity)
             found |= {"force1": given.force1, "torque1": given.torque1}

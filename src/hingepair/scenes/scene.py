@@ -185,7 +185,7 @@ class Scene(Shown):
     @property
     def sequence(self) -> str | None:
         """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
-        return self.motion.sequence
+        return self.motion.given.sequence
 
     def coordinates_to(self, level: int) -> tuple[str, ...]:
         """Those of q, qd, qdd, psi, psid, psidd that the kind of motion can have, up to a derivative."""
@@ -304,7 +304,7 @@ class Scene(Shown):
         """The state at some instants; derivatives up to the order `least` are kept beside it."""
         t = np.asarray(read_only(self.motion.t[rows]))
         own, order = self._needs(names)
-        known = self.motion.known(rows, max(order, least))
+        known = self.motion.given.part(rows, max(order, least))
         # Of more than a block all are computed in one way, so that pieces and the whole are the same to the bit.
         backend = "auto" if self.samples <= ROWS else "compiled" if find_spec("llvmlite") else "numpy"
         if own == ():
@@ -329,7 +329,7 @@ class Scene(Shown):
             ArgumentError: as for `evaluate`.
         """
         own, order = self._needs(self._names(outputs))
-        return explain(self.pair, self.motion.known(slice(1), order), own, self.motion.level)
+        return explain(self.pair, self.motion.given.part(slice(1), order), own, self.motion.level)
 
     def cross_validate(self, most: int | None = None) -> CrossValidation:
         """The pair's motion by the equations and by Pinocchio, compared.
@@ -341,7 +341,7 @@ class Scene(Shown):
             MissingDependencyError: Pinocchio is not installed.
         """
         rows = slice(len(self.times())) if most is None else self._spread(most)
-        return self.motion.known(rows, self.motion.level).cross_validate(self.pair)
+        return self.motion.given.part(rows, self.motion.level).cross_validate(self.pair)
 
     def forces(self, gravity: ArrayLike | None = None) -> Record:
         """What acts for the pair to move as the scene says (D1-D5), at the scene's instants.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -80,8 +81,7 @@ def _stops(table: Table, key: str) -> Any:
 def _keys(size: int) -> dict[str, Key]:
     """What [dynamics] may hold, of vectors of so many components."""
     vector, turn = numbers(size), Table.number if size == 2 else numbers(3)
-    force: Key = lambda table, key: _load(table, key, size)  # noqa: E731
-    torque: Key = lambda table, key: _load(table, key, 1 if size == 2 else 3)  # noqa: E731
+    force, torque = partial(_load, size=size), partial(_load, size=1 if size == 2 else 3)
     return {
         **({"phi_0": Table.number} if size == 2 else {"S1_0": Table.rotation}),
         **{"R1_0": vector, "v1_0": vector, "omega1_0": turn, "psi_0": Table.number, "psid_0": Table.number},
