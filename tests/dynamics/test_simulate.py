@@ -302,3 +302,10 @@ def test_held_bodies_need_no_mass_for_energy():
     kinetic, potential = swing.energy()
     np.testing.assert_allclose(kinetic, 1.5 * swing.psid**2, rtol=1e-13)  # (I + m l^2) / 2, I = 1, m l^2 = 2
     np.testing.assert_allclose(kinetic + potential, potential[0], rtol=0, atol=1e-11)
+
+
+def test_a_motor_between_stops_that_answers_with_another_shape_is_named():
+    """Where a step looks at what acts on one side of a kink."""
+    motor = hp.HingeLoad(stops=(-1, 1), motor=lambda t, *_: np.zeros((len(t), 1)) if len(t) > 1 else 0.0)
+    with pytest.raises(hp.ArgumentError, match="hinge_torque: expected a callable that returns shape"):
+        hp.simulate(flywheel(), [0, 1], STILL, 0.0, 1.0, base="fixed", hinge_torque=motor)

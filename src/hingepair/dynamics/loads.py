@@ -131,16 +131,8 @@ def _is_named(torque: object) -> TypeGuard[HingeLoad]:
 class Loads:
     """What acts on a pair at any instants.
 
-    Args:
-        forces: force1, torque1, force2, torque2: constants, the number 0, or callables of (t, now).
-        hinge_torque: a number, or a callable of (t, psi, psid).
-        gravity: acceleration of free fall, world axes.
-        flat: whether forces and gravity have two components, and torques one.
-
-    Attributes:
-        known: what does not change, by name, as the equations take it.
-        look_at_motion: whether a load is a callable of the motion.
-        levels: values of psi, increasing, where what acts changes from one smooth function to another.
+    Forces are force1, torque1, force2 and torque2: constants, the number 0, or callables of (t, now). In the plane
+    (`flat`) forces and gravity have two components, and torques one.
 
     Raises:
         ArgumentError: a constant is not finite or of the wrong shape, or a callable takes other arguments; names it.
@@ -153,17 +145,17 @@ class Loads:
         self._moving = {name: load for name, load in forces.items() if callable(load)}
         for name, load in self._moving.items():
             check_callable(name, load, "t", "now")
+        still = {"gravity": gravity, **{name: load for name, load in forces.items() if not callable(load)}}
+        self.known: dict[str, Any] = {name: self._constant(name, load) for name, load in still.items()}
         self._hinge = hinge_torque if callable(hinge_torque) else None
-        self.levels = hinge_torque.kinks if _is_named(hinge_torque) else ()
-        inner = [(below + above) / 2 for below, above in itertools.pairwise(self.levels)]
-        self._sides = (-np.inf, *inner, np.inf) if self.levels else None
-        self.look_at_motion = bool(self._moving)
-        self.known: dict[str, Any] = {"gravity": self._constant("gravity", gravity)}
-        self.known |= {name: self._constant(name, load) for name, load in forces.items() if not callable(load)}
-        if not callable(hinge_torque):
-            self.known["hinge_torque"] = finite_number("hinge_torque", hinge_torque)
-        else:
+        if callable(hinge_torque):
             check_callable("hinge_torque", hinge_torque, "t", "psi", "psid")
+        else:
+            self.known["hinge_torque"] = finite_number("hinge_torque", hinge_torque)
+        self.look_at_motion = bool(self._moving)
+        # values of psi, increasing, where what acts changes from one smooth function to another, and one between each
+        self.levels = hinge_torque.kinks if _is_named(hinge_torque) else ()
+        self._sides = (-np.inf, *((a + b) / 2 for a, b in itertools.pairwise(self.levels)), np.inf)
 
     def at(self, t: Array, now: Moving | None, psi: Array, psid: Array, side: int | None = None) -> dict[str, Array]:
         """What changes, by name: forces and torques on the bodies, (n, 3), and hinge_torque, (n,).
@@ -174,10 +166,12 @@ class Loads:
         for name, load in self._moving.items():
             own = self._answer(name, load(t, now), (len(t), *self._tail(name)))  # type: ignore[arg-type]
             found[name] = _lifted(own, len(self._tail(name))) if self._flat else own
-        if _is_named(self._hinge) and self._sides is not None and side is not None:
-            found["hinge_torque"] = self._hinge.smooth(self._sides[side], t, psi, psid)
-        elif self._hinge is not None:
-            found["hinge_torque"] = self._answer("hinge_torque", self._hinge(t, psi, psid), t.shape)
+        if self._hinge is not None:
+            if _is_named(self._hinge) and side is not None:
+                torque: Any = self._hinge.smooth(self._sides[side], t, psi, psid)
+            else:
+                torque = self._hinge(t, psi, psid)
+            found["hinge_torque"] = self._answer("hinge_torque", torque, t.shape)
         return found
 
     def everything(self, t: Array, now: Moving) -> dict[str, Array]:
