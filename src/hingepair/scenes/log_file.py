@@ -62,16 +62,17 @@ class LogFile(Place):
 
     Attributes:
         path: where it is.
-        since: the instants since the first, with digits that the column t has lost; None where it has them all.
+        columns: by name, all of one length, which is not 0.
+        late: the instants since the first, with digits that the column t has lost; None where it has them all.
     """
 
     def __init__(self, path: Path) -> None:
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
         self.path = path
-        self.since: NDArray[np.float64] | None = None
+        self.late: NDArray[np.float64] | None = None
+        self.columns = self._read()
 
-    def columns(self) -> Columns:
-        """The columns by name, all of one length, which is not 0."""
+    def _read(self) -> Columns:
         read = _READERS.get(self.path.suffix.lower())
         if read is None:
             self.refuse("", f"a file name that ends in {', '.join(_READERS)}", self.path.suffix or "no ending")
@@ -92,15 +93,16 @@ class LogFile(Place):
             self.refuse("", "at least one sample", "none")
         return found
 
-    def together(self, columns: Columns, own: tuple[str, ...], required: bool) -> NDArray[np.float64] | None:
-        """Columns side by side, shape (N, len(own)); None where none of them is there and none need be."""
-        there = [column for column in own if column in columns]
+    def together(self, name: str, required: bool) -> NDArray[np.float64] | None:
+        """The columns of an array side by side; None where none of them is there and none need be."""
+        own = columns_of(name)
+        there = [column for column in own if column in self.columns]
         if not there and not required:
             return None
         for column in own:
-            if column not in columns:
+            if column not in self.columns:
                 self.refuse(column, f"a column beside {there[0]}" if there else "a column", "no such column")
-        return np.stack([columns[column] for column in own], axis=-1)
+        return np.stack([self.columns[column] for column in own], axis=-1)
 
     def check_names(self, names: Iterable[str], known: tuple[str, ...]) -> None:
         """Refuse a name that is not known or that comes twice."""
@@ -133,7 +135,7 @@ def _read_csv(file: LogFile) -> Columns:
         _fail_at_row(file, f"{rows.shape[1]} fields")
     file.check_rows(len(rows))
     if "t" in names and rows.size and abs(rows[0, names.index("t")]) > _LATE:
-        file.since = _since_first(file, names.index("t"))
+        file.late = _since_first(file, names.index("t"))
     return {name: np.ascontiguousarray(rows[:, i]) if rows.size else np.empty(0) for i, name in enumerate(names)}
 
 

@@ -18,7 +18,7 @@ from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.integrated_motion import START, integrated
 from hingepair.scenes.known_motion import ByCoordinates, by_body1
-from hingepair.scenes.log_file import ARRAYS, Columns, LogFile, columns_of
+from hingepair.scenes.log_file import ARRAYS, LogFile, columns_of
 from hingepair.scenes.motion import Given, Motion, turns_about
 from hingepair.scenes.tables import Table
 
@@ -46,25 +46,24 @@ def read_log(table: Table, folder: Path) -> Motion:
     file = folder / table.text("file")
     if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
         table.refuse("file", "a file of samples that can be read", f"no such file: {file}")
-    log = _Log(LogFile(file), table.flag("differentiate"))
+    log = _Log(file, table.flag("differentiate"))
     return _integrated(table, log) if integrated else _stated(table, log)
 
 
-class _Log:
+class _Log(LogFile):
     """A file's columns, and derivatives of them."""
 
-    def __init__(self, file: LogFile, completed: bool) -> None:
-        self.file = file
+    def __init__(self, path: Path, completed: bool) -> None:
+        super().__init__(path)
         self.completed = completed
         self.hint = "" if completed else "; motion.differentiate = true gives the others"
         self.found = False
-        self.columns: Columns = file.columns()
         if "t" not in self.columns:
-            file.refuse("t", "a column", "no such column")
-        with file.naming():
+            self.refuse("t", "a column", "no such column")
+        with self.naming():
             t = check_instants("t", self.columns["t"], ORDER if completed else 0)
         self.t = np.asarray(read_only(t))
-        self.since = self.t - self.t[0] if file.since is None else file.since
+        self.since = self.t - self.t[0] if self.late is None else self.late
 
     def part(self, names: tuple[str, ...], required: bool = True) -> Part:
         """A quantity and its derivatives: what is there and, where that is asked for, what can be found.
@@ -74,18 +73,15 @@ class _Log:
         """
         found = {}
         for i, name in enumerate(names):
-            array = self.file.together(self.columns, columns_of(name), required and i == 0)
+            array = self.together(name, required and i == 0)
             if array is not None:
                 found[name] = array
         if self.completed and names[0] in found:
             for i, name in enumerate(names[1:]):
                 if name not in found:
                     derivatives = self._derivatives(names[i], found[names[i]])
-                    found |= {
-                        key: array
-                        for key, array in zip(names[i + 1 :], derivatives, strict=False)
-                        if key not in found
-                    }
+                    for key, derivative in zip(names[i + 1 :], derivatives, strict=False):
+                        found.setdefault(key, derivative)
                     self.found = True
         return {name: array if name in ARRAYS else array[:, 0] for name, array in found.items()}
 
@@ -94,22 +90,20 @@ class _Log:
         columns = array.reshape(len(array), -1)
         for sample, i in np.argwhere(~np.isfinite(columns))[:1]:
             got = f"{columns[sample, i]} at sample {sample}"
-            self.file.refuse(columns_of(name)[i], f"finite numbers, to be {use}", got)
+            self.refuse(columns_of(name)[i], f"finite numbers, to be {use}", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
         """The matrices of quaternions."""
         zero = np.flatnonzero((quat_xyzw == 0).all(axis=-1))
         if zero.size:
-            self.file.refuse(
-                "qx, qy, qz, qw", "quaternions that are not zero", f"a zero quaternion at sample {zero[0]}"
-            )
+            self.refuse("qx, qy, qz, qw", "quaternions that are not zero", f"a zero quaternion at sample {zero[0]}")
         return np.asarray(quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False))
 
     def _derivatives(self, name: str, array: Float64Array) -> tuple[Float64Array, Float64Array]:
         """First and second derivative of columns; of an attitude, omega and alpha."""
         self.finite(name, array, "differentiated")
         if name == "quat_xyzw":
-            with self.file.naming(", ".join(ARRAYS[name])):
+            with self.naming(", ".join(ARRAYS[name])):
                 omega, alpha = angular_velocity_from_samples(
                     self.since, self.rotations(array), ORDER, with_alpha=True
                 )
@@ -121,11 +115,11 @@ class _Log:
 
 def _stated(table: Table, log: _Log) -> Motion:
     """The motion that the file states: position, attitude, hinge angle."""
-    attitude = _attitude(log.file, log.columns)
+    attitude = _attitude(log)
     if attitude is _QUATERNION and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
     parts = {names: log.part(names) for names in (_POSITION, attitude, _HINGE)}
-    level = _level(log.file, parts)
+    level = _level(log, parts)
     sequence = table.choice("sequence", SEQUENCES, "XYZ")
     given: Given
     if attitude is _EULER:
@@ -145,7 +139,7 @@ def _integrated(table: Table, log: _Log) -> Motion:
     read = {"t", *(column for names in (_POSITION, *rates) for name in names for column in columns_of(name))}
     for column in log.columns:
         if column not in read:
-            log.file.refuse(column, "columns of rates and of R1, since motion.integrate is true", "a column")
+            log.refuse(column, "columns of rates and of R1, since motion.integrate is true", "a column")
     turning, hinge = (log.part(names) for names in rates)
     for part in (turning, hinge):
         name, array = next(iter(part.items()))
@@ -154,33 +148,33 @@ def _integrated(table: Table, log: _Log) -> Motion:
     if not position:
         position = dict.fromkeys(_POSITION, np.zeros((log.t.size, 3)))
     if "v1" not in position:
-        log.file.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
+        log.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
     known = position | turning | hinge
     signals = Samples(log.since, known["omega1"], AUTO), Samples(log.since, known["psid"], AUTO)
     return replace(integrated(table, log.since, signals, known, hint=log.hint), t=log.t)
 
 
-def _attitude(file: LogFile, columns: Columns) -> tuple[str, ...]:
+def _attitude(log: _Log) -> tuple[str, ...]:
     """Which of the two ways the attitude is given in; refuses columns of the other."""
-    euler = any(column in columns for column in ARRAYS["phi"])
+    euler = any(column in log.columns for column in ARRAYS["phi"])
     own, other = (_EULER, _QUATERNION) if euler else (_QUATERNION, _EULER)
-    if not euler and not any(column in columns for column in ARRAYS["quat_xyzw"]):
-        hint = ", or motion.integrate = true for a log of rates" if "omega1_x" in columns else ""
-        file.refuse("phi_x", f"columns phi_x, phi_y, phi_z, or qx, qy, qz, qw{hint}", "neither")
+    if not euler and not any(column in log.columns for column in ARRAYS["quat_xyzw"]):
+        hint = ", or motion.integrate = true for a log of rates" if "omega1_x" in log.columns else ""
+        log.refuse("phi_x", f"columns phi_x, phi_y, phi_z, or qx, qy, qz, qw{hint}", "neither")
     for column in (column for name in other for column in ARRAYS[name]):
-        if column in columns:
-            file.refuse(column, f"nothing of this kind beside {ARRAYS[own[0]][0]}", "a column")
+        if column in log.columns:
+            log.refuse(column, f"nothing of this kind beside {ARRAYS[own[0]][0]}", "a column")
     return own
 
 
-def _level(file: LogFile, parts: dict[tuple[str, ...], Part]) -> int:
+def _level(log: _Log, parts: dict[tuple[str, ...], Part]) -> int:
     """The highest derivative of the motion; refuses derivatives of some parts without those of the others."""
     level = max(i for names, part in parts.items() for i in range(3) if names[i] in part)
     for names, part in parts.items():
         for name in names[: level + 1]:
             if name not in part:
                 column = columns_of(name)[0]
-                file.refuse(column, "a column, beside rates of others (or differentiate = true)", "no such column")
+                log.refuse(column, "a column, beside rates of others (or differentiate = true)", "no such column")
     return level
 
 
