@@ -264,8 +264,9 @@ def test_unknown_attributes_are_attribute_errors():
     assert {"R2", "t"} <= set(dir(forms))
 
 
-def test_a_copy_derives_the_same():
-    forms = hp.derive(hp.HingePair(**ONE))
+@pytest.mark.parametrize("pair", [hp.HingePair(**ONE), hp.PlanarPair((1, 0), (0, 1))], ids=["space", "plane"])
+def test_a_copy_derives_the_same(pair):
+    forms = hp.derive(pair)
     for again in (copy.copy(forms), copy.deepcopy(forms), pickle.loads(pickle.dumps(forms))):
         assert again.R2 == forms.R2
 

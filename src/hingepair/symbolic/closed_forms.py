@@ -14,6 +14,7 @@ from typing import Any, Final, TypeAlias
 import sympy
 
 from hingepair.errors import ArgumentError
+from hingepair.evaluation.loops import components
 from hingepair.evaluation.plan import PLANAR, SPATIAL, Kind, check_outputs, make_plan
 from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
@@ -33,7 +34,8 @@ MAX_LETTERS_GIVEN: Final = 2_000
 SYMBOLIC: Final = ("u1", "u2", "n")
 """What of a pair can stay a letter."""
 _MAX_SQUARE: Final = 1_000  # the largest denominator of a squared axis component that is taken for exact
-_ANGLES: Final = frozenset(("phi", "psi", "phi1", "angles", "phi2"))
+_ROWS: Final = ("q", "qd", "qdd")
+_ANGLES: Final = ("angles", "phi2")
 
 
 class ClosedForms:
@@ -52,7 +54,7 @@ class ClosedForms:
         ArgumentError: more than one pair, or an expression's derivatives are too long; names it.
     """
 
-    __slots__ = ("_best", "_home", "_sequence", "_shown", "kind")
+    __slots__ = ("_best", "_home", "_planar", "_sequence", "_shown")
 
     def __init__(
         self,
@@ -62,18 +64,23 @@ class ClosedForms:
         symbolic: Collection[str] = (),
     ) -> None:
         check_one(pair)
-        self.kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
+        self._planar = isinstance(pair, PlanarPair)
         jets = [_jet(name, (motion or {}).get(name)) for name in self.kind.coordinates]
         constants = constant_inputs(pair, symbolic)
-        self._sequence = sequence if self.kind == SPATIAL else None
+        self._sequence = None if self._planar else sequence
         self._home = "home" in constants
-        self._best: dict[str, Any] = constants | motion_inputs(jets, self.kind)
+        self._best: dict[str, Any] = constants | dict(zip(_ROWS, zip(*jets, strict=True), strict=True))
         self._shown: dict[str, tuple[Expr, ...]] = {}
 
     @property
     def t(self) -> Expr:
         """The SymPy symbol of time [s]."""
         return time_symbol()
+
+    @property
+    def kind(self) -> Kind:
+        """PLANAR or SPATIAL."""
+        return PLANAR if self._planar else SPATIAL
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -105,16 +112,17 @@ class ClosedForms:
             ArgumentError: no such output, or its closed form is too long to be of use.
         """
         check_outputs((name,), self.kind.levels)
-        for result, function, arguments in make_plan((name,), self._sequence, self._home, _TERMS, self.kind).steps:
+        plan = make_plan((name,), self._sequence, self._home, _TERMS, self.kind, _ROWS)
+        for result, function, arguments in plan.steps:
             if result not in self._best:
                 built = function(*[self._best[key] for key in arguments])
-                plain = result in _ANGLES or any(isinstance(part, tuple) for part in _flat(built))
+                plain = result in _ANGLES or bool({*arguments} & {*_ROWS}) or isinstance(components(built)[0], tuple)
                 self._best[result] = built if plain else self._shortened(result, built)
-        return tuple(map(in_order, self._shown.get(name, _flat(self._best[name]))))
+        return tuple(map(in_order, self._shown.get(name, components(self._best[name]))))
 
     def _shortened(self, result: str, built: Any) -> Any:
         """Each component in its shorter form: those to go on with; those to show are kept aside."""
-        pairs = [self._forms(sympy.sympify(part)) for part in _flat(built)]
+        pairs = [self._forms(sympy.sympify(part)) for part in components(built)]
         longest = max(count_letters(kept) for kept, _ in pairs)
         if longest > MAX_LETTERS:
             expected = f"an output whose components have at most {MAX_LETTERS} letters"
@@ -153,17 +161,6 @@ def _jet(name: str, expr: Expr | None) -> Jet:
         raise ArgumentError(name, expected, "one that SymPy cannot differentiate") from None
 
 
-def motion_inputs(jets: list[Jet], kind: Kind) -> dict[str, Any]:
-    """The coordinates and their derivatives by the names of a plan's inputs."""
-    size, parts = 2 if kind is PLANAR else 3, kind.parts
-    found: dict[str, Any] = {}
-    for (point, angle, hinge), row in zip(parts.values(), zip(*jets, strict=True), strict=True):
-        found[point] = row[:size]
-        found[angle] = row[size] if kind == PLANAR else row[size : 2 * size]
-        found[hinge] = row[-1]
-    return found
-
-
 def constant_inputs(pair: HingePair | PlanarPair, symbolic: Collection[str]) -> dict[str, Any]:
     """u1, u2, n and home as exact numbers or letters."""
     found: dict[str, Any] = {}
@@ -184,10 +181,6 @@ def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
     )
     near = all(float(root) == c for root, c in zip(roots, n, strict=True))
     return roots if near and sum(squares) == 1 else tuple(map(exact, n))
-
-
-def _flat(value: Any) -> tuple[Any, ...]:
-    return value if isinstance(value, tuple) else (value,)
 
 
 def _angle_terms(phi: tuple[Expr, ...]) -> tuple[Expr, ...]:
