@@ -6,92 +6,135 @@ digits. The test of this oracle is the other one.
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import ClassVar
+
 import numpy as np
 
-from support.reference import Series, euler_scales, skew
+from support.reference import euler_scales, skew
 
 LONG = np.longdouble
 WIDE = np.finfo(LONG).nmant >= 63
-_AXES = dict(zip("XYZ", np.eye(3, dtype=LONG), strict=True))
 
 
 class Extended:
-    """The outputs by name, (N, ...) arrays of longdouble, and their scales."""
+    """The outputs for coordinates of shape (N, 7), each found when it is asked for.
 
-    def __init__(self, values, scales):
-        self.values, self.scales = values, scales
+    pair = (u1, u2, n, home), each of one pair or of N, home of one. Inside, components come first and samples last.
+    What body 2 holds is turned about n, and all that body 1 holds about z, y and x; angular velocities are added up
+    on the way.
+    """
+
+    def __init__(self, pair, q, qd, qdd):
+        self.scales = euler_scales(pair, *(np.asarray(c, float) for c in (q, qd, qdd)))
+        self.q, self.qd, self.qdd = (np.array(np.transpose(c), LONG, order="C") for c in (q, qd, qdd))
+        self.u1, self.u2, n = (np.array(np.atleast_2d(c).T, LONG, order="C") for c in pair[:3])
+        self.home = np.asarray(np.eye(3) if pair[3] is None else pair[3], LONG)[..., None]
+        angles = [(self.q[i], self.qd[i], self.qdd[i] / 2) for i in range(3, 7)]
+        self.turns = [_turn(axis, *angles[axis]) for axis in (2, 1, 0)]
+        self.hinge = _turn(n / np.sqrt((n * n).sum(axis=0)), *angles[3])
+
+    @cached_property
+    def d(self):
+        still = np.zeros((3, 1), LONG)
+        arm = _turned([(self.home * self.u2).sum(axis=1), still, still], [self.hinge])
+        return _turned([self.u1 - arm[0], -arm[1], -arm[2]], self.turns)
+
+    @cached_property
+    def turning1(self):
+        return _turning(self.turns)
+
+    @cached_property
+    def turning2(self):
+        return _turning([self.hinge, *self.turns])
+
+    WAYS: ClassVar = {
+        "S1": lambda own: _turned([np.eye(3, dtype=LONG)[..., None]], own.turns)[0],
+        "S2": lambda own: _turned([own.home], [own.hinge, *own.turns])[0],
+        "d": lambda own: own.d[0],
+        "R2": lambda own: own.q[:3] + own.d[0],
+        "v2": lambda own: own.qd[:3] + own.d[1],
+        "a2": lambda own: own.qdd[:3] + 2 * own.d[2],
+        "omega1": lambda own: own.turning1[0],
+        "alpha1": lambda own: own.turning1[1],
+        "omega2": lambda own: own.turning2[0],
+        "alpha2": lambda own: own.turning2[1],
+    }
+
+    def value(self, name):
+        """An output, longdouble (N, ...)."""
+        return np.moveaxis(self.WAYS[name](self), -1, 0)
 
     def errors(self, name, got):
         """The largest component's error of each sample in units of u * scale; inf where got is not finite."""
         unit = 2.0**-24 if got.dtype == np.float32 else 2.0**-53
-        gap = abs(np.asarray(got, LONG) - self.values[name]).reshape(len(got), -1).max(axis=-1)
+        gap = abs(np.asarray(got, LONG) - self.value(name)).reshape(len(got), -1).max(axis=-1)
         scale = unit * np.asarray(self.scales[name], LONG)
         ratio = np.where(gap == 0, 0, gap / np.where(scale > 0, scale, np.finfo(LONG).tiny))
         return np.where(np.isfinite(ratio), ratio, np.inf).astype(float)
 
 
-def from_euler(pair, q, qd, qdd, sequence="XYZ"):
-    """The outputs for coordinates of shape (N, 7); pair = (u1, u2, n, home), each of one pair or of N."""
-    Q, QD, QDD = (np.asarray(c, LONG) for c in (q, qd, qdd))
-    series = [(Q[:, i], QD[:, i], QDD[:, i] / 2) for i in range(7)]
-    turns = [rotation(_AXES[letter.upper()], series[3 + i]) for i, letter in enumerate(sequence)]
-    letters = range(3) if sequence.isupper() else range(2, -1, -1)
-    S1, turning = None, Series(0, 0, 0)
-    for i in letters:
-        turning += _rate(S1, _AXES[sequence[i].upper()], series[3 + i])
-        S1 = turns[i] if S1 is None else S1 @ turns[i]
-    u1, u2, n, home = (None if c is None else np.asarray(c, LONG) for c in pair)
-    n = n / np.sqrt((n * n).sum(axis=-1, keepdims=True))
-    S2 = S1 @ rotation(n, series[6])
-    if home is not None:
-        S2 = S2 @ home
-    u1, u2 = (np.broadcast_to(u, (len(Q), 3))[..., None] for u in (u1, u2))
-    d = S1 @ u1 - S2 @ u2
-    turning2 = turning + _rate(S1, n, series[6])
-    (omega1, alpha1), (omega2, alpha2) = ((c.c0[..., 0], c.c1[..., 0]) for c in (turning, turning2))
-    values = {
-        "S1": S1.c0, "S2": S2.c0, "omega1": omega1, "alpha1": alpha1, "omega2": omega2, "alpha2": alpha2,
-        "d": d.c0[..., 0], "R2": Q[:, :3] + d.c0[..., 0], "v2": QD[:, :3] + d.c1[..., 0],
-        "a2": QDD[:, :3] + 2 * d.c2[..., 0],
-    }  # fmt: skip
-    return Extended(values, euler_scales(pair, *(np.asarray(c, float) for c in (q, qd, qdd))))
+def _turn(axis, f0, f1=0, f2=0):
+    """A turn by the angle f0 + f1 t + f2 t^2 about the axis of a number, or along a unit vector (3, N).
+
+    The axis, the series of the angle's sine and of 1 - cosine, and of the angular velocity.
+    """
+    s, half = np.sin(f0), np.sin(f0 / 2)
+    versine = 2 * half * half
+    c = 1 - versine
+    unit = np.eye(3, dtype=LONG)[:, axis, None] if isinstance(axis, int) else axis
+    sine = s, c * f1, c * f2 - s * f1 * f1 / 2
+    return axis, sine, (versine, s * f1, s * f2 + c * f1 * f1 / 2), (unit * f1, unit * (2 * f2))
 
 
-def _rate(S, axis, angle):
-    """The angular velocity of a turn about an axis of the frame S: S e angle', as a series."""
-    _, f1, f2 = angle
-    column = np.broadcast_to(axis, (len(f1), 3))[..., None]
-    spin = Series(column * f1[:, None, None], column * 2 * f2[:, None, None], 0 * column)
-    return spin if S is None else S @ spin
+def _turned(vector, turns):
+    """The coefficients of a series of vectors, as many as are given, after the turns, one after the other."""
+    for axis, sine, versine, _ in turns:
+        across = [_cross(axis, v) for v in vector]
+        twice = [_cross(axis, v) for v in across]
+        parts = vector, _product(sine, across), _product(versine, twice)
+        vector = [v + x + y for v, x, y in zip(*parts, strict=True)]
+    return vector
 
 
-def rotation(axis, angle):
-    """I + sin K + (1 - cos) K^2 of an angle that is a series."""
-    f0, f1, f2 = angle
-    s, c, half = np.sin(f0), np.cos(f0), np.sin(f0 / 2)
-    sine = (s, c * f1, c * f2 - s * f1 * f1 / 2)
-    versine = (2 * half * half, s * f1, s * f2 + c * f1 * f1 / 2)
-    K = skew(axis)
-    terms = [x[:, None, None] * K + y[:, None, None] * (K @ K) for x, y in zip(sine, versine, strict=True)]
-    return Series(terms[0] + np.eye(3, dtype=LONG), terms[1], terms[2])
+def _turning(turns):
+    """Angular velocity and acceleration of what is turned so."""
+    found = [np.zeros((3, 1), LONG)] * 2
+    for turn in turns:
+        found = [v + w for v, w in zip(_turned(found, [turn]), turn[-1], strict=True)]
+    return found
+
+
+def _cross(axis, v):
+    """Axis x v."""
+    if isinstance(axis, int):
+        found = np.zeros_like(v)
+        found[axis - 2], found[axis - 1] = -v[axis - 1], v[axis - 2]
+        return found
+    a = axis[:, None] if v.ndim > axis.ndim else axis
+    return np.stack(np.broadcast_arrays(*(a[i - 2] * v[i - 1] - a[i - 1] * v[i - 2] for i in range(3))))
+
+
+def _product(a, b):
+    """Of two series, as far as the second goes."""
+    return [sum(a[i] * b[k - i] for i in range(k + 1)) for k in range(len(b))]
 
 
 def attitude_of_angles(phi, sequence):
     """The rotations of Euler angles, (N, 3) -> (N, 3, 3)."""
-    still = np.zeros(len(phi), LONG)
-    turns = [
-        rotation(_AXES[a.upper()], (np.asarray(phi[:, i], LONG), still, still)).c0 for i, a in enumerate(sequence)
-    ]
-    first, second, third = turns if sequence.isupper() else reversed(turns)
-    return first @ second @ third
+    turns = [_turn("XYZ".index(letter.upper()), np.asarray(phi[:, i], LONG)) for i, letter in enumerate(sequence)]
+    return _attitude(reversed(turns) if sequence.isupper() else turns)
 
 
 def attitude_of_rotvec(rotvec):
     """The rotations of rotation vectors, (N, 3) -> (N, 3, 3)."""
-    vector = np.asarray(rotvec, LONG)
-    angle = np.sqrt((vector * vector).sum(axis=-1))
-    axis = vector / np.where(angle > 0, angle, 1)[:, None]
-    return rotation(axis, (angle, 0 * angle, 0 * angle)).c0
+    vector = np.asarray(rotvec, LONG).T
+    angle = np.sqrt((vector * vector).sum(axis=0))
+    return _attitude([_turn(vector / np.where(angle > 0, angle, 1), angle)])
+
+
+def _attitude(turns):
+    return np.moveaxis(_turned([np.eye(3, dtype=LONG)[..., None]], turns)[0], -1, 0)
 
 
 def attitude_of_quaternion(quat_xyzw):
