@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.measured.likelihood import LOSSES
 from support.recorded import HOME, N1, U1, U2, recording, truth, turns
 from support.sparse import sparse
 
@@ -38,6 +39,14 @@ def test_exact_motion_gives_the_hinge_to_rounding(gauge: str, turn: float) -> No
     assert found.ok
     assert found.findings == ()
     assert max(found.rms_position, found.rms_angle) < 1e-14
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_exact_motion_comes_to_rest(loss: str) -> None:
+    """Steps that rounding makes are none, though against noise of its size they are many standard deviations."""
+    for count, turn in ((60, 1.0), (400, 8.0)):
+        found = hp.fit(*bodies(recording(count, turn=turn)), loss=loss)
+        assert (found.ok, found.findings) == (True, ())
 
 
 def test_rounding_is_no_outlier() -> None:

@@ -33,6 +33,7 @@ _SCORED, _STRETCH = 131072, 16  # samples that the covariance is taken from; blo
 _GROUPS = 40  # sums of scores, at least
 _MOST, _LONGEST = 40, 0.3  # steps; of one, the turn of an axis [rad]
 _CLOSE, _NEXT = 0.02, 0.1  # at rest: standard deviations of a step, and of the next one
+_ROUNDED = 2.0**-50  # a step, of turns or of the size of the bodies' places, that rounding makes
 _EXACT, _NO_BIAS = 100, 0.1  # samples that the bias is taken at; standard deviations that are none
 _FLIPPED = -0.999999  # cosine of axes that point against each other
 _U = 2.0**-53
@@ -145,7 +146,8 @@ def most_likely(poses: RelativePoses, start: Hinge, loss: Loss | None) -> tuple[
             # in standard deviations; without a loss the next step is about this one times the noise
             size = np.sqrt(step @ normal @ step)
             quick = loss is None and size * (turn + np.sqrt(noise.attitude)) < _NEXT
-            still = bool(size < _CLOSE or quick)
+            rounded = (np.abs(step) < _ROUNDED * np.repeat((1.0, poses.size), (4, 5))).all()
+            still = bool(size < _CLOSE or quick or rounded)
             if still:
                 break
     return hinge, noise, still

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from hingepair.measured.hinge import Hinge
 from hingepair.numeric.arrays import Float64Array, FloatArray
+from hingepair.rotations.matrices import rotation_vector
 
 _BLOCK = 4096
 _PAIRS, _JUDGES = 200, 300
@@ -105,12 +106,11 @@ def _screws(
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
     """n, m, u1 and u2 of each pair of samples that turns by a degree or more between them; (k, 3) each."""
     Q, other = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first, second))
-    turn = other @ np.swapaxes(Q, -1, -2)
-    twice = np.stack([turn[:, k, j] - turn[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))], axis=-1)
-    sine = np.sqrt((twice * twice).sum(axis=-1)) / 2
-    kept = sine > _LEAST_TURN
-    Q, n, sine, turn = Q[kept], twice[kept] / (2 * sine[kept, None]), sine[kept], turn[kept]
-    angle = np.arctan2(sine, (np.trace(turn, axis1=1, axis2=2) - 1) / 2)
+    turn = rotation_vector(other @ np.swapaxes(Q, -1, -2))
+    angle = np.linalg.norm(turn, axis=-1)
+    kept = angle > _LEAST_TURN
+    Q, angle = Q[kept], angle[kept]
+    n = turn[kept] / angle[:, None]
     p = poses.p.T[first[kept]]
     apart = p - poses.p.T[second[kept]]
     apart = apart - (apart * n).sum(axis=-1, keepdims=True) * n
