@@ -40,15 +40,10 @@ _TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)
 
 
 class Spin(NamedTuple):
-    """The reference example's attitude S(t), turned: S = Q S_ref, omega = Q omega_ref.
+    """The reference example's attitude S(t), turned: S = Q S_ref, omega = Q omega_ref."""
 
-    Attributes:
-        name: of the motion.
-        turn: Q, a quaternion (w, x, y, z) of whole numbers, so that Q is known exactly.
-    """
-
-    name: str
-    turn: tuple[int, int, int, int]
+    name: str  # of the motion
+    turn: tuple[int, int, int, int]  # Q, a quaternion (w, x, y, z) of whole numbers, so that Q is known exactly
 
     def matrix(self) -> tuple[list[list[int]], int]:
         """Q: whole numbers, and what they are divided by."""
