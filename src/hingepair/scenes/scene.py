@@ -388,37 +388,16 @@ class Scene(Shown):
         return tuple(name for name in names if name not in COORDINATES), max(map(_level, names))
 
 
-class _Limits:
-    """How often a motion leaves some limits, and where first."""
-
-    def __init__(self, name: str, column: str, limits: tuple[float, float]) -> None:
-        self.name, self.column, (self.lower, self.upper) = name, column, limits
-        self.outside, self.first = 0, ""
-
-    def add(self, part: SceneResult) -> None:
-        """Look at one piece."""
-        values = part.known.coordinates(_level(self.column))[self.column]
-        outside = np.flatnonzero((values < self.lower) | (values > self.upper))
-        if outside.size and not self.outside:
-            self.first = f"first at t = {instant(part.t[outside[0]])} s ({values[outside[0]]:.6g})"
-        self.outside += outside.size
-
-    def sentence(self, samples: int) -> str:
-        """The note."""
-        left = f"{self.name} leaves its limits, {self.lower:g} to {self.upper:g} {unit_of(self.column)}"
-        return f"{left}, at {self.outside} of {samples} instants, {self.first}"
-
-
 class Notes:
     """What a reader of the results should know, gathered from the pieces of a motion."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        pair, self._limits = scene.space, []
-        if pair.limits is not None:
-            self._limits.append(_Limits("psi", "psi", pair.limits))
-        if pair.rate_limit is not None and scene.motion.level:
-            self._limits.append(_Limits("psi'", "psid", (-pair.rate_limit, pair.rate_limit)))
+        rate = scene.space.rate_limit if scene.motion.level else None
+        limits = {"psi": scene.space.limits, "psid": None if rate is None else (-rate, rate)}
+        self._limits = {name: own for name, own in limits.items() if own is not None}
+        self._outside = dict.fromkeys(self._limits, 0)
+        self._first: dict[str, str] = {}
         self._least, self._most = math.inf, -math.inf  # of psi
         self._kinks = 0
 
@@ -427,13 +406,18 @@ class Notes:
         self._kinks += self._scene.motion.kinks(part.first, part.first + len(part.t))
         psi = part.known.psi
         self._least, self._most = min(self._least, float(psi.min())), max(self._most, float(psi.max()))
-        for limits in self._limits:
-            limits.add(part)
+        for name, (lower, upper) in self._limits.items():
+            values = part.known.coordinates(_level(name))[name]
+            outside = np.flatnonzero((values < lower) | (values > upper))
+            self._outside[name] += outside.size
+            if outside.size:
+                first = f"first at t = {instant(part.t[outside[0]])} s ({values[outside[0]]:.6g})"
+                self._first.setdefault(name, first)
 
     def sentences(self) -> tuple[str, ...]:
         """The notes."""
-        motion = self._scene.motion
-        angles = {"limits of psi": self._scene.space.limits, "psi": (self._most,) * (self._least == self._most)}
+        motion, samples = self._scene.motion, self._scene.samples
+        angles = {"limits of psi": self._limits.get("psi"), "psi": (self._most,) * (self._least == self._most)}
         found = [
             f'{name}: {largest:g} is taken for radians, as all angles are; for degrees write "{largest:g}*pi/180"'
             for name, own in angles.items()
@@ -441,7 +425,12 @@ class Notes:
             and all(angle % 1 == 0 for angle in own)  # whole ones of more than two turns are rare
             and abs(largest := max(own, key=abs)) > 4 * math.pi
         ]
-        found += [limits.sentence(self._scene.samples) for limits in self._limits if limits.outside]
+        found += [
+            f"{shown} leaves its limits, {self._limits[name][0]:g} to {self._limits[name][1]:g} {unit_of(name)}, "
+            f"at {self._outside[name]} of {samples} instants, {self._first[name]}"
+            for name, shown in (("psi", "psi"), ("psid", "psi'"))
+            if name in self._first
+        ]
         if self._kinks:
             where = f"{self._kinks} interval{'s' * (self._kinks != 1)}"
             found.append(f"kinks or jumps in {where}; derivatives there are those from the right")
