@@ -99,8 +99,7 @@ class PairMotion:
     ) -> None:
         self._carry = base if callable(base) else None
         self._turning = base in ("free", "pinned")
-        bodies = (pair.body1 if self._turning else None, pair.body2)
-        masses = mass_constants(bodies, *(("body1", "body2") if self._turning else ("body2",)))
+        masses = mass_constants(({"body1": pair.body1} if self._turning else {}) | {"body2": pair.body2})
         self._loads, self._flat, self.levels = loads, flat, loads.levels
         R, S, v, omega, psi, psid = start
         self._still = {"R1": R, "S1": S, **dict.fromkeys(_RATES, np.zeros(3))} if base == "fixed" else {}
@@ -121,7 +120,7 @@ class PairMotion:
             self.state, self.sizes, self.moving, self.angle = np.array([psi, psid]), np.ones(2), _MOVING[-2:], 0
             self._rates = self._accelerations = program(None, "psidd")
             return
-        check_resistance(pair.constants, bodies)
+        check_resistance(pair.constants, (pair.body1, pair.body2))
         self._motion, self._rates = program(flat, *_MOTION), program(flat, "slopes")
         self._accelerations = program(flat, "a1", "alpha1", "psidd")
         begin = program(None, "point", "beside", "start")
@@ -228,9 +227,7 @@ def _plan(base: str, flat: bool | None, home: bool, outputs: tuple[str, ...]) ->
 
 def _check_hinge(pair: HingePair) -> None:
     """Refuse a body 2 that does not resist psi''."""
-    body2 = pair.body2
-    if body2 is None:  # which is said where its mass is asked for
-        return
+    body2: Any = pair.body2
     k, h = pair.home.T @ pair.n, body2.center_of_mass - pair.u2
     push = np.cross(k, h)
     about = k @ body2.inertia @ k + body2.mass * (push @ push)

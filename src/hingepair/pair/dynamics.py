@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
@@ -108,34 +107,25 @@ class Momentum(NamedTuple):
     angular: FloatArray
 
 
-def mass_constants(bodies: Bodies, *needed: str) -> dict[str, Any]:
-    """Masses, centres and inertias as constants of the equations.
+def mass_constants(bodies: Mapping[str, Body | None]) -> dict[str, Any]:
+    """Masses, centres and inertias of body1 or body2, or both, as constants of the equations.
 
     Warns of an inertia that is not given.
 
     Raises:
-        ArgumentError: a body that is needed has no mass properties; names it.
+        ArgumentError: a body has no mass properties; names it.
     """
     values: dict[str, Any] = {}
-    for name, body in zip(("body1", "body2"), bodies, strict=True):
+    for name, body in bodies.items():
         if body is None:
-            if name in needed:
-                ways = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
-                raise ArgumentError(f"pair.{name}", f"mass properties, as in {ways}", None)
-            continue
-        own, assumed = _of_body(body, name[-1])
-        values |= own
-        if assumed:
+            ways = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
+            raise ArgumentError(f"pair.{name}", f"mass properties, as in {ways}", None)
+        centre, inertia = tuple(body.center_of_mass.tolist()), tuple(body.inertia.ravel().tolist())
+        values |= {f"m{name[-1]}": body.mass, f"c{name[-1]}": centre, f"I{name[-1]}": inertia}
+        if body.inertia_is_assumed:
             text = f"pair.{name}: no inertia is given, a radius of gyration of 0.1 m is taken"
             warnings.warn(f"{text}; Body(inertia=...) or Body(shapes=...) gives it", DynamicsWarning, _caller())
     return values
-
-
-@functools.lru_cache(maxsize=256)
-def _of_body(body: Body, digit: str) -> tuple[dict[str, Any], bool]:
-    """Mass, centre and inertia of a body by name, and whether the inertia is assumed."""
-    centre, inertia = tuple(body.center_of_mass.tolist()), tuple(body.inertia.ravel().tolist())
-    return {f"m{digit}": body.mass, f"c{digit}": centre, f"I{digit}": inertia}, body.inertia_is_assumed
 
 
 def _with(constants: Constants, more: Mapping[str, Any]) -> Constants:
@@ -149,14 +139,14 @@ def for_calls(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: 
     Raises:
         ArgumentError: a body that is needed has no mass properties, or gravity cannot be used; names it.
     """
-    of = {name for digit, name in (("1", "body1"), ("2", "body2")) if {f"{c}{digit}" for c in "mcI"} & {*needed}}
-    own = {name: body if name in of else None for name, body in zip(("body1", "body2"), bodies, strict=True)}
-    more = {
-        "gravity": tuple(one_constant("gravity", gravity, 3).tolist()),
-        **{name: 0.0 if name == "hinge_torque" else _ZERO for name in LOADS},
-    }
-    more |= mass_constants((own["body1"], own["body2"]), *of)
-    return _with(constants, more)
+    own = {name: body for name, body in _named(bodies) if {f"{c}{name[-1]}" for c in "mcI"} & {*needed}}
+    none = {name: 0.0 if name == "hinge_torque" else _ZERO for name in LOADS}
+    fall = one_constant("gravity", gravity, 3).tolist()
+    return _with(constants, {"gravity": tuple(fall), **none, **mass_constants(own)})
+
+
+def _named(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
+    return zip(("body1", "body2"), bodies, strict=True)
 
 
 def _caller() -> int:
@@ -227,7 +217,8 @@ def with_masses(what: Quantity, constants: Constants, bodies: Bodies) -> Constan
     Raises:
         ArgumentError: a body that the quantity needs has no mass properties; names it.
     """
-    masses = _MASSLESS | mass_constants(bodies, *what.bodies)  # the same whatever is asked of a pair
+    present = {name: body for name, body in _named(bodies) if body is not None or name in what.bodies}
+    masses = _MASSLESS | mass_constants(present)  # the same whatever is asked of a pair
     found: Constants = constants.prepared.get("masses") or _with(constants, masses)
     constants.prepared["masses"] = found
     return found
