@@ -116,12 +116,20 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
     if "omega1" in motion.values or "psi_dot" in motion.values:
         return _by_rates(motion, held_instants(time), planar)
     names = PLANAR_COORDINATES if planar else COORDINATES
-    motion.check_keys((*names, "constants", *(() if planar else ("sequence", "file", "omega1"))))
-    functions, t = read_functions(motion, names), read_instants(time)
-    sequence = None if planar else motion.choice("sequence", SEQUENCES, "XYZ")
+    functions, sequence = read_coordinates(motion, names, () if planar else ("file", "omega1"))
+    t = read_instants(time)
     how = turns_about(sequence) if sequence else "in the plane z = 0"
     given = ByFunctions(t, functions, sequence)
     return Motion(t, given, "coordinates as expressions in t", how, functions=(functions,))
+
+
+def read_coordinates(
+    motion: Table, names: tuple[str, ...], also: tuple[str, ...] = ()
+) -> tuple[FunctionsOfTime, str | None]:
+    """Coordinates as functions of t, and the sequence of their Euler angles; None in the plane."""
+    planar = "phi" in names
+    motion.check_keys((*names, "constants", *(() if planar else ("sequence",)), *also))
+    return read_functions(motion, names), None if planar else motion.choice("sequence", SEQUENCES, "XYZ")
 
 
 def _by_rates(table: Table, t: Float64Array, planar: bool) -> Motion:

@@ -20,8 +20,7 @@ from hingepair.pair.dynamics import DynamicsWarning
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.rotations.matrices import rotation_exp
-from hingepair.rotations.sequences import SEQUENCES
-from hingepair.scenes.expression_motion import read_functions
+from hingepair.scenes.expression_motion import read_coordinates
 from hingepair.scenes.instants import held_instants
 from hingepair.scenes.known_motion import ByBody1, ByCoordinates
 from hingepair.scenes.motion import Motion
@@ -155,11 +154,8 @@ def _start(table: Table, given: dict[str, Any], planar: bool) -> BodyMotion:
 
 def _carried(motion: Table, pair: HingePair | PlanarPair) -> Callable[[Float64Array], BodyMotion]:
     """Body 1 as the coordinates of [motion] move it."""
-    planar = isinstance(pair, PlanarPair)
-    names = (PLANAR_COORDINATES if planar else COORDINATES)[:-1]
-    motion.check_keys((*names, "constants", *(() if planar else ("sequence",))))
-    functions = read_functions(motion, names)
-    sequence = None if planar else motion.choice("sequence", SEQUENCES, "XYZ")
+    names = PLANAR_COORDINATES if isinstance(pair, PlanarPair) else COORDINATES
+    functions, sequence = read_coordinates(motion, names[:-1])
 
     def moved(t: Float64Array) -> BodyMotion:
         rows = tuple((*row, 0.0) for row in functions.derivatives(t, ACCELERATION))
