@@ -28,7 +28,7 @@ POINTS: Final = 6
 
 _POINT = ("R1", "v1", "a1")
 
-_MANY = 8
+_MANY = 8  # runs of steps from sample to sample, for each of which a kernel is called
 
 
 class Constant:

@@ -128,10 +128,9 @@ class Prefixes:
         `fill` writes steps into rows, from their starts and lengths (as two doubles). Of the slabs so far no long
         part is combined with a much shorter one.
         """
-        found = np.concatenate([[start], self.room(steps.made)])
-        parts: list[
-            tuple[int, tuple[float, ...]]
-        ] = []  # powers of two of slabs: none is combined with a much shorter
+        found = np.empty((1 + _filled_up(steps.made), len(start)))
+        found[0], found[1 + steps.made :] = start, self.neutral
+        parts: list[tuple[int, tuple[float, ...]]] = []  # how many slabs, a power of two, and what they come to
         for first, last in steps.slabs():
             count, rows = 1, found[first + 1 : len(found) if last == steps.made else last + 1]
             fill(*steps.within(first, last), rows[: last - first])
