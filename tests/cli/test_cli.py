@@ -348,6 +348,16 @@ def test_exports_need_no_motion(tmp_path: Path) -> None:
     assert "expected a table [" in invoke("run", tmp_path / "bare.toml")
 
 
+def test_a_simulated_scene_is_viewed_as_it_moves_and_derived_as_any_motion(tmp_path: Path) -> None:
+    path = tmp_path / "fall.toml"
+    path.write_text(
+        "[pair]\nu1 = [0, 0, 0]\nu2 = [-0.5, 0, 0]\nn = [0, 1, 0]\nbody2 = { mass = 2, inertia = [0.1, 1, 1] }\n"
+        "[dynamics]\nbase = 'fixed'\n[time]\nstart = 0\nstop = 0.1\nsamples = 7\n"
+    )
+    assert "(7 instants;" in invoke("view", path, "-o", tmp_path / "fall.html")
+    assert "v2_x = x'" in invoke("derive", path, "--outputs", "v2")
+
+
 def test_the_frames_of_a_hinge_are_links_that_are_named() -> None:
     pair, file = hp.load_scene(REFERENCE).pair, MODELS / "reference_3d.urdf"
     frames = ("--body1-frame", "body1", "--body2-frame", "body2")

@@ -42,7 +42,7 @@ def derive(
     """Show the motion in closed form.
 
     Unless told, omega1(t), R2(t), S2(t), v2(t), omega2(t), a2(t), alpha2(t). Without a motion (a scene that has
-    none, a robot's hinge) the forms are those of any motion.
+    none or simulates it, a robot's hinge) the forms are those of any motion.
     """
     if unicode + latex + python + as_json > 1:
         raise ArgumentError("format", "one of --unicode, --latex, --python, --json", "several")
@@ -50,6 +50,8 @@ def derive(
     from hingepair.scenes.derive import derive as closed_forms
 
     found = named(source, joint, body1_frame, body2_frame)
+    if isinstance(found, Scene) and found.motion.simulated:
+        found = found.pair
     forms = closed_forms(found, listed(symbolic) or ())
     title, wanted = (found.title, found.outputs) if isinstance(found, Scene) else (found.name, None)
     asked = tuple(name for name in wanted or () if name not in COORDINATES)

@@ -58,9 +58,9 @@ def named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair
 
 
 def named(source: str, joint: str | None, *frames: str | None) -> Scene | HingePair | PlanarPair:
-    """The scene of a file that says a motion; else the pair."""
+    """The scene of a file that says a motion, or what makes one; else the pair."""
     scene = joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
-    if scene and "motion" in read_tables(source).values:
+    if scene and {"motion", "dynamics"} & read_tables(source).values.keys():
         return load_scene(source)
     return named_pair(source, joint, *frames)
 
