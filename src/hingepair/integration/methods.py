@@ -123,21 +123,13 @@ def _by_runge_kutta(*given: Any) -> Quaternion:
 
 
 class Rule(NamedTuple):
-    """A method that makes each step from omega alone.
-
-    Attributes:
-        name: by which it is known.
-        order: of the error against h.
-        nodes: where a step looks at omega and psi', as parts of the step.
-        weights: of the nodes in an integral, integers.
-        turn: the rotation of a step, from omega at the nodes and the step's length.
-    """
+    """A method that makes each step from omega alone."""
 
     name: str
-    order: int
-    nodes: tuple[float, ...]
-    weights: tuple[int, ...]
-    turn: Callable[..., Quaternion]
+    order: int  # of the error against h
+    nodes: tuple[float, ...]  # where a step looks at omega and psi', as parts of the step
+    weights: tuple[int, ...]  # of the nodes in an integral, integers
+    turn: Callable[..., Quaternion]  # the rotation of a step, from omega at the nodes and the step's length
 
     def integral(self, values: Any, h: Any) -> Any:
         """The integrals over steps of lengths h from values at their nodes (steps, nodes, ...), by columns."""

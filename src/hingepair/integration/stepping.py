@@ -93,12 +93,8 @@ def divided(start: Array, stop: Array, counts: NDArray[np.int64]) -> Division:
 class Prefixes:
     """All products of the first k factors of a row, in place; or sums, or whatever else is associative.
 
-    Args:
-        name: of what is combined.
-        combine: of a later and an earlier element.
-        neutral: what changes nothing.
-        finish: of a result that is final.
-        exact: whether its code may not be fused.
+    `combine` takes a later and an earlier element, `neutral` changes nothing, `finish` is for final results; `exact`
+    is what may not be fused.
     """
 
     def __init__(

@@ -25,18 +25,12 @@ class Sequence(NamedTuple):
 
     An extrinsic sequence is the intrinsic one with letters and angles reversed. Renaming the axes keeps the
     equations, but for the sign of every angle where the renaming changes the handedness.
-
-    Attributes:
-        proper: the first axis comes back as the third (Sx Sy Sx).
-        backward: the angles are taken in reverse order.
-        place: for world axis i, its canonical axis.
-        sign: of the canonical angles, +1 or -1.
     """
 
-    proper: bool
-    backward: bool
-    place: tuple[int, int, int]
-    sign: int
+    proper: bool  # the first axis comes back as the third (Sx Sy Sx)
+    backward: bool  # the angles are taken in reverse order
+    place: tuple[int, int, int]  # for world axis i, its canonical axis
+    sign: int  # of the canonical angles, +1 or -1
 
     def angles(self, phi: eq.Vector) -> eq.Vector:
         """The canonical angles (or their rates) of angles (or rates) in the order of the letters, and back."""
