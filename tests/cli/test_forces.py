@@ -58,8 +58,8 @@ def test_an_inertia_that_was_not_given_is_said(tmp_path):
     command = [sys.executable, "-m", "hingepair", "forces", str(tmp_path / "light.toml")]
     said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
     assert said.count("no inertia is given") == 1
-    assert hp.Body(mass=3).inertia_is_assumed
-    assert not hp.Body(mass=3, inertia=np.eye(3)).inertia_is_assumed
+    assert [sentence.split()[1] for sentence in hp.Body().assumed] == ["mass", "inertia"]
+    assert hp.Body(mass=3, inertia=np.eye(3)).assumed == ()
 
 
 @pytest.mark.parametrize(

@@ -418,3 +418,19 @@ def test_prepared_dynamics_takes_arrays_of_jax():
         found = inverse(*map(jax.numpy.asarray, given))
         assert isinstance(found.force1, jax.Array)
         np.testing.assert_allclose(found.hinge_torque, inverse(*given).hinge_torque, rtol=0, atol=1e-12)
+
+
+def test_a_mass_that_nobody_gave_is_said():
+    shapes = [hp.Sphere(radius=0.1)]
+    pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body2=hp.Body(shapes=shapes))
+    still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0), a=(0, 0, 0), alpha=(0, 0, 0))
+    for _ in range(2):
+        with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no mass is given, 1 kg is taken"):
+            pair.hinge_wrench(still, 0.0, 0.0, 0.0)
+
+
+def test_results_print_in_a_line():
+    body = hp.Body(mass=2, inertia=(1, 1, 1))
+    pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=body, body2=body)
+    many = pair.momentum(hp.BodyMotion(R=np.zeros((50, 3)), S=np.eye(3), v=(1, 0, 0), omega=(0, 0, 0)), 0.0, 0.0)
+    assert repr(many) == "Momentum(linear: shape (50, 3), angular: shape (50, 3))"

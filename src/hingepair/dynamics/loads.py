@@ -55,8 +55,8 @@ class HingeLoad:
         friction: torque of dry friction [N m].
         friction_rate: rate at which friction has reached three quarters of its torque [rad/s]; what sticks creeps.
         stops: least and greatest hinge angle, such as `pair.limits` [rad]; none unless given.
-        stop_stiffness: beyond a stop [N m/rad].
-        stop_damping: beyond a stop [N m s/rad].
+        stop_stiffness: of the springs that the stops are [N m/rad].
+        stop_damping: beyond a stop [N m s/rad]; without it the hinge leaves a stop as fast as it came.
         motor: what is added [N m]: a number, or a callable of arrays (t, psi, psid).
 
     Raises:

@@ -126,7 +126,7 @@ class Body(Frozen):
     """Mass properties and shapes of one body: for its dynamics and for exports; the kinematics do not depend on them.
 
     Args:
-        mass: above zero [kg].
+        mass: above zero [kg]; unless given, 1 kg, of which dynamics warns.
         center_of_mass: from the body's reference point, body axes [m]; shape (3,). Unless given, the reference point,
             or that of the shapes where inertia is not given either.
         inertia: about the centre of mass, body axes [kg m^2]; shape (3, 3), symmetric, or three principal moments,
@@ -150,15 +150,16 @@ class Body(Frozen):
     center_of_mass: NDArray[np.float64]
     inertia: NDArray[np.float64]
     shapes: tuple[Shape, ...]
+    mass_is_assumed: bool
 
     def __init__(
         self,
-        mass: float = 1.0,
+        mass: float | None = None,
         center_of_mass: ArrayLike | None = None,
         inertia: ArrayLike | None = None,
         shapes: Iterable[Shape] = (),
     ) -> None:
-        value = _positive("mass", mass)
+        value = 1.0 if mass is None else _positive("mass", mass)
         if not isinstance(shapes, Iterable):
             raise ArgumentError("shapes", "a sequence of Box, Cylinder and Sphere", quoted(shapes))
         drawn = tuple(shapes)
@@ -169,11 +170,18 @@ class Body(Frozen):
         centre = middle if center_of_mass is None else one_constant("center_of_mass", center_of_mass, 3)
         tensor = value * spread if inertia is None else _tensor(inertia)
         _freeze(self, mass=value, center_of_mass=centre, inertia=_checked_inertia(tensor), shapes=drawn)
+        _freeze(self, mass_is_assumed=mass is None)
 
     @property
-    def inertia_is_assumed(self) -> bool:
-        """Its inertia is the one of a body whose inertia is not given: a radius of gyration of 0.1 m."""
-        return np.array_equal(self.inertia, self.mass * _GYRATION_SQUARED * np.eye(3))
+    def assumed(self) -> tuple[str, ...]:
+        """What nobody gave and dynamics takes all the same, in sentences."""
+        found = []
+        if self.mass_is_assumed:
+            found.append("no mass is given, 1 kg is taken; Body(mass=...) gives it")
+        if np.array_equal(self.inertia, self.mass * _GYRATION_SQUARED * np.eye(3)):
+            why = "no inertia is given, a radius of gyration of 0.1 m is taken"
+            found.append(f"{why}; Body(inertia=...) or Body(shapes=...) gives it")
+        return tuple(found)
 
     def __repr__(self) -> str:
         return _show(self, "mass", "center_of_mass", "inertia", *(["shapes"] if self.shapes else []))

@@ -35,7 +35,13 @@ SINGULAR = 64 * 2.0**-53
 
 
 class DynamicsWarning(UserWarning):
-    """Forces or motion may not be what was meant: an inertia was assumed, or a hinge passes its limits."""
+    """Forces or motion may not be what was meant: a mass or an inertia was assumed, or a hinge passes its limits."""
+
+
+def _in_a_line(self: Any) -> str:
+    """Arrays by name; of those with more than nine numbers the shape."""
+    parts = (f"{n}={v!r}" if np.size(v) <= 9 else f"{n}: shape {np.shape(v)}" for n, v in self._asdict().items())
+    return f"{type(self).__name__}({', '.join(parts)})"
 
 
 class Forces(NamedTuple):
@@ -51,6 +57,9 @@ class Forces(NamedTuple):
     torque1: FloatArray
     hinge_torque: FloatArray
 
+    def __repr__(self) -> str:
+        return _in_a_line(self)
+
 
 class Accelerations(NamedTuple):
     """How the pair moves under what acts (D6).
@@ -64,6 +73,9 @@ class Accelerations(NamedTuple):
     a1: FloatArray
     alpha1: FloatArray
     psidd: FloatArray
+
+    def __repr__(self) -> str:
+        return _in_a_line(self)
 
 
 class HingeWrench(NamedTuple):
@@ -82,6 +94,9 @@ class HingeWrench(NamedTuple):
     hinge_torque: FloatArray
     bearing_torque: FloatArray
 
+    def __repr__(self) -> str:
+        return _in_a_line(self)
+
 
 class Energy(NamedTuple):
     """The pair's energy (D7).
@@ -93,6 +108,9 @@ class Energy(NamedTuple):
 
     kinetic: FloatArray
     potential: FloatArray
+
+    def __repr__(self) -> str:
+        return _in_a_line(self)
 
 
 class Momentum(NamedTuple):
@@ -106,11 +124,14 @@ class Momentum(NamedTuple):
     linear: FloatArray
     angular: FloatArray
 
+    def __repr__(self) -> str:
+        return _in_a_line(self)
+
 
 def mass_constants(bodies: Mapping[str, Body | None]) -> dict[str, Any]:
     """Masses, centres and inertias of body1 or body2, or both, as constants of the equations.
 
-    Warns of an inertia that is not given.
+    Warns of a mass or an inertia that is not given.
 
     Raises:
         ArgumentError: a body has no mass properties; names it.
@@ -122,9 +143,8 @@ def mass_constants(bodies: Mapping[str, Body | None]) -> dict[str, Any]:
             raise ArgumentError(f"pair.{name}", f"mass properties, as in {ways}", None)
         centre, inertia = tuple(body.center_of_mass.tolist()), tuple(body.inertia.ravel().tolist())
         values |= {f"m{name[-1]}": body.mass, f"c{name[-1]}": centre, f"I{name[-1]}": inertia}
-        if body.inertia_is_assumed:
-            text = f"pair.{name}: no inertia is given, a radius of gyration of 0.1 m is taken"
-            warnings.warn(f"{text}; Body(inertia=...) or Body(shapes=...) gives it", DynamicsWarning, _caller())
+        for sentence in body.assumed:
+            warnings.warn(f"pair.{name}: {sentence}", DynamicsWarning, _caller())
     return values
 
 
@@ -204,7 +224,7 @@ def compute(
     for name, value in values.items():  # a force that is none is a constant of the program
         own[name] = component(name, value) if name not in _FORCES else _ZERO if value is _NONE else value
     shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL.shapes[name])] for name, v in own.items()}
-    told = any(body is not None and body.inertia_is_assumed for body in bodies)  # at every call
+    told = any(body is not None and body.assumed for body in bodies)  # at every call
     if constants.single and not any(shapes.values()) and not told:
         plan = make_plan(what.outputs, None, "home" in constants.values, given=tuple(own))
         constants.prepared[what] = ready(massive, plan, tuple(own), "auto")  # for single states from now on

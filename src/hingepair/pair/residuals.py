@@ -14,7 +14,7 @@ from hingepair.errors import ArgumentError, ShapeError, choices, quoted
 from hingepair.evaluation.plan import make_plan
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only, real_array
 from hingepair.numeric.notebook import Sheet, Shown
-from hingepair.numeric.tables import aligned, json_text, left_out
+from hingepair.numeric.tables import aligned, instant, json_text, left_out
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
@@ -66,7 +66,8 @@ class ResidualCheck(NamedTuple):
         if self.worst_sample is None:
             return self.residual, self.label, "-", "-", "-", self.unit, "-", "-", "-", "-", "0", "nothing compared"
         where = ",".join(map(str, self.worst_sample)) or "-"
-        when = "-" if self.worst_time is None else str(self.worst_time)
+        when = "-" if self.worst_time is None else self.worst_time
+        when = when if isinstance(when, str) else instant(when)
         sizes = f"{self.rms:.2e}", f"{self.largest:.2e}", f"{self.worst:.2e}"
         numbers = *sizes, self.unit, f"{self.tolerance:.2e}", f"{self.ratio:.2g}"
         return self.residual, self.label, *numbers, where, when, str(self.samples), "ok" if self.ok else "FAILED"
