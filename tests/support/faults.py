@@ -678,8 +678,8 @@ FAULTS = {
     ),
     "short pieces taken for long ones": Fault(
         "measured/resample.py",
-        "count = min(4, piece.size)",
-        "count = 4",
+        "np.minimum(4, sizes[which])",
+        "np.full(which.shape, 4)",
         "measured/test_resample.py::test_pieces_of_a_few_samples_are_lines_through_them[1]",
     ),
     # scenes and their language

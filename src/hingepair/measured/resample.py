@@ -74,13 +74,21 @@ def interpolated(
     """Columns, or rotations, at other instants; instants as `hingepair.measured.instants.recorded` returns them."""
     found = np.full((to.size, *values.shape[1:]), np.nan)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
-    for piece in pieces(t, known, gaps):
-        rows = np.flatnonzero((to >= t[piece[0]]) & (to <= t[piece[-1]]))
-        count = min(4, piece.size)
-        before = np.searchsorted(t[piece], to[rows], side="right") - 1
-        first = np.clip(before - 1, 0, piece.size - count)
-        near = piece[first[:, None] + np.arange(count)]
-        between = _rotations_between if rotations else _columns_between
+    where = pieces(t, known, gaps)
+    if not where:
+        return found
+    there, sizes = np.concatenate(where), np.array([len(piece) for piece in where])
+    stops = np.cumsum(sizes)
+    starts = stops - sizes
+    which = np.searchsorted(t[there[starts]], to, side="right") - 1
+    inside = np.flatnonzero((which >= 0) & (to <= t[there[stops[which] - 1]]))
+    which, before = which[inside], np.searchsorted(t[there], to[inside], side="right") - 1
+    counts = np.minimum(4, sizes[which])
+    first = np.clip(before - 1, starts[which], stops[which] - counts)
+    between = _rotations_between if rotations else _columns_between
+    for count in np.unique(counts):
+        rows, own = inside[counts == count], first[counts == count]
+        near = there[own[:, None] + np.arange(count)]
         found[rows] = between(_lagrange(t[near] - to[rows, None]), values[near])
     return found
 
