@@ -42,11 +42,8 @@ REFUSED_CSV = {
     "short row": ("\n".join([*LINES[:4], "1,2", *LINES[5:]]), "", "line 5: expected 8 fields"),
     "decimal commas": ("\n".join([LINES[0], *(line.replace(".", ",") for line in LINES[1:])]), "", "decimal points"),
     "semicolons": (text_of(GOOD).replace(",", ";"), "", "separated by commas"),
-    "empty cell": (
-        "\n".join([*LINES[:2], LINES[2].rpartition(",")[0] + ",", *LINES[3:]]),
-        "",
-        "line 3: psi: expected a",
-    ),
+    "no instant": ("\n".join([*LINES[:2], LINES[2][LINES[2].index(",") :], *LINES[3:]]), "", "t: .* nan at index 1"),
+    "results": (changed(R2_x=GOOD["psi"]), "", "run --outputs q,qd,qdd --out FILE"),
     "words": ("\n".join([*LINES[:2], "a" + LINES[2], *LINES[3:]]), "", "line 3: t: expected a number"),
     "unknown column": (changed(phi_w=GOOD["psi"]), "", "'phi_w': expected one of"),
     "column twice": (LINES[0].replace("y", "x", 1) + "\n" + LINES[1], "", "log.csv: x: expected a column once"),
@@ -90,6 +87,13 @@ def test_refused_in_one_line_that_names_file_and_column(tmp_path, columns, more,
         scene_of(tmp_path, columns, more)
     assert "\n" not in str(caught.value)
     assert str(tmp_path) in str(caught.value)
+
+
+def test_an_empty_cell_is_a_number_that_is_not_there(tmp_path):
+    text = "\n".join([*LINES[:3], LINES[3].rpartition(",")[0] + ",", *LINES[4:]])
+    psi = scene_of(tmp_path, text, "").evaluate().psi
+    assert np.flatnonzero(np.isnan(psi)).tolist() == [2]
+    np.testing.assert_array_equal(np.delete(psi, 2), np.delete(GOOD["psi"], 2))
 
 
 class Trap:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import MissingDependencyError, SceneError, choices, nearest
+from hingepair.evaluation.plan import PLANAR, SPATIAL
 from hingepair.numeric.arrays import real_array
 from hingepair.scenes.known_motion import SPATIAL_NAMES
 from hingepair.scenes.tables import Place
@@ -49,6 +50,7 @@ ARRAYS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Array -> its columns."""
 
+_RESULTS: Final = frozenset({*SPATIAL.levels, *PLANAR.levels})
 COLUMNS: Final = tuple(dict.fromkeys(("t", *(c for own in ARRAYS.values() for c in own), "psi")))
 
 
@@ -108,6 +110,9 @@ class LogFile(Place):
         """Refuse a name that is not known or that comes twice."""
         seen = set()
         for name in names:
+            if name.partition("_")[0] in _RESULTS and name not in known:
+                way = "run --outputs q,qd,qdd --out FILE writes what is read here"
+                self.refuse(repr(name[:40]), choices(known), f"a column of results, which are no motion ({way})")
             if name not in known:
                 self.refuse(repr(name[:40]), choices(known), f"an unknown column{nearest(name, known)}")
             if name in seen:
@@ -126,7 +131,14 @@ def _read_csv(file: LogFile) -> Columns:
             names = _header(file, stream)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # no rows: an error of ours
-                rows = np.loadtxt(stream, delimiter=",", comments=None, ndmin=2, quotechar='"', max_rows=MAX_ROWS + 1)
+                options: dict[str, Any] = {"delimiter": ",", "comments": None, "ndmin": 2, "quotechar": '"'}
+                options["max_rows"] = MAX_ROWS + 1
+                try:
+                    rows = np.loadtxt(stream, **options)
+                except ValueError:  # once more, slowly: an empty cell is a number that is not there
+                    stream.seek(0)
+                    stream.readline()
+                    rows = np.loadtxt(stream, converters=_number, **options)
     except SceneError:
         raise
     except ValueError as error:
@@ -137,6 +149,10 @@ def _read_csv(file: LogFile) -> Columns:
     if "t" in names and rows.size and abs(rows[0, names.index("t")]) > _LATE:
         file.late = _since_first(file, names.index("t"))
     return {name: np.ascontiguousarray(rows[:, i]) if rows.size else np.empty(0) for i, name in enumerate(names)}
+
+
+def _number(text: str) -> float:
+    return float(text) if text.strip() else math.nan
 
 
 def _since_first(file: LogFile, column: int) -> NDArray[np.float64]:
@@ -173,9 +189,10 @@ def _fail_at_row(file: LogFile, reason: str) -> NoReturn:
                     file.refuse(f"line {line}", expected, f"{len(row)} fields")
                 for name, text in zip(names, row, strict=False):
                     try:
-                        float(text)
+                        _number(text)
                     except ValueError:
-                        file.refuse(f"line {line}: {name}", "a number (nan where there is none)", repr(text[:40]))
+                        expected = "a number (nan or an empty cell where there is none)"
+                        file.refuse(f"line {line}: {name}", expected, repr(text[:40]))
         except csv.Error as error:
             reason = str(error)
     file.refuse("", "rows of numbers", reason)
