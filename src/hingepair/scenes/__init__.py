@@ -1,5 +1,5 @@
 """Scene files.
 
-A pair, its motion by expressions, logs or rates, and the instants. Imports integration, symbolic, formats, validation
-and what lies below them.
+A pair, its motion by expressions, logs, rates or what acts, and the instants. Imports dynamics, symbolic, formats,
+validation and what lies below them.
 """
