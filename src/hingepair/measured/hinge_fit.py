@@ -44,7 +44,8 @@ class HingeFit(Shown):
         std: standard deviations by name, roots of its diagonal; (3,) each.
         rms_position: of abs(R1 + S1 u1 - R2 - S2 u2) [m]; of a robust loss each sample by its weight.
         rms_angle: of the angle between the axes of the two bodies [rad]; likewise.
-        noise_position: standard deviation of a coordinate of R2 - R1 [m].
+        noise_position: standard deviation of a coordinate of R2 - R1 [m], which has the noise of both bodies; poorly
+            known where the noise of angles, times the levers, is much larger.
         noise_angle: standard deviation of a component of the relative attitude, that of psi [rad].
         ok: the motion shows a hinge and determines it.
         findings: in sentences: what was not seen, what is no hinge, what else to know.
