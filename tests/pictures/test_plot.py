@@ -31,7 +31,7 @@ def test_what_is_drawn_is_what_was_computed():
         axes, lines = lines_of(figure, title)
         np.testing.assert_array_equal(np.stack(lines, axis=1), array)
         assert axes.get_ylabel() == unit
-    _, (residual, _) = lines_of(figure, "residual of E1 (exact ones at the bottom)")
+    _, (residual, _) = lines_of(figure, "")
     assert residual.max() < 1e-14
 
 

@@ -119,8 +119,9 @@ def _over_time(axes: Axes, name: str, t: Array, values: Array) -> None:
         return
     for part, colour, letter, style in zip(values.T, _COLOURS, "xyz", ("-", "--", "-."), strict=False):
         axes.plot(t, part, style, color=colour, lw=1.2, label=letter)
-    if axes is axes.figure.axes[0]:
-        axes.legend(fontsize=8, ncols=3)
+    if not axes.figure.legends:
+        handles, letters = axes.get_legend_handles_labels()
+        axes.figure.legend(handles, letters, fontsize=8, ncols=3, loc="outside upper right")
 
 
 def _shade(axes: Axes, t: Array, values: Array) -> None:
@@ -151,7 +152,7 @@ def _paths(figure: Figure, place: Any, frames: Frames) -> None:
         axes.set_aspect("equal", adjustable="datalim")
         axes.legend(fontsize=8)
         return
-    axes.legend(fontsize=8, loc="center right", bbox_to_anchor=(0, 0.5))
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.35, 1))
     if not len(ends):
         return
     middle, size = (ends[:, 1].max(0) + ends[:, 0].min(0)) / 2, ends[:, 1].max(0) - ends[:, 0].min(0)
@@ -159,7 +160,8 @@ def _paths(figure: Figure, place: Any, frames: Frames) -> None:
     for letter, centre, extent in zip(letters, middle, size, strict=True):
         getattr(axes, f"set_{letter}lim")(centre - extent / 2, centre + extent / 2)
         axes.locator_params(axis=letter, nbins=max(1, round(4 * extent / size.max())))
-    axes.set_box_aspect(size, zoom=0.65)  # leaves room for the labels
+    long = max(0.0, 1 - max(size[2], size.min()) / size.max())  # there is more room to the sides than up and down
+    axes.set_box_aspect(size, zoom=0.7 + 0.6 * long)  # leaves room for the labels
 
 
 def _gap(axes: Axes, frames: Frames) -> None:
@@ -169,7 +171,8 @@ def _gap(axes: Axes, frames: Frames) -> None:
     with np.errstate(invalid="ignore"):
         gap = np.abs(frames.hinge - R2 - S2 @ pair.u2).max(axis=1)
     least = np.finfo(float).eps / 2 * size
-    axes.semilogy(frames.t, np.maximum(gap, least / 8), ".", color="#222222", ms=2, label="residual")
+    label = "residual of E1, exact ones at the bottom"
+    axes.semilogy(frames.t, np.maximum(gap, least / 8), ".", color="#222222", ms=2, label=label)
     axes.semilogy(frames.t, 16 * least, color=_COLOURS[1], lw=1, label="16 u scale")
-    axes.set(title="residual of E1 (exact ones at the bottom)", ylabel="m", xlabel="t [s]")
-    axes.legend(fontsize=8)
+    axes.set(ylabel="m", xlabel="t [s]")
+    axes.legend(fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 0.97), frameon=False)
