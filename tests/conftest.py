@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import gc
+import os
 
 import pytest
 
@@ -46,6 +47,19 @@ class Ledger:
 def pytest_configure(config):
     config.pluginmanager.register(Ledger())
     gc.disable()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config):
+    """Where all is run; what is named on the command line, or printed, does not wait for workers to start."""
+    whole = config.args_source is config.ArgsSource.TESTPATHS and not config.option.keyword
+    return min(os.cpu_count() or 1, 4) if whole and config.option.capture != "no" else 0
+
+
+def pytest_collection_modifyitems(items):
+    """The longest first, or one worker waits for another at the end."""
+    marks = {item: item.get_closest_marker("slow") for item in items}
+    items.sort(key=lambda item: marks[item].args if marks[item] else (), reverse=True)
 
 
 def pytest_collection_finish():

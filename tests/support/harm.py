@@ -82,7 +82,7 @@ def _run(answer, fault, tests, compiled):
     # What fails is enough: the least that does is not looked for
     hypothesis.settings.register_profile("harmed", phases=[Phase.explicit, Phase.generate])
     hypothesis.settings.load_profile("harmed")
-    options = ["-q", "-x", "-m", "slow or not slow", "-p", "no:cacheprovider", "--color=no", "--tb=native"]
+    options = ["-q", "-x", "-o", "addopts=", "-p", "no:cacheprovider", "--color=no", "--tb=native"]
     options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # the tools are loaded already
     with tempfile.TemporaryFile("w+") as output:
         for number in (1, 2):
