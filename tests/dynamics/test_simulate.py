@@ -194,6 +194,7 @@ def door(tol, hinge_torque):
     return found, np.abs(found.psi - np.where(since < flight + contact, psi, DOOR[1] - psi)).max()
 
 
+@pytest.mark.filterwarnings("ignore:psi passes the stops")
 @pytest.mark.parametrize("tol", sparse([1e-8, 1e-4, 1e-6, 1e-10, 1e-12, 1e-14], 6))
 def test_a_door_between_its_stops_is_found_within_the_tolerance(tol):
     """Steps end where psi meets a stop; the estimate is neither far above the error nor below it."""
@@ -228,6 +229,7 @@ def test_a_stop_that_is_hardly_touched_is_felt():
     assert found.psid[-1] == pytest.approx(-speed - (3.0 - (2 - speed) - inside), abs=1e-11)
 
 
+@pytest.mark.filterwarnings("ignore:psi passes the stops")
 def test_a_free_pair_keeps_momentum_and_energy_through_its_stops():
     rng = generator(31)
     pair, start = heavy(rng), thrown(rng)
@@ -295,6 +297,13 @@ def test_limits_that_are_left_are_warned_of():
     stops = hp.HingeLoad(stops=pair.limits, motor=0.1)
     kept = hp.simulate(pair, np.linspace(0, 2, 9), STILL, 0.0, 1.0, base="fixed", hinge_torque=stops)
     assert kept.psi.max() < 1.1
+
+
+def test_a_hinge_that_passes_its_stops_is_warned_of():
+    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
+    soft = hp.HingeLoad(stops=(-1, 1), stop_stiffness=100)
+    with pytest.warns(hp.DynamicsWarning, match="psi passes the stops by 0.1 rad, for they are springs"):
+        hp.simulate(pair, np.linspace(0, 2, 2001), STILL, 0.0, 1.0, base="fixed", hinge_torque=soft)
 
 
 def test_held_bodies_need_no_mass_for_energy():

@@ -29,6 +29,7 @@ from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 BASES: Final = ("free", "pinned", "fixed")
 _TOLERANCES: Final = (1e-14, 1e-2)
 _PLANAR = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"
+_SOFT = 0.02  # rad past a stop, from which on it is worth a word
 _FINER = 1e-3  # of the tolerance: the second run that the first is judged by
 
 
@@ -199,6 +200,8 @@ def simulate(
     found = run(tolerance)
     if space.limits is not None and not (isinstance(hinge_torque, HingeLoad) and hinge_torque.kinks):
         _warn_of_limits(space.limits, instants, found.now.psi)
+    if isinstance(hinge_torque, HingeLoad) and hinge_torque.stops is not None:
+        _warn_of_stops(hinge_torque.stops, found.now.psi)
     finer = functools.cache(lambda: run(max(tolerance * _FINER, 1e-15)))
     now = found.now
     moved = BodyMotion(R=now.R1, S=now.S1, v=now.v1, omega=now.omega1, a=found.a1, alpha=found.alpha1)
@@ -269,6 +272,13 @@ def _warn_of_limits(limits: tuple[float, float], t: Array, psi: Array) -> None:
         where = f"t = {t[outside[0]]:g} s (psi = {psi[outside[0]]:.6g} rad)"
         left = f"psi leaves the pair's limits, {limits[0]:g} to {limits[1]:g} rad, first at {where}"
         warnings.warn(f"{left}; HingeLoad(stops=pair.limits) enforces them", DynamicsWarning, stacklevel=3)
+
+
+def _warn_of_stops(stops: tuple[float, float], psi: Array) -> None:
+    depth = max(stops[0] - float(psi.min(initial=np.inf)), float(psi.max(initial=-np.inf)) - stops[1])
+    if depth > _SOFT:
+        soft = f"psi passes the stops by {depth:.3g} rad, for they are springs"
+        warnings.warn(f"{soft}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=3)
 
 
 def _follow(motion: PairMotion, t: Array, tol: float) -> Course:

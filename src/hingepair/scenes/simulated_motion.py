@@ -121,7 +121,7 @@ def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | Pl
     angles = given.pop("psi_0", 0.0), given.pop("psid_0", 0.0)
     try:
         with table.naming(**_ARGUMENTS), warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "psi leaves", DynamicsWarning)  # the scene's notes say it
+            warnings.filterwarnings("ignore", "psi (leaves|passes)", DynamicsWarning)  # the scene's notes say it
             torque = HingeLoad(motor=given.pop("hinge_torque", 0.0), **hinge)
             found = simulate(pair, t, body1, *angles, hinge_torque=torque, base=base, **given)
     except SimulationError as error:
