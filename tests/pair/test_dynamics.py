@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -157,6 +156,8 @@ def test_forces_are_those_of_sixty_digits():
 def test_mujoco_agrees_both_ways(seed):
     """On the exported model; it keeps inertias by their principal axes."""
     pair, body1, (psi, psid, psidd), twin = case_of(seed)
+    import mujoco
+
     model = mujoco.MjModel.from_xml_string(hp.to_mjcf(pair))
     model.opt.gravity[:] = GRAVITY
     data, back = mujoco.MjData(model), body1.S.T

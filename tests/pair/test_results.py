@@ -6,12 +6,10 @@ import itertools
 import re
 from pathlib import Path
 
-import duckdb
 import numpy as np
 import pandas
 import pyarrow.parquet
 import pytest
-import xarray
 
 import hingepair as hp
 from hingepair.pair.results import Record, result_file
@@ -52,6 +50,8 @@ def test_npz_and_netcdf_keep_vectors_together(result, tmp_path):
     with np.load(result.save(tmp_path / "a.npz")) as arrays:
         np.testing.assert_array_equal(arrays["S2"], result.S2)
         np.testing.assert_array_equal(arrays["t"], result.t)
+    import xarray
+
     with xarray.open_dataset(result.save(tmp_path / "a.nc"), engine="scipy") as data:
         np.testing.assert_array_equal(data.R2.sel(xyz="y"), result.R2[:, 1])
         np.testing.assert_array_equal(data.S2.values, result.S2)
@@ -101,6 +101,8 @@ def test_what_is_held_until_the_end_is_refused_where_it_is_too_much(tmp_path):
 
 
 def test_sql_reads_a_parquet(result, tmp_path):
+    import duckdb
+
     file = result.save(tmp_path / "a.parquet")
     asked = f"select t, R2_z, psi from '{file}' where psi > 0.5 order by t limit 1"
     first = np.flatnonzero(result.psi > 0.5)[0]

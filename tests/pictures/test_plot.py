@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 from typer.testing import CliRunner
 
 import hingepair as hp
@@ -82,6 +81,8 @@ def test_the_command_writes_a_picture_that_is_not_blank(tmp_path):
     scene, out = str(MODELS / "talos_elbow.toml"), tmp_path / "a.png"
     done = CliRunner().invoke(app, ["plot", scene, "--out", str(out)])
     assert done.exit_code == 0, done.output
+    from matplotlib.image import imread
+
     assert imread(out).std() > 0.05
     refused = CliRunner().invoke(app, ["plot", scene, "--out", str(tmp_path / "a.doc")])
     assert "ends in .png, .svg, .pdf" in str(refused.exception)

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
-from sympy.physics.vector import Point, ReferenceFrame
 
 import hingepair as hp
 from hingepair.evaluation.plan import LEVER_STEPS, SPATIAL, make_plan
@@ -108,7 +107,9 @@ def test_a_scene_in_the_plane_gives_e11():
 
 def physics_vector(found):
     """Body 2 by SymPy's own mechanics: frames turned one after the other, points carried along."""
-    t = sympy.physics.vector.dynamicsymbols._t
+    from sympy.physics.vector import Point, ReferenceFrame, dynamicsymbols
+
+    t = dynamicsymbols._t
     motion = [expr.subs(T, t) for expr in found.expressions.values()]
     world, body1, turned, body2 = map(ReferenceFrame, ("N", "A", "H", "B"))
     body1.orient_body_fixed(world, motion[3:6], found.sequence)
