@@ -243,7 +243,7 @@ def test_without_a_compiler_or_headers_the_cpp_loop_is_a_line(monkeypatch):
     assert "a C++ compiler" in engines.cpp_missing(True)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_the_cpp_loop_computes_the_truth(ordinary, monkeypatch):
     """Not optimised, and with what Pinocchio's library has compiled already, which takes a tenth of the time."""
     engines.compiled_loop.cache_clear()
@@ -283,7 +283,7 @@ def test_what_is_known_changes_no_output():
             np.testing.assert_allclose(getattr(folded, name), getattr(full, name), rtol=0, atol=40 * unit)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(9)
 def test_starts_are_measured_in_fresh_processes(monkeypatch):
     monkeypatch.setattr(direct, "SEQUENCES", {direct.FIRST_CALL: "[3, 1]"})
     rows = direct.starts(1)

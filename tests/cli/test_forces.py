@@ -48,16 +48,27 @@ def test_the_command_prints_and_writes_them(tmp_path):
     assert report["outputs"]["force1_x"]["first"] == pytest.approx(1171 * 1.6, rel=0.1)
 
 
-def test_an_inertia_that_was_not_given_is_said(tmp_path):
-    assert CliRunner().invoke(app, ["forces", str(MODELS / "landing_gear.toml")]).exit_code == 0
+@pytest.fixture
+def light(tmp_path):
+    """The landing gear without the inertia of its leg."""
     text = (MODELS / "landing_gear.toml").read_text()
     bodies = re.sub(r"(?m)^inertia = .*$|(?s:^shapes = \[\n.*?^\]$)", "", text[text.index("[pair.body2]") :], count=2)
-    (tmp_path / "light.toml").write_text(text[: text.index("[pair.body2]")] + bodies)
-    with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no inertia is given"):
-        hp.load_scene(tmp_path / "light.toml").forces()
-    command = [sys.executable, "-m", "hingepair", "forces", str(tmp_path / "light.toml")]
+    path = tmp_path / "light.toml"
+    path.write_text(text[: text.index("[pair.body2]")] + bodies)
+    return path
+
+
+@pytest.mark.slow
+def test_an_inertia_that_was_not_given_is_said_once(light):
+    command = [sys.executable, "-m", "hingepair", "forces", str(light)]
     said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
     assert said.count("no inertia is given") == 1
+    assert CliRunner().invoke(app, ["forces", str(MODELS / "landing_gear.toml")]).exit_code == 0
+
+
+def test_an_inertia_that_was_not_given_is_said(light):
+    with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no inertia is given"):
+        hp.load_scene(light).forces()
     assert [sentence.split()[1] for sentence in hp.Body().assumed] == ["mass", "inertia"]
     assert hp.Body(mass=3, inertia=np.eye(3)).assumed == ()
 

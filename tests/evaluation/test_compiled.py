@@ -279,7 +279,8 @@ def test_auto_compiles_only_where_it_pays():
     assert run(PROBE.format(before="", options="", count=600_000)).split() == ["True", "0", "1.0"]
 
 
-@pytest.mark.parametrize("harm", sparse(HARMS, 4))
+@pytest.mark.slow
+@pytest.mark.parametrize("harm", HARMS)
 def test_without_llvmlite_auto_computes_with_numpy_and_says_so_once(harm):
     _, count, value, *words = run(PROBE.format(before=HARMS[harm], options="", count=600_000)).split()
     assert (count, value) == ("1", "1.0")

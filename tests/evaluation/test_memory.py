@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import tracemalloc
 
 import numpy as np
@@ -14,6 +15,11 @@ pytestmark = pytest.mark.slow
 
 SAMPLES = 430_000  # three components of a copy are more than the room
 ROOM = 10_000_000
+
+
+@functools.cache
+def numbers(parts):
+    return tuple(generator(90).normal(size=(parts, SAMPLES, 7)))
 
 
 def rows(motion):
@@ -85,7 +91,7 @@ def test_coordinates_take_inputs_outputs_and_ten_megabytes(backend, form, level,
     parts = LEVELS.index(level) + 1
     pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
     pair.forward_kinematics(np.zeros((2, 7)), backend=backend)  # loads what it needs
-    motion = form(tuple(generator(90).normal(size=(parts, SAMPLES, 7))))
+    motion = form(numbers(parts))
     assert extra(lambda: pair.forward_kinematics(*motion, backend=backend, workers=workers)) <= ROOM
 
 

@@ -67,7 +67,7 @@ def in_mujoco(text, body1, hinge):
 
 COUNTS = [
     pytest.param(range(20), id="20"),
-    pytest.param(range(20, 1000), id="1000", marks=pytest.mark.slow),
+    pytest.param(range(20, 1000), id="1000", marks=pytest.mark.slow(5)),
 ]
 
 

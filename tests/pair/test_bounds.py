@@ -46,7 +46,7 @@ def many(request):
     return dtype, by_angles, by_attitude
 
 
-@pytest.mark.slow
+@pytest.mark.slow(6)
 def test_two_thousand_states(many, ledger):
     dtype, by_angles, by_attitude = many
     name = np.dtype(dtype).name
@@ -118,7 +118,7 @@ def test_the_two_oracles_agree():
                 assert float(gap.max()) <= 0.1 * 2.0**-53 * truth.scales[name][i], name
 
 
-@pytest.mark.slow
+@pytest.mark.slow(5)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_million_states(kind, ledger):
     assert extended.WIDE, "this test needs a long double of 64 bits"

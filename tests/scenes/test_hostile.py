@@ -30,7 +30,7 @@ def test_a_few_hostile_texts(kind):
     assert refused > 0
 
 
-@pytest.mark.slow
+@pytest.mark.slow(30)
 @pytest.mark.parametrize("kind", MANY)
 def test_many_hostile_texts(kind):
     """In a process of its own with 3 GiB of addresses: what hangs, crashes or eats memory is found out."""

@@ -106,7 +106,7 @@ def test_what_memory_cannot_hold_says_what_can(tmp_path):
         hp.load_scene(long_scene(tmp_path, 10**12))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(10)
 def test_a_long_run_takes_little_memory(tmp_path):
     """Ten million instants: their outputs alone are 2.2 GB."""
     target = tmp_path / "long.parquet"
