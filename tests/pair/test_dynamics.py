@@ -8,6 +8,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.evaluation import backend
+from hingepair.pair.planar_pair import motion_in_space
 from support.reference import forces_from_attitude
 from support.sparse import sparse
 from support.states import generator, rotations
@@ -435,3 +436,16 @@ def test_results_print_in_a_line():
     pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=body, body2=body)
     many = pair.momentum(hp.BodyMotion(R=np.zeros((50, 3)), S=np.eye(3), v=(1, 0, 0), omega=(0, 0, 0)), 0.0, 0.0)
     assert repr(many) == "Momentum(linear: shape (50, 3), angular: shape (50, 3))"
+
+
+def test_the_pin_of_a_planar_pair_bears_what_the_hinge_in_space_does():
+    rng = generator(77)
+    body2 = hp.Body(mass=2, center_of_mass=(0.1, 0.2, 0), inertia=(1, 2, 3))
+    flat = hp.PlanarPair((1, 0.3), (-0.5, 0.2), body2=body2)
+    q, qd, qdd = rng.normal(size=(3, 5, 4))
+    body1, psi, psid, psidd = motion_in_space(q, qd, qdd)
+    space = flat.to_spatial().hinge_wrench(body1, psi, psid, psidd, gravity=(0, -9.81, 0))
+    found = flat.hinge_wrench(q, qd, qdd)
+    np.testing.assert_allclose(found.force, space.force[:, :2], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(found.torque, space.hinge_torque, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(found.bearing_torque, 0)

@@ -46,7 +46,8 @@ class HingeLoad:
     """Torque at the hinge from motor, spring, damper, friction and stops; a `hinge_torque` for `simulate`.
 
     torque = motor - stiffness (psi - rest) - damping psi' - friction tanh(psi' / friction_rate), and beyond a stop
-    -stop_stiffness (psi - stop) - stop_damping psi'.
+    -stop_stiffness (psi - stop) - stop_damping psi'. A damped stop pulls at a hinge that leaves it quickly; friction
+    does not hold: what sticks creeps.
 
     Args:
         stiffness: of the spring [N m/rad].

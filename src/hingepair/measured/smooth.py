@@ -38,7 +38,8 @@ class SmoothedMotion(BodyMotion):
 
     Attributes:
         noise: standard deviations by letter, of one component: R, S the noise of the samples [m, rad]; v, omega, a,
-            alpha what this noise leaves in the derivatives [m/s, rad/s, m/s^2, rad/s^2].
+            alpha what this noise leaves in the derivatives [m/s, rad/s, m/s^2, rad/s^2], away from ends and gaps: in
+            the last 1 / bandwidth seconds before one, derivatives are ten to twenty times worse.
         bandwidth: of the smoothing, of R and S [Hz]: a cosine of this frequency is halved.
     """
 
@@ -61,7 +62,8 @@ class SmoothedAngle(Frozen):
         psi: without jumps by 2 pi [rad]; shape (N,).
         psid: its time derivative [rad/s].
         psidd: its second time derivative [rad/s^2].
-        noise: standard deviations: psi the noise of the samples; psid, psidd what it leaves in the derivatives.
+        noise: standard deviations: psi the noise of the samples; psid, psidd what it leaves in the derivatives away
+            from ends and gaps, where they are ten to twenty times worse.
         bandwidth: of the smoothing [Hz].
     """
 

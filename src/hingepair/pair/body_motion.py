@@ -72,6 +72,10 @@ class BodyMotion(Frozen):
                 shapes[name] = array.shape[: array.ndim - len(tail)]
         object.__setattr__(self, "shape", broadcast_shape(shapes))
 
+    def __repr__(self) -> str:
+        given = ", ".join(name for name in ("R", "S", "v", "omega", "a", "alpha") if getattr(self, name) is not None)
+        return f"{type(self).__name__}(shape={self.shape}, {given})"
+
     @classmethod
     def from_quaternion_xyzw(
         cls,

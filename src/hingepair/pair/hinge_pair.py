@@ -426,8 +426,7 @@ class HingePair(Shown):
         """What body 1 exerts on body 2 at the hinge point (D3, D4); body 2 alone needs mass properties.
 
         Arguments are those of `inverse_dynamics`. Gives force [N], torque about the hinge point [N m] and the
-        torque's two
-        parts: hinge_torque, bearing_torque.
+        torque's two parts: hinge_torque, bearing_torque.
 
         >>> import numpy as np
         >>> import hingepair as hp

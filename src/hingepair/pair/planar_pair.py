@@ -20,7 +20,7 @@ from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
-from hingepair.pair.dynamics import Energy, Forces, Momentum
+from hingepair.pair.dynamics import Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.evaluate import Out
 from hingepair.pair.forward_kinematics import Outputs, Rows
 from hingepair.pair.hinge_pair import HingePair, checked_body
@@ -137,7 +137,7 @@ class PlanarPair(Shown):
         return accuracy.error_bounds(PLANAR, self.constants, q, qd, qdd, outputs, None)
 
     def to_spatial(self) -> HingePair:
-        """The same pair in space: n = e_z, and the plane is z = 0.
+        """The same pair in space: n = e_z, and the plane is z = 0, so that gravity in the plane is (0, -9.81, 0).
 
         >>> import hingepair as hp
         >>> hp.PlanarPair(u1=(1, 0), u2=(-1, 0)).to_spatial().n
@@ -204,6 +204,27 @@ class PlanarPair(Shown):
         """
         force1, torque1, hinge_torque = self._computed(dynamics.FORCES, {"q": q, "qd": qd, "qdd": qdd}, gravity)
         return Forces(force1[..., :2], torque1[..., 2], hinge_torque)
+
+    def hinge_wrench(self, q: Rows, qd: Rows, qdd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> HingeWrench:
+        """What body 1 exerts on body 2 at the pin (D3, D4); body 2 alone needs mass properties.
+
+        Arguments are those of `inverse_dynamics`.
+
+        Returns:
+            force, shape (..., 2); torque about the pin, all of it hinge_torque; bearing_torque, which is 0; (...).
+
+        Raises:
+            ArgumentError: an argument cannot be used, or body 2 has no mass properties; names it.
+
+        >>> import hingepair as hp
+        >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(mass=2, inertia=(0.1, 1, 1)))
+        >>> wrench = pair.hinge_wrench((0, 0, 0, 0), (0, 0, 0, 0), (0, 0, 0, 0))
+        >>> wrench.force.tolist(), float(wrench.torque)
+        ([0.0, 19.62], 19.62)
+        """
+        rows = {"q": q, "qd": qd, "qdd": qdd}
+        force, torque, hinge_torque, bearing_torque = self._computed(dynamics.HINGE_WRENCH, rows, gravity)
+        return HingeWrench(force[..., :2], torque[..., 2], hinge_torque, bearing_torque[..., 2])
 
     def forward_dynamics(
         self,

@@ -335,6 +335,8 @@ class _Builder:
         if found and found[1] in FUNCTIONS:
             call = f"{found[1]}({found[2]})" if found[1] in SMOOTH else FUNCTIONS[found[1]]
             return f"; a function is called as {call}"
+        if found and found[2].startswith("deg"):
+            return f"; degrees are written {found[1][:_FRAGMENT]}*pi/180"
         if found:
             return f"; a product is written {found[1][:_FRAGMENT]}*{found[2][:_FRAGMENT]}"
         if re.search(r"\bif\b", self.text):
