@@ -322,3 +322,13 @@ def test_a_form_nobody_could_read_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("hingepair.symbolic.closed_forms.MAX_LETTERS_GIVEN", 5)
     with pytest.raises(hp.ArgumentError, match="phi_x"):
         hp.derive(found)
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0.3), (0, 0.1, 1), (3, -1, 2), (0.2, 0.3, -0.6)], ids=str)
+def test_an_axis_of_simple_ratios_is_exact(axis):
+    pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=axis)
+    n = closed_forms.exact_axis(pair.constants.values["n"])
+    given = [sympy.Rational(str(c)) for c in axis]
+    assert all(
+        sympy.simplify(c - g / sympy.sqrt(sum(x * x for x in given))) == 0 for c, g in zip(n, given, strict=True)
+    )

@@ -179,7 +179,7 @@ def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
     roots = tuple(
         sympy.sign(exact(c)) * sympy.sqrt(sympy.Rational(square)) for c, square in zip(n, squares, strict=True)
     )
-    near = all(float(root) == c for root, c in zip(roots, n, strict=True))
+    near = all(float(root.evalf(30)) == c for root, c in zip(roots, n, strict=True))
     return roots if near and sum(squares) == 1 else tuple(map(exact, n))
 
 
