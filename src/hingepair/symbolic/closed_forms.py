@@ -7,6 +7,7 @@ goes on to the next step, where a product of products reads better than a produc
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from fractions import Fraction
 from typing import Any, Final, TypeAlias
@@ -174,12 +175,15 @@ def constant_inputs(pair: HingePair | PlanarPair, symbolic: Collection[str]) -> 
 
 
 def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
-    """The axis of length 1 with rational squares that rounds to n, if there is a simple one; else n as written."""
+    """The axis of length 1 with rational squares beside n, if there is a simple one; else n as written.
+
+    A component may be off by its last place: 0.3 is taken for 3/10, as everywhere in closed forms, and n was not.
+    """
     squares = [Fraction(c * c).limit_denominator(_MAX_SQUARE) for c in n]
     roots = tuple(
         sympy.sign(exact(c)) * sympy.sqrt(sympy.Rational(square)) for c, square in zip(n, squares, strict=True)
     )
-    near = all(float(root.evalf(30)) == c for root, c in zip(roots, n, strict=True))
+    near = all(abs(float(root) - c) <= 2 * math.ulp(c) for root, c in zip(roots, n, strict=True))
     return roots if near and sum(squares) == 1 else tuple(map(exact, n))
 
 
