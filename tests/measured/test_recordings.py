@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import hingepair as hp
@@ -124,10 +126,13 @@ def test_columns_of_no_concern_may_hold_anything(tmp_path: Path) -> None:
         ("t,x1,y1,z1\n0,1,2,3\n", "qx1: expected a column"),
         ("t\n0\n", "columns of body 1"),
         ("t,x1\n0,one\n", "line 2: x1: expected a number"),
-        ("t,x1\n0,1\n0\n", "line 3: expected a field of x1"),
+        ("t,x1\n0,1\n0\n", "line 3: expected 2 fields"),
+        ("t,x1\n0,1\n0,1,\n", "line 3: expected 2 fields"),
+        ("t,x1\n", "at least one sample"),
+        ("t,x1\n1700000000000000001,1\n1.5,1\n", "t: expected numbers of the kind int64"),
         ("t,t\n0,1\n", "t: expected a column once"),
     ],
-    ids=["semicolons", "no attitude", "no body", "text", "short row", "twice"],
+    ids=["semicolons", "no attitude", "no body", "text", "short row", "long row", "no rows", "no integer", "twice"],
 )
 def test_files_that_cannot_be_used_are_named(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "a.csv"
@@ -135,6 +140,45 @@ def test_files_that_cannot_be_used_are_named(tmp_path: Path, text: str, words: s
     with pytest.raises(hp.ArgumentError, match=words) as caught:
         read_recording([path])
     assert "a.csv" in caught.value.name
+
+
+def saved(path: Path, **columns: np.ndarray) -> Path:
+    if path.suffix == ".npz":
+        np.savez(path, **columns)
+    else:
+        pq.write_table(pa.table(columns), path)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.parquet"])
+@pytest.mark.parametrize("kind", ["M8[ns]", "m8[us]", "i8"])
+def test_instants_of_files_stay_what_they_are(tmp_path: Path, name: str, kind: str) -> None:
+    stamps = (1_700_000_000_000_000_001 + np.round(1e9 * MADE.t).astype(np.int64)).astype(kind)
+    columns = both() | {"t": stamps}
+    columns["x1"] = np.where(np.arange(300) == 7, np.nan, columns["x1"])
+    found = read_recording([saved(tmp_path / name, **columns)])
+    assert found.t is not None
+    assert found.t.dtype == stamps.dtype
+    assert (found.t == stamps).all()
+    assert np.flatnonzero(np.isnan(found.body1.R[:, 0])).tolist() == [7]
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("a.npz", "O"), ("a.npz", "M8[ns]"), ("a.npz", "U8"), ("a.parquet", "U8")]
+)
+def test_only_numbers_are_read(tmp_path: Path, name: str, kind: str) -> None:
+    others = np.arange(300).astype("i8").astype(kind)
+    path = saved(tmp_path / name, **both(), note=others)
+    assert read_recording([path], ignore=["note"]).body1.shape == (300,)  # nor is anything unpickled
+    with pytest.raises(hp.ArgumentError, match=f"{name}: x2: expected (real|a column of) numbers"):
+        read_recording([saved(path, **both() | {"x2": others})])
+
+
+def test_a_vector_of_no_concern_is_named_as_its_columns_are(tmp_path: Path) -> None:
+    path = saved(tmp_path / "a.npz", **both(), marker=MADE.R1)
+    with pytest.raises(hp.ArgumentError, match="--ignore 'marker_x'"):
+        read_recording([path])
+    assert read_recording([path], ignore=["marker_*"]).body1.shape == (300,)
 
 
 def test_names_of_files_are_checked(tmp_path: Path) -> None:

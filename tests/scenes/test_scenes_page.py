@@ -11,7 +11,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.evaluation.steps import COORDINATES
-from hingepair.scenes.log_file import ARRAYS, COLUMNS
+from hingepair.scenes.logged_motion import ARRAYS, COLUMNS
 from hingepair.scenes.pair_table import KEYS
 from hingepair.scenes.simulated_motion import LOAD_KEYS
 from hingepair.scenes.waypoints import PROFILES

@@ -535,7 +535,7 @@ FAULTS = {
         "formats/test_simulators.py::test_mujoco_moves_body2_as_the_pair_does[mjcf-20]",
     ),
     "a log's quaternion scalar first": Fault(
-        "scenes/log_file.py",
+        "scenes/logged_motion.py",
         '"quat_xyzw": ("qx", "qy", "qz", "qw"),',
         '"quat_xyzw": ("qw", "qx", "qy", "qz"),',
         "scenes/test_logged_scenes.py::test_quaternions_go_the_way_of_given_attitudes[columns]",
@@ -775,7 +775,7 @@ FAULTS = {
         "scenes/test_integrated_scenes.py::test_a_scene_is_what_integrate_makes_of_it",
     ),
     "columns of an array file as rows": Fault(
-        "scenes/log_file.py",
+        "numeric/column_file.py",
         'order="F" if fortran else "C"',
         'order="C"',
         "scenes/test_log_file.py::test_arrays_of_any_order_and_type_are_read[F]",

@@ -14,28 +14,24 @@ Columns of no concern have to be named, so that a misspelt one is not missed; ra
 
 from __future__ import annotations
 
-import csv
 import fnmatch
-import os
 import re
-import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, MissingDependencyError, RotationError, nearest
+from hingepair.errors import ArgumentError, RotationError, nearest
 from hingepair.measured.instants import recorded
 from hingepair.measured.resample import resample
 from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.column_file import Columns, Wanted, csv_column, read_columns
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.results import column_names
 from hingepair.rotations.matrices import project_to_rotation
 
-Columns = dict[str, NDArray[Any]]
-
-_MOST_BYTES = 2_000_000_000
 _PASSED_OVER = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
 _EXACT = 1e14
 
@@ -61,7 +57,7 @@ def read_recording(paths: Sequence[Path], ignore: Sequence[str] = (), gaps: floa
         raise ArgumentError("FILE", "one file, or two", f"{len(paths)}")
     found: dict[str, tuple[BodyMotion, NDArray[Any] | None, Path]] = {}
     for place, path in enumerate(paths, start=1):
-        columns = read_columns(path, ignore)
+        columns = _columns(path, ignore)
         digits = [digit for digit in ("1", "2", "") if any(_has(columns, names) for names in _places(digit))]
         if "1" in digits and "" in digits:
             digits.remove("")  # coordinates beside poses, as results are saved
@@ -120,37 +116,28 @@ def _together(path: Path, columns: Columns, choices: tuple[tuple[str, ...], ...]
     for name in own:
         if name not in columns:
             raise ArgumentError(f"{path}: {name}", "a column", "no such column")
-    return np.stack([columns[name].astype(np.float64) for name in own], axis=-1)
+    return np.stack([columns[name] for name in own], axis=-1)
 
 
-def read_columns(path: Path, ignore: Sequence[str] = ()) -> Columns:
-    """The columns that a recording is made of, by name.
-
-    Raises:
-        ArgumentError: the file cannot be read, or has a column that is neither known nor ignored.
-        MissingDependencyError: the file is a .parquet and pyarrow is not installed.
-    """
-    read = _READERS.get(path.suffix.lower())
-    if read is None:
-        raise ArgumentError(str(path), f"a file name that ends in {', '.join(_READERS)}", path.suffix or "no ending")
-    if not os.path.isfile(path):
-        raise ArgumentError(str(path), "a recording", "no such file")
-    if path.stat().st_size > _MOST_BYTES:
-        raise ArgumentError(str(path), f"at most {_MOST_BYTES} bytes", path.stat().st_size)
+def _columns(path: Path, ignore: Sequence[str]) -> Columns:
+    """The columns that a recording is made of, by name."""
     try:
-        return read(path, lambda names: _wanted(path, names, ignore))
-    except (OSError, ValueError, KeyError, csv.Error, zipfile.BadZipFile) as error:
-        if isinstance(error, ArgumentError):
-            raise
-        raise ArgumentError(str(path), f"a {path.suffix} file of numbers", str(error)) from None
+        columns = read_columns(path, Wanted(lambda names: _known(names, ignore), _names_of, exact="t"))
+        t = columns.get("t")
+        if t is not None and path.suffix.lower() == ".csv" and np.abs(t).max() > _EXACT:  # beyond a float's integers
+            columns["t"] = csv_column(path, "t", np.int64)
+    except ArgumentError as error:
+        name = ": ".join(filter(None, (str(path), error.name)))
+        raise ArgumentError(name, error.expected, error.got) from None
+    return columns
 
 
-def _wanted(path: Path, names: Sequence[str], ignore: Sequence[str]) -> list[str]:
-    """Which of the columns to read.
+def _names_of(name: str, tail: tuple[int, ...]) -> ArrayLike:
+    return np.reshape(column_names({name: np.empty((1, *tail))}), tail) if tail in {(3,), (3, 3)} else name
 
-    Raises:
-        ArgumentError: one comes twice, or is not known.
-    """
+
+def _known(names: Sequence[str], ignore: Sequence[str]) -> list[str]:
+    """Which of the columns to read; one that comes twice or is not known is refused."""
     known = [
         "t",
         *(name for digit in ("1", "2", "") for own in (*_places(digit), *_attitudes(digit)) for name in own),
@@ -161,93 +148,9 @@ def _wanted(path: Path, names: Sequence[str], ignore: Sequence[str]) -> list[str
             continue
         if name in known:
             if name in wanted:
-                raise ArgumentError(f"{path}: {name}", "a column once", "a second one")
+                raise ArgumentError(name, "a column once", "a second one")
             wanted.append(name)
         elif not _PASSED_OVER.fullmatch(name):
             expected = f"columns of poses{nearest(name, known)}, or --ignore {name[:40]!r}"
-            raise ArgumentError(f"{path}: {name[:40]!r}", expected, "an unknown column")
+            raise ArgumentError(repr(name[:40]), expected, "an unknown column")
     return wanted
-
-
-def _read_csv(path: Path, wanted: Callable[[Sequence[str]], list[str]]) -> Columns:
-    with path.open(encoding="utf-8-sig", newline="") as stream:
-        line = stream.readline(100_000)
-        if ";" in line or "\t" in line:
-            raise ArgumentError(str(path), "columns separated by commas, and decimal points", line.strip()[:80])
-        names = [name.strip() for name in next(csv.reader([line]), [])]
-        own = {name: names.index(name) for name in wanted(names)}
-        if not own:
-            return {}
-        start = stream.tell()
-        try:
-            rows = np.loadtxt(
-                stream, delimiter=",", comments=None, ndmin=2, quotechar='"', usecols=list(own.values())
-            )
-        except ValueError:
-            stream.seek(start)
-            rows = _with_holes(path, stream, own)
-        columns: Columns = dict(zip(own, rows.T, strict=True))
-        t = columns.get("t")
-        if t is not None and t.size and np.abs(t).max() > _EXACT:  # integers that a float does not hold
-            stream.seek(start)
-            columns["t"] = np.loadtxt(
-                stream, delimiter=",", comments=None, ndmin=1, quotechar='"', usecols=own["t"], dtype=np.int64
-            )
-    return columns
-
-
-def _with_holes(path: Path, stream: Any, own: dict[str, int]) -> Float64Array:
-    """Rows of which cells may be empty."""
-    rows = []
-    reader = csv.reader(stream)
-    for row in reader:
-        if not row:
-            continue
-        values = []
-        for name, i in own.items():
-            text = row[i].strip() if i < len(row) else None
-            try:
-                values.append(float(text) if text else np.nan)
-            except ValueError:
-                where = f"{path}: line {reader.line_num + 1}: {name}"
-                raise ArgumentError(where, "a number, or nothing where there is none", repr(text)) from None
-            if text is None:
-                where = f"{path}: line {reader.line_num + 1}"
-                raise ArgumentError(where, f"a field of {name}", f"{len(row)} fields")
-        rows.append(values)
-    return np.array(rows, dtype=np.float64).reshape(-1, len(own))
-
-
-def _read_npz(path: Path, wanted: Callable[[Sequence[str]], list[str]]) -> Columns:
-    columns: Columns = {}
-    with np.load(path, allow_pickle=False) as archive:
-        for name in archive.files:
-            array = archive[name]
-            if array.ndim == 2 and array.shape[1] == 3:
-                columns |= {f"{name}_{c}": array[:, i] for i, c in enumerate("xyz")}
-            elif array.ndim == 3 and array.shape[1:] == (3, 3):
-                columns |= {
-                    f"{name}_{r}{c}": array[:, i, j] for i, r in enumerate("xyz") for j, c in enumerate("xyz")
-                }
-            else:
-                columns[name] = array
-    return {name: columns[name] for name in wanted(list(columns))}
-
-
-def _read_parquet(path: Path, wanted: Callable[[Sequence[str]], list[str]]) -> Columns:
-    try:
-        import pyarrow.parquet as pq
-    except ImportError as error:
-        raise MissingDependencyError(
-            str(path), "PyArrow (pip install '.[parquet]' in the project's folder)", str(error)
-        ) from None
-    own = wanted(pq.read_schema(path).names)
-    table = pq.read_table(path, columns=own)
-    return {name: np.asarray(table[name].to_numpy()) for name in own}
-
-
-_READERS: dict[str, Callable[[Path, Callable[[Sequence[str]], list[str]]], Columns]] = {
-    ".csv": _read_csv,
-    ".npz": _read_npz,
-    ".parquet": _read_parquet,
-}

@@ -1,4 +1,7 @@
-"""Motion by a log: what a file of samples says; on request derivatives are found from it, or rates integrated."""
+"""Motion by a log: what a file of samples says; on request derivatives are found from it, or rates integrated.
+
+models/SCENES.md tells the columns. Others are refused: a misspelt one would be missed.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +11,36 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from hingepair.errors import choices, nearest
+from hingepair.evaluation.plan import PLANAR, SPATIAL
 from hingepair.integration.signals import Samples
 from hingepair.numeric.arrays import Float64Array, read_only
+from hingepair.numeric.column_file import Wanted, csv_column, read_columns
 from hingepair.numeric.finite_differences import check_instants, differentiate
 from hingepair.pair.evaluate import AUTO
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.integrated_motion import START, integrated
-from hingepair.scenes.known_motion import ByCoordinates, by_body1
-from hingepair.scenes.log_file import ARRAYS, LogFile, columns_of
+from hingepair.scenes.known_motion import SPATIAL_NAMES, ByCoordinates, by_body1
 from hingepair.scenes.motion import Given, Motion, turns_about
-from hingepair.scenes.tables import Table
+from hingepair.scenes.tables import Place, Table
 
 ORDER: Final = 6
 """Of the derivatives in the step between samples."""
+
+ARRAYS: Final[dict[str, tuple[str, ...]]] = {
+    "R1": ("x", "y", "z"),
+    "quat_xyzw": ("qx", "qy", "qz", "qw"),
+    "quat_wxyz": ("qw", "qx", "qy", "qz"),
+    **{v: (f"{v}_x", f"{v}_y", f"{v}_z") for v in ("phi", "phid", "phidd", "v1", "a1", "omega1", "alpha1")},
+    **dict(zip(("q", "qd", "qdd"), SPATIAL_NAMES, strict=True)),
+}
+"""Array -> its columns."""
+COLUMNS: Final = tuple(dict.fromkeys(("t", *(column for own in ARRAYS.values() for column in own))))
+_RESULTS: Final = frozenset({*SPATIAL.levels, *PLANAR.levels})
 
 Part: TypeAlias = dict[str, Float64Array]
 """A quantity and its derivatives by name, as far as they are known; shape (N, k) each."""
@@ -32,6 +49,7 @@ _POSITION = ("R1", "v1", "a1")
 _HINGE = ("psi", "psid", "psidd")
 _EULER = ("phi", "phid", "phidd")
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
+_LATE: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
 _DOUBT = "rates were found by finite differences; how far they are off is not known"
 
 
@@ -50,20 +68,44 @@ def read_log(table: Table, folder: Path) -> Motion:
     return _integrated(table, log) if integrated else _stated(table, log)
 
 
-class _Log(LogFile):
+def _columns_of(name: str) -> tuple[str, ...]:
+    """The columns of an array; what is no array is a column itself."""
+    return ARRAYS.get(name, (name,))
+
+
+class _Log(Place):
     """A file's columns, and derivatives of them."""
 
     def __init__(self, path: Path, completed: bool) -> None:
-        super().__init__(path)
+        super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
         self.completed = completed
         self.hint = "" if completed else "; motion.differentiate = true gives the others"
         self.found = False
-        if "t" not in self.columns:
-            self.refuse("t", "a column", "no such column")
+        kind = path.suffix.lower()
+        known = (*ARRAYS, *COLUMNS) if kind == ".npz" else COLUMNS
+        wanted = Wanted(lambda names: self._checked(names, known), lambda name, _: ARRAYS.get(name, name))
         with self.naming():
+            self.columns = read_columns(path, wanted)
+            if "t" not in self.columns:
+                self.refuse("t", "a column", "no such column")
             t = check_instants("t", self.columns["t"], ORDER if completed else 0)
+            late = kind == ".csv" and abs(t[0]) > _LATE
+            instants = csv_column(path, "t", np.longdouble) if late else t
         self.t = np.asarray(read_only(t))
-        self.since = self.t - self.t[0] if self.late is None else self.late
+        self.since = np.asarray(instants - instants[0], dtype=np.float64)
+
+    def _checked(self, names: list[str], known: tuple[str, ...]) -> list[str]:
+        """The names; one that is not known or that comes twice is refused."""
+        for i, name in enumerate(names):
+            if name not in known:
+                got = f"an unknown column{nearest(name, known)}"
+                if name.partition("_")[0] in _RESULTS:
+                    way = "run --outputs q,qd,qdd --out FILE writes what is read here"
+                    got = f"a column of results, which are no motion ({way})"
+                self.refuse(repr(name[:40]), choices(known), got)
+            if name in names[:i]:
+                self.refuse(name, "a column once", "a second one")
+        return names
 
     def part(self, names: tuple[str, ...], required: bool = True) -> Part:
         """A quantity and its derivatives: what is there and, where that is asked for, what can be found.
@@ -73,7 +115,7 @@ class _Log(LogFile):
         """
         found = {}
         for i, name in enumerate(names):
-            array = self.together(name, required and i == 0)
+            array = self._together(name, required and i == 0)
             if array is not None:
                 found[name] = array
         if self.completed and names[0] in found:
@@ -85,12 +127,23 @@ class _Log(LogFile):
                     self.found = True
         return {name: array if name in ARRAYS else array[:, 0] for name, array in found.items()}
 
+    def _together(self, name: str, required: bool) -> NDArray[np.float64] | None:
+        """The columns of an array side by side; None where none of them is there and none need be."""
+        own = _columns_of(name)
+        there = [column for column in own if column in self.columns]
+        if not there and not required:
+            return None
+        for column in own:
+            if column not in self.columns:
+                self.refuse(column, f"a column beside {there[0]}" if there else "a column", "no such column")
+        return np.stack([self.columns[column] for column in own], axis=-1)
+
     def finite(self, name: str, array: Float64Array, use: str) -> None:
         """Refuse numbers that are not finite."""
         columns = array.reshape(len(array), -1)
         for sample, i in np.argwhere(~np.isfinite(columns))[:1]:
             got = f"{columns[sample, i]} at sample {sample}"
-            self.refuse(columns_of(name)[i], f"finite numbers, to be {use}", got)
+            self.refuse(_columns_of(name)[i], f"finite numbers, to be {use}", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
         """The matrices of quaternions."""
@@ -136,7 +189,7 @@ def _stated(table: Table, log: _Log) -> Motion:
 def _integrated(table: Table, log: _Log) -> Motion:
     """The motion whose rates the file states, integrated (E12)."""
     rates = (_QUATERNION[1:], _HINGE[1:])
-    read = {"t", *(column for names in (_POSITION, *rates) for name in names for column in columns_of(name))}
+    read = {"t", *(column for names in (_POSITION, *rates) for name in names for column in _columns_of(name))}
     for column in log.columns:
         if column not in read:
             log.refuse(column, "columns of rates and of R1, since motion.integrate is true", "a column")
@@ -173,7 +226,7 @@ def _level(log: _Log, parts: dict[tuple[str, ...], Part]) -> int:
     for names, part in parts.items():
         for name in names[: level + 1]:
             if name not in part:
-                column = columns_of(name)[0]
+                column = _columns_of(name)[0]
                 log.refuse(column, "a column, beside rates of others (or differentiate = true)", "no such column")
     return level
 

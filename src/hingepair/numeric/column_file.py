@@ -1,0 +1,253 @@
+"""Columns of numbers by name, out of files: .csv, .npz or .parquet.
+
+What a file says of its size and its kinds of number is judged before anything of that size is made; nothing is run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import math
+import os
+import re
+import warnings
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any, Final, NamedTuple, NoReturn, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from hingepair.errors import ArgumentError, MissingDependencyError
+from hingepair.numeric.arrays import real_array
+
+MAX_ROWS: Final = 10_000_000
+MAX_BYTES: Final = 2_000_000_000
+_MAX_LINE: Final = 100_000
+_MAX_HEADER: Final = 10_000
+_ARRAY_HEADER: Final = re.compile(
+    r"\{'descr': '([<>|=]?[A-Za-z]\d{0,9}(?:\[\w{1,9}\])?)', 'fortran_order': (True|False), "
+    r"'shape': \(((?:\d{1,18},? ?){0,9})\),? ?\}\s*"
+)
+
+Columns: TypeAlias = dict[str, NDArray[Any]]
+
+
+class Wanted(NamedTuple):
+    """What is read of a file.
+
+    Attributes:
+        choose: takes the names of all columns, returns those to read, in their order, or refuses one.
+        names_of: takes the name of an array and its shape behind the samples, returns the names of its columns,
+            in that shape.
+        exact: a column of which integers, dates and times stay what they are (of a .csv: `csv_column`); all others
+            become float64.
+    """
+
+    choose: Callable[[list[str]], list[str]]
+    names_of: Callable[[str, tuple[int, ...]], ArrayLike]
+    exact: str = ""
+
+
+def read_columns(path: Path, wanted: Wanted) -> Columns:
+    """The columns of a file by name, all of one length, which is not 0; empty cells are NaN.
+
+    Raises:
+        ArgumentError: the file cannot be read, or is too large; `name` is where: a column, `line 3`, `line 3: t` or
+            nothing. Also what `wanted.choose` and `wanted.names_of` raise.
+        MissingDependencyError: the file is a .parquet and pyarrow is not installed.
+    """
+    read = _READERS.get(path.suffix.lower())
+    if read is None:
+        raise ArgumentError("", f"a file name that ends in {', '.join(_READERS)}", path.suffix or "no ending")
+    expected = f"a {path.suffix} file that can be read"
+    if not os.path.isfile(path):  # of a name that is too long Path.is_file would raise
+        raise ArgumentError("", expected, "no such file")
+    try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise ArgumentError("", f"at most {MAX_BYTES} bytes", size)
+        columns = read(path, wanted)
+    except ArgumentError:
+        raise
+    except (
+        *(OSError, EOFError, ValueError, KeyError, NotImplementedError, RuntimeError),
+        *(csv.Error, zlib.error, zipfile.BadZipFile),
+    ) as error:
+        raise ArgumentError("", expected, getattr(error, "strerror", None) or str(error)) from None
+    counts = {column.size for column in columns.values()}
+    if len(counts) > 1:
+        lengths = ", ".join(f"{name}: {column.size}" for name, column in columns.items())
+        raise ArgumentError("", "columns of one length", lengths)
+    if 0 in counts:
+        raise ArgumentError("", "at least one sample", "none")
+    return columns
+
+
+def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
+    """A column of a .csv file that was read, once more, in a kind of number that holds more of its digits.
+
+    Raises:
+        ArgumentError: something in it is no such number.
+    """
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        column = _csv_names(stream).index(name)
+        try:
+            return _csv_rows(stream, [column], dtype=dtype)[:, 0]
+        except ValueError as error:
+            raise ArgumentError(name, f"numbers of the kind {np.dtype(dtype)}", str(error)) from None
+
+
+def _read_csv(path: Path, wanted: Wanted) -> Columns:
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        names = _csv_names(stream)
+        chosen = wanted.choose(names)
+        if not chosen:
+            return {}
+        own = [names.index(name) for name in chosen]
+        used = own if len(own) < len(names) else None  # all: then rows of more fields are found
+        start = stream.tell()
+        try:
+            try:
+                rows = _csv_rows(stream, used)
+            except ValueError:  # once more, slowly: an empty cell is a number that is not there
+                stream.seek(start)
+                rows = _csv_rows(stream, used, converters=_number)
+        except ValueError as error:
+            _fail_at_row(path, names, own, str(error))
+    if rows.size and rows.shape[1] != len(own):
+        _fail_at_row(path, names, own, f"{rows.shape[1]} fields")
+    _check_rows(len(rows))
+    return dict(zip(chosen, np.ascontiguousarray(rows.T) if rows.size else np.empty((len(own), 0)), strict=True))
+
+
+def _csv_names(stream: IO[str]) -> list[str]:
+    line = stream.readline(_MAX_LINE)
+    if len(line) == _MAX_LINE:
+        raise ArgumentError("", "a first line of column names", "a longer line")
+    if ";" in line or "\t" in line:
+        raise ArgumentError("", "columns separated by commas, and decimal points", line)
+    names = [name.strip() for name in next(csv.reader([line]), [])]
+    if not names:
+        raise ArgumentError("", "a first line of column names", "an empty line")
+    return names
+
+
+def _csv_rows(stream: IO[str], columns: list[int] | None, **how: Any) -> NDArray[Any]:
+    options: dict[str, Any] = {"delimiter": ",", "comments": None, "quotechar": '"', "ndmin": 2} | how
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # no rows: an error of ours
+        warnings.simplefilter("error", DeprecationWarning)  # NumPy before 2.4 reads integers through floats
+        return np.loadtxt(stream, usecols=columns, max_rows=MAX_ROWS + 1, **options)
+
+
+def _number(text: str) -> float:
+    return float(text) if text.strip() else math.nan
+
+
+def _fail_at_row(path: Path, names: list[str], own: list[int], reason: str) -> NoReturn:
+    """Find the row that could not be read, and say where it is."""
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
+        stream.readline()
+        reader = csv.reader(stream)
+        try:
+            for row in filter(None, reader):
+                place, fields = f"line {reader.line_num + 1}", len(row)
+                if fields <= max(own) or (len(own) == len(names) < fields):
+                    expected = f"{len(names)} fields, separated by commas, with decimal points"
+                    raise ArgumentError(place, expected, f"{fields} fields")
+                for i in own:
+                    try:
+                        _number(row[i])
+                    except ValueError:
+                        expected = "a number (nan or an empty cell where there is none)"
+                        raise ArgumentError(f"{place}: {names[i]}", expected, repr(row[i][:40])) from None
+        except csv.Error as error:
+            reason = str(error)
+    raise ArgumentError("", "rows of numbers", reason)
+
+
+def _read_npz(path: Path, wanted: Wanted) -> Columns:
+    columns: Columns = {}
+    with zipfile.ZipFile(path) as archive:
+        arrays = []
+        for member in archive.infolist():
+            name = member.filename.removesuffix(".npy")
+            with archive.open(member) as stream:
+                _, _, shape = _array_header(stream)
+            arrays.append((member, name, np.array(wanted.names_of(name, shape[1:]))))
+        chosen = set(wanted.choose([column for *_, names in arrays for column in names.ravel().tolist()]))
+        for member, name, names in arrays:
+            own = names.ravel().tolist()
+            if chosen.intersection(own):
+                with archive.open(member) as stream:
+                    array = _read_array(stream, name, names.shape, name == wanted.exact)
+                kind = array.dtype if name == wanted.exact else np.float64
+                parts = zip(own, array.reshape(len(array), names.size).T, strict=True)
+                columns |= {column: np.ascontiguousarray(part, kind) for column, part in parts if column in chosen}
+    return columns
+
+
+def _read_array(stream: IO[bytes], name: str, tail: tuple[int, ...], exact: bool) -> NDArray[Any]:
+    dtype, fortran, shape = _array_header(stream)
+    if dtype is None:
+        raise ArgumentError(name, "an array of real numbers (float64, float32 or integers)", "another header")
+    if not (exact and dtype.kind in "mM"):
+        real_array(name, np.empty(0, dtype))
+    if shape[1:] != tail or not shape:
+        raise ArgumentError(name, "shape " + str(("N", *tail)).replace("'", ""), f"shape {shape}")
+    _check_rows(shape[0])
+    size = math.prod(shape) * dtype.itemsize
+    content = stream.read(size)
+    if len(content) < size:
+        raise ArgumentError(name, f"{size} bytes of numbers", len(content))
+    return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran else "C")
+
+
+def _array_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[int, ...]]:
+    """The kind of number (None of what is no array), whether columns come first, and the shape that it states."""
+    magic = stream.read(8)
+    size = int.from_bytes(stream.read(2 if magic[6:7] == b"\x01" else 4), "little")
+    text = stream.read(size).decode("latin1") if magic[:6] == b"\x93NUMPY" and size <= _MAX_HEADER else ""
+    if found := _ARRAY_HEADER.fullmatch(text):
+        with contextlib.suppress(TypeError, ValueError):
+            return np.dtype(found[1]), found[2] == "True", tuple(int(n) for n in found[3].split(",") if n.strip())
+    return None, False, ()
+
+
+def _read_parquet(path: Path, wanted: Wanted) -> Columns:
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError as error:
+        needed = "PyArrow (pip install '.[parquet]' in the project's folder)"
+        raise MissingDependencyError(str(path), needed, str(error)) from None
+    columns: Columns = {}
+    try:
+        with pq.ParquetFile(path) as file:
+            _check_rows(file.metadata.num_rows)
+            kinds = file.schema_arrow
+            for name in wanted.choose(kinds.names):
+                kind, exact = kinds.field(name).type, name == wanted.exact
+                number = pa.types.is_floating(kind) or pa.types.is_integer(kind)
+                if not (number or (exact and pa.types.is_temporal(kind))):
+                    raise ArgumentError(name, "a column of numbers", str(kind))
+                column = file.read([name])[name]
+                columns[name] = np.array((column if exact else column.cast(pa.float64(), safe=False)).to_numpy())
+    except pa.ArrowException as error:
+        raise OSError(str(error)) from None
+    return columns
+
+
+def _check_rows(count: int) -> None:
+    if count > MAX_ROWS:
+        raise ArgumentError("", f"at most {MAX_ROWS} samples", count)
+
+
+_READERS: Final[dict[str, Callable[[Path, Wanted], Columns]]] = {
+    ".csv": _read_csv,
+    ".npz": _read_npz,
+    ".parquet": _read_parquet,
+}
