@@ -23,8 +23,7 @@ from hingepair.cli.output import (
 )
 from hingepair.cli.summary import Summary
 from hingepair.errors import ArgumentError, printable
-from hingepair.numeric.notebook import unit_of
-from hingepair.numeric.tables import instant, json_text
+from hingepair.numeric.tables import instant, json_text, unit_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import ENDINGS, Record, check_ending, column_names, result_file
 from hingepair.scenes.scene import Scene, load_scene, scene_files

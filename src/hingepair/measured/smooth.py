@@ -21,7 +21,7 @@ from hingepair.measured.instants import MeasurementWarning, checked_gaps, pieces
 from hingepair.measured.resample import interpolated
 from hingepair.measured.spline import FEWEST, Smoothed, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, finite_number, read_only, real_array
-from hingepair.numeric.notebook import unit_of
+from hingepair.numeric.tables import unit_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import rotation_exp, rotation_vector

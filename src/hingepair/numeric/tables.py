@@ -1,10 +1,12 @@
-"""What reports have in common: a table in plain text, and numbers that JSON has words for."""
+"""Tables in plain text and in notebooks, units, and numbers that JSON has words for."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from hingepair.errors import printable
 
 _LATE = 1e5  # s
 
@@ -70,3 +72,89 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(own) for own in value]
     return finite_or_none(value) if isinstance(value, float) else value
+
+
+_UNITS = {
+    "t": "s",
+    **dict.fromkeys(("R", "d", "u", "x", "y", "z", "gap"), "m"),
+    **dict.fromkeys(("phi", "psi", "tilt", "limits"), "rad"),
+    **dict.fromkeys(("v",), "m/s"),
+    **dict.fromkeys(("a",), "m/s^2"),
+    **dict.fromkeys(("omega", "phid", "psid", "rate_limit"), "rad/s"),
+    **dict.fromkeys(("alpha", "phidd", "psidd"), "rad/s^2"),
+    **dict.fromkeys(("force", "hinge_force"), "N"),
+    **dict.fromkeys(("torque", "hinge_torque", "bearing_torque", "torque_limit"), "N m"),
+    "mass": "kg",
+}
+_MOST = 9  # numbers of a cell
+
+
+class Sheet(NamedTuple):
+    """A table.
+
+    Attributes:
+        title: what it shows.
+        rows: of cells, as texts; the first row is the heading.
+        notes: sentences below it.
+    """
+
+    title: str
+    rows: Sequence[Sequence[str]]
+    notes: Sequence[str] = ()
+
+
+class Shown:
+    """What notebooks show as a table. Its kinds have `_sheet()`."""
+
+    __slots__ = ()
+
+    def _sheet(self) -> Sheet:
+        raise NotImplementedError
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        title, (heading, *rows), notes = self._sheet()
+
+        def row(cells: Iterable[str], tag: str) -> str:
+            return f"<tr>{''.join(f'<{tag}>{escape(printable(cell))}</{tag}>' for cell in cells)}</tr>"
+
+        body = "".join(row(cells, "td") for cells in rows)
+        below = "".join(f"<p>{escape(printable(note))}</p>" for note in notes)
+        caption = f"<caption>{escape(printable(title))}</caption>"
+        return f"<table>{caption}<thead>{row(heading, 'th')}</thead><tbody>{body}</tbody></table>{below}"
+
+
+def sheet_of(title: str, values: Iterable[tuple[str, Any]], notes: Sequence[str] = ()) -> Sheet:
+    """Names, values - of arrays with more than nine numbers the shape - and units."""
+    rows = ((name, cell(value), unit_of(name)) for name, value in values if value is not None)
+    return Sheet(title, (("", "value", "unit"), *rows), notes)
+
+
+def cell(value: Any) -> str:
+    """A value in few characters.
+
+    >>> cell((0.5, 0, 1 / 3)), cell("a"), cell(range(10))
+    ('0.5, 0, 0.333333', 'a', '10 numbers')
+    """
+    if isinstance(value, str):
+        return value
+    shape = getattr(value, "shape", None)
+    if shape is not None and math.prod(shape) > _MOST:
+        return f"array of shape {tuple(shape)}"
+    items = value.tolist() if shape is not None else value
+    if not hasattr(items, "__len__"):
+        return f"{items + 0.0:.6g}"
+    if len(items) > _MOST:
+        return f"{len(items)} numbers"
+    return ("; " if shape is not None and len(shape) > 1 else ", ").join(cell(item) for item in items)
+
+
+def unit_of(name: str) -> str:
+    """The unit of an output, or of one of its components.
+
+    >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
+    ('rad/s', 'm', '1', 'N m')
+    """
+    vector = name.rpartition("_")[0]
+    return _UNITS.get(name.rstrip("12")) or _UNITS.get(vector.rstrip("12"), "1")

@@ -14,7 +14,7 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.evaluation.backend import choose
 from hingepair.evaluation.plan import SPATIAL
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
-from hingepair.numeric.notebook import Sheet, Shown, sheet_of
+from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, derivatives, dynamics, residuals
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body

@@ -14,7 +14,7 @@ from hingepair.evaluation.backend import choose
 from hingepair.evaluation.plan import PLANAR
 from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, vectors
 from hingepair.numeric.blocks import components_of, numbers
-from hingepair.numeric.notebook import Sheet, Shown, sheet_of
+from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, dynamics
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body

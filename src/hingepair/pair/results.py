@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.numeric.notebook import Sheet, Shown, unit_of
+from hingepair.numeric.tables import Sheet, Shown, unit_of
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.states import PairState, PlanarState, lacking
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.numeric.arrays import FloatArray, read_only
-from hingepair.numeric.notebook import Sheet, Shown, sheet_of
+from hingepair.numeric.tables import Sheet, Shown, sheet_of
 
 Spans: TypeAlias = Mapping[str, tuple[int, int, tuple[int, ...]] | None]
 """Where each output stands in the buffer, and its shape; None of one that is an array of its own."""

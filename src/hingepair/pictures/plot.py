@@ -9,7 +9,7 @@ import numpy as np
 
 from hingepair.errors import MissingDependencyError
 from hingepair.integration.trajectory import continuous
-from hingepair.numeric.notebook import unit_of
+from hingepair.numeric.tables import unit_of
 from hingepair.pictures.frames import Array, Frames, Source, frames_of
 from hingepair.rotations.euler import matrix_to_euler
 

@@ -17,8 +17,7 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, Kind, check_outputs
 from hingepair.integration.trajectory import span
 from hingepair.numeric.arrays import Frozen, read_only
-from hingepair.numeric.notebook import Sheet, Shown, cell, unit_of
-from hingepair.numeric.tables import instant
+from hingepair.numeric.tables import Sheet, Shown, cell, instant, unit_of
 from hingepair.pair.dynamics import Energy, Momentum
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair

@@ -10,7 +10,7 @@ from typing import Final
 
 import sympy
 
-from hingepair.numeric.notebook import unit_of
+from hingepair.numeric.tables import unit_of
 from hingepair.symbolic.closed_forms import ClosedForms, Terms
 from hingepair.symbolic.jets import time_symbol
 from hingepair.symbolic.kinks import Expr, Side

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import printable
-from hingepair.numeric.notebook import Sheet, Shown
-from hingepair.numeric.tables import aligned, json_text, left_out
+from hingepair.numeric.tables import Sheet, Shown, aligned, json_text, left_out
 from hingepair.pair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, PROMISES
 
 _HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
