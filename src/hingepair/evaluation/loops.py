@@ -13,7 +13,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,6 +138,17 @@ class Traced(NamedTuple):
     def flat(self, outputs: Spec) -> list[Operand]:
         """The components of all outputs."""
         return [part for name, _ in outputs for part in components(self.results[name])]
+
+
+T = TypeVar("T")
+
+
+class _Once(functools.cached_property[T]):
+    """Without the lock of Python 3.11, which a fork meanwhile would leave locked in the child for ever."""
+
+    def __get__(self, instance: Any, owner: type[Any] | None = None) -> T:  # type: ignore[override]
+        found = instance.__dict__[self.attrname] = self.func(instance)
+        return found
 
 
 class Program:
@@ -269,7 +280,7 @@ class Program:
 
     # ---- the program written out
 
-    @functools.cached_property
+    @_Once
     def source(self) -> str:
         """The Python source."""
         traced = self._moving
@@ -277,17 +288,17 @@ class Program:
         after = [part for name in self.loop.carry.values() for part in components(traced.results[name])]
         return python_source.source_of(self.loop.name, inputs, [*traced.flat(self.loop.outputs), *after])
 
-    @functools.cached_property
+    @_Once
     def floats_function(self) -> Callable[..., tuple[Any, ...]]:
         """The function of one state, of Python floats: constants, then pieces, to the components of the outputs."""
         return python_source.for_floats(self.loop.name, self.source)
 
-    @functools.cached_property
+    @_Once
     def arrays_function(self) -> Callable[..., tuple[Any, ...]]:
         """The same for NumPy arrays."""
         return python_source.for_arrays(self.loop.name, self.source)
 
-    @functools.cached_property
+    @_Once
     def operations(self) -> int:
         """How many operations are left, sines counted as ten."""
         return sum((10 if v.operation in FUNCTIONS else 1) for v in self._lines if v.operation != "input")
@@ -297,11 +308,11 @@ class Program:
         each, once = (operations(self._lines, moving) for moving in (True, False))
         return Operations(each, once, operations(full._lines))
 
-    @functools.cached_property
+    @_Once
     def _lines(self) -> list[Value]:
         return needed_lines(self._moving.flat(self.loop.outputs))
 
-    @functools.cached_property
+    @_Once
     def _moving(self) -> Traced:
         """The function written down, for pieces that all move."""
         return self.traced((False,) * len({place[0] for place in self.pattern if isinstance(place, tuple)}))
