@@ -366,3 +366,20 @@ def test_a_kernel_serves_all_pairs_of_the_same_build():
     assert loop.program.cache_info().currsize == programs
     both(hp.HingePair(u1=other.u1, u2=(0, 0, 0), n=other.n, home=other.home), *motion)
     assert loop.program.cache_info().currsize == programs + 1
+
+
+def test_one_sample_rounds_as_many_do():
+    """By whichever way it goes, at the first call and at the next: (1, 7), integers, and one of a batch."""
+    rng = generator(73)
+    many = rng.normal(size=(40, 7)) * 90
+    for own in [pair_of(rng) for _ in range(5)]:
+        whole = own.forward_kinematics(many, outputs=NAMES[:3], backend="compiled")
+        whole_ints = own.forward_kinematics(many.astype(int).astype(float), outputs=NAMES[:3], backend="compiled")
+        for expected, rows in ((whole, many), (whole_ints, many.astype(int))):
+            for i in range(len(rows)):
+                for one in (rows[i], rows[i : i + 1]):
+                    found = own.forward_kinematics(one, outputs=NAMES[:3], backend="compiled")
+                    for name in NAMES[:3]:
+                        np.testing.assert_array_equal(
+                            getattr(found, name).ravel(), getattr(expected, name)[i].ravel()
+                        )

@@ -46,10 +46,11 @@ class Bound(NamedTuple):
     pieces: list[NDArray[Any]]
 
 
-def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozenset()) -> Bound:
+def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozenset(), moving: bool = False) -> Bound:
     """The inputs by name: arrays with the components last, or tuples of components, each a number or an array.
 
-    Those that are carried are never known beforehand: they are arrays, of the chains' shape and their own.
+    Those that are carried are never known beforehand: they are arrays, of the chains' shape and their own. Where
+    `moving`, arrays are pieces though they hold one sample.
     """
     pattern: list[Origin] = []
     constants: list[float] = []
@@ -69,7 +70,7 @@ def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozen
             pieces.append(value.reshape(*value.shape[: value.ndim - len(tail)], 1, count))
             continue
         if isinstance(value, np.ndarray):
-            if value.size == count:
+            if value.size == count and not moving:
                 pattern.extend((None,) * count)
                 constants.extend(map(float, value.ravel().tolist()))
                 continue
@@ -80,7 +81,7 @@ def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozen
         for component in value if isinstance(value, tuple) else (value,):
             if not isinstance(component, np.ndarray):
                 number(float(component))
-            elif component.size == 1:
+            elif component.size == 1 and not moving:
                 pattern.append(None)
                 constants.append(float(component.item()))
             else:
