@@ -51,6 +51,7 @@ def hard():
     return truth.Truth(peers.CONSTANTS, truth.hard_states(generator(82), 3), LEVELS["acceleration"])
 
 
+@pytest.mark.slow
 def test_the_truth_is_that_of_the_tests():
     """Two routes, differences in time and Taylor series, meet in 40 digits."""
     states = (*truth.random_states(generator(79), 1, 3), *truth.hard_states(generator(79), 3))
@@ -150,6 +151,7 @@ def test_direct_prints_writes_and_draws(few, tmp_path):  # noqa: ARG001
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_json_has_every_row_both_errors_targets_and_the_machine(few):  # noqa: ARG001
     done = run("direct", "--sizes", "2", "--levels", "pose", "--repeats", "1", "--no-cold", "--json")
     found = json.loads(done.stdout, parse_constant=pytest.fail)

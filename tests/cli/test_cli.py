@@ -283,6 +283,7 @@ def test_a_closed_standard_output_is_no_error(short_scene: Path) -> None:
     assert (done.returncode, done.stderr) == (0, b"")
 
 
+@pytest.mark.slow
 def test_a_warning_is_a_line(tmp_path: Path) -> None:
     text = re.sub(r'<mass value="[^"]*"', '<mass value="-1"', (MODELS / "talos_elbow.urdf").read_text())
     (tmp_path / "light.urdf").write_text(text)
@@ -317,6 +318,7 @@ def test_a_message_does_not_list_thousands_of_joints(tmp_path: Path) -> None:
         assert len(said) < 1000
 
 
+@pytest.mark.slow
 def test_an_input_is_not_written_over(short_scene: Path, tmp_path: Path) -> None:
     log = tmp_path / "logged_arm.csv"
     log.write_bytes((MODELS / "logged_arm.csv").read_bytes())
@@ -335,6 +337,7 @@ def test_an_input_is_not_written_over(short_scene: Path, tmp_path: Path) -> None
 # ---------------------------------------------------------------- a pair without a motion
 
 
+@pytest.mark.slow
 def test_exports_need_no_motion(tmp_path: Path) -> None:
     text = (MODELS / "logged_arm.toml").read_text()
     pair = hp.load_scene(MODELS / "logged_arm.toml").pair

@@ -229,6 +229,7 @@ def test_a_stop_that_is_hardly_touched_is_felt():
     assert found.psid[-1] == pytest.approx(-speed - (3.0 - (2 - speed) - inside), abs=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:psi passes the stops")
 def test_a_free_pair_keeps_momentum_and_energy_through_its_stops():
     rng = generator(31)

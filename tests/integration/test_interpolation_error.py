@@ -241,6 +241,7 @@ def test_euler_angles_do_not_halve_their_steps_in_vain(monkeypatch):
     assert len(made) < 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", sparse(["world", "body"], 2))
 def test_blocks_do_not_show(frame, monkeypatch):
     """The same estimate, whatever the length of the blocks that samples are worked through in."""

@@ -155,6 +155,7 @@ def test_lock_is_told(sequence, dtype):
     assert (one.shape, lock.shape, bool(lock)) == ((3,), (), proper)
 
 
+@pytest.mark.slow
 def test_projection():
     rng = generator(67)
     S = extended.attitude_of_quaternion(rng.normal(size=(COUNT, 4))).astype(float)

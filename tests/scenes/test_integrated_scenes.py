@@ -157,6 +157,7 @@ def test_rates_without_an_antiderivative_are_summed(tmp_path):
     np.testing.assert_allclose(scene.motion.given.psi, np.sin(scene.times() ** 2), rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_gyro_log_is_what_its_script_makes(tmp_path):
     spec = importlib.util.spec_from_file_location("make_gyro_log", MODELS / "make_gyro_log.py")
     script = importlib.util.module_from_spec(spec)

@@ -297,6 +297,7 @@ KINKED = {
 }
 
 
+@pytest.mark.slow
 def test_a_module_of_kinks_agrees_with_the_library(tmp_path):
     """At the kinks too: t = 1, and t = 0, where mod begins."""
     found = scene(tmp_path, **KINKED, stop=2, samples=9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import sympy
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -48,6 +49,7 @@ def waves(term):
     return sum(int(p.exp) if p.is_Pow else 1 for p in sympy.Mul.make_args(term) if p.has(sympy.sin, sympy.cos))
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(EXPRESSIONS)
 def test_a_sum_is_worth_what_its_expression_is(expr):
