@@ -74,6 +74,7 @@ def _cases():
             yield pytest.param(way, level, marks=[pytest.mark.slow] * slow, id=f"{way.name}-{level}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("way", "level"), [*_cases()])
 def test_every_way_computes_the_truth(way, level, ordinary):
     assert direct.errors(PAIR, [way], ordinary[level])[way.name] < 20
@@ -113,6 +114,7 @@ def _refuses(*_):
     raise hp.ArgumentError("q", "something else", 0)
 
 
+@pytest.mark.slow
 def test_the_error_columns_see_errors_and_what_is_not_finite(ordinary, hard):
     wrong = [
         Way("right", peers.ours()),
@@ -211,6 +213,7 @@ def test_more_methods_than_colours_are_drawn_each_with_its_name(tmp_path):
         assert text.count(f"<!-- {name} -->") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bench", ["direct", "integrate"])
 @pytest.mark.parametrize("path", ["no/such/folder/b.png", "b.tiger"])
 def test_a_picture_that_cannot_be_written_is_refused_before_measuring(bench, path, tmp_path, monkeypatch):

@@ -14,6 +14,7 @@ from hingepair.cli.main import app
 PAIR = bench.bodies()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("inverse", [True, False], ids=[bench.INVERSE, bench.FORWARD])
 def test_all_ways_compute_the_same(inverse):
     many, one = bench.task_of(PAIR, inverse, 5), bench.task_of(PAIR, inverse, 1)

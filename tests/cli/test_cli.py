@@ -361,6 +361,7 @@ def test_a_simulated_scene_is_viewed_as_it_moves_and_derived_as_any_motion(tmp_p
     assert "v2_x = x'" in invoke("derive", path, "--outputs", "v2")
 
 
+@pytest.mark.slow
 def test_the_frames_of_a_hinge_are_links_that_are_named() -> None:
     pair, file = hp.load_scene(REFERENCE).pair, MODELS / "reference_3d.urdf"
     frames = ("--body1-frame", "body1", "--body2-frame", "body2")

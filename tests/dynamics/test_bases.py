@@ -45,6 +45,7 @@ def test_a_double_pendulum_swings_as_the_textbook_says():
     assert found.recorded()["hinge_torque"].shape == (21,)
 
 
+@pytest.mark.slow
 def test_a_pair_in_the_plane_moves_as_in_space():
     """Loads of the plane included; the angle of body 1 goes on past half a turn."""
     t = np.linspace(0, 0.3, 7)
@@ -85,6 +86,7 @@ def test_the_plane_has_the_dynamics_of_space():
     assert momentum.angular.shape == (5,)
 
 
+@pytest.mark.slow
 def test_a_pin_holds_its_point_and_gives_no_torque():
     rng = generator(42)
     bodies = [hp.Body(rng.uniform(1, 2), rng.normal(size=3), rng.uniform(0.6, 1, 3)) for _ in range(2)]

@@ -204,6 +204,7 @@ def test_a_door_between_its_stops_is_found_within_the_tolerance(tol):
     assert error / 3 - 1e-12 <= found.psi_error_estimate <= 10 * error + 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tol", sparse([1e-8, 1e-6, 1e-10], 3))
 def test_kinks_that_nobody_names_cost_steps_and_not_the_tolerance(tol):
     """Eight of them, in 3 s."""

@@ -74,6 +74,7 @@ COUNTS = [
 # ---------------------------------------------------------------- motion
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ks", COUNTS)
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
 def test_mujoco_moves_body2_as_the_pair_does(write, ks):

@@ -51,6 +51,7 @@ def test_exact_motion_keeps_its_derivatives() -> None:
         assert np.abs(getattr(found, letter) - getattr(truth, f"{letter}1")).max() < tolerance, letter
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("metres", "radians"), [(1e-3, 2e-3), (1e-2, 2e-2)])
 def test_errors_of_derivatives_are_what_it_says(metres: float, radians: float) -> None:
     t = np.arange(2000) / 200

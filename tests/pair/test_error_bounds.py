@@ -216,6 +216,7 @@ def test_no_bound_passes_the_promise_in_a_long_search(form, output, dtype):
 NUMBERS = (0.0, 1.0, -1.0, 0.7, -1.9, 1e-3, 3e200, -5e-310, 3e38)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", sparse([Double, Single], 2))
 @pytest.mark.parametrize("operation", ["+", "-", "*", "/"])
 def test_a_bound_covers_the_worst_of_an_operation(operation, kind):

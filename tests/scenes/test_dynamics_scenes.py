@@ -66,6 +66,7 @@ def test_a_free_scene_moves_as_simulate_says(tmp_path):
     assert "base free" in scene.motion.turning
 
 
+@pytest.mark.slow
 def test_a_scene_has_energy_and_momentum():
     scene = hp.load_scene(MODELS / "thrown_flail.toml")
     result, found = scene.evaluate(), scene.motion.simulated

@@ -332,6 +332,7 @@ def test_names_that_constants_cannot_have(name: str) -> None:
     assert constant_name_fault(name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [
