@@ -19,9 +19,10 @@ from hingepair.pair.derivatives import POSE_SENSITIVITIES, RATE_SENSITIVITIES
 from hingepair.pair.prepared import CHECK, QUATERNIONS, Prepared
 from hingepair.rotations.sequences import find_sequence
 
-_LEVELS: Final = {"pose": ("q",), "velocity": ("q", "qd"), "acceleration": ("q", "qd", "qdd")}
 _KINDS: Final = {
-    **_LEVELS,
+    "pose": ("q",),
+    "velocity": ("q", "qd"),
+    "acceleration": ("q", "qd", "qdd"),
     "inverse_dynamics": ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd"),
     "forward_dynamics": ("S1", "omega1", "psi", "psid", *REQUIRED),
 }
