@@ -87,7 +87,7 @@ def ledger(request, record_property):
 def each_backend(request, monkeypatch):
     """Every call that does not name a backend goes to this one.
 
-    In the fast loop that is NumPy, but for evaluation/test_compiled.py: each kernel takes a tenth of a second.
+    In the fast loop that is NumPy, but for engine/test_compiled.py: each kernel takes a tenth of a second.
     """
     choose = hingepair.pair.hinge_pair.choose
 

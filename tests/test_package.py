@@ -55,7 +55,7 @@ def test_everything_exported_exists_once() -> None:
 
 
 WINGS = (
-    *("errors", "numeric", "equations", "rotations", "evaluation", "pair", "measured", "integration"),
+    *("errors", "numeric", "equations", "engine", "rotations", "plans", "pair", "measured", "integration"),
     *("dynamics", "symbolic", "formats", "validation", "scenes", "pictures", "bench", "cli"),
 )
 """From below."""

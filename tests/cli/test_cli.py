@@ -17,7 +17,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.cli.main import main
-from hingepair.evaluation.backend import choose
+from hingepair.engine.backend import choose
 from hingepair.formats.robots import robot_urdf
 from support.summed import summed
 

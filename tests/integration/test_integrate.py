@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.evaluation.backend import How
+from hingepair.engine.backend import How
 from hingepair.integration.methods import RULES, runge_kutta4
 from hingepair.integration.stepping import RADIX, ROTATIONS, SLAB
 from support.reference import DIGITS

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.evaluation.backend import Account
+from hingepair.engine.backend import Account
 from hingepair.integration.error_estimate import PROBES
 from hingepair.integration.methods import RULES, rises, turns
 from hingepair.integration.signals import interpolation

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.evaluation.backend import choose
+from hingepair.engine.backend import choose
 from hingepair.integration import solve, step_selection
 from hingepair.integration.error_estimate import PROBES
 from hingepair.integration.integrals import Attitude

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.evaluation import backend
+from hingepair.engine import backend
 from hingepair.pair.planar_pair import motion_in_space
 from support.reference import forces_from_attitude
 from support.sparse import sparse

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.evaluation import binding
-from hingepair.evaluation.llvm_ir import LANES
+from hingepair.engine import binding
+from hingepair.engine.llvm_ir import LANES
 from hingepair.pair.accuracy import output_scales
 from support.sparse import sparse
 from support.states import generator

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.evaluation.steps import COORDINATES
+from hingepair.plans.steps import COORDINATES
 from hingepair.scenes.logged_motion import ARRAYS, COLUMNS
 from hingepair.scenes.pair_table import KEYS
 from hingepair.scenes.simulated_motion import LOAD_KEYS

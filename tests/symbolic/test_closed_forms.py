@@ -12,7 +12,7 @@ import pytest
 import sympy
 
 import hingepair as hp
-from hingepair.evaluation.plan import LEVER_STEPS, SPATIAL, make_plan
+from hingepair.plans.plan import LEVER_STEPS, SPATIAL, make_plan
 from hingepair.symbolic import closed_forms
 from hingepair.symbolic.closed_forms import exact_axis
 from hingepair.symbolic.time_functions import exact

@@ -8,11 +8,11 @@ import numpy as np
 
 from hingepair.bench.measure import Job, Report, interleaved, rows_of, tell
 from hingepair.bench.peers import CONSTANTS, LEVELS
-from hingepair.evaluation.plan import PLANAR, SPATIAL
 from hingepair.pair.evaluate import count_operations
 from hingepair.pair.forward_kinematics import plan_from_coordinates
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.plans.plan import PLANAR, SPATIAL
 
 WHOLE = "nothing known"
 OPERATIONS = "operations"

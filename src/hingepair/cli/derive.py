@@ -46,7 +46,7 @@ def derive(
     """
     if unicode + latex + python + as_json > 1:
         raise ArgumentError("format", "one of --unicode, --latex, --python, --json", "several")
-    from hingepair.evaluation.plan import ACCELERATION, PLANAR, check_outputs, default_outputs
+    from hingepair.plans.plan import ACCELERATION, PLANAR, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
 
     found = named(source, joint, body1_frame, body2_frame)

@@ -19,9 +19,9 @@ from rich.console import Console
 from rich.table import Table
 
 from hingepair.errors import ArgumentError, printable, quoted
-from hingepair.evaluation.plan import PLANAR, SPATIAL
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.results import ROWS
+from hingepair.plans.plan import PLANAR, SPATIAL
 from hingepair.scenes.scene import COORDINATES
 
 Part = TypeVar("Part")

@@ -17,13 +17,10 @@ import numpy as np
 
 from hingepair.dynamics.collocation import Array
 from hingepair.dynamics.loads import Loads, Moving
+from hingepair.engine.backend import How
 from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError
-from hingepair.evaluation.backend import How
-from hingepair.evaluation.dynamics_steps import forward_steps, lever_steps
-from hingepair.evaluation.plan import SPATIAL, Plan, needed_steps, steps_of
-from hingepair.evaluation.steps import Step, same, upright
 from hingepair.integration.methods import quaternion_product
 from hingepair.integration.trajectory import rotations
 from hingepair.numeric.blocks import turn_terms
@@ -32,6 +29,9 @@ from hingepair.pair.constants import Constants
 from hingepair.pair.dynamics import SINGULAR, check_resistance, mass_constants
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.prepared import Prepared
+from hingepair.plans.dynamics_steps import forward_steps, lever_steps
+from hingepair.plans.plan import SPATIAL, Plan, needed_steps, steps_of
+from hingepair.plans.steps import Step, same, upright
 from hingepair.rotations.matrices import matrix_to_quaternion
 
 Start: TypeAlias = tuple[Array, Array, Array, Array, float, float]

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.dynamics.bases import Course, PairMotion, Start
 from hingepair.dynamics.collocation import Array, Stepper, TooStiffError
 from hingepair.dynamics.loads import Base, HingeLoad, HingeTorque, Load, Loads, check_callable
+from hingepair.engine.backend import choose
 from hingepair.errors import ArgumentError, HingePairError, quoted
-from hingepair.evaluation.backend import choose
 from hingepair.integration.trajectory import Later, PlanarTrajectory, Trajectory
 from hingepair.numeric.arrays import check_choice, finite_number, read_only, real_array
 from hingepair.numeric.finite_differences import check_instants

@@ -12,13 +12,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.engine.backend import How
+from hingepair.engine.binding import bind
+from hingepair.engine.loops import Loop
+from hingepair.engine.native import can_compile
+from hingepair.engine.trace import where_less
 from hingepair.equations import spatial as eq
 from hingepair.errors import GimbalLockError
-from hingepair.evaluation.backend import How
-from hingepair.evaluation.binding import bind
-from hingepair.evaluation.loops import Loop
-from hingepair.evaluation.native import can_compile
-from hingepair.evaluation.trace import where_less
 from hingepair.integration.methods import RULES, quaternion_product
 from hingepair.integration.signals import Signal
 from hingepair.integration.stepping import Steps

@@ -12,8 +12,8 @@ from typing import ClassVar, TypeAlias
 
 import numpy as np
 
+from hingepair.engine.backend import How
 from hingepair.errors import ArgumentError
-from hingepair.evaluation.backend import How
 from hingepair.integration.methods import RULES, Rule, quaternion_product, rises, turns
 from hingepair.integration.signals import Constant, Signal
 from hingepair.integration.stepping import ROTATIONS, SUMS, Division, Steps

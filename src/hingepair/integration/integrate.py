@@ -8,18 +8,8 @@ from typing import Any, Final, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.engine.backend import choose
 from hingepair.errors import ArgumentError, quoted
-from hingepair.evaluation.backend import choose
-from hingepair.evaluation.plan import (
-    ACCELERATION,
-    PLANAR,
-    SPATIAL,
-    Kind,
-    Plan,
-    check_outputs,
-    default_outputs,
-    make_plan,
-)
 from hingepair.integration.signals import Signal, read_position, read_signal
 from hingepair.integration.solve import METHODS, Course, Solution, solve
 from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, rotations, world_vectors
@@ -32,6 +22,16 @@ from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.prepared import compute
+from hingepair.plans.plan import (
+    ACCELERATION,
+    PLANAR,
+    SPATIAL,
+    Kind,
+    Plan,
+    check_outputs,
+    default_outputs,
+    make_plan,
+)
 from hingepair.rotations.matrices import check_rotation
 
 FRAMES: Final = ("world", "body")

@@ -16,9 +16,9 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from hingepair.engine.loops import Loop
+from hingepair.engine.trace import square_root, where_less
 from hingepair.equations.spatial import Scalar, Vector, add, cross, dot, scale, subtract
-from hingepair.evaluation.loops import Loop
-from hingepair.evaluation.trace import square_root, where_less
 from hingepair.numeric.blocks import cosine, sine
 from hingepair.numeric.twofold import HighLow, exact_product, pair_product, pair_quotient, pair_sum
 

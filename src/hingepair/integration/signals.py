@@ -17,9 +17,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from hingepair.engine.backend import How
+from hingepair.engine.loops import Loop
 from hingepair.errors import ArgumentError, HingePairError, ShapeError
-from hingepair.evaluation.backend import How
-from hingepair.evaluation.loops import Loop
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
 

@@ -8,8 +8,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from hingepair.engine.backend import How
 from hingepair.errors import ArgumentError, GimbalLockError, MissingDependencyError
-from hingepair.evaluation.backend import How
 from hingepair.integration.error_estimate import estimated_error
 from hingepair.integration.euler_angles import euler_angles, quaternions_of_euler
 from hingepair.integration.integrals import Angle, Attitude, Integral

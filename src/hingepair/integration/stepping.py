@@ -17,8 +17,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.evaluation.backend import How
-from hingepair.evaluation.loops import Loop
+from hingepair.engine.backend import How
+from hingepair.engine.loops import Loop
 from hingepair.integration.methods import quaternion_product, quaternion_unit
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.twofold import HighLow, exact_sum, pair_sum

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from hingepair.evaluation.plan import Kind, Plan
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
@@ -25,6 +24,7 @@ from hingepair.numeric.bounded import Bounded, Double, kind_of
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
+from hingepair.plans.plan import Kind, Plan
 
 
 class Promise(NamedTuple):

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.evaluation.steps import LEVER_STEPS
 from hingepair.numeric.arrays import broadcast_shape, constant, read_only
 from hingepair.numeric.blocks import Components, Named, numbers
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import by_power_of_two, by_two_to, finite_axis, polar
+from hingepair.plans.steps import LEVER_STEPS
 from hingepair.rotations.matrices import check_rotation
 
 _IDENTITY = read_only(np.eye(3))
@@ -68,7 +68,7 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
 
 
 def _axis_and_levers(values: Named, axis: Components) -> Named:
-    """The unit axis, and along, across and around of `evaluation.steps.LEVER_STEPS`, body-1 axes [m].
+    """The unit axis, and along, across and around of `plans.steps.LEVER_STEPS`, body-1 axes [m].
 
     Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.
     """

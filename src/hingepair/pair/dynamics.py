@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.spatial import Vector
 from hingepair.errors import ArgumentError
-from hingepair.evaluation.dynamics_steps import LOADS, MOVES, REQUIRED
-from hingepair.evaluation.plan import SPATIAL, make_plan
 from hingepair.numeric.arrays import FloatArray, one_constant, vectors
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.forward_kinematics import component
 from hingepair.pair.prepared import Prepared, arrays_of, ready
+from hingepair.plans.dynamics_steps import LOADS, MOVES, REQUIRED
+from hingepair.plans.plan import SPATIAL, make_plan
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity unless given, world axes [m/s^2]."""

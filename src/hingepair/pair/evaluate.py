@@ -13,15 +13,15 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.engine.backend import How
+from hingepair.engine.binding import bind
+from hingepair.engine.loops import Operations
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
-from hingepair.evaluation.backend import How
-from hingepair.evaluation.binding import bind
-from hingepair.evaluation.loops import Operations
-from hingepair.evaluation.plan import PLANAR, SPATIAL, Plan, Tail, loop_of
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign
 from hingepair.numeric.arrays import broadcast_shape, result_dtype
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
+from hingepair.plans.plan import PLANAR, SPATIAL, Plan, Tail, loop_of
 
 Out: TypeAlias = Mapping[str, NDArray[Any]] | None
 

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.engine.backend import How
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
-from hingepair.evaluation.backend import How
-from hingepair.evaluation.plan import SPATIAL, Kind, Plan, check_outputs, default_outputs, make_plan
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign, library_of
 from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, real_array, vectors
 from hingepair.numeric.blocks import Components, Named
@@ -18,6 +17,7 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import Out, evaluate_foreign, written
 from hingepair.pair.prepared import Prepared, compute, ready
+from hingepair.plans.plan import SPATIAL, Kind, Plan, check_outputs, default_outputs, make_plan
 from hingepair.rotations.sequences import find_sequence
 
 Rows: TypeAlias = ArrayLike | tuple[Any, ...]

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.engine.backend import choose
 from hingepair.errors import ArgumentError, quoted
-from hingepair.evaluation.backend import choose
-from hingepair.evaluation.plan import SPATIAL
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, derivatives, dynamics, residuals
@@ -28,6 +27,7 @@ from hingepair.pair.prepare import prepare
 from hingepair.pair.prepared import Prepared
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
+from hingepair.plans.plan import SPATIAL
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)

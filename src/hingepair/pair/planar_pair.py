@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.engine.backend import choose
 from hingepair.errors import ArgumentError, quoted
-from hingepair.evaluation.backend import choose
-from hingepair.evaluation.plan import PLANAR
 from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, vectors
 from hingepair.numeric.blocks import components_of, numbers
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
@@ -26,6 +25,7 @@ from hingepair.pair.forward_kinematics import Outputs, Rows
 from hingepair.pair.hinge_pair import HingePair, checked_body
 from hingepair.pair.prepared import arrays_of
 from hingepair.pair.states import PlanarState
+from hingepair.plans.plan import PLANAR
 from hingepair.rotations.matrices import rotation_exp
 
 PLANAR_GRAVITY = (0.0, -9.81)

@@ -8,15 +8,15 @@ from typing import Final
 
 from numpy.typing import ArrayLike
 
+from hingepair.engine.backend import How
 from hingepair.errors import ArgumentError, choices, quoted
-from hingepair.evaluation.backend import How
-from hingepair.evaluation.dynamics_steps import LOADS, MASSES, MOVES, REQUIRED
-from hingepair.evaluation.plan import SPATIAL, check_outputs, default_outputs, make_plan
-from hingepair.evaluation.steps import ATTITUDE_STEPS
 from hingepair.pair import dynamics
 from hingepair.pair.constants import HINGE_FRAMES, Constants, with_hinge_frames
 from hingepair.pair.derivatives import POSE_SENSITIVITIES, RATE_SENSITIVITIES
 from hingepair.pair.prepared import CHECK, QUATERNIONS, Prepared
+from hingepair.plans.dynamics_steps import LOADS, MASSES, MOVES, REQUIRED
+from hingepair.plans.plan import SPATIAL, check_outputs, default_outputs, make_plan
+from hingepair.plans.steps import ATTITUDE_STEPS
 from hingepair.rotations.sequences import find_sequence
 
 _KINDS: Final = {

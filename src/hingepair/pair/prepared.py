@@ -11,19 +11,19 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.engine.array_heads import address
+from hingepair.engine.backend import Account, How
+from hingepair.engine.binding import bind, rows_of
+from hingepair.engine.llvm_ir import FIELDS, SCATTERED, SIDE_BY_SIDE
+from hingepair.engine.loops import Program
 from hingepair.errors import ArgumentError, RotationError, quoted
-from hingepair.evaluation.array_heads import address
-from hingepair.evaluation.backend import Account, How
-from hingepair.evaluation.binding import bind, rows_of
-from hingepair.evaluation.llvm_ir import FIELDS, SCATTERED, SIDE_BY_SIDE
-from hingepair.evaluation.loops import Program
-from hingepair.evaluation.plan import Plan, loop_of, make_plan
-from hingepair.evaluation.steps import ATTITUDE_STEPS
 from hingepair.numeric.array_libraries import library_of
 from hingepair.numeric.arrays import broadcast_shape, real_array, result_dtype, vectors
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import AUTO, STATES, Out, dtype_of, evaluate, evaluate_foreign, rooms, written
 from hingepair.pair.states import Spans, State, spans_of
+from hingepair.plans.plan import Plan, loop_of, make_plan
+from hingepair.plans.steps import ATTITUDE_STEPS
 from hingepair.rotations.matrices import TOLERANCE, check_rotation
 
 CHECK: Final = "attitude_check"

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
-from hingepair.evaluation.plan import make_plan
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only, real_array
 from hingepair.numeric.tables import Sheet, Shown, aligned, instant, json_text, left_out
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.pair.prepared import arrays_of
+from hingepair.plans.plan import make_plan
 
 _HEADER = (
     *("residual", "", "rms", "largest", "worst", "unit", "tolerance", "worst/tolerance", "at sample", "at t"),

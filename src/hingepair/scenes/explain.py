@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hingepair.evaluation.loops import Operations
-from hingepair.evaluation.plan import PLANAR, SPATIAL, default_outputs, make_plan, steps_of
-from hingepair.evaluation.steps import PARTS, WITHOUT_HOME
+from hingepair.engine.loops import Operations
 from hingepair.pair.evaluate import count_operations
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.plans.plan import PLANAR, SPATIAL, default_outputs, make_plan, steps_of
+from hingepair.plans.steps import PARTS, WITHOUT_HOME
 from hingepair.scenes.known_motion import KnownMotion
 
 _MEANING = {

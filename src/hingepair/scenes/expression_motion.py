@@ -13,10 +13,10 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.evaluation.plan import ACCELERATION
-from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES
 from hingepair.integration.signals import Function as Signal
 from hingepair.numeric.arrays import Float64Array
+from hingepair.plans.plan import ACCELERATION
+from hingepair.plans.steps import COORDINATES, PLANAR_COORDINATES
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.instants import Instants, Rows, held_instants, read_instants
 from hingepair.scenes.integrated_motion import START, integrated

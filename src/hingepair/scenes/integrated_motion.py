@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hingepair.evaluation.backend import choose
+from hingepair.engine.backend import choose
 from hingepair.integration.integrate import FRAMES
 from hingepair.integration.methods import RULES
 from hingepair.integration.signals import Signal

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.evaluation.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_ROW_STEPS, ROW_STEPS
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import euler_rate_sizes, given_rate_sizes
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
+from hingepair.plans.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_ROW_STEPS, ROW_STEPS
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.instants import Rows
 

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import choices, nearest
-from hingepair.evaluation.plan import PLANAR, SPATIAL
 from hingepair.integration.signals import Samples
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.column_file import Wanted, csv_column, read_columns
 from hingepair.numeric.finite_differences import check_instants, differentiate
 from hingepair.pair.evaluate import AUTO
+from hingepair.plans.plan import PLANAR, SPATIAL
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCES

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.errors import ArgumentError
-from hingepair.evaluation.plan import ACCELERATION
 from hingepair.integration.trajectory import Later
 from hingepair.numeric.arrays import one_constant
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.plans.plan import ACCELERATION
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.known_motion import KnownMotion
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, choices, quoted
-from hingepair.evaluation.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, Kind, check_outputs
 from hingepair.integration.trajectory import span
 from hingepair.numeric.arrays import Frozen, read_only
 from hingepair.numeric.tables import Sheet, Shown, cell, instant, unit_of
@@ -23,6 +22,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import MOST_HELD, ROWS, Record, Result
 from hingepair.pair.states import PairState, PlanarState, lacking
+from hingepair.plans.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, Kind, check_outputs
 from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.known_motion import ByBody1, Derivatives, KnownMotion

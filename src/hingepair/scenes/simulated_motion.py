@@ -11,14 +11,14 @@ import numpy as np
 
 from hingepair.dynamics.loads import HingeLoad, Moving
 from hingepair.dynamics.simulate import BASES, SimulatedMotion, SimulatedPlanarMotion, SimulationError, simulate
-from hingepair.evaluation.plan import ACCELERATION
-from hingepair.evaluation.steps import COORDINATES, PLANAR_COORDINATES
 from hingepair.integration.trajectory import Later
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.dynamics import DynamicsWarning
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.plans.plan import ACCELERATION
+from hingepair.plans.steps import COORDINATES, PLANAR_COORDINATES
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.expression_motion import read_coordinates
 from hingepair.scenes.instants import held_instants

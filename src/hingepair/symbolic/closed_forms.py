@@ -14,12 +14,12 @@ from typing import Any, Final, TypeAlias
 
 import sympy
 
+from hingepair.engine.loops import components
 from hingepair.errors import ArgumentError
-from hingepair.evaluation.loops import components
-from hingepair.evaluation.plan import PLANAR, SPATIAL, Kind, check_outputs, make_plan
 from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.plans.plan import PLANAR, SPATIAL, Kind, check_outputs, make_plan
 from hingepair.symbolic.jets import SYMPY_ERRORS, Jet, JetProgram, time_symbol
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import count_letters, in_order

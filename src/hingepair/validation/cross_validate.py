@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.evaluation.plan import PLANAR, SPATIAL
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import error_ratios, euler_rate_sizes, given_rate_sizes, output_scales, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.forward_kinematics import read_coordinates
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
+from hingepair.plans.plan import PLANAR, SPATIAL
 from hingepair.validation.pinocchio_twin import PinocchioTwin, frame_motion, import_pinocchio, to_pinocchio
 from hingepair.validation.report import Comparison, CrossValidation
 

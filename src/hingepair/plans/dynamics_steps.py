@@ -8,7 +8,7 @@ import operator
 from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
 from hingepair.equations.spatial import Vector
-from hingepair.evaluation.steps import ARM_STEPS, Step, same
+from hingepair.plans.steps import ARM_STEPS, Step, same
 
 
 def _nothing() -> Vector:

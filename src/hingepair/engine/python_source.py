@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hingepair.evaluation.trace import Operand, Value, needed_lines
+from hingepair.engine.trace import Operand, Value, needed_lines
 from hingepair.numeric.blocks import versine, versines
 
 _WIDTH = 110

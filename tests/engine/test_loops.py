@@ -8,13 +8,13 @@ import platform
 import numpy as np
 import pytest
 
+from hingepair.engine import array_heads, binding, native
+from hingepair.engine.backend import Account, How
+from hingepair.engine.llvm_ir import LANES
+from hingepair.engine.loops import Loop
+from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
 from hingepair.equations import spatial as eq
-from hingepair.evaluation import array_heads, binding, native
-from hingepair.evaluation.backend import Account, How
-from hingepair.evaluation.llvm_ir import LANES
-from hingepair.evaluation.loops import Loop
-from hingepair.evaluation.plan import SPATIAL, make_plan
-from hingepair.evaluation.trace import arc_tangent, hypotenuse, square_root, where_less
+from hingepair.plans.plan import SPATIAL, make_plan
 from support.sparse import sparse
 
 F8, F4 = np.dtype(np.float64), np.dtype(np.float32)

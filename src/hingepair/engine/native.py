@@ -11,8 +11,8 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from hingepair.engine.backend import give_up
 from hingepair.errors import MissingDependencyError
-from hingepair.evaluation.backend import give_up
 
 _lock = threading.RLock()
 if hasattr(os, "register_at_fork"):  # a fork waits for what is being imported or compiled: the child starts whole

@@ -11,11 +11,13 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
+from hingepair.engine.loops import Loop
+from hingepair.engine.trace import name_lines
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, choices, quoted
-from hingepair.evaluation.dynamics_steps import LOADS, MASS_STEPS, forward_steps
-from hingepair.evaluation.loops import Loop
-from hingepair.evaluation.steps import (
+from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
+from hingepair.plans.dynamics_steps import LOADS, MASS_STEPS, forward_steps
+from hingepair.plans.steps import (
     ATTITUDE_STEPS,
     CONSTRAINT_STEPS,
     COORDINATES,
@@ -35,8 +37,6 @@ from hingepair.evaluation.steps import (
     coordinate_steps,
     same,
 )
-from hingepair.evaluation.trace import name_lines
-from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
 from hingepair.rotations.sequences import find_sequence
 
 Tail: TypeAlias = tuple[int, ...]

@@ -16,8 +16,8 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.evaluation.array_heads import address
-from hingepair.evaluation.llvm_ir import FIELDS, LANES, OFF_LINES, ON_LINES, PIECE, SCATTERED, SIDE_BY_SIDE
+from hingepair.engine.array_heads import address
+from hingepair.engine.llvm_ir import FIELDS, LANES, OFF_LINES, ON_LINES, PIECE, SCATTERED, SIDE_BY_SIDE
 
 Tail: TypeAlias = tuple[int, ...]
 Spec: TypeAlias = tuple[tuple[str, Tail], ...]

@@ -7,11 +7,11 @@ import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
 from hingepair.equations import constraints as ce
 from hingepair.equations import derivatives as by
 from hingepair.equations import spatial as eq
 from hingepair.equations.spatial import Scalar, Vector
-from hingepair.evaluation.trace import arc_tangent, hypotenuse, square_root, where_less
 from hingepair.numeric.blocks import Components, hinge_cosine, hinge_terms, turn_terms
 from hingepair.rotations.sequences import find_sequence
 

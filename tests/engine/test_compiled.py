@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.evaluation import binding
-from hingepair.evaluation.backend import How
-from hingepair.evaluation.llvm_ir import LANES
-from hingepair.evaluation.loops import Loop
-from hingepair.evaluation.plan import SPATIAL, default_outputs, loop_of, make_plan
+from hingepair.engine import binding
+from hingepair.engine.backend import How
+from hingepair.engine.llvm_ir import LANES
+from hingepair.engine.loops import Loop
+from hingepair.plans.plan import SPATIAL, default_outputs, loop_of, make_plan
 from hingepair.rotations.sequences import SEQUENCES
 from support.sparse import sparse
 from support.states import coordinates, generator, pair, rotations
@@ -331,7 +331,7 @@ def test_a_fork_while_a_program_is_written_can_write_its_own():
     code = """
 import os, threading
 import numpy as np, hingepair as hp
-from hingepair.evaluation import python_source
+from hingepair.engine import python_source
 pair, q = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)), np.ones((9, 7))
 write, writing, forked = python_source.source_of, threading.Event(), threading.Event()
 def source_of(*arguments):

@@ -23,7 +23,7 @@ import struct
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from hingepair.evaluation.trace import Operand, Value, needed_lines
+from hingepair.engine.trace import Operand, Value, needed_lines
 
 LANES: Final = 8
 FIELDS: Final = 5

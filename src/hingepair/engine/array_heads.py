@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.evaluation.llvm_ir import FIELDS, SIDE_BY_SIDE
+from hingepair.engine.llvm_ir import FIELDS, SIDE_BY_SIDE
 
 _TYPE: Final = object.__basicsize__ - 8  # where an object says its type
 _HEAD: Final = object.__basicsize__  # where an array's own part begins, and a float's number is

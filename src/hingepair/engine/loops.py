@@ -18,11 +18,10 @@ from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import MissingDependencyError
-from hingepair.evaluation import python_source
-from hingepair.evaluation.array_heads import known_heads, objects_ir
-from hingepair.evaluation.backend import Account, How, give_up
-from hingepair.evaluation.binding import (
+from hingepair.engine import python_source
+from hingepair.engine.array_heads import known_heads, objects_ir
+from hingepair.engine.backend import Account, How, give_up
+from hingepair.engine.binding import (
     Bound,
     Pattern,
     Spec,
@@ -33,8 +32,8 @@ from hingepair.evaluation.binding import (
     rows_of,
     walk,
 )
-from hingepair.evaluation.llvm_ir import Carry, Group, kernel_ir
-from hingepair.evaluation.trace import (
+from hingepair.engine.llvm_ir import Carry, Group, kernel_ir
+from hingepair.engine.trace import (
     FUNCTIONS,
     Operand,
     Trace,
@@ -44,6 +43,7 @@ from hingepair.evaluation.trace import (
     needed_lines,
     operations,
 )
+from hingepair.errors import MissingDependencyError
 from hingepair.numeric.arrays import Block, load, split
 
 Rooms: TypeAlias = Mapping[str, NDArray[Any]]
@@ -215,7 +215,7 @@ class Program:
         key = (still, parts, char)
         found = self.kernels.get(key)
         if found is None:
-            from hingepair.evaluation.native import Kernel, can_fuse
+            from hingepair.engine.native import Kernel, can_fuse
 
             found = self.kernels[key] = Kernel(
                 self.llvm(*key, fuse=can_fuse() and not self.loop.exact), self._objects(*key)

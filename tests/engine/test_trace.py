@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from hingepair.evaluation import python_source
-from hingepair.evaluation.trace import (
+from hingepair.engine import python_source
+from hingepair.engine.trace import (
     Trace,
     arc_tangent,
     hypotenuse,
