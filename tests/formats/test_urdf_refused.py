@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import pinocchio as pin
 import pytest
 
 from hingepair.errors import HingePairError, URDFError
@@ -22,7 +23,7 @@ def test_a_robot_without_hinges_says_so():
         from_urdf("<robot name='r'><link name='a'/></robot>", "knee")
 
 
-NO_LINK = "expected a parent and a child that are links of the robot, got"
+NO_LINK = "expected a parent and a child that are links of the robot"
 ONE_BODY = "expected a parent and a child that are not fixed to each other, got"
 
 
@@ -53,22 +54,22 @@ def test_a_frame_that_is_not_fixed_is_refused(frames, message):
         ('rpy="0.1 -0.2 0.3"', 'rpy="${pi} 0 0"', "joint 'shoulder', origin rpy"),
         ('xyz="0 0 2"', 'xyz="0 0 x"', "joint 'shoulder', axis xyz"),
         ('xyz="0 0 2"', 'xyz="0 0 0"', "joint 'shoulder', axis xyz: expected a non-zero axis"),
-        ('<parent link="base"/>', "", f"joint 'shoulder': {NO_LINK} none"),
-        ('<child link="upper"/>', "<child/>", f"joint 'shoulder': {NO_LINK} none"),
+        ('<parent link="base"/>', "", f"joint 'shoulder': {NO_LINK}, got none"),
+        ('<child link="upper"/>', "<child/>", f"joint 'shoulder': {NO_LINK}, got none"),
         ('name="elbow"', 'name="shoulder"', "joint: expected each name once, got 'shoulder' twice"),
-        ('<link name="lower"/>', '<link name="upper"/>', "link: expected each name once"),
+        ('<link name="base"/>', '<link name="base"/><link name="upper"/>', "link: expected each name once"),
         ('<child link="lower"/>', '<child link="upper"/>', "child link: expected each name once"),
         (
             '<parent link="upper"/> <child link="lower"/>',
             '<parent link="upper"/> <child link="upper"/>',
             "child link: e",
         ),
-        ('<link name="upper"/>', "", f"joint 'shoulder': {NO_LINK} 'upper'"),
-        ('<parent link="base"/>', '<parent link="bse"/>', f"joint 'shoulder': {NO_LINK} 'bse'"),
+        ('<link name="upper"/>', "", f"joint 'elbow': {NO_LINK}"),
+        ('<parent link="base"/>', '<parent link="bse"/>', f"joint 'shoulder': {NO_LINK} (nearest: base), got 'bse'"),
         ('<parent link="base"/>', '<parent link="upper"/>', f"joint 'shoulder': {ONE_BODY} 'upper' and 'upper'"),
         ('<parent link="base"/>', '<parent link="camera"/>', f"joint 'shoulder': {ONE_BODY} 'camera' and 'upper'"),
-        ('<link name="camera"/>', "", f"joint 'weld': {NO_LINK} 'camera'"),
-        ('<child link="camera"/>', "", f"joint 'weld': {NO_LINK} none"),
+        ('<link name="camera"/>', "", f"joint 'weld': {NO_LINK}, got 'camera'"),
+        ('<child link="camera"/>', "", f"joint 'weld': {NO_LINK}, got none"),
         ('<child link="camera"/>', '<child link="upper"/>', "child link: expected each name once, got 'upper' twice"),
         ("robot", "model", "URDF: expected the element <robot>, got <model>"),
     ],
@@ -79,6 +80,23 @@ def test_a_malformed_urdf_is_refused_by_name(old, new, message):
         from_urdf(ARM.replace(old, new), "elbow" if "'elbow'" in message else "shoulder")
     assert str(raised.value).startswith(message)
     assert isinstance(raised.value, ValueError)
+
+
+@pytest.mark.parametrize("kind", ["fixed", "revolute", "prismatic"])
+def test_a_joint_on_an_undeclared_link_is_refused_as_pinocchio_refuses_it(kind):
+    mass = '<inertial><mass value="{}"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    joint = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><limit effort="1" velocity="1"/></joint>'
+    links = "".join(f'<link name="{name}">{mass.format(kg)}</link>' for name, kg in (("a", 1), ("b", 2), ("c", 5)))
+    joints = joint.format("j", "revolute", "a", "b") + joint.format("k", kind, "b", "c")
+    text = f'<robot name="r">{links}{joints}</robot>'
+    assert from_urdf(text, "j").body2.mass == (7 if kind == "fixed" else 2)
+    assert sum(inertia.mass for inertia in pin.buildModelFromXML(text).inertias) == 8
+    misspelt = text.replace('<parent link="b"/>', '<parent link="bb"/>')
+    with pytest.raises(ValueError, match="valid URDF"):
+        pin.buildModelFromXML(misspelt)
+    for read in (read_urdf, lambda text: from_urdf(text, "j")):
+        with pytest.raises(URDFError, match=r"joint 'k': .* links of the robot \(nearest: b\), got 'bb'"):
+            read(misspelt)
 
 
 def test_links_fixed_in_a_circle_are_refused():

@@ -2,7 +2,8 @@
 
 A body is all links that are rigidly fixed to each other, taken together; the joint's child link has its origin at the
 hinge point. Links and joints are read and checked when they are asked for: a robot has parts that a hinge has nothing
-to do with, and what is wrong with these refuses nobody.
+to do with, and what is wrong with these refuses nobody. Every joint's parent link must be declared: with a misspelt
+parent, what the joint carries would be missing from the body that it belongs to.
 """
 
 from __future__ import annotations
@@ -60,7 +61,8 @@ def from_urdf(
     Raises:
         URDFError: no readable URDF, or no such hinge or frame; says what would do. The hinge's limits are the wrong
             way round, its parent or child link is not declared or is one body with the other, a number of its two
-            bodies is none. What is wrong elsewhere in the robot does not matter.
+            bodies is none. What is wrong elsewhere in the robot does not matter, but for a joint whose parent link
+            is not declared: the links that it carries may belong to either body.
 
     >>> import hingepair as hp
     >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
@@ -191,8 +193,7 @@ class Robot:
         """
         links = self.links.get(name, ())
         if not links:
-            got = quoted(name) if name else "none"
-            raise URDFError(f"joint {joint.name!r}", "a parent and a child that are links of the robot", got)
+            raise _undeclared(joint, name, self.links)
         if len(links) > 1:
             raise URDFError("link", "each name once", f"{name!r} twice")
         if sum(joint.child == name for joint in self.joints_at[name]) > 1:
@@ -207,7 +208,7 @@ def read_urdf(path_or_text: str | os.PathLike[str]) -> Robot:
 
     Raises:
         URDFError: the file cannot be read; not XML, a DOCTYPE in it (it could name files or grow without bound), not
-            a robot.
+            a robot; a joint's parent link is not declared: whatever the joint carries would hang on nothing.
     """
     parser = ET.XMLParser(target=_NoDoctype())
     try:
@@ -224,9 +225,17 @@ def read_urdf(path_or_text: str | os.PathLike[str]) -> Robot:
         links[element.get("name", "")].append(element)
     joints = [_joint(element) for element in root.findall("joint")]
     for joint in joints:
+        if joint.parent not in links:
+            raise _undeclared(joint, joint.parent, links)
         for link in {joint.parent, joint.child}:
             joints_at[link].append(joint)
     return Robot(root.get("name", ""), links, joints, joints_at)
+
+
+def _undeclared(joint: Joint, link: str, links: Collection[str]) -> URDFError:
+    """Return the error of a joint whose parent or child is no link of the robot."""
+    expected = "a parent and a child that are links of the robot"
+    return URDFError(f"joint {joint.name!r}", expected + nearest(link, links), quoted(link) if link else "none")
 
 
 def _joint(element: ET.Element) -> Joint:
