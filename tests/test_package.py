@@ -55,8 +55,8 @@ def test_everything_exported_exists_once() -> None:
 
 
 WINGS = (
-    *("errors", "numeric", "equations", "engine", "rotations", "plans", "pair", "measured", "integration"),
-    *("dynamics", "symbolic", "formats", "validation", "scenes", "pictures", "bench", "cli"),
+    *("errors", "numeric", "equations", "engine", "rotations", "plans", "pair", "mechanism", "measured"),
+    *("integration", "dynamics", "symbolic", "formats", "validation", "scenes", "pictures", "bench", "cli"),
 )
 """From below."""
 

@@ -1,0 +1,150 @@
+"""The record of a robot that readers make and `Mechanism` computes with: a tree of bodies and joints that move.
+
+A body is everything that moves together: links joined by fixed or locked joints are one body. Body 0 is the base,
+body k >= 1 is what joint k moves; `Tree.joints[k - 1]` is joint k. Joints stand depth-first, siblings by the joint's
+name, as in Pinocchio, so that a parent stands before its children.
+
+The reference point of body k >= 1 is the point of joint k (the origin of the child link in URDF), and its axes are
+those of the child link. In the axes of the parent, its reference point and axes are
+
+    hinge:   R = u,            attitude S Sh(n, q)        (E5, E6 with u2 = 0: S Sh(n, q) = Sh(S n, q) S)
+    slider:  R = u + S n q,    attitude S
+
+with n the joint's axis in the body's own axes, of unit length. The base has the axes of the root link.
+
+Numbers are trusted: whoever makes a record has checked them. Entries that are 0, 1 or -1 exactly fold away in every
+program, so that an entry which should be one of them must be it to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.numeric.arrays import Frozen, read_only
+
+Kind = Literal["hinge", "slider"]
+
+
+class Mimic(NamedTuple):
+    """The rule of a joint that follows another: q = multiplier * (q of the leader) + offset.
+
+    Attributes:
+        leader: number of the joint that is followed, from 1 on; it follows none itself and may stand later.
+        multiplier: ratio of the rates.
+        offset: q of the joint where the leader's is 0 [rad or m].
+    """
+
+    leader: int
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MassProperties(Frozen):
+    """Mass properties of one body, as they were written: what no rigid body can have is kept.
+
+    Attributes:
+        mass: [kg].
+        center_of_mass: from the body's reference point, its own axes [m]; shape (3,). Zero where the mass is 0.
+        inertia: about the centre of mass, own axes [kg m^2]; shape (3, 3), symmetric. Where the mass is 0: the sum of
+            the inertias, about the reference point.
+    """
+
+    mass: float
+    center_of_mass: NDArray[np.float64]
+    inertia: NDArray[np.float64]
+
+
+NO_MASS = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.zeros((3, 3))))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint(Frozen):
+    """A joint that moves, and the body that it moves.
+
+    Attributes:
+        name: of the joint.
+        kind: "hinge" or "slider"; a continuous joint is a hinge without limits.
+        parent: number of the body that carries it; 0 is the base.
+        u: its point in the parent body's axes, from the parent's reference point [m]; shape (3,).
+        S: attitude of its body at q = 0 in the parent body's axes; shape (3, 3).
+        n: its unit axis, in the axes of its body; shape (3,).
+        body: mass properties of its body.
+        position_limits: least and greatest q [rad or m]; infinite where there is none.
+        rate_limit: largest rate [rad/s or m/s]; infinite where there is none.
+        effort_limit: largest torque or force of its motor [N m or N]; infinite where there is none.
+        mimic: the joint that it follows; None of a joint with a coordinate of its own.
+    """
+
+    name: str
+    kind: Kind
+    parent: int
+    u: NDArray[np.float64]
+    S: NDArray[np.float64]
+    n: NDArray[np.float64]
+    body: MassProperties
+    position_limits: tuple[float, float] = (-np.inf, np.inf)
+    rate_limit: float = np.inf
+    effort_limit: float = np.inf
+    mimic: Mimic | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame(Frozen):
+    """A frame that is fixed in a body: a link, a fixed joint, or one that the user added.
+
+    Attributes:
+        body: number of the body; 0 is the base.
+        R: its origin from the body's reference point, in the body's axes [m]; shape (3,).
+        S: rotation from its axes to the body's; shape (3, 3).
+    """
+
+    body: int
+    R: NDArray[np.float64]
+    S: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tree(Frozen):
+    """A robot whose fixed and locked joints are folded into their parents.
+
+    Attributes:
+        name: of the robot.
+        joints: those that move, mimic joints included, in the order of the module's docstring.
+        base: mass properties of the base; on a fixed base they count nowhere.
+        links: frames of the links by name, the root link first and each link after its parent.
+        frames: further frames by name: fixed and locked joints (the child link's frame) and those that users added.
+            A joint that moves is not among them: its frame is that of its body.
+        tips: the links whose frames are computed unless others are named: those that carry no further link, on bodies
+            that carry no further joint, in the order of `links`; at least one.
+        notes: what a DynamicsWarning says at the first call of dynamics: masses that are assumed, and masses that no
+            rigid body can have; whole sentences that name the link.
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    base: MassProperties
+    links: Mapping[str, Frame]
+    frames: Mapping[str, Frame]
+    tips: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def coordinates(self) -> tuple[Joint, ...]:
+        """The joints with a coordinate of their own, in the order of q: all but the mimic joints."""
+        return tuple(joint for joint in self.joints if joint.mimic is None)
+
+    def frame(self, name: str) -> Frame | None:
+        """The frame of a link, of a further frame, or of a joint, in this order; None where there is none."""
+        known = self.links.get(name) or self.frames.get(name)
+        if known is not None:
+            return known
+        for number, joint in enumerate(self.joints, 1):
+            if joint.name == name:
+                return Frame(number, read_only(np.zeros(3)), read_only(np.eye(3)))
+        return None
