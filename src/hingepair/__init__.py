@@ -50,9 +50,9 @@ if TYPE_CHECKING:
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
     from hingepair.measured.hinge_fit import HingeFit, fit
     from hingepair.measured.inertial import AnchorFit, AxisFit, fit_anchor, fit_axis
-    from hingepair.measured.instants import MeasurementWarning
     from hingepair.measured.resample import resample
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
+    from hingepair.numeric.instants import MeasurementWarning
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
     from hingepair.pictures.page import view
     from hingepair.pictures.plot import plot
@@ -148,9 +148,9 @@ _LATER = {
         "integration.trajectory": "PlanarTrajectory Trajectory",
         "measured.hinge_fit": "HingeFit fit",
         "measured.inertial": "AnchorFit AxisFit fit_anchor fit_axis",
-        "measured.instants": "MeasurementWarning",
         "measured.resample": "resample",
         "measured.smooth": "SmoothedAngle SmoothedMotion smooth",
+        "numeric.instants": "MeasurementWarning",
         "pair.body": "Body Box Cylinder Sphere",
         "pictures.page": "view",
         "pictures.plot": "plot",

@@ -788,13 +788,13 @@ FAULTS = {
     ),
     # measured motion
     "stamps since 1970 subtracted as floats": Fault(
-        "measured/instants.py",
+        "numeric/instants.py",
         "differences = stamps - first",
         "differences = stamps.astype(float) - float(first)",
         "measured/test_resample.py::test_two_clocks_of_nanoseconds_meet",
     ),
     "gaps bridged": Fault(
-        "measured/instants.py",
+        "numeric/instants.py",
         "> max(gaps, 1.5 * usual)",
         "> 1e9 * max(gaps, 1.5 * usual)",
         "measured/test_smooth.py::test_gaps_stay_gaps_and_holes_are_filled",

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, FitError, MissingDependencyError, ShapeError
 from hingepair.measured.findings import check_turning, findings
 from hingepair.measured.hinge import GAUGES, derivatives, offset, shortest_turn
-from hingepair.measured.instants import recorded
 from hingepair.measured.likelihood import LOSSES, judged, most_likely, without_bias
 from hingepair.measured.relative_poses import closed_form, closed_form_of_most, relative_poses
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, check_choice, read_only, real_array
+from hingepair.numeric.instants import recorded
 from hingepair.numeric.tables import Sheet, Shown, cell, unit_of
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.hinge_pair import HingePair

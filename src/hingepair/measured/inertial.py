@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.hinge import frame, sign_of, turned
-from hingepair.measured.instants import checked_gaps, pieces, recorded
 from hingepair.measured.spline import FEWEST, smooth_columns
 from hingepair.numeric.arrays import Float64Array, read_only, vectors
+from hingepair.numeric.instants import checked_gaps, pieces, recorded
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import skew
 

@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, RotationError, nearest
-from hingepair.measured.instants import recorded
 from hingepair.measured.resample import resample
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.column_file import Columns, Wanted, csv_column, read_columns
+from hingepair.numeric.instants import recorded
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.results import column_names
 from hingepair.rotations.matrices import project_to_rotation

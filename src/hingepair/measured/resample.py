@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ShapeError
-from hingepair.measured.instants import checked_gaps, elapsed, pieces, recorded
 from hingepair.numeric.arrays import Float64Array, real_array
+from hingepair.numeric.instants import checked_gaps, elapsed, pieces, recorded
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
@@ -71,7 +71,7 @@ def resample(
 def interpolated(
     t: Float64Array, values: Float64Array, to: Float64Array, gaps: float, rotations: bool = False
 ) -> Float64Array:
-    """Columns, or rotations, at other instants; instants as `hingepair.measured.instants.recorded` returns them."""
+    """Columns, or rotations, at other instants; instants as `hingepair.numeric.instants.recorded` returns them."""
     found = np.full((to.size, *values.shape[1:]), np.nan)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
     where = pieces(t, known, gaps)

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError
-from hingepair.measured.instants import MeasurementWarning, checked_gaps, pieces, recorded, warn_of_jitter
 from hingepair.measured.resample import interpolated
 from hingepair.measured.spline import FEWEST, Smoothed, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, finite_number, read_only, real_array
+from hingepair.numeric.instants import MeasurementWarning, checked_gaps, pieces, recorded, warn_of_jitter
 from hingepair.numeric.tables import unit_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples

@@ -1,6 +1,6 @@
 """What every wing counts on.
 
 Checks at the border, broadcasting and blocks, arithmetic in twice the precision and with error bounds, unit vectors,
-finite differences, arrays of other libraries, tables, files of columns and files written whole. Imports the errors
-only.
+finite differences, instants of recordings, numbers in doubtful units, arrays of other libraries, tables, files of
+columns and files written whole. Imports the errors only.
 """

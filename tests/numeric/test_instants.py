@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.measured.instants import elapsed, pieces, recorded
+from hingepair.numeric.instants import elapsed, pieces, recorded
 
 STEP_NS = 5_000_001
 
