@@ -1,0 +1,83 @@
+"""Sentences about numbers that are probably in another unit than expected: milliseconds, degrees, millimetres.
+
+A suspicion is no error: the numbers can be right. So nothing here raises; callers add the sentences to their notes,
+findings or warnings. Each function returns a list of sentences, which is empty where nothing is suspicious.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hingepair.numeric.arrays import Float64Array
+
+_MIN_SUSPICIOUS_STEP = 1.0  # [s]: sensors of motion take at least one sample a second
+_MAX_SUSPICIOUS_STEP = 1e-6  # [s]: no sensor of motion takes a million samples a second
+_MIN_SUSPICIOUS_SPAN, _MAX_SUSPICIOUS_SPAN = 4 * np.pi, 720.0
+"""Spans of hinge angles that are suspicious [rad]: more than two turns, and fewer than two turns if read as degrees.
+What spans more is a wheel in either unit."""
+_MIN_SUSPICIOUS_DISTANCE = 50.0  # [m] between the reference points of two bodies that share a hinge
+_SMALLER_UNITS_OF_TIME = (
+    (500.0, "milliseconds", "1e-3"),
+    (5e5, "microseconds", "1e-6"),
+    (np.inf, "nanoseconds", "1e-9"),
+)
+"""(largest step, unit, factor to seconds): the unit in which a step is that of a usual recording."""
+
+
+def instant_suspicions(name: str, t: Float64Array) -> list[str]:
+    """Return what is suspicious about the unit of instants that should be seconds.
+
+    Args:
+        name: what the caller's messages call the instants, such as "t" or "log.csv: t".
+        t: instants, increasing; shape (N,) s. NaN is stepped over.
+
+    >>> instant_suspicions("t", np.arange(5) * 2.0)
+    ['t steps by 2 s: is it in seconds? Milliseconds become seconds by 1e-3 * t.']
+    """
+    steps = np.diff(t[np.isfinite(t)])
+    if not steps.size:
+        return []
+    step = float(np.median(steps))
+    if step >= _MIN_SUSPICIOUS_STEP:
+        unit, factor = next((unit, factor) for most, unit, factor in _SMALLER_UNITS_OF_TIME if step <= most)
+        return [
+            f"{name} steps by {step:.3g} s: is it in seconds? {unit.capitalize()} become seconds by {factor} * t."
+        ]
+    if 0 < step <= _MAX_SUSPICIOUS_STEP:
+        return [f"{name} steps by {step:.3g} s: is it in seconds? Days become seconds by 86400 * t."]
+    return []
+
+
+def angle_suspicions(name: str, angles: Float64Array) -> list[str]:
+    """Return what is suspicious about the unit of a hinge angle, or of other angles, that should be radians.
+
+    Args:
+        name: what the caller's messages call the angle, such as "psi".
+        angles: samples of one angle; shape (N,) rad. NaN is stepped over.
+
+    >>> angle_suspicions("psi", np.array([-90.0, 20.0, 90.0]))
+    ['psi spans 180 rad, 28.6 turns: is it in radians? Degrees become radians by numpy.radians(psi).']
+    """
+    known = angles[np.isfinite(angles)]
+    span = float(np.ptp(known)) if known.size else 0.0
+    if not _MIN_SUSPICIOUS_SPAN < span <= _MAX_SUSPICIOUS_SPAN:
+        return []
+    turns = f"{name} spans {span:.3g} rad, {span / (2 * np.pi):.3g} turns"
+    return [f"{turns}: is it in radians? Degrees become radians by numpy.radians({name})."]
+
+
+def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
+    """Return what is suspicious about the unit of distances between the bodies of a pair that should be metres.
+
+    Args:
+        name: what the caller's messages call the distance, such as "R2 - R1".
+        distances: shape (N,) m. NaN is stepped over.
+
+    >>> distance_suspicions("R2 - R1", np.array([480.0, 510.0, 520.0]))
+    ['R2 - R1 is 510 m long: is it in metres? Millimetres become metres by the factor 1e-3.']
+    """
+    known = distances[np.isfinite(distances)]
+    middle = float(np.median(known)) if known.size else 0.0
+    if middle < _MIN_SUSPICIOUS_DISTANCE:
+        return []
+    return [f"{name} is {middle:.3g} m long: is it in metres? Millimetres become metres by the factor 1e-3."]
