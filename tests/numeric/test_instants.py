@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.numeric.instants import elapsed, pieces, recorded
+from hingepair.numeric.instants import elapsed_seconds, increasing_seconds, pieces
 
 STEP_NS = 5_000_001
 
@@ -14,17 +14,17 @@ STEP_NS = 5_000_001
 def test_nanoseconds_since_1970_lose_nothing() -> None:
     t = 1_700_000_000_123_456_789 + STEP_NS * np.arange(5)
     for stamps in (t, t.astype("datetime64[ns]"), t.astype(np.uint64)):
-        seconds, _ = recorded("t", stamps)
+        seconds, _ = increasing_seconds("t", stamps)
         assert np.abs(seconds - STEP_NS * 1e-9 * np.arange(5)).max() <= 2e-18
 
 
 def test_other_stamps_of_the_same_clock_count_from_the_same_instant() -> None:
     t = np.datetime64("2026-11-21T10:00:00.000000000") + np.arange(4) * np.timedelta64(STEP_NS, "ns")
-    _, first = recorded("t", t)
-    seconds, _ = elapsed("to", t[2:].astype("datetime64[ns]"), first)
+    _, first = increasing_seconds("t", t)
+    seconds, _ = elapsed_seconds("to", t[2:].astype("datetime64[ns]"), first)
     assert seconds[0] == pytest.approx(2 * STEP_NS * 1e-9, abs=1e-18)
     with pytest.raises(hp.DtypeError, match="to: expected datetime64, got float seconds"):
-        elapsed("to", [0.1], first)
+        elapsed_seconds("to", [0.1], first)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_other_stamps_of_the_same_clock_count_from_the_same_instant() -> None:
 )
 def test_stamps_that_cannot_be_used_are_named(t: object, words: str) -> None:
     with pytest.raises(hp.ArgumentError, match=words) as caught:
-        recorded("t", t)
+        increasing_seconds("t", t)
     assert caught.value.name == "t"
 
 

@@ -105,8 +105,9 @@ def integrate(
 
     omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), or one
     constant (3,) or (); samples at t; or a constant. Samples are interpolated by polynomials of degree 5, which
-    presumes a smooth motion: at a kink or across a gap they swing. Stamps since 1970 cost no digits. With `magnus6`
-    this is what strapdown navigation knows as multi-sample coning correction (Bortz, Miller, Savage).
+    presumes a smooth motion: at a kink or across a gap they swing. Only differences of instants enter; seconds since
+    1970 as floats are rounded to 2.4e-7 s, so subtract the first instant in the numbers that the clock gives. With
+    `magnus6` this is what strapdown navigation knows as multi-sample coning correction (Bortz, Miller, Savage).
 
     `magnus6` (order 6), `magnus4`, `cf4`, `rk4_quaternion` (order 4) and `midpoint` (order 2) make each step from
     omega1 alone; `euler_angles` integrates phi' = J^-1 omega (E4) of the sequence XYZ (E10) by Runge-Kutta steps of

@@ -80,7 +80,7 @@ class Function:
 class Samples:
     """Values (N,) or (N, k) at the instants, and between them a polynomial through those nearby.
 
-    Only differences of instants that are near each other enter, so that stamps since 1970 lose nothing.
+    Only differences of instants that are near each other enter, so that stamps since 1970 are not rounded again.
     """
 
     def __init__(self, t: Array, values: Array, how: How) -> None:

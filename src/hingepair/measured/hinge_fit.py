@@ -15,7 +15,7 @@ from hingepair.measured.hinge import GAUGES, derivatives, offset, shortest_turn
 from hingepair.measured.likelihood import LOSSES, judged, most_likely, without_bias
 from hingepair.measured.relative_poses import closed_form, closed_form_of_most, relative_poses
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, check_choice, read_only, real_array
-from hingepair.numeric.instants import recorded
+from hingepair.numeric.instants import increasing_seconds
 from hingepair.numeric.tables import Sheet, Shown, cell, unit_of
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.hinge_pair import HingePair
@@ -211,7 +211,7 @@ def fit(
     shape = broadcast_shape({"body1": body1.shape, "body2": body2.shape})
     if len(shape) != 1:
         raise ShapeError("body1, body2", "motions of shape (N,), N instants", f"shape {shape}")
-    time = None if t is None else read_only(recorded("t", t)[0])
+    time = None if t is None else read_only(increasing_seconds("t", t)[0])
     if time is not None and time.shape != shape:
         raise ShapeError("t", f"shape {shape}, as the bodies", f"shape {time.shape}")
     given = _checked_weights(weights, shape[0])

@@ -22,7 +22,7 @@ from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.hinge import frame, sign_of, turned
 from hingepair.measured.spline import FEWEST, smooth_columns
 from hingepair.numeric.arrays import Float64Array, read_only, vectors
-from hingepair.numeric.instants import checked_gaps, pieces, recorded
+from hingepair.numeric.instants import checked_gaps, increasing_seconds, pieces
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import skew
 
@@ -174,7 +174,7 @@ def fit_anchor(
         ArgumentError: an argument cannot be used; names it.
         MissingDependencyError: SciPy is not installed.
     """
-    time, _ = recorded("t", t)
+    time, _ = increasing_seconds("t", t)
     given = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}
     columns = _columns(given)
     if columns[0].shape[0] != time.size:

@@ -27,7 +27,7 @@ from hingepair.errors import ArgumentError, RotationError, nearest
 from hingepair.measured.resample import resample
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.column_file import Columns, Wanted, csv_column, read_columns
-from hingepair.numeric.instants import recorded
+from hingepair.numeric.instants import increasing_seconds
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.results import column_names
 from hingepair.rotations.matrices import project_to_rotation
@@ -78,7 +78,9 @@ def read_recording(paths: Sequence[Path], ignore: Sequence[str] = (), gaps: floa
         raise ArgumentError(f"{lacking}: t", "a column, since each body has a file", "no such column")
     if np.array_equal(t1, t2):
         return Recording(body1, body2, t1)
-    steps = [float(np.median(np.diff(recorded(f"{path}: t", t)[0]))) for t, path in ((t1, path1), (t2, path2))]
+    steps = [
+        float(np.median(np.diff(increasing_seconds(f"{path}: t", t)[0]))) for t, path in ((t1, path1), (t2, path2))
+    ]
     if steps[0] >= steps[1]:
         return Recording(body1, resample(t2, body2, t1, gaps), t1)
     return Recording(resample(t1, body1, t2, gaps), body2, t2)

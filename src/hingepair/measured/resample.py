@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ShapeError
 from hingepair.numeric.arrays import Float64Array, real_array
-from hingepair.numeric.instants import checked_gaps, elapsed, pieces, recorded
+from hingepair.numeric.instants import checked_gaps, elapsed_seconds, increasing_seconds, pieces
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
@@ -48,8 +48,8 @@ def resample(
     >>> hp.resample(t, t**2, [0.0, 0.015, 0.1, 0.3]).round(9)
     array([0.      , 0.000225,      nan,      nan])
     """
-    time, first = recorded("t", t)
-    target, _ = elapsed("to", to, first)
+    time, first = increasing_seconds("t", t)
+    target, _ = elapsed_seconds("to", to, first)
     longest = checked_gaps(gaps)
     if isinstance(values, BodyMotion):
         if values.shape != time.shape:
@@ -71,7 +71,7 @@ def resample(
 def interpolated(
     t: Float64Array, values: Float64Array, to: Float64Array, gaps: float, rotations: bool = False
 ) -> Float64Array:
-    """Columns, or rotations, at other instants; instants as `hingepair.numeric.instants.recorded` returns them."""
+    """Return columns, or rotations, at other instants; `increasing_seconds` returned the instants t."""
     found = np.full((to.size, *values.shape[1:]), np.nan)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
     where = pieces(t, known, gaps)

@@ -20,7 +20,7 @@ from hingepair.errors import ArgumentError, ShapeError
 from hingepair.measured.resample import interpolated
 from hingepair.measured.spline import FEWEST, Smoothed, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, finite_number, read_only, real_array
-from hingepair.numeric.instants import MeasurementWarning, checked_gaps, pieces, recorded, warn_of_jitter
+from hingepair.numeric.instants import MeasurementWarning, checked_gaps, increasing_seconds, pieces, warn_of_jitter
 from hingepair.numeric.tables import unit_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
@@ -116,7 +116,7 @@ def smooth(
     >>> bool(np.abs(psidd + 9 * np.sin(3 * t))[40:-40].max() < 0.2)
     True
     """
-    time, _ = recorded("t", t)
+    time, _ = increasing_seconds("t", t)
     longest = checked_gaps(gaps)
     if bandwidth is not None and finite_number("bandwidth", bandwidth) <= 0:
         raise ArgumentError("bandwidth", "a positive frequency [Hz]", bandwidth)

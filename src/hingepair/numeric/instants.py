@@ -15,20 +15,25 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, DtypeError, ShapeError
 from hingepair.numeric.arrays import Float64Array, finite_number, real_array
 
-_EPOCH_NS = 10**17
-"""Integers from here on are nanoseconds since 1970 (1973 and later)."""
-_LARGEST_SECONDS = 1e14
-_JITTER = 0.3
+_MIN_NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
+_MAX_SECONDS = 1e14  # [s]: larger floats are refused, since they can only be nanoseconds
+_JITTER_TOLERANCE = 0.3  # scatter of the steps, as a part of the usual step, that is not warned of
 
 
 class MeasurementWarning(UserWarning):
     """Something about recorded data that a result depends on: noise that dominates, stamps that jitter."""
 
 
-def elapsed(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
-    """Seconds since an instant, and that instant as it came: the first of t, or what an earlier call returned.
+def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
+    """Return the seconds since an instant, and that instant: the first of t, or what an earlier call returned.
 
-    Instants are seconds as floats, datetime64, timedelta64, or integer nanoseconds since 1970; shape (N,).
+    Nothing is lost of datetime64 and of integers. Seconds since 1970 as floats are multiples of 2.4e-7 s, which is
+    how they came; they are not rounded again.
+
+    Args:
+        name: of the argument, for messages.
+        t: seconds as floats, datetime64, timedelta64, or integer nanoseconds since 1970; shape (N,).
+        since: the instant to count from, as an earlier call returned it; the first of t unless given.
 
     Raises:
         ArgumentError: not of one axis, empty, not finite, of another kind than `since`, or integers that may be
@@ -39,7 +44,7 @@ def elapsed(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array
     if stamps.ndim != 1 or not stamps.size:
         raise ShapeError(name, "shape (N,), at least one instant", f"shape {stamps.shape}")
     if stamps.dtype.kind in "iu":
-        if np.abs(stamps.astype(np.float64)).min() < _EPOCH_NS:
+        if np.abs(stamps.astype(np.float64)).min() < _MIN_NANOSECONDS:
             wanted = "float seconds, datetime64, or nanoseconds since 1970 as integers: which unit are these in?"
             raise DtypeError(name, f"{wanted} (1e-3 * t where milliseconds)", f"{stamps.dtype.name} from {stamps[0]}")
         stamps = stamps.astype(np.int64)
@@ -48,7 +53,7 @@ def elapsed(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array
         raise ArgumentError(name, "finite instants", f"{stamps[missing[0]]} at index {missing[0]}")
     if stamps.dtype.kind == "f":
         stamps = stamps.astype(np.float64)
-        if np.abs(stamps).max() > _LARGEST_SECONDS:
+        if np.abs(stamps).max() > _MAX_SECONDS:
             wanted = "seconds, or integers where they are nanoseconds (as floats they are off by 100 ns)"
             raise ArgumentError(name, wanted, float(stamps[0]))
     first = stamps[0] if since is None else since
@@ -61,13 +66,13 @@ def elapsed(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array
     return np.asarray(differences * 1e-9 if differences.dtype.kind == "i" else differences, dtype=np.float64), first
 
 
-def recorded(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
-    """Seconds since the first instant of a recording, strictly increasing, and that instant.
+def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
+    """Return the seconds since the first instant, which must increase strictly, and that instant.
 
     Raises:
-        ArgumentError: as `elapsed`, or two instants are the same or in the wrong order; names the first such.
+        ArgumentError: as `elapsed_seconds`, or two instants are the same or in the wrong order; names the first such.
     """
-    seconds, first = elapsed(name, t)
+    seconds, first = elapsed_seconds(name, t)
     steps = np.diff(seconds)
     bad = np.flatnonzero(~(steps > 0)) + 1
     if bad.size:
@@ -79,18 +84,18 @@ def recorded(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
 
 
 def warn_of_jitter(name: str, seconds: Float64Array) -> None:
-    """Say so where the steps scatter: derivatives believe the stamps."""
+    """Warn where the steps scatter, since derivatives take the stamps as exact."""
     steps = np.diff(seconds)
     if steps.size < 8:
         return
     low, middle, high = np.percentile(steps, (10, 50, 90))
-    if high - low > _JITTER * middle:
+    if high - low > _JITTER_TOLERANCE * middle:
         message = f"{name}: stamps jitter: steps from {1e3 * low:.3g} to {1e3 * high:.3g} ms about {1e3 * middle:.3g}"
         warnings.warn(f"{message} ms (10 to 90 %); rates are as good as the stamps", MeasurementWarning, stacklevel=3)
 
 
 def checked_gaps(gaps: object) -> float:
-    """The longest time without a sample that is no gap [s].
+    """Return the longest time without a sample that is no gap [s].
 
     Raises:
         ArgumentError: not a positive number.
@@ -102,7 +107,7 @@ def checked_gaps(gaps: object) -> float:
 
 
 def pieces(t: Float64Array, known: NDArray[np.bool_], gaps: float, fewest: int = 1) -> list[NDArray[np.intp]]:
-    """The known samples, cut at gaps; pieces of fewer samples than `fewest` are left out.
+    """Return the indices of the known samples, cut at gaps; pieces of fewer samples than `fewest` are left out.
 
     A gap is where known samples are further apart than `gaps` [s], and than one and a half of the usual step.
     """
