@@ -135,3 +135,14 @@ def test_pictures_are_named_as_their_scene(tmp_path, monkeypatch):
         str(tmp_path / name) for name in ("two links.toml", "two links.png", "two links.html", "few/two links.png")
     )
     assert hp.load_scene("../two links.toml").pair.name == "two links"
+
+
+def test_a_file_that_nobody_named_is_not_overwritten(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for command, scene, ending in (("plot", "reference_2d", "png"), ("view", "landing_gear", "html")):
+        name = f"{scene}.{ending}"
+        Path(name).write_text("mine")
+        done = CliRunner().invoke(app, [command, str(MODELS / f"{scene}.toml")])
+        assert done.exit_code != 0
+        assert f"--out: expected a file name, since {name} exists (--out {name} overwrites it)" in str(done.exception)
+        assert Path(name).read_text() == "mine"

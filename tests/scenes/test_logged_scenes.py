@@ -110,6 +110,28 @@ def test_columns_that_never_change_cost_nothing_at_each_instant(tmp_path):
     assert not np.ptp(result.R2, axis=0).any()
 
 
+def test_results_do_not_overwrite_the_files_that_they_come_from(tmp_path, monkeypatch):
+    body2 = "[pair.body2]\nmass = 1\ninertia = [1, 1, 1]\n"
+    scene = scene_of(tmp_path, moving(), body2)
+    before = (tmp_path / "log.csv").read_bytes()
+    refused = "expected a file other than those that are read"
+    (tmp_path / "link.csv").symlink_to("log.csv")
+    for name in ("log.csv", "link.csv"):
+        with pytest.raises(hp.ArgumentError, match=refused):
+            scene.evaluate().save(tmp_path / name)
+        with pytest.raises(hp.ArgumentError, match=refused):
+            scene.forces().save(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    result = hp.load_scene("my.toml").evaluate(("R2",))
+    (tmp_path / "below").mkdir()
+    monkeypatch.chdir("below")
+    with pytest.raises(hp.ArgumentError, match=refused):
+        result.save("../log.csv")
+    assert (tmp_path / "log.csv").read_bytes() == before
+    assert result.save(tmp_path / "other.csv").is_file()
+    assert scene.files == (tmp_path / "my.toml", tmp_path / "log.csv")
+
+
 # ---------------------------------------------------------------- differentiate = true
 
 

@@ -8,12 +8,13 @@ from typing import Annotated
 from hingepair.cli.output import PICTURES, Outputs, check_picture, console, file_option, listed, save_figure
 from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, inputs_of, named
 from hingepair.cli.scenes import SceneFile
+from hingepair.errors import ArgumentError
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pictures.page import view as page_of
 from hingepair.pictures.plot import plot as figure_of
-from hingepair.scenes.scene import load_scene, scene_files
+from hingepair.scenes.scene import load_scene
 
-_NAMED = "unless told, here and named as the scene is."
+_NAMED = "unless told, here and named as the scene is, where no such file exists."
 
 
 def plot(
@@ -25,10 +26,11 @@ def plot(
 
     Position, attitude and rates over time, psi, paths in space, the residual of E1; or some outputs over time.
     """
-    out = out or Path(f"{scene_file.stem}.png")
-    check_picture("out", out)
-    figure = figure_of(load_scene(scene_file), listed(outputs))
-    save_figure(figure, out, scene_files(scene_file), dpi=110)
+    out = out or _unused(f"{scene_file.stem}.png")
+    check_picture("--out", out)
+    scene = load_scene(scene_file)
+    figure = figure_of(scene, listed(outputs))
+    save_figure(figure, out, scene.files, dpi=110)
     console().print(f"written: {out}")
 
 
@@ -45,7 +47,16 @@ def view(
     joint of a robot or of a URDF file, the hinge turns through its limits.
     """
     found = named(source, joint, body1_frame, body2_frame)
-    own = f"{Path(source).stem}.html" if joint is None else f"{Path(source).stem}_{Path(joint).name}.html"
+    name = Path(source).stem if joint is None else f"{Path(source).stem}_{Path(joint).name}"
+    out = out or _unused(f"{name}.html")
     page = page_of(found.to_spatial() if isinstance(found, PlanarPair) else found)
-    path = page.save(out or own, inputs_of(source))
+    path = page.save(out, inputs_of(source))
     console().print(f"written: {path} ({page.frames} instants; open it in a browser)")
+
+
+def _unused(name: str) -> Path:
+    """Return a file of this name in the current folder; refuse one that exists, which nobody asked to overwrite."""
+    path = Path(name)
+    if path.exists() or path.is_symlink():
+        raise ArgumentError("--out", f"a file name, since {name} exists (--out {name} overwrites it)", "none")
+    return path

@@ -26,7 +26,7 @@ from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import instant, json_text, unit_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import ENDINGS, Record, check_ending, column_names, result_file
-from hingepair.scenes.scene import Scene, load_scene, scene_files
+from hingepair.scenes.scene import Scene, load_scene
 
 MOST_CHECKED = 10_001
 """Instants that `check` takes through Pinocchio at most, evenly spread: about a second."""
@@ -58,7 +58,7 @@ def run(
         add = None
         if out is not None:
             opened.enter_context(said_if_stopped(out))
-            add = opened.enter_context(result_file(out, scene.samples, scene.title, scene_files(scene_file)))
+            add = opened.enter_context(result_file(out, scene.samples, scene.title, scene.files))
         for part in watched(scene.blocks(names), scene.samples):
             summary.add(part)
             if add is not None:
@@ -125,7 +125,7 @@ def forces(
         check_ending(out)
     scene = load_scene(scene_file)
     found = scene.forces(None if gravity is None else _vector(gravity))
-    written = None if out is None else str(found.save(out, scene_files(scene_file)))
+    written = None if out is None else str(found.save(out))
     rows = _ranges(found)
     if as_json:
         print(json_text({"scene": str(scene.path), "samples": scene.samples, "file": written, "outputs": rows}))

@@ -37,13 +37,18 @@ class Result(Shown):
     __slots__ = ()
 
     t: NDArray[np.float64]
-    _inner: ClassVar[frozenset[str]] = frozenset({"recorded"})
+    _inner: ClassVar[frozenset[str]] = frozenset({"inputs", "recorded"})
     """What other rooms of the house call, and its readers do not."""
 
     @property
     def described(self) -> str:
         """What it is, in a sentence."""
         raise NotImplementedError
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The files that the result was computed from, which `save` refuses to overwrite."""
+        return ()
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Everything that is kept, by name; shape (N, ...)."""
@@ -102,13 +107,14 @@ class Result(Shown):
         Args:
             path: ends in .csv (a header, then the fewest digits that give the same number), .npz (arrays by name),
                 .parquet or .nc (NetCDF).
-            inputs: files that are being read from, which the path must not be.
+            inputs: files that are being read from, which the path must not be, beside those that the result was
+                computed from: a scene's file and its log.
 
         Raises:
             ArgumentError: another ending, or the file cannot be written; what was there before stays.
             MissingDependencyError: the package for this kind of file is not installed.
         """
-        with result_file(path, len(self.t), self.described, inputs) as add:
+        with result_file(path, len(self.t), self.described, (*self.inputs, *inputs)) as add:
             add(self.t, self.recorded())
         return Path(path)
 
@@ -120,18 +126,27 @@ class Record(Result):
         t: instants [s]; shape (N,).
         arrays: by name; shape (N,), (N, 2), (N, 3) or (N, 3, 3).
         described: what they are, in a sentence.
+        inputs: files that the arrays were computed from.
 
     >>> Record(np.zeros(2), {"force1": np.ones((2, 3))}, "a push").force1.shape
     (2, 3)
     """
 
-    __slots__ = ("_arrays", "described", "t")
+    __slots__ = ("_arrays", "described", "inputs", "t")
 
     described: str
+    inputs: tuple[Path, ...]
 
-    def __init__(self, t: NDArray[Any], arrays: Mapping[str, NDArray[Any]], described: str = "") -> None:
+    def __init__(
+        self,
+        t: NDArray[Any],
+        arrays: Mapping[str, NDArray[Any]],
+        described: str = "",
+        inputs: tuple[Path, ...] = (),
+    ) -> None:
         self.t = t
         self.described = described
+        self.inputs = inputs
         self._arrays = dict(arrays)
 
     def recorded(self) -> dict[str, NDArray[Any]]:

@@ -73,6 +73,11 @@ class SceneResult(Frozen, Result):
         """The title of the scene."""
         return self.scene.title
 
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The files of the scene, which `save` refuses to overwrite."""
+        return self.scene.files
+
     def chosen(self) -> dict[str, NDArray[Any]]:
         """What was asked for, by name; shape (samples, ...); of q, qd and qdd each coordinate is an array."""
         found: dict[str, NDArray[Any]] = self.state.arrays()
@@ -145,6 +150,7 @@ class Scene(Shown):
         motion: where the motion comes from; knows the instants.
         outputs: what `evaluate` computes unless told; None for everything about body 2 that the motion allows.
         constants: the named numbers of the file.
+        files: the files that the scene was read from, as absolute paths: its own and that of its log.
     """
 
     path: Path
@@ -153,6 +159,7 @@ class Scene(Shown):
     motion: Motion
     outputs: tuple[str, ...] | None
     constants: Mapping[str, float]
+    files: tuple[Path, ...]
 
     def __repr__(self) -> str:
         return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self._span()})"
@@ -359,7 +366,7 @@ class Scene(Shown):
                 gravity of its own.
         """
         t = self.times()
-        return Record(t, self.motion.forces(self.pair, gravity), f"forces: {self.title}")
+        return Record(t, self.motion.forces(self.pair, gravity), f"forces: {self.title}", self.files)
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the results should know: psi past its limits, kinks, rates by finite differences."""
@@ -447,7 +454,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     pair, outputs = _pair(tables), tables.table("outputs", required=False)
     motion = _read_motion(tables, Path(path).parent, pair)
     constants = {key: float(value) for key, value in tables.constants.items()}
-    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, None, constants)
+    files = tuple(file.absolute() for file in _files(tables, Path(path)))
+    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, None, constants, files)
     outputs.check_keys(("names",))
     if "names" not in outputs.values:
         return scene
@@ -519,8 +527,12 @@ def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
     Raises:
         SceneError: the file cannot be read.
     """
-    file = read_tables(path).table("motion", required=False).values.get("file")
-    return (Path(path), Path(path).parent / file) if isinstance(file, str) else (Path(path),)
+    return _files(read_tables(path), Path(path))
+
+
+def _files(tables: Table, path: Path) -> tuple[Path, ...]:
+    file = tables.table("motion", required=False).values.get("file")
+    return (path, path.parent / file) if isinstance(file, str) else (path,)
 
 
 def _level(output: str) -> int:
