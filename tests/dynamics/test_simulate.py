@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import mpmath
 import numpy as np
 import pytest
@@ -306,6 +309,23 @@ def test_a_hinge_that_passes_its_stops_is_warned_of():
     soft = hp.HingeLoad(stops=(-1, 1), stop_stiffness=100)
     with pytest.warns(hp.DynamicsWarning, match="psi passes the stops by 0.1 rad, for they are springs"):
         hp.simulate(pair, np.linspace(0, 2, 2001), STILL, 0.0, 1.0, base="fixed", hinge_torque=soft)
+
+
+@pytest.mark.parametrize("where", ["load", "motor"])
+def test_a_stop_beyond_its_limit_does_not_guard_it(where):
+    limited = replace(flywheel(), limits=(0, 1))
+    stops = hp.HingeLoad(stops=(-5, 5))
+    torque = stops if where == "load" else hp.HingeLoad(damping=1e-3, motor=stops)
+    with pytest.warns(hp.DynamicsWarning, match=r"psi leaves the pair's limits, 0 to 1 rad, first at t = 2 s"):
+        hp.simulate(limited, [0, 1, 2, 3], STILL, 0.0, 0.99, base="fixed", hinge_torque=torque)
+
+
+def test_stops_of_a_motor_that_are_passed_are_warned_of():
+    torque = hp.HingeLoad(stops=(-9, 9), motor=hp.HingeLoad(stops=(-0.5, 0.5), stop_stiffness=1.0))
+    assert torque.tightest_stops == (-0.5, 0.5)
+    with pytest.warns(hp.DynamicsWarning, match="psi passes the stops by 0") as said:
+        hp.simulate(flywheel(), np.linspace(0, 2, 21), STILL, 0.0, 1.0, base="fixed", hinge_torque=torque)
+    assert [Path(one.filename).name for one in said] == ["test_simulate.py"]
 
 
 def test_held_bodies_need_no_mass_for_energy():

@@ -133,6 +133,24 @@ def test_stops_may_be_the_limits(tmp_path):
     assert np.abs(np.diff(np.sign(scene.motion.simulated.psid))).max() == 2
 
 
+def test_notes_say_how_far_a_stop_is_passed(tmp_path):
+    text = "[dynamics]\nbase = 'fixed'\npsid_0 = 1\ngravity = [0, 0, 0]\nstops = [-0.1, 0.1]\nstop_stiffness = 0.1\n"
+    scene = scene_of(tmp_path, PAIR.replace("limits = [-0.3, 0.3]\n", "") + text)
+    depth = scene.motion.simulated.psi.max() - 0.1
+    assert depth > 0.2
+    said = f"psi passes the stops by {depth:.3g} rad, for they are springs; stop_stiffness hardens them"
+    assert scene.notes() == (said,)
+    hard = scene_of(tmp_path, PAIR + text.replace("stop_stiffness = 0.1", "stop_stiffness = 1e5"))
+    assert hard.notes() == ()
+
+
+def test_constants_are_not_called_as_the_hinge_angle_is(tmp_path):
+    for name in ("psi", "psid"):
+        text = f"[dynamics]\nhinge_torque = '-psi'\n[motion.constants]\n{name} = 5\n"
+        with pytest.raises(hp.SceneError, match=rf"motion\.constants\.{name}: expected another name"):
+            scene_of(tmp_path, PAIR + text)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -55,7 +55,7 @@ phi_0 = 0.3
 psi_0 = -1
 """
 LOG = "t,omega1_x,omega1_y,omega1_z,psid\n" + "".join(f"{k / 10},0,0,{1 + k / 10},2\n" for k in range(12))
-LOGGED = PAIR + '[motion]\nfile = "log.csv"\nintegrate = true\n'
+LOGGED = PAIR + '[motion]\nfile = "log.csv"\nintegrate = true\nframe = "world"\n'
 
 
 def with_columns(names, cells):
@@ -262,7 +262,8 @@ def test_what_is_wrong_with_expressions_is_named(tmp_path, old, new, message):
         ('integrate = "yes"', LOG, "motion.integrate: expected true or false"),
         ("differentiate = 1", LOG, "motion.differentiate: expected true or false"),
         ("tol = 1e-9", LOG, "motion.tol: expected one of"),
-        ('integrate = false\nframe = "body"', LOG, "motion.frame: expected integrate = true beside it"),
+        ("integrate = false\npsi_0 = 1", LOG, "motion.psi_0: expected integrate = true beside it"),
+        ("unwrap = true", LOG, "motion.unwrap: expected a log with angles beside it"),
         ("integrate = false", LOG, "phi_x: expected .* or motion.integrate = true"),
         ("", None, r"my.toml: motion.file: expected .*, got no such file: .*log\.csv"),
         ("", LOG.replace(",psid", ",psidd"), "log.csv: psid: expected a column, got no such column"),
@@ -302,6 +303,13 @@ def test_missing_outputs_of_a_rate_log_are_advised_only_where_that_helps(tmp_pat
     with pytest.raises(hp.SceneError, match=r"outputs\.names: expected one of R2, S2, d, v2") as caught:
         scene_of(tmp_path, LOGGED + "[outputs]\nnames = ['q9']\n", LOG)
     assert "differentiate" not in str(caught.value)
+
+
+def test_accelerations_by_finite_differences_are_noted_beside_an_integration(tmp_path):
+    scene = scene_of(tmp_path, LOGGED + "differentiate = true\n", LOG)
+    assert scene.motion.error_estimate < 1e-12
+    assert scene.notes() == ("alpha1, psidd were found by finite differences; how far off is not known",)
+    assert scene_of(tmp_path, LOGGED, LOG).notes() == ()
 
 
 def test_start_attitudes_are_said_by_axis_and_angle(tmp_path):

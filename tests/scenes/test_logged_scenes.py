@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.cli.main import app
+from hingepair.numeric.finite_differences import differentiate
 from support.sampled import BODY, EULER, RATES, SECOND, logged, moving, scene_of, some
 from support.states import generator
 
@@ -59,7 +60,7 @@ def test_quaternions_go_the_way_of_given_attitudes(tmp_path, order):
         arrays |= dict(zip(("qx", "qy", "qz", "qw"), quat.T, strict=True))
     else:
         arrays[order] = quat if order == "quat_xyzw" else np.roll(quat, 1, axis=-1)
-    scene = scene_of(tmp_path, arrays, name="log.npz")
+    scene = scene_of(tmp_path, arrays, 'frame = "world"\n', name="log.npz")
     body1 = hp.BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=quat, v=v, omega=omega, a=a, alpha=alpha)
     same(scene.evaluate(), scene.pair.forward_kinematics_from_body1(body1, *psi))
     assert scene.sequence is None
@@ -195,13 +196,81 @@ def test_derivatives_found_are_those_of_the_motion(tmp_path, kind):
         euler = some(columns, *BODY)
         for i, axis in enumerate("xyz"):
             euler |= {f"omega1_{axis}": truth.omega1[:, i], f"v1_{axis}": truth.v1[:, i]}
-        more = ""
+        more = 'frame = "world"\n'
     scene = scene_of(tmp_path, euler, more + "differentiate = true\n")
     pair = hp.load_scene(tmp_path / "arm.toml").pair
     close(
         scene.motion.given.part(slice(None), 2).forward_kinematics(pair, None),
         truth,
     )
+
+
+def hinged(folder, t, psi, more="", others=0.0):
+    """A log whose hinge alone turns, differentiated."""
+    columns = {"t": t, **{name: np.full(t.size, others) for name in EULER[:6]}, "psi": psi}
+    return scene_of(folder, columns, f"differentiate = true\n{more}")
+
+
+def test_angles_that_have_truly_turned_are_not_unwrapped(tmp_path):
+    """At psi = 10 t, each half second, steps are 5 rad and no jumps by a whole turn."""
+    t = np.arange(41) * 0.5
+    scene = hinged(tmp_path, t, 10 * t)
+    np.testing.assert_allclose(scene.evaluate(("psid",)).psid, 10, rtol=1e-12)
+    said = "psi changes by up to 5 rad between samples and was differentiated as it stands; unwrap = true "
+    assert any(note.startswith(said) for note in scene.notes())
+    wrapped = hinged(tmp_path, t, 10 * t, "unwrap = true\n")
+    np.testing.assert_allclose(wrapped.evaluate(("psid",)).psid, (5 - 2 * np.pi) / 0.5, rtol=1e-12)
+    for decided in (wrapped, hinged(tmp_path, t, 10 * t, "unwrap = false\n")):
+        assert [note for note in decided.notes() if "unwrap" in note] == []
+
+
+def test_angles_within_one_turn_are_unwrapped_where_they_jump_by_a_whole_one(tmp_path):
+    t = np.arange(200) * 0.05
+    folded = np.round(np.angle(np.exp(2j * t)), 3)
+    scene = hinged(tmp_path, t, folded)
+    np.testing.assert_allclose(scene.evaluate(("psid",)).psid, 2, atol=0.05)
+    said = "psi jumps by about a whole turn at 3 instants and was unwrapped before it was differentiated; "
+    assert [note for note in scene.notes() if note.startswith(said)]
+    kept = hinged(tmp_path, t, folded, "unwrap = false\n")
+    assert np.abs(kept.evaluate(("psid",)).psid).max() > 40
+    slow = hinged(tmp_path, t, np.sin(t))
+    assert [note for note in slow.notes() if "unwrap" in note] == []
+    swung = hinged(tmp_path, t, 2 * np.sign(np.sin(t + 0.01)))  # 4 rad at a stroke are no whole turn
+    np.testing.assert_allclose(
+        swung.evaluate(("psid",)).psid, differentiate(t, 2 * np.sign(np.sin(t + 0.01)))[0], rtol=1e-12
+    )
+
+
+def test_unwrap_goes_with_differentiate(tmp_path):
+    for value, message in (("true", "expected differentiate = true beside it"), ("1", "expected true or false")):
+        with pytest.raises(hp.SceneError, match=rf"motion\.unwrap: {message}"):
+            scene_of(tmp_path, some(moving(), "t", *EULER), f"unwrap = {value}\n")
+
+
+@pytest.mark.parametrize("given", [("omega1",), ("omega1", "alpha1")], ids=["omega1", "omega1 and alpha1"])
+def test_angular_velocities_beside_quaternions_say_their_axes(tmp_path, given):
+    truth = scene_of(tmp_path, some(logged(201), *BODY), "differentiate = true\n").evaluate(
+        ("S1", "omega1", "alpha1", "omega2", "alpha2")
+    )
+    results = {}
+    for frame in ("world", "body"):
+        columns = some(logged(201), *BODY)
+        for name in given:
+            own = getattr(truth, name)
+            own = np.einsum("nji,nj->ni", truth.S1, own) if frame == "body" else own
+            columns |= {f"{name}_{axis}": own[:, i] for i, axis in enumerate("xyz")}
+        with pytest.raises(hp.SceneError, match=r"motion\.frame: expected the axes of omega1 in the log: \"body\""):
+            scene_of(tmp_path, columns, "differentiate = true\n")
+        results[frame] = scene_of(tmp_path, columns, f'differentiate = true\nframe = "{frame}"\n').evaluate(
+            ("omega1", "alpha1", "omega2", "alpha2")
+        )
+    for result in results.values():
+        of_alpha = 1e-14 if "alpha1" in given else 1e-5
+        for name in ("omega1", "omega2", "alpha1", "alpha2"):
+            error = of_alpha if name.startswith("alpha") else 1e-14
+            np.testing.assert_allclose(getattr(result, name), getattr(truth, name), rtol=0, atol=error)
+    with pytest.raises(hp.SceneError, match=r"motion\.frame: expected no such key, since the log has no omega1_x"):
+        scene_of(tmp_path, some(logged(30), *BODY), 'frame = "body"\n')
 
 
 def test_given_derivatives_are_kept(tmp_path):
@@ -228,7 +297,8 @@ def test_commands_work_on_a_pose_only_log(tmp_path):
 def test_what_finite_differences_miss_is_not_said_to_be_nothing(tmp_path):
     scene = scene_of(tmp_path, some(logged(30), *BODY), "differentiate = true\n")
     assert np.isnan(scene.motion.error_estimate)
-    assert scene.notes() == ("rates were found by finite differences; how far they are off is not known",)
+    names = "v1, a1, omega1, alpha1, psid, psidd"
+    assert scene.notes() == (f"{names} were found by finite differences; how far off is not known",)
     found = json.loads(CliRunner().invoke(app, ["run", str(tmp_path / "my.toml"), "--json"]).stdout)
     assert found["error_estimate"] is None
     stated = scene_of(tmp_path, moving(), "differentiate = true\n")
@@ -247,7 +317,9 @@ def test_seconds_since_1970_are_as_good_as_their_stamps(tmp_path):
 
 
 @pytest.mark.skipif(np.finfo(np.longdouble).nmant < 60, reason="no number here holds more digits than a float")
-@pytest.mark.parametrize("more", ["differentiate = true\n", "integrate = true\ndifferentiate = true\n"])
+@pytest.mark.parametrize(
+    "more", ["differentiate = true\n", 'integrate = true\ndifferentiate = true\nframe = "body"\n']
+)
 def test_stamps_since_1970_keep_the_digits_of_their_text(tmp_path, more):
     """A float64 at 1.7e9 s is off by 1e-7 s, 1e-5 of a step: rates would be, too."""
     if "integrate" in more:

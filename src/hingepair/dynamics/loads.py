@@ -104,6 +104,15 @@ class HingeLoad:
         of_motor = self.motor.kinks if _is_named(self.motor) else ()
         return tuple(sorted({*(self.stops or ()), *of_motor}))
 
+    @property
+    def tightest_stops(self) -> tuple[float, float]:
+        """The greatest lower and the least upper stop [rad], its motor's among them; infinite where none is."""
+        lower, upper = self.stops or (-np.inf, np.inf)
+        if isinstance(self.motor, HingeLoad):
+            own = self.motor.tightest_stops
+            lower, upper = max(lower, own[0]), min(upper, own[1])
+        return lower, upper
+
     def __call__(self, t: Any, psi: Any, psid: Any) -> Any:
         """The torque [N m] at instants [s], hinge angles [rad] and rates [rad/s]; of floats or arrays."""
         return self.smooth(psi, t, psi, psid)

@@ -29,7 +29,7 @@ from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 BASES: Final = ("free", "pinned", "fixed")
 _TOLERANCES: Final = (1e-14, 1e-2)
 _PLANAR = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"
-_SOFT = 0.02  # rad past a stop, from which on it is worth a word
+_MIN_STOP_DEPTH = 0.02  # rad past a stop, from which on a warning or a note says so
 _FINER = 1e-3  # of the tolerance: the second run that the first is judged by
 
 
@@ -134,8 +134,9 @@ def simulate(
     """The motion of a pair under what acts on it (D1-D6), from its start at t[0].
 
     Steps of Gauss collocation of order 16, their lengths chosen by the tolerance; attitudes on the rotation group. A
-    free pair on which nothing acts keeps its momenta to the last bit. The limits of the pair are not enforced, but a
-    motion that leaves them without a word from `HingeLoad(stops=...)`, which enforces them, is warned of.
+    free pair on which nothing acts keeps its momenta to the last bit. The limits of the pair are not enforced:
+    `HingeLoad(stops=...)` does that. A `DynamicsWarning` says where a motion leaves a limit that no stop guards, and
+    where it presses far into a stop.
 
     Args:
         pair: a pair whose bodies have mass properties (body 2 alone where the base is fixed or moves as given). A
@@ -198,10 +199,12 @@ def simulate(
         return _follow(PairMotion(space, base, flat, start, loads, how), instants, tolerance)
 
     found = run(tolerance)
-    if space.limits is not None and not (isinstance(hinge_torque, HingeLoad) and hinge_torque.kinks):
-        _warn_of_limits(space.limits, instants, found.now.psi)
-    if isinstance(hinge_torque, HingeLoad) and hinge_torque.stops is not None:
-        _warn_of_stops(hinge_torque.stops, found.now.psi)
+    stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
+    if space.limits is not None:
+        _warn_of_limits(space.limits, stops, instants, found.now.psi)
+    least, most = found.now.psi.min(initial=np.inf), found.now.psi.max(initial=-np.inf)
+    if soft := passed_stops(stops, float(least), float(most)):
+        warnings.warn(f"{soft}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=2)
     finer = functools.cache(lambda: run(max(tolerance * _FINER, 1e-15)))
     now = found.now
     moved = BodyMotion(R=now.R1, S=now.S1, v=now.v1, omega=now.omega1, a=found.a1, alpha=found.alpha1)
@@ -266,19 +269,21 @@ def _start_of(base: Base, body1: object, flat: bool, psi: float, psid: float) ->
     return R, S, v, omega, psi, psid
 
 
-def _warn_of_limits(limits: tuple[float, float], t: Array, psi: Array) -> None:
-    outside = np.flatnonzero((psi < limits[0]) | (psi > limits[1]))
+def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: Array, psi: Array) -> None:
+    """Warn where psi [rad] leaves a limit that no stop guards: a stop that lies beyond its limit does not."""
+    lower = -np.inf if stops[0] >= limits[0] else limits[0]
+    upper = np.inf if stops[1] <= limits[1] else limits[1]
+    outside = np.flatnonzero((psi < lower) | (psi > upper))
     if outside.size:
         where = f"t = {t[outside[0]]:g} s (psi = {psi[outside[0]]:.6g} rad)"
         left = f"psi leaves the pair's limits, {limits[0]:g} to {limits[1]:g} rad, first at {where}"
         warnings.warn(f"{left}; HingeLoad(stops=pair.limits) enforces them", DynamicsWarning, stacklevel=3)
 
 
-def _warn_of_stops(stops: tuple[float, float], psi: Array) -> None:
-    depth = max(stops[0] - float(psi.min(initial=np.inf)), float(psi.max(initial=-np.inf)) - stops[1])
-    if depth > _SOFT:
-        soft = f"psi passes the stops by {depth:.3g} rad, for they are springs"
-        warnings.warn(f"{soft}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=3)
+def passed_stops(stops: tuple[float, float], least: float, most: float) -> str:
+    """Return a sentence on how far psi [rad] passes the stops; an empty text where they yield less than 0.02 rad."""
+    depth = max(stops[0] - least, most - stops[1])
+    return f"psi passes the stops by {depth:.3g} rad, for they are springs" if depth > _MIN_STOP_DEPTH else ""
 
 
 def _follow(motion: PairMotion, t: Array, tol: float) -> Course:

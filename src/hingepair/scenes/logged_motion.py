@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import choices, nearest
+from hingepair.integration.integrate import FRAMES
 from hingepair.integration.signals import Samples
+from hingepair.integration.trajectory import world_vectors
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.column_file import Wanted, csv_column, read_columns
 from hingepair.numeric.finite_differences import check_instants, differentiate
@@ -49,23 +51,40 @@ _POSITION = ("R1", "v1", "a1")
 _HINGE = ("psi", "psid", "psidd")
 _EULER = ("phi", "phid", "phidd")
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
+_MAX_WRAPPED_RANGE: Final = 2 * np.pi + 0.01  # rad: what wrapped angles span at most, rounded to two decimals
+_MIN_WRAP: Final = 1.5 * np.pi  # rad: a smaller step between samples is not taken for a jump by a whole turn
 _LATE: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
-_DOUBT = "rates were found by finite differences; how far they are off is not known"
 
 
 def read_log(table: Table, folder: Path) -> Motion:
-    """The motion in the file that the table [motion] names, relative to a folder."""
-    integrated = table.flag("integrate")
-    start = (*START, "S1_0", "frame")
+    """Return the motion in the file that the table [motion] names, relative to a folder."""
+    integrated, completed = table.flag("integrate"), table.flag("differentiate")
+    start = (*START, "S1_0")
     for key in start:
         if key in table.values and not integrated:
             table.fail(key, "integrate = true beside it, as a log of rates has, or no such key")
-    table.check_keys(("file", "differentiate", "integrate", *(start if integrated else ("sequence",))))
+    unwrap = table.flag("unwrap") if "unwrap" in table.values else None
+    if unwrap is not None and (integrated or not completed):
+        wanted = "differentiate = true" if not integrated else "a log with angles"
+        table.fail("unwrap", f"{wanted} beside it, or no such key: it decides how angles are differentiated")
+    keys = start if integrated else ("sequence", "unwrap")
+    table.check_keys(("file", "differentiate", "integrate", "frame", *keys))
     file = folder / table.text("file")
     if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
         table.refuse("file", "a file of samples that can be read", f"no such file: {file}")
-    log = _Log(file, table.flag("differentiate"))
+    log = _Log(file, completed, unwrap)
     return _integrated(table, log) if integrated else _stated(table, log)
+
+
+def _frame(table: Table, log: _Log) -> str:
+    """Return the axes of a log's angular velocities, which the table must name; "world" where the log has none."""
+    rates = [column for name in _QUATERNION[1:] for column in ARRAYS[name] if column in log.columns]
+    if "frame" in table.values and not rates:
+        table.fail("frame", "no such key, since the log has no omega1_x, omega1_y, omega1_z")
+    if rates and "frame" not in table.values:
+        axes = 'those of body 1, as a gyroscope has them, or "world", as hingepair writes them'
+        table.fail("frame", f'the axes of {rates[0].partition("_")[0]} in the log: "body", {axes}')
+    return table.choice("frame", FRAMES)
 
 
 def _columns_of(name: str) -> tuple[str, ...]:
@@ -74,13 +93,20 @@ def _columns_of(name: str) -> tuple[str, ...]:
 
 
 class _Log(Place):
-    """A file's columns, and derivatives of them."""
+    """The columns of a file, and derivatives of them.
 
-    def __init__(self, path: Path, completed: bool) -> None:
+    Attributes:
+        derived: names of the derivatives that were found by finite differences.
+        notes: sentences on angles that were unwrapped, or that may have to be.
+    """
+
+    def __init__(self, path: Path, completed: bool, unwrap: bool | None) -> None:
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
         self.completed = completed
+        self.unwrap = unwrap
         self.hint = "" if completed else "; motion.differentiate = true gives the others"
-        self.found = False
+        self.derived: list[str] = []
+        self.notes: list[str] = []
         kind = path.suffix.lower()
         known = (*ARRAYS, *COLUMNS) if kind == ".npz" else COLUMNS
         wanted = Wanted(lambda names: self._checked(names, known), lambda name, _: ARRAYS.get(name, name))
@@ -108,10 +134,10 @@ class _Log(Place):
         return names
 
     def part(self, names: tuple[str, ...], required: bool = True) -> Part:
-        """A quantity and its derivatives: what is there and, where that is asked for, what can be found.
+        """Return a quantity and its derivatives: those in the file and, with differentiate = true, the others.
 
         What is missing is the derivative (order 6) of the highest that is there: of the rates, or twice of positions,
-        angles (without their jumps by 2 pi) and attitudes.
+        angles and attitudes.
         """
         found = {}
         for i, name in enumerate(names):
@@ -123,8 +149,9 @@ class _Log(Place):
                 if name not in found:
                     derivatives = self._derivatives(names[i], found[names[i]])
                     for key, derivative in zip(names[i + 1 :], derivatives, strict=False):
-                        found.setdefault(key, derivative)
-                    self.found = True
+                        if key not in found:
+                            found[key] = derivative
+                            self.derived.append(key)
         return {name: array if name in ARRAYS else array[:, 0] for name, array in found.items()}
 
     def _together(self, name: str, required: bool) -> NDArray[np.float64] | None:
@@ -161,18 +188,47 @@ class _Log(Place):
                     self.since, self.rotations(array), ORDER, with_alpha=True
                 )
             return np.asarray(omega), np.asarray(alpha)
-        angles = name in {"phi", "psi"}
-        found = [differentiate(self.since, np.unwrap(column) if angles else column, ORDER) for column in array.T]
+        columns = list(array.T)
+        if name in {"phi", "psi"}:
+            columns = [self._continuous(*own) for own in zip(_columns_of(name), columns, strict=True)]
+        found = [differentiate(self.since, column, ORDER) for column in columns]
         return np.stack([first for first, _ in found], axis=-1), np.stack([second for _, second in found], axis=-1)
+
+    def _continuous(self, name: str, angles: Float64Array) -> Float64Array:
+        """Return a column of angles [rad] to be differentiated, unwrapped or as it stands, and note which."""
+        jumps = np.abs(np.diff(angles))
+        jumps = jumps[jumps > np.pi]
+        unwrap = self.unwrap
+        if unwrap is None and jumps.size:
+            unwrap = bool(np.ptp(angles) <= _MAX_WRAPPED_RANGE and jumps.min() >= _MIN_WRAP)
+            if unwrap:
+                times = f"at {jumps.size} instants" if jumps.size > 1 else "once"
+                self.notes.append(
+                    f"{name} jumps by about a whole turn {times} and was unwrapped before it was differentiated; "
+                    "unwrap = false takes it as it stands"
+                )
+            else:
+                self.notes.append(
+                    f"{name} changes by up to {jumps.max():.3g} rad between samples and was differentiated as it "
+                    "stands; unwrap = true takes changes of more than half a turn for jumps by 2 pi"
+                )
+        return np.unwrap(angles) if unwrap else angles
+
+    def lacking_errors(self) -> str:
+        """Return a sentence on the derivatives that were found by finite differences; an empty text without any."""
+        if not self.derived:
+            return ""
+        be = "were" if len(self.derived) > 1 else "was"
+        return f"{', '.join(self.derived)} {be} found by finite differences; how far off is not known"
 
 
 def _stated(table: Table, log: _Log) -> Motion:
-    """The motion that the file states: position, attitude, hinge angle."""
+    """Return the motion that the file states: position, attitude, hinge angle."""
     attitude = _attitude(log)
     if attitude is _QUATERNION and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
     parts = {names: log.part(names) for names in (_POSITION, attitude, _HINGE)}
-    level = _level(log, parts)
+    level, frame = _level(log, parts), _frame(table, log)
     sequence = table.choice("sequence", SEQUENCES, "XYZ")
     given: Given
     if attitude is _EULER:
@@ -181,13 +237,17 @@ def _stated(table: Table, log: _Log) -> Motion:
     else:
         known = {name: array for part in parts.values() for name, array in part.items()}
         known["S1"] = log.rotations(known["quat_xyzw"])
+        if frame == "body":  # of what was found from quaternions, omega1 is in world axes already
+            start = 1 if "omega1" not in log.derived else 2
+            own = [name for name in _QUATERNION[start:] if name in known]
+            known |= {name: world_vectors(known["S1"], known[name]) for name in own}
         given, how = by_body1(known), "attitude as quaternions"
-    how += ", rates by finite differences" * log.found
-    return Motion(log.t, given, "samples in a file", how, {}, _DOUBT * log.found, log.hint)
+    how += ", rates by finite differences" * bool(log.derived)
+    return Motion(log.t, given, "samples in a file", how, {}, log.lacking_errors(), log.hint, notes=tuple(log.notes))
 
 
 def _integrated(table: Table, log: _Log) -> Motion:
-    """The motion whose rates the file states, integrated (E12)."""
+    """Return the motion whose rates the file states, integrated (E12)."""
     rates = (_QUATERNION[1:], _HINGE[1:])
     read = {"t", *(column for names in (_POSITION, *rates) for name in names for column in _columns_of(name))}
     for column in log.columns:
@@ -202,9 +262,11 @@ def _integrated(table: Table, log: _Log) -> Motion:
         position = dict.fromkeys(_POSITION, np.zeros((log.t.size, 3)))
     if "v1" not in position:
         log.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
+    _frame(table, log)
     known = position | turning | hinge
     signals = Samples(log.since, known["omega1"], AUTO), Samples(log.since, known["psid"], AUTO)
-    return replace(integrated(table, log.since, signals, known, hint=log.hint), t=log.t)
+    notes = tuple(filter(None, [log.lacking_errors()]))
+    return replace(integrated(table, log.since, signals, known, hint=log.hint, notes=notes), t=log.t)
 
 
 def _attitude(log: _Log) -> tuple[str, ...]:

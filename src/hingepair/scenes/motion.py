@@ -52,6 +52,8 @@ class Motion:
         hint: how to get derivatives that are missing, for messages.
         functions: of t that it is made of; they know where they switch.
         simulated: the motion as it was simulated; None of others.
+        stops: lower and upper stop of the simulated hinge [rad]; infinite where there is none.
+        notes: sentences that every reader of the results should see.
     """
 
     t: Instants
@@ -63,6 +65,8 @@ class Motion:
     hint: str = ""
     functions: tuple[Any, ...] = ()
     simulated: SimulatedMotion | SimulatedPlanarMotion | None = None
+    stops: tuple[float, float] = (-math.inf, math.inf)
+    notes: tuple[str, ...] = ()
 
     @property
     def level(self) -> int:

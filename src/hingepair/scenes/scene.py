@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.dynamics.simulate import passed_stops
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.integration.trajectory import span
 from hingepair.numeric.arrays import Frozen, read_only
@@ -411,7 +412,8 @@ class Notes:
         """Look at one piece."""
         self._kinks += self._scene.motion.kinks(part.first, part.first + len(part.t))
         psi = part.known.psi
-        self._least, self._most = min(self._least, float(psi.min())), max(self._most, float(psi.max()))
+        self._least = float(np.fmin.reduce(psi, initial=self._least))
+        self._most = float(np.fmax.reduce(psi, initial=self._most))
         for name, (lower, upper) in self._limits.items():
             values = part.known.coordinates(_level(name))[name]
             outside = np.flatnonzero((values < lower) | (values > upper))
@@ -440,6 +442,9 @@ class Notes:
         if self._kinks:
             where = f"{self._kinks} interval{'s' * (self._kinks != 1)}"
             found.append(f"kinks or jumps in {where}; derivatives there are those from the right")
+        if soft := passed_stops(motion.stops, self._least, self._most):
+            found.append(f"{soft}; stop_stiffness hardens them")
+        found += motion.notes
         return (*found, motion.doubt) if math.isnan(motion.error_estimate) else tuple(found)
 
 

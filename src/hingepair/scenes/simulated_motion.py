@@ -117,6 +117,10 @@ def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | Pl
     else:
         motion.check_keys(("constants",))
         body1 = _start(table, start, planar)
+    for letter in _LETTERS:
+        if letter in table.constants:
+            own = "psi and psid are the hinge angle and its rate in expressions of [dynamics]"
+            Place(table.file, "motion.constants").refuse(letter, f"another name: {own}", repr(letter))
     t = held_instants(time)
     angles = given.pop("psi_0", 0.0), given.pop("psid_0", 0.0)
     try:
@@ -130,7 +134,9 @@ def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | Pl
     if kind in {"free", "pinned"}:
         errors = {"rad of body 1": Later(lambda: found.error_estimate), **errors}
     how = f"simulated in {found.steps} steps, base {kind}"
-    return Motion(t, _known(found), "simulated from what acts", how, errors, simulated=found)
+    return Motion(
+        t, _known(found), "simulated from what acts", how, errors, simulated=found, stops=torque.tightest_stops
+    )
 
 
 def _known(found: SimulatedMotion | SimulatedPlanarMotion) -> ByBody1 | ByCoordinates:
