@@ -55,7 +55,7 @@ def test_everything_exported_exists_once() -> None:
 
 
 WINGS = (
-    *("errors", "numeric", "equations", "engine", "rotations", "plans", "pair", "mechanism", "measured"),
+    *("errors", "numeric", "equations", "engine", "rotations", "urdf", "plans", "pair", "mechanism", "measured"),
     *("integration", "dynamics", "symbolic", "formats", "validation", "scenes", "pictures", "bench", "cli"),
 )
 """From below."""

@@ -11,11 +11,12 @@ import pytest
 
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.formats.model_writers import to_urdf
-from hingepair.formats.urdf_reader import from_urdf, read_urdf
+from hingepair.formats.urdf_reader import from_urdf
 from hingepair.pair.accuracy import error_ratios, given_rate_sizes, output_scales
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.euler import euler_to_matrix
+from hingepair.urdf.reader import read_urdf
 from support import states
 from support.exported import ARM, pinocchio_of_urdf, welded_robot
 from support.hinged import pair_of
@@ -133,7 +134,7 @@ def test_origin_and_axis_have_defaults():
 
 def test_a_mimic_joint_is_a_hinge_and_any_axis_is_normalised():
     assert np.array_equal(from_urdf(ARM, "follower").n, (0, 1, 0))
-    assert read_urdf(ARM).hinge("follower").mimic == "elbow"
+    assert read_urdf(ARM).hinge("follower").follows == "elbow"
     assert [joint.name for joint in read_urdf(ARM).hinges()] == ["shoulder", "elbow", "follower"]
 
 

@@ -11,8 +11,9 @@ import pytest
 
 from hingepair.errors import URDFError
 from hingepair.formats.robots import load_robot_hinge, robot_names, robot_urdf
-from hingepair.formats.urdf_reader import from_urdf, hinge_pair, read_urdf
+from hingepair.formats.urdf_reader import from_urdf, hinge_pair
 from hingepair.rotations.matrices import rotation_exp
+from hingepair.urdf.reader import read_urdf
 from support import states
 from support.exported import ARM, welded_robot
 

@@ -8,7 +8,8 @@ import pinocchio as pin
 import pytest
 
 from hingepair.errors import HingePairError, URDFError
-from hingepair.formats.urdf_reader import from_urdf, read_urdf
+from hingepair.formats.urdf_reader import from_urdf
+from hingepair.urdf.reader import read_urdf
 from support.exported import ARM
 
 

@@ -517,7 +517,7 @@ FAULTS = {
         "formats/test_urdf_masses.py::test_links_fixed_to_each_other_are_one_body[parent-child]",
     ),
     "the inertia of a link not turned": Fault(
-        "formats/urdf_reader.py",
+        "urdf/records.py",
         "axes @ np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))) @ axes.T",
         "np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))",
         "formats/test_urdf_masses.py::test_links_fixed_to_each_other_are_one_body[parent-child]",

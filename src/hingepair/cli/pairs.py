@@ -13,11 +13,12 @@ from hingepair.cli.output import file_option, give
 from hingepair.errors import ArgumentError, MissingDependencyError, choices
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.robots import robot_names, robot_urdf
-from hingepair.formats.urdf_reader import from_urdf, hinge_pair, read_urdf
+from hingepair.formats.urdf_reader import from_urdf, hinge_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.scene import Scene, load_pair, load_scene, scene_files
 from hingepair.scenes.tables import read_tables
+from hingepair.urdf.reader import read_urdf
 
 Source = Annotated[
     str,

@@ -11,8 +11,9 @@ from hingepair.cli.output import Json
 from hingepair.cli.pairs import is_urdf
 from hingepair.errors import URDFError, printable
 from hingepair.formats.robots import robot_names, robot_urdf
-from hingepair.formats.urdf_reader import hinge_pair, read_urdf
+from hingepair.formats.urdf_reader import hinge_pair
 from hingepair.numeric.tables import aligned
+from hingepair.urdf.reader import read_urdf
 
 HEADINGS = (
     "joint",
@@ -59,7 +60,7 @@ def _hinges(name: str) -> list[dict[str, Any]]:
     found = []
     for hinge in robot.hinges():
         row: dict[str, Any] = {"joint": hinge.name, "type": hinge.type, "parent": hinge.parent, "child": hinge.child}
-        row |= {"follows": hinge.mimic}
+        row |= {"follows": hinge.follows}
         try:
             pair = hinge_pair(robot, hinge.name, name=hinge.name)
         except URDFError as error:

@@ -14,8 +14,9 @@ from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.formats.urdf_reader import hinge_pair, read_urdf
+from hingepair.formats.urdf_reader import hinge_pair
 from hingepair.pair.hinge_pair import HingePair
+from hingepair.urdf.reader import read_urdf
 
 PACKAGE = "example-robot-data"
 

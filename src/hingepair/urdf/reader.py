@@ -1,0 +1,71 @@
+"""URDF text read as records, without trust in where it comes from."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from collections import defaultdict
+from pathlib import Path
+
+from hingepair.errors import URDFError
+from hingepair.urdf.records import Joint, Link, Robot
+
+
+def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> Robot:
+    """Read the links and joints of a URDF; meshes and everything else are not touched.
+
+    Args:
+        path_or_text: the text itself (it starts with "<"), else a file's path.
+        snap: an angle of an origin (rpy) within this of a multiple of pi/2 is taken for it [rad]. Without it, only
+            an angle that is the double nearest to a multiple of pi/2 is that turn exactly.
+
+    Raises:
+        URDFError: the file cannot be read; not XML, a DOCTYPE in it (it could name files or grow without bound), not
+            a robot; a joint's parent link is not declared: whatever the joint carries would hang on nothing.
+    """
+    parser = ET.XMLParser(target=_NoDoctype())
+    try:
+        parser.feed(_text(path_or_text))
+        root = parser.close()
+    except URDFError:
+        raise
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise URDFError("URDF", "XML", str(error)) from None
+    if root.tag != "robot":
+        raise URDFError("URDF", "the element <robot>", f"<{root.tag}>")
+    links, joints_at = defaultdict(list), defaultdict(list)
+    for element in root.findall("link"):
+        link = Link(element, element.get("name", ""), snap)
+        links[link.name].append(link)
+    joints = [_joint(element, snap) for element in root.findall("joint")]
+    for joint in joints:
+        for name in {joint.parent, joint.child}:
+            joints_at[name].append(joint)
+    robot = Robot(root.get("name", ""), dict(links), joints, dict(joints_at))
+    for joint in joints:
+        robot.check_declared(joint.parent, joint)
+    return robot
+
+
+def _joint(element: ET.Element, snap: float) -> Joint:
+    names = ("parent", "link"), ("child", "link"), ("mimic", "joint")
+    parent, child, leader = ("" if (one := element.find(tag)) is None else one.get(key, "") for tag, key in names)
+    return Joint(element, element.get("name", ""), element.get("type", ""), parent, child, leader, snap)
+
+
+class _NoDoctype(ET.TreeBuilder):
+    """Refuses a DOCTYPE before anything that it declares is expanded."""
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise URDFError("URDF", "XML without a DOCTYPE", f"<!DOCTYPE {name} {pubid or ''} {system or ''}>")
+
+
+def _text(path_or_text: str | os.PathLike[str]) -> str | bytes:
+    """Return the text itself where it is one, else what the file holds."""
+    if isinstance(path_or_text, str) and path_or_text.lstrip("\ufeff \t\r\n").startswith("<"):
+        return path_or_text.lstrip("\ufeff \t\r\n")
+    try:
+        return Path(path_or_text).read_bytes()
+    except (OSError, ValueError, TypeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise URDFError("path_or_text", "a readable file or URDF text", f"{path_or_text!r} ({reason})") from None
