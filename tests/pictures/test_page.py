@@ -83,6 +83,57 @@ def test_a_trajectory_and_a_pair_are_shown():
     assert (min(motion["psi"]), max(motion["psi"])) == (-0.5, 1)
 
 
+SHAPES = {  # of body 1 or 2, and how far they go from its reference point
+    "cylinder": ((hp.Cylinder(0.3, 0.8, (0, 3, 4), (1, 2, 3)),), (), 5.5),
+    "box": ((), (hp.Box((2, 4, 4), (0, 0, -2)),), 5.0),
+    "sphere": ((hp.Sphere(0.1),), (hp.Sphere(7, (0, 1, 0)), hp.Sphere(2, (0, 5, 0))), 8.0),
+    "small ones": ((hp.Sphere(0.1),), (hp.Cylinder(0.1, 0.1, (0, 0, 0), (0, 0, 1)),), 2.5),
+}
+
+
+@pytest.mark.parametrize(("one", "two", "reach"), SHAPES.values(), ids=SHAPES)
+def test_the_camera_is_as_far_as_bodies_and_paths_need(one, two, reach):
+    """The numbers of a page beside its motion: levers of 1 and 1.5 m, body 1 along x from 100 m to 103 m."""
+    bodies = {name: hp.Body(mass=1, shapes=shapes) for name, shapes in (("body1", one), ("body2", two)) if shapes}
+    pair = hp.HingePair(u1=(0, 1, 0), u2=(0, 0, 1.5), n=(0, 0, 1), **bodies)
+    t = np.linspace(0, 1, 11)
+    R1 = np.stack([100 + 3 * t, 0 * t, 0 * t], axis=-1)
+    motion = motion_of(hp.view(hp.integrate(pair, t, omega1=(0, 0, 0), psid=0.0, R1=R1)))
+    assert (motion["size"], motion["origin"]) == (2.5, [100, 0, 0])
+    assert motion["reach"] == pytest.approx(reach, rel=1e-15)
+    assert motion["extent"] == pytest.approx(max(reach, (3**2 + 1 + 1.5**2) ** 0.5), rel=1e-15)
+    np.testing.assert_allclose(motion["centre"], (1.5, 0.5, -0.75), rtol=1e-15)
+    assert (motion["axis"], motion["hinge"]) == ([0, 0, 1], [0, 1, 0])
+
+
+def test_shapes_are_drawn_where_they_are():
+    """Three.js has the axis of a cylinder along y."""
+    turned = hp.rodrigues((1, 2, 3), 0.5)
+    one = hp.Cylinder(0.3, 0.8, (0, 3, 4), (1, 2, -2)), hp.Box((2, 4, 5), (1, 0, -2), turned), hp.Sphere(7, (0, 1, 0))
+    pair = hp.HingePair(u1=(0, 1, 0), u2=(0, 0, 1), n=(0, 0, 1), body1=hp.Body(mass=1, shapes=one))
+    shapes = motion_of(hp.view(pair))["body1"]["shapes"]
+    placed = np.array([shape.pop("placement") for shape in shapes]).reshape(-1, 4, 4)
+    assert shapes == [
+        {"kind": "cylinder", "radius": 0.3, "length": 0.8},
+        {"kind": "box", "size": [2, 4, 5]},
+        {"kind": "sphere", "radius": 7},
+    ]
+    np.testing.assert_array_equal(placed[:, :, 3], [(0, 3, 4, 1), (1, 0, -2, 1), (0, 1, 0, 1)])
+    np.testing.assert_allclose(placed[0, :3, 1], np.array([1, 2, -2]) / 3, rtol=1e-15)
+    np.testing.assert_allclose(placed[0, :3, :3] @ placed[0, :3, :3].T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(placed[0]) == pytest.approx(1)
+    np.testing.assert_array_equal(placed[1:, :3, :3], [turned, np.eye(3)])
+
+
+def test_a_page_says_of_how_many_instants_it_shows_some(scene):
+    short = hp.view(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1)))
+    assert (short.frames, short.samples, motion_of(short)["shown"]) == (181, 181, "181")
+    page = hp.view(scene)
+    assert (page.frames, page.samples) == (2000, scene.samples)
+    assert motion_of(page)["shown"] == f"2000 of {scene.samples}"
+    assert repr(page) == f"Page({scene.title}, frames=2000 of {scene.samples})"
+
+
 def test_a_gap_hides_the_body_and_a_title_is_only_text(tmp_path):
     log = "t,x,y,z,phi_x,phi_y,phi_z,psi\n" + "".join(
         f"{i / 10},{'nan' if i == 3 else i},0,0,0,0,0,{i}\n" for i in range(8)

@@ -61,19 +61,104 @@ def test_axes_are_named_and_a_motion_in_the_plane_is_seen_from_above():
 def test_far_paths_are_in_kilometres():
     scene = hp.load_scene(MODELS / "satellite_panel.toml")
     axes, _ = lines_of(hp.plot(scene), "paths in space [km], from the dots")
-    (R1, *_), sampled = (line.get_data_3d() for line in axes.get_lines()), scene.sampled(2000, ("R1",))
-    np.testing.assert_allclose(np.stack(R1, axis=1), sampled.R1 / 1000, rtol=1e-15, atol=0)
+    (R1, *_), result = (line.get_data_3d() for line in axes.get_lines()), scene.evaluate(("R1",))
+    np.testing.assert_allclose(np.stack(R1, axis=1), result.R1 / 1000, rtol=1e-15, atol=0)
+
+
+def log_scene(folder, rows):
+    """A scene of a log with the columns t, x and psi; body 1 does not turn."""
+    lines = (f"{t},{x},0,0,0,0,0,{psi}\n" for t, x, psi in rows)
+    (folder / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + "".join(lines))
+    text = "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\n[motion]\nfile = 'log.csv'\n"
+    (folder / "scene.toml").write_text(text)
+    return hp.load_scene(folder / "scene.toml")
 
 
 def test_a_gap_is_shaded(tmp_path):
-    rows = (f"{i / 10},{'nan' if i == 3 else 'inf' if i == 4 else i},0,0,0,{i},0,{i}\n" for i in range(9))
-    (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + "".join(rows))
-    text = "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\n[motion]\nfile = 'log.csv'\n"
-    (tmp_path / "scene.toml").write_text(text)
-    figure = hp.plot(hp.load_scene(tmp_path / "scene.toml"))
-    axes, lines = lines_of(figure, "position of body 2, R2")
+    rows = [(i / 10, "nan" if i == 3 else "inf" if i == 4 else i, i) for i in range(9)]
+    axes, lines = lines_of(hp.plot(log_scene(tmp_path, rows)), "position of body 2, R2")
     assert not np.isfinite(lines[0][3:5]).any()
     assert [patch.get_extents().width > 0 for patch in axes.patches] == [True]
+
+
+def test_angles_go_on_after_a_gap(tmp_path):
+    """One attitude that is not known does not take those after it away."""
+    rows = [(i / 10, i, "nan" if i == 3 else i) for i in range(9)]
+    _, (*_, angle) = lines_of(hp.plot(log_scene(tmp_path, rows)), "attitude of body 2, Euler angles XYZ")
+    expected = np.arange(9.0)
+    expected[3] = np.nan
+    np.testing.assert_allclose(angle, expected, rtol=1e-14)
+
+
+def moving(folder, samples, **motion):
+    """A scene of expressions from 0 to 10 s."""
+    coordinates = dict.fromkeys(("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi"), "0") | motion
+    lines = "".join(f'{name} = "{text}"\n' for name, text in coordinates.items())
+    head = "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\n"
+    time = f"[time]\nstart = 0\nstop = 10\nsamples = {samples}\n"
+    (folder / "scene.toml").write_text(f"{head}[motion]\n{lines}{time}")
+    return hp.load_scene(folder / "scene.toml")
+
+
+FAST = {
+    "200 Hz": "sin(2*pi*200*t + 0.5)",
+    "faster than its samples": "sin(2*pi*499.9*t)*t",
+    "a spike": "where(abs(t - 5.001) < 0.0004, 1, 0)",
+    "a dropout": "where(abs(t - 5.001) < 0.0004, sqrt(-t), t)",
+}
+
+
+@pytest.mark.parametrize("text", FAST.values(), ids=FAST)
+def test_fast_motion_fills_the_band_between_its_extremes(text, tmp_path):
+    """Within a pixel of where the samples reach a value the curve does, and it goes through samples alone."""
+    scene = moving(tmp_path, 10_001, psi=text)
+    axes = hp.plot(scene, ("psi",)).axes[0]
+    (line,), t, psi = axes.get_lines(), scene.times(), scene.evaluate(("psi",)).psi
+    at = np.searchsorted(t, line.get_xdata())
+    np.testing.assert_array_equal(line.get_ydata(), psi[at])
+    assert (np.diff(at) > 0).all()
+    for start in range(0, 10_000, 50):
+        sampled, drawn = psi[start : start + 51], psi[at[(at >= start - 6) & (at <= start + 56)]]
+        assert np.nanmin(drawn) <= np.nanmin(sampled)
+        assert np.nanmax(drawn) >= np.nanmax(sampled)
+        assert np.isnan(drawn).any() or not np.isnan(sampled).any()
+    assert len(axes.patches) == np.isnan(psi).any()
+
+
+@pytest.mark.slow
+def test_the_picture_of_many_samples_is_that_of_all_of_them(tmp_path, monkeypatch):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    scene = moving(tmp_path, 100_001, x="sin(2*pi*40*t)*t", psi="cos(900*t) + t", phi_x="t")
+
+    def pixels():
+        canvas = FigureCanvasAgg(hp.plot(scene, ("psi", "v2", "S2")))
+        canvas.draw()
+        return np.asarray(canvas.buffer_rgba())[..., :3].astype(int), canvas.figure
+
+    drawn, figure = pixels()
+    assert sum(len(line.get_xdata()) for axes in figure.axes for line in axes.get_lines()) < 140_000
+    monkeypatch.setattr("hingepair.pictures.plot._MAX_INTERVALS", 100_001)
+    whole, figure = pixels()
+    assert sum(len(line.get_xdata()) for axes in figure.axes for line in axes.get_lines()) == 700_007
+    assert (np.abs(drawn - whole).max(axis=2) > 60).mean() < 0.002
+
+
+@pytest.mark.slow
+def test_curves_go_on_from_piece_to_piece(tmp_path, monkeypatch):
+    """Angles that turn on, and a path; a scene of more samples than are computed at once."""
+    scene = moving(tmp_path, 3_001, x="t", phi_z="3*t", psi="t")
+    title = "attitude of body 2, Euler angles XYZ"
+    _, whole = lines_of(hp.plot(scene), title)
+    assert whole[2].max() == pytest.approx(40, abs=1e-9)
+    monkeypatch.setattr("hingepair.scenes.scene.ROWS", 500)
+    figure = hp.plot(scene)
+    axes, pieces = lines_of(figure, title)
+    np.testing.assert_allclose(pieces, whole, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(axes.get_lines()[0].get_xdata(), scene.times())
+    assert [
+        len(line.get_xdata()) for line in lines_of(figure, "paths in space [m], from the dots")[0].get_lines()[::2]
+    ] == [3_001] * 3
 
 
 @pytest.mark.slow
@@ -91,7 +176,7 @@ def test_the_command_writes_a_picture_that_is_not_blank(tmp_path):
 def test_some_outputs_alone():
     scene = hp.load_scene(MODELS / "landing_gear.toml")
     asked = ("S1", "v1", "psi", "psid", "qdd")
-    figure, result = hp.plot(scene, outputs=asked), scene.sampled(2000, asked)
+    figure, result = hp.plot(scene, outputs=asked), scene.evaluate(asked)
     coordinates = ("a1_x", "a1_y", "a1_z", "phidd_x", "phidd_y", "phidd_z", "psidd")
     shown = {axes.get_title() for axes in figure.axes}
     assert shown == {"attitude of body 1, Euler angles XYZ", "v1", "hinge angle, psi", "psid", *coordinates}

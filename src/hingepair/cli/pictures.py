@@ -51,7 +51,7 @@ def view(
     out = out or _unused(f"{name}.html")
     page = page_of(found.to_spatial() if isinstance(found, PlanarPair) else found)
     path = page.save(out, inputs_of(source))
-    console().print(f"written: {path} ({page.frames} instants; open it in a browser)")
+    console().print(f"written: {path} ({page.shown} instants; open it in a browser)")
 
 
 def _unused(name: str) -> Path:

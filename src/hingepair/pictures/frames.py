@@ -1,8 +1,8 @@
-"""What a picture shows: a motion at so many instants, of whatever holds one."""
+"""The instants and values that a picture shows, of whatever holds a motion."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,32 +14,39 @@ from hingepair.integration.trajectory import Trajectory
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
+from hingepair.scenes.instants import Rows
 from hingepair.scenes.scene import Scene, SceneResult
 
 Array: TypeAlias = NDArray[Any]
 
-MOST_FRAMES: Final = 2000
-"""Instants of a picture at most, evenly spread: more than a screen has columns."""
+MAX_FRAMES: Final = 2000
+"""Instants of a page, spread evenly over those of the motion; a plot has all of them."""
 
 RATES: Final = ("v2", "omega2", "a2", "alpha2")
 
 Source: TypeAlias = HingePair | Scene | SceneResult | Trajectory | SimulatedPlanarMotion
 
+Recorded: TypeAlias = tuple[Array, HingePair, BodyMotion, Array, dict[str, Array]]
+"""A motion in memory: instants, pair, motion of body 1, psi, and further arrays by name."""
+
 
 class Frames(NamedTuple):
-    """A motion as a page shows it.
+    """A motion, or a part of it, as pictures show it.
 
     Attributes:
-        pair: what moves.
-        title: of the picture.
+        pair: the pair that moves.
+        title: title of the picture.
+        samples: number of instants of the whole motion.
         t: instants [s]; shape (N,).
         bodies: R1, S1, R2 and S2 by name; shapes (N, 3), (N, 3, 3).
         psi: hinge angle [rad]; shape (N,).
-        readings: what else is shown, by name, such as v2; shape (N, 3), or as it is where outputs were named.
+        readings: further outputs by name, such as v2; vectors in space, shape (N, 3), or the outputs that were
+            named, of any shape (N, ...).
     """
 
     pair: HingePair
     title: str
+    samples: int
     t: Array
     bodies: dict[str, Array]
     psi: Array
@@ -47,47 +54,75 @@ class Frames(NamedTuple):
 
     @property
     def hinge(self) -> Array:
-        """The hinge point as body 1 has it; shape (N, 3)."""
+        """Hinge point, computed from body 1 [m]; shape (N, 3)."""
         point: Array = self.bodies["R1"] + self.bodies["S1"] @ self.pair.u1
         return point
 
 
-def frames_of(source: object, outputs: Iterable[str] | None = None) -> Frames:
-    """The frames of a source.
-
-    Args:
-        source: what holds a motion.
-        outputs: the readings; the rates of body 2 that there are unless given.
+def spread_frames(source: object) -> Frames:
+    """Return the motion at MAX_FRAMES instants at most, spread evenly, with the rates of body 2 that there are.
 
     Raises:
-        ArgumentError: it has no motion in space to show, or no such output.
+        ArgumentError: the source has no motion in space to show.
+    """
+    source = source.scene if isinstance(source, SceneResult) else source
+    if isinstance(source, Scene):
+        return _scene_frames(source, source.sampled(MAX_FRAMES, _scene_outputs(source, None)), None)
+    motion = _motion(source)
+    count = len(motion[0])
+    return _recorded_frames(
+        motion, np.unique(np.linspace(0, count - 1, min(count, MAX_FRAMES)).astype(np.intp)), None
+    )
+
+
+def all_frames(source: object, outputs: Iterable[str] | None = None) -> Iterator[Frames]:
+    """Yield the motion at all of its instants, piece by piece.
+
+    Args:
+        source: a scene or its result, a trajectory in space or by `simulate`, or a pair in space.
+        outputs: names of the readings; unless given, the rates of body 2 that there are.
+
+    Raises:
+        ArgumentError: the source has no motion in space to show, or no such output.
     """
     if outputs is not None:
         outputs = () if isinstance(outputs, str) else tuple(outputs)
         if not outputs:
             raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", "none, or a text")
-    if isinstance(source, SceneResult):
-        source = source.scene
+    source = source.scene if isinstance(source, SceneResult) else source
     if isinstance(source, Scene):
-        names = (*RATES[: 2 * source.motion.level], "psi") if outputs is None else outputs
-        part = source.sampled(MOST_FRAMES, names)
-        found, bodies = part.chosen(), part.known.bodies(source.pair)
-        readings = found if outputs is not None else _rates(found)
-        return Frames(source.space, source.title, part.t, bodies, part.known.psi, readings)
-    t, pair, body1, psi, recorded = _motion(source)
-    rows = np.unique(np.linspace(0, len(t) - 1, min(len(t), MOST_FRAMES)).astype(np.intp))
+        for part in source.blocks(_scene_outputs(source, outputs)):
+            yield _scene_frames(source, part, outputs)
+    else:
+        yield _recorded_frames(_motion(source), slice(None), outputs)
+
+
+def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, ...]:
+    return (*RATES[: 2 * scene.motion.level], "psi") if outputs is None else outputs
+
+
+def _scene_frames(scene: Scene, part: SceneResult, outputs: tuple[str, ...] | None) -> Frames:
+    """Return the frames of some instants of a scene."""
+    arrays, bodies = part.chosen(), part.known.bodies(scene.pair)
+    readings = arrays if outputs is not None else _rates(arrays)
+    return Frames(scene.space, scene.title, scene.samples, part.t, bodies, part.known.psi, readings)
+
+
+def _recorded_frames(motion: Recorded, rows: Rows, outputs: tuple[str, ...] | None) -> Frames:
+    """Return the frames of some instants of a motion that is held in memory."""
+    t, pair, body1, psi, recorded = motion
     body1, psi = BodyMotion(R=body1.R[rows], S=body1.S[rows]), psi[rows]
     bodies = pair.forward_kinematics_from_body1(body1, psi, outputs=("R1", "S1", "R2", "S2")).arrays()
-    found = {name: array[rows] for name, array in recorded.items()} if recorded else {**bodies, "psi": psi}
+    arrays = {name: array[rows] for name, array in recorded.items()} if recorded else {**bodies, "psi": psi}
     for name in outputs or ():
-        if name not in found:
-            raise ArgumentError("outputs", choices(tuple(found)), quoted(name))
-    readings = _rates(found) if outputs is None else {name: found[name] for name in outputs}
-    return Frames(pair, pair.name, t[rows], bodies, psi, readings)
+        if name not in arrays:
+            raise ArgumentError("outputs", choices(tuple(arrays)), quoted(name))
+    readings = _rates(arrays) if outputs is None else {name: arrays[name] for name in outputs}
+    return Frames(pair, pair.name, len(t), t[rows], bodies, psi, readings)
 
 
-def _motion(source: object) -> tuple[Array, HingePair, BodyMotion, Array, dict[str, Array]]:
-    """Instants, pair, body 1, psi and what was recorded; a bare pair turns its hinge to the limits and back."""
+def _motion(source: object) -> Recorded:
+    """Return the motion of a source; that of a bare pair turns the hinge to its limits and back."""
     if isinstance(source, Trajectory):
         return source.t, source.pair, BodyMotion(R=source.R1, S=source.S1), source.psi, source.recorded()
     if isinstance(source, SimulatedPlanarMotion):
@@ -103,13 +138,13 @@ def _motion(source: object) -> tuple[Array, HingePair, BodyMotion, Array, dict[s
     return 6 * share, source, still, psi, {}
 
 
-def _rates(found: dict[str, Array]) -> dict[str, Array]:
-    """The rates among them, in space."""
-    return {name: _in_space(found[name]) for name in RATES if name in found}
+def _rates(arrays: dict[str, Array]) -> dict[str, Array]:
+    """Return the rates of body 2 among some arrays, as vectors in space."""
+    return {name: _in_space(arrays[name]) for name in RATES if name in arrays}
 
 
 def _in_space(vectors: Array) -> Array:
-    """Vectors of the plane as vectors of space; numbers as vectors along z."""
+    """Return vectors of the plane as vectors of space, and numbers as vectors along z; shape (N, 3)."""
     flat = vectors.reshape(len(vectors), -1)
     if flat.shape[1] == 3:
         return flat

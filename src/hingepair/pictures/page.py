@@ -23,7 +23,7 @@ from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.formats.model_writers import drawn_shapes
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
-from hingepair.pictures.frames import Array, Frames, Source, frames_of
+from hingepair.pictures.frames import Array, Frames, Source, spread_frames
 from hingepair.scenes.scene import Scene
 
 
@@ -47,8 +47,8 @@ def view(source: Source, path: str | os.PathLike[str] | None = None) -> Page:
     >>> page
     Page(hinge_pair, frames=181)
     """
-    frames = frames_of(source)
-    page = Page(frames.title, len(frames.t), _html(frames))
+    frames = spread_frames(source)
+    page = Page(frames.title, len(frames.t), frames.samples, _html(frames))
     if path is not None:
         page.save(path, [source.path] if isinstance(source, Scene) else ())
     return page
@@ -56,20 +56,27 @@ def view(source: Source, path: str | os.PathLike[str] | None = None) -> Page:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Page:
-    """One HTML file, and everything that it needs in it.
+    """One HTML file that holds everything that it needs.
 
     Attributes:
-        title: what it shows.
-        frames: number of instants.
-        html: its text.
+        title: title of the motion.
+        frames: number of instants that it shows.
+        samples: number of instants of the motion; of more than 2,000 the page shows 2,000, spread evenly.
+        html: text of the file.
     """
 
     title: str
     frames: int
+    samples: int
     html: str
 
     def __repr__(self) -> str:
-        return f"Page({self.title}, frames={self.frames})"
+        return f"Page({self.title}, frames={self.shown})"
+
+    @property
+    def shown(self) -> str:
+        """How many instants the page shows, and of how many where it does not show all: `2000 of 10001`."""
+        return _shown(self.frames, self.samples)
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
         """Write it to a file.
@@ -92,6 +99,10 @@ class Page:
         return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: 480px; border: 0"></iframe>'
 
 
+def _shown(count: int, samples: int) -> str:
+    return f"{count} of {samples}" if count < samples else f"{count}"
+
+
 def _html(frames: Frames) -> str:
     """The page: the viewer's code, the motion as JSON, and what brings the two together."""
     pair, (R1, S1, R2, S2) = frames.pair, (frames.bodies[name] for name in ("R1", "S1", "R2", "S2"))
@@ -105,6 +116,7 @@ def _html(frames: Frames) -> str:
     reach = max(size, *map(_reach, (*one, *two)))
     motion: dict[str, Any] = {
         "title": frames.title,
+        "shown": _shown(len(frames.t), frames.samples),
         "t": frames.t.tolist(),
         "psi": _plain(frames.psi),
         "axis": pair.n.tolist(),
