@@ -82,9 +82,25 @@ def test_without_scipy_dop853_says_what_to_install(monkeypatch):
         hp.integrate(PAIR, T, (0, 0, 1), 1.0, method="dop853")
 
 
-def test_nanoseconds_are_no_seconds():
+def test_milliseconds_are_no_seconds():
     pair = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1))
-    stamps = 1_700_000_000_000_000_000 + 10_000_000 * np.arange(5)
-    with pytest.raises(hp.ArgumentError, match=r"t: expected seconds, such as \(t - t\[0\]\) \* 1e-9 of nanoseconds"):
+    stamps = 1_700_000_000_000 + 10 * np.arange(5)
+    with pytest.raises(
+        hp.ArgumentError, match=r"t: expected seconds, such as \(t - t\[0\]\) \* 1e-3 of milliseconds"
+    ):
         hp.integrate(pair, stamps, (0, 0, 1), 0.5)
     assert hp.integrate(pair, np.arange(5), (0, 0, 1), 0.5).psi[-1] == 2
+
+
+@pytest.mark.parametrize("kind", [np.int64, "datetime64[ns]"])
+def test_stamps_of_clocks_are_counted_from_the_first_without_rounding(kind):
+    pair = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    steps = 10_000_000 + np.random.default_rng(3).integers(-3_000_000, 3_000_000, 200)
+    stamps = (1_700_000_000_123_456_789 + np.cumsum(steps)).astype(kind)
+    t = np.cumsum(steps) * 1e-9 - steps[0] * 1e-9
+    omega1 = np.stack([np.sin(t), np.cos(2 * t), 0.5 * t], axis=-1)
+    found, expected = (hp.integrate(pair, own, omega1, np.cos(t)) for own in (stamps, t))
+    np.testing.assert_allclose(found.t, t, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found.S1, expected.S1, rtol=0, atol=1e-14)
+    with pytest.raises(hp.ArgumentError, match="t: expected instants that increase, got sample 3 the same stamp"):
+        hp.integrate(pair, stamps[[0, 1, 2, 2, 4]], (0, 0, 1), 0.5)

@@ -338,6 +338,45 @@ def test_stamps_since_1970_keep_the_digits_of_their_text(tmp_path, more):
         np.testing.assert_allclose(getattr(second.evaluate((name,)), name), array, rtol=0, atol=2e-7)
 
 
+STEPS = 20_000_000 + np.random.default_rng(5).integers(-5_000_000, 5_000_000, 150)
+STAMPS = 1_700_000_000_123_456_789 + np.cumsum(STEPS)
+KINDS = {"npz int64": np.int64, "npz datetime64[ns]": "datetime64[ns]", "npz timedelta64[ns]": "timedelta64[ns]"}
+KINDS |= {"parquet int64": np.int64, "parquet datetime64[ns]": "datetime64[ns]", "csv int64": np.int64}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_stamps_of_clocks_are_counted_from_the_first_without_rounding(tmp_path, kind):
+    t = (np.cumsum(STEPS) - STEPS[0]) * 1e-9
+    columns = {"t": t, **{name: np.zeros(t.size) for name in EULER[:6]}, "psi": np.sin(3 * t)}
+    expected = scene_of(tmp_path, columns, "differentiate = true\n").evaluate(("psid", "psidd"))
+    name = f"log.{kind.split()[0]}"
+    scene = scene_of(tmp_path, columns | {"t": STAMPS.astype(KINDS[kind])}, "differentiate = true\n", name)
+    found = scene.evaluate(("psid", "psidd"))
+    np.testing.assert_allclose(found.t, t, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found.psid, expected.psid, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found.psidd, expected.psidd, rtol=0, atol=1e-9)
+    assert scene.notes()[0].startswith("t is counted from the first stamp of the log, ")
+    assert not any("is it in" in note for note in scene.notes())
+
+
+def test_doubtful_units_of_a_log_are_said_in_a_line(tmp_path):
+    """Milliseconds and degrees pass every check of shape and kind."""
+    columns = some(moving(40), *EULER)
+    columns |= {"t": np.arange(40) * 2.0, "psi": 90 * np.sin(np.arange(40) / 5), "phi_y": np.linspace(-50, 50, 40)}
+    scene = scene_of(tmp_path, columns, "[pair.body2]\nmass = 1\ninertia = [1, 1, 1]\n")
+    said = [
+        "t steps by 2 s: is it in seconds? Milliseconds become seconds by 1e-3 * t.",
+        "phi_y spans 100 rad, 15.9 turns: is it in radians? Degrees become radians by numpy.radians(phi_y).",
+        "psi spans 180 rad, 28.6 turns: is it in radians? Degrees become radians by numpy.radians(psi).",
+    ]
+    assert [note for note in scene.notes() if "is it in" in note] == said
+    columns |= {name: np.zeros(40) for name in (*RATES, *SECOND)}
+    scene_of(tmp_path, columns, "[pair.body2]\nmass = 1\ninertia = [1, 1, 1]\n")
+    for command in ("run", "check", "forces"):
+        shown = CliRunner().invoke(app, [command, str(tmp_path / "my.toml")]).stdout
+        assert all(f"note: {sentence}\n" in shown for sentence in said), command
+
+
 def test_instants_since_1970_can_be_told_apart(tmp_path):
     rows = "".join(f"{1763746391 + i / 4!r},{i},0,0,0,0,0,{i}\n" for i in range(3))
     (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + rows)

@@ -100,6 +100,8 @@ def check(scene_file: SceneFile, as_json: Json = False) -> None:
         if report.samples < scene.samples:
             screen.print(f"{report.samples} of the {scene.samples} instants are compared, evenly spread")
         print(report)
+        for note in scene.motion.notes:
+            screen.print(f"note: {note}")
     raise typer.Exit(0 if report.ok else 1)
 
 

@@ -17,8 +17,8 @@ from hingepair.dynamics.loads import Base, HingeLoad, HingeTorque, Load, Loads, 
 from hingepair.engine.backend import choose
 from hingepair.errors import ArgumentError, HingePairError, quoted
 from hingepair.integration.trajectory import Later, PlanarTrajectory, Trajectory
-from hingepair.numeric.arrays import check_choice, finite_number, read_only, real_array
-from hingepair.numeric.finite_differences import check_instants
+from hingepair.numeric.arrays import check_choice, finite_number, read_only
+from hingepair.numeric.instants import instants_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_one, check_pair
 from hingepair.pair.dynamics import GRAVITY, DynamicsWarning, Energy, Momentum
@@ -183,7 +183,7 @@ def simulate(
     3.1416
     """
     space = _in_space(pair)
-    instants = check_instants("t", real_array("t", t), 0)
+    instants = instants_of("t", t)
     tolerance = finite_number("tol", tol)
     if not _TOLERANCES[0] <= tolerance <= _TOLERANCES[1]:
         raise ArgumentError("tol", f"a number from {_TOLERANCES[0]} to {_TOLERANCES[1]}", tol)

@@ -14,8 +14,8 @@ from hingepair.integration.signals import Signal, read_position, read_signal
 from hingepair.integration.solve import METHODS, Course, Solution, solve
 from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, rotations, world_vectors
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only, real_array
-from hingepair.numeric.finite_differences import check_instants
+from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only
+from hingepair.numeric.instants import instants_of
 from hingepair.pair.constants import Constants, check_pair
 from hingepair.pair.evaluate import STATES
 from hingepair.pair.forward_kinematics import Outputs
@@ -106,7 +106,7 @@ def integrate(
     omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), or one
     constant (3,) or (); samples at t; or a constant. Samples are interpolated by polynomials of degree 5, which
     presumes a smooth motion: at a kink or across a gap they swing. Only differences of instants enter; seconds since
-    1970 as floats are rounded to 2.4e-7 s, so subtract the first instant in the numbers that the clock gives. With
+    1970 as floats are rounded to 2.4e-7 s, so give the datetime64 or integer nanoseconds of the clock instead. With
     `magnus6` this is what strapdown navigation knows as multi-sample coning correction (Bortz, Miller, Savage).
 
     `magnus6` (order 6), `magnus4`, `cf4`, `rk4_quaternion` (order 4) and `midpoint` (order 2) make each step from
@@ -116,6 +116,7 @@ def integrate(
     Args:
         pair: a HingePair, or a PlanarPair (E11): then omega1 and alpha1 are numbers, points have two coordinates.
         t: instants [s], increasing; shape (N,). One step for each interval, more where `tol` asks for them.
+            datetime64 and integer nanoseconds since 1970 are counted from the first one, exactly.
         omega1: angular velocity of body 1 [rad/s].
         psid: hinge rate psi' [rad/s].
         R1: reference point of body 1, world axes [m]: constant, a callable of t, or an array (N, 3); or a tuple
@@ -158,7 +159,7 @@ def integrate(
     """
     check_choice("method", method, METHODS)
     check_choice("frame", frame, FRAMES)
-    t = check_instants("t", real_array("t", t), 0)
+    t = instants_of("t", t)
     how = choose(backend, 1)
     course = Course(t, method, tol, how, frame == "body")
     hinge = finite_number("psi_0", psi_0)

@@ -27,7 +27,7 @@ Stencil: TypeAlias = tuple[slice, NDArray[np.intp], Float64Array, Float64Array]
 """Some samples, their neighbours (they themselves among them), and the neighbours' weights in the first [1/s] and the
 second derivative [1/s^2]; shape (samples, neighbours)."""
 
-_NO_SECONDS = 1e11  # whole numbers from here on, 3,000 years, are stamps in milliseconds or nanoseconds
+_NO_SECONDS = 1e11  # whole numbers from here on, 3,000 years, are stamps in milliseconds or microseconds
 
 
 def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
@@ -41,7 +41,7 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
         fewest = f" with at least {order + 1} samples" if order else ""
         raise ShapeError(name, f"shape (N,){fewest}", f"shape {t.shape}")
     if t.dtype.kind in "iu" and t.size and np.abs(t.astype(np.float64)).max() >= _NO_SECONDS:
-        raise ArgumentError(name, "seconds, such as (t - t[0]) * 1e-9 of nanoseconds", f"{t.dtype.name} from {t[0]}")
+        raise ArgumentError(name, "seconds, such as (t - t[0]) * 1e-3 of milliseconds", f"{t.dtype.name} from {t[0]}")
     instants = t.astype(np.float64)
     bad = np.flatnonzero(~np.isfinite(instants))
     if bad.size:

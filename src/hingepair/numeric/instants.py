@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, DtypeError, ShapeError
 from hingepair.numeric.arrays import Float64Array, finite_number, real_array
+from hingepair.numeric.finite_differences import check_instants
 
 _MIN_NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
 _MAX_SECONDS = 1e14  # [s]: larger floats are refused, since they can only be nanoseconds
@@ -81,6 +82,31 @@ def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
         more = f", and {bad.size - 1} more" if bad.size > 1 else ""
         raise ArgumentError(name, "instants that increase", f"sample {i} {how} the sample before it{more}")
     return seconds, first
+
+
+def instants_of(name: str, t: ArrayLike, fewest: int = 0) -> Float64Array:
+    """Return increasing instants in seconds: floats as they are, stamps of clocks counted from the first one.
+
+    datetime64, timedelta64 and integer nanoseconds since 1970 are subtracted before they are rounded. Smaller integers
+    are seconds.
+
+    Args:
+        name: of the argument, for messages.
+        t: instants; shape (N,).
+        fewest: order of the differences that the instants are for, of which there must be more.
+
+    Raises:
+        ShapeError, DtypeError, ArgumentError: not one axis of increasing instants; names the first that is wrong.
+
+    >>> instants_of("t", np.array(["2026-01-01T00:00", "2026-01-01T00:01"], dtype="datetime64[m]"))
+    array([ 0., 60.])
+    """
+    stamps = t if isinstance(t, np.ndarray) else np.asarray(t)
+    clock = stamps.dtype.kind in "mM" or (
+        stamps.dtype.kind in "iu" and stamps.size and np.abs(stamps.astype(np.float64)).min() >= _MIN_NANOSECONDS
+    )
+    seconds = increasing_seconds(name, stamps)[0] if clock else real_array(name, t)
+    return check_instants(name, seconds, fewest)
 
 
 def warn_of_jitter(name: str, seconds: Float64Array) -> None:

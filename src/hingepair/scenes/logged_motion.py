@@ -19,7 +19,10 @@ from hingepair.integration.signals import Samples
 from hingepair.integration.trajectory import world_vectors
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.column_file import Wanted, csv_column, read_columns
-from hingepair.numeric.finite_differences import check_instants, differentiate
+from hingepair.numeric.finite_differences import differentiate
+from hingepair.numeric.instants import instants_of
+from hingepair.numeric.suspicions import angle_suspicions, instant_suspicions
+from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.evaluate import AUTO
 from hingepair.plans.plan import PLANAR, SPATIAL
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
@@ -51,8 +54,7 @@ _POSITION = ("R1", "v1", "a1")
 _HINGE = ("psi", "psid", "psidd")
 _EULER = ("phi", "phid", "phidd")
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
-_MAX_WRAPPED_RANGE: Final = 2 * np.pi + 0.01  # rad: what wrapped angles span at most, rounded to two decimals
-_MIN_WRAP: Final = 1.5 * np.pi  # rad: a smaller step between samples is not taken for a jump by a whole turn
+_MAX_FLOAT_SECONDS: Final = 1e14  # larger numbers of a .csv are integer nanoseconds, which a float rounds
 _LATE: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
 
 
@@ -97,7 +99,7 @@ class _Log(Place):
 
     Attributes:
         derived: names of the derivatives that were found by finite differences.
-        notes: sentences on angles that were unwrapped, or that may have to be.
+        notes: sentences on instants, on angles that were unwrapped or may have to be, and on units.
     """
 
     def __init__(self, path: Path, completed: bool, unwrap: bool | None) -> None:
@@ -109,14 +111,21 @@ class _Log(Place):
         self.notes: list[str] = []
         kind = path.suffix.lower()
         known = (*ARRAYS, *COLUMNS) if kind == ".npz" else COLUMNS
-        wanted = Wanted(lambda names: self._checked(names, known), lambda name, _: ARRAYS.get(name, name))
+        wanted = Wanted(lambda names: self._checked(names, known), lambda name, _: ARRAYS.get(name, name), exact="t")
         with self.naming():
             self.columns = read_columns(path, wanted)
             if "t" not in self.columns:
                 self.refuse("t", "a column", "no such column")
-            t = check_instants("t", self.columns["t"], ORDER if completed else 0)
+            stamps = self.columns["t"]
+            if kind == ".csv" and np.abs(stamps).max() > _MAX_FLOAT_SECONDS:
+                stamps = csv_column(path, "t", np.int64)
+            t = instants_of("t", stamps, ORDER if completed else 0)
             late = kind == ".csv" and abs(t[0]) > _LATE
             instants = csv_column(path, "t", np.longdouble) if late else t
+        if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
+            unit = "" if stamps.dtype.kind in "mM" else " ns"
+            self.notes.append(f"t is counted from the first stamp of the log, {stamps[0]}{unit}")
+        self.notes += instant_suspicions("t", t)
         self.t = np.asarray(read_only(t))
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
 
@@ -200,7 +209,7 @@ class _Log(Place):
         jumps = jumps[jumps > np.pi]
         unwrap = self.unwrap
         if unwrap is None and jumps.size:
-            unwrap = bool(np.ptp(angles) <= _MAX_WRAPPED_RANGE and jumps.min() >= _MIN_WRAP)
+            unwrap = is_wrapped(angles)
             if unwrap:
                 times = f"at {jumps.size} instants" if jumps.size > 1 else "once"
                 self.notes.append(
@@ -229,6 +238,8 @@ def _stated(table: Table, log: _Log) -> Motion:
         table.fail("sequence", "nothing, since the file has quaternions")
     parts = {names: log.part(names) for names in (_POSITION, attitude, _HINGE)}
     level, frame = _level(log, parts), _frame(table, log)
+    for name in (*(ARRAYS["phi"] if attitude is _EULER else ()), "psi"):
+        log.notes += angle_suspicions(name, log.columns[name])
     sequence = table.choice("sequence", SEQUENCES, "XYZ")
     given: Given
     if attitude is _EULER:
@@ -265,7 +276,7 @@ def _integrated(table: Table, log: _Log) -> Motion:
     _frame(table, log)
     known = position | turning | hinge
     signals = Samples(log.since, known["omega1"], AUTO), Samples(log.since, known["psid"], AUTO)
-    notes = tuple(filter(None, [log.lacking_errors()]))
+    notes = (*log.notes, *filter(None, [log.lacking_errors()]))
     return replace(integrated(table, log.since, signals, known, hint=log.hint, notes=notes), t=log.t)
 
 
