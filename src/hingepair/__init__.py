@@ -26,8 +26,8 @@ from hingepair.errors import (
     ShapeError,
     URDFError,
 )
+from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import DynamicsWarning
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState

@@ -77,6 +77,16 @@ def test_flat_bodies_survive_the_simulators():
             assert mujoco.MjModel.from_xml_string(write(pair)).nbody == 4
 
 
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_the_rounded_moments_of_a_flat_body_are_written_as_a_body_has_them(write):
+    import mujoco
+
+    with pytest.warns(hp.DynamicsWarning, match="taken for rounding"):
+        plate = hp.Body(mass=0.5, inertia=(0.0417, 0.0416, 0.0834))
+    model = mujoco.MjModel.from_xml_string(write(hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body2=plate)))
+    np.testing.assert_allclose(np.sort(model.body_inertia[2]), (0.0417, 0.0418, 0.0835), rtol=1e-9)
+
+
 def test_masses_and_limits_are_read_back():
     for k in range(20):
         pair = laden_pair(k)

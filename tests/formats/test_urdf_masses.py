@@ -139,7 +139,7 @@ def test_the_elbow_of_talos_brings_its_limits_and_masses():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:the mass properties")
+@pytest.mark.filterwarnings("ignore:inertia:hingepair.DynamicsWarning")  # of romeo_laas_small
 def test_most_hinges_of_real_robots_have_limits_and_masses():
     pairs = []
     for name in robot_names():

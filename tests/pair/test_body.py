@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -50,10 +53,10 @@ def test_without_an_inertia_the_radius_of_gyration_is_a_tenth_of_a_metre():
         ({"inertia": np.diag([0, 1, 1])}, "inertia: expected principal moments above 0"),
         ({"inertia": [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]}, "inertia: expected a symmetric matrix"),
         (
-            {"inertia": np.diag([1, 1, 2.0001])},
+            {"inertia": np.diag([1, 1, 2.005])},
             "inertia: expected no principal moment above the sum of the other two",
         ),
-        ({"inertia": turned((1, 2, 3 + 1e-12))}, "inertia: expected no principal moment above the sum"),
+        ({"inertia": turned((1, 2, 3.007))}, "inertia: expected no principal moment above the sum"),
         ({"shapes": ("box",)}, "shapes: expected Box, Cylinder or Sphere, got 'box'"),
         ({"shapes": hp.Sphere(1)}, "shapes: expected a sequence of Box, Cylinder and Sphere"),
     ],
@@ -61,6 +64,61 @@ def test_without_an_inertia_the_radius_of_gyration_is_a_tenth_of_a_metre():
 def test_what_no_rigid_body_has_is_refused_by_name(change, message):
     with pytest.raises(hp.ArgumentError, match="^" + message.replace("(", r"\(")):
         hp.Body(**change)
+
+
+@pytest.mark.parametrize(
+    ("moments", "above"),
+    [((0.0417, 0.0416, 0.0834), "0.12 %"), ((1, 2, 3 + 1e-12), "3.3e-11 %"), ((1, 1, 2.003), "0.15 %")],
+)
+def test_the_rounded_moments_of_a_flat_body_are_taken_and_said(moments, above):
+    given = turned(moments)
+    with pytest.warns(hp.DynamicsWarning, match=rf"^inertia: .* is {above} above the sum .* rounding$"):
+        body = hp.Body(mass=2, inertia=given)
+    assert np.abs(body.inertia - given).max() <= 2 * U * max(moments)
+    assert body.assumed == ()
+
+
+def test_a_flat_body_whose_moments_are_exact_is_taken_without_a_word():
+    assert np.array_equal(hp.Body(mass=2, inertia=(0.1, 0.2, 0.30000000000000004)).inertia.diagonal()[:2], (0.1, 0.2))
+
+
+def test_a_value_is_assumed_where_it_is_not_given_and_not_where_it_equals_the_default():
+    assert hp.Body(mass=100, inertia=(1, 1, 1)).assumed == ()
+    assert hp.Body(mass=1.0, inertia=(1, 1, 1)).assumed == ()
+    assert hp.Body(mass=3, shapes=[hp.Sphere(math.sqrt(0.025))]).assumed == ()
+    assert [sentence.split(" is given")[0] for sentence in hp.Body().assumed] == ["no mass", "no inertia"]
+    assert [sentence.split(" is given")[0] for sentence in hp.Body(mass=100).assumed] == ["no inertia"]
+
+
+def test_replace_keeps_what_was_given_and_computes_the_rest_again():
+    whole = hp.Body(2, (1, 2, 3), (2, 3, 4), [hp.Sphere(2)])
+    other = dataclasses.replace(whole, mass=3)
+    assert repr(other) == repr(whole).replace("mass=2.0", "mass=3.0")
+    ball = hp.Body(mass=2, shapes=[hp.Sphere(0.5, center=(1, 0, 0))])
+    heavy = dataclasses.replace(ball, mass=6)
+    np.testing.assert_allclose(heavy.inertia, 3 * ball.inertia, rtol=4 * U)
+    moved = dataclasses.replace(heavy, shapes=[hp.Sphere(0.5, center=(0, 2, 0))])
+    assert (moved.mass, moved.center_of_mass.tolist()) == (6.0, [0, 2, 0])
+    np.testing.assert_array_equal(moved.inertia, heavy.inertia)
+
+
+def test_replace_assumes_what_was_assumed_until_it_is_given():
+    body = hp.Body()
+    assert dataclasses.replace(body, center_of_mass=(1, 0, 0)).assumed == body.assumed
+    heavy = dataclasses.replace(body, mass=3)
+    assert heavy.assumed == body.assumed[1:]
+    np.testing.assert_array_equal(heavy.inertia, 0.03 * np.eye(3))
+    assert dataclasses.replace(body, mass=1.0, inertia=(0.01, 0.01, 0.01)).assumed == ()
+    assert dataclasses.replace(heavy, inertia=0.03 * np.eye(3)).assumed == ()
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda body: pickle.loads(pickle.dumps(body))])
+def test_copies_of_a_body_assume_the_same(copied):
+    body = hp.Body(mass=2)
+    again = copied(body)
+    assert (repr(again), again.assumed) == (repr(body), body.assumed)
+    assert dataclasses.replace(again, mass=3).assumed == body.assumed
+    np.testing.assert_array_equal(dataclasses.replace(again, mass=3).inertia, 0.03 * np.eye(3))
 
 
 @pytest.mark.parametrize(
@@ -121,5 +179,8 @@ def test_what_is_given_is_copied_and_read_only():
     assert body.inertia[0, 0] == 1
     with pytest.raises(ValueError, match="read-only"):
         body.inertia[0, 0] = 2
+    for array in (hp.Body().center_of_mass, hp.Body(shapes=[hp.Sphere(1)]).center_of_mass, hp.Body().inertia):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 2
     with pytest.raises(AttributeError):
         body.mass = 2

@@ -19,9 +19,10 @@ from hingepair.errors import ArgumentError, HingePairError, quoted
 from hingepair.integration.trajectory import Later, PlanarTrajectory, Trajectory
 from hingepair.numeric.arrays import check_choice, finite_number, read_only
 from hingepair.numeric.instants import instants_of
+from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_one, check_pair
-from hingepair.pair.dynamics import GRAVITY, DynamicsWarning, Energy, Momentum
+from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair

@@ -34,7 +34,11 @@ _ASIDE = (2.0**-53, 2.0**-39)
 _STILL = (0.0, 0.0, 0.0)
 _NOT_XML = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"  # compiled when used: that takes milliseconds
 _DRAWABLE = (1e-9, 1e9)  # m: beyond, a viewer shows nothing, and what is drawn has the size of one metre
-_LIFT = 2.0**-46  # of the largest moment; 2^-50 was enough for MuJoCo in all of 1,000 flat bodies
+_LIFT = 2.0**-46
+"""Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
+
+2^-50 was enough in all of 1,000 flat bodies.
+"""
 # Nothing of the model is left to the compiler's judgement: its masses are those written, and body2 stays a body.
 _COMPILER = {
     "angle": "radian",
@@ -54,7 +58,9 @@ def to_urdf(pair: HingePair, *, base: str = "free") -> str:
     leads from it to the link `body2_at_hinge`, which has body 2's mass and shapes and its origin at the hinge point;
     the link `body2`, fixed to that at -u2, has the frame (R2, S2). A joint of URDF that has
     any limit must say how strong and how fast it is: where the pair has no torque_limit effort="1000.0" (N m) is
-    written, where it has no rate_limit velocity="100.0" (rad/s), which should stop nothing.
+    written, where it has no rate_limit velocity="100.0" (rad/s), which should stop nothing. Simulators refuse
+    principal moments that no rigid body has: those of a flat body are raised above their round-off, or above the
+    rounding that `Body` warned of.
 
     Args:
         pair: the pair; its limits, torque_limit, rate_limit, body1 and body2 are written where given.
@@ -214,10 +220,13 @@ def _document(root: ET.Element) -> str:
 
 
 def _readable(inertia: Float64Array) -> Float64Array:
-    """The inertia, of a flat body lifted by some round-off: loaders compute its principal moments A + B = C anew."""
+    """Return an inertia whose largest principal moment is below the sum of the others after rounding too; (3, 3).
+
+    That of a flat body is raised by the margin, and by what its moments, if they were given rounded, lack for it.
+    """
     *smaller, largest = map(float, np.linalg.eigvalsh(inertia))
-    lift = _LIFT * largest
-    return inertia + lift * np.eye(3) if sum(smaller) - largest < lift else inertia
+    lift = _LIFT * largest + largest - sum(smaller)
+    return inertia + lift * np.eye(3) if lift > 0 else inertia
 
 
 def _arm(u: Float64Array, size: float) -> tuple[Shape, ...]:

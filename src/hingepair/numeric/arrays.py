@@ -118,7 +118,9 @@ class Frozen:
 def _frozen(kind: type, values: dict[str, Any]) -> Any:
     value: Any = object.__new__(kind)
     for name, own in values.items():
-        object.__setattr__(value, name, read_only(own) if isinstance(own, np.ndarray) else own)
+        if isinstance(own, np.ndarray):
+            own.flags.writeable = False  # of the array itself: what refers to it elsewhere refers to it still
+        object.__setattr__(value, name, own)
     return value
 
 

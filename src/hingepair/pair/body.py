@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import warnings
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,10 +15,20 @@ from hingepair.numeric.arrays import Frozen, finite_number, one_constant, read_o
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import check_rotation
 
+_DEFAULT_MASS: Final = 1.0  # kg, of a body whose mass is not given
 _GYRATION_SQUARED = 0.01  # m^2, of a body whose inertia is not given
 
 _ROUND_OFF = 64 * 2.0**-53  # of the largest moment: eigenvalues of a given matrix, or of a product R I R^T
+_FLATNESS_TOLERANCE: Final = 1e-3
+"""Share of the sum of the principal moments by which the largest may exceed the other two together.
+
+Moments of a flat body that are written with three digits are off by so much; what passes is warned of.
+"""
 _ASYMMETRY = 1e-9  # of the largest element, as for rotations: what passes is made symmetric
+
+
+class DynamicsWarning(UserWarning):
+    """Forces or motion may not be what was meant: a mass or an inertia is assumed, or a hinge passes its limits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -130,10 +141,14 @@ class Body(Frozen):
         center_of_mass: from the body's reference point, body axes [m]; shape (3,). Unless given, the reference point,
             or that of the shapes where inertia is not given either.
         inertia: about the centre of mass, body axes [kg m^2]; shape (3, 3), symmetric, or three principal moments,
-            shape (3,); those above zero and none above the sum of the other two. Unless given, that of the shapes,
-            or else of a radius of gyration of 0.1 m, of which dynamics warns.
+            shape (3,); those above zero and none above the sum of the other two. An excess of up to 1e-3 of the sum
+            of all three, as rounded moments of a flat body have it, is used as given, with a `DynamicsWarning`.
+            Unless given, that of the shapes, or else of a radius of gyration of 0.1 m, of which dynamics warns.
         shapes: what a viewer draws, and what gives mass its place, at one density and where shapes overlap counted
             twice: of Box, Cylinder, Sphere. Unless given, an arm to the hinge and half a hinge are drawn.
+
+    `dataclasses.replace(body, mass=3)` gives a body of another mass. What was not given for `body` - an inertia that
+    comes from its shapes, say - is computed again for the new one; what was given stays.
 
     Raises:
         ArgumentError: a value is not finite, has the wrong shape, or no rigid body has it; names the argument.
@@ -150,7 +165,8 @@ class Body(Frozen):
     center_of_mass: NDArray[np.float64]
     inertia: NDArray[np.float64]
     shapes: tuple[Shape, ...]
-    mass_is_assumed: bool
+    _computed: Mapping[str, Any]
+    """The values of mass, center_of_mass and inertia that were not given, by name."""
 
     def __init__(
         self,
@@ -158,8 +174,15 @@ class Body(Frozen):
         center_of_mass: ArrayLike | None = None,
         inertia: ArrayLike | None = None,
         shapes: Iterable[Shape] = (),
+        *,
+        _computed: Mapping[str, Any] | None = None,  # those of the body that dataclasses.replace starts from
     ) -> None:
-        value = 1.0 if mass is None else _positive("mass", mass)
+        # A value that is the very object which the earlier body computed was not given to this one either.
+        earlier = _computed or {}
+        mass = None if mass is earlier.get("mass") else mass
+        center_of_mass = None if center_of_mass is earlier.get("center_of_mass") else center_of_mass
+        inertia = None if inertia is earlier.get("inertia") else inertia
+        value = _DEFAULT_MASS if mass is None else _positive("mass", mass)
         if not isinstance(shapes, Iterable):
             raise ArgumentError("shapes", "a sequence of Box, Cylinder and Sphere", quoted(shapes))
         drawn = tuple(shapes)
@@ -168,20 +191,22 @@ class Body(Frozen):
                 raise ArgumentError("shapes", "Box, Cylinder or Sphere", quoted(shape))
         middle, spread = _of_shapes(drawn if inertia is None else ())
         centre = middle if center_of_mass is None else one_constant("center_of_mass", center_of_mass, 3)
-        tensor = value * spread if inertia is None else _tensor(inertia)
-        _freeze(self, mass=value, center_of_mass=centre, inertia=_checked_inertia(tensor), shapes=drawn)
-        _freeze(self, mass_is_assumed=mass is None)
+        tensor = _checked_inertia(value * spread if inertia is None else _tensor(inertia))
+        arguments = {"mass": mass, "center_of_mass": center_of_mass, "inertia": inertia}
+        values = {"mass": value, "center_of_mass": centre, "inertia": tensor}
+        computed = {name: own for name, own in values.items() if arguments[name] is None}
+        _freeze(self, **values, shapes=drawn, _computed=computed)
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """What nobody gave and dynamics takes all the same, in sentences."""
-        found = []
-        if self.mass_is_assumed:
-            found.append("no mass is given, 1 kg is taken; Body(mass=...) gives it")
-        if np.array_equal(self.inertia, self.mass * _GYRATION_SQUARED * np.eye(3)):
+        """The sentences about a mass or an inertia that dynamics takes although it was not given."""
+        sentences = []
+        if "mass" in self._computed:
+            sentences.append("no mass is given, 1 kg is taken; Body(mass=...) gives it")
+        if "inertia" in self._computed and not self.shapes:
             why = "no inertia is given, a radius of gyration of 0.1 m is taken"
-            found.append(f"{why}; Body(inertia=...) or Body(shapes=...) gives it")
-        return tuple(found)
+            sentences.append(f"{why}; Body(inertia=...) or Body(shapes=...) gives it")
+        return tuple(sentences)
 
     def __repr__(self) -> str:
         return _show(self, "mass", "center_of_mass", "inertia", *(["shapes"] if self.shapes else []))
@@ -190,7 +215,7 @@ class Body(Frozen):
 def _of_shapes(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Centre of mass of shapes of one density, and inertia about it for each kilogram."""
     if not shapes:
-        return np.zeros(3), _GYRATION_SQUARED * np.eye(3)
+        return read_only(np.zeros(3)), _GYRATION_SQUARED * np.eye(3)
     volumes, moments = zip(*map(_volume_and_moments, shapes), strict=True)
     shares, places = np.array(volumes) / sum(volumes), np.array([shape.center for shape in shapes])
     middle = shares @ places
@@ -218,7 +243,11 @@ def _tensor(inertia: ArrayLike) -> NDArray[np.float64]:
 
 
 def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inertia, exactly symmetric, if a rigid body can have it."""
+    """Return the inertia, exactly symmetric, if a rigid body can have it up to the rounding of its moments.
+
+    Raises:
+        ArgumentError: no rigid body can have it.
+    """
     size = float(np.abs(inertia).max())
     if size == 0:
         raise ArgumentError("inertia", "principal moments above 0", inertia)
@@ -226,11 +255,19 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
     if np.abs(scaled - scaled.T).max() > _ASYMMETRY:
         raise ArgumentError("inertia", "a symmetric matrix", inertia)
     small, middle, large = map(float, np.linalg.eigvalsh((scaled + scaled.T) / 2))
+    moments = [moment * size for moment in (small, middle, large)]
     if small <= 0:
-        raise ArgumentError("inertia", "principal moments above 0", [m * size for m in (small, middle, large)])
-    if small + middle < large - _ROUND_OFF * large:
-        expected = "no principal moment above the sum of the other two"
-        raise ArgumentError("inertia", expected, [m * size for m in (small, middle, large)])
+        raise ArgumentError("inertia", "principal moments above 0", moments)
+    excess, total = large - small - middle, small + middle + large
+    if excess > _FLATNESS_TOLERANCE * total:
+        raise ArgumentError("inertia", "no principal moment above the sum of the other two", moments)
+    if excess > _ROUND_OFF * large:
+        shown = ", ".join(f"{moment:.6g}" for moment in moments)
+        above = (
+            f"the largest of the principal moments {shown} is {100 * excess / (small + middle):.2g} % above the sum"
+        )
+        told = f"inertia: {above} of the other two, which no rigid body has; that is taken for rounding"
+        warnings.warn(told, DynamicsWarning, stacklevel=3)  # who calls Body
     return read_only(inertia / 2 + inertia.T / 2)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations.spatial import Vector
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import FloatArray, one_constant, vectors
-from hingepair.pair.body import Body
+from hingepair.pair.body import Body, DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.forward_kinematics import component
@@ -32,10 +32,6 @@ _FORCES = tuple(name for name in LOADS if name != "hinge_torque")
 _MASSLESS = {"m1": 0.0, "c1": _ZERO, "I1": (0.0,) * 9}
 SINGULAR = 64 * 2.0**-53
 """Of the inertias: a pivot below is made of their round-off."""
-
-
-class DynamicsWarning(UserWarning):
-    """Forces or motion may not be what was meant: a mass or an inertia was assumed, or a hinge passes its limits."""
 
 
 def _in_a_line(self: Any) -> str:

@@ -44,7 +44,7 @@ def _shape(table: Table) -> Shape:
 
 def _body(table: Table, key: str) -> Body:
     own = table.table(key)
-    return _made(own, Body, {"mass": 1.0} | own.read(_BODY))
+    return _made(own, Body, own.read(_BODY))
 
 
 _SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
