@@ -15,7 +15,7 @@ def turning(t: np.ndarray) -> np.ndarray:
 
 def test_a_cubic_comes_back_to_rounding_on_uneven_stamps() -> None:
     rng = np.random.default_rng(1)
-    t = np.cumsum(rng.uniform(0.5, 1.5, 50))
+    t = np.cumsum(rng.uniform(0.4, 1.2, 50))
     to = rng.uniform(t[0], t[-1], 200)
     curve = np.polynomial.Polynomial((1.0, -2.0, 0.5, 0.01))
     found = hp.resample(t, np.stack((curve(t), -curve(t)), axis=-1), to, gaps=2.0)
@@ -84,3 +84,51 @@ def test_what_cannot_be_used_is_named() -> None:
         hp.resample([0.0, 1.0], [1.0, 2.0], [0.5], gaps=0)
     with pytest.raises(hp.ShapeError, match="values"):
         hp.resample([0.0, 1.0], hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), [0.5])
+
+
+def quaternions(t: np.ndarray, rate: float) -> np.ndarray:
+    """Turning about (1, 2, 2) / 3, with the scalar last; never flipped."""
+    angle = rate * t[:, None] / 2
+    return np.concatenate((np.sin(angle) * np.array([[1, 2, 2]]) / 3, np.cos(angle)), axis=-1)
+
+
+def test_quaternions_whose_sign_changes_are_refused() -> None:
+    """Between q and -q a polynomial goes through 0."""
+    t = np.arange(200) / 100
+    values = quaternions(t, 3.0)
+    assert np.abs(hp.resample(t, values, t[10:50] + 0.004) - quaternions(t[10:50] + 0.004, 3.0)).max() < 1e-6
+    values[120:] *= -1  # a scalar part that is never negative
+    values[40] = np.nan
+    with pytest.raises(hp.ArgumentError, match=r"values: expected a BodyMotion .* the sign changes at sample 120"):
+        hp.resample(t, values, [1.195])
+    with pytest.raises(hp.ArgumentError, match="the sign changes at sample 120"):
+        hp.resample(t, np.stack((quaternions(t, 1.0), values), axis=1), [1.195])
+    other = np.where(t[:, None] < 1.2, 1.0, -2.0) * np.array([0.1, 0.2, 0.3, 0.4])
+    assert np.isfinite(hp.resample(t, other, [1.195])).all()  # four numbers that are no quaternion
+
+
+def test_a_body_of_quaternions_may_flip() -> None:
+    t = np.arange(200) / 100
+    values = quaternions(t, 3.0) * np.where(np.arange(200) % 3, 1, -1)[:, None]
+    body = hp.BodyMotion.from_quaternion_xyzw(R=np.zeros((200, 3)), quat_xyzw=values)
+    there = hp.BodyMotion.from_quaternion_xyzw(R=np.zeros(3), quat_xyzw=quaternions(np.array([1.195]), 3.0)[0])
+    assert np.abs(hp.resample(t, body, [1.195]).S[0] - there.S).max() < 1e-12
+
+
+@pytest.mark.parametrize(("turn", "words"), [(2 * np.pi, "2 pi"), (360.0, "360")], ids=["radians", "degrees"])
+def test_wrapped_angles_are_warned_of(turn: float, words: str) -> None:
+    """Between pi and -pi a polynomial goes through 0."""
+    t = np.arange(200) / 100
+    wrapped = (5 * t / (2 * np.pi) + 0.5) % 1 * turn - turn / 2
+    with pytest.warns(hp.MeasurementWarning, match=f"values jumps by nearly {words}, as a wrapped angle does"):
+        hp.resample(t, wrapped, [0.625])
+    with pytest.warns(hp.MeasurementWarning, match=f"values, column 1, jumps by nearly {words}"):
+        hp.resample(t, np.stack((t, wrapped), axis=-1), [0.625])
+    assert hp.resample(t, np.unwrap(wrapped, period=turn), [0.625])[0] == pytest.approx(
+        (5 * 0.625 / (2 * np.pi) + 0.5) * turn - turn / 2, rel=1e-12
+    )
+
+
+def test_instants_that_are_no_seconds_are_warned_of() -> None:
+    with pytest.warns(hp.MeasurementWarning, match="t steps by 2 s: is it in seconds"):
+        hp.resample(np.arange(100) * 2.0, np.zeros(100), [3.0])

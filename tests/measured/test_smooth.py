@@ -132,6 +132,34 @@ def test_angles_may_jump_by_turns_and_unpack() -> None:
     assert second is found.psidd
 
 
+def test_angles_that_truly_jump_are_left_as_they_are() -> None:
+    """5 rad from sample to sample are 5, not 5 - 2 pi: an angle that leaves one turn was not wrapped."""
+    t = np.arange(200) * 0.5
+    _, rate, _ = hp.smooth(t, 10 * t)
+    assert np.abs(rate - 10).max() < 1e-9
+
+
+def test_degrees_are_warned_of_and_stay_what_they_are() -> None:
+    t = np.arange(400) / 20
+    degrees = 90 * np.sin(3 * t)
+    with pytest.warns(hp.MeasurementWarning, match="body spans 180 rad, 28.6 turns: is it in radians"):
+        found = hp.smooth(t, degrees)
+    assert np.abs(found.psi - degrees).max() < 1e-3
+    assert np.abs(found.psid - 270 * np.cos(3 * t))[40:-40].max() < 1e-2
+
+
+def test_wrapped_degrees_are_refused() -> None:
+    t = np.arange(400) / 100
+    with pytest.raises(hp.ArgumentError, match=r"body: expected angles in radians: numpy.radians\(body\)"):
+        hp.smooth(t, (200 * t + 180) % 360 - 180)
+
+
+def test_instants_that_are_no_seconds_are_warned_of() -> None:
+    t = np.arange(400) * 5e6
+    with pytest.warns(hp.MeasurementWarning, match=r"t steps by 5e\+06 s: .* Nanoseconds become seconds by 1e-9"):
+        hp.smooth(t, np.sin(t * 1e-9))
+
+
 def test_noise_that_dominates_is_warned_of_with_its_size() -> None:
     t = np.arange(1000) / 200
     truth = motion(t)

@@ -33,8 +33,10 @@ def test_seconds_are_not(step: float) -> None:
     assert instant_suspicions("t", t) == []
 
 
-def test_one_instant_or_none_is_not_suspicious() -> None:
-    assert instant_suspicions("t", np.array([5.0])) == instant_suspicions("t", np.array([])) == []
+@pytest.mark.parametrize("count", [0, 1, 8])
+def test_a_few_instants_are_not_suspicious(count: int) -> None:
+    assert instant_suspicions("t", 5.0 * np.arange(count)) == []
+    assert instant_suspicions("t", 5.0 * np.arange(9)) != []
 
 
 @pytest.mark.parametrize("span", [13.0, 90.0, 180.0, 720.0])

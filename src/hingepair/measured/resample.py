@@ -8,11 +8,21 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ShapeError
+from hingepair.errors import ArgumentError, ShapeError
 from hingepair.numeric.arrays import Float64Array, real_array
-from hingepair.numeric.instants import checked_gaps, elapsed_seconds, increasing_seconds, pieces
+from hingepair.numeric.instants import (
+    checked_gaps,
+    elapsed_seconds,
+    increasing_seconds,
+    pieces,
+    warn_of_measurements,
+)
+from hingepair.numeric.suspicions import instant_suspicions
+from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
+
+_UNIT_TOLERANCE = 1e-2  # of the norms of four columns that are taken for unit quaternions
 
 
 @overload
@@ -26,7 +36,8 @@ def resample(
 
     Between samples goes the cubic through the four nearest, of attitudes in the rotation vectors from the sample
     before: an error of order h^4 in the step h. Samples that are not finite are stepped over. At an instant of the
-    recording stands its sample. Nothing is extrapolated. Angles must be without jumps by 2 pi (`numpy.unwrap`).
+    recording stands its sample. Nothing is extrapolated. Angles must be without jumps by 2 pi (`numpy.unwrap`);
+    quaternions belong in a BodyMotion.
 
     Args:
         t: instants of the recording, increasing: seconds, datetime64, or integer nanoseconds since 1970; (N,).
@@ -40,7 +51,11 @@ def resample(
         gaps.
 
     Raises:
-        ArgumentError: an argument cannot be used; names it. Stamps that repeat or go back are named.
+        ArgumentError: an argument cannot be used; names it. Stamps that repeat or go back are named, and so are
+            quaternions whose sign changes from sample to sample.
+
+    Warns:
+        MeasurementWarning: a column jumps like a wrapped angle, or instants are probably no seconds.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -51,6 +66,7 @@ def resample(
     time, first = increasing_seconds("t", t)
     target, _ = elapsed_seconds("to", to, first)
     longest = checked_gaps(gaps)
+    warn_of_measurements(instant_suspicions("t", time))
     if isinstance(values, BodyMotion):
         if values.shape != time.shape:
             raise ShapeError("values", f"a BodyMotion of shape {time.shape}, as t", f"shape {values.shape}")
@@ -65,7 +81,45 @@ def resample(
     given = real_array("values", values)
     if given.shape[:1] != time.shape:
         raise ShapeError("values", f"shape ({time.size}, ...), as t", f"shape {given.shape}")
-    return interpolated(time, given.astype(np.float64, copy=False), target, longest)
+    columns = given.astype(np.float64, copy=False)
+    _refuse_quaternions_that_flip(columns)
+    warn_of_measurements(_wrapping_suspicions(columns))
+    return interpolated(time, columns, target, longest)
+
+
+def _refuse_quaternions_that_flip(values: Float64Array) -> None:
+    """Refuse unit quaternions (N, ..., 4) whose sign changes from one sample to the next.
+
+    Neighbours of a smooth rotation have a positive scalar product unless the sign was changed: q and -q are one
+    attitude, but the numbers between them are none.
+    """
+    if values.ndim < 2 or values.shape[-1] != 4:
+        return
+    quaternions = values.reshape(values.shape[0], -1, 4)
+    known = np.isfinite(quaternions).all(axis=(-2, -1))
+    quaternions = quaternions[known]
+    if not quaternions.size or np.abs(np.linalg.norm(quaternions, axis=-1) - 1).max() > _UNIT_TOLERANCE:
+        return
+    flips = np.flatnonzero(((quaternions[1:] * quaternions[:-1]).sum(axis=-1) < 0).any(axis=-1)) + 1
+    if flips.size:
+        wanted = (
+            "a BodyMotion (from_quaternion_xyzw, from_quaternion_wxyz), or quaternions whose sign does not change"
+        )
+        sample = np.flatnonzero(known)[flips[0]]
+        raise ArgumentError("values", wanted, f"quaternions of which the sign changes at sample {sample}")
+
+
+def _wrapping_suspicions(values: Float64Array) -> list[str]:
+    """Return a sentence on the first column that jumps like a wrapped angle, in radians or in degrees."""
+    for index in np.ndindex(values.shape[1:]):
+        for turn, text in ((2 * np.pi, "2 pi"), (360.0, "360")):
+            if is_wrapped(values[:, *index], turn):
+                column = f", column {', '.join(map(str, index))}," if index else ""
+                how = "such as numpy.unwrap(values, axis=0) of radians"
+                return [
+                    f"values{column} jumps by nearly {text}, as a wrapped angle does: unwrap angles first, {how}."
+                ]
+    return []
 
 
 def interpolated(

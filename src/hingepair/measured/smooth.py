@@ -8,7 +8,6 @@ however fast, and costs nothing.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, overload
@@ -20,8 +19,16 @@ from hingepair.errors import ArgumentError, ShapeError
 from hingepair.measured.resample import interpolated
 from hingepair.measured.spline import FEWEST, Smoothed, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, finite_number, read_only, real_array
-from hingepair.numeric.instants import MeasurementWarning, checked_gaps, increasing_seconds, pieces, warn_of_jitter
+from hingepair.numeric.instants import (
+    checked_gaps,
+    increasing_seconds,
+    jitter_suspicions,
+    pieces,
+    warn_of_measurements,
+)
+from hingepair.numeric.suspicions import angle_suspicions, instant_suspicions
 from hingepair.numeric.tables import unit_of
+from hingepair.numeric.wrapped_angles import is_wrapped, unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
@@ -59,7 +66,7 @@ class SmoothedAngle(Frozen):
     """A smooth angle with its rates, NaN in gaps: `psi, psid, psidd = smoothed` unpacks it.
 
     Attributes:
-        psi: without jumps by 2 pi [rad]; shape (N,).
+        psi: [rad], without jumps by 2 pi where the samples had such; shape (N,).
         psid: its time derivative [rad/s].
         psidd: its second time derivative [rad/s^2].
         noise: standard deviations: psi the noise of the samples; psid, psidd what it leaves in the derivatives away
@@ -92,8 +99,8 @@ def smooth(
 
     Args:
         t: instants, increasing, not necessarily uniform: seconds, datetime64 or integer nanoseconds since 1970; (N,).
-        body: R and S at these instants (rates are not used); or angles [rad], shape (N,), whose jumps by 2 pi do no
-            harm. NaN where nothing was recorded.
+        body: R and S at these instants (rates are not used); or angles [rad], shape (N,), which are unwrapped where
+            they lie within one turn and jump by nearly 2 pi. NaN where nothing was recorded.
         bandwidth: frequency that is halved [Hz]; much lower ones pass, much higher ones do not.
         gaps: the longest time without a sample that is filled [s] (at least one and a half steps are).
 
@@ -102,11 +109,13 @@ def smooth(
         which unpacks as psi, psid, psidd and has the same two.
 
     Raises:
-        ArgumentError: an argument cannot be used; names it. Stamps that repeat or go back are named.
+        ArgumentError: an argument cannot be used; names it. Stamps that repeat or go back are named. Wrapped degrees
+            are refused.
         MissingDependencyError: SciPy is not installed.
 
     Warns:
-        MeasurementWarning: noise is more than half of a derivative; or stamps jitter.
+        MeasurementWarning: noise is more than half of a derivative; stamps jitter; or instants are probably no
+            seconds, angles no radians.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -123,10 +132,15 @@ def smooth(
     given = body if isinstance(body, BodyMotion) else real_array("body", body)
     if given.shape != time.shape:
         raise ShapeError("body", f"a BodyMotion or angles of shape {time.shape}, as t", f"shape {given.shape}")
-    warn_of_jitter("t", time)
+    warn_of_measurements([*instant_suspicions("t", time), *jitter_suspicions("t", time)])
     if isinstance(given, BodyMotion):
         return _smooth_body(time, given, bandwidth, longest)
-    return _smooth_angle(time, given.astype(np.float64), bandwidth, longest)
+    angles = given.astype(np.float64)
+    if is_wrapped(angles, 360.0):
+        raise ArgumentError("body", "angles in radians: numpy.radians(body)", "jumps by nearly 360, as of degrees")
+    if not is_wrapped(angles):
+        warn_of_measurements(angle_suspicions("body", angles))
+    return _smooth_angle(time, angles, bandwidth, longest)
 
 
 def _smooth_body(t: Float64Array, body: BodyMotion, bandwidth: float | None, gaps: float) -> SmoothedMotion:
@@ -189,11 +203,8 @@ def _products(turns: Float64Array) -> Float64Array:
 
 
 def _smooth_angle(t: Float64Array, psi: Float64Array, bandwidth: float | None, gaps: float) -> SmoothedAngle:
-    known = np.isfinite(psi)
     where = _pieces("body", t, psi, gaps)
-    whole = psi.copy()
-    whole[known] = np.unwrap(psi[known])
-    found = smooth_columns(t, whole[:, None], where, bandwidth)
+    found = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], where, bandwidth)
     names = ("psi", "psid", "psidd")
     arrays = {name: read_only(array[:, 0]) for name, array in zip(names, found.values, strict=True)}
     noise = _named(names, found)
@@ -226,4 +237,4 @@ def _warn_of_noise(arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float
                 drowned.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
     if drowned:
         message = f"{'; '.join(drowned)} (rms of a component): a lower bandwidth leaves less"
-        warnings.warn(message, MeasurementWarning, stacklevel=4)
+        warn_of_measurements([message], stacklevel=5)

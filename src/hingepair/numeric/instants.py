@@ -7,6 +7,7 @@ in the kind of number that they came in, and only their differences become float
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,13 @@ _JITTER_TOLERANCE = 0.3  # scatter of the steps, as a part of the usual step, th
 
 
 class MeasurementWarning(UserWarning):
-    """Something about recorded data that a result depends on: noise that dominates, stamps that jitter."""
+    """Warns of recorded data that a result depends on: noise that dominates, stamps that jitter, doubtful units."""
+
+
+def warn_of_measurements(sentences: Iterable[str], stacklevel: int = 3) -> None:
+    """Warn of each sentence as a MeasurementWarning at the caller of the function that calls this one."""
+    for sentence in sentences:
+        warnings.warn(sentence, MeasurementWarning, stacklevel=stacklevel)
 
 
 def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
@@ -109,15 +116,16 @@ def instants_of(name: str, t: ArrayLike, fewest: int = 0) -> Float64Array:
     return check_instants(name, seconds, fewest)
 
 
-def warn_of_jitter(name: str, seconds: Float64Array) -> None:
-    """Warn where the steps scatter, since derivatives take the stamps as exact."""
+def jitter_suspicions(name: str, seconds: Float64Array) -> list[str]:
+    """Return a sentence where the steps scatter, since derivatives take the stamps as exact."""
     steps = np.diff(seconds)
     if steps.size < 8:
-        return
+        return []
     low, middle, high = np.percentile(steps, (10, 50, 90))
-    if high - low > _JITTER_TOLERANCE * middle:
-        message = f"{name}: stamps jitter: steps from {1e3 * low:.3g} to {1e3 * high:.3g} ms about {1e3 * middle:.3g}"
-        warnings.warn(f"{message} ms (10 to 90 %); rates are as good as the stamps", MeasurementWarning, stacklevel=3)
+    if high - low <= _JITTER_TOLERANCE * middle:
+        return []
+    message = f"{name}: stamps jitter: steps from {1e3 * low:.3g} to {1e3 * high:.3g} ms about {1e3 * middle:.3g}"
+    return [f"{message} ms (10 to 90 %); rates are as good as the stamps"]
 
 
 def checked_gaps(gaps: object) -> float:

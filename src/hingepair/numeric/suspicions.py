@@ -10,6 +10,7 @@ import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
 
+_MIN_STEPS = 8  # of instants that are a recording; fewer are suspicious of nothing
 _MIN_SUSPICIOUS_STEP = 1.0  # [s]: sensors of motion take at least one sample a second
 _MAX_SUSPICIOUS_STEP = 1e-6  # [s]: no sensor of motion takes a million samples a second
 _MIN_SUSPICIOUS_SPAN, _MAX_SUSPICIOUS_SPAN = 4 * np.pi, 720.0
@@ -31,11 +32,11 @@ def instant_suspicions(name: str, t: Float64Array) -> list[str]:
         name: what the caller's messages call the instants, such as "t" or "log.csv: t".
         t: instants, increasing; shape (N,) s. NaN is stepped over.
 
-    >>> instant_suspicions("t", np.arange(5) * 2.0)
+    >>> instant_suspicions("t", np.arange(10) * 2.0)
     ['t steps by 2 s: is it in seconds? Milliseconds become seconds by 1e-3 * t.']
     """
     steps = np.diff(t[np.isfinite(t)])
-    if not steps.size:
+    if steps.size < _MIN_STEPS:
         return []
     step = float(np.median(steps))
     if step >= _MIN_SUSPICIOUS_STEP:
