@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -139,6 +140,18 @@ def test_noise_that_is_correlated_in_time_widens_the_covariance(together: int) -
         found = hp.fit(body1, hp.BodyMotion(R=made.R2, S=made.S2 @ turns(2e-3 * noise)))
         stds.append(found.std["n"].max())
     assert 0.6 < stds[1] / stds[0] / np.sqrt(together) < 1.4
+
+
+def test_errors_that_last_longer_than_the_sums_are_said() -> None:
+    """A drift over a fifth of the recording: no sum over neighbours is long enough for it."""
+    made = recording(2000, 1e-3, 2e-3)
+    drift = np.stack([np.cos(2 * np.pi * 2.5 * np.arange(2000) / 2000 + phase) for phase in (0, 1, 2)], axis=-1)
+    words = "correlated over 16 samples and more"
+    for size, said in ((5e-3, True), (0.0, False)):
+        found = hp.fit(hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2 + size * drift, S=made.S2))
+        assert found.ok
+        assert (words in " ".join(found.findings)) == said
+        assert ("standard deviations are too small" in str(found)) == said
 
 
 @pytest.mark.parametrize("loss", ["soft_l1", "huber", "cauchy", "arctan"])
@@ -281,6 +294,64 @@ def test_residuals_say_when() -> None:
     assert np.abs(np.linalg.norm(left.gap, axis=-1) - found.gap).max() < 1e-15
     assert np.abs(left.tilt_angle - found.tilt).max() < 1e-12
     assert left.ok
+
+
+def reordered(S: np.ndarray) -> np.ndarray:
+    """Attitudes of quaternions that were written with the scalar first and are read with the scalar last."""
+    angle = hp.rotation_log(S)
+    half = np.linalg.norm(angle, axis=-1, keepdims=True) / 2
+    wxyz = np.concatenate((np.cos(half), np.sin(half) / (2 * half) * angle), axis=-1)
+    return hp.BodyMotion.from_quaternion_xyzw(R=np.zeros(3), quat_xyzw=wxyz).S
+
+
+NO_HINGES = {
+    "millimetres": lambda made: made._replace(R2=1e3 * made.R2),
+    "quaternions in the wrong order": lambda made: made._replace(S2=reordered(made.S2)),
+    "inverted attitudes": lambda made: made._replace(S2=np.swapaxes(made.S2, -1, -2)),
+    "a wrong clock": lambda made: made._replace(R2=np.roll(made.R2, 40, 0), S2=np.roll(made.S2, 40, 0)),
+}
+
+
+@pytest.mark.parametrize("loss", ["linear", "cauchy"])
+@pytest.mark.parametrize("name", NO_HINGES)
+def test_residuals_do_not_pass_what_is_no_hinge(name: str, loss: str) -> None:
+    """Five times what the fit leaves would pass anything."""
+    found = hp.fit(*bodies(NO_HINGES[name](recording(1000, 1e-3, 2e-3))), loss=loss)
+    assert not found.ok
+    assert found.residuals.verdict == "FAILED: gap, tilt"
+
+
+@pytest.mark.parametrize("loss", ["linear", "cauchy"])
+def test_the_range_of_psi_is_that_of_good_samples(loss: str) -> None:
+    made = recording(1000, 1e-3, 2e-3)
+    off = [3, 500, 998]
+    made.S2[off] = made.S2[off] @ turns(((1.0, 2.0, 0.5), (-2.5, 1.0, 0.0), (0.0, 2.0, -2.0)))
+    found = hp.fit(*bodies(made), loss=loss)
+    psi = np.sign(found.pair.n @ N1) * made.psi
+    psi += np.median(found.psi - psi)  # psi = 0 is a matter of home
+    assert found.psi_range == pytest.approx((psi.min(), psi.max()), abs=0.02)
+    low, high = np.degrees(found.psi_range)
+    assert f"psi from {low:.4g} to {high:.4g} deg" in str(found)
+    assert json.loads(found.to_json())["psi"] == list(found.psi_range)
+    assert np.ptp(found.psi) > np.ptp(found.psi_range) + 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"t": 5.0 * np.arange(300)}, r"t steps by 5 s: is it in seconds\? Milliseconds"),
+        ({"metres": 1e3}, r"R2 - R1 is \d+ m long: is it in metres\? Millimetres"),
+        ({}, None),
+    ],
+    ids=["milliseconds", "millimetres", "SI"],
+)
+def test_doubtful_units_are_asked_about(change: dict[str, object], words: str | None) -> None:
+    made = recording(300, 1e-3, 2e-3)
+    size = change.get("metres", 1.0)
+    scaled = made._replace(R1=size * made.R1, R2=size * made.R2)
+    found = hp.fit(*bodies(scaled), t=change.get("t", made.t))
+    assert found.ok
+    assert [bool(re.match(words, text)) for text in found.findings] == ([True] if words else [])
 
 
 def test_the_report_reads_plots_and_travels() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hingepair.errors import FitError
 from hingepair.measured.hinge import Hinge
@@ -13,19 +14,16 @@ from hingepair.measured.relative_poses import RelativePoses
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import project_to_rotation, rotation_vector
 
-_THIN = 2048
-_JUDGES = 65536
-_STILL = 0.05
-"""Scatter of relative attitudes below which that of noise and that of a motion cannot be told apart by size [rad]."""
-_ALONE = 2.0
-"""How much more they turn about one axis than about the next, at least."""
-_ALIKE = 0.5
-"""Correlation of neighbours' residuals from which they are no noise."""
-_FAR = 50.0
-"""Of r^T C^-1 r, scaled to its median: an outlier."""
-_MEDIAN = 4.35
-_ROUNDING = 1e-12
-_VAGUE_AXIS, _VAGUE_POINT = np.radians(2.0), 0.1
+_MAX_SCREENED = 2048  # samples that tell whether the bodies turn, and what other joint they have
+_MAX_JUDGED = 65536  # samples that findings are made of
+_MIN_TURNING = 0.05  # [rad]: below, noise and motion cannot be told apart by the scatter of relative attitudes
+_MIN_AXIS_RATIO = 2.0  # of the turning about one axis to that about the next, where there is little of both
+_MAX_CORRELATION = 0.5  # of neighbours' residuals; above, they are no noise
+_OUTLIER_SIZE = 50.0  # of r^T C^-1 r, scaled so that its median is _MEDIAN_SIZE, from which a sample is an outlier
+_MEDIAN_SIZE = 4.35  # median of chi-squared with 5 degrees of freedom
+_ROUNDING = 1e-12  # residuals, in radians and in parts of the bodies' largest coordinate, that rounding explains
+_MAX_AXIS_STD = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on
+_MAX_POINT_STD = 0.1  # likewise of the hinge point, in parts of the levers' length
 
 
 class Finding(NamedTuple):
@@ -41,7 +39,7 @@ def check_turning(poses: RelativePoses) -> None:
     Raises:
         FitError: says what was seen instead.
     """
-    thin = poses.thinned(_THIN)
+    thin = poses.thinned(_MAX_SCREENED)
     known = thin.weights > 0
     Q = thin.Q.T[known].reshape(-1, 3, 3)
     mean = np.median(Q, axis=0)
@@ -51,7 +49,7 @@ def check_turning(poses: RelativePoses) -> None:
     size = np.sqrt((off * off).sum(axis=-1))
     near = off[size <= 4 * np.median(size)]
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(near.T @ near / near.shape[0]), 0.0))[::-1]
-    if spread[0] >= _STILL or (spread[0] >= _ALONE * spread[1] and spread[0] > 1e-12):
+    if spread[0] >= _MIN_TURNING or (spread[0] >= _MIN_AXIS_RATIO * spread[1] and spread[0] > 1e-12):
         return
     p = thin.p[:, known]
     slide = float(np.sqrt(np.median(((p - np.median(p, axis=1, keepdims=True)) ** 2).sum(axis=0))))
@@ -65,17 +63,23 @@ def check_turning(poses: RelativePoses) -> None:
 
 
 def findings(
-    poses: RelativePoses, hinge: Hinge, noise: Noise, seen: Judged, still: bool, std: dict[str, Float64Array]
+    poses: RelativePoses,
+    hinge: Hinge,
+    noise: Noise,
+    seen: Judged,
+    far: NDArray[np.bool_],
+    still: bool,
+    std: dict[str, Float64Array],
 ) -> list[Finding]:
-    """Everything about the fit that its numbers do not say by themselves."""
-    every = slice(None, None, -(-poses.samples // _JUDGES))
+    """Return what the numbers of the fit do not say by themselves; `far` is what `outlying` returned."""
+    every = slice(None, None, -(-poses.samples // _MAX_JUDGED))
     seen = seen._replace(
         **{name: getattr(seen, name)[..., every] for name in ("tilt", "gap", "psi", "sizes", "weights")}
     )
-    poses = poses.thinned(_JUDGES)
+    poses, far = poses.thinned(_MAX_JUDGED), far[every]
     turning = _turning(seen.psi, seen.weights / seen.weights.sum())
     reach = max(float(np.linalg.norm(hinge.u1)), float(np.linalg.norm(hinge.u2)), _length(poses.p))
-    outliers = _outliers(seen, poses)
+    outliers = _outliers(seen, poses, far)
     if any(not finding.harmless for finding in outliers):
         return outliers  # whatever else is seen is theirs
     axis = _axis(poses, seen, turning)
@@ -83,30 +87,50 @@ def findings(
         return [*outliers, *axis]
     found = [*outliers, *axis, *_point(poses, noise, seen, reach)]
     worst = float(np.sqrt((std["n"] ** 2).sum() / 2))
-    if worst > _VAGUE_AXIS:
+    if worst > _MAX_AXIS_STD:
         text = f"The axis is known to {np.degrees(worst):.2g} deg only: let the bodies turn further, or longer."
         found.append(Finding(text, False))
     vague = max(float(std["u1"].max()), float(std["u2"].max()))
-    if vague > _VAGUE_POINT * reach:
+    if vague > _MAX_POINT_STD * reach:
         found.append(Finding(f"The hinge point is known to {vague:.2g} m only, across the axis.", False))
     if not still:
         found.append(Finding("The steps of the fit did not come to rest.", False))
+    if seen.unresolved_lag and not _is_rounding(seen, poses, np.ones_like(far)):
+        text = (
+            f"What is left of the samples is correlated over {seen.unresolved_lag} samples and more, too long beside "
+            "the whole recording: the standard deviations are too small."
+        )
+        found.append(Finding(text, True))
     return found
 
 
-def _outliers(seen: Judged, poses: RelativePoses) -> list[Finding]:
-    given = poses.weights
-    known = (given > 0) & np.isfinite(seen.sizes)
-    sizes = seen.sizes[known] / max(float(np.median(seen.sizes[known])), 1e-300) * _MEDIAN
-    far = sizes > _FAR
-    if not far.any() or max(seen.alike) > _ALIKE:
-        return []
-    if max(np.abs(seen.gap[:, known][:, far]).max() / poses.size, seen.tilt[known][far].max()) < _ROUNDING:
+def outlying(seen: Judged, poses: RelativePoses) -> NDArray[np.bool_]:
+    """Return which samples are outliers: far off beside the others, at random and by more than rounding; (N,)."""
+    far = _relative_sizes(seen) > _OUTLIER_SIZE
+    if not far.any() or max(seen.alike) > _MAX_CORRELATION or _is_rounding(seen, poses, far):
+        return np.zeros_like(far)
+    return far
+
+
+def _relative_sizes(seen: Judged) -> Float64Array:
+    """Return r^T C^-1 r of each sample, scaled so that the median is that of noise; (N,)."""
+    return seen.sizes / max(float(np.median(seen.sizes)), 1e-300) * _MEDIAN_SIZE
+
+
+def _is_rounding(seen: Judged, poses: RelativePoses, samples: NDArray[np.bool_]) -> bool:
+    """Return whether rounding explains what is left of some samples."""
+    largest = max(np.abs(seen.gap[:, samples]).max() / poses.size, seen.tilt[samples].max())
+    return bool(largest < _ROUNDING)
+
+
+def _outliers(seen: Judged, poses: RelativePoses, far: NDArray[np.bool_]) -> list[Finding]:
+    """Return what is to be said of outliers."""
+    if not far.any():
         return []
     share = f"{100 * far.mean():.2g} % of the samples are outliers"
-    if float(seen.weights[known][far].sum()) < 0.5 * far.sum() * given.mean():
+    if float(seen.weights[far].sum()) < 0.5 * far.sum() * poses.weights.mean():
         return [Finding(f"{share}; they count little.", True)]
-    harmless = bool(sizes[far].sum() < sizes[~far].sum())
+    harmless = bool(seen.sizes[far].sum() < seen.sizes[~far].sum())
     return [Finding(f'{share}, and count like the others: loss="cauchy" makes them count little.', harmless)]
 
 
@@ -115,7 +139,7 @@ def _axis(poses: RelativePoses, seen: Judged, turning: float) -> list[Finding]:
     weights = seen.weights / seen.weights.sum()
     tilt = float(np.sqrt(weights @ (seen.tilt * seen.tilt)))
     degrees = f"{np.degrees(tilt):.2g} deg rms"
-    alike = seen.alike[0] > _ALIKE
+    alike = seen.alike[0] > _MAX_CORRELATION
     if tilt < 0.03 * turning or tilt < 1e-9:
         return []
     if not alike and tilt < 0.2:
@@ -130,7 +154,7 @@ def _axis(poses: RelativePoses, seen: Judged, turning: float) -> list[Finding]:
 
 def _not_one_axis(poses: RelativePoses, tilt: float, degrees: str) -> str:
     """Two hinges in series leave a^T Q b constant, a ball joint nothing."""
-    thin = poses.thinned(_THIN)
+    thin = poses.thinned(_MAX_SCREENED)
     vectors = np.linalg.eigh(np.cov(thin.Q))
     left, sizes, right = np.linalg.svd(vectors.eigenvectors[:, 0].reshape(3, 3))
     rest = float(np.sqrt(max(vectors.eigenvalues[0], 0.0)))
@@ -163,7 +187,7 @@ def _point(poses: RelativePoses, noise: Noise, seen: Judged, reach: float) -> li
     across, along = (x + y) / 2, z
     attitude = noise.attitude / 2 * float(weights @ (poses.p**2).sum(axis=0)) / 3
     size = float(np.sqrt(2 * across + along))
-    alike = seen.alike[1] > _ALIKE
+    alike = seen.alike[1] > _MAX_CORRELATION
     if size < max(1e-9 * poses.size, 0.005 * reach) or not (alike or size > 0.1 * reach):
         return []
     if along > 9 * across:

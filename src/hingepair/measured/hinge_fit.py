@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, MissingDependencyError, ShapeError
-from hingepair.measured.findings import check_turning, findings
+from hingepair.measured.findings import check_turning, findings, outlying
 from hingepair.measured.hinge import GAUGES, derivatives, offset, shortest_turn
 from hingepair.measured.likelihood import LOSSES, judged, most_likely, without_bias
 from hingepair.measured.relative_poses import closed_form, closed_form_of_most, relative_poses
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, check_choice, read_only, real_array
 from hingepair.numeric.instants import increasing_seconds
+from hingepair.numeric.suspicions import distance_suspicions, instant_suspicions
 from hingepair.numeric.tables import Sheet, Shown, cell, unit_of
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.hinge_pair import HingePair
@@ -27,8 +28,9 @@ if TYPE_CHECKING:
     from hingepair.pair.residuals import Residuals
 
 
-_WITHIN = 5.0
-_FEW = 10
+_MAX_RESIDUAL = 5.0  # of a sample, in rms of all samples, that `HingeFit.residuals` passes
+_MIN_GOOD_WEIGHT = 0.1  # part of a sample's weight that the loss leaves to one that is no outlier
+_FEW_SAMPLES = 10  # below, standard deviations are no more than a hint
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -38,6 +40,7 @@ class HingeFit(Shown):
     Attributes:
         pair: the hinge, ready for everything else.
         psi: hinge angle, without jumps by 2 pi from one sample to the next; (N,) rad, NaN where a pose is missing.
+        psi_range: smallest and largest psi of the samples that are no outliers [rad].
         covariance: of u1, u2 [m], n and the rotation vector of home in body 1's axes [rad], in this order; (12, 12).
             Its rank is 9: n keeps its length, the gauge keeps one of u1 and u2 across, home turns m into n the short
             way.
@@ -60,6 +63,7 @@ class HingeFit(Shown):
 
     pair: HingePair
     psi: Float64Array
+    psi_range: tuple[float, float]
     covariance: Float64Array
     std: Mapping[str, Float64Array]
     rms_position: float
@@ -79,13 +83,14 @@ class HingeFit(Shown):
 
     @property
     def residuals(self) -> Residuals:
-        """E1 and E2 of every sample, judged by five times what the samples leave."""
-        tolerances = {
-            "gap": _WITHIN * max(self.rms_position, 1e-300),
-            "tilt": _WITHIN * max(self.rms_angle, 1e-300),
-        }
+        """E1 and E2 of every sample, judged by five times the rms that the fit leaves.
+
+        Where the fit is not `ok`, what it leaves is not known to be noise, and round-off is the yardstick.
+        """
+        tolerances = {"gap": self.rms_position, "tilt": self.rms_angle}
+        allowed = {name: _MAX_RESIDUAL * max(rms, 1e-300) for name, rms in tolerances.items()} if self.ok else None
         first, second = (BodyMotion(R=body.R, S=body.S) for body in self._bodies)
-        return self.pair.residuals(first, second, tolerances, self.t)
+        return self.pair.residuals(first, second, allowed, self.t)
 
     def plot(self) -> Figure:
         """The hinge angle and what is left of each sample, over time.
@@ -121,7 +126,7 @@ class HingeFit(Shown):
             lines.append(f"{name} = ({numbers}) {unit}".rstrip())
         turn = np.degrees(rotation_vector(self.pair.home))
         lines.append(f"home turns by ({', '.join(f'{angle:.5g}' for angle in turn)}) deg")
-        low, high = np.degrees((np.nanmin(self.psi), np.nanmax(self.psi)))
+        low, high = np.degrees(self.psi_range)
         lines.append(f"psi from {low:.4g} to {high:.4g} deg; {self._left()}")
         lines.append(
             f"u1 and u2 name the point of the axis {self.gauge.replace('_', ' ')}; along the axis only their "
@@ -152,7 +157,7 @@ class HingeFit(Shown):
             "rms_angle": self.rms_angle,
             "noise_position": self.noise_position,
             "noise_angle": self.noise_angle,
-            "psi": [float(np.nanmin(self.psi)), float(np.nanmax(self.psi))],
+            "psi": list(self.psi_range),
             "findings": list(self.findings),
         }
         return json.dumps(found, indent=2, allow_nan=False)
@@ -235,20 +240,28 @@ def fit(
     change = derivatives(hinge, home, gauge)
     covariance = change @ seen.covariance @ change.T
     std = dict(zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True))
-    found = findings(poses, hinge, noise, seen, still, std)
+    far = outlying(seen, poses)
+    found = findings(poses, hinge, noise, seen, far, still, std)
     texts = [finding.text for finding in found]
     ok = all(finding.harmless for finding in found)
     if not ok and penalty is None and 'loss="cauchy"' not in " ".join(texts):
         texts.append('Where some samples may be outliers, loss="cauchy" tells.')
     if not used.all():
         texts.append(f"{int((~used).sum())} of {shape[0]} samples are missing or have no weight.")
-    if poses.samples < _FEW:
+    if poses.samples < _FEW_SAMPLES:
         texts.append(f"Of {poses.samples} samples, the standard deviations are no more than a hint.")
+    if time is not None:
+        texts += instant_suspicions("t", time)
+    texts += distance_suspicions("R2 - R1", np.sqrt((poses.p * poses.p).sum(axis=0)))
+    good = ~far & (seen.weights >= _MIN_GOOD_WEIGHT * given[used])
+    psi = _unwrapped(seen.psi - offset(hinge, home), good)
+    counted = psi[good] if good.any() else psi
     total = seen.weights.sum()
     gaps = np.sqrt((seen.gap * seen.gap).sum(axis=0))
     return HingeFit(
         pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home),
-        psi=_spread(_unwrapped(seen.psi - offset(hinge, home), seen.weights >= 0.1 * given[used]), used),
+        psi=_spread(psi, used),
+        psi_range=(float(counted.min()), float(counted.max())),
         covariance=read_only(covariance),
         std={name: read_only(value) for name, value in std.items()},
         rms_position=float(np.sqrt(seen.weights @ (gaps * gaps) / total)),

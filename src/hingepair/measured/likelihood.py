@@ -30,7 +30,7 @@ PARAMETERS = 9
 _BLOCK = 2048  # samples, that fit the caches
 _THIN = 16384  # samples that the first steps are taken with
 _SCORED, _STRETCH = 131072, 16  # samples that the covariance is taken from; blocks of them that follow each other
-_GROUPS = 40  # sums of scores, at least
+_MIN_SUMS = 40  # sums of neighbouring scores that the covariance is taken from, at least
 _MOST, _LONGEST = 40, 0.3  # steps; of one, the turn of an axis [rad]
 _CLOSE, _NEXT = 0.02, 0.1  # at rest: standard deviations of a step, and of the next one
 _ROUNDED = 2.0**-50  # a step, of turns or of the size of the bodies' places, that rounding makes
@@ -123,10 +123,11 @@ class Judged(NamedTuple):
     tilt: Float64Array  # angle between the axes [rad]; shape (N,)
     gap: Float64Array  # of E1, in axes along the hinge [m]; shape (3, N)
     psi: Float64Array  # angle about the hinge from one `frame` to the other, in [-pi, pi] [rad]; shape (N,)
-    sizes: Float64Array  # r^T C^-1 r; shape (N,); NaN where it was not looked at, of very many
+    sizes: Float64Array  # r^T C^-1 r; shape (N,)
     weights: Float64Array  # given, times those of the loss; shape (N,)
     alike: tuple[float, float]  # correlations of neighbours, of tilts and of gaps
     covariance: Float64Array  # of the parameters
+    unresolved_lag: int  # samples over which scores are still correlated at the longest sums; 0 where they are not
 
 
 def most_likely(poses: RelativePoses, start: Hinge, loss: Loss | None) -> tuple[Hinge, Noise, bool]:
@@ -194,7 +195,7 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
     """
     count = poses.samples
     tilt, gap, psi = np.empty(count), np.empty((3, count)), np.empty(count)
-    sizes, weights = np.full(count, np.nan), np.empty(count)
+    sizes, weights = np.empty(count), np.empty(count)
     slope, scores, left = np.zeros((PARAMETERS, PARAMETERS)), [], []
     every = max(1, count // _SCORED)
     for k, (own, seen) in enumerate(seen_from(poses, hinge)):
@@ -205,10 +206,8 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
         psi[own] = np.arctan2(q[3] - q[1], q[0] + q[4])
         given = poses.weights[own]
         if (k // _STRETCH) % every:
-            weights[own] = given
-            if loss is not None:
-                sizes[own] = seen.sizes(noise)
-                weights[own] *= _slopes(loss, given * sizes[own])[0]
+            sizes[own] = seen.sizes(noise)
+            weights[own] = given if loss is None else given * _slopes(loss, given * sizes[own])[0]
             continue
         rows = seen.rows(noise)
         sizes[own] = (rows[-1] ** 2).sum(axis=0)
@@ -221,12 +220,14 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
     whole = np.concatenate(scores, axis=1)
     rest = np.concatenate(left, axis=1)
     alike = _alike(rest[:2], 1), _alike(rest[2:], 1)
-    added = np.add.reduceat(whole, np.arange(0, whole.shape[1], _run(whole)), axis=1)
+    together, unresolved_lag = _summed_neighbours(whole)
+    added = np.add.reduceat(whole, np.arange(0, whole.shape[1], together), axis=1)
     share = whole.shape[1] / count
     # a sample tells less of itself than of others, by its part of the parameters
     free = 5 * whole.shape[1] / max(5 * whole.shape[1] - PARAMETERS, 1)
     inverse = _solved(slope, np.eye(PARAMETERS))
-    return Judged(tilt, gap, psi, sizes, weights, alike, share * free * inverse @ (added @ added.T) @ inverse.T)
+    covariance = share * free * inverse @ (added @ added.T) @ inverse.T
+    return Judged(tilt, gap, psi, sizes, weights, alike, covariance, unresolved_lag)
 
 
 def _alike(rows: Float64Array, lag: int) -> float:
@@ -239,12 +240,20 @@ def _alike(rows: Float64Array, lag: int) -> float:
     return float((products[known] / power[known]).max())
 
 
-def _run(scores: Float64Array) -> int:
-    """Over how many neighbours scores are added up: over more than they are correlated."""
-    many, lag = scores.shape[1], 1
-    while 4 * lag * _GROUPS <= many and _alike(scores, lag) > max(0.1, 3 / np.sqrt(many)):
+def _summed_neighbours(scores: Float64Array) -> tuple[int, int]:
+    """Return how many neighbouring scores are added up before they are squared, and the lag that this falls short of.
+
+    Sums go over four times the lag at which scores are hardly correlated, but there are _MIN_SUMS of them at least.
+    Where scores are still correlated at the largest lag that this allows, the second number is that lag, else 0: then
+    the covariance is too small.
+    """
+    count, lag = scores.shape[1], 1
+    uncorrelated = max(0.1, 3 / np.sqrt(count))
+    while 4 * lag * _MIN_SUMS <= count and _alike(scores, lag) > uncorrelated:
         lag *= 2
-    return 1 if lag == 1 else min(4 * lag, many // _GROUPS)
+    together = 1 if lag == 1 else min(4 * lag, count // _MIN_SUMS)
+    unresolved = 4 * lag * _MIN_SUMS > count and _alike(scores, lag) > uncorrelated
+    return together, lag if unresolved else 0
 
 
 def seen_from(poses: RelativePoses, hinge: Hinge) -> Iterator[tuple[slice, Residuals]]:

@@ -94,8 +94,8 @@ def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
 def instants_of(name: str, t: ArrayLike, fewest: int = 0) -> Float64Array:
     """Return increasing instants in seconds: floats as they are, stamps of clocks counted from the first one.
 
-    datetime64, timedelta64 and integer nanoseconds since 1970 are subtracted before they are rounded. Smaller integers
-    are seconds.
+    datetime64, timedelta64 and integer nanoseconds since 1970 are subtracted before they are rounded. Smaller
+    integers are seconds.
 
     Args:
         name: of the argument, for messages.
