@@ -19,6 +19,8 @@ import hingepair as hp
 from hingepair.cli.main import main
 from hingepair.engine.backend import choose
 from hingepair.formats.robots import robot_urdf
+from hingepair.numeric.tables import unit_of
+from hingepair.pair.results import column_names
 from support.summed import summed
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -93,6 +95,35 @@ def test_run_says_what_came_out(short_scene: Path) -> None:
         "nothing written",
     ):
         assert expected in out
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, None])
+def test_no_table_cuts_a_number_or_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int | None) -> None:
+    """Rows of tiny numbers, stamps since 1970, long names: what is too wide for the terminal goes on below."""
+    t = 1763746391 + np.arange(12) / 8
+    columns = {"t": t, **dict.fromkeys(("x", "y", "z", "phi_x", "phi_y", "phi_z"), -1.2345678e-15 * (t - t[0]))}
+    columns["psi"] = 1e-7 * np.sin(t)
+    np.savez(tmp_path / "log.npz", **columns)
+    (tmp_path / "my.toml").write_text(
+        "[pair]\nu1 = [1e-14, 0, 0]\nu2 = [0, 0, 0]\nn = [0, 0, 1]\nbody2 = { mass = 1e-9, inertia = [1, 1, 1] }\n"
+        '[motion]\nfile = "log.npz"\ndifferentiate = true\n'
+    )
+    if width is not None:
+        monkeypatch.setenv("COLUMNS", str(width))
+        monkeypatch.setenv("FORCE_COLOR", "1")
+    scene = hp.load_scene(tmp_path / "my.toml")
+    for command, arrays in (("run", scene.evaluate().chosen()), ("forces", scene.forces().recorded())):
+        text = invoke(command, tmp_path / "my.toml")
+        numbers: dict[str, list[float]] = {name: [] for name in column_names(arrays)}
+        for line in text.splitlines():
+            name, _, rest = line.strip().partition(" ")
+            if name in numbers:
+                assert width is None or len(line) <= width
+                assert rest.strip().startswith(unit_of(name))
+                numbers[name] += map(float, rest.strip().removeprefix(unit_of(name)).split())
+        assert {len(own) for own in numbers.values()} == {5}
+        if command == "run":
+            assert all(f"t = {float(t[i])!r}" in text for i in (0, 5, 11))
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".csv"])

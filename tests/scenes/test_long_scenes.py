@@ -12,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import hingepair as hp
 from hingepair.cli.summary import Summary
+from hingepair.measured.recordings import read_recording
 from hingepair.scenes.instants import Uniform
 from support.sparse import sparse
 
@@ -179,10 +181,44 @@ def test_coordinates_of_the_plane_and_of_attitudes(tmp_path):
     assert {"v1_x", "v1_y", "phid", "psid"} <= set(flat.recorded())
     turned = hp.load_scene(long_scene(tmp_path, 101, "spinning_satellite"))
     result = turned.evaluate(("psi", "psid"))
-    assert result.q is None
     np.testing.assert_array_equal(result.psid, result.known.hinge[1])
-    with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of .*psi, psid, psidd, got 'q'"):
-        turned.evaluate(("q",))
+    assert result.quat2 is None
+    assert result.qdd is None
+    whole = turned.evaluate(("R1", "S1", "v1", "omega1", "q", "qd", "quat1", "quat2"))
+    np.testing.assert_array_equal(whole.q[:, :3], whole.R1)
+    np.testing.assert_array_equal(whole.q[:, 3:7], whole.quat1)
+    np.testing.assert_array_equal(whole.qd, np.column_stack([whole.v1, whole.omega1, whole.psid]))
+    np.testing.assert_allclose(Rotation.from_quat(whole.quat1).as_matrix(), whole.S1, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(Rotation.from_quat(whole.quat2).as_matrix(), whole.S2, rtol=0, atol=1e-15)
+    assert (whole.quat2[:, 3] >= 0).all()
+    assert "S2" not in whole.recorded()  # that quat2 is made of
+    assert [name for name in whole.recorded() if name[0] == "q"] == [
+        *("qx", "qy", "qz", "qw"), *("qx1", "qy1", "qz1", "qw1"), *("qx2", "qy2", "qz2", "qw2")
+    ]  # fmt: skip
+    flat = hp.load_scene(long_scene(tmp_path, 11, "reference_2d"))
+    with pytest.raises(hp.ArgumentError, match=r"outputs: expected one of .*psi, psid, psidd, got 'quat2'"):
+        flat.evaluate(("quat2",))
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.npz", "log.parquet"])
+@pytest.mark.parametrize("model", sparse(["thrown_flail", "logged_arm", "gyro_log"], 2))
+def test_motions_by_attitudes_are_written_and_read_back_as_quaternions(tmp_path, model, name):
+    scene = hp.load_scene(MODELS / f"{model}.toml")
+    scene.evaluate(("q", "qd", "qdd")).save(tmp_path / name)
+    pair = scene.path.read_text().split("[motion]", maxsplit=1)[0].split("[dynamics]", maxsplit=1)[0]
+    (tmp_path / "back.toml").write_text(f'{pair}[motion]\nfile = "{name}"\nframe = "world"\n')
+    back, there = hp.load_scene(tmp_path / "back.toml").evaluate(), scene.evaluate()
+    assert back.state.outputs == there.state.outputs
+    for output, array in there.state.arrays().items():
+        np.testing.assert_allclose(back.state[output], array, rtol=0, atol=1e-14 * (1 + np.abs(array).max()))
+
+
+def test_poses_as_quaternions_are_a_recording_that_fit_reads(tmp_path):
+    scene = hp.load_scene(MODELS / "logged_arm.toml")
+    result = scene.evaluate(("R1", "quat1", "R2", "quat2"))
+    recording = read_recording([result.save(tmp_path / "poses.csv")])
+    np.testing.assert_allclose(recording.body2.S, scene.evaluate(("S2",)).S2, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(recording.body1.R, result.R1)
 
 
 def test_run_shows_and_a_scene_names_coordinates(tmp_path):
@@ -193,7 +229,7 @@ def test_run_shows_and_a_scene_names_coordinates(tmp_path):
     path = long_scene(tmp_path, 11)
     path.write_text(path.read_text() + '\n[outputs]\nnames = ["psi", "qd"]\n')
     shown = CliRunner().invoke(app, ["run", str(path)]).output
-    assert re.search(r"psi +0 +50 +100", shown)
-    assert re.search(r"phid_z +5 +5 +5", shown)
+    assert re.search(r"psi +rad +0 +50 +100", shown)
+    assert re.search(r"phid_z +rad/s +5 +5 +5", shown)
     done = CliRunner().invoke(app, ["run", str(path), "--outputs", "R9"])
     assert "psi, psid, psidd" in str(done.exception)

@@ -124,9 +124,12 @@ def test_command_line(tmp_path):
         "a2_x",
         "a2_y",
         "alpha2",
+        "psi",
+        "psid",
+        "psidd",
     ]
     rows = list(csv.reader((tmp_path / "out.csv").read_text().splitlines()))
-    assert rows[0] == ["t", *facts["outputs"], "x", "y", "phi", "psi"]
+    assert rows[0] == ["t", *facts["outputs"], "x", "y", "phi"]
     assert float(rows[-1][3]) == 0.3 * 4 + np.sin(2)
     assert "in the plane z = 0" in CliRunner().invoke(app, ["run", str(path)]).stdout
     robot = CliRunner().invoke(app, ["urdf", str(path)]).stdout

@@ -19,11 +19,9 @@ from statistics import median
 from timeit import timeit
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from hingepair.numeric.tables import json_text
+from hingepair.numeric.tables import json_text, ruled_table
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from hingepair.bench.plot import Panel
 
 Job: TypeAlias = Callable[[], Any]
@@ -125,23 +123,28 @@ class Report(NamedTuple):
     notes: Sequence[str] = ()  # lines to read the numbers by
     panels: Sequence[Sequence[Panel]] = ()  # of the picture, row by row
 
-    def tables(self) -> list[Table]:
-        """The rows, a block under each case, and the targets."""
+    def tables(self, width: int | None = None) -> list[str]:
+        """Return the lines of two tables: the rows, in a block for each case, and the targets.
+
+        Args:
+            width: of a line [characters]; None for lines of any length.
+        """
         columns = list(dict.fromkeys(key for row in self.rows for key in row.more))
         errors = [self.unit] if any(row.error is not None for row in self.rows) else []
-        found = _table("", "N", "a call", "each", "ratio", *errors, *columns)
+        heading = ("", "N", "a call", "each", "ratio", *errors, *columns)
+        lines: list[Sequence[str]] = [heading]
         for i, row in enumerate(self.rows):
             if i == 0 or self.rows[i - 1].case != row.case:
-                found.add_row(row.case)
-            last = i + 1 == len(self.rows) or self.rows[i + 1].case != row.case
+                lines += [()] if i else []
+                lines.append((row.case, *[""] * (len(heading) - 1)))
             cells = [f"{row.count:,}", duration(row.seconds), duration(row.each), digits(row.ratio)]
             cells += [_cell(number) for number in (*([row.error] if errors else []), *map(row.more.get, columns))]
-            found.add_row(f"  {row.method}", *cells, end_section=last)
-        aims = _table("aimed at, on the reference machine", "target", "reached", "", "")
+            lines.append((f"  {row.method}", *cells))
+        aims: list[Sequence[str]] = [("aimed at, on the reference machine", "target", "reached", "", "")]
         for target in self.targets:
             aim, verdict = f"{'>=' if target.least else '<='} {target.target:g}", "ok" if target.ok else "missed"
-            aims.add_row(target.what, aim, digits(target.reached), target.unit, verdict)
-        return [found, aims] if self.targets else [found]
+            aims.append((target.what, aim, digits(target.reached), target.unit, verdict))
+        return ["", *ruled_table(lines, 1, width), "", *([*ruled_table(aims, 1, width), ""] if self.targets else [])]
 
     def to_json(self) -> str:
         """Everything but the picture, and the machine, as JSON; a number that is not finite is null."""
@@ -208,15 +211,6 @@ def interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]
             calls = max(1, int(_LEAST / max(once[name], 1e-9)))
             times[name].append(timeit(job, number=calls) / calls)
     return times
-
-
-def _table(left: str, *right: str) -> Table:
-    """A table with a column of words, and columns of numbers."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Column, Table
-
-    numbers = (Column(heading, justify="right", no_wrap=True) for heading in right)
-    return Table(Column(left, no_wrap=True), *numbers, box=SIMPLE_HEAD)
 
 
 def _cell(value: Any) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hingepair.cli.output import console, line_width
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
 
@@ -26,8 +27,6 @@ Sizes = Annotated[str, typer.Option(help="Numbers of samples.")]
 
 def _report(found: Report, show_json: bool, plot: Path | None = None) -> None:
     """Draw; print rows, targets, notes and the machine."""
-    from rich.console import Console
-
     from hingepair.bench.measure import facts, tell
     from hingepair.bench.plot import draw
 
@@ -37,9 +36,10 @@ def _report(found: Report, show_json: bool, plot: Path | None = None) -> None:
     if show_json:
         print(found.to_json())
         return
-    console = Console(highlight=False, markup=False, width=120)
-    for part in (*found.tables(), *found.notes, ", ".join(f"{key} {value}" for key, value in facts().items())):
-        console.print(part)
+    screen = console()
+    machine = ", ".join(f"{key} {value}" for key, value in facts().items())
+    for line in (*found.tables(line_width(screen)), *found.notes, machine):
+        screen.print(line)
 
 
 def _counts(sizes: str) -> list[int]:

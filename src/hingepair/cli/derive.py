@@ -10,7 +10,7 @@ import typer
 from hingepair.cli.output import give, listed
 from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, TextFile, inputs_of, named
 from hingepair.errors import ArgumentError
-from hingepair.scenes.scene import COORDINATES, Scene
+from hingepair.scenes.scene import SCENE_OUTPUTS, Scene
 
 DEFAULT = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """What is derived unless the command line or the scene says otherwise."""
@@ -54,7 +54,7 @@ def derive(
         found = found.pair
     forms = closed_forms(found, listed(symbolic) or ())
     title, wanted = (found.title, found.outputs) if isinstance(found, Scene) else (found.name, None)
-    asked = tuple(name for name in wanted or () if name not in COORDINATES)
+    asked = tuple(name for name in wanted or () if name not in SCENE_OUTPUTS)
     usual = default_outputs(ACCELERATION, PLANAR) if forms.kind is PLANAR else DEFAULT
     names = asked or usual if outputs is None else check_outputs(listed(outputs), forms.kind.levels)
     if latex:

@@ -14,15 +14,14 @@ from types import FrameType
 from typing import Annotated, Any, TypeVar
 
 import typer
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
 from hingepair.errors import ArgumentError, printable, quoted
+from hingepair.numeric.tables import ruled_table
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.results import ROWS
 from hingepair.plans.plan import PLANAR, SPATIAL
-from hingepair.scenes.scene import COORDINATES
+from hingepair.scenes.scene import SCENE_OUTPUTS
 
 Part = TypeVar("Part")
 
@@ -40,7 +39,7 @@ Outputs = Annotated[
     typer.Option(
         metavar="NAMES",
         help=f"Which: of {', '.join(SPATIAL.levels)}; in the plane of {', '.join(PLANAR.levels)}; "
-        f"of the coordinates {', '.join(COORDINATES)}.",
+        f"of the coordinates, and in space of the quaternions, {', '.join(SCENE_OUTPUTS)}.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
@@ -52,21 +51,20 @@ def file_option(text: str) -> Any:
 
 
 def console() -> Console:
-    """Where tables go; without a terminal lines are as long as they are and tables 100 characters wide."""
-    found = Console(highlight=False, markup=False, soft_wrap=True)
-    return found if found.is_terminal else Console(highlight=False, markup=False, soft_wrap=True, width=100)
+    """Return where the text of a command goes, line by line as it is."""
+    return Console(highlight=False, markup=False, soft_wrap=True)
 
 
-def component_table(headings: Iterable[str], rows: Iterable[Sequence[str]]) -> Table:
-    """A name and numbers in each row, a line below each vector."""
-    found = Table("", box=box.SIMPLE_HEAD)
-    for heading in headings:
-        found.add_column(heading, justify="right")
-    for column in found.columns:
-        column.no_wrap = True
-    for name, *cells in rows:
-        found.add_row(name, *cells, end_section=name.endswith(("_z", "_zz")))
-    return found
+def print_components(screen: Console, lines: Sequence[Sequence[str]]) -> None:
+    """Print a table of components, names and units first, with an empty line below each vector."""
+    spaced = [row for line in lines for row in ((line, ()) if line[0].endswith(("_z", "_zz")) else (line,))]
+    spaced = spaced[:-1] if not spaced[-1] else spaced
+    screen.print("", *ruled_table(spaced, 2, line_width(screen)), "", sep="\n")
+
+
+def line_width(screen: Console) -> int | None:
+    """Return the width of the terminal [characters]; None where the text goes into a file or a pipe."""
+    return screen.width if screen.is_terminal else None
 
 
 def check_picture(option: str, path: Path) -> None:

@@ -14,10 +14,10 @@ from rich.console import Console
 from hingepair.cli.output import (
     Json,
     Outputs,
-    component_table,
     console,
     file_option,
     listed,
+    print_components,
     said_if_stopped,
     watched,
 )
@@ -74,7 +74,7 @@ def run(
     _head(screen, scene)
     if explain:
         screen.print(str(scene.plan(names)))
-    screen.print(summary.table())
+    print_components(screen, summary.table())
     some = summary.lost < scene.samples
     if summary.lost:
         others = "ranges and residuals are those of the others" if some else "there is nothing to show"
@@ -138,7 +138,7 @@ def forces(
         (name, unit_of(name), *(f"{value + 0.0:.5g}" for value in sizes), instant(t))
         for name, (*sizes, t) in ((name, row.values()) for name, row in rows.items())
     ]
-    screen.print(component_table(("unit", "first", "smallest", "largest", "rms", "max |.| at t"), lines))
+    print_components(screen, [("", "unit", "first", "smallest", "largest", "rms", "max |.| at t"), *lines])
     _foot(screen, scene.notes(), out)
 
 

@@ -6,10 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.table import Table
 
-from hingepair.cli.output import component_table
-from hingepair.numeric.tables import instant
+from hingepair.numeric.tables import instant, unit_of
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.constants import with_hinge_frames
 from hingepair.pair.prepared import arrays_of
@@ -77,11 +75,11 @@ class Summary:
         """What a reader should know."""
         return self._notes.sentences()
 
-    def table(self) -> Table:
-        """First, middle and last instant of every component, and its range."""
+    def table(self) -> list[tuple[str, ...]]:
+        """Return the heading and rows of a table: each component at three instants, and its range."""
         columns = [[f"{cell + 0.0:.6g}" for cell in own] for own in (*self._then, self._least, self._most)]
-        headings = (*(f"t = {instant(t)}" for t in self._t), "smallest", "largest")
-        return component_table(headings, zip(self._names, *columns, strict=True))
+        heading = ("", "unit", *(f"t = {instant(t)}" for t in self._t), "smallest", "largest")
+        return [heading, *zip(self._names, map(unit_of, self._names), *columns, strict=True)]
 
     def ranges(self) -> dict[str, dict[str, float]]:
         """The same as numbers."""

@@ -27,6 +27,40 @@ def aligned(lines: Sequence[Sequence[str]], right: Collection[int]) -> list[str]
     ]
 
 
+def ruled_table(lines: Sequence[Sequence[str]], keys: int = 1, width: int | None = None) -> list[str]:
+    r"""Return the lines of a table with a rule below its heading, in which no cell is cut.
+
+    Columns that do not fit into the width follow in further tables, which repeat the first columns.
+
+    Args:
+        lines: the heading and the rows, as many cells each; a row without cells is an empty line.
+        keys: number of the first columns, those to repeat.
+        width: of a line [characters]; None for lines of any length.
+
+    >>> print(*ruled_table([("", "t = 0", "t = 1"), ("psi", "-1.25", "3")], width=12), sep="\n")
+         t = 0
+    ----------
+    psi  -1.25
+    <BLANKLINE>
+         t = 1
+    ----------
+    psi      3
+    """
+    full = [line for line in lines if line]
+    sizes = [max(map(len, column)) + 2 for column in zip(*full, strict=True)]
+    parts: list[list[int]] = []
+    for column in range(keys, len(sizes)):
+        if not parts or (width is not None and sum(sizes[i] for i in (*range(keys), *parts[-1], column)) - 2 > width):
+            parts.append([])
+        parts[-1].append(column)
+    found: list[str] = []
+    for part in parts:
+        rows = iter(aligned([[line[i] for i in (*range(keys), *part)] for line in full], range(1, keys + len(part))))
+        drawn = [next(rows) if line else "" for line in lines]
+        found += ["", drawn[0], "-" * max(map(len, drawn)), *drawn[1:]]
+    return found[1:]
+
+
 def left_out(skipped: int, samples: int) -> str:
     """How many samples were not finite, to go behind a verdict; nothing where all were.
 

@@ -18,7 +18,7 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_ROW_STEPS, ROW_STEPS
-from hingepair.rotations.matrices import rotation_exp
+from hingepair.rotations.matrices import matrix_to_quaternion, rotation_exp
 from hingepair.scenes.instants import Rows
 
 if TYPE_CHECKING:
@@ -61,10 +61,18 @@ class ByCoordinates:
     @property
     def psi(self) -> Float64Array:
         """The hinge angle; shape (count,) rad."""
-        return self._column(0, -1)
+        return self.hinge_angle(0)
 
-    def coordinates(self, order: int = 0) -> dict[str, Float64Array]:
-        """The coordinates, or their derivatives of an order that is known, by name; shape (count,) each."""
+    def hinge_angle(self, order: int) -> Float64Array:
+        """Return psi, or its derivative of an order that is known; shape (count,) rad, rad/s, rad/s^2."""
+        return self._column(order, -1)
+
+    def coordinates(self) -> dict[str, Float64Array]:
+        """Return what is kept beside all outputs: the coordinates by name; shape (count,) each."""
+        return self.logged(0)
+
+    def logged(self, order: int) -> dict[str, Float64Array]:
+        """Return the coordinates, or their derivatives of an order that is known, by the names that a log has."""
         names = (SPATIAL_NAMES if self.sequence else PLANAR_NAMES)[order]
         return {name: self._column(order, i) for i, name in enumerate(names)}
 
@@ -162,11 +170,25 @@ class ByBody1:
     @property
     def psi(self) -> Float64Array:
         """The hinge angle; shape (count,) rad."""
-        return self.hinge[0]
+        return self.hinge_angle(0)
 
-    def coordinates(self, order: int = 0) -> dict[str, Float64Array]:
-        """The hinge angle, or its derivative of an order that is known, by name; shape (count,)."""
-        return {SPATIAL_NAMES[order][-1]: self.hinge[order]}
+    def hinge_angle(self, order: int) -> Float64Array:
+        """Return psi, or its derivative of an order that is known; shape (count,) rad, rad/s, rad/s^2."""
+        return self.hinge[order]
+
+    def coordinates(self) -> dict[str, Float64Array]:
+        """Return what is kept beside all outputs: the hinge angle by name; shape (count,)."""
+        return {"psi": self.hinge[0]}
+
+    def logged(self, order: int) -> dict[str, Float64Array]:
+        """Return position, quaternion and hinge angle, or the rates of an order that is known, as a log has them."""
+        place, turning, angle = _PARTS[order]
+        own = {place: getattr(self.body1, place[:-1])}
+        if order:
+            own[turning] = getattr(self.body1, turning[:-1])
+        found = {f"{name}_{c}" if order else c: v for name, a in own.items() for c, v in zip("xyz", a.T, strict=True)}
+        attitude = {} if order else quaternion_columns(self.body1.S)
+        return found | attitude | {angle: self.hinge[order]}
 
     def constant(self) -> frozenset[str]:
         """Which inputs of a plan do not depend on t: none is looked for."""
@@ -201,6 +223,12 @@ class ByBody1:
             return self.forward_kinematics(pair, _BODIES[:4]).arrays()
         W1, _ = given_rate_sizes(self.body1.omega)
         return self.forward_kinematics(pair, _BODIES).arrays() | {"psid": self.hinge[1], "W1": np.asarray(W1)}
+
+
+def quaternion_columns(S: NDArray[Any], digit: str = "") -> dict[str, Float64Array]:
+    """Return the unit quaternions of rotations as columns qx, qy, qz, qw with the digit of the body; qw >= 0."""
+    w, x, y, z = matrix_to_quaternion(np.asarray(S, dtype=np.float64)).T
+    return {f"q{letter}{digit}": column for letter, column in zip("xyzw", (x, y, z, w), strict=True)}
 
 
 KnownMotion: TypeAlias = ByCoordinates | ByBody1

@@ -26,7 +26,7 @@ from hingepair.pair.states import PairState, PlanarState, lacking
 from hingepair.plans.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, Kind, check_outputs
 from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.instants import Rows
-from hingepair.scenes.known_motion import ByBody1, Derivatives, KnownMotion
+from hingepair.scenes.known_motion import ByBody1, Derivatives, KnownMotion, quaternion_columns
 from hingepair.scenes.motion import Motion, massive
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
@@ -42,22 +42,27 @@ _LEVELS = {
     **dict.fromkeys(("a", "alpha", "qdd", "psidd"), ACCELERATION),
 }
 COORDINATES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
-"""What a scene gives beside the state of the pair: its coordinates, all or psi alone, and their derivatives."""
+"""Outputs of a scene that are not of the equations: its coordinates, all or psi alone, and their derivatives."""
+_QUATERNIONS: Final = {"quat1": "S1", "quat2": "S2"}
+SCENE_OUTPUTS: Final = (*COORDINATES, *_QUATERNIONS)
+"""Outputs that a scene has beside those of the equations; the quaternions only in space."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SceneResult(Frozen, Result):
     """A scene evaluated: `t`, `state`, every attribute of the state (R2, S2, d, v2, ...), and the coordinates.
 
-    q, qd, qdd have shape (samples, 7), in the plane (samples, 4); psi, psid, psidd (samples,). What the motion does
-    not have is None, as are derivatives that no output needed.
+    q, qd, qdd have shape (samples, 7), in the plane (samples, 4); psi, psid, psidd (samples,). Where the attitude of
+    body 1 is not given by Euler angles, q is x, y, z, the quaternion qx, qy, qz, qw (qw >= 0) and psi, qd is v1,
+    omega1 and psi', and qdd is a1, alpha1 and psi''. quat1 and quat2, (samples, 4), are the quaternions (x, y, z, w),
+    w >= 0, of S1 and S2. What the motion does not have is None, as is what no output needed.
 
     Attributes:
         t: instants; shape (samples,) s.
         state: the PairState, or PlanarState, at these instants.
         scene: where it comes from.
         known: the motion that the state was computed from.
-        asked: the coordinates among the outputs.
+        names: the outputs that were asked for; None for everything about body 2, and the hinge angle.
         first: number of the first instant; 0 but for blocks.
     """
 
@@ -65,9 +70,9 @@ class SceneResult(Frozen, Result):
     state: PairState | PlanarState
     scene: Scene
     known: KnownMotion
-    asked: tuple[str, ...]
+    names: tuple[str, ...] | None
     first: int = 0
-    _inner: ClassVar[frozenset[str]] = Result._inner | {"asked", "chosen", "energy", "first", "known", "momentum"}
+    _inner: ClassVar[frozenset[str]] = Result._inner | {"chosen", "energy", "first", "known", "momentum", "names"}
 
     @property
     def described(self) -> str:
@@ -80,10 +85,16 @@ class SceneResult(Frozen, Result):
         return self.scene.files
 
     def chosen(self) -> dict[str, NDArray[Any]]:
-        """What was asked for, by name; shape (samples, ...); of q, qd and qdd each coordinate is an array."""
-        found: dict[str, NDArray[Any]] = self.state.arrays()
-        for name in self.asked:
-            own = self._coordinates(name)
+        """Return what was asked for, by name; shape (samples, ...).
+
+        Of q, qd, qdd, quat1 and quat2 each component is an array of its own, named as in a log.
+        """
+        names, state = self.names, self.state.arrays()
+        if names is None:
+            names = (*state, *(name for name in ("psi", "psid", "psidd") if _level(name) <= self.known.level))
+        found: dict[str, NDArray[Any]] = {name: array for name, array in state.items() if name in names}
+        for name in names:
+            own = self._components(name) if name in SCENE_OUTPUTS else {}
             found |= {key: own[key] for key in own if key.partition("_")[0] not in found}  # v1 has v1_x already
         return found
 
@@ -115,16 +126,18 @@ class SceneResult(Frozen, Result):
             raise ArgumentError("outputs", "some that need second derivatives, such as a2", self.state.outputs)
         return self.known.in_space(self.scene.pair)
 
-    def _coordinates(self, name: str) -> dict[str, NDArray[np.float64]]:
-        """What an output of the coordinates is made of; nothing where the motion, or this part of it, lacks it."""
-        if name not in self.scene.coordinates_to(self.known.level):
+    def _components(self, name: str) -> dict[str, NDArray[np.float64]]:
+        """Return the components of one of SCENE_OUTPUTS by name; none where it is not known, or was not needed."""
+        if name in _QUATERNIONS:
+            S = getattr(self.state, _QUATERNIONS[name], None)
+            return {} if S is None else quaternion_columns(S, name[-1])
+        if _level(name) > self.known.level:
             return {}
-        named = self.known.coordinates(_level(name))
-        return named if name[0] == "q" else {name: named[name]}
+        return self.known.logged(_level(name)) if name[0] == "q" else {name: self.known.hinge_angle(_level(name))}
 
     def __getattr__(self, name: str) -> Any:
-        if name in COORDINATES:
-            own = [*self._coordinates(name).values()]
+        if name in SCENE_OUTPUTS:
+            own = [*self._components(name).values()]
             return None if not own else np.stack(own, -1) if name[0] == "q" else own[0]
         if not name.startswith("_") and name not in self.__dataclass_fields__ and hasattr(type(self.state), name):
             return getattr(self.state, name)
@@ -137,7 +150,8 @@ class SceneResult(Frozen, Result):
         pair, level = self.scene.pair, self.known.level
         bodies = {"energy": pair.body2, "momentum": pair.body1 and pair.body2}
         masses = (name for name, body in bodies.items() if level == ACCELERATION and body is not None)
-        return *dir(self.state), *self.scene.coordinates_to(level), *masses
+        beside = (name for name in self.scene.beside(level) if getattr(self, name) is not None)
+        return *dir(self.state), *beside, *masses
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -194,10 +208,10 @@ class Scene(Shown):
         """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
         return self.motion.given.sequence
 
-    def coordinates_to(self, level: int) -> tuple[str, ...]:
-        """Those of q, qd, qdd, psi, psid, psidd that the kind of motion can have, up to a derivative."""
-        whole = self.kind == PLANAR or self.sequence is not None
-        return tuple(name for name in COORDINATES if (whole or name[0] != "q") and _level(name) <= level)
+    def beside(self, level: int) -> tuple[str, ...]:
+        """Return those of SCENE_OUTPUTS that there are in space or in the plane, up to a derivative."""
+        names = SCENE_OUTPUTS if self.kind == SPATIAL else COORDINATES
+        return tuple(name for name in names if _level(name) <= level)
 
     @property
     def start(self) -> float:
@@ -273,9 +287,9 @@ class Scene(Shown):
 
         Args:
             outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1, or in the plane
-                R2, phi2, d, v2, omega2, a2, alpha2, and of the coordinates q, qd, qdd, psi, psid, psidd; those of
-                the scene file unless given, and without these everything about body 2 that the motion allows. Only
-                the derivatives that the outputs need are computed.
+                R2, phi2, d, v2, omega2, a2, alpha2, of the coordinates q, qd, qdd, psi, psid, psidd, and in space of
+                the quaternions quat1, quat2; those of the scene file unless given, and without these everything about
+                body 2 that the motion allows. Only the derivatives that the outputs need are computed.
 
         Raises:
             ArgumentError: an unknown output, one that needs what the motion does not have, or more instants than can
@@ -318,9 +332,8 @@ class Scene(Shown):
             state: PairState | PlanarState = (PairState if self.kind == SPATIAL else PlanarState)({}, t.shape)
         else:
             state = known.part(slice(None), order).forward_kinematics(self.pair, own, backend)
-        asked = tuple(name for name in names or () if name in COORDINATES)
         first = (rows.start or 0) if isinstance(rows, slice) else 0
-        return SceneResult(t, state, self, known, asked, first)
+        return SceneResult(t, state, self, known, names, first)
 
     def _spread(self, most: int) -> Rows:
         """So many instants at most."""
@@ -380,8 +393,8 @@ class Scene(Shown):
         """The outputs that are asked for, all of which the motion has; None: all about body 2."""
         if outputs is None:
             return self.outputs
-        names, level = check_outputs(outputs, (*self.kind.levels, *COORDINATES)), self.motion.level
-        known = *(name for name in self.kind.levels if _level(name) <= level), *self.coordinates_to(level)
+        names, level = check_outputs(outputs, (*self.kind.levels, *SCENE_OUTPUTS)), self.motion.level
+        known = *(name for name in self.kind.levels if _level(name) <= level), *self.beside(level)
         for name in names:
             if name not in known:
                 hint = self.motion.hint if _level(name) > level else ""
@@ -389,10 +402,11 @@ class Scene(Shown):
         return names
 
     def _needs(self, names: tuple[str, ...] | None) -> tuple[tuple[str, ...] | None, int]:
-        """Those that the equations give, and the order of derivatives that all of them need."""
+        """Return the outputs of the equations that are needed, and the order of derivatives that all outputs need."""
         if names is None:
             return None, self.motion.level
-        return tuple(name for name in names if name not in COORDINATES), max(map(_level, names))
+        own = (_QUATERNIONS.get(name, name) for name in names if name not in COORDINATES)
+        return tuple(dict.fromkeys(own)), max(map(_level, names))
 
 
 class Notes:
@@ -415,7 +429,7 @@ class Notes:
         self._least = float(np.fmin.reduce(psi, initial=self._least))
         self._most = float(np.fmax.reduce(psi, initial=self._most))
         for name, (lower, upper) in self._limits.items():
-            values = part.known.coordinates(_level(name))[name]
+            values = part.known.hinge_angle(_level(name))
             outside = np.flatnonzero((values < lower) | (values > upper))
             self._outside[name] += outside.size
             if outside.size:
