@@ -831,8 +831,8 @@ FAULTS = {
     ),
     "scores of neighbours taken for independent": Fault(
         "measured/likelihood.py",
-        "return 1 if lag == 1 else",
-        "return 1 if lag else",
+        "together = 1 if lag == 1 else",
+        "together = 1 if lag else",
         "measured/test_fit.py::test_noise_that_is_correlated_in_time_widens_the_covariance[40]",
     ),
     "home turns the long way in the covariance": Fault(
