@@ -76,6 +76,22 @@ def test_home_is_the_identity_where_it_was() -> None:
     assert np.abs(found.psi - made.psi).max() < 1e-14
 
 
+@pytest.mark.parametrize("axis", [(0, 1, 0), (0, 0, 1), (0, 1, 1), (1, 0, 0)], ids=str)
+def test_psi_is_0_at_one_place_where_the_axes_are_opposite(axis: tuple[float, ...]) -> None:
+    """A sensor that was mounted upside down: by the short way, noise would choose where psi = 0 is."""
+    n = np.array(axis) / np.linalg.norm(axis)
+    over = turns(np.pi * np.array((1.0, 0, 0) if axis[0] == 0 else (0, 1.0, 0)))
+    places = []
+    for seed in range(4):
+        made = recording(400, 1e-3, 2e-3, seed, Q=turns(recording(400).psi[:, None] * n) @ over)
+        found = hp.fit(*bodies(made))
+        assert found.ok
+        assert np.abs(found.pair.home - over).max() < 5e-3
+        places.append(np.mean(found.psi - made.psi))
+    assert np.abs(places).max() < 5e-3
+    assert np.abs(places).max() < 4 * found.std["home"].max()
+
+
 def test_the_first_large_component_of_n_is_positive() -> None:
     for axis in np.array([(-1, 0.4, 0.2), (0.3, -1, 0.9), (-0.6, 1, 0), (0.1, 0.2, -1)]):
         unit = axis / np.linalg.norm(axis)

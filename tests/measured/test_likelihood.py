@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hingepair.measured.hinge import GAUGES, Hinge, derivatives, frame, shortest_turn
+from hingepair.measured.hinge import GAUGES, Hinge, derivatives, frame, home_of, sign_of
 from hingepair.measured.likelihood import Noise, Residuals, judged, most_likely, seen_from
 from hingepair.measured.relative_poses import closed_form, relative_poses
 from hingepair.rotations.matrices import rotation_log
@@ -60,15 +60,19 @@ def test_that_covariance_is_what_noise_leaves() -> None:
     assert sizes.var() == pytest.approx(10, rel=0.03)
 
 
+OPPOSITE = Hinge(N1, -np.array([0.9, 2.1, -0.4]) / np.linalg.norm([0.9, 2.1, -0.4]), U1, U2)
+
+
+@pytest.mark.parametrize("true", [TRUE, OPPOSITE], ids=["short way", "nearly opposite axes"])
 @pytest.mark.parametrize("gauge", GAUGES)
-def test_what_the_fit_returns_changes_as_its_derivatives_say(gauge: str) -> None:
-    hinge = TRUE.in_gauge(gauge)
+def test_what_the_fit_returns_changes_as_its_derivatives_say(gauge: str, true: Hinge) -> None:
+    hinge = true.in_gauge(gauge)
     columns = []
     for k in range(9):
         high, low = (hinge.moved(sign * 1e-6 * np.eye(9)[k]).in_gauge(gauge) for sign in (1, -1))
-        turn = rotation_log(shortest_turn(high.m, high.n) @ shortest_turn(low.m, low.n).T)
+        turn = rotation_log(home_of(high) @ home_of(low).T)
         columns.append(np.concatenate((high.u1 - low.u1, high.u2 - low.u2, high.n - low.n, turn)) / 2e-6)
-    found = derivatives(hinge, shortest_turn(hinge.m, hinge.n), gauge)
+    found = derivatives(hinge, gauge)
     assert np.abs(found - np.stack(columns, axis=-1)).max() < 1e-8
 
 
@@ -80,11 +84,49 @@ def test_frames_are_right_handed_and_end_along_the_axis(axis: np.ndarray) -> Non
     assert (found[:, 2] == axis).all()
 
 
-def test_the_shortest_turn_of_opposite_axes_is_half_a_turn() -> None:
-    for n in (*np.eye(3), N1):
-        turn = shortest_turn(-n, n)
-        assert np.abs(turn @ -n - n).max() < 1e-15
-        assert np.abs(turn @ turn - np.eye(3)).max() < 1e-15
+def units(count: int, seed: int) -> np.ndarray:
+    """Coordinate axes, both ways, and random directions."""
+    random = np.random.default_rng(seed).normal(size=(count, 3))
+    return np.concatenate((np.eye(3), -np.eye(3), random / np.linalg.norm(random, axis=-1, keepdims=True)))
+
+
+def test_home_takes_one_axis_to_the_other_and_is_a_rotation() -> None:
+    for n in units(40, 1):
+        for m in (*units(40, 2), n, -n):
+            home = home_of(Hinge(n, m, U1, U2))
+            assert np.abs(home @ m - n).max() < 4e-15
+            assert np.abs(home.T @ home - np.eye(3)).max() < 4e-15
+            assert np.linalg.det(home) == pytest.approx(1, abs=4e-15)
+
+
+def test_home_is_the_short_way_unless_the_axes_are_nearly_opposite() -> None:
+    for n in units(40, 1):
+        for m in units(40, 2):
+            if n @ m > -0.9:
+                assert np.trace(home_of(Hinge(n, m, U1, U2))) == pytest.approx(1 + 2 * (n @ m), abs=1e-14)
+        assert np.abs(home_of(Hinge(n, n, U1, U2)) - np.eye(3)).max() < 1e-15
+
+
+def test_home_of_opposite_axes_hardly_moves_with_them() -> None:
+    """Noise of 1e-6 in either axis moves home by little more than that, about all axes."""
+    rng = np.random.default_rng(4)
+    for n in units(200, 1):
+        if (np.abs(np.abs(n) - 0.65) < 1e-5).any():
+            continue  # another half turn begins there
+        near, far = (np.asarray(x) + 1e-6 * rng.normal(size=3) for x in (n, -n))
+        turn = (
+            home_of(Hinge(near / np.linalg.norm(near), far / np.linalg.norm(far), U1, U2))
+            @ home_of(Hinge(n, -n, U1, U2)).T
+        )
+        assert np.abs(rotation_log(turn)).max() < 2e-5
+
+
+@pytest.mark.parametrize("axis", [(-1, 2, 0), (1, -1, 0), (-1, 0, 1), (0, -3, 1), (-1, -1, 1)], ids=str)
+def test_noise_does_not_decide_the_sign_of_usual_axes(axis: tuple[float, ...]) -> None:
+    n = np.array(axis) / np.linalg.norm(axis)
+    rng = np.random.default_rng(5)
+    assert {sign_of(n + 1e-3 * rng.normal(size=3)) for _ in range(50)} == {sign_of(n)}
+    assert sign_of(-n) == -sign_of(n)
 
 
 def test_no_hinge_near_the_most_likely_one_is_likelier() -> None:

@@ -15,6 +15,14 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import skew
 
 GAUGES: Final = ("closest_to_R1", "closest_to_R2")
+_MIN_SIGN_RATIO = 0.45
+"""Part of the largest component from which a component of n decides the sign. No ratio of two small numbers, so that
+noise does not decide for an axis such as (-1, 2, 0)."""
+_MIN_SHORT_WAY_COSINE = -0.9
+"""Cosine of the angle between m and n down to which home is the short way from one to the other."""
+_MAX_ACROSS_COMPONENT = 0.65
+"""The first component of n below this names the axis of the half turn that home begins with. Every unit vector has
+such a component; after the half turn, axes that were opposite are less than a right angle apart."""
 
 
 class Hinge(NamedTuple):
@@ -51,8 +59,8 @@ class Hinge(NamedTuple):
 
 
 def sign_of(n: Float64Array) -> float:
-    """Of the components that are at least half as large as the largest, the sign of the first."""
-    return 1.0 if n[np.argmax(np.abs(n) >= 0.5 * np.abs(n).max())] > 0 else -1.0
+    """Return the sign of the first component that is at least 0.45 times as large as the largest."""
+    return 1.0 if n[np.argmax(np.abs(n) >= _MIN_SIGN_RATIO * np.abs(n).max())] > 0 else -1.0
 
 
 def frame(axis: Float64Array) -> Float64Array:
@@ -75,29 +83,47 @@ def turned(axis: Float64Array, step: ArrayLike) -> Float64Array:
     return np.asarray(there / np.linalg.norm(there))
 
 
-def shortest_turn(m: Float64Array, n: Float64Array) -> Float64Array:
-    """The rotation by the least angle that takes one unit vector to another: twice a reflection."""
+def home_of(hinge: Hinge) -> Float64Array:
+    """Return the rotation of body 2 against body 1 at psi = 0, which the motion does not show: C m = n; (3, 3).
+
+    It turns m into n the short way. Where both are nearly opposite, noise would choose among the short ways: then
+    home begins with a half turn about a coordinate axis of body 2, after which there is one short way.
+    """
+    before = _half_turn_before(hinge)
+    return _shortest_turn(before @ hinge.m, hinge.n) @ before
+
+
+def _half_turn_before(hinge: Hinge) -> Float64Array:
+    """Return the half turn that home begins with: the identity unless m and n are nearly opposite; (3, 3)."""
+    if hinge.n @ hinge.m > _MIN_SHORT_WAY_COSINE:
+        return np.eye(3)
+    turn = -np.eye(3)
+    across = int(np.argmax(np.abs(hinge.n) < _MAX_ACROSS_COMPONENT))
+    turn[across, across] = 1.0
+    return turn
+
+
+def _shortest_turn(m: Float64Array, n: Float64Array) -> Float64Array:
+    """Return the rotation by the least angle that takes one unit vector to another, which is not opposite; (3, 3)."""
     half = m + n
-    if half @ half < 1e-20:
-        half = frame(n)[:, 0]
-        return 2 * np.outer(half, half) - np.eye(3)
     once = 2 * np.outer(half, half) / (half @ half) - np.eye(3)  # half a turn about the middle
     return np.asarray(once @ (2 * np.outer(m, m) - np.eye(3)))  # after half a turn about m
 
 
-def derivatives(hinge: Hinge, home: Float64Array, gauge: str) -> Float64Array:
-    """Of u1, u2, n and home's rotation vector by the parameters of the fit; (12, 9).
+def derivatives(hinge: Hinge, gauge: str) -> Float64Array:
+    """Return the derivatives of u1, u2, n and home's rotation vector by the parameters of the fit; (12, 9).
 
     The rotation d of home by the short way from m to n has `d x n` as its change asks for; about n it turns so that
-    home's axis stays across m + n.
+    home's axis stays across m + n. (m here is the axis after the half turn that home may begin with.)
     """
     n, m, u1, u2 = hinge
+    home, before = home_of(hinge), _half_turn_before(hinge)
     first, second = frame(n), frame(m)
     dn, dm, du1, du2 = np.zeros((4, 3, 9))
     dn[:, :2], dm[:, 2:4], du1[:, 4:7], du2[:, 7:] = first[:, :2], second[:, :2], first, second[:, :2]
     slide = -(n @ du1 + u1 @ dn) if gauge == "closest_to_R1" else -(m @ du2 + u2 @ dm)
     to_n, from_m = skew(n) @ dn, -skew(n) @ home @ dm
-    about = m @ (from_m - to_n) / max(float(1 + m @ n), 1e-12)
+    about = before @ m @ (from_m - to_n) / float(1 + before @ m @ n)
     rows = (du1 + np.outer(n, slide), du2 + np.outer(m, slide), dn, to_n + from_m + np.outer(n, about))
     return np.concatenate(rows)
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, MissingDependencyError, ShapeError
 from hingepair.measured.findings import check_turning, findings, outlying
-from hingepair.measured.hinge import GAUGES, derivatives, offset, shortest_turn
+from hingepair.measured.hinge import GAUGES, derivatives, home_of, offset
 from hingepair.measured.likelihood import LOSSES, judged, most_likely, without_bias
 from hingepair.measured.relative_poses import closed_form, closed_form_of_most, relative_poses
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, check_choice, read_only, real_array
@@ -39,11 +39,11 @@ class HingeFit(Shown):
 
     Attributes:
         pair: the hinge, ready for everything else.
-        psi: hinge angle, without jumps by 2 pi from one sample to the next; (N,) rad, NaN where a pose is missing.
+        psi: hinge angle, without jumps by 2 pi from one sample to the next, the first in [-pi, pi]; (N,) rad, NaN
+            where a pose is missing.
         psi_range: smallest and largest psi of the samples that are no outliers [rad].
         covariance: of u1, u2 [m], n and the rotation vector of home in body 1's axes [rad], in this order; (12, 12).
-            Its rank is 9: n keeps its length, the gauge keeps one of u1 and u2 across, home turns m into n the short
-            way.
+            Its rank is 9: n keeps its length, the gauge keeps one of u1 and u2 across, home follows from both axes.
         std: standard deviations by name, roots of its diagonal; (3,) each.
         rms_position: of abs(R1 + S1 u1 - R2 - S2 u2) [m]; of a robust loss each sample by its weight.
         rms_angle: of the angle between the axes of the two bodies [rad]; likewise.
@@ -178,9 +178,10 @@ def fit(
     is, the data say. Poses that are not finite are missing samples.
 
     What a motion cannot show is fixed by rules. The point of the axis that u1 and u2 name: the gauge. The sign of
-    (n, psi): of the components of n that are at least half as large as the largest, the first is positive. psi = 0:
-    `home` turns the axis of body 2 into that of body 1 the short way, so it is the identity where the two have the
-    same components.
+    (n, psi): of the components of n that are at least 0.45 times as large as the largest, the first is positive.
+    psi = 0: `home` turns the axis of body 2 into that of body 1 the short way, so it is the identity where the two
+    have the same components. Where they are more than 154 degrees apart, `home` begins with a half turn about the
+    axis of body 2 (x, y or z) whose component of n is the first below 0.65.
 
     Args:
         body1: R and S of body 1, shape (N,); one pose where it stands still.
@@ -236,8 +237,8 @@ def fit(
     hinge, noise, still = most_likely(poses, start, penalty)
     hinge = without_bias(poses, hinge, noise).signed().in_gauge(gauge)
     seen = judged(poses, hinge, noise, penalty)
-    home = shortest_turn(hinge.m, hinge.n)
-    change = derivatives(hinge, home, gauge)
+    home = home_of(hinge)
+    change = derivatives(hinge, gauge)
     covariance = change @ seen.covariance @ change.T
     std = dict(zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True))
     far = outlying(seen, poses)
@@ -300,9 +301,13 @@ def _spread(values: Float64Array, used: NDArray[np.bool_], missing: float = np.n
 
 
 def _unwrapped(psi: Float64Array, good: NDArray[np.bool_]) -> Float64Array:
-    """Angles without jumps by 2 pi from good sample to good sample; the others as near to the last good one."""
-    if good.all():
-        return np.unwrap(psi)
+    """Return angles without jumps by 2 pi from good sample to good sample, the first of these in [-pi, pi].
+
+    The other samples are as near to the last good one as whole turns allow.
+    """
     whole = np.unwrap(psi[good])
+    whole = whole - 2 * np.pi * np.rint(whole[:1] / (2 * np.pi))
+    if good.all():
+        return whole
     before = whole[np.maximum(np.cumsum(good) - 1, 0)] if whole.size else np.zeros_like(psi)
     return psi - 2 * np.pi * np.rint((psi - before) / (2 * np.pi))

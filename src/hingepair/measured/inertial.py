@@ -88,7 +88,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike) -> AxisFit:
         omega2_b2: that of body 2 in body 2's axes, at the same instants.
 
     Returns:
-        n1 and n2, of the components of n1 that are at least half as large as the largest the first positive.
+        n1 and n2; the first component of n1 that is at least 0.45 times as large as the largest is positive.
 
     Raises:
         FitError: fewer than 8 samples, or neither body turns.
