@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from hingepair.errors import (
     ArgumentError,
     AxisError,
+    CompilationError,
     DtypeError,
     FitError,
     GimbalLockError,
@@ -79,6 +80,7 @@ __all__ = [
     "Body",
     "BodyMotion",
     "Box",
+    "CompilationError",
     "Cylinder",
     "DtypeError",
     "DynamicsWarning",

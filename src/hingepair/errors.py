@@ -81,6 +81,23 @@ class MissingDependencyError(HingePairError, ImportError):
         super().__init__(printable(f"{name}: expected {expected}, got {got}"))
 
 
+class CompilationError(HingePairError, RuntimeError):
+    """LLVM could not compile a kernel.
+
+    Attributes:
+        name: the kernel's name.
+        reason: what LLVM or llvmlite said.
+    """
+
+    def __init__(self, name: str, reason: str) -> None:
+        self.name = name
+        self.reason = reason
+        super().__init__(printable(f"the kernel of {name!r} could not be compiled: {shorten(reason)}"))
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return type(self), (self.name, self.reason)
+
+
 def shorten(got: object) -> str:
     """What came, in one line that a person can read; no more work however much came."""
     if getattr(got, "size", 0) > _LONGEST and hasattr(got, "shape"):  # more numbers than a line has characters

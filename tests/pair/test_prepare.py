@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import threading
 
 import numpy as np
@@ -304,3 +306,155 @@ def test_arrays_are_filled_at_every_call_and_refused_at_every_call(count):
             with pytest.raises(hp.ArgumentError, match="out"):
                 pair.forward_kinematics(q, qd, outputs=names, out=room | wrong, backend="compiled")
         np.testing.assert_array_equal((q, qd), kept)
+
+
+@pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
+@pytest.mark.parametrize("made_of", [hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1)), hp.PlanarPair((1, 0), (0, 1))])
+def test_every_input_is_broadcast_at_every_call(made_of, backend):
+    """R2 needs q alone; the samples of qd count all the same, at the first call and at later ones."""
+    one, count = made_of, 7 if isinstance(made_of, hp.HingePair) else 4
+    for _ in range(3):
+        for q, qd, shape in (
+            ((), (5,), (5,)),
+            ((5,), (), (5,)),
+            ((1,), (5,), (5,)),
+            ((), (), ()),
+            ((2, 1), (3,), (2, 3)),
+        ):
+            state = one.forward_kinematics(
+                np.zeros((*q, count)), np.zeros((*qd, count)), outputs=("R2",), backend=backend
+            )
+            assert state.R2.shape == (*shape, len(made_of.u1))
+        for bad in ("rubbish", np.zeros(count + 1), np.zeros((4, count)), None):
+            with pytest.raises(hp.HingePairError):
+                one.forward_kinematics(
+                    np.zeros((3, count)), bad, np.zeros((3, count)), outputs=("R2",), backend=backend
+                )
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("bad", ["rubbish", None, np.zeros(6), np.zeros((4, 7)), np.zeros(7, complex)], ids=str)
+def test_an_input_that_no_output_needs_is_checked(bad, backend):
+    fk = made(generator(1020)).prepare("velocity", outputs=("R2",), backend=backend)
+    for q in (np.zeros((3, 7)), np.zeros((3, 7))):
+        assert fk(q, np.zeros(7)).R2.shape == (3, 3)
+        with pytest.raises(hp.ArgumentError, match=r"^qd: "):
+            fk(q, bad)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("count", [(), (3,)])
+def test_an_attitude_of_body_2_that_is_none_is_refused(backend, count):
+    at = made(generator(1021)).prepare(("R1", "S1", "R2", "S2"), outputs=("tilt_angle", "psi"), backend=backend)
+    R, S = np.zeros((*count, 3)), np.broadcast_to(np.eye(3), (*count, 3, 3)).copy()
+    for _ in range(2):
+        assert np.isfinite(at(R, S, R, S)["psi"]).all()
+        for bad in (2 * S, -S, S[..., [1, 0, 2], :]):
+            with pytest.raises(hp.RotationError, match=r"^S2: "):
+                at(R, S, R, bad)
+            with pytest.raises(hp.RotationError, match=r"^S1: "):
+                at(R, bad, R, S)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("quaternion", [(0, 0, 0, np.nan), (np.nan, 0, 0, 0), (np.nan, 1, 0, 0), (0, np.inf, 0, 0)])
+def test_a_quaternion_that_is_no_number_stays_in_its_sample(backend, quaternion):
+    at = made(generator(1022)).prepare(("quat_xyzw", "psi"), outputs=("S2",), backend=backend)
+    quat = np.array([(0, 0, 0, 1.0), quaternion, (0, 0, 1.0, 0)])
+    for _ in range(2):
+        S2 = at(quat, np.zeros(3)).S2
+        assert np.isfinite(S2[[0, 2]]).all()
+        assert np.isnan(S2[1]).any()
+        assert np.isnan(at(quat[1], 0.0).S2).any()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("count", [(), (3,), (20_000,)])
+@pytest.mark.parametrize("name", ["S1", "quat_wxyz"])
+def test_outputs_stay_as_they_were_where_an_attitude_is_refused(name, count, backend):
+    at = made(generator(1023)).prepare((name, "psi"), outputs=("S2",), backend=backend)
+    good = np.eye(3) if name == "S1" else np.array((1.0, 0, 0, 0))
+    given, psi = np.broadcast_to(good, (*count, *good.shape)).copy(), np.zeros(count)
+    S2 = np.full((*count, 3, 3), 7.0)
+    at(given, psi, out={"S2": S2})
+    assert not (S2 == 7).any()
+    S2[...] = 7.0
+    given[..., :] = 0.0
+    with pytest.raises(hp.RotationError):
+        at(given, psi, out={"S2": S2})
+    assert (S2 == 7).all()
+
+
+def test_a_prepared_call_can_be_copied_and_pickled():
+    rng = generator(1024)
+    one, motion = made(rng), coordinates(rng, 5)
+    for fk in (
+        one.prepare("velocity", outputs=("R2", "omega2"), sequence="zyx", backend="numpy"),
+        one.prepare("pose"),
+    ):
+        rows = motion[: len(fk.given)]
+        for other in (copy.copy(fk), copy.deepcopy(fk), pickle.loads(pickle.dumps(fk))):
+            assert (other.given, other.outputs) == (fk.given, fk.outputs)
+            for name in fk.outputs:
+                np.testing.assert_array_equal(other(*rows)[name], fk(*rows)[name])
+
+
+def test_names_of_outputs_from_a_generator_are_not_kept():
+    one = made(generator(1025))
+    for _ in range(3):
+        assert one.forward_kinematics(np.zeros(7), outputs=(name for name in ("R2", "d"))).outputs == ("R2", "d")
+    size = len(one.constants.prepared)
+    for _ in range(20):
+        one.forward_kinematics(np.zeros(7), outputs=(name for name in ("R2", "d")))
+    assert len(one.constants.prepared) == size
+
+
+CALLS = {
+    "kinematics": lambda one, **k: one.forward_kinematics(np.zeros(7), **k),
+    "many": lambda one, **k: one.forward_kinematics(np.zeros((3, 7)), **k),
+    "body1": lambda one, **k: one.forward_kinematics_from_body1(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), 0.0, **k),
+    "plane": lambda one, **k: hp.PlanarPair((1, 0), (0, 1)).forward_kinematics(np.zeros(4), **k),  # noqa: ARG005
+    "prepared": lambda one, outputs=None, **k: one.prepare("pose", outputs=outputs)(np.zeros(7), **k),
+}
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_outputs_and_out_of_the_wrong_kind_are_named(call):
+    one = made(generator(1026))
+    for _ in range(2):
+        for outputs in (["R2", ["d"]], (["R2"],), ({},), 3, "R2", (), ("R2", 3), (None,)):
+            with pytest.raises(hp.ArgumentError, match=r"^outputs: "):
+                CALLS[call](one, outputs=outputs)
+        for out in (["R2"], 3, "R2", {"R3": 1}, {3: 1}, {("R2",): 1}, {"v2": np.zeros(3)}):
+            with pytest.raises(hp.ArgumentError, match=r"^out: "):
+                CALLS[call](one, outputs=("R2",), out=out)
+        for array in (3, None, [0.0, 0.0, 0.0], np.zeros(5), np.zeros(3, int)):
+            with pytest.raises(hp.ArgumentError, match=r"^out\['R2'\]: "):
+                CALLS[call](one, outputs=("R2",), out={"R2": array})
+
+
+def test_threads_that_prepare_and_simulate_at_once():
+    """The first compilation happens in all threads at the same time."""
+    rng = generator(1027)
+    body = hp.Body(1, inertia=(1, 1, 1.5))
+    one = hp.HingePair((0.3, 0.2, 0.1), (0.5, 0.4, -0.2), (0.1, 0.2, 0.9), body1=body, body2=body)
+    q = coordinates(rng, 300)[0]
+    start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(0, 0, 0), omega=(0.1, 0.2, 0.3))
+    gate, results = threading.Barrier(3), []
+
+    def work():
+        gate.wait()
+        fk = one.prepare("pose")
+        many = one.forward_kinematics(q, backend="compiled")
+        motion = hp.simulate(one, np.linspace(0, 0.2, 5), start, 0.1, 0.2)
+        results.append([*fk(q).arrays().values(), *many.arrays().values(), motion.psi])
+
+    threads = [threading.Thread(target=work) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for arrays in results[1:]:
+        for array, first in zip(arrays, results[0], strict=True):
+            np.testing.assert_array_equal(array, first)
+    assert len(results) == 3

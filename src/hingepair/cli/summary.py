@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hingepair.numeric.tables import instant, unit_of
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.constants import with_hinge_frames
-from hingepair.pair.prepared import arrays_of
+from hingepair.pair.evaluate import arrays_of
 from hingepair.pair.results import column_names
 from hingepair.scenes.known_motion import KnownMotion
 from hingepair.scenes.scene import Notes, Scene, SceneResult

@@ -18,6 +18,7 @@ import numpy as np
 from hingepair.dynamics.collocation import Array
 from hingepair.dynamics.loads import Loads, Moving
 from hingepair.engine.backend import How
+from hingepair.engine.calls import Call
 from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError
@@ -27,8 +28,8 @@ from hingepair.numeric.blocks import turn_terms
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.dynamics import SINGULAR, check_resistance, mass_constants
+from hingepair.pair.evaluate import call_of
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.prepared import Prepared
 from hingepair.plans.dynamics_steps import forward_steps, lever_steps
 from hingepair.plans.plan import SPATIAL, Plan, needed_steps, steps_of
 from hingepair.plans.steps import Step, same, upright
@@ -111,9 +112,9 @@ class PairMotion:
 
         constants = Constants(known, {}, ())
 
-        def program(own: bool | None, *outputs: str) -> Prepared:
+        def program(own: bool | None, *outputs: str) -> Call:
             plan = _plan(kind, own, "home" in known, outputs)
-            return Prepared(constants, plan, tuple(sorted(plan.inputs - known.keys())), how, now=False)
+            return call_of(constants, plan, tuple(sorted(plan.inputs - known.keys())), how.backend)
 
         if not self._turning:
             _check_hinge(pair)
@@ -205,9 +206,15 @@ class PairMotion:
         return Moving(*(np.broadcast_to(known[name], shape).copy() for name, shape in shapes.items()))
 
 
-def _run(program: Prepared, values: Mapping[str, Any]) -> Any:
-    """The outputs of values by name, each side by side: a layout that the program will know again."""
-    return program(*(np.asarray(values[name], np.float64, order="C") for name in program.given))
+def _run(call: Call, values: Mapping[str, Any]) -> Any:
+    """Return the results of a call for values by name."""
+    arrays = {name: np.asarray(values[name], np.float64, order="C") for name in call.given}
+    results = call.quick(*arrays.values())
+    if results is not None:
+        return results
+    return call.run(
+        arrays, {name: array.shape[: array.ndim - len(call.given[name])] for name, array in arrays.items()}
+    )
 
 
 @functools.cache

@@ -1,15 +1,16 @@
-"""LLVM code that takes Python's arrays as they are: it reads where they lie from their heads, and runs a kernel.
+"""Machine code that reads NumPy arrays directly from memory: shape, strides, dtype and address.
 
-To ask an array for its shape, strides, dtype and address takes Python longer than a kernel takes for one state, and
-so does a call by ctypes; a built-in function of Python made of compiled code takes a twentieth of either. The head of
-an array is part of NumPy's binary interface: data, number of axes, shape, strides, base, dtype, flags. Anything but
-float64 side by side is answered with False, and left to Python.
+Asking an array for these in Python takes longer than a kernel takes for one state, and so does a call by ctypes. A
+built-in function made of machine code takes a twentieth of either. It relies on the head of an array object, which is
+part of NumPy's binary interface: data, number of axes, shape, strides, base, dtype, flags. Where the interpreter or
+NumPy lays its objects out in another way, `known_heads` is false and calls go through Python.
 """
 
 from __future__ import annotations
 
 import ctypes
 import functools
+import math
 import sys
 from collections.abc import Sequence
 from typing import Any, Final
@@ -17,164 +18,406 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.llvm_ir import FIELDS, SIDE_BY_SIDE
+from hingepair.engine.llvm_ir import FIELDS, SCATTERED, SIDE_BY_SIDE
 
-_TYPE: Final = object.__basicsize__ - 8  # where an object says its type
-_HEAD: Final = object.__basicsize__  # where an array's own part begins, and a float's number is
-_AXES, _SHAPE, _STRIDES, _DTYPE, _FLAGS = _HEAD + 8, _HEAD + 16, _HEAD + 24, _HEAD + 40, _HEAD + 48
-_WRITEABLE: Final = 0x0400
+# Offsets in bytes from the start of an object of CPython 3.11 to 3.14 with the interpreter's lock, on 64 bits.
+_TYPE_OFFSET: Final = 8
+_VALUE_OFFSET: Final = 16  # of the number in a float
+_DATA_OFFSET: Final = 16
+_AXES_OFFSET: Final = 24
+_SHAPE_OFFSET: Final = 32
+_STRIDES_OFFSET: Final = 40
+_DTYPE_OFFSET: Final = 56
+_FLAGS_OFFSET: Final = 64
+_WRITEABLE_FLAG: Final = 0x0400
+
+MAX_RANK: Final = 3
+"""Largest number of axes of one sample that the code reads; what has more goes through Python."""
+
+_LAYOUT_FIELDS: Final = 3 + MAX_RANK  # row of the kernel's table, rank, components, and the lengths of the axes
+
 _POINTER: Final = ctypes.c_void_p.from_address
 
 
 @functools.cache
 def known_heads() -> bool:
-    """Whether arrays lie in memory as is expected here."""
-    if sys.implementation.name != "cpython" or sys.byteorder != "little" or object.__basicsize__ != 16:
+    """Return whether floats and arrays lie in memory as this module expects them."""
+    if sys.implementation.name != "cpython" or sys.byteorder != "little" or object.__basicsize__ != _VALUE_OFFSET:
         return False
     probe = np.empty((2, 3))
-    pointer, number = _POINTER, ctypes.c_int64.from_address
-    own = id(probe)
+    pointer, integer = _POINTER, ctypes.c_int64.from_address
+    start = id(probe)
     return (
-        pointer(own + _TYPE).value == id(np.ndarray)
-        and pointer(own + _HEAD).value == probe.ctypes.data
-        and ctypes.c_int32.from_address(own + _AXES).value == 2
-        and [number((pointer(own + _SHAPE).value or 0) + 8 * k).value for k in range(2)] == [2, 3]
-        and [number((pointer(own + _STRIDES).value or 0) + 8 * k).value for k in range(2)] == [24, 8]
-        and pointer(own + _DTYPE).value == id(probe.dtype)
-        and ctypes.c_int32.from_address(own + _FLAGS).value == probe.flags.num
-        and ctypes.c_double.from_address(id(0.5) + _HEAD).value == 0.5
-        and ctypes.c_double.from_address(id(x := np.float64(0.5)) + _HEAD).value == x
+        pointer(start + _TYPE_OFFSET).value == id(np.ndarray)
+        and pointer(start + _DATA_OFFSET).value == probe.ctypes.data
+        and ctypes.c_int32.from_address(start + _AXES_OFFSET).value == 2
+        and [integer((pointer(start + _SHAPE_OFFSET).value or 0) + 8 * k).value for k in range(2)] == [2, 3]
+        and [integer((pointer(start + _STRIDES_OFFSET).value or 0) + 8 * k).value for k in range(2)] == [24, 8]
+        and pointer(start + _DTYPE_OFFSET).value == id(probe.dtype)
+        and ctypes.c_int32.from_address(start + _FLAGS_OFFSET).value == probe.flags.num
+        and ctypes.c_double.from_address(id(0.5) + _VALUE_OFFSET).value == 0.5
+        and ctypes.c_double.from_address(id(x := np.float64(0.5)) + _VALUE_OFFSET).value == x
     )
 
 
-_KNOWN: Final = known_heads()
-
-
 def address(array: NDArray[Any]) -> int:
-    """Where an array starts in memory; read from its head, since `array.ctypes` takes as long as 100 samples."""
-    return (_POINTER(id(array) + _HEAD).value or 0) if _KNOWN else int(array.ctypes.data)
+    """Return the address of an array's first element."""
+    if known_heads():  # `array.ctypes` takes as long as a kernel takes for 100 samples
+        return _POINTER(id(array) + _DATA_OFFSET).value or 0
+    return int(array.ctypes.data)
 
 
-def objects_ir(inputs: Sequence[tuple[int, ...]], outputs: Sequence[int], constants: bool) -> str:
-    """The code of a built-in function of (input, ..., constants, buffer): True where it ran the kernel, else False.
-
-    The buffer, into which the outputs go, becomes read-only.
+def call_layout(
+    inputs: Sequence[tuple[tuple[int, ...], int]],
+    outputs: Sequence[tuple[int, ...]],
+    *,
+    constants: bool,
+    kernel: int,
+    long_call: int,
+) -> list[int]:
+    """Return the numbers from which the code of `call_ir` knows what to call and how.
 
     Args:
-        inputs: shapes of the arrays; () for a number.
-        outputs: components of each output; they are stored one after the other.
-        constants: whether the kernel takes constants.
+        inputs: for each input the shape of one sample, and its place among the kernel's inputs; -1 of one that the
+            kernel does not take, which is checked all the same.
+        outputs: shapes of one sample of each output.
+        constants: whether the kernel takes constants, as the first of its inputs.
+        kernel: address of the kernel.
+        long_call: number of samples from which the interpreter's lock is released.
     """
-    names = [f"%in{k}" for k in range(len(inputs))]
-    lines = ["entry:"]
-    groups = int(constants) + len(inputs) + len(outputs)
-    lines.append(f"  %table = alloca [{groups * FIELDS} x i64], align 64")
-    lines.append(f"  %complete = icmp eq i64 %count, {len(names) + 2}")
-    lines.append("  br i1 %complete, label %arguments.of, label %no")
-    lines.append("arguments.of:")
-    for k, name in enumerate((*names, "%constants", "%buffer")):
-        lines.append(f"  {name}.field = getelementptr ptr, ptr %arguments, i64 {k}")
-        lines.append(f"  {name} = load ptr, ptr {name}.field")
-    lines.append("  br label %check0")
-    for k, shape in enumerate(inputs):
-        lines += _check(names[k], k, shape)
-    lines.append(f"check{len(inputs)}:")
-    rows: list[tuple[str, int, int]] = []
-    if constants:
-        rows.append((_pointer(lines, "%constants", "constants.at"), 0, 0))
-    for k, shape in enumerate(inputs):
-        count = int(np.prod(shape, dtype=int))
-        rows.append((f"%at{k}", 8 * count, 0))
-    start = _pointer(lines, "%buffer", "buffer.at")
-    begin = 0
-    for k, count in enumerate(outputs):
-        lines.append(f"  %out{k} = add i64 {start}, {8 * begin}")
-        rows.append((f"%out{k}", 8 * count, SIDE_BY_SIDE))
-        begin += count
-    for g, (at, stride, mode) in enumerate(rows):
-        for field, value in enumerate((at, "0", str(stride), "8", str(mode))):
-            place = f"%place{g}.{field}"
-            lines.append(f"  {place} = getelementptr i64, ptr %table, i64 {g * FIELDS + field}")
-            lines.append(f"  store i64 {value}, ptr {place}")
-    lines += [
-        "  call void @kernel(ptr %table, i64 1, i64 1)",
-        f"  %flags.field = getelementptr i8, ptr %buffer, i64 {_FLAGS}",
-        "  %flags = load i32, ptr %flags.field",
-        f"  %flags.after = and i32 %flags, {~_WRITEABLE}",
-        "  store i32 %flags.after, ptr %flags.field",
-        "  %true = call ptr @PyBool_FromLong(i64 1)",
-        "  ret ptr %true",
-        "no:",
-        "  %false = call ptr @PyBool_FromLong(i64 0)",
-        "  ret ptr %false",
-    ]
-    head = "declare ptr @PyBool_FromLong(i64)\n\ndefine ptr @objects(ptr %self, ptr %arguments, i64 %count) {"
-    return "\n".join([head, *lines, "}\n"])
+    kernel_inputs = sum(place >= 0 for _, place in inputs)
+    rows = [(tail, place + constants if place >= 0 else -1) for tail, place in inputs]
+    rows += [(tail, int(constants) + kernel_inputs + k) for k, tail in enumerate(outputs)]
+    groups = int(constants) + kernel_inputs + len(outputs)
+    numbers = [kernel, len(inputs), len(rows), int(constants), groups * FIELDS, long_call]
+    for tail, row in rows:
+        numbers += [row, len(tail), math.prod(tail), *tail, *(0,) * (MAX_RANK - len(tail))]
+    return numbers
 
 
-def _pointer(lines: list[str], owner: str, name: str) -> str:
-    """The address of an array's data."""
-    lines.append(f"  %{name}.field = getelementptr i8, ptr {owner}, i64 {_HEAD}")
-    lines.append(f"  %{name} = load i64, ptr %{name}.field")
-    return f"%{name}"
+_LAYOUT_START: Final = 6  # numbers before the rows of the arguments
+
+_RUN_KERNEL: Final = "call void %kernel(ptr %table, i64 1, i64 %length)"
 
 
-def _check(own: str, k: int, shape: tuple[int, ...]) -> list[str]:
-    """Go on where an object is an array of float64 of this shape, side by side; its data is at `%at{k}`."""
-    lines = [
-        f"check{k}:",
-        f"  %type{k}.field = getelementptr i8, ptr {own}, i64 {_TYPE}",
-        f"  %type{k} = load i64, ptr %type{k}.field",
-        f"  %array{k} = icmp eq i64 %type{k}, {id(np.ndarray)}",
-    ]
-    if shape == ():
-        lines += [
-            f"  br i1 %array{k}, label %head{k}, label %number{k}",
-            f"number{k}:",
-            f"  %float{k} = icmp eq i64 %type{k}, {id(float)}",
-            f"  %double{k} = icmp eq i64 %type{k}, {id(np.float64)}",
-            f"  %either{k} = or i1 %float{k}, %double{k}",
-            f"  %value{k}.field = getelementptr i8, ptr {own}, i64 {_HEAD}",
-            f"  %value{k} = ptrtoint ptr %value{k}.field to i64",
-            f"  br i1 %either{k}, label %found{k}, label %no",
-        ]
-    else:
-        lines.append(f"  br i1 %array{k}, label %head{k}, label %no")
-    lines += [
-        f"head{k}:",
-        f"  %axes{k}.field = getelementptr i8, ptr {own}, i64 {_AXES}",
-        f"  %axes{k} = load i32, ptr %axes{k}.field",
-        f"  %dtype{k}.field = getelementptr i8, ptr {own}, i64 {_DTYPE}",
-        f"  %dtype{k} = load i64, ptr %dtype{k}.field",
-        f"  %ok{k}.axes = icmp eq i32 %axes{k}, {len(shape)}",
-        f"  %ok{k}.dtype = icmp eq i64 %dtype{k}, {id(np.dtype(np.float64))}",
-        f"  %ok{k} = and i1 %ok{k}.axes, %ok{k}.dtype",
-        f"  br i1 %ok{k}, label %lengths{k}, label %no",
-        f"lengths{k}:",
-    ]
-    stride, wanted = 8, []
-    for axis in range(len(shape) - 1, -1, -1):
-        wanted += [(_SHAPE, axis, shape[axis]), (_STRIDES, axis, stride)]
-        stride *= shape[axis]
-    previous = "true"
-    for i, (field, axis, value) in enumerate(wanted):
-        one = f"{k}.{i}"
-        lines += [
-            f"  %list{one}.field = getelementptr i8, ptr {own}, i64 {field}",
-            f"  %list{one} = load ptr, ptr %list{one}.field",
-            f"  %length{one}.field = getelementptr i64, ptr %list{one}, i64 {axis}",
-            f"  %length{one} = load i64, ptr %length{one}.field",
-            f"  %same{one} = icmp eq i64 %length{one}, {value}",
-            f"  %so{one} = and i1 {previous}, %same{one}",
-        ]
-        previous = f"%so{one}"
-    lines.append(f"  %data{k}.field = getelementptr i8, ptr {own}, i64 {_HEAD}")
-    lines.append(f"  %data{k} = load i64, ptr %data{k}.field")
-    if shape == ():
-        lines += [f"  br label %found{k}", f"found{k}:"]
-        lines.append(f"  %at{k} = phi i64 [%value{k}, %number{k}], [%data{k}, %lengths{k}]")
-        lines.append(f"  br label %check{k + 1}")
-    else:
-        lines.append(f"  %at{k} = add i64 %data{k}, 0")
-        lines.append(f"  br i1 {previous}, label %check{k + 1}, label %no")
-    return lines
+def call_ir() -> str:
+    """Return the code of the built-in function by which every kernel is called with arrays.
+
+    Its `self` is an array of the numbers of `call_layout`. It takes (input, ..., output, ..., constants, fresh), and
+    returns True where it ran the kernel; a number of samples where the inputs are a batch of so many and the outputs
+    are those of one sample; and False where an argument is not supported: then nothing was written. Inputs are arrays
+    of float64 with the axes of one sample, or one axis more, or floats. Where `fresh` is True the outputs are new
+    arrays, which become read-only; else they are checked not to overlap each other or an input.
+    """
+    return f"""
+declare ptr @PyBool_FromLong(i64)
+declare ptr @PyLong_FromLongLong(i64)
+declare ptr @PyEval_SaveThread()
+declare void @PyEval_RestoreThread(ptr)
+
+define ptr @call(ptr %self, ptr %arguments, i64 %given) {{
+entry:
+  %numbers.field = getelementptr i8, ptr %self, i64 {_DATA_OFFSET}
+  %numbers = load ptr, ptr %numbers.field
+  %kernel = load ptr, ptr %numbers
+  %inputs.field = getelementptr i64, ptr %numbers, i64 1
+  %inputs = load i64, ptr %inputs.field
+  %count.field = getelementptr i64, ptr %numbers, i64 2
+  %count = load i64, ptr %count.field
+  %constant.field = getelementptr i64, ptr %numbers, i64 3
+  %constant = load i64, ptr %constant.field
+  %fields.field = getelementptr i64, ptr %numbers, i64 4
+  %fields = load i64, ptr %fields.field
+  %long.field = getelementptr i64, ptr %numbers, i64 5
+  %long_call = load i64, ptr %long.field
+  %layouts = getelementptr i64, ptr %numbers, i64 {_LAYOUT_START}
+  %expected = add i64 %count, 2
+  %complete = icmp eq i64 %given, %expected
+  br i1 %complete, label %constants, label %no
+constants:
+  %table = alloca i64, i64 %fields, align 64
+  %ends = mul i64 %count, 2
+  %extents = alloca i64, i64 %ends, align 64
+  %constants.place = getelementptr ptr, ptr %arguments, i64 %count
+  %constants.object = load ptr, ptr %constants.place
+  %fresh.place = add i64 %count, 1
+  %fresh.field = getelementptr ptr, ptr %arguments, i64 %fresh.place
+  %fresh.object = load i64, ptr %fresh.field
+  %fresh = icmp eq i64 %fresh.object, {id(True)}
+  %no_constants = icmp eq i64 %constant, 0
+  br i1 %no_constants, label %read, label %first
+first:
+  %constants.field = getelementptr i8, ptr %constants.object, i64 {_DATA_OFFSET}
+  %constants.data = load i64, ptr %constants.field
+  store i64 %constants.data, ptr %table
+  %table1 = getelementptr i64, ptr %table, i64 1
+  store i64 0, ptr %table1
+  %table2 = getelementptr i64, ptr %table, i64 2
+  store i64 0, ptr %table2
+  %table3 = getelementptr i64, ptr %table, i64 3
+  store i64 8, ptr %table3
+  %table4 = getelementptr i64, ptr %table, i64 4
+  store i64 {SCATTERED}, ptr %table4
+  br label %read
+read:
+  %length = call i64 @read_arguments(
+    ptr %arguments, ptr %layouts, i64 %inputs, i64 %count, ptr %table, ptr %extents, i1 %fresh)
+  %supported = icmp sgt i64 %length, 0
+  br i1 %supported, label %run, label %rest
+run:
+  %long = icmp sge i64 %length, %long_call
+  br i1 %long, label %release, label %keep
+release:
+  %thread = call ptr @PyEval_SaveThread()
+  {_RUN_KERNEL}
+  call void @PyEval_RestoreThread(ptr %thread)
+  br label %written
+keep:
+  {_RUN_KERNEL}
+  br label %written
+written:
+  br i1 %fresh, label %freeze, label %yes
+freeze:
+  %k = phi i64 [%inputs, %written], [%k.next, %freeze]
+  %array.field = getelementptr ptr, ptr %arguments, i64 %k
+  %array = load ptr, ptr %array.field
+  %flags.field = getelementptr i8, ptr %array, i64 {_FLAGS_OFFSET}
+  %flags = load i32, ptr %flags.field
+  %flags.after = and i32 %flags, {~_WRITEABLE_FLAG}
+  store i32 %flags.after, ptr %flags.field
+  %k.next = add i64 %k, 1
+  %k.more = icmp slt i64 %k.next, %count
+  br i1 %k.more, label %freeze, label %yes
+yes:
+  %true = call ptr @PyBool_FromLong(i64 1)
+  ret ptr %true
+rest:
+  %batch = icmp slt i64 %length, -1
+  br i1 %batch, label %allocate, label %no
+allocate:
+  %samples = sub i64 -1, %length
+  %number = call ptr @PyLong_FromLongLong(i64 %samples)
+  ret ptr %number
+no:
+  %false = call ptr @PyBool_FromLong(i64 0)
+  ret ptr %false
+}}
+{_reader_ir()}"""
+
+
+def _reader_ir() -> str:
+    """Return the code of `read_arguments`, which fills in a kernel's table from the heads of arrays.
+
+    It goes through the arguments in order, inputs first, and takes of each the row of its layout. Its result is the
+    number of samples, 1 of a single state; -1 where an argument is not supported; and -1 - n where the inputs are a
+    batch of n samples but the outputs have no axis for them.
+    """
+    return f"""
+define i64 @read_arguments(
+  ptr %arguments, ptr %layouts, i64 %inputs, i64 %count, ptr %table, ptr %extents, i1 %fresh
+) {{
+entry:
+  br label %argument
+argument:
+  %a = phi i64 [0, %entry], [%a.next, %next]
+  %length = phi i64 [1, %entry], [%length.after, %next]
+  %batch = phi i64 [0, %entry], [%batch.after, %next]
+  %a.more = icmp slt i64 %a, %count
+  br i1 %a.more, label %look, label %read
+look:
+  %object.field = getelementptr ptr, ptr %arguments, i64 %a
+  %object = load ptr, ptr %object.field
+  %layout.place = mul i64 %a, {_LAYOUT_FIELDS}
+  %layout = getelementptr i64, ptr %layouts, i64 %layout.place
+  %row = load i64, ptr %layout
+  %rank.field = getelementptr i64, ptr %layout, i64 1
+  %rank = load i64, ptr %rank.field
+  %components.field = getelementptr i64, ptr %layout, i64 2
+  %components = load i64, ptr %components.field
+  %scalar = icmp eq i64 %rank, 0
+  %output = icmp sge i64 %a, %inputs
+  %input = xor i1 %output, true
+  %type.field = getelementptr i8, ptr %object, i64 {_TYPE_OFFSET}
+  %type = load i64, ptr %type.field
+  %is_array = icmp eq i64 %type, {id(np.ndarray)}
+  br i1 %is_array, label %head, label %number
+number:
+  %python_float = icmp eq i64 %type, {id(float)}
+  %numpy_float = icmp eq i64 %type, {id(np.float64)}
+  %float = or i1 %python_float, %numpy_float
+  %float_fits = and i1 %scalar, %input
+  %number_fits = and i1 %float, %float_fits
+  %value.field = getelementptr i8, ptr %object, i64 {_VALUE_OFFSET}
+  %value = ptrtoint ptr %value.field to i64
+  br i1 %number_fits, label %placed, label %no
+head:
+  %axes.field = getelementptr i8, ptr %object, i64 {_AXES_OFFSET}
+  %axes.short = load i32, ptr %axes.field
+  %axes = sext i32 %axes.short to i64
+  %dtype.field = getelementptr i8, ptr %object, i64 {_DTYPE_OFFSET}
+  %dtype = load i64, ptr %dtype.field
+  %flags.field = getelementptr i8, ptr %object, i64 {_FLAGS_OFFSET}
+  %flags = load i32, ptr %flags.field
+  %shape.field = getelementptr i8, ptr %object, i64 {_SHAPE_OFFSET}
+  %shape = load ptr, ptr %shape.field
+  %strides.field = getelementptr i8, ptr %object, i64 {_STRIDES_OFFSET}
+  %strides = load ptr, ptr %strides.field
+  %data.field = getelementptr i8, ptr %object, i64 {_DATA_OFFSET}
+  %data = load i64, ptr %data.field
+  %lead = sub i64 %axes, %rank
+  %lead_fits = icmp ult i64 %lead, 2
+  %dtype_fits = icmp eq i64 %dtype, {id(np.dtype(np.float64))}
+  %head_fits = and i1 %lead_fits, %dtype_fits
+  br i1 %head_fits, label %room, label %no
+room:
+  %other_lead = icmp ne i64 %lead, %batch
+  %mismatch = and i1 %output, %other_lead
+  br i1 %mismatch, label %smaller, label %writable
+smaller:
+  %too_small = icmp ult i64 %lead, %batch
+  %wanted_length = sub i64 -1, %length
+  %answer = select i1 %too_small, i64 %wanted_length, i64 -1
+  ret i64 %answer
+writable:
+  %flag = and i32 %flags, {_WRITEABLE_FLAG}
+  %has_flag = icmp ne i32 %flag, 0
+  %writes = or i1 %has_flag, %input
+  br i1 %writes, label %tail, label %no
+tail:
+  br i1 %scalar, label %tailed, label %last
+last:
+  %last.place = sub i64 %axes, 1
+  %last.field = getelementptr i64, ptr %strides, i64 %last.place
+  %last.step = load i64, ptr %last.field
+  br label %axis
+axis:
+  %axis.left = phi i64 [%rank, %last], [%axis.place, %axis.fits]
+  %expected = phi i64 [%last.step, %last], [%expected.next, %axis.fits]
+  %axis.place = sub i64 %axis.left, 1
+  %axis.own = add i64 %lead, %axis.place
+  %size.field = getelementptr i64, ptr %shape, i64 %axis.own
+  %size = load i64, ptr %size.field
+  %step.field = getelementptr i64, ptr %strides, i64 %axis.own
+  %axis.step = load i64, ptr %step.field
+  %wanted.place = add i64 %axis.place, 3
+  %wanted.field = getelementptr i64, ptr %layout, i64 %wanted.place
+  %wanted = load i64, ptr %wanted.field
+  %same_size = icmp eq i64 %size, %wanted
+  %same_step = icmp eq i64 %axis.step, %expected
+  %axis_fits = and i1 %same_size, %same_step
+  br i1 %axis_fits, label %axis.fits, label %no
+axis.fits:
+  %expected.next = mul i64 %expected, %wanted
+  %axis.more = icmp sgt i64 %axis.place, 0
+  br i1 %axis.more, label %axis, label %tailed
+tailed:
+  %step = phi i64 [8, %tail], [%last.step, %axis.fits]
+  %several = icmp eq i64 %lead, 1
+  br i1 %several, label %samples, label %placed
+samples:
+  %own_length = load i64, ptr %shape
+  %own_stride = load i64, ptr %strides
+  %single = icmp eq i64 %own_length, 1
+  %equal = icmp eq i64 %own_length, %length
+  %first = icmp eq i64 %length, 1
+  %broadcasts = or i1 %single, %first
+  %input_broadcasts = and i1 %broadcasts, %input
+  %samples_fit = or i1 %equal, %input_broadcasts
+  %some = icmp ne i64 %own_length, 0
+  %length_fits = and i1 %samples_fit, %some
+  %longest = select i1 %single, i64 %length, i64 %own_length
+  %stride.moving = select i1 %single, i64 0, i64 %own_stride
+  br i1 %length_fits, label %placed, label %no
+placed:
+  %at = phi i64 [%value, %number], [%data, %tailed], [%data, %samples]
+  %stride = phi i64 [0, %number], [0, %tailed], [%stride.moving, %samples]
+  %part = phi i64 [8, %number], [%step, %tailed], [%step, %samples]
+  %many = phi i64 [1, %number], [1, %tailed], [%own_length, %samples]
+  %length.after = phi i64 [%length, %number], [%length, %tailed], [%longest, %samples]
+  %batch.after = phi i64 [%batch, %number], [%batch, %tailed], [1, %samples]
+  %many.steps = sub i64 %many, 1
+  %walk = mul i64 %many.steps, %stride
+  %walk.back = icmp slt i64 %walk, 0
+  %walk.low = select i1 %walk.back, i64 %walk, i64 0
+  %walk.high = select i1 %walk.back, i64 0, i64 %walk
+  %part.steps = sub i64 %components, 1
+  %reach = mul i64 %part.steps, %part
+  %reach.back = icmp slt i64 %reach, 0
+  %reach.low = select i1 %reach.back, i64 %reach, i64 0
+  %reach.high = select i1 %reach.back, i64 0, i64 %reach
+  %low.walk = add i64 %at, %walk.low
+  %low = add i64 %low.walk, %reach.low
+  %high.walk = add i64 %at, %walk.high
+  %high.reach = add i64 %high.walk, %reach.high
+  %high = add i64 %high.reach, 8
+  %extent.place = mul i64 %a, 2
+  %low.field = getelementptr i64, ptr %extents, i64 %extent.place
+  store i64 %low, ptr %low.field
+  %high.place = add i64 %extent.place, 1
+  %high.field = getelementptr i64, ptr %extents, i64 %high.place
+  store i64 %high, ptr %high.field
+  %taken = icmp sge i64 %row, 0
+  br i1 %taken, label %write, label %next
+write:
+  %bytes = mul i64 %components, 8
+  %joined = icmp eq i64 %stride, %bytes
+  %dense = icmp eq i64 %part, 8
+  %side_by_side = and i1 %joined, %dense
+  %stored = and i1 %side_by_side, %output
+  %mode = select i1 %stored, i64 {SIDE_BY_SIDE}, i64 {SCATTERED}
+  %row.place = mul i64 %row, {FIELDS}
+  %row.at = getelementptr i64, ptr %table, i64 %row.place
+  store i64 %at, ptr %row.at
+  %row.outer = getelementptr i64, ptr %row.at, i64 1
+  store i64 0, ptr %row.outer
+  %row.inner = getelementptr i64, ptr %row.at, i64 2
+  store i64 %stride, ptr %row.inner
+  %row.step = getelementptr i64, ptr %row.at, i64 3
+  store i64 %part, ptr %row.step
+  %row.mode = getelementptr i64, ptr %row.at, i64 4
+  store i64 %mode, ptr %row.mode
+  br label %next
+next:
+  %a.next = add i64 %a, 1
+  br label %argument
+read:
+  br i1 %fresh, label %yes, label %output.each
+output.each:
+  %o = phi i64 [%inputs, %read], [%o.next, %output.next]
+  %o.more = icmp slt i64 %o, %count
+  br i1 %o.more, label %output.look, label %yes
+output.look:
+  %o.place = mul i64 %o, 2
+  %o.low.field = getelementptr i64, ptr %extents, i64 %o.place
+  %o.low = load i64, ptr %o.low.field
+  %o.high.place = add i64 %o.place, 1
+  %o.high.field = getelementptr i64, ptr %extents, i64 %o.high.place
+  %o.high = load i64, ptr %o.high.field
+  br label %beside
+beside:
+  %b = phi i64 [0, %output.look], [%b.next, %apart]
+  %b.more = icmp slt i64 %b, %o
+  br i1 %b.more, label %compare, label %output.next
+compare:
+  %b.place = mul i64 %b, 2
+  %b.low.field = getelementptr i64, ptr %extents, i64 %b.place
+  %b.low = load i64, ptr %b.low.field
+  %b.high.place = add i64 %b.place, 1
+  %b.high.field = getelementptr i64, ptr %extents, i64 %b.high.place
+  %b.high = load i64, ptr %b.high.field
+  %begins = icmp slt i64 %o.low, %b.high
+  %ends = icmp slt i64 %b.low, %o.high
+  %overlap = and i1 %begins, %ends
+  br i1 %overlap, label %no, label %apart
+apart:
+  %b.next = add i64 %b, 1
+  br label %beside
+output.next:
+  %o.next = add i64 %o, 1
+  br label %output.each
+yes:
+  ret i64 %length
+no:
+  ret i64 -1
+}}
+"""

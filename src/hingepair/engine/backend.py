@@ -7,7 +7,7 @@ import os
 import warnings
 from typing import NamedTuple
 
-from hingepair.errors import ArgumentError, MissingDependencyError, quoted
+from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
 
 BACKENDS = ("auto", "numpy", "compiled")
@@ -83,7 +83,7 @@ class Account:
         return self.owed >= self.price and not _broken
 
 
-def give_up(error: MissingDependencyError) -> None:
+def give_up(error: Exception) -> None:
     """Say once that kernels cannot be had, and ask for none again."""
     global _broken  # noqa: PLW0603 (what cannot be loaded once is not tried at every call)
     if not _broken:

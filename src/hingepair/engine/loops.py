@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import functools
 import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine import python_source
-from hingepair.engine.array_heads import known_heads, objects_ir
 from hingepair.engine.backend import Account, How, give_up
 from hingepair.engine.binding import (
     Bound,
@@ -43,19 +43,34 @@ from hingepair.engine.trace import (
     needed_lines,
     operations,
 )
-from hingepair.errors import MissingDependencyError
+from hingepair.errors import CompilationError, MissingDependencyError
 from hingepair.numeric.arrays import Block, load, split
 
-Rooms: TypeAlias = Mapping[str, NDArray[Any]]
+if TYPE_CHECKING:
+    from hingepair.engine.native import Kernel
+
+Buffers: TypeAlias = Mapping[str, NDArray[Any]]
 Extent: TypeAlias = tuple[int, ...]
-Key: TypeAlias = tuple[tuple[bool, ...], tuple[int, ...], str]
-"""Of a kernel: which pieces do not move, components of each part of the outputs, the dtype."""
 
-_BLOCK: Final = 2048
-"""Samples that NumPy computes at a time: 16 kB a component."""
+_BLOCK_SAMPLES: Final = 2048
+"""Number of samples that NumPy computes at a time: 16 kB a component."""
 
-_SLAB: Final = 4_000_000
-"""Bytes converted to another dtype at a time (one slab is still held while the next is made)."""
+_MAX_CONVERTED_BYTES: Final = 4_000_000
+"""Size of what is converted to another dtype at a time (one piece is still held while the next is made)."""
+
+
+class Key(NamedTuple):
+    """A kernel's variant of a program.
+
+    Attributes:
+        still: for each piece of the inputs, whether it stays the same along the inner axis.
+        parts: numbers of components of each part of the outputs.
+        char: character of the dtype, "d" or "f".
+    """
+
+    still: tuple[bool, ...]
+    parts: tuple[int, ...]
+    char: str
 
 
 class Loop:
@@ -92,7 +107,7 @@ class Loop:
         self.labels = dict(labels or {})
         self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
 
-    def run(self, values: Mapping[str, Any], out: Rooms, shape: Extent, dtype: np.dtype[Any], how: How) -> None:
+    def run(self, values: Mapping[str, Any], out: Buffers, shape: Extent, dtype: np.dtype[Any], how: How) -> None:
         """Write the outputs of all samples into the arrays of `out`: the samples' shape, and then their own.
 
         Args:
@@ -159,13 +174,14 @@ class Program:
     def __init__(self, loop: Loop, pattern: Pattern) -> None:
         self.loop = loop
         self.pattern = pattern
-        self.kernels: dict[Key, Any] = {}
-        self.accounts: dict[Key, Account] = {}
+        self._kernels: dict[Key, Kernel] = {}
+        self._accounts: dict[Key, Account] = {}
+        self._compiles = True  # until LLVM fails
 
-    # ---- the ways to run it
+    # ---- running it
 
-    def run(self, bound: Bound, out: Rooms, shape: Extent, dtype: np.dtype[Any], how: How) -> None:
-        """As `Loop.run`, of inputs that are bound."""
+    def run(self, bound: Bound, out: Buffers, shape: Extent, dtype: np.dtype[Any], how: How) -> None:
+        """Run the program as `Loop.run` does, over inputs that are bound."""
         targets = [part for name, tail in self.loop.outputs for part in rows_of(out[name], tail)]
         if not bound.pieces or how.backend == "numpy":
             self._by_numpy(bound, targets, shape, dtype, how.workers)
@@ -173,70 +189,79 @@ class Program:
         chained = bool(self.loop.carry)
         layout = layout_of(forms_of((*bound.pieces, *targets)), shape, chained)
         still = tuple(line[1] == 0 for line in layout.lines[: len(bound.pieces)])
-        key = still, tuple(part.shape[-1] for part in targets), dtype.char
-        if how.backend == "auto" and not self._pays(key, shape):
+        key = Key(still, tuple(part.shape[-1] for part in targets), dtype.char)
+        if how.backend == "auto":
+            kernel = self.kernel_if_paid(key, math.prod(shape), shape[-1] if chained else 1)
+        else:
+            kernel = self.kernel(key)
+        if kernel is None:
             self._by_numpy(bound, targets, shape, dtype, how.workers)
         elif all(piece.dtype == dtype for piece in bound.pieces):
             constants = np.array(bound.constants, dtype) if bound.constants else None
-            walk(self.kernel(*key).run, layout, bound.pieces, targets, constants, how.workers, chained)
+            walk(kernel.run, layout, bound.pieces, targets, constants, how.workers, chained)
         else:  # as many samples at a time as are converted without much memory
-            for block in split(shape, max(1, _SLAB // (dtype.itemsize * sum(p.shape[-1] for p in bound.pieces)))):
+            for block in split(
+                shape, max(1, _MAX_CONVERTED_BYTES // (dtype.itemsize * sum(p.shape[-1] for p in bound.pieces)))
+            ):
                 pieces = [load(piece, (*block, slice(piece.shape[-1])), dtype) for piece in bound.pieces]
                 part = {name: array[block] for name, array in out.items()}
                 size = tuple(own.stop - own.start for own in block)
                 self.run(bound._replace(pieces=pieces), part, size, dtype, How("compiled", how.workers))
 
-    def _pays(self, key: Key, shape: Extent) -> bool:
-        """Whether a kernel is there, or pays now and can be had."""
-        if key in self.kernels:
-            return True
-        account = self.accounts.get(key)
-        if account is None:
-            account = self.accounts[key] = Account(self.operations)
-        return account.pays(math.prod(shape), shape[-1] if self.loop.carry else 1) and self.can_have(key)
+    def key_of_samples(self) -> Key:
+        """Return the key of the kernel for float64 inputs that all change from sample to sample."""
+        pieces = {place[0] for place in self.pattern if isinstance(place, tuple)}
+        return Key((False,) * len(pieces), tuple(math.prod(tail) for _, tail in self.loop.outputs), "d")
 
-    def can_have(self, key: Key) -> bool:
-        """Whether a kernel can be compiled; where it cannot, that is said once."""
-        try:
-            self.kernel(*key)
-        except MissingDependencyError as error:
-            give_up(error)
-            return False
-        return True
-
-    def kernel(self, still: tuple[bool, ...], parts: tuple[int, ...], char: str) -> Any:
-        """The compiled kernel.
+    def kernel_if_paid(self, key: Key, samples: int, links: int = 1) -> Kernel | None:
+        """Return the kernel if it is there, or pays from this call on and compiles; see `backend.Account`.
 
         Args:
-            still: which pieces do not change along the inner axis.
-            parts: components of each part of the outputs.
-            char: of the dtype.
+            key: of the kernel.
+            samples: number of samples of this call; 0 of one state that Python computes.
+            links: length of each chain, of a scan.
         """
-        key = (still, parts, char)
-        found = self.kernels.get(key)
-        if found is None:
-            from hingepair.engine.native import Kernel, can_fuse
+        kernel = self._kernels.get(key)
+        if kernel is not None or not self._compiles:
+            return kernel
+        account = self._accounts.get(key)
+        if account is None:
+            account = self._accounts.setdefault(key, Account(self.operations))
+        pays = account.pays(samples, links) if samples else account.pays_one()
+        return self.kernel_if_compiled(key) if pays else None
 
-            found = self.kernels[key] = Kernel(
-                self.llvm(*key, fuse=can_fuse() and not self.loop.exact), self._objects(*key)
-            )
-        return found
+    def kernel_if_compiled(self, key: Key) -> Kernel | None:
+        """Return the kernel; None where it cannot be compiled, which is warned of once."""
+        try:
+            return self.kernel(key)
+        except MissingDependencyError as error:
+            give_up(error)
+        except CompilationError as error:
+            if self._compiles:
+                warnings.warn(f"{error}; computing with NumPy", RuntimeWarning, stacklevel=2)
+            self._compiles = False
+        return None
 
-    def _objects(self, still: tuple[bool, ...], parts: tuple[int, ...], char: str) -> str:
-        """Code that takes arrays as they are, where each input is one; else none."""
-        places = iter(self.pattern)
-        own = [(tail, [next(places) for _ in range(math.prod(tail))]) for _, tail in self.loop.inputs]
-        moving = [(tail, where) for tail, where in own if all(isinstance(place, tuple) for place in where)]
-        whole = [where == [(k, c) for c in range(math.prod(tail))] for k, (tail, where) in enumerate(moving)]
-        counts = tuple(math.prod(tail) for _, tail in self.loop.outputs)
-        if char != "d" or any(still) or self.loop.carry or parts != counts or not all(whole) or not known_heads():
-            return ""
-        if len(moving) != len(still):
-            return ""
-        return "\n" + objects_ir([tail for tail, _ in moving], parts, any(place is None for place in self.pattern))
+    def kernel(self, key: Key) -> Kernel:
+        """Return the compiled kernel, which is made at the first call.
+
+        Raises:
+            MissingDependencyError: llvmlite is not installed.
+            CompilationError: LLVM fails.
+        """
+        kernel = self._kernels.get(key)
+        if kernel is None:
+            from hingepair.engine.native import Kernel, can_fuse, compiler_lock
+
+            with compiler_lock:  # whoever comes second finds the kernel of the first
+                kernel = self._kernels.get(key)
+                if kernel is None:
+                    ir = self.llvm(*key, fuse=can_fuse() and not self.loop.exact)
+                    kernel = self._kernels[key] = Kernel(self.loop.name, ir)
+        return kernel
 
     def llvm(self, still: tuple[bool, ...], parts: tuple[int, ...], char: str, fuse: bool) -> str:
-        """The LLVM code; arguments as for `kernel`, and whether the machine multiplies and adds in one."""
+        """Return the LLVM code of the kernel of a key; `fuse` is whether the machine multiplies and adds in one."""
         traced = self.traced(still)
         inputs = [Group(traced.constants, False)] if traced.constants else []
         inputs += [Group(piece, not quiet) for piece, quiet in zip(traced.pieces, still, strict=True)]
@@ -276,7 +301,7 @@ class Program:
                     for target, part in zip(targets, found, strict=True):
                         target[block] = part
 
-        blocks: list[Block] = [*split(shape, _BLOCK)] if pieces else [()]
+        blocks: list[Block] = [*split(shape, _BLOCK_SAMPLES)] if pieces else [()]
         workers = min(workers, len(blocks))
         in_threads(work, [blocks[i::workers] for i in range(workers)])
 

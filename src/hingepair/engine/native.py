@@ -1,48 +1,74 @@
-"""LLVM code compiled into this process, by llvmlite: imported when the first kernel is asked for."""
+"""LLVM code compiled into this process by llvmlite, which is imported when the first kernel is asked for."""
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import functools
 import os
 import platform
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from hingepair.engine.backend import give_up
-from hingepair.errors import MissingDependencyError
+import numpy as np
 
-_lock = threading.RLock()
-if hasattr(os, "register_at_fork"):  # a fork waits for what is being imported or compiled: the child starts whole
-    os.register_at_fork(before=_lock.acquire, after_in_parent=_lock.release, after_in_child=_lock.release)
+from hingepair.engine.array_heads import call_ir
+from hingepair.engine.backend import give_up
+from hingepair.errors import CompilationError, MissingDependencyError
+
+compiler_lock = threading.RLock()
+"""Held while llvmlite is imported and while code is compiled."""
+if hasattr(os, "register_at_fork"):  # a fork waits until nothing is being compiled: the child starts whole
+    os.register_at_fork(
+        before=compiler_lock.acquire, after_in_parent=compiler_lock.release, after_in_child=compiler_lock.release
+    )
 
 
 class Kernel:
-    """A compiled kernel.
+    """A compiled kernel; it owns the machine code, so whoever calls the code must hold the kernel.
+
+    Args:
+        name: what messages call it.
+        ir: its LLVM code.
 
     Attributes:
         ir: its LLVM code as it was written.
-        run: the function of (table, outer, inner); other threads go on while it runs.
-        run_one: the same for a microsecond's work, which keeps the interpreter's lock.
-        run_objects: the function of `array_heads.objects_ir`, where its code was given.
+        address: where its machine code is.
+        run: the function of (table, outer, inner); the interpreter's lock is released while it runs.
+
+    Raises:
+        MissingDependencyError: llvmlite is not installed.
+        CompilationError: LLVM does not compile the code; says why.
     """
 
-    def __init__(self, ir: str, objects: str = "") -> None:
+    def __init__(self, name: str, ir: str) -> None:
         self.ir = ir
-        with _trouble(), _lock:
-            self._engine, address = _compile(ir + objects)
-            self.run_objects: Callable[..., bool] | None = None
-            if objects:
-                self._method = _Method(b"kernel", self._engine.get_function_address("objects"), _FASTCALL, None)
-                self.run_objects = _made_built_in(ctypes.byref(self._method), None, None)
-        self.run: Callable[[Any, int, int], None] = _SHARING(address)
-        self.run_one: Callable[[Any, int, int], None] = _KEEPING(address)
+        self._engine = _compile(name, ir)
+        self.address: int = self._engine.get_function_address("kernel")
+        self.run: Callable[[Any, int, int], None] = _RUN(self.address)
+
+
+def array_call(kernel: Kernel, layout: Sequence[int]) -> Callable[..., bool | int]:
+    """Return the built-in function of `array_heads.call_ir` for a kernel, which it holds.
+
+    Args:
+        kernel: the kernel to call.
+        layout: the numbers of `array_heads.call_layout`.
+    """
+    numbers = np.array(layout, np.int64).view(_Layout)
+    numbers.kernel = kernel
+    function: Callable[..., bool | int] = _make_built_in(ctypes.byref(_call_method()), numbers, None)
+    return function
+
+
+class _Layout(np.ndarray):
+    """The numbers of a call's layout, and the kernel whose machine code they point to."""
+
+    kernel: Kernel
 
 
 class _Method(ctypes.Structure):
-    """What Python knows of a built-in function: PyMethodDef."""
+    """Description of a built-in function: PyMethodDef."""
 
     _fields_ = (
         ("name", ctypes.c_char_p),
@@ -52,54 +78,72 @@ class _Method(ctypes.Structure):
     )
 
 
-_FASTCALL = 0x0080
-_made_built_in: Any = ctypes.pythonapi.PyCFunction_NewEx
-_made_built_in.restype = ctypes.py_object
-_made_built_in.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+_FASTCALL = 0x0080  # METH_FASTCALL: the arguments come as a C array
+_RUN = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
+_make_built_in: Any = ctypes.pythonapi.PyCFunction_NewEx
+_make_built_in.restype = ctypes.py_object
+_make_built_in.argtypes = (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
 
-_ARGUMENTS = (None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
-_SHARING, _KEEPING = ctypes.CFUNCTYPE(*_ARGUMENTS), ctypes.PYFUNCTYPE(*_ARGUMENTS)
+_PYTHON_FUNCTIONS = ("PyBool_FromLong", "PyLong_FromLongLong", "PyEval_SaveThread", "PyEval_RestoreThread")
+_C_FUNCTIONS = ("sin", "cos", "atan2", "hypot", "fma", "fmaf")
 
 
-def _compile(ir: str) -> tuple[Any, int]:
-    """Machine code. LLVM's optimiser is left out: what it would find was folded away while tracing."""
-    llvm = llvmlite()
-    name, features = cpu(llvm)
-    target = llvm.Target.from_default_triple()
-    machine = target.create_target_machine(cpu=name, features=features, opt=1)  # the engine takes it over
-    module = llvm.parse_assembly(ir)
-    engine = llvm.create_mcjit_compiler(module, machine)
-    engine.finalize_object()
-    return engine, engine.get_function_address("kernel")
+def _compile(name: str, ir: str) -> Any:
+    """Return the engine that holds the machine code of a module.
+
+    LLVM's optimiser is left out: what it would find was folded away while tracing.
+    """
+    with compiler_lock:
+        llvm = llvmlite()
+        try:
+            processor, features = cpu(llvm)
+            target = llvm.Target.from_default_triple()
+            machine = target.create_target_machine(
+                cpu=processor, features=features, opt=1
+            )  # the engine takes it over
+            engine = llvm.create_mcjit_compiler(llvm.parse_assembly(ir), machine)
+            engine.finalize_object()
+        except Exception as error:
+            raise CompilationError(name, f"{type(error).__name__}: {error}") from error
+        return engine
+
+
+@functools.cache
+def _call_method() -> _Method:
+    """Compile the function that calls kernels with arrays, once for all kernels; return its description."""
+    engine = _compile("array_call", call_ir())
+    method = _Method(b"kernel", engine.get_function_address("call"), _FASTCALL)
+    method.engine = engine  # kept as long as the description
+    return method
 
 
 @functools.cache
 def llvmlite() -> Any:
-    """Llvmlite, ready to compile for this machine.
+    """Return `llvmlite.binding`, ready to compile for this machine.
 
     Raises:
         MissingDependencyError: llvmlite is not installed.
     """
-    with _lock:
+    with compiler_lock:
         try:
             from llvmlite import binding as llvm
-        except ModuleNotFoundError as error:
+        except (ImportError, OSError) as error:
             raise MissingDependencyError("backend", "llvmlite (pip install llvmlite)", str(error)) from None
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
-        llvm.add_symbol("PyBool_FromLong", ctypes.cast(ctypes.pythonapi.PyBool_FromLong, ctypes.c_void_p).value)
         library = ctypes.CDLL(None) if os.name == "posix" else ctypes.CDLL("ucrtbase")
-        for name in ("sin", "cos", "atan2", "hypot", "fma", "fmaf"):
-            llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
+        for owner, names in ((ctypes.pythonapi, _PYTHON_FUNCTIONS), (library, _C_FUNCTIONS)):
+            for name in names:
+                llvm.add_symbol(name, ctypes.cast(getattr(owner, name), ctypes.c_void_p).value)
         return llvm
 
 
 @functools.cache
 def can_compile() -> bool:
-    """Whether code can be compiled here; where it cannot, that is said once."""
+    """Return whether code can be compiled here; where it cannot, warn once."""
     try:
-        Kernel("define void @kernel() { ret void }")
-    except MissingDependencyError as error:
+        Kernel("probe", "define void @kernel() { ret void }")
+    except (MissingDependencyError, CompilationError) as error:
         give_up(error)
         return False
     return True
@@ -107,27 +151,15 @@ def can_compile() -> bool:
 
 @functools.cache
 def can_fuse() -> bool:
-    """Whether this machine multiplies and adds in one instruction.
+    """Return whether this machine multiplies and adds in one instruction.
 
     Raises:
-        MissingDependencyError: llvmlite is not installed, or does not work.
+        MissingDependencyError: llvmlite is not installed.
     """
-    with _trouble(), _lock:
+    with compiler_lock:
         return "+fma" in cpu(llvmlite())[1].split(",") or platform.machine().lower() in {"arm64", "aarch64"}
 
 
-@contextlib.contextmanager
-def _trouble() -> Iterator[None]:
-    """Whatever goes wrong with llvmlite is one kind of error."""
-    try:
-        yield
-    except MissingDependencyError:
-        raise
-    except Exception as error:
-        found = f"{type(error).__name__}: {error}"
-        raise MissingDependencyError("backend", "an llvmlite that works", found) from error
-
-
 def cpu(llvm: Any) -> tuple[str, str]:
-    """Name and features of the processor to compile for."""
+    """Return name and features of the processor to compile for."""
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()

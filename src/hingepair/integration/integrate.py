@@ -17,11 +17,10 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only
 from hingepair.numeric.instants import instants_of
 from hingepair.pair.constants import Constants, check_pair
-from hingepair.pair.evaluate import STATES
+from hingepair.pair.evaluate import STATES, compute
 from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.prepared import compute
 from hingepair.plans.plan import (
     ACCELERATION,
     PLANAR,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.engine.results import lacking
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Frozen, check_choice, read_only
@@ -17,7 +18,7 @@ from hingepair.numeric.blocks import components_of, tabulate_one
 from hingepair.numeric.tables import instant
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import Result
-from hingepair.pair.states import PairState, PlanarState, lacking
+from hingepair.pair.states import PairState, PlanarState
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.sequences import SEQUENCES
 

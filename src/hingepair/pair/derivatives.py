@@ -12,8 +12,8 @@ from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import FloatArray, Frozen, read_only
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
+from hingepair.pair.evaluate import arrays_of
 from hingepair.pair.forward_kinematics import Rows, component, read_coordinates
-from hingepair.pair.prepared import arrays_of
 from hingepair.plans.plan import SPATIAL
 from hingepair.rotations.sequences import find_sequence
 

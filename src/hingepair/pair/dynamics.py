@@ -11,14 +11,15 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.engine.calls import Call
 from hingepair.equations.spatial import Vector
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import FloatArray, one_constant, vectors
 from hingepair.pair.body import Body, DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
+from hingepair.pair.evaluate import call_of
 from hingepair.pair.forward_kinematics import component
-from hingepair.pair.prepared import Prepared, arrays_of, ready
 from hingepair.plans.dynamics_steps import LOADS, MOVES, REQUIRED
 from hingepair.plans.plan import SPATIAL, make_plan
 
@@ -204,27 +205,27 @@ def compute(
         ArgumentError: an argument cannot be used; names it.
     """
     fall = _FALL if gravity is GRAVITY else one_constant("gravity", gravity, 3)
-    values = {name: _load(name, value) if name in _FORCES else value for name, value in given.items()}
-    quick: Prepared | None = constants.prepared.get(what)
-    if quick is not None and type(body1) is BodyMotion:
-        state = quick.short(*(getattr(body1, letter) for letter in what.letters), fall, *values.values())
+    loads = {name: _load(name, value) if name in _FORCES else value for name, value in given.items()}
+    call: Call | None = constants.prepared.get(what)
+    if call is not None and type(body1) is BodyMotion:
+        state = call.quick(*(getattr(body1, letter) for letter in what.letters), fall, *loads.values())
         if state is not None:
-            found: Iterable[FloatArray] = state.released().values()
+            found: Iterable[FloatArray] = state.writable_arrays().values()
             return found
     massive = with_masses(what, constants, bodies)
-    own: dict[str, Any] = motion_arrays("body1", body1, *what.letters)
-    for name, value in values.items():
+    values: dict[str, Any] = motion_arrays("body1", body1, *what.letters)
+    for name, value in loads.items():
         if value is None:
             raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: what is asked for needs it", None)
-    own["gravity"] = tuple(fall.tolist())
-    for name, value in values.items():  # a force that is none is a constant of the program
-        own[name] = component(name, value) if name not in _FORCES else _ZERO if value is _NONE else value
-    shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL.shapes[name])] for name, v in own.items()}
-    told = any(body is not None and body.assumed for body in bodies)  # at every call
-    if constants.single and not any(shapes.values()) and not told:
-        plan = make_plan(what.outputs, None, "home" in constants.values, given=tuple(own))
-        constants.prepared[what] = ready(massive, plan, tuple(own), "auto")  # for single states from now on
-    return arrays_of(massive, what.outputs, own, shapes).values()
+    values["gravity"] = tuple(fall.tolist())
+    for name, value in loads.items():  # a force that is none is a constant of the program
+        values[name] = component(name, value) if name not in _FORCES else _ZERO if value is _NONE else value
+    shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL.shapes[name])] for name, v in values.items()}
+    plan = make_plan(what.outputs, None, "home" in constants.values, given=tuple(values))
+    call = call_of(massive, plan, tuple(values), "auto")
+    if not any(body is not None and body.assumed for body in bodies):  # else every call warns
+        constants.prepared[what] = call
+    return call.run(values, shapes).writable_arrays().values()  # type: ignore[no-any-return]
 
 
 def with_masses(what: Quantity, constants: Constants, bodies: Bodies) -> Constants:

@@ -1,4 +1,4 @@
-"""From a plan and the values that it takes to arrays: room for the results, many samples, arrays of other libraries.
+"""Running a plan for a pair: over NumPy arrays by the engine's calls, or over arrays of other libraries.
 
 `pair` is a pair's constants, `values` are the other inputs by name, `shapes` those of the samples by argument, and
 `out` holds arrays to write into.
@@ -8,34 +8,64 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Mapping
-from typing import Any, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.backend import How
 from hingepair.engine.binding import bind
+from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import Operations
-from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
+from hingepair.errors import ArgumentError, RotationError, quoted
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign
-from hingepair.numeric.arrays import broadcast_shape, result_dtype
+from hingepair.numeric.arrays import broadcast_shape
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.plan import PLANAR, SPATIAL, Plan, Tail, loop_of
+from hingepair.plans.plan import PLANAR, SPATIAL, Plan, loop_of, make_plan
+from hingepair.rotations.matrices import TOLERANCE, check_rotation
 
-Out: TypeAlias = Mapping[str, NDArray[Any]] | None
-
-AUTO = How("auto", 1)
+AUTO: Final = How("auto", 1)
 STATES: Mapping[Any, type[PairState | PlanarState]] = {SPATIAL: PairState, PLANAR: PlanarState}
-"""What comes out, by the kind of plan."""
+"""The class of the results, by the kind of plan."""
+
+QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")
+
+_ROTATION_LIMITS: Final = {size: 2 * tolerance for size, tolerance in TOLERANCE.items()}
+_QUATERNION_LIMITS: Final = {8: 1.0, 4: 1.0}  # the check of a zero quaternion gives 2
 
 
-def dtype_of(values: Mapping[str, Any]) -> np.dtype[Any]:
-    """The dtype that values are computed in."""
-    return result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
+def call_of(pair: Constants, plan: Plan, given: tuple[str, ...], backend: str) -> Call:
+    """Return the call that runs a plan for a pair with arguments of these names; made once for each pair."""
+    key = plan, given, backend
+    call: Call | None = pair.prepared.get(key)
+    if call is None:
+        shapes, loop = plan.kind.shapes, loop_of(plan)
+        constants = pair.values if pair.single else pair.arrays
+        limits = _QUATERNION_LIMITS if any(name in QUATERNIONS for name in given) else _ROTATION_LIMITS
+        checks = {"attitude1_check": limits, "attitude2_check": _ROTATION_LIMITS}
+        call = pair.prepared[key] = Call(
+            loop, {name: shapes[name] for name in given}, {name: constants[name] for name in _needed(loop, given)},
+            STATES[plan.kind], shape=pair.shape, backend=backend, refuse=_refuse_attitude,
+            limits={name: checks[name] for name in plan.outputs if name in checks},
+        )  # fmt: skip
+    return call
 
 
-def evaluate(
+def _needed(loop: Any, given: tuple[str, ...]) -> list[str]:
+    return [name for name, _ in loop.inputs if name not in given]
+
+
+def _refuse_attitude(values: Mapping[str, Any]) -> None:
+    """Refuse attitudes of which one is no rotation, or a quaternion of zero."""
+    for name, value in values.items():
+        if name in QUATERNIONS and (np.asarray(value) == 0).all(axis=-1).any():
+            raise RotationError(name, "non-zero quaternions", "a zero quaternion")
+        if name in ("S1", "S2"):
+            check_rotation(name, np.asarray(value))
+
+
+def compute(
     pair: Constants,
     plan: Plan,
     values: Mapping[str, Any],
@@ -44,16 +74,26 @@ def evaluate(
     how: How = AUTO,
     dtype: np.dtype[Any] | None = None,
 ) -> Any:
-    """The state at all samples; computed in the dtype of the values unless one is given."""
-    shape = broadcast_shape({**shapes, "pair": pair.shape})
-    loop, dtype = loop_of(plan), dtype or dtype_of(values)
-    arrays = rooms(loop.outputs, shape, dtype, out, values)
-    loop.run({**(pair.values if pair.single else pair.arrays), **values}, arrays, shape, dtype, how)
-    return STATES[plan.kind](arrays, shape)
+    """Return the state at all samples; computed in the dtype of the values unless one is given."""
+    return call_of(pair, plan, tuple(values), how.backend).run(values, shapes, out, how.workers, dtype)
+
+
+def arrays_of(
+    pair: Constants,
+    outputs: Iterable[str],
+    values: Mapping[str, Any],
+    shapes: Mapping[str, tuple[int, ...]],
+    dtype: np.dtype[Any] | None = None,
+    sequence: str | None = None,
+) -> dict[str, NDArray[Any]]:
+    """Return new arrays of what is computed of values, by name."""
+    plan = make_plan(tuple(outputs), sequence, "home" in pair.values, given=tuple(values))
+    arrays: dict[str, NDArray[Any]] = compute(pair, plan, values, shapes, dtype=dtype).writable_arrays()
+    return arrays
 
 
 def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> Operations:
-    """How many operations of a plan are left for a pair, where some coordinates are known numbers.
+    """Return how many operations of a plan are left for a pair, where some coordinates are known numbers.
 
     Args:
         plan: what is computed.
@@ -66,65 +106,11 @@ def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> 
         return moving + 0 if isinstance(c, np.ndarray) else c
 
     many = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
-    own = {name: tuple(map(unknown, v)) if isinstance(v, tuple) else unknown(v) for name, v in values.items()}
+    partly_known = {
+        name: tuple(map(unknown, v)) if isinstance(v, tuple) else unknown(v) for name, v in values.items()
+    }
     full = loop.program(bind(loop.inputs, many).pattern)
-    return loop.program(bind(loop.inputs, {**many, **pair.values, **own}).pattern).count(full)
-
-
-def rooms(
-    tails: Iterable[tuple[str, Tail]],
-    shape: tuple[int, ...],
-    dtype: np.dtype[Any],
-    out: Out,
-    values: Mapping[str, Any],
-) -> dict[str, NDArray[Any]]:
-    """Arrays for results: those of `out`, which overlap none of the values, and new ones."""
-    sizes = {name: (*shape, *tail) for name, tail in tails}
-    own = {name: _room_for(name, array, sizes[name], dtype) for name, array in (out or {}).items()}
-    if own:
-        _check_apart(own, values)
-    return {name: own[name] if name in own else np.empty(size, dtype) for name, size in sizes.items()}
-
-
-def _room_for(output: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """An array to write into, if it is one of this shape and dtype."""
-    name = f"out[{output!r}]"
-    if not isinstance(array, np.ndarray):
-        raise ArgumentError(name, "an array to write into", quoted(array))
-    if array.shape != shape:
-        raise ShapeError(name, f"shape {shape}", f"shape {array.shape}")
-    if array.dtype != dtype:
-        raise DtypeError(name, f"dtype {dtype.name}", f"dtype {array.dtype}")
-    if not array.flags.writeable:
-        raise ArgumentError(name, "a writable array", "a read-only one")
-    return array
-
-
-def written(state: Any, out: Mapping[str, NDArray[Any]], given: Mapping[str, Any]) -> Any:
-    """The state, copied into arrays: for a few samples, quicker than to compute them there."""
-    arrays = state.arrays()
-    own = {name: _room_for(name, room, arrays[name].shape, arrays[name].dtype) for name, room in out.items()}
-    _check_apart(out, given)
-    for name, room in own.items():
-        room[...] = arrays[name]
-    return type(state)(arrays | own, state.shape)
-
-
-def _check_apart(out: Mapping[str, NDArray[Any]], groups: Mapping[str, Any]) -> None:
-    """Refuse an output that lies over an input or over another output: blocks would read what they wrote."""
-    taken = [
-        (name, c, c.flags.owndata)
-        for name, group in groups.items()
-        for c in (group if isinstance(group, tuple) else (group,))
-        if isinstance(c, np.ndarray)
-    ]
-    for name, array in out.items():
-        own = array.flags.owndata
-        for other, c, owned in taken:
-            apart = own and owned and array is not c  # two arrays with memory of their own
-            if not apart and np.may_share_memory(array, c) and np.shares_memory(array, c):
-                raise ArgumentError(f"out[{name!r}]", "memory of its own", f"an array that overlaps {other}")
-        taken.append((f"out[{name!r}]", array, own))
+    return loop.program(bind(loop.inputs, {**many, **pair.values, **partly_known}).pattern).count(full)
 
 
 def evaluate_foreign(

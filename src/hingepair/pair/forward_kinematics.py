@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import How
-from hingepair.errors import ArgumentError, ShapeError, choices, quoted
+from hingepair.engine.calls import Call, Out
+from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign, library_of
 from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, real_array, vectors
 from hingepair.numeric.blocks import Components, Named
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import Out, evaluate_foreign, written
-from hingepair.pair.prepared import Prepared, compute, ready
+from hingepair.pair.evaluate import call_of, compute, evaluate_foreign
 from hingepair.plans.plan import SPATIAL, Kind, Plan, check_outputs, default_outputs, make_plan
 from hingepair.rotations.sequences import find_sequence
 
@@ -113,39 +113,32 @@ def component(name: str, value: Any) -> Any:
 def from_coordinates(
     kind: Kind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str | None, how: How
 ) -> Any:
-    """The pair's state from its coordinates and as many derivatives as are given (E1-E11)."""
+    """Return the pair's state from its coordinates and as many derivatives as are given (E1-E11)."""
     rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
-    known: Prepared | None = None
-    short = how.workers == 1 and (qd is not None or qdd is None)
     if type(outputs) is list:
         outputs = tuple(outputs)
-    if out is not None:
-        short = short and type(outputs) is tuple and type(out) is dict and out.keys() <= {*outputs}
-    if short:
+    complete = qd is not None or qdd is None
+    writes = out is None or (type(outputs) is tuple and type(out) is dict and out.keys() <= {*outputs})
+    key = None
+    if how.workers == 1 and complete and writes and (outputs is None or type(outputs) is tuple):
+        key = outputs, sequence, how.backend, len(rows)
         try:
-            known = pair.prepared.get((outputs, sequence, how.backend, len(rows)))
-        except TypeError:  # outputs that are no key
-            short = False
-        else:
-            found = None if known is None else known.short(*rows)
-            if found is not None:
-                inputs = dict(zip(kind.parts, rows, strict=False)) if found.shape else {}
-                return found if out is None else written(found, out, inputs)
-            if known is not None and out is None:
-                found = known.short(*[float_row(value, len(kind.coordinates)) for value in rows])
-                if found is not None:
-                    return found
+            call: Call | None = pair.prepared.get(key)
+        except TypeError:  # names that are none, which are refused below
+            call = key = None
+        if call is not None:
+            state = call.quick(*rows) if out is None else call.write(rows, out)
+            if state is None and out is None:  # lists and tuples of numbers
+                state = call.quick(*[float_row(value, len(kind.coordinates)) for value in rows])
+            if state is not None:
+                return state
     plan, given = plan_from_coordinates(kind, pair, q, qd, qdd, outputs, out, sequence, foreign=True)
     if given.library is not None:
         return evaluate_foreign(pair, plan, given.parts, given.shapes, given.library, out, how)
-    state = compute(pair, plan, given.parts, given.shapes, out, how)
-    if short and pair.single:
-        if known is None:
-            known = ready(pair, plan, tuple(given.parts), how.backend)
-            pair.prepared[outputs, sequence, how.backend, len(rows)] = known
-        if how.backend != "numpy":
-            known.learn(rows)
-    return state
+    call = call_of(pair, plan, tuple(given.parts), how.backend)
+    if key is not None:
+        pair.prepared[key] = call
+    return call.run(given.parts, given.shapes, out, how.workers)
 
 
 def plan_from_coordinates(
@@ -198,22 +191,28 @@ def plan_from_body1(
 
 
 def _wanted(outputs: Outputs, out: Out, level: int, kind: Kind) -> tuple[str, ...]:
-    """What to compute: the names asked for, or the level's defaults and whatever `out` has room for."""
-    if out is not None and not isinstance(out, Mapping):
+    """Return what to compute: the names asked for, or the level's defaults and whatever `out` has arrays for."""
+    if outputs is not None:
+        names = check_outputs(outputs, kind.levels)
+        check_out(out, names)
+        return names
+    check_out(out, tuple(kind.levels))
+    return tuple(dict.fromkeys((*default_outputs(level, kind), *(out or ()))))
+
+
+def check_out(out: Out, names: tuple[str, ...]) -> None:
+    """Refuse `out` where it is no dict, or holds something else than arrays for these outputs.
+
+    Raises:
+        ArgumentError: names the argument `out`.
+    """
+    if out is None:
+        return
+    if not isinstance(out, Mapping):
         raise ArgumentError("out", "a dict of arrays by output name", quoted(out))
-    if outputs is None and not out:
-        return default_outputs(level, kind)
-    room = tuple(out or ())
-    for name in room:
-        if name not in kind.levels:
-            raise ArgumentError("out", choices(tuple(kind.levels)), quoted(name))
-    if outputs is None:
-        return tuple(dict.fromkeys((*default_outputs(level, kind), *room)))
-    names = check_outputs(outputs, kind.levels)
-    for name in room:
+    for name in out:
         if name not in names:
-            raise ArgumentError("out", f"arrays for nothing but the outputs named ({', '.join(names)})", quoted(name))
-    return names
+            raise ArgumentError("out", f"arrays for nothing but the outputs {', '.join(names)}", quoted(name))
 
 
 def _plan_for(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import choose
+from hingepair.engine.calls import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
@@ -21,10 +22,8 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants, pair_constants
 from hingepair.pair.derivatives import Sensitivities
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
-from hingepair.pair.evaluate import Out
 from hingepair.pair.forward_kinematics import Outputs, Rows
-from hingepair.pair.prepare import prepare
-from hingepair.pair.prepared import Prepared
+from hingepair.pair.prepare import Prepared, prepare
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
 from hingepair.plans.plan import SPATIAL
@@ -230,7 +229,7 @@ class HingePair(Shown):
         >>> at(np.array([0.0, 0.0, 0.0, 1.0]), 0.0).jacobian @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return prepare(self.constants, self._bodies, given, outputs, sequence, gravity, choose(backend, workers))
+        return prepare(self, given, outputs, sequence, gravity, choose(backend, workers))
 
     def forward_kinematics_from_body1(
         self,

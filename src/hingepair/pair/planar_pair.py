@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import choose
+from hingepair.engine.calls import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, vectors
 from hingepair.numeric.blocks import components_of, numbers
@@ -20,10 +21,9 @@ from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
 from hingepair.pair.dynamics import Energy, Forces, HingeWrench, Momentum
-from hingepair.pair.evaluate import Out
+from hingepair.pair.evaluate import arrays_of
 from hingepair.pair.forward_kinematics import Outputs, Rows
 from hingepair.pair.hinge_pair import HingePair, checked_body
-from hingepair.pair.prepared import arrays_of
 from hingepair.pair.states import PlanarState
 from hingepair.plans.plan import PLANAR
 from hingepair.rotations.matrices import rotation_exp

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import How
+from hingepair.engine.calls import Call, Out
 from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.numeric.array_libraries import library_of
+from hingepair.numeric.arrays import real_array, vectors
 from hingepair.pair import dynamics
 from hingepair.pair.constants import HINGE_FRAMES, Constants, with_hinge_frames
 from hingepair.pair.derivatives import POSE_SENSITIVITIES, RATE_SENSITIVITIES
-from hingepair.pair.prepared import CHECK, QUATERNIONS, Prepared
+from hingepair.pair.evaluate import QUATERNIONS, call_of, evaluate_foreign
+from hingepair.pair.forward_kinematics import check_out
 from hingepair.plans.dynamics_steps import LOADS, MASSES, MOVES, REQUIRED
-from hingepair.plans.plan import SPATIAL, check_outputs, default_outputs, make_plan
+from hingepair.plans.plan import SPATIAL, Plan, check_outputs, default_outputs, make_plan, needed_steps
 from hingepair.plans.steps import ATTITUDE_STEPS
 from hingepair.rotations.sequences import find_sequence
 
@@ -47,17 +52,96 @@ _OUTPUTS: Final = (
 """All that can be prepared."""
 
 
+class Prepared:
+    """A call that is planned, checked and compiled once: what `HingePair.prepare` gives.
+
+    Call it with arrays in the order of `given`. It can be copied and pickled.
+
+    Attributes:
+        given: names of what it takes, in order.
+        outputs: names of what it computes.
+    """
+
+    def __init__(self, call: Call, pair: Constants, plan: Plan, workers: int, recipe: tuple[Any, ...]) -> None:
+        self.given, self.outputs = tuple(call.given), call.outputs
+        self._call, self._pair, self._plan, self._workers, self._recipe = call, pair, plan, workers, recipe
+
+    def __repr__(self) -> str:
+        return f"Prepared(given={self.given}, outputs={self.outputs})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _prepared_again, self._recipe
+
+    @property
+    def source(self) -> str:
+        """The Python code that runs where nothing is compiled."""
+        return self._call.program.source
+
+    @property
+    def llvm(self) -> str:
+        """The LLVM code that runs for one state and for rows of states."""
+        return self._call.kernel.ir
+
+    def __call__(self, *given: Any, out: Out = None) -> Any:
+        """Return the state: of one sample or many.
+
+        Args:
+            *given: what it was prepared for, in that order; shape (..., 7), (..., 3), (..., 3, 3), (..., 4) or (...);
+                they broadcast.
+            out: arrays by output name, written in place; none is touched by a call that is refused.
+
+        Raises:
+            ArgumentError: an argument cannot be used; names it.
+        """
+        call = self._call
+        if len(given) != len(self.given):
+            raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
+        if out is None:
+            state = call.quick(*given)
+            if state is not None:
+                return state
+        elif type(out) is dict and out.keys() <= {*self.outputs}:
+            state = call.write(given, out)
+            if state is not None:
+                return state
+        return self._general(given, out)
+
+    def _general(self, given: Sequence[Any], out: Out) -> Any:
+        """Return the state for anything that can be used; refuse the rest."""
+        values = dict(zip(self.given, given, strict=True))
+        check_out(out, self.outputs)
+        library = library_of(values)
+        tails = self._call.given
+        if library is not None:  # whether an attitude is one is not checked
+            shapes = {name: np.shape(v)[: np.ndim(v) - len(tails[name])] for name, v in values.items()}
+            plan = Plan(self.outputs, *needed_steps(self._plan.steps, self.outputs), self._plan.kind)
+            return evaluate_foreign(self._pair, plan, values, shapes, library, out, How("auto", self._workers))
+        arrays = {name: _array(name, value, tails[name]) for name, value in values.items()}
+        shapes = {name: a.shape[: a.ndim - len(tails[name])] for name, a in arrays.items()}
+        return self._call.run(arrays, shapes, out, self._workers)
+
+
+def _array(name: str, value: Any, tail: tuple[int, ...]) -> NDArray[Any]:
+    if value is None:
+        raise ArgumentError(name, "a value, since this was prepared for it", None)
+    return vectors(name, value, *tail) if tail else real_array(name, value)
+
+
+def _prepared_again(pair: Any, given: Any, outputs: Any, sequence: str, gravity: Any, how: How) -> Prepared:
+    return prepare(pair, given, outputs, sequence, gravity, how)
+
+
 def prepare(
-    pair: Constants,
-    bodies: dynamics.Bodies,
+    pair: Any,
     given: str | Iterable[str],
     outputs: Iterable[str] | None,
     sequence: str,
     gravity: ArrayLike,
     how: How,
 ) -> Prepared:
-    """A plan made ready; see `HingePair.prepare`."""
+    """Return a plan of a HingePair made ready; see `HingePair.prepare`."""
     names = _checked_given(given)
+    bodies, constants = (pair.body1, pair.body2), pair.constants
     forward = any(name in LOADS for name in names)
     if outputs is None and forward:
         outputs = MOVES
@@ -68,21 +152,25 @@ def prepare(
         find_sequence(sequence)
     level = sum(name in names for name in (("qd", "qdd") if rows else ("psid", "psidd")))
     wanted = default_outputs(level) if outputs is None else check_outputs(outputs, _OUTPUTS)
-    plan_of = functools.partial(make_plan, sequence=sequence if rows else None, home="home" in pair.values)
-    plan = plan_of(wanted if rows else (*wanted, CHECK), given=names)
+    plan_of = functools.partial(make_plan, sequence=sequence if rows else None, home="home" in constants.values)
+    checks = (*(() if rows else ("attitude1_check",)), *(("attitude2_check",) if "S2" in names else ()))
+    plan = plan_of((*wanted, *checks), given=names)
     if not plan.inputs.isdisjoint(MASSES):
-        pair = dynamics.for_calls(pair, bodies, gravity, plan.inputs)
+        constants = dynamics.for_calls(constants, bodies, gravity, plan.inputs)
     if forward:
-        dynamics.check_resistance(pair, bodies)
+        dynamics.check_resistance(constants, bodies)
     if "S2" in names:
-        pair = with_hinge_frames(pair)
-    known = {*names, *pair.values}
+        constants = with_hinge_frames(constants)
+    known = {*names, *constants.values}
     for name in wanted:
         of_both = names if forward or name not in _OF_BOTH else (*names, "S2")
         missing = sorted(plan_of((name,), given=of_both).inputs - known - HINGE_FRAMES)
         if missing:
             raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
-    return Prepared(pair, plan, names, how, now=True)
+    call = call_of(constants, plan, names, how.backend)
+    if how.backend == "auto":
+        call.compile()
+    return Prepared(call, constants, plan, how.workers, (pair, names, wanted, sequence, gravity, how))
 
 
 def _checked_given(given: str | Iterable[str]) -> tuple[str, ...]:

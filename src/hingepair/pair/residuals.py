@@ -16,7 +16,7 @@ from hingepair.numeric.tables import Sheet, Shown, aligned, instant, json_text, 
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
-from hingepair.pair.prepared import arrays_of
+from hingepair.pair.evaluate import arrays_of
 from hingepair.plans.plan import make_plan
 
 _HEADER = (

@@ -13,10 +13,11 @@ from typing import IO, Any, ClassVar, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.engine.results import lacking
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.numeric.tables import Sheet, Shown, unit_of
 from hingepair.numeric.whole_file import whole_file
-from hingepair.pair.states import PairState, PlanarState, lacking
+from hingepair.pair.states import PairState, PlanarState
 
 ROWS: Final = 131072
 """Rows that a file takes at a time, and of a row group of a .parquet: its bytes do not depend on how rows come."""

@@ -18,6 +18,7 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
 from hingepair.plans.dynamics_steps import LOADS, MASS_STEPS, forward_steps
 from hingepair.plans.steps import (
+    ATTITUDE2_STEPS,
     ATTITUDE_STEPS,
     CONSTRAINT_STEPS,
     COORDINATES,
@@ -69,7 +70,7 @@ _SHAPES: Final[dict[str, Tail]] = {
     **dict.fromkeys(("home", "I1", "I2"), (9,)),
     "kept": (4,),
     "mass_matrix": (7, 7),
-    "attitude_check": (),
+    **dict.fromkeys(("attitude1_check", "attitude2_check"), ()),
     **dict.fromkeys(("state", "slopes"), (14,)),
     **dict.fromkeys(("point", "beside", "start"), (3,)),
     "S0": (9,),
@@ -239,6 +240,7 @@ def steps_of(
     if kind is PLANAR:
         return (*(PLANAR_ROW_STEPS if "q" in given else ()), *_planar_steps(terms))
     steps = [step for name in given for step in ATTITUDE_STEPS.get(name, ())]
+    steps += ATTITUDE2_STEPS if "S2" in given else ()
     steps += [*(ROW_STEPS if "q" in given else ()), *_spatial_steps(sequence, home, terms)]
     if not given:
         return tuple(steps)

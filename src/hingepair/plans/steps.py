@@ -62,17 +62,29 @@ def _orthonormality(S: eq.Matrix) -> Any:
     return where_less(volume, 0.0, 2.0, _size(tuple(errors)))
 
 
+def _zero_quaternion(quat: tuple[Any, ...]) -> Any:
+    """Return 2 of a quaternion whose components are all zero, else 0; of one that holds a NaN, 0."""
+    size = sum(where_less(c, 0.0, -c, c) for c in quat)
+    return where_less(0.0, size, 0.0, where_less(size, 1.0, 2.0, 0.0))
+
+
 ATTITUDE_STEPS = {
-    "S1": (Step("attitude_check", _orthonormality, ("S1",)),),
+    "S1": (Step("attitude1_check", _orthonormality, ("S1",)),),
     "quat_xyzw": (
         Step("quat", lambda q: (q[3], *q[:3]), ("quat_xyzw",)),
         Step("S1", _attitude_of, ("quat",)),
-        Step("attitude_check", _size, ("quat",)),
+        Step("attitude1_check", _zero_quaternion, ("quat",)),
     ),
-    "quat_wxyz": (Step("S1", _attitude_of, ("quat_wxyz",)), Step("attitude_check", _size, ("quat_wxyz",))),
+    "quat_wxyz": (
+        Step("S1", _attitude_of, ("quat_wxyz",)),
+        Step("attitude1_check", _zero_quaternion, ("quat_wxyz",)),
+    ),
 }
-"""The attitude out of what else it can be given as, and a number that tells one that is none: of a matrix, how far it
-is from a rotation; of a quaternion, its size."""
+"""The attitude of body 1 out of what else it can be given as, and a number by which an attitude that is none is
+refused: of a matrix, its distance from a rotation; of a quaternion, whether it is zero."""
+
+ATTITUDE2_STEPS = (Step("attitude2_check", _orthonormality, ("S2",)),)
+"""The distance of a given S2 from a rotation."""
 
 HINGE_STEPS = (
     Step("Sh", eq.hinge_rotation, ("n", "hinge")),

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.simulate import passed_stops
+from hingepair.engine.results import lacking
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.integration.trajectory import span
 from hingepair.numeric.arrays import Frozen, read_only
@@ -22,7 +23,7 @@ from hingepair.pair.dynamics import Energy, Momentum
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import MOST_HELD, ROWS, Record, Result
-from hingepair.pair.states import PairState, PlanarState, lacking
+from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, Kind, check_outputs
 from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.instants import Rows

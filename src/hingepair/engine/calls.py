@@ -1,0 +1,392 @@
+"""Calls: a loop with its constants, called with arrays of one state or of many.
+
+    call = Call(loop, {"psi": ()}, {"n": (0.0, 0.0, 1.0)}, Results)
+    call.run({"psi": np.zeros(5)}, {"psi": (5,)})
+
+A call has one quick way and one general way. The quick way is machine code that reads the arrays it is given
+(`array_heads`); it serves one state, and batches along one axis. Until a kernel pays, a generated Python function
+serves one state instead. All else - other dtypes, several axes of samples, threads, components given one by one -
+goes the general way, `Loop.run`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.engine.array_heads import MAX_RANK, call_layout, known_heads
+from hingepair.engine.backend import How
+from hingepair.engine.binding import bind
+from hingepair.engine.loops import Extent, Loop, Program
+from hingepair.engine.results import Results
+from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
+from hingepair.numeric.arrays import broadcast_shape, result_dtype
+
+if TYPE_CHECKING:
+    from hingepair.engine.native import Kernel
+
+Out: TypeAlias = Mapping[str, NDArray[Any]] | None
+"""Arrays to write into, by output name."""
+
+_FLOAT64: Final = np.dtype(np.float64)
+
+_MAX_QUICK_BYTES: Final = 2**21
+"""Size of outputs past which a call goes the general way, which stores past the caches."""
+
+_LONG_CALL_OPERATIONS: Final = 100_000
+"""Number of operations from which the interpreter's lock is released: some 20 us."""
+
+
+class Call:
+    """A loop with its constants, for arguments of some names.
+
+    Args:
+        loop: what is computed.
+        given: shape of one sample of each argument, by name and in order; also of those that the loop does not need,
+            which are checked and broadcast all the same.
+        constants: the loop's other inputs by name: numbers, or tuples of numbers; arrays where they have samples.
+        result: the class of what is returned.
+        shape: leading shape of the constants; () where they are the same at all samples.
+        backend: one of `backend.BACKENDS`.
+        limits: outputs that are not returned, but compared: where one is larger than its limit at a sample, the call
+            is refused. NaN is not larger. Limits by bytes of a number: 8 of float64, 4 of float32.
+        refuse: called with the arguments by name where a limit is passed; raises the error that fits.
+        owner: what messages call the constants.
+
+    Attributes:
+        outputs: names of what is returned.
+        quick: the quick way: takes the arguments in order, and returns the results, or None where they are not
+            arrays that it supports.
+    """
+
+    def __init__(
+        self,
+        loop: Loop,
+        given: Mapping[str, Extent],
+        constants: Mapping[str, Any],
+        result: type[Results],
+        *,
+        shape: Extent = (),
+        backend: str = "auto",
+        limits: Mapping[str, Mapping[int, float]] | None = None,
+        refuse: Callable[[Mapping[str, Any]], None] | None = None,
+        owner: str = "pair",
+    ) -> None:
+        self.loop = loop
+        self.given = dict(given)
+        self.result = result
+        self._constants = {name: value for name, value in constants.items() if name not in given}
+        self._shape, self._backend, self._owner = shape, backend, owner
+        self._limits, self._refuse = dict(limits or {}), refuse
+        self.outputs = tuple(name for name, _ in loop.outputs if name not in self._limits)
+        samples = {name: np.empty((2, *tail)) for name, tail in loop.inputs if name in given}
+        bound = bind(loop.inputs, {**self._constants, **samples})
+        self._numbers = bound.constants
+        self._constant_array = np.array(bound.constants, np.float64)
+        self.program: Program = loop.program(bound.pattern)
+        self._key = self.program.key_of_samples()
+        names = tuple(given)
+        self._places = tuple(names.index(name) for name, _ in loop.inputs if name in given)
+        size = sum(math.prod(tail) for _, tail in loop.outputs)
+        self._max_samples = _MAX_QUICK_BYTES // (8 * size)
+        self._into: Callable[..., bool | int] | None = None
+        self._check: Call | None = None
+        self.quick: Callable[..., Any] = self._uncompiled
+        if shape != ():
+            self.quick = _unsupported
+        elif backend == "compiled":
+            self._use(self.program.kernel(self._key))
+
+    # ---- the quick way
+
+    def compile(self) -> None:
+        """Compile now; where that is not possible, warn once and compute with NumPy."""
+        kernel = self.program.kernel_if_compiled(self._key) if self._shape == () else None
+        if kernel is not None:
+            self._use(kernel)
+
+    @property
+    def kernel(self) -> Kernel:
+        """The kernel for float64 inputs that all change from sample to sample.
+
+        Raises:
+            MissingDependencyError: llvmlite is not installed.
+            CompilationError: LLVM fails.
+        """
+        return self.program.kernel(self._key)
+
+    def _use(self, kernel: Kernel) -> None:
+        """Let the quick way be machine code, where the interpreter and the shapes allow it."""
+        from hingepair.engine.native import array_call
+
+        tails = [*self.given.values(), *(tail for _, tail in self.loop.outputs)]
+        if not known_heads() or any(len(tail) > MAX_RANK for tail in tails):
+            self.quick = _unsupported if self._backend == "compiled" else self.quick
+            return
+        places = {name: place for place, name in enumerate(n for n, _ in self.loop.inputs if n in self.given)}
+        layout = call_layout(
+            [(tail, places.get(name, -1)) for name, tail in self.given.items()],
+            [tail for _, tail in self.loop.outputs],
+            constants=bool(self._numbers),
+            kernel=kernel.address,
+            long_call=-(-_LONG_CALL_OPERATIONS // max(self.program.operations, 1)),
+        )
+        self._into = array_call(kernel, layout)
+        self.quick = self._generated(self._into)
+
+    def _generated(self, run: Callable[..., bool | int]) -> Callable[..., Any]:
+        """Return the quick way as generated code: without loops over the outputs, which cost more than the kernel."""
+        outs = [f"out{k}" for k in range(len(self.loop.outputs))]
+        arguments = ", ".join(f"in{k}" for k in range(len(self.given)))
+        visible = [out for out, (name, _) in zip(outs, self.loop.outputs, strict=True) if name in self.outputs]
+        scope: dict[str, Any] = {
+            "run": run, "empty": np.empty, "constants": self._constant_array, "new": self.result.__new__,
+            "Result": self.result, "set_content": Results.__dict__["_content"].__set__, "names": self.outputs,
+            "refuse": self._refused, "limit_samples": self._max_samples,
+        }  # fmt: skip
+        source = []
+        for batch in (True, False):
+            length = "samples, " if batch else ""
+            source += [f"def {'many' if batch else 'one'}({length}{arguments}):"]
+            for out, (_, tail) in zip(outs, self.loop.outputs, strict=True):
+                source += [f"    {out} = empty(({length}{''.join(f'{n}, ' for n in tail)}))"]
+            source += [f"    ran = run({arguments}, {', '.join(outs)}, constants, True)", "    if ran is not True:"]
+            if batch:
+                source += ["        return None"]
+            else:
+                source += [f"        return many(ran, {arguments}) if 0 < ran <= limit_samples else None"]
+            for out, (name, tail) in zip(outs, self.loop.outputs, strict=True):
+                if name in self._limits:
+                    largest = f"({out} > {self._limits[name][8]!r}).any()"
+                    passed = largest if batch or tail else f"{out}.item() > {self._limits[name][8]!r}"
+                    source += [f"    if {passed}:", f"        refuse({arguments})"]
+                elif tail == () and not batch:
+                    source += [f"    {out} = {out}[()]"]
+            source += [
+                "    result = new(Result)",
+                f"    set_content(result, (names, ({''.join(f'{out}, ' for out in visible)}), ({length})))",
+            ]
+            for out, name in zip(visible, self.outputs, strict=True):
+                if name in self.result.__slots__:
+                    scope[f"set_{name}"] = self.result.__dict__[name].__set__
+                    source += [f"    set_{name}(result, {out})"]
+            source += ["    return result"]
+        exec("\n".join(source), scope)
+        made: Callable[..., Any] = scope["one"]
+        return made
+
+    def _uncompiled(self, *given: Any) -> Any:
+        """Return the results of one state by the generated Python function; go over to a kernel once it pays."""
+        for value, tail in zip(given, self.given.values(), strict=True):
+            if type(value) is np.ndarray:
+                if value.dtype is not _FLOAT64 or value.shape != tail:
+                    return None
+            elif type(value) is not float or tail:
+                return None
+        if self._backend == "auto":
+            kernel = self.program.kernel_if_paid(self._key, 0)
+            if kernel is not None:
+                self._use(kernel)
+                if self.quick != self._uncompiled:
+                    return self.quick(*given)
+        numbers = list(self._numbers)
+        for place in self._places:
+            value = given[place]
+            if type(value) is float:
+                numbers.append(value)
+            else:
+                numbers += value.ravel().tolist()
+        components = np.array(self.program.floats_function(*numbers))
+        components.flags.writeable = False
+        arrays, begin = {}, 0
+        for name, tail in self.loop.outputs:
+            end = begin + math.prod(tail)
+            arrays[name] = components[begin:end].reshape(tail)
+            begin = end
+        self._check_limits(arrays, lambda: dict(zip(self.given, given, strict=True)))
+        return self.result({name: arrays[name] for name in self.outputs}, ())
+
+    # ---- any arguments
+
+    def run(
+        self,
+        values: Mapping[str, Any],
+        shapes: Mapping[str, Extent],
+        out: Out = None,
+        workers: int = 1,
+        dtype: np.dtype[Any] | None = None,
+    ) -> Any:
+        """Return the results for arguments that are checked: one state or many.
+
+        Args:
+            values: the arguments by name: numbers, arrays, or tuples of components, each a number or an array.
+            shapes: leading shape of the samples of each argument, for messages under the user's names.
+            out: arrays to write into by output name.
+            workers: number of threads.
+            dtype: to compute in; that of the values unless given.
+
+        Raises:
+            ArgumentError: the arguments do not broadcast, or `out` cannot be used.
+        """
+        if self._shape == () and workers == 1:
+            result = self._run_quickly(values, shapes, out, dtype)
+            if result is not None:
+                return result
+        shape = broadcast_shape({**shapes, self._owner: self._shape})
+        dtype = dtype or dtype_of(values)
+        arrays = output_buffers(self.loop.outputs, shape, dtype, out, values)
+        if out and self._limits:
+            self._checks().run(values, shapes)
+        inputs = {**self._constants, **values}
+        self.loop.run(inputs, arrays, shape, dtype, How(self._backend, workers))
+        self._check_limits(arrays, lambda: values)
+        return self.result({name: arrays[name] for name in self.outputs}, shape)
+
+    def _run_quickly(
+        self, values: Mapping[str, Any], shapes: Mapping[str, Extent], out: Out, dtype: np.dtype[Any] | None
+    ) -> Any:
+        """Return the results by the quick way, where it is open to the arguments; else None."""
+        single = not any(shapes.values())
+        if single and (dtype or dtype_of(values)) == _FLOAT64:
+            result = self.quick(*(np.array(value, _FLOAT64, order="C") for value in values.values()))
+            return result if result is None or out is None else self._copied(result, out)
+        given = tuple(np.array(value) if _is_row(value) else value for value in values.values())
+        if not all(
+            type(value) is float or (type(value) is np.ndarray and value.dtype is _FLOAT64) for value in given
+        ):
+            return None
+        quick: Callable[[], Any] = lambda: self.quick(*given) if out is None else self.write(given, out)  # noqa: E731
+        result = quick()
+        if result is None and self.quick == self._uncompiled and self._backend == "auto":
+            samples = math.prod(broadcast_shape(shapes))
+            if 0 < samples <= self._max_samples:
+                kernel = self.program.kernel_if_paid(self._key, samples)
+                if kernel is not None:
+                    self._use(kernel)
+                    result = quick()
+        return result
+
+    def write(self, given: Sequence[Any], out: Mapping[str, NDArray[Any]]) -> Any:
+        """Return the results of the quick way, written into arrays; None, and nothing written, where it is not open.
+
+        Args:
+            given: the arguments in order.
+            out: arrays to write into; their names are known.
+        """
+        if self._into is None or not out:
+            return None
+        name, array = next(iter(out.items()))
+        lead = array.shape[: array.ndim - len(dict(self.loop.outputs)[name])] if type(array) is np.ndarray else (0, 0)
+        if len(lead) > 1 or math.prod(lead) > self._max_samples:
+            return None
+        if self._limits and self._checks().quick(*given) is None:
+            return None
+        arrays = [out[name] if name in out else np.empty((*lead, *tail)) for name, tail in self.loop.outputs]
+        if self._into(*given, *arrays, self._constant_array, False) is not True:
+            return None
+        named = zip((name for name, _ in self.loop.outputs), arrays, strict=True)
+        return self.result({name: array for name, array in named if name in self.outputs}, lead)
+
+    def _copied(self, result: Any, out: Mapping[str, NDArray[Any]]) -> Any:
+        """Return the results of one state, copied into arrays."""
+        arrays = result.arrays()
+        for name, array in out.items():
+            _check_buffer(name, array, np.shape(arrays[name]), _FLOAT64)
+        _check_apart(out, {})
+        for name, array in out.items():
+            array[...] = arrays[name]
+        return self.result({**arrays, **out}, ())
+
+    # ---- limits
+
+    def _checks(self) -> Call:
+        """Return the call that computes only what has a limit: it comes first where outputs must not be touched."""
+        if self._check is None:
+            wanted = {name: tail for name, tail in self.loop.outputs if name in self._limits}
+            loop = Loop(self.loop.name, self.loop.function, dict(self.loop.inputs), wanted, labels=self.loop.labels)
+            self._check = Call(
+                loop, self.given, self._constants, Results, shape=self._shape, backend=self._backend,
+                limits=self._limits, refuse=self._refuse, owner=self._owner,
+            )  # fmt: skip
+        return self._check
+
+    def _check_limits(self, arrays: Mapping[str, Any], given: Callable[[], Mapping[str, Any]]) -> None:
+        for name, limits in self._limits.items():
+            array = arrays[name]
+            if (array > limits[array.dtype.itemsize]).any() and self._refuse is not None:
+                self._refuse(given())
+
+    def _refused(self, *given: Any) -> None:
+        if self._refuse is not None:
+            self._refuse(dict(zip(self.given, given, strict=True)))
+
+
+def _is_row(value: Any) -> bool:
+    """Return whether a value is a tuple of numbers."""
+    return type(value) is tuple and all(type(component) is float for component in value)
+
+
+def _unsupported(*_: Any) -> None:
+    """Return None: the quick way is not open."""
+
+
+def dtype_of(values: Mapping[str, Any]) -> np.dtype[Any]:
+    """Return the dtype that values are computed in."""
+    return result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
+
+
+def output_buffers(
+    tails: Iterable[tuple[str, Extent]], shape: Extent, dtype: np.dtype[Any], out: Out, values: Mapping[str, Any]
+) -> dict[str, NDArray[Any]]:
+    """Return arrays for the outputs: those of `out`, which overlap none of the values, and new ones.
+
+    Args:
+        tails: shape of one sample of each output, by name.
+        shape: of the samples.
+        dtype: of the outputs.
+        out: the user's arrays by output name.
+        values: the inputs by name.
+
+    Raises:
+        ArgumentError: an array of `out` cannot be used; names it.
+    """
+    sizes = {name: (*shape, *tail) for name, tail in tails}
+    for name, array in (out or {}).items():
+        _check_buffer(name, array, sizes[name], dtype)
+    if out:
+        _check_apart(out, values)
+    return {name: out[name] if out and name in out else np.empty(size, dtype) for name, size in sizes.items()}
+
+
+def _check_buffer(output: str, array: Any, shape: Extent, dtype: np.dtype[Any]) -> None:
+    """Refuse what is no array of this shape and dtype that can be written to."""
+    name = f"out[{output!r}]"
+    if not isinstance(array, np.ndarray):
+        raise ArgumentError(name, "an array to write into", quoted(array))
+    if array.shape != shape:
+        raise ShapeError(name, f"shape {shape}", f"shape {array.shape}")
+    if array.dtype != dtype:
+        raise DtypeError(name, f"dtype {dtype.name}", f"dtype {array.dtype}")
+    if not array.flags.writeable:
+        raise ArgumentError(name, "a writable array", "a read-only one")
+
+
+def _check_apart(out: Mapping[str, NDArray[Any]], groups: Mapping[str, Any]) -> None:
+    """Refuse an output that lies over an input or over another output: blocks would read what they wrote."""
+    taken = [
+        (name, c, c.flags.owndata)
+        for name, group in groups.items()
+        for c in (group if isinstance(group, tuple) else (group,))
+        if isinstance(c, np.ndarray)
+    ]
+    for name, array in out.items():
+        owns = array.flags.owndata
+        for other, c, owned in taken:
+            apart = owns and owned and array is not c  # two arrays with memory of their own
+            if not apart and np.may_share_memory(array, c) and np.shares_memory(array, c):
+                raise ArgumentError(f"out[{name!r}]", "memory of its own", f"an array that overlaps {other}")
+        taken.append((f"out[{name!r}]", array, owns))

@@ -1,0 +1,111 @@
+"""What a call gives back: arrays by name, with an attribute for each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from hingepair.numeric.arrays import FloatArray, read_only
+from hingepair.numeric.tables import Sheet, Shown, sheet_of
+
+
+class Results(Shown):
+    """Computed quantities at every sample, by name; arrays that are read-only, or of other libraries.
+
+    A class derived from this one names in its `__slots__` the quantities that are attributes.
+
+    Args:
+        arrays: the quantities by name; each of shape (*shape, ...).
+        shape: leading shape of the samples; () for one state.
+    """
+
+    __slots__ = ("_content",)
+
+    _content: tuple[tuple[str, ...], tuple[Any, ...], tuple[int, ...]]  # names, arrays, shape
+
+    def __init__(self, arrays: Mapping[str, Any], shape: tuple[int, ...]) -> None:
+        _set(self, "_content", (tuple(arrays), tuple(arrays.values()), shape))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Leading shape of the samples; () for one state."""
+        return self._content[2]
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of what was computed."""
+        return self._content[0]
+
+    def arrays(self) -> dict[str, FloatArray]:
+        """Return what was computed, by name."""
+        return {name: self[name] for name in self._content[0]}
+
+    def writable_arrays(self) -> dict[str, FloatArray]:
+        """Return what was computed, by name, as arrays that can be written to; of results that nobody else holds."""
+        names, arrays, _ = self._content
+        for array in arrays:
+            for part in (getattr(array, "base", None), array):
+                if isinstance(part, np.ndarray):
+                    part.flags.writeable = True
+        return dict(zip(names, arrays, strict=True))
+
+    def __getitem__(self, name: str) -> FloatArray:
+        """Return an output by its name; an output that is no attribute of this class is found here.
+
+        Raises:
+            KeyError: it was not computed.
+        """
+        names, arrays, _ = self._content
+        if name not in names:
+            raise KeyError(name)
+        array: FloatArray = _seen(arrays[names.index(name)])
+        return array
+
+    if not TYPE_CHECKING:  # the names of the outputs are known to a type checker, all others are mistakes
+
+        def __getattr__(self, name: str) -> Any:
+            """Return an output that is looked at for the first time, or None of one that was not computed."""
+            if name not in type(self).__slots__:
+                raise lacking(self, name)
+            array = self[name] if name in self._content[0] else None
+            _set(self, name, array)
+            return array
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"{name}: a {type(self).__name__} cannot be changed")
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(f"{name}: a {type(self).__name__} cannot be changed")
+
+    def __dir__(self) -> list[str]:
+        return [*(name for name in type(self).__slots__ if name in self.outputs), "arrays", "outputs", "shape"]
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.outputs)
+        return f"{type(self).__name__}(shape={self.shape}, outputs=({names}))"
+
+    def _sheet(self) -> Sheet:
+        return sheet_of(f"{type(self).__name__}, shape {self.shape}", self.arrays().items())
+
+    def __reduce__(self) -> tuple[type[Self], tuple[dict[str, FloatArray], tuple[int, ...]]]:
+        return type(self), (self.arrays(), self.shape)
+
+
+_set = object.__setattr__
+
+
+def _seen(array: Any) -> Any:
+    """Return an array as a user sees it: a number of one state, else a view that cannot be written to."""
+    if not isinstance(array, np.ndarray):
+        return array
+    if array.ndim == 0:
+        return array[()]
+    return read_only(array) if array.flags.writeable else array
+
+
+def lacking(thing: object, name: str) -> AttributeError:
+    """Return the error that a value has no such attribute, which says what it has."""
+    known = "" if name.startswith("_") else f"; it has {', '.join(dir(thing))}"
+    return AttributeError(f"{type(thing).__name__} has no {name!r}{known}", name=name, obj=thing)

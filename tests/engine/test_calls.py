@@ -1,0 +1,277 @@
+"""Calls: the quick way gives what the general way gives, looks at every argument, and lets other threads go on."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from hingepair.engine.array_heads import MAX_RANK
+from hingepair.engine.backend import How
+from hingepair.engine.calls import Call
+from hingepair.engine.loops import Loop
+from hingepair.engine.results import Results
+from hingepair.errors import ArgumentError, ShapeError
+
+GIVEN = {"unused": (2,), "m": (3, 3), "x": ()}
+OUTPUTS = {"y": (3,), "trace": ()}
+
+
+class Product(Results):
+    """A result with one attribute, beside one that has only a name."""
+
+    __slots__ = ("y",)
+
+
+def product(v):
+    m, x, (a, b, c) = v["m"], v["x"], v["k"]
+    y = tuple(m[3 * i] * a + m[3 * i + 1] * b + m[3 * i + 2] * (c + x) for i in range(3))
+    return {"y": y, "trace": m[0] + m[4] + m[8] - x, "checked": x}
+
+
+LOOP = Loop("product", product, {"m": (3, 3), "k": (3,), "x": ()}, OUTPUTS)
+LIMITED = Loop("product", product, {"m": (3, 3), "k": (3,), "x": ()}, {**OUTPUTS, "checked": ()})
+CONSTANTS = {"k": (2.0, 0.0, 0.25)}
+
+
+class RefusedError(ArgumentError):
+    """Raised where a limit is passed."""
+
+
+def refuse(values):
+    raise RefusedError("x", "a number up to 1", values["x"])
+
+
+def call(backend="compiled", limits=None):
+    loop = LOOP if limits is None else LIMITED
+    return Call(loop, GIVEN, CONSTANTS, Product, backend=backend, limits=limits, refuse=refuse)
+
+
+def arrays(lead):
+    """Arguments with these leading shapes, in the order of GIVEN."""
+    rng = np.random.default_rng(5)
+    return [rng.normal(size=(*shape, *tail)) for shape, tail in zip(lead, GIVEN.values(), strict=True)]
+
+
+def expected(unused, m, x):
+    shape = np.broadcast_shapes(unused.shape[:-1], m.shape[:-2], np.shape(x))
+    k = np.broadcast_to((2.0, 0.0, 0.25), (*shape, 3)).copy()
+    k[..., 2] += x
+    trace = np.trace(np.broadcast_to(m, (*shape, 3, 3)), axis1=-2, axis2=-1) - x
+    return np.einsum("...ij,...j->...i", m, k), trace
+
+
+LEADS = [(), (1,), (7,), (64,)]
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+@pytest.mark.parametrize("lead", [list(leads) for leads in itertools.product(LEADS, repeat=3)], ids=str)
+def test_a_quick_call_gives_what_the_general_way_gives(lead, backend):
+    one, given = call(backend), arrays(lead)
+    shapes = dict(zip(GIVEN, lead, strict=True))
+    values = dict(zip(GIVEN, given, strict=True))
+    try:
+        shape = np.broadcast_shapes(*lead)
+    except ValueError:
+        assert one.quick(*given) is None
+        with pytest.raises(ShapeError):
+            one.run(values, shapes)
+        return
+    y, trace = expected(*given)
+    quick = one.quick(*given)
+    assert (quick is not None) == (backend == "compiled" or shape == ())
+    for state in filter(None, (quick, one.run(values, shapes))):
+        assert state.shape == shape
+        assert state.outputs == ("y", "trace")
+        np.testing.assert_allclose(state.y, y, rtol=1e-14, atol=1e-14)
+        np.testing.assert_allclose(state["trace"], trace, rtol=1e-14, atol=1e-14)
+        assert state.y.shape == y.shape
+        assert np.shape(state["trace"]) == shape
+        assert not state.y.flags.writeable
+    if quick is not None and backend == "compiled":
+        threads = one.run(values, shapes, workers=2)
+        np.testing.assert_array_equal(quick.y, threads.y)
+
+
+LAYOUTS = {
+    "every other": lambda a: np.repeat(a, 2, axis=0)[::2],
+    "backwards": lambda a: a[::-1].copy()[::-1],
+    "one for all": lambda a: np.broadcast_to(a[:1], a.shape),
+    "spread components": lambda a: np.repeat(a, 3, axis=-1)[..., ::3] if a.ndim > 1 else a,
+    "columns": np.asfortranarray,
+    "float32": lambda a: a.astype(np.float32),
+    "other byte order": lambda a: a.astype(">f8"),
+    "integers": lambda a: np.rint(a * 10).astype(int),
+    "a class of its own": lambda a: a.view(type("Own", (np.ndarray,), {})),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("place", range(3))
+def test_every_layout_is_read_where_it_lies_or_left_to_the_general_way(layout, place):
+    one, given = call(), arrays([(9,)] * 3)
+    given[place] = LAYOUTS[layout](given[place])
+    y, trace = expected(*(np.asarray(a, float) for a in given))
+    quick = one.quick(*given)
+    state = quick or one.run(dict(zip(GIVEN, given, strict=True)), dict.fromkeys(GIVEN, (9,)))
+    np.testing.assert_allclose(state.y, y, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(state["trace"], trace, rtol=1e-13, atol=1e-13)
+
+
+REFUSED = {
+    "a text": "rubbish",
+    "nothing": None,
+    "a list": [0.0, 0.0],
+    "one component more": np.zeros((9, 3)),
+    "one component less": np.zeros((9, 1)),
+    "no sample": np.zeros((0, 2)),
+    "two axes of samples": np.zeros((3, 3, 2)),
+    "other samples": np.zeros((8, 2)),
+    "a number for a vector": 1.0,
+}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_an_argument_that_no_output_needs_is_looked_at_all_the_same(kind):
+    _, m, x = arrays([(9,)] * 3)
+    one = call()
+    assert one.quick(np.zeros((9, 2)), m, x) is not None
+    assert one.quick(REFUSED[kind], m, x) is None
+
+
+def test_numbers_beside_arrays():
+    unused, m, _ = arrays([(), (4,), ()])
+    for x in (0.5, np.float64(0.5), np.array(0.5)):
+        np.testing.assert_array_equal(call().quick(unused, m, x).y, call().quick(unused, m, np.full(4, 0.5)).y)
+
+
+@pytest.mark.parametrize("lead", [(), (9,)], ids=["one", "many"])
+def test_outputs_are_written_in_place(lead):
+    one, given = call(), arrays([lead] * 3)
+    y = np.full((*lead, 3, 2), np.nan)[..., 0]  # components two numbers apart
+    state = one.write(given, {"y": y})
+    np.testing.assert_array_equal(y, one.quick(*given).y)
+    np.testing.assert_array_equal(state["trace"], one.quick(*given)["trace"])
+    assert np.shares_memory(state.y, y)
+    assert not state.y.flags.writeable
+    assert y.flags.writeable
+
+
+@pytest.mark.parametrize("lead", [(), (9,)], ids=["one", "many"])
+def test_outputs_are_not_touched_by_a_call_that_is_refused(lead):
+    given = arrays([lead] * 3)
+    y = np.full((*lead, 3), 7.0)
+    limited = call(limits={"checked": {8: 1.0}})
+    x = np.full(lead, 0.5)
+    assert limited.write((*given[:2], x), {"y": y.copy()}) is not None
+    x[...] = np.nan
+    assert limited.write((*given[:2], x), {"y": y.copy()}) is not None
+    x.flat[-1] = 2.0
+    with pytest.raises(RefusedError):
+        limited.write((*given[:2], x), {"y": y})
+    with pytest.raises(RefusedError):
+        limited.run({**dict(zip(GIVEN, given, strict=True)), "x": x}, dict.fromkeys(GIVEN, lead), {"y": y})
+    with pytest.raises(RefusedError):
+        limited.quick(*given[:2], x)
+    one = call()
+    frozen = y.copy()
+    frozen.flags.writeable = False
+    for bad in (y[..., :2], y.astype(np.float32), y[None, None], frozen, y.tolist(), None):
+        assert one.write(given, {"y": bad}) is None
+    memory = np.arange(200.0)
+    m, over = (memory[at : at + 9 * (9 if lead else 1)] for at in (0, 3))
+    size = 3 * (9 if lead else 1)
+    m, over = m.reshape(*lead, 3, 3), over[:size].reshape(*lead, 3)
+    assert one.write((given[0], m, given[2]), {"y": over}) is None
+    np.testing.assert_array_equal(memory, np.arange(200.0))
+    both = np.full((*lead, 4), 7.0)
+    assert one.write(given, {"y": both[..., :3], "trace": both[..., 2]}) is None
+    assert (both == 7).all()
+    assert (y == 7).all()
+
+
+def test_threads_that_compile_at_once_get_one_kernel():
+    loop = Loop("own", product, dict(LOOP.inputs), OUTPUTS)
+    given, made, gate = arrays([(50,)] * 3), [], threading.Barrier(4)
+
+    def work():
+        gate.wait()
+        one = Call(loop, GIVEN, CONSTANTS, Product, backend="compiled")
+        for _ in range(50):
+            made.append((one.kernel, one.quick(*given).y))
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len({id(kernel) for kernel, _ in made}) == 1
+    for _, y in made:
+        np.testing.assert_array_equal(y, made[0][1])
+
+
+def test_a_quick_call_owns_its_machine_code():
+    """The loop, its program and its kernel may be gone: what can be called still runs."""
+    loop = Loop("gone", product, dict(LOOP.inputs), OUTPUTS)
+    one, given = Call(loop, GIVEN, CONSTANTS, Product, backend="compiled"), arrays([(5,)] * 3)
+    quick, before = one.quick, one.quick(*given).y.copy()
+    loop.program.cache_clear()
+    del loop, one
+    for _ in range(3):  # code that was freed is likely to be written over
+        Call(Loop("other", product, dict(LOOP.inputs), OUTPUTS), GIVEN, CONSTANTS, Product, backend="compiled")
+    np.testing.assert_array_equal(quick(*given).y, before)
+
+
+def test_a_long_call_lets_other_threads_go_on():
+    """No thread is asked to make room: only a call that releases the interpreter's lock lets another one count."""
+    one, count, stop = call(), [0], threading.Event()
+    given = arrays([(30_000,)] * 3)
+
+    def counting():
+        while not stop.is_set():
+            count[0] += 1
+            time.sleep(1e-6)  # gives the lock away
+
+    thread, interval = threading.Thread(target=counting), sys.getswitchinterval()
+    one.quick(*given)
+    sys.setswitchinterval(1000)
+    try:
+        thread.start()
+        released = False
+        for _ in range(200):
+            before = count[0]
+            one.quick(*given)
+            released = released or count[0] > before
+        assert released
+    finally:
+        sys.setswitchinterval(interval)
+        stop.set()
+        thread.join()
+
+
+def test_more_axes_than_the_code_reads_go_the_general_way():
+    tail = (2,) * (MAX_RANK + 1)
+    loop = Loop("deep", lambda v: {"b": tuple(2.0 * c for c in v["a"])}, {"a": tail}, {"b": tail})
+    a = np.random.default_rng(6).normal(size=(5, *tail))
+    state = Call(loop, {"a": tail}, {}, Results, backend="compiled").run({"a": a}, {"a": (5,)})
+    np.testing.assert_array_equal(state["b"], 2 * a)
+
+
+@pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
+def test_a_chosen_backend_gives_the_same_bits_at_every_call(backend):
+    loop = Loop(
+        "bits", lambda v: {"s": v["a"].sine() * v["a"] + 1.0} if hasattr(v["a"], "sine") else {}, {"a": ()}, {"s": ()}
+    )
+    one = Call(loop, {"a": ()}, {}, Results, backend=backend)
+    a = np.linspace(-3, 3, 40)
+    first = [one.run({"a": a[:count]}, {"a": (count,)})["s"] for count in (1, 3, 40)]
+    single = [one.run({"a": x}, {"a": ()})["s"] for x in a]
+    loop.run({"a": a}, {"s": np.empty(40)}, (40,), np.dtype(float), How("compiled", 1))
+    if backend != "auto":
+        for count, before in zip((1, 3, 40), first, strict=True):
+            np.testing.assert_array_equal(one.run({"a": a[:count]}, {"a": (count,)})["s"], before)
+        np.testing.assert_array_equal([one.run({"a": x}, {"a": ()})["s"] for x in a], single)
