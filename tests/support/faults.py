@@ -770,14 +770,14 @@ FAULTS = {
     ),
     "degrees taken for radians": Fault(
         "scenes/tables.py",
-        'unit = math.pi / 180 if turn.endswith("deg") else 1.0',
-        "unit = 1.0",
+        'unit = pi / 180 if turn.endswith("deg") else 1',
+        "unit = 1",
         "scenes/test_scene.py::test_roll_comes_before_yaw",
     ),
     "roll after yaw": Fault(
-        "scenes/tables.py",
-        'table.numbers(turn, 3)], "xyz")',
-        'table.numbers(turn, 3)], "XYZ")',
+        "symbolic/exact_constants.py",
+        "eq.compose(eq.compose(yaw, pitch), roll)",
+        "eq.compose(eq.compose(roll, pitch), yaw)",
         "scenes/test_scene.py::test_roll_comes_before_yaw",
     ),
     "a log's angles differentiated across their jumps": Fault(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 import itertools
 import pickle
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ import hingepair as hp
 from hingepair.plans.plan import LEVER_STEPS, SPATIAL, make_plan
 from hingepair.symbolic import closed_forms
 from hingepair.symbolic.closed_forms import exact_axis
-from hingepair.symbolic.time_functions import exact
+from hingepair.symbolic.exact_constants import exact
 from support.sparse import sparse
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -288,6 +290,77 @@ def test_constants_are_as_exact_as_they_are_written(tmp_path):
     found = hp.load_scene(tmp_path / "scene.toml")
     assert found.expressions["phi"] == sympy.pi / 4 * sympy.sin(9 * T / 10) + 3 * T / 10
     assert found.constants == {"swing": np.pi / 4}
+
+
+WRITTEN = {  # lines of [pair], and what they mean exactly
+    "components": ({"u1": '["0.5*cos(pi/6)", "sqrt(2)", 0.1]'}, {"u1": "[sqrt(3)/4, sqrt(2), 1/10]"}),
+    "u2": ({"u2": '["1/3", "pi", "exp(1)"]'}, {"u2": "[1/3, pi, E]"}),
+    "axis of length 1": ({"n": '["cos(0.3)", 0, "sin(0.3)"]'}, {"n": "[cos(3/10), 0, sin(3/10)]"}),
+    "axis of length 2": ({"n": '["2*cos(0.3)", 0, "2*sin(0.3)"]'}, {"n": "[cos(3/10), 0, sin(3/10)]"}),
+    "axis of any length": ({"n": '["pi", 1, 0]'}, {"n": "[pi/sqrt(1 + pi**2), 1/sqrt(1 + pi**2), 0]"}),
+    "right angle": (
+        {"home": "{ axis = [0, 0, 3], deg = 90 }"}, {"home": "[0, -1, 0, 1, 0, 0, 0, 0, 1]"},
+    ),
+    "120 degrees": ({"home": "{ axis = [1, 1, 1], deg = -240 }"}, {"home": "[0, 0, 1, 1, 0, 0, 0, 1, 0]"}),
+    "tetrahedron": (
+        {"home": '{ axis = [1, 0, 0], rad = "acos(-1/3)" }'},
+        {"home": "[1, 0, 0, 0, -1/3, -2*sqrt(2)/3, 0, 2*sqrt(2)/3, -1/3]"},
+    ),
+    "3 degrees": (
+        {"home": "{ axis = [1, 0, 0], deg = 3 }"},
+        {"home": "[1, 0, 0, 0, cos(pi/60), -sin(pi/60), 0, sin(pi/60), cos(pi/60)]"},
+    ),
+    "roll and yaw": (
+        {"home": '{ rpy = ["pi/2", 0, "-pi/2"] }'}, {"home": "[0, 0, -1, -1, 0, 0, 0, 1, 0]"},
+    ),
+    "matrix": (
+        {"home": '[["sqrt(3)/2", -0.5, 0], ["1/2", "cos(pi/6)", 0], [0, 0, 1]]'},
+        {"home": "[sqrt(3)/2, -1/2, 0, 1/2, sqrt(3)/2, 0, 0, 0, 1]"},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("lines", "exact_values"), WRITTEN.values(), ids=WRITTEN)
+def test_constants_of_a_pair_are_as_exact_as_they_are_written(lines, exact_values, tmp_path):
+    forms = hp.derive(scene(tmp_path, **lines))
+    for key, text in exact_values.items():
+        assert f"[{', '.join(map(str, forms._best[key]))}]" == text
+
+
+TURNS = {
+    "degrees": ("{ axis = [1, -2, 3], deg = 77 }", lambda: hp.rodrigues((1, -2, 3), np.deg2rad(77))),
+    "radians": ("{ axis = [0.3, 0, -1e-7], rad = 2 }", lambda: hp.rodrigues((0.3, 0, -1e-7), 2)),
+    "a tiny angle": ("{ axis = [0, 1, 1e-9], rad = 1e-40 }", lambda: hp.rodrigues((0, 1, 1e-9), 1e-40)),
+    "rpy": ("{ rpy = [0.1, -2, 3] }", lambda: hp.euler_to_matrix((0.1, -2, 3), "xyz")),
+    "rpy in degrees": ("{ rpy_deg = [30, 45, -110] }", lambda: hp.euler_to_matrix(np.deg2rad((30, 45, -110)), "xyz")),
+}
+
+
+@pytest.mark.parametrize(("text", "expected"), TURNS.values(), ids=TURNS)
+def test_turns_of_a_file_are_rotations_by_the_same_numbers(text, expected, tmp_path):
+    home = scene(tmp_path, home=text).pair.home
+    np.testing.assert_allclose(home, expected(), rtol=4 * 2.0**-53, atol=2 * 2.0**-53)
+    assert (home - np.eye(3)).any()
+
+
+def test_a_right_angle_costs_no_more_than_its_matrix(tmp_path):
+    """What is exactly 0 or 1 folds: no operation is left for it."""
+    quarter = scene(tmp_path, home="{ axis = [0, 0, 1], deg = 90 }")
+    assert quarter.pair.home.tolist() == [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    matrix = scene(tmp_path, home="[[0, -1, 0], [1, 0, 0], [0, 0, 1]]")
+    assert quarter.plan().operations == matrix.plan().operations
+
+
+def test_constants_stay_letters_in_the_pair_too(tmp_path):
+    path = tmp_path / "scene.toml"
+    text = (MODELS / "reference_2d.toml").read_text().replace("swing = 0.8", "swing = 0.8\nreach = 0.25")
+    path.write_text(re.sub(r"(?m)^u1 = .*", 'u1 = ["2*reach", "sqrt(3)*reach"]', text))
+    found, reach = hp.load_scene(path), sympy.Symbol("reach", real=True)
+    R2 = hp.derive(found, ("reach",)).R2
+    assert R2.free_symbols == {T, reach}
+    assert sympy.expand(R2.subs(reach, sympy.Rational(1, 4)) - hp.derive(found).R2) == sympy.zeros(2, 1)
+    other = replace(found, pair=hp.PlanarPair(u1=(1, 2), u2=(3, 4)))
+    assert not hp.derive(other, ("reach",)).R2.has(reach)
 
 
 KINKED = {

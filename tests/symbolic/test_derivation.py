@@ -15,7 +15,7 @@ import sympy
 import hingepair as hp
 from hingepair.cli.main import main
 from hingepair.symbolic.kinks import Side, Smaller, Where
-from hingepair.symbolic.printers import LATEX, PYTHON, TEXT
+from hingepair.symbolic.printers import LATEX, PYTHON, SYMPY, TEXT
 
 MODELS = Path(__file__).parents[2] / "models"
 REFERENCE = MODELS / "reference_3d.toml"
@@ -273,3 +273,60 @@ def test_the_outputs_of_the_scene_are_derived(monkeypatch, capsys, tmp_path):
     path.write_text(REFERENCE.read_text() + '\n[outputs]\nnames = ["alpha1"]\n')
     shown, _ = derived(monkeypatch, capsys, path)
     assert [line.split(" = ")[0] for line in shown.out.splitlines()] == ["alpha1_x", "alpha1_y", "alpha1_z"]
+
+
+GUARDS = (
+    "abs(t - 1) + max(sin(t), 0.5) - min(t, 2 - t)",
+    "where(t < 1 or not t <= 1.5, t**2, -t)",
+    "where(0.5 < t <= 1.5 and not (t > 1 and t < 1.25), t**3, 1)*t",
+    "mod(t, 0.5)*sign(t - 1) + clip(t**2, 0.25, 1)",
+    "ramp((t - 1)**2 - 0.25) + step(1 - t)*t + where((t - 1)**2 < 0, 1, t**2)",
+    "where(-(t - 1)**2 < 0, t, t**3) + where(where(t < 1, t, 1 - t) > 0.5, t, t**2)",
+)
+
+
+@pytest.mark.parametrize("text", GUARDS)
+def test_sympy_source_is_read_by_sympy(text, tmp_path):
+    """And means the same, with rates and at the kinks: each value is compared with the library's."""
+    lines = REFERENCE.read_text().splitlines()
+    lines = [f'psi = "{text}"' if line.startswith("psi =") else line for line in lines]
+    lines = ["stop = 2" if line.startswith("stop =") else line for line in lines]
+    path = tmp_path / "scene.toml"
+    path.write_text("\n".join("samples = 17" if line.startswith("samples =") else line for line in lines))
+    found, outputs = hp.load_scene(path), ("R2", "omega2", "alpha2")
+    result = found.evaluate(outputs)
+    sources = hp.derive(found).to_sympy(outputs)
+    for output in outputs:
+        for axis, expected in zip("xyz", getattr(result, output).T, strict=True):
+            expr = sympy.sympify(sources[f"{output}_{axis}"])
+            got = [expr.subs("t", sympy.Rational(k, 8)).evalf() for k in range(17)]
+            np.testing.assert_allclose(np.array(got, float), expected, rtol=0, atol=1e-13 * (1 + abs(expected).max()))
+
+
+def test_letters_of_sympy_s_own_names_are_symbols():
+    """`gamma` alone would be read as a function, `S` as a class."""
+    expr = sum(sympy.Symbol(name, real=True) for name in ("gamma", "S", "speed")) * sympy.exp(t)
+    read = sympy.sympify(SYMPY(expr))
+    assert {symbol.name for symbol in read.free_symbols} == {"gamma", "S", "speed", "t"}
+    assert {type(symbol) for symbol in read.free_symbols} == {sympy.Symbol}
+    assert str(sympy.sympify(hp.derive(PLANE).to_sympy(["omega2"])["omega2"]).doit()) == (
+        "Derivative(phi(t), t) + Derivative(psi(t), t)"
+    )
+
+
+@pytest.mark.parametrize(
+    "motion",
+    ["", "[dynamics]\nbase = 'fixed'\npsi_0 = 0.1\n[time]\nstart = 0\nstop = 1\nsamples = 3\n"],
+    ids=["none", "simulated"],
+)
+def test_a_pair_without_expressions_of_t_is_as_exact_as_it_is_written(motion, monkeypatch, capsys, tmp_path):
+    path = tmp_path / "pair.toml"
+    path.write_text(
+        "[pair]\nu1 = ['cos(pi/6)', 0, 0]\nu2 = [0, 0, 0]\nn = [0, 0, 1]\n"
+        "home = { axis = [1, 0, 0], deg = 90 }\n[pair.body2]\nmass = 2\ninertia = [1, 1, 1]\n" + motion
+    )
+    shown, code = derived(monkeypatch, capsys, path, "--outputs", "d,S2")
+    assert code == 0, shown.err
+    lines = shown.out.splitlines()
+    assert "d_x = 1/2 √3 c_2 c_3" in lines
+    assert "S2_yy = -c_2 s_1" in lines

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hingepair.cli.output import give, listed
-from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, TextFile, inputs_of, named
+from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, TextFile, inputs_of, is_urdf, named
 from hingepair.errors import ArgumentError
 from hingepair.scenes.scene import SCENE_OUTPUTS, Scene
 
@@ -26,7 +26,7 @@ def derive(
     ] = False,
     latex: Annotated[bool, typer.Option("--latex", help="LaTeX: an align* environment (amsmath).")] = False,
     python: Annotated[bool, typer.Option("--python", help="A Python module that needs only NumPy.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="JSON: the SymPy form of each component.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="JSON: each component as sympy.sympify reads it.")] = False,
     outputs: Annotated[str | None, typer.Option(metavar="NAMES", help="What to derive: R2,omega1.")] = None,
     symbolic: Annotated[
         str, typer.Option(metavar="NAMES", help="What stays a letter: of u1,u2,n and the scene's constants.")
@@ -48,11 +48,15 @@ def derive(
         raise ArgumentError("format", "one of --unicode, --latex, --python, --json", "several")
     from hingepair.plans.plan import ACCELERATION, PLANAR, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
+    from hingepair.scenes.derive import derive_any_motion
 
-    found = named(source, joint, body1_frame, body2_frame)
+    found, letters = named(source, joint, body1_frame, body2_frame), listed(symbolic) or ()
     if isinstance(found, Scene) and found.motion.simulated:
         found = found.pair
-    forms = closed_forms(found, listed(symbolic) or ())
+    if isinstance(found, Scene) or joint is not None or is_urdf(source):
+        forms = closed_forms(found, letters)
+    else:
+        forms = derive_any_motion(source, letters)
     title, wanted = (found.title, found.outputs) if isinstance(found, Scene) else (found.name, None)
     asked = tuple(name for name in wanted or () if name not in SCENE_OUTPUTS)
     usual = default_outputs(ACCELERATION, PLANAR) if forms.kind is PLANAR else DEFAULT

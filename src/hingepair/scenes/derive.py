@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Collection, Iterable
+
+import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.scenes.scene import Scene
+from hingepair.scenes.pair_table import pair_expressions
+from hingepair.scenes.scene import Scene, load_pair, load_tables
+from hingepair.scenes.tables import Table
 from hingepair.symbolic.closed_forms import SYMBOLIC
 from hingepair.symbolic.derivation import Derivation
+from hingepair.symbolic.kinks import Expr, constant_value
 
 
 def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str] = ()) -> Derivation:
     r"""The closed forms of a scene's motion, or of any motion of a pair, as SymPy expressions (E1-E11).
 
     Of a bare pair the coordinates are functions of t: x(t), y(t), z(t), phi_x(t), phi_y(t), phi_z(t) (XYZ), psi(t);
-    of a planar pair x(t), y(t), phi(t), psi(t); of a scene those that go through way points. Numbers are exact: a
-    float is the number that its shortest decimal form writes (0.1 is 1/10), and an axis whose squared components are
-    rational numbers with denominators up to 1000 is that axis: (1, 1, 0) gives sqrt(2)/2. Products of sines and
-    cosines become sums where that is no longer.
+    of a planar pair x(t), y(t), phi(t), psi(t); of a scene those that go through way points. Numbers are exact: what
+    a scene writes as an expression, also in its pair, stays that expression; a float is the number that its shortest
+    decimal form writes (0.1 is 1/10), and an axis whose squared components are rational numbers with denominators up
+    to 1000 is that axis: (1, 1, 0) gives sqrt(2)/2. Products of sines and cosines become sums where that is no
+    longer. Text, LaTeX and Python have a constant exactly unless its 17 digits are shorter.
 
     Args:
         scene_or_pair: a Scene, a HingePair or a PlanarPair.
@@ -45,11 +52,39 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
     \end{align*}
     <BLANKLINE>
     """
-    scene = scene_or_pair if isinstance(scene_or_pair, Scene) else None
-    pair = scene_or_pair if scene is None else scene.pair
+    if isinstance(scene_or_pair, Scene):
+        scene = scene_or_pair
+        names = _letters(symbolic, scene.pair, scene.constants)
+        letters = tuple(name for name in names if name in scene.constants)
+        motion = scene.functions().expressions(letters)
+        written = _written(scene.pair, scene.tables, letters)
+        return Derivation(scene.pair, motion, scene.sequence, names, written)
+    pair = scene_or_pair
     if not isinstance(pair, HingePair | PlanarPair):
         raise ArgumentError("scene_or_pair", "a Scene, a HingePair or a PlanarPair", quoted(pair))
-    constants = {} if scene is None else scene.constants
+    return Derivation(pair, symbolic=_letters(symbolic, pair, ()))
+
+
+def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()) -> Derivation:
+    """Return the closed forms of any motion of a scene file's pair, whatever motion the file has.
+
+    Args:
+        path: the scene file.
+        symbolic: as for `derive`.
+
+    Raises:
+        SceneError: the file cannot be read as a scene.
+        ArgumentError: as for `derive`.
+    """
+    tables = load_tables(path)
+    pair = load_pair(path)
+    names = _letters(symbolic, pair, tables.constants)
+    letters = tuple(name for name in names if name in tables.constants)
+    return Derivation(pair, symbolic=names, written=_written(pair, tables, letters))
+
+
+def _letters(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
+    """Return the argument `symbolic` as names of u1, u2, n and the constants of a scene; refuse others."""
     known = (*(key for key in SYMBOLIC if hasattr(pair, key)), *constants)
     expected = f"names out of {', '.join(known)}"
     if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
@@ -58,7 +93,19 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
     for name in names:
         if name not in known:
             raise ArgumentError("symbolic", expected, quoted(name))
-    if scene is None:
-        return Derivation(pair, symbolic=names)
-    motion = scene.functions().expressions(tuple(name for name in names if name in constants))
-    return Derivation(pair, motion, scene.sequence, names)
+    return names
+
+
+def _written(pair: HingePair | PlanarPair, tables: Table, letters: tuple[str, ...]) -> dict[str, tuple[Expr, ...]]:
+    """Return u1, u2, n and home as the file has them, as far as they are those of the pair.
+
+    Someone may have given the scene another pair (`dataclasses.replace`).
+    """
+    table, planar = tables.table("pair"), isinstance(pair, PlanarPair)
+    numbers = pair.constants.values
+    same = {
+        key
+        for key, exprs in pair_expressions(table, planar).items()
+        if key in numbers and np.allclose([constant_value(c) for c in exprs], numbers[key], rtol=1e-14, atol=1e-15)
+    }
+    return {key: exprs for key, exprs in pair_expressions(table, planar, letters).items() if key in same}

@@ -24,9 +24,10 @@ from hingepair.scenes.known_motion import ByCoordinates
 from hingepair.scenes.motion import Motion, turns_about
 from hingepair.scenes.tables import Table
 from hingepair.scenes.waypoints import MAX_POINTS, PROFILES, WayPoints, through
+from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.expressions import parse
 from hingepair.symbolic.kinks import Expr
-from hingepair.symbolic.time_functions import Derivatives, TimeFunctions, exact
+from hingepair.symbolic.time_functions import Derivatives, TimeFunctions
 
 TOLERANCE: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -87,6 +87,29 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
             table.fail(key, "nothing beside robot, joint, body1 and body2")
     values = table.read({**_ROBOT, **_BODIES}, _ROBOT)
     return replace(_made(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT}), **values)
+
+
+def pair_expressions(table: Table, planar: bool, letters: Collection[str] = ()) -> dict[str, tuple[Any, ...]]:
+    """Return the exact SymPy expressions that u1, u2, n (of length 1) and home of the table [pair] stand for.
+
+    What the table does not have is left out, such as all of a robot's hinge, and so is an axis in plain numbers.
+
+    Args:
+        table: the table [pair].
+        planar: whether u1 and u2 have two components.
+        letters: constants of the scene that stay letters.
+    """
+    from hingepair.symbolic.exact_constants import unit_axis
+
+    size = 2 if planar else 3
+    written: dict[str, tuple[Any, ...]] = {
+        key: tuple(table.expressions(key, size, letters=letters)) for key in ("u1", "u2") if key in table.values
+    }
+    if any(isinstance(component, str) for component in table.values.get("n", ())):
+        written["n"] = unit_axis(table.expressions("n", 3, letters=letters))
+    if "home" in table.values:
+        written["home"] = table.exact_rotation("home", letters)
+    return written
 
 
 def _made(table: Table, make: Callable[..., Made], values: Mapping[str, Any]) -> Made:

@@ -167,6 +167,7 @@ class Scene(Shown):
         outputs: what `evaluate` computes unless told; None for everything about body 2 that the motion allows.
         constants: the named numbers of the file.
         files: the files that the scene was read from, as absolute paths: its own and that of its log.
+        tables: what stands in the file, in which expressions are as they were written.
     """
 
     path: Path
@@ -176,6 +177,7 @@ class Scene(Shown):
     outputs: tuple[str, ...] | None
     constants: Mapping[str, float]
     files: tuple[Path, ...]
+    tables: Table
 
     def __repr__(self) -> str:
         return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self._span()})"
@@ -470,12 +472,12 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         SceneError: the file cannot be read as a scene; names file, table and key, in one line.
         MissingDependencyError: the pair is a robot's, and example-robot-data is not installed.
     """
-    tables = _read(path)
+    tables = load_tables(path)
     pair, outputs = _pair(tables), tables.table("outputs", required=False)
     motion = _read_motion(tables, Path(path).parent, pair)
     constants = {key: float(value) for key, value in tables.constants.items()}
     files = tuple(file.absolute() for file in _files(tables, Path(path)))
-    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, None, constants, files)
+    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, None, constants, files, tables)
     outputs.check_keys(("names",))
     if "names" not in outputs.values:
         return scene
@@ -492,11 +494,15 @@ def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
     """
-    return _pair(_read(path))
+    return _pair(load_tables(path))
 
 
-def _read(path: str | os.PathLike[str]) -> Table:
-    """The tables of a scene file, with its constants."""
+def load_tables(path: str | os.PathLike[str]) -> Table:
+    """Read the tables of a scene file, with its constants.
+
+    Raises:
+        SceneError: the file cannot be read, or has an unknown table or a constant that is none; names it.
+    """
     tables = read_tables(path)
     tables.check_keys(_TABLES)
     motion = tables.table("motion", required=False)

@@ -25,9 +25,10 @@ from hingepair.scenes.instants import held_instants
 from hingepair.scenes.known_motion import ByBody1, ByCoordinates
 from hingepair.scenes.motion import Motion
 from hingepair.scenes.tables import Key, Place, Table, numbers
+from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.expressions import parse
 from hingepair.symbolic.kinks import constant_value
-from hingepair.symbolic.time_functions import TimeFunctions, exact
+from hingepair.symbolic.time_functions import TimeFunctions
 
 PRESCRIBED: Final = "prescribed"
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import re
 import reprlib
@@ -14,8 +13,7 @@ from typing import Any, Final, NoReturn, TypeAlias
 
 from hingepair.errors import ArgumentError, SceneError, choices, nearest, pointed, quoted
 from hingepair.numeric.arrays import check_choice, finite_number
-from hingepair.rotations.euler import euler_to_matrix
-from hingepair.rotations.matrices import rodrigues
+from hingepair.numeric.unit_vectors import finite_axis
 
 MAX_BYTES: Final = 1_000_000
 MAX_KEY_PARTS: Final = 16
@@ -139,11 +137,42 @@ class Table(Place):
         found: list[Any] = self._nested(key, value)
         return found
 
-    def rotation(self, key: str) -> Any:
-        """The rotation of a key: a matrix, or { axis, deg | rad }, { rpy_deg | rpy }."""
+    def expressions(self, key: str, *shape: int, letters: Collection[str] = ()) -> Any:
+        """Return the number of a key, or nested lists of numbers of a given shape, as exact SymPy expressions.
+
+        Args:
+            key: the key.
+            *shape: shape of the lists; none of one number.
+            letters: constants that stay letters.
+        """
+        from hingepair.symbolic.exact_constants import exact
+
+        def exactly(value: Any, number: Any) -> Any:
+            if isinstance(value, list):
+                return [exactly(*both) for both in zip(value, number, strict=True)]
+            return self._constant(key, value, letters) if isinstance(value, str) else exact(number)
+
+        return exactly(self.values[key], self.numbers(key, *shape) if shape else self.number(key))
+
+    def rotation(self, key: str) -> list[list[float]]:
+        """Return the rotation of a key, rounded once: a matrix, or { axis, deg | rad }, { rpy_deg | rpy }."""
+        if isinstance(self.values.get(key), list):
+            return self.numbers(key, 3, 3)
+        from hingepair.symbolic.kinks import constant_value
+
+        entries = [constant_value(entry) for entry in self.exact_rotation(key)]
+        return [entries[:3], entries[3:6], entries[6:]]
+
+    def exact_rotation(self, key: str, letters: Collection[str] = ()) -> tuple[Any, ...]:
+        """Return the nine entries of the rotation of a key, row by row, as exact SymPy expressions.
+
+        Args:
+            key: the key.
+            letters: constants that stay letters.
+        """
         value = self.values.get(key)
         if isinstance(value, list):
-            return self.numbers(key, 3, 3)
+            return tuple(entry for row in self.expressions(key, 3, 3, letters=letters) for entry in row)
         if not isinstance(value, dict):
             self.fail(key, "3 lists of 3 finite numbers, { axis = [...], deg = ... } or { rpy_deg = [...] }")
         table = self.table(key)
@@ -152,26 +181,45 @@ class Table(Place):
             self.fail(key, "{ axis, deg }, { axis, rad }, { rpy_deg } or { rpy }: a matrix in other words")
         (turn,) = turns
         table.check_keys(("axis", turn))
-        unit = math.pi / 180 if turn.endswith("deg") else 1.0
-        if turn.startswith("rpy"):
-            return euler_to_matrix([unit * angle for angle in table.numbers(turn, 3)], "xyz").tolist()
-        with table.naming("axis"):
-            return rodrigues(table.numbers("axis", 3), unit * table.number(turn)).tolist()
+        from sympy import pi
+
+        from hingepair.symbolic.exact_constants import axis_rotation, roll_pitch_yaw_rotation
+        from hingepair.symbolic.jets import SYMPY_ERRORS
+
+        unit = pi / 180 if turn.endswith("deg") else 1
+        try:
+            if turn.startswith("rpy"):
+                return roll_pitch_yaw_rotation(
+                    [unit * angle for angle in table.expressions(turn, 3, letters=letters)]
+                )
+            with table.naming("axis"):
+                finite_axis("axis", table.numbers("axis", 3))
+            axis, angle = table.expressions("axis", 3, letters=letters), table.expressions(turn, letters=letters)
+            return axis_rotation(axis, unit * angle)
+        except SceneError:
+            raise
+        except SYMPY_ERRORS:
+            self.fail(key, "a rotation that SymPy can work with")
 
     def _nested(self, key: str, value: Any) -> Any:
         return [self._nested(key, part) for part in value] if isinstance(value, list) else self._number(key, value)
 
     def _number(self, key: str, value: Any) -> float:
         if isinstance(value, str):
-            from hingepair.symbolic.expressions import constant
             from hingepair.symbolic.kinks import constant_value
 
-            with self.naming(key):
-                return constant_value(constant(key, value, self.constants))
+            return constant_value(self._constant(key, value))
         try:
             return finite_number(key, value)
         except ArgumentError:
             self.fail(key, "a finite number")
+
+    def _constant(self, key: str, text: str, letters: Collection[str] = ()) -> Any:
+        """Return the SymPy expression without t that a text stands for."""
+        from hingepair.symbolic.expressions import constant
+
+        with self.naming(key):
+            return constant(key, text, self.constants, letters)
 
 
 Key: TypeAlias = Callable[[Table, str], Any]

@@ -20,10 +20,10 @@ from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR, SPATIAL, Kind, check_outputs, make_plan
+from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.jets import SYMPY_ERRORS, Jet, JetProgram, time_symbol
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import count_letters, in_order
-from hingepair.symbolic.time_functions import exact
 from hingepair.symbolic.trig_sums import cosine, sine, trig_sum
 
 Terms: TypeAlias = tuple[Expr, ...]
@@ -34,6 +34,8 @@ MAX_LETTERS_GIVEN: Final = 2_000
 """Letters in a derivative of a coordinate."""
 SYMBOLIC: Final = ("u1", "u2", "n")
 """What of a pair can stay a letter."""
+PAIR_CONSTANTS: Final = ("u1", "u2", "n", "home")
+"""Constants of a pair that closed forms hold."""
 _MAX_SQUARE: Final = 1_000  # the largest denominator of a squared axis component that is taken for exact
 _ROWS: Final = ("q", "qd", "qdd")
 _ANGLES: Final = ("angles", "phi2")
@@ -50,6 +52,7 @@ class ClosedForms:
         motion: the coordinates as expressions in t; those that are None, and all unless given, are functions of t.
         sequence: of the Euler angles.
         symbolic: of u1, u2 and n those that stay letters; n is taken to have length 1.
+        written: exact values of u1, u2, n (of length 1) and home, where they are known; components by name.
 
     Raises:
         ArgumentError: more than one pair, or an expression's derivatives are too long; names it.
@@ -63,11 +66,12 @@ class ClosedForms:
         motion: Mapping[str, Expr | None] | None = None,
         sequence: str | None = "XYZ",
         symbolic: Collection[str] = (),
+        written: Mapping[str, Terms] | None = None,
     ) -> None:
         check_one(pair)
         self._planar = isinstance(pair, PlanarPair)
         jets = [_jet(name, (motion or {}).get(name)) for name in self.kind.coordinates]
-        constants = constant_inputs(pair, symbolic)
+        constants = constant_inputs(pair, symbolic, written or {})
         self._sequence = None if self._planar else sequence
         self._home = "home" in constants
         self._best: dict[str, Any] = constants | dict(zip(_ROWS, zip(*jets, strict=True), strict=True))
@@ -162,16 +166,20 @@ def _jet(name: str, expr: Expr | None) -> Jet:
         raise ArgumentError(name, expected, "one that SymPy cannot differentiate") from None
 
 
-def constant_inputs(pair: HingePair | PlanarPair, symbolic: Collection[str]) -> dict[str, Any]:
-    """u1, u2, n and home as exact numbers or letters."""
-    found: dict[str, Any] = {}
-    given = pair.constants.values
-    for key, value in ((key, given[key]) for key in ("u1", "u2", "n", "home") if key in given):
+def constant_inputs(
+    pair: HingePair | PlanarPair, symbolic: Collection[str], written: Mapping[str, Terms]
+) -> dict[str, Terms]:
+    """Return u1, u2, n and home, those that the pair has, as letters, as they were written, or as exact numbers."""
+    inputs: dict[str, Terms] = {}
+    values = pair.constants.values
+    for key, value in ((key, values[key]) for key in PAIR_CONSTANTS if key in values):
         if key in symbolic:
-            found[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
+            inputs[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
+        elif key in written:
+            inputs[key] = written[key]
         else:
-            found[key] = exact_axis(value) if key == "n" else tuple(map(exact, value))
-    return found
+            inputs[key] = exact_axis(value) if key == "n" else tuple(map(exact, value))
+    return inputs
 
 
 def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:

@@ -14,7 +14,19 @@ from hingepair.numeric.tables import unit_of
 from hingepair.symbolic.closed_forms import ClosedForms, Terms
 from hingepair.symbolic.jets import time_symbol
 from hingepair.symbolic.kinks import Expr, Side
-from hingepair.symbolic.printers import LATEX, PYTHON, TEXT, is_simple, joined, latex_name, lettered, signed
+from hingepair.symbolic.printers import (
+    LATEX,
+    PYTHON,
+    SYMPY,
+    TEXT,
+    in_order,
+    is_simple,
+    joined,
+    latex_name,
+    lettered,
+    signed,
+    with_short_constants,
+)
 
 _WIDE: Final = 90  # characters of terms, as text, in a line of LaTeX
 _INDENT = " " * 6
@@ -76,8 +88,11 @@ class Derivation(ClosedForms):
         return "\n\n".join(parts)
 
     def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
-        """The SymPy source of each component by its label: omega1_x, S2_xy. As `to_text`."""
-        return {label: str(sympy.Add(*terms)) for label, terms in self._labelled(names)}
+        """Return the SymPy source of each component, which `sympy.sympify` reads, by its label: omega1_x, S2_xy.
+
+        Choices are Piecewise, and symbols have no assumptions. As `to_text`.
+        """
+        return {label: SYMPY(sympy.Add(*terms)) for label, terms in self._labelled(names)}
 
     def _labelled(self, names: Iterable[str] | None) -> list[tuple[str, Terms]]:
         """The terms of every component with its label."""
@@ -92,12 +107,17 @@ class Derivation(ClosedForms):
 
 def _rows(labelled: list[tuple[str, Terms]], short: bool) -> tuple[list[tuple[str, Terms]], dict[str, Expr]]:
     """The components, letters for functions of t, and what further letters abbreviate."""
-    rows = [(label, tuple(lettered(terms, "'"))) for label, terms in labelled]
+    rows = [
+        (label, tuple(lettered(in_order(with_short_constants(sympy.Add(*terms))), "'"))) for label, terms in labelled
+    ]
     if not short:
         return rows, {}
     letters = _abbreviations([term for _, terms in rows for term in terms])
     found = [(label, tuple(term.xreplace(letters) for term in terms)) for label, terms in rows]
-    meanings = {a: whole.func(*[part.xreplace(letters) for part in whole.args]) for whole, a in letters.items()}
+    meanings = {
+        letter: whole.func(*[part.xreplace(letters) for part in whole.args]) if whole.free_symbols else whole
+        for whole, letter in letters.items()
+    }
     told: dict[str, Expr] = {}
 
     def tell(expr: Expr) -> None:
@@ -165,7 +185,7 @@ def _folded(line: str, width: int) -> list[str]:
 def _function(name: str, parts: list[Expr]) -> str:
     """The source of the function of one output."""
     t = time_symbol()
-    known = lettered([*parts, t], "d")[:-1]
+    known = lettered([*map(with_short_constants, parts), t], "d")[:-1]
     letters = sorted({s.name for part in known for s in part.free_symbols} - {"t"})
     arguments = ["t", *letters] if any(t in part.free_symbols for part in known) or not letters else letters
     taken = [sympy.Symbol(letter, real=True) for letter in letters]

@@ -22,9 +22,9 @@ from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
 import sympy
 
 from hingepair.errors import ArgumentError, nearest, pointed
+from hingepair.symbolic.exact_constants import exact, unnested
 from hingepair.symbolic.jets import MAX_BITS, SMOOTH, SYMPY_ERRORS, bits, time_symbol
 from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, constant_value
-from hingepair.symbolic.time_functions import exact
 
 MAX_LENGTH: Final = 10_000
 """Characters of the text."""
@@ -80,6 +80,7 @@ _INSTEAD: Final[Mapping[Any, str]] = {
     ast.IfExp: "where(condition, x, y) for a choice",
     ast.Tuple: "one number or expression (decimals follow a point)",
 }  # of a sign or a node
+_TRIGONOMETRIC = ("sin", "cos", "tan")
 _A_NUMBER = "a finite real number"
 _A_CONDITION = "a condition: comparisons by < <= > >=, joined by and, or, not"
 _SHOWN, _FRAGMENT = 20, 40  # constants, and characters of the text, in a message
@@ -117,14 +118,16 @@ def parse(name: str, text: str, constants: Mapping[str, Number] | None = None, l
         raise ArgumentError(name, "an expression that SymPy can work with", text) from None
 
 
-def constant(name: str, text: str, constants: Mapping[str, Number] | None = None) -> Expr:
-    """The SymPy expression that a text without t stands for: `pi/6`.
+def constant(
+    name: str, text: str, constants: Mapping[str, Number] | None = None, letters: Collection[str] = ()
+) -> Expr:
+    """Return the SymPy expression that a text without t stands for: `pi/6`. Arguments as for `parse`.
 
     Raises:
         ArgumentError: as for `parse`, or the text depends on t.
     """
-    expr = parse(name, text, constants)
-    if expr.free_symbols:
+    expr = parse(name, text, constants, letters)
+    if time_symbol() in expr.free_symbols:
         raise ArgumentError(name, "a number: an expression without t", text)
     return expr
 
@@ -265,9 +268,12 @@ class _Builder:
                 factor, rest = term.as_coeff_Mul()
                 if isinstance(rest, sympy.log):
                     self._check_power(node, rest.args[0], factor)
-        evaluate = name != "atan2" or None in [part.value for part in parts]  # else SymPy may try for minutes
-        exact = functools.partial(getattr(sympy, name), evaluate=evaluate)
-        return self._apply(node, exact, getattr(math, name), *parts)
+        function, is_constant = getattr(sympy, name), None not in [part.value for part in parts]
+        if is_constant and name == "atan2":  # SymPy may try for minutes
+            function = functools.partial(function, evaluate=False)
+        elif is_constant and name in _TRIGONOMETRIC:
+            function = functools.partial(unnested, function)
+        return self._apply(node, function, getattr(math, name), *parts)
 
     def _guard(self, node: ast.expr, depth: int) -> Expr:
         """What is at least 0 where a condition holds."""

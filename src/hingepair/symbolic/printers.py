@@ -1,4 +1,4 @@
-"""SymPy expressions as plain text, as LaTeX and as NumPy source."""
+"""SymPy expressions as plain text, as LaTeX, as NumPy source and as SymPy source."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import contextlib
 import decimal
 import functools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final, TypeAlias
 
 import sympy
@@ -16,11 +16,14 @@ from sympy.printing.numpy import NumPyPrinter
 from sympy.printing.precedence import PRECEDENCE
 from sympy.printing.str import StrPrinter
 
-from hingepair.symbolic.kinks import Expr, Kinked, constant_value
+from hingepair.symbolic.exact_constants import exact
+from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, Side, Smaller, Where, constant_value
 
 _READABLE: Final = 1_000  # the largest denominator that is read more easily than a decimal number
 _LONGEST: Final = 10**6
 _EXACT: Final = 2**53  # integers below are floats without rounding
+_MAX_EXACT_LENGTH: Final = 18  # characters of a number that is no decimal: as many as a decimal of 17 digits has
+_MIN_SHARE: Final = 1e-60  # of the largest term of a sum of constants; a smaller sum is 0, computed to 100 digits
 _GREEK = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ"}  # noqa: RUF001
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -114,6 +117,45 @@ class NumPySource(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
             value = constant_value(expr)
             return f"numpy.float64({value!r})" if math.isfinite(value) else f"numpy.float64('{value!r}')"
         return str(super()._print(expr, **settings))
+
+
+_IN_SYMPY: Final[Mapping[type, str]] = {Larger: "Max", Smaller: "Min", Remainder: "Mod"}
+
+
+class _SymPySource(StrPrinter):  # type: ignore[misc]
+    """Source that `sympy.sympify` reads, in SymPy's own functions."""
+
+    def _print_Function(self, expr: Expr) -> str:
+        if type(expr) in _IN_SYMPY:
+            return f"{_IN_SYMPY[type(expr)]}({', '.join(map(self._print, expr.args))})"
+        if isinstance(expr, Where):
+            x, y = map(self._print, expr.args[1:])
+            return f"Piecewise(({x}, {self._condition(expr.guard)}), ({y}, True))"
+        return str(super()._print_Function(expr))
+
+    def _condition(self, guard: Expr) -> str:
+        """Return the source of the condition that a guard is at least 0."""
+        match guard:
+            case Smaller() | Larger():
+                sign = " & " if isinstance(guard, Smaller) else " | "
+                return sign.join(f"({self._condition(part)})" for part in guard.args)
+            case Where() if guard.args[1:] == (-1, 1):
+                return f"~({self._condition(guard.guard)})"
+            case Side():
+                return self._just_after(*guard.args)
+        return f"{self._print(guard)} >= 0"
+
+    def _just_after(self, value: Expr, *rates: Expr) -> str:
+        """Return the source of the condition that an expression is at least 0 just after t, by its derivatives."""
+        shown = self._print(value)
+        if not rates or (value.is_number and value != 0):
+            return f"{shown} >= 0"
+        if rates[0].is_number and rates[0] != 0:
+            return f"{shown} {'>=' if rates[0].is_positive else '>'} 0"
+        return f"({shown} > 0) | (Eq({shown}, 0) & ({self._just_after(*rates)}))"
+
+    def _print_Symbol(self, expr: Expr) -> str:
+        return f"Symbol({expr.name!r})" if hasattr(sympy, expr.name) else str(expr.name)
 
 
 class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
@@ -223,6 +265,33 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return text if whole or power else f"({text})"
 
 
+def with_short_constants(expr: Expr) -> Expr:
+    """Return an expression in which each constant is one number: exact, or a decimal where that is shorter.
+
+    >>> x = sympy.Symbol("x", real=True)
+    >>> TEXT(with_short_constants(sympy.sqrt(3) / 4 + x * (sympy.cos(1) ** 2 + sympy.sin(2) / 5)))
+    '1/4 √3 + 0.4737860670452056 x'
+    """
+    if not expr.free_symbols:
+        return _short_constant(expr)
+    if not expr.args:
+        return expr
+    constants = [part for part in expr.args if not part.free_symbols] if expr.is_Add or expr.is_Mul else []
+    parts = [_short_constant(expr.func(*constants))] if constants else []
+    parts += [with_short_constants(part) for part in expr.args if part not in constants]
+    return expr if set(parts) == {*expr.args} else expr.func(*parts)
+
+
+def _short_constant(constant: Expr) -> Expr:
+    """Return a number as it is, or as the rational number that its shortest decimal writes where that is shorter."""
+    if constant.is_Rational or len(TEXT(constant)) <= _MAX_EXACT_LENGTH:
+        return constant
+    value = constant_value(constant)
+    if abs(value) <= _MIN_SHARE * max(abs(constant_value(term)) for term in sympy.Add.make_args(constant)):
+        return sympy.S.Zero
+    return exact(value) if math.isfinite(value) else constant
+
+
 @functools.lru_cache(maxsize=65536)
 def count_letters(expr: Expr) -> int:
     """How often letters stand in an expression; x(t) and its derivatives are letters, numbers are none."""
@@ -252,3 +321,4 @@ def _rank(factor: Expr) -> tuple[bool, bool, Any]:
 TEXT: Write = _TextPrinter().doprint
 LATEX: Write = _LatexPrinter({"order": "none"}).doprint
 PYTHON: Write = NumPySource().doprint
+SYMPY: Write = _SymPySource().doprint

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from fractions import Fraction
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -23,11 +22,6 @@ Value: TypeAlias = float | NDArray[np.float64]
 Derivatives: TypeAlias = tuple[tuple[Value, ...], ...]
 
 _BLOCK = 2048  # samples at a time: the intermediate results stay in the cache
-
-
-def exact(value: float) -> Expr:
-    """The rational number that the shortest decimal form of a finite number writes: 0.1 is 1/10."""
-    return sympy.Rational(Fraction(repr(value if isinstance(value, int) else float(value))))
 
 
 class TimeFunctions:

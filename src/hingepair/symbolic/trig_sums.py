@@ -13,6 +13,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import sympy
 
+from hingepair.symbolic.exact_constants import unnested
 from hingepair.symbolic.kinks import Expr
 
 MAX_TERMS: Final = 200
@@ -37,38 +38,54 @@ class _TooManyTermsError(ArithmeticError):
 
 
 def trig_sum(expr: Expr) -> Expr | None:
-    """An expression whose terms have one sine or cosine at most each; None where they would be too many.
+    """Return an expression whose terms have one sine or cosine at most each; None where they would be too many.
 
-    Those that share what they multiply their sines and cosines by are put together.
+    Those that share what they multiply their sines and cosines by are put together, and so are the constants that
+    multiply one sine or cosine.
 
     >>> t, u = sympy.symbols("t u", real=True)
     >>> trig_sum(2 * sympy.cos(3 * t) * sympy.cos(t) + u * sympy.sin(t) + u * sympy.cos(t))
     u*(sin(t) + cos(t)) + cos(2*t) + cos(4*t)
     """
-    groups: dict[Expr, list[Expr]] = {}
+    groups: dict[Expr, dict[Expr, dict[Expr, Expr]]] = {}  # by what depends on letters; of each constant, its waves
     try:
         for (rest, angle, odd), c in _terms(expr).items():
             wave = sine(angle) if odd else cosine(angle)
-            groups.setdefault(rest, []).append(sympy.Rational(c) * wave)
+            constant, varying = rest.as_independent(*rest.free_symbols, as_Add=False)
+            groups.setdefault(varying, {}).setdefault(constant, {})[wave] = sympy.Rational(c)
     except _TooManyTermsError:
         return None
-    return sympy.Add(*(rest * sympy.Add(*waves) for rest, waves in groups.items()))
+    return sympy.Add(*(varying * _combined(constants) for varying, constants in groups.items()))
+
+
+def _combined(constants: dict[Expr, dict[Expr, Expr]]) -> Expr:
+    """Return the sum of constants that each multiply a sum of waves, with each wave once."""
+    waves: dict[Expr, list[Expr]] = {}
+    for constant, own in constants.items():
+        for wave, coefficient in own.items():
+            waves.setdefault(wave, []).append(coefficient * constant)
+    if len(constants) == 1:
+        ((constant, own),) = constants.items()
+        return constant * sympy.Add(*(coefficient * wave for wave, coefficient in own.items()))
+    return sympy.Add(*(sympy.Add(*factors) * wave for wave, factors in waves.items()))
 
 
 def sine(angle: Expr) -> Expr:
-    """The SymPy sine of an angle, left as a sine where SymPy would make an algebraic function of it."""
+    """Return the sine of an angle, as it is where SymPy would make an algebraic function or roots of roots of it."""
     return _kept(sympy.sin, angle)
 
 
 def cosine(angle: Expr) -> Expr:
-    """The SymPy cosine likewise: cos(atan(x)) + ... can then still become cos(atan(x) + ...)."""
+    """Return the cosine of an angle likewise: cos(atan(x)) + ... can then still become cos(atan(x) + ...)."""
     return _kept(sympy.cos, angle)
 
 
 def _kept(function: Callable[..., Expr], angle: Expr) -> Expr:
+    if not angle.free_symbols:
+        return unnested(function, angle)
     value = function(angle)
     is_wave = isinstance(value.as_coeff_Mul()[1], sympy.sin | sympy.cos)
-    return value if is_wave or not angle.free_symbols else function(angle, evaluate=False)
+    return value if is_wave else function(angle, evaluate=False)
 
 
 @functools.lru_cache(maxsize=512)

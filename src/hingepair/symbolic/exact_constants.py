@@ -1,0 +1,77 @@
+"""Exact numbers, axes of length 1 and rotations, as SymPy expressions without t."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from typing import Final
+
+import sympy
+
+from hingepair.equations import spatial as eq
+from hingepair.symbolic.kinks import Expr
+
+_DIGITS: Final = 50  # to which a squared length is computed that is not known to be rational
+_MAX_DENOMINATOR: Final = 1_000  # of a rational number that such a squared length is recognised as
+_TOLERANCE: Final = sympy.Rational(1, 10**40)  # relative; two such numbers differ by more
+
+_AXES: Final = tuple(tuple(map(sympy.Integer, axis)) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+
+
+def exact(value: float) -> Expr:
+    """Return the rational number that the shortest decimal form of a finite number writes: 0.1 is 1/10."""
+    return sympy.Rational(Fraction(repr(value if isinstance(value, int) else float(value))))
+
+
+def unnested(function: Callable[..., Expr], *arguments: Expr) -> Expr:
+    """Return a SymPy function of arguments without t, as it is where SymPy's value holds roots of roots.
+
+    >>> unnested(sympy.cos, sympy.pi / 6), unnested(sympy.cos, sympy.pi / 60)
+    (sqrt(3)/2, cos(pi/60))
+    """
+    value = function(*arguments)
+    nested = any(not (power.exp.is_Integer or power.base.is_Rational) for power in value.atoms(sympy.Pow))
+    return function(*arguments, evaluate=False) if nested else value
+
+
+def unit_axis(n: Sequence[Expr]) -> tuple[Expr, ...]:
+    """Return an axis of any non-zero length at length 1.
+
+    >>> unit_axis([sympy.cos(1), sympy.sin(1), 0])
+    (cos(1), sin(1), 0)
+    >>> unit_axis([1, 2, 2])
+    (1/3, 2/3, 2/3)
+    """
+    square = sympy.Add(*(c**2 for c in map(sympy.sympify, n)))
+    if not square.is_Rational and not square.free_symbols:  # cos(1)**2 + sin(1)**2, which is 1
+        value = square.evalf(_DIGITS)
+        near = sympy.Rational(Fraction(str(value)).limit_denominator(_MAX_DENOMINATOR))
+        square = near if abs(near - value) <= _TOLERANCE * abs(value) else square
+    length = sympy.sqrt(square)
+    return tuple(c / length for c in n)
+
+
+def axis_rotation(axis: Sequence[Expr], angle: Expr) -> tuple[Expr, ...]:
+    """Return the rotation by an angle [rad] about an axis of any length (E6), nine entries row by row.
+
+    >>> axis_rotation([0, 0, 2], sympy.pi / 2)
+    (0, -1, 0, 1, 0, 0, 0, 0, 1)
+    """
+    hinge = unnested(sympy.sin, angle), 1 - unnested(sympy.cos, angle)
+    x, y, z = unit_axis(axis)
+    return _expanded(eq.hinge_rotation((x, y, z), hinge))
+
+
+def roll_pitch_yaw_rotation(angles: Sequence[Expr]) -> tuple[Expr, ...]:
+    """Return the rotation by roll, pitch and yaw [rad] about the fixed axes x, y, z, nine entries row by row.
+
+    >>> roll_pitch_yaw_rotation([sympy.pi / 2, 0, sympy.pi])
+    (-1, 0, 0, 0, 0, 1, 0, 1, 0)
+    """
+    roll, pitch, yaw = (axis_rotation(axis, angle) for axis, angle in zip(_AXES, angles, strict=True))
+    return _expanded(eq.compose(eq.compose(yaw, pitch), roll))
+
+
+def _expanded(entries: Sequence[Expr]) -> tuple[Expr, ...]:
+    """Return entries as sums of products, of which those that cancel are gone."""
+    return tuple(sympy.expand(entry) for entry in entries)
