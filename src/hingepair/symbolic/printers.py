@@ -270,7 +270,7 @@ def with_short_constants(expr: Expr) -> Expr:
 
     >>> x = sympy.Symbol("x", real=True)
     >>> TEXT(with_short_constants(sympy.sqrt(3) / 4 + x * (sympy.cos(1) ** 2 + sympy.sin(2) / 5)))
-    '1/4 √3 + 0.4737860670452056 x'
+    '1/4 √3 + 0.4737860670915651 x'
     """
     if not expr.free_symbols:
         return _short_constant(expr)
