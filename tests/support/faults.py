@@ -529,15 +529,15 @@ FAULTS = {
         "formats/test_urdf.py::test_pinocchio_reads_the_same_pair_from_urdf",
     ),
     "masses of fixed links without their lever": Fault(
-        "formats/urdf_reader.py",
+        "urdf/rigid.py",
         "mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))",
         "0 * mass * (arm @ arm)",
         "formats/test_urdf_masses.py::test_links_fixed_to_each_other_are_one_body[parent-child]",
     ),
     "the inertia of a link not turned": Fault(
-        "urdf/records.py",
-        "axes @ np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))) @ axes.T",
-        "np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))",
+        "urdf/rigid.py",
+        "axes @ self.tensor @ axes.T",
+        "self.tensor",
         "formats/test_urdf_masses.py::test_links_fixed_to_each_other_are_one_body[parent-child]",
     ),
     "MJCF's body 2 at u2": Fault(

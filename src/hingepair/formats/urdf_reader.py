@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from hingepair.errors import ArgumentError, URDFError, choices, quoted
 from hingepair.pair.body import Body, Box, Cylinder, Shape, Sphere
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
-from hingepair.urdf.records import HERE, SIZES, Inertia, Joint, Pose, Robot
+from hingepair.urdf.records import SIZES, Joint, Robot
+from hingepair.urdf.rigid import HERE, Pose, combined
 
 
 def from_urdf(
@@ -126,30 +127,20 @@ def _combined_body(robot: Robot, poses: Mapping[str, Pose], warn: bool) -> Body 
     zero or the sum is nothing that a rigid body can have: not a few robots carry made-up inertias.
     """
     with np.errstate(all="ignore"):  # what overflows is no mass property: Body refuses it
-        inertias = {link: robot.links[link][0].inertia(pose) for link, pose in poses.items()}
+        inertias = {link: robot.links[link][0].inertia().placed(pose) for link, pose in poses.items()}
         heavy = {link: inertia for link, inertia in inertias.items() if inertia[0] != 0}
         try:
-            for link, (mass, *_) in heavy.items():
-                if mass < 0:
-                    raise ArgumentError(f"mass of {link!r}", "a number above 0", mass)
-            return _sum(heavy.values(), _shapes(robot, poses)) if heavy else None
+            for link, part in heavy.items():
+                if part.mass < 0:
+                    raise ArgumentError(f"mass of {link!r}", "a number above 0", part.mass)
+            mass, centre, tensor = combined(heavy.values())
+            return Body(mass, centre, tensor, _shapes(robot, poses)) if heavy else None
         except ArgumentError as error:
             links = ", ".join(map(repr, heavy))
             told = f"the mass properties of the body of {links} are left out: {error}"
     if warn:
         warnings.warn(told, UserWarning, stacklevel=4)
     return None
-
-
-def _sum(inertias: Collection[Inertia], shapes: Sequence[Shape]) -> Body:
-    total = sum(mass for mass, *_ in inertias)
-    middle = np.sum([mass / total * centre for mass, centre, _ in inertias], axis=0)
-    inertia = np.zeros((3, 3))
-    for mass, centre, own in inertias:
-        arm = centre - middle
-        inertia += own
-        inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return Body(mass=total, center_of_mass=middle + 0.0, inertia=inertia, shapes=shapes)
 
 
 def _shapes(robot: Robot, poses: Mapping[str, Pose]) -> list[Shape]:

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hingepair.errors import URDFError, choices, nearest, quoted
-from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.sequences import find_sequence
+from hingepair.urdf.rigid import Inertia, Pose
 
 HINGES = ("revolute", "continuous")
 """Joint types that turn about one axis."""
@@ -36,39 +36,6 @@ _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _HALF_PI = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
 _MOST_TURNS = 2**20  # quarter turns; where an angle has few digits behind the point, every one is near a multiple
 _QUARTER_TURNS = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))  # sine and cosine of 0, 1, 2, 3 quarter turns
-
-
-class Pose(NamedTuple):
-    """Rotation and origin of a frame, in the axes of another."""
-
-    rotation: Float64Array
-    origin: Float64Array
-
-    def placed(self, inner: Pose) -> Pose:
-        """Return a pose that is given in this frame, in the frame that this one is given in."""
-        return Pose(self.rotation @ inner.rotation, self.origin + self.rotation @ inner.origin)
-
-    def seen(self, other: Pose) -> Pose:
-        """Return a pose that is given in the same frame as this one, in this frame."""
-        return Pose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
-
-
-HERE = Pose(np.eye(3), np.zeros(3))
-"""The pose of a frame in itself."""
-
-
-class Inertia(NamedTuple):
-    """Mass properties, in the axes that the pose of their link is given in.
-
-    Attributes:
-        mass: as written, of either sign [kg].
-        centre: centre of mass [m]; shape (3,).
-        tensor: about the centre of mass [kg m^2]; shape (3, 3).
-    """
-
-    mass: float
-    centre: Float64Array
-    tensor: Float64Array
 
 
 class Visual(NamedTuple):
@@ -107,8 +74,8 @@ class Link:
     name: str
     snap: float
 
-    def inertia(self, pose: Pose = HERE) -> Inertia:
-        """Return its mass properties, zero where none are given, seen from the frame that `pose` is given in.
+    def inertia(self) -> Inertia:
+        """Return its mass properties in its own axes; zero where none are given.
 
         Raises:
             URDFError: an entry is no finite number.
@@ -117,8 +84,8 @@ class Link:
         (mass,) = _numbers(self.element.find("inertial/mass"), "value", where, (0.0,))
         moments = self.element.find("inertial/inertia")
         xx, xy, xz, yy, yz, zz = (_numbers(moments, key, where, (0.0,))[0] for key in _MOMENTS)
-        axes, centre = pose.placed(_pose(self.element.find("inertial/origin"), where, self.snap))
-        return Inertia(mass, centre, axes @ np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))) @ axes.T)
+        own = Inertia(mass, np.zeros(3), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
+        return own.placed(_pose(self.element.find("inertial/origin"), where, self.snap))
 
     def visuals(self) -> list[Visual]:
         """Return the shapes that it is drawn by.
@@ -332,11 +299,11 @@ def _pose(origin: ET.Element | None, where: str, snap: float) -> Pose:
     xyz, rpy = (_numbers(origin, key, f"{where}, origin", _NONE) for key in ("xyz", "rpy"))
     order = find_sequence("xyz")
     roll, pitch, yaw = order.angles(rpy)
-    trig = tuple(part for angle in (roll, pitch, yaw) for part in _sine_and_cosine(angle, snap))
+    trig = tuple(part for angle in (roll, pitch, yaw) for part in sine_and_cosine(angle, snap))
     return Pose(np.array(order.attitude(trig)).reshape(3, 3) + 0.0, np.array(xyz))
 
 
-def _sine_and_cosine(angle: float, snap: float) -> tuple[float, float]:
+def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
     """Return sine and cosine of an angle [rad], exactly where it is the double nearest to a multiple of pi/2.
 
     An angle within `snap` of a multiple of pi/2 is taken for that multiple.

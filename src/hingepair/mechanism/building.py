@@ -1,0 +1,130 @@
+"""Trees of robots: made from URDF, from a model of Pinocchio or from pairs; with a payload, with further frames."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.folding import doubtful, fold, mass_properties
+from hingepair.mechanism.pinocchio_model import parts_of_pinocchio
+from hingepair.mechanism.slider import Slider
+from hingepair.mechanism.sources import inertia_of, parts_of_pairs, parts_of_urdf
+from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
+from hingepair.numeric.arrays import check_choice, number_not_below_0, one_constant, read_only
+from hingepair.pair.body import Body
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.rotations.matrices import check_rotation
+from hingepair.urdf.reader import read_urdf
+from hingepair.urdf.rigid import Inertia, Pose
+
+BASES = ("fixed", "free")
+
+
+def tree_of_pairs(
+    pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None, base: str, name: str | None
+) -> Tree:
+    """Return the tree of hinges and sliders that share bodies.
+
+    Raises:
+        ArgumentError: base or name cannot be used; the pairs are no tree, or stand in another order than that of q.
+    """
+    check_choice("base", base, BASES)
+    if name is not None and (not isinstance(name, str) or not name.strip()):
+        raise ArgumentError("name", "a text that is not empty", quoted(name))
+    return fold("mechanism" if name is None else name, parts_of_pairs(pairs, parents), base)
+
+
+def tree_of_urdf(
+    path_or_text: str | os.PathLike[str], base: str, locked: Mapping[str, float] | None, snap: float | None
+) -> Tree:
+    """Return the tree of a robot in URDF.
+
+    Raises:
+        URDFError: no readable URDF, or none of a tree of hinges and sliders.
+        ArgumentError: base, locked or snap cannot be used.
+    """
+    check_choice("base", base, BASES)
+    robot = read_urdf(path_or_text, 0.0 if snap is None else number_not_below_0("snap", snap))
+    return fold(robot.name, parts_of_urdf(robot), base, locked)
+
+
+def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
+    """Return the tree of a model of Pinocchio, and its base: free where the model has a free-flyer, unless given.
+
+    Raises:
+        ArgumentError: no model, or one with other joints than those of trees; base or locked cannot be used.
+    """
+    own, parts = parts_of_pinocchio(model)
+    chosen = own if base is None else base
+    check_choice("base", chosen, BASES)
+    return fold(model.name or "model", parts, chosen, locked), chosen
+
+
+def pair_of(tree: Tree, joint: Joint) -> HingePair | Slider:
+    """Return a joint as a pair between the frames of the two bodies that it joins.
+
+    A body has mass properties in the pair where a rigid body can have them.
+    """
+    carrier = tree.base if joint.parent == 0 else tree.joints[joint.parent - 1].body
+    both_limits = np.isfinite(joint.position_limits).all()
+    return (HingePair if joint.kind == "hinge" else Slider)(
+        u1=joint.u,
+        u2=(0.0, 0.0, 0.0),
+        n=joint.S @ joint.n,
+        home=joint.S,
+        name=joint.name,
+        limits=joint.position_limits if both_limits else None,
+        body1=_body(carrier),
+        body2=_body(joint.body),
+        torque_limit=joint.effort_limit if np.isfinite(joint.effort_limit) else None,
+        rate_limit=joint.rate_limit if np.isfinite(joint.rate_limit) else None,
+    )
+
+
+def _body(masses: MassProperties) -> Body | None:
+    if not masses.mass or doubtful(masses):
+        return None
+    return Body(masses.mass, masses.center_of_mass, masses.inertia)
+
+
+def with_payload(tree: Tree, base: str, frame: Frame, body: Body) -> Tree:
+    """Return the tree with a further body fixed to a frame, which is the body's own.
+
+    Raises:
+        ArgumentError: no Body.
+    """
+    if not isinstance(body, Body):
+        raise ArgumentError("body", "a Body", quoted(body))
+    own = tree.base if frame.body == 0 else tree.joints[frame.body - 1].body
+    payload = inertia_of(body).placed(Pose(frame.S, frame.R))
+    total = mass_properties({"body": Inertia(own.mass, own.center_of_mass, own.inertia), "payload": payload})
+    counts = frame.body > 0 or base == "free"
+    notes = (*tree.notes, *(f"payload: {note}" for note in body.assumed if counts))
+    if frame.body == 0:
+        return replace(tree, base=total, notes=notes)
+    joints = list(tree.joints)
+    joints[frame.body - 1] = replace(joints[frame.body - 1], body=total)
+    return replace(tree, joints=tuple(joints), notes=notes)
+
+
+def with_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
+    """Return the tree with a further frame, whose pose is given in a frame.
+
+    Raises:
+        ArgumentError: the name is none, or is taken; R or S cannot be used.
+    """
+    if not isinstance(name, str) or not name.strip():
+        raise ArgumentError("name", "a text that is not empty", quoted(name))
+    if tree.frame(name) is not None:
+        raise ArgumentError("name", "a name that no link, joint or frame has", quoted(name))
+    turn = one_constant("S", np.eye(3) if S is None else S, 3, 3)
+    check_rotation("S", turn)
+    pose = Pose(frame.S, frame.R).placed(Pose(turn, one_constant("R", R, 3)))
+    added = Frame(frame.body, read_only(pose.origin), read_only(pose.rotation))
+    return replace(tree, frames={**tree.frames, name: added})

@@ -1,0 +1,243 @@
+"""Joints of every kind folded into a tree of those that move.
+
+`Part` is what URDF, Pinocchio's models and pairs have in common: a joint, fixed ones included, with the body that it
+carries. Fixed and locked joints are folded into the bodies that carry them, masses included.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from hingepair.equations.spatial import hinge_rotation
+from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.tree import NO_MASS, Frame, Joint, MassProperties, Mimic, Tree
+from hingepair.numeric.arrays import Float64Array, finite_number, read_only
+from hingepair.numeric.blocks import versine
+from hingepair.pair.body import Body
+from hingepair.urdf import records
+from hingepair.urdf.records import sine_and_cosine
+from hingepair.urdf.rigid import HERE, Inertia, Pose, combined
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A joint and the body that it carries, in the axes of that body, whose origin is the joint's point.
+
+    Attributes:
+        name: of the joint.
+        kind: "hinge", "slider" or "fixed".
+        parent: number of the part that carries it; 0 is the base, which is a fixed part without a parent (-1).
+        pose: of the body at position 0, in the parent's axes.
+        axis: unit axis; shape (3,).
+        links: poses of the frames of the links, by name.
+        leaves: those of the links that carry no further link.
+        frames: poses of further frames, by name.
+        inertias: mass properties by the link that has them.
+        limits: least and greatest position; None where there are none.
+        effort_limit: the largest torque or force; None where there is none.
+        rate_limit: the largest rate; None where there is none.
+        mimic: how it follows another joint; None where it does not.
+        notes: sentences on assumed masses.
+    """
+
+    name: str
+    kind: Literal["hinge", "slider", "fixed"]
+    parent: int
+    pose: Pose = HERE
+    axis: Float64Array = field(default_factory=lambda: np.array((0.0, 0.0, 1.0)))
+    links: Mapping[str, Pose] = field(default_factory=dict)
+    leaves: Sequence[str] = ()
+    frames: Mapping[str, Pose] = field(default_factory=dict)
+    inertias: Mapping[str, Inertia] = field(default_factory=dict)
+    limits: tuple[float, float] | None = None
+    effort_limit: float | None = None
+    rate_limit: float | None = None
+    mimic: records.Mimic | None = None
+    notes: Sequence[str] = ()
+
+
+Motion: TypeAlias = float | records.Mimic | None
+"""How a joint moves: held at a position, following a joint that moves by itself, or (None) by itself."""
+
+
+def fold(name: str, parts: Sequence[Part], base: str, locked: Mapping[str, float] | None = None) -> Tree:
+    """Return the tree of the joints that move.
+
+    Args:
+        name: of the robot.
+        parts: the base, and joints depth-first; names are unique.
+        base: "fixed" or "free".
+        locked: positions of joints that are held, by name [rad or m].
+
+    Raises:
+        ArgumentError: a joint is locked that does not exist or does not move; a joint follows one that does not
+            exist, or itself; numbers overflow.
+    """
+    motions = _motions(parts, _locked_positions(parts, locked))
+    moving = [part for part in parts if not isinstance(motions[part.name], float)]
+    numbers = {part.name: number for number, part in enumerate(moving, 1)}
+    with np.errstate(all="ignore"):  # what overflows is refused
+        places = _places(parts, motions, numbers)
+        inertias: list[dict[str, Inertia]] = [{} for _ in range(len(moving) + 1)]
+        for part, (body, pose) in zip(parts, places, strict=True):
+            inertias[body] |= {link: inertia.placed(pose) for link, inertia in part.inertias.items()}
+        joints = tuple(
+            _joint(part, *places[part.parent], mass_properties(inertias[numbers[part.name]]), numbers, motions)
+            for part in moving
+        )
+        links, frames = _frames(parts, places, numbers)
+        base_masses = mass_properties(inertias[0])
+    ends = set(range(len(inertias))) - {joint.parent for joint in joints}
+    tips = [leaf for part, (body, _) in zip(parts, places, strict=True) if body in ends for leaf in part.leaves]
+    counted = 1 if base == "fixed" else 0  # the mass of a fixed base counts nowhere
+    notes = [note for part in parts[counted:] for note in part.notes]
+    notes += [note for own in inertias[counted:] if (note := doubt(own))]
+    return Tree(name, joints, base_masses, links, frames, tuple(tips), tuple(notes))
+
+
+def _locked_positions(parts: Sequence[Part], locked: Mapping[str, float] | None) -> dict[str, float]:
+    """Return the positions of the joints that are held, checked."""
+    if not isinstance(locked, Mapping | None):
+        raise ArgumentError("locked", "positions by the joint's name", quoted(locked))
+    known = [part.name for part in parts if part.kind != "fixed"]
+    for joint in locked or ():
+        if joint not in known:
+            expected = choices(known) + nearest(str(joint), known) if known else "no joint, since none moves"
+            raise ArgumentError("locked", expected, quoted(joint))
+    return {joint: finite_number(f"locked, {joint!r}", value) for joint, value in (locked or {}).items()}
+
+
+def _motions(parts: Sequence[Part], positions: Mapping[str, float]) -> dict[str, Motion]:
+    """Return how each joint moves, by name; what follows a joint that follows another follows the last."""
+    by_name = {part.name: part for part in parts}
+
+    def motion(part: Part) -> Motion:
+        multiplier, offset, followers = 1.0, 0.0, {part.name}
+        while True:
+            if part.name in positions or part.kind == "fixed":
+                return multiplier * positions.get(part.name, 0.0) + offset
+            if part.mimic is None:
+                return records.Mimic(part.name, multiplier, offset) if len(followers) > 1 else None
+            leader = part.mimic.leader
+            where = f"joint {part.name!r}, mimic"
+            if leader in followers:
+                raise ArgumentError(where, "a joint that does not follow this one", quoted(leader))
+            offset += multiplier * part.mimic.offset
+            multiplier *= part.mimic.multiplier
+            followers.add(leader)
+            part = by_name[leader]
+
+    return {part.name: motion(part) for part in parts}
+
+
+def _places(
+    parts: Sequence[Part], motions: Mapping[str, Motion], numbers: Mapping[str, int]
+) -> list[tuple[int, Pose]]:
+    """Return, for each part, the number of the body that it belongs to, and its pose in that body."""
+    places: list[tuple[int, Pose]] = []
+    for part in parts:
+        motion = motions[part.name]
+        if isinstance(motion, float):
+            body, pose = places[part.parent] if places else (0, HERE)
+            places.append((body, pose.placed(part.pose.placed(_moved(part, motion)))))
+        else:
+            places.append((numbers[part.name], HERE))
+    return places
+
+
+def _moved(part: Part, position: float) -> Pose:
+    """Return the pose of a body whose joint is at a position, in its axes at position 0."""
+    if position == 0 or part.kind == "fixed":
+        return HERE
+    if part.kind == "slider":
+        return Pose(np.eye(3), part.axis * position)
+    sine, cosine = sine_and_cosine(position)
+    turn = hinge_rotation(tuple(part.axis.tolist()), (sine, versine(sine, cosine)))
+    return Pose(np.array(turn).reshape(3, 3), np.zeros(3))
+
+
+def _joint(
+    part: Part,
+    parent: int,
+    pose: Pose,
+    masses: MassProperties,
+    numbers: Mapping[str, int],
+    motions: Mapping[str, Motion],
+) -> Joint:
+    """Return the joint of the tree; `pose` is that of the part that carries it, in the body `parent`."""
+    frame = _frame(f"joint {part.name!r}", parent, pose.placed(part.pose))
+    motion = motions[part.name]
+    return Joint(
+        part.name,
+        "hinge" if part.kind == "hinge" else "slider",
+        parent,
+        u=frame.R,
+        S=frame.S,
+        n=read_only(part.axis + 0.0),
+        body=masses,
+        position_limits=part.limits or (-np.inf, np.inf),
+        rate_limit=np.inf if part.rate_limit is None else part.rate_limit,
+        effort_limit=np.inf if part.effort_limit is None else part.effort_limit,
+        mimic=Mimic(numbers[motion.leader], *motion[1:]) if isinstance(motion, records.Mimic) else None,
+    )
+
+
+def _frames(
+    parts: Sequence[Part], places: Sequence[tuple[int, Pose]], numbers: Mapping[str, int]
+) -> tuple[dict[str, Frame], dict[str, Frame]]:
+    """Return the frames of the links, and further frames: those of folded joints, and those that parts have."""
+    links: dict[str, Frame] = {}
+    frames: dict[str, Frame] = {}
+    for part, (body, pose) in zip(parts, places, strict=True):
+        if part.parent >= 0 and part.name not in numbers:
+            frames[part.name] = _frame(f"joint {part.name!r}", body, pose)
+        links |= {name: _frame(f"link {name!r}", body, pose.placed(own)) for name, own in part.links.items()}
+        frames |= {name: _frame(f"frame {name!r}", body, pose.placed(own)) for name, own in part.frames.items()}
+    return links, frames
+
+
+def _frame(what: str, body: int, pose: Pose) -> Frame:
+    if not all(np.isfinite(values).all() for values in pose):
+        raise ArgumentError(what, "a position that can be computed", "numbers that overflow")
+    return Frame(body, read_only(pose.origin + 0.0), read_only(pose.rotation + 0.0))
+
+
+def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
+    """Return the mass properties of one body, of those of its links by name."""
+    heavy = {link: inertia for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any()}
+    if not heavy:
+        return NO_MASS
+    mass, centre, tensor = combined(heavy.values())
+    if not np.isfinite([mass, *centre, *tensor.ravel()]).all():
+        links = ", ".join(map(repr, heavy))
+        raise ArgumentError(
+            f"the mass properties of {links}", "numbers that can be added up", "numbers that overflow"
+        )
+    return MassProperties(mass, read_only(centre), read_only((tensor + tensor.T) / 2))
+
+
+def doubt(inertias: Mapping[str, Inertia]) -> str:
+    """Return a sentence where no rigid body has these mass properties, which are given by link; else nothing."""
+    reason = doubtful(mass_properties(inertias))
+    links = ", ".join(repr(link) for link, own in inertias.items() if own.mass or own.tensor.any())
+    if not reason:
+        return ""
+    return f"no rigid body has the mass properties of {links}, which are used as they are written: {reason}"
+
+
+def doubtful(masses: MassProperties) -> str:
+    """Return why no rigid body has these mass properties; nothing where one has, or where there is no mass at all."""
+    if not masses.mass and not masses.inertia.any():
+        return ""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            Body(masses.mass, masses.center_of_mass, masses.inertia)
+    except ArgumentError as error:
+        return str(error)
+    return ""

@@ -1,0 +1,157 @@
+"""The parts of a model of Pinocchio."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+
+from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.folding import Part
+from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.unit_vectors import unit_axis
+from hingepair.urdf.records import Mimic
+from hingepair.urdf.rigid import HERE, Inertia, Pose
+
+_AXES = ("X", "Y", "Z")
+_HINGES = {*(f"JointModelR{axis}" for axis in _AXES), *(f"JointModelRUB{axis}" for axis in _AXES)}
+_HINGES |= {"JointModelRevoluteUnaligned", "JointModelRevoluteUnboundedUnaligned"}
+_SLIDERS = {*(f"JointModelP{axis}" for axis in _AXES), "JointModelPrismaticUnaligned"}
+_ROUNDING = 2.0**-50  # Pinocchio makes rotations of quaternions: entries of a quarter turn are off by 2^-52 at most
+
+
+def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Part]]:
+    """Return how the base of a model moves, and its parts: the base, then the joints as they stand.
+
+    A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A joint that is
+    composed of others, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
+
+    Raises:
+        ArgumentError: no model, a joint of a kind that has no part, or joints that do not stand depth-first.
+    """
+    if not all(hasattr(model, name) for name in ("jointPlacements", "inertias", "frames", "parents")):
+        raise ArgumentError("model", "a model of Pinocchio", quoted(model))
+    free = model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
+    root = 1 if free else 0
+    bodies = _Bodies(model, root)
+    numbers = {root: 0}  # of the part whose body a joint's body is
+    parts = [Part("", "fixed", -1, **bodies.content(root))]
+    for joint in range(root + 1, model.njoints):
+        parent = int(model.parents[joint])
+        if parent not in numbers:
+            raise _refusal(model, joint, "a joint that the free base carries")
+        if joint > root + 1 and parent not in _path(model, joint - 1):
+            raise _refusal(model, joint, f"its place right behind what {model.names[parent]!r} carries, depth-first")
+        own = _parts_of_joint(model, joint, numbers[parent], len(parts), bodies.content(joint))
+        parts += own
+        numbers[joint] = len(parts) - 1
+    return ("free" if free else "fixed"), parts
+
+
+def _path(model: Any, joint: int) -> set[int]:
+    """Return a joint and all that carry it."""
+    return {int(carrier) for carrier in model.supports[joint]}
+
+
+def _refusal(model: Any, joint: int, expected: str) -> ArgumentError:
+    return ArgumentError(f"joint {model.names[joint]!r}", expected, model.joints[joint].shortname())
+
+
+def _parts_of_joint(model: Any, number: int, parent: int, place: int, content: dict[str, Any]) -> list[Part]:
+    """Return the parts of one joint: the last one has what the joint carries, and stands at `place` or behind."""
+    joint, name, pose = model.joints[number], model.names[number], _pose(model.jointPlacements[number])
+    if joint.shortname() != "JointModelComposite":
+        return [_part(model, joint, name, number, parent, pose, joint.idx_q, joint.idx_v, content)]
+    composite = joint.extract()
+    parts: list[Part] = []
+    idx_q, idx_v = joint.idx_q, joint.idx_v
+    for i, (single, inner) in enumerate(zip(composite.joints, composite.jointPlacements, strict=True), 1):
+        last = i == len(composite.joints)
+        carrier = place + i - 2 if i > 1 else parent
+        seat = pose.placed(_pose(inner)) if i == 1 else _pose(inner)
+        own = content | {"frames": {**content["frames"], name: HERE}} if last else {}
+        parts.append(_part(model, single, f"{name}_{i}", number, carrier, seat, idx_q, idx_v, own))
+        idx_q, idx_v = idx_q + single.nq, idx_v + single.nv
+    return parts
+
+
+def _part(
+    model: Any, joint: Any, name: str, number: int, parent: int, pose: Pose, idx_q: int, idx_v: int, content: Any
+) -> Part:
+    kind = joint.shortname()
+    if kind not in {*_HINGES, *_SLIDERS, "JointModelMimic"}:
+        raise _refusal(model, number, "a revolute, continuous, prismatic or mimic joint, or a free-flyer at the root")
+    motion = np.ravel(joint.createData().S)
+    if kind == "JointModelMimic":
+        mimic = joint.extract()
+        if mimic.scaling == 0:
+            raise _refusal(model, number, "a mimic joint that moves")
+        leader = next(model.names[i] for i in range(model.njoints) if _leads(model, i, joint))
+        return Part(
+            name, "hinge" if motion[3:].any() else "slider", parent, pose,
+            _axis(motion / mimic.scaling), mimic=Mimic(leader, mimic.scaling, mimic.offset), **content,
+        )  # fmt: skip
+    limits = None
+    if joint.nq == 1 and model.lowerPositionLimit[idx_q] < model.upperPositionLimit[idx_q]:
+        limits = float(model.lowerPositionLimit[idx_q]), float(model.upperPositionLimit[idx_q])
+    return Part(
+        name, "hinge" if kind in _HINGES else "slider", parent, pose, _axis(motion), **content, limits=limits,
+        effort_limit=float(model.upperEffortLimit[idx_v]), rate_limit=float(model.upperVelocityLimit[idx_v]),
+    )  # fmt: skip
+
+
+def _leads(model: Any, number: int, mimic: Any) -> bool:
+    """Tell whether a mimic joint follows a joint: it has the coordinate of that."""
+    joint = model.joints[number]
+    return number > 0 and joint.nq > 0 and joint.idx_q == mimic.idx_q
+
+
+def _axis(motion: Float64Array) -> Float64Array:
+    """Return the unit axis of a joint, of its motion subspace: linear parts, angular parts."""
+    return unit_axis("axis", motion[3:] if motion[3:].any() else motion[:3])
+
+
+class _Bodies:
+    """The links, further frames and masses of each joint's body.
+
+    Args:
+        model: of Pinocchio.
+        root: number of the joint whose body is the base.
+    """
+
+    def __init__(self, model: Any, root: int) -> None:
+        self._model, self._root = model, root
+        self._links: dict[int, dict[str, Pose]] = {}
+        self._frames: dict[int, dict[str, Pose]] = {}
+        bodies = {i for i, frame in enumerate(model.frames) if frame.type.name == "BODY"}
+        carrying = set()
+        for i, frame in enumerate(model.frames):
+            kinds = self._links if i in bodies else self._frames
+            if frame.type.name != "JOINT" and i > 0:
+                kinds.setdefault(frame.parentJoint, {})[frame.name] = _pose(frame.placement)
+            above = frame.parentFrame
+            while i in bodies and above > 0 and above not in bodies:
+                above = model.frames[above].parentFrame
+            if i in bodies and above in bodies:
+                carrying.add(model.frames[above].name)
+        self._carrying = carrying
+        self._parents = {int(parent) for parent in model.parents}
+
+    def content(self, joint: int) -> dict[str, Any]:
+        """Return what a joint's body gives its part."""
+        links = self._links.get(joint)
+        leaves = [link for link in links or () if link not in self._carrying]
+        if not links:
+            name = self._model.names[joint]
+            links, leaves = {name: HERE}, [] if joint in self._parents else [name]
+        body = self._model.inertias[joint]
+        inertia = Inertia(float(body.mass), np.array(body.lever), np.array(body.inertia))
+        frames = self._frames.get(joint, {})
+        return {"links": links, "leaves": leaves, "frames": frames, "inertias": {next(iter(links)): inertia}}
+
+
+def _pose(placement: Any) -> Pose:
+    """Return a placement; where its rotation is a quarter turn but for rounding, exactly that."""
+    rotation = np.array(placement.rotation)
+    near = np.rint(rotation)
+    return Pose(near if np.abs(rotation - near).max() <= _ROUNDING else rotation, np.array(placement.translation))

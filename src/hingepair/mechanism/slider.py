@@ -1,0 +1,91 @@
+"""The slider: two rigid bodies that shift against each other along an axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import quoted
+from hingepair.numeric.arrays import Frozen
+from hingepair.numeric.tables import Sheet, Shown, sheet_of
+from hingepair.pair.body import Body
+from hingepair.pair.constants import check_one
+from hingepair.pair.hinge_pair import HingePair
+
+_FIELDS = ("u1", "u2", "n", "home", "name", "limits", "body1", "body2", "torque_limit", "rate_limit")
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Slider(Frozen, Shown):
+    """Two rigid bodies joined by a slider: R2 = R1 + S1 (u1 + n q) - S2 u2, S2 = S1 home; q is the shift [m].
+
+    A slider is a joint of a `Mechanism`, as a `HingePair` is, with the fields of one. Values are copied in and
+    read-only.
+
+    Args:
+        u1: point of body 1 that meets the point u2 of body 2 at q = 0, body-1 axes [m]; shape (3,).
+        u2: that point from body 2's reference point, body-2 axes [m]; shape (3,).
+        n: direction in which body 2 shifts, body-1 axes; any non-zero length; kept at unit length; shape (3,).
+        home: rotation of body 2 relative to body 1; identity unless given; shape (3, 3).
+        name: of the joint.
+        limits: least and greatest shift [m]; shape (2,).
+        body1: mass properties and shapes of body 1.
+        body2: those of body 2.
+        torque_limit: the largest force of the slider's motor [N]; URDF calls it effort.
+        rate_limit: the largest rate [m/s].
+
+    Raises:
+        ArgumentError: a value is not finite or has the wrong shape; names the argument.
+
+    >>> import hingepair as hp
+    >>> lift = hp.Slider(u1=(0, 0, 0.5), u2=(0, 0, 0), n=(0, 0, 2), name="lift", limits=(0, 1.5))
+    >>> lift.n.tolist(), lift.limits
+    ([0.0, 0.0, 1.0], (0.0, 1.5))
+    """
+
+    u1: NDArray[np.float64]
+    u2: NDArray[np.float64]
+    n: NDArray[np.float64]
+    home: NDArray[np.float64]
+    name: str
+    limits: tuple[float, float] | None
+    body1: Body | None
+    body2: Body | None
+    torque_limit: float | None
+    rate_limit: float | None
+
+    def __init__(
+        self,
+        u1: ArrayLike,
+        u2: ArrayLike,
+        n: ArrayLike,
+        home: ArrayLike | None = None,
+        name: str = "slider",
+        limits: ArrayLike | None = None,
+        body1: Body | None = None,
+        body2: Body | None = None,
+        torque_limit: float | None = None,
+        rate_limit: float | None = None,
+    ) -> None:
+        # The fields are those of a pair, and so are the checks.
+        checked = HingePair(u1, u2, n, home, name, limits, body1, body2, torque_limit, rate_limit)
+        check_one(checked)
+        for field in _FIELDS:
+            object.__setattr__(self, field, getattr(checked, field))
+
+    def __repr__(self) -> str:
+        given: dict[str, Any] = {field: getattr(self, field) for field in _FIELDS}
+        shown = (
+            f"{field}={value.tolist() if isinstance(value, np.ndarray) else quoted(value)}"
+            for field, value in given.items()
+            if value is not None
+        )
+        return f"Slider({', '.join(shown)})"
+
+    def _sheet(self) -> Sheet:
+        names = ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit")
+        masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
+        return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses])

@@ -1,0 +1,210 @@
+"""The parts of a robot, of what it is given by: URDF, a model of Pinocchio, or pairs."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from hingepair.errors import ArgumentError, URDFError, quoted
+from hingepair.mechanism.folding import Part
+from hingepair.mechanism.slider import Slider
+from hingepair.numeric.unit_vectors import unit_axis
+from hingepair.pair.body import Body
+from hingepair.pair.constants import check_one
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.urdf import records
+from hingepair.urdf.rigid import HERE, Inertia, Pose
+
+Kind = Literal["hinge", "slider", "fixed"]
+_KINDS: Mapping[str, Kind] = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slider", "fixed": "fixed"}
+BASE = "base"
+"""Name of the link that is the base, where nothing else names it."""
+
+
+def parts_of_urdf(robot: records.Robot) -> list[Part]:
+    """Return the parts of a robot that was read from URDF: the base, then the joints depth-first, by name.
+
+    Raises:
+        URDFError: the links and joints are no tree, a joint is of a type that has no part, a number is none; names
+            the joint or the link. A joint that follows one that does not exist moves by itself, with a warning.
+    """
+    root, joints = robot.tree()
+    parents = {joint.parent for joint in joints}
+    names = {joint.name for joint in joints}
+    numbers = {root: 0}
+    parts = [Part("", "fixed", -1, **_link(robot, root, root not in parents))]
+    for joint in joints:
+        if joint.type not in _KINDS:
+            expected = f"a type out of {', '.join(_KINDS)}"
+            raise URDFError(f"joint {joint.name!r}", expected, quoted(joint.type) if joint.type else "none")
+        numbers[joint.child] = len(parts)
+        link = _link(robot, joint.child, joint.child not in parents)
+        kind = _KINDS[joint.type]
+        if kind == "fixed":
+            parts.append(Part(joint.name, kind, numbers[joint.parent], joint.pose, **link))
+            continue
+        axis = unit_axis(f"joint {joint.name!r}, axis", joint.axis)
+        limits: dict[str, Any] = {"limits": joint.limits, "effort_limit": joint.effort, "rate_limit": joint.velocity}
+        mimic = joint.mimic
+        if mimic is not None and mimic.leader not in names:
+            told = f"joint {joint.name!r} follows {mimic.leader!r}, which the robot does not have: it moves by itself"
+            warnings.warn(told, UserWarning, stacklevel=4)
+            mimic = None
+        parts.append(Part(joint.name, kind, numbers[joint.parent], joint.pose, axis, **link, **limits, mimic=mimic))
+    return parts
+
+
+def _link(robot: records.Robot, name: str, leaf: bool) -> dict[str, Any]:
+    """Return what a link gives its part."""
+    link = robot.links[name][0]
+    return {"links": {name: HERE}, "leaves": (name,) if leaf else (), "inertias": {name: link.inertia()}}
+
+
+def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None) -> list[Part]:
+    """Return the parts of hinges and sliders that share bodies: the base, then the pairs as they stand.
+
+    Args:
+        pairs: joints, by name depth-first with siblings by name.
+        parents: for each pair, 0 where its body 1 is the base, or j where its body 1 is body 2 of the j-th pair, from
+            1 on; None where each pair's body 1 is body 2 of the pair before it.
+
+    Raises:
+        ArgumentError: no pair, a name twice, parents that make no tree, another order (names the order to use), or a
+            body that is given twice and differs.
+    """
+    given = _checked_pairs(pairs)
+    above = _checked_parents(given, parents)
+    names = [pair.name for pair in given]
+    order = _depth_first(names, above)
+    if order != list(range(len(given))):
+        numbers = {old: new for new, old in enumerate(order, 1)}
+        sorted_parents = [numbers.get(above[old] - 1, 0) for old in order]
+        expected = f"the order {', '.join(names[i] for i in order)} with parents={sorted_parents}"
+        raise ArgumentError("pairs", f"{expected}: depth-first, siblings by name", ", ".join(names))
+    bodies = [_shared([("body1", pair) for pair, parent in zip(given, above, strict=True) if parent == 0])]
+    for number, pair in enumerate(given, 1):
+        carried = [("body1", other) for other, parent in zip(given, above, strict=True) if parent == number]
+        bodies.append(_shared([("body2", pair), *carried]))
+    seats = [HERE, *(Pose(np.eye(3), 0.0 - pair.u2) for pair in given)]
+    parts = [Part("", "fixed", -1, **_body(BASE, bodies[0], HERE, leaf=False))]
+    for number, (pair, parent) in enumerate(zip(given, above, strict=True), 1):
+        leaf = number not in above
+        home = np.asarray(pair.home)
+        parts.append(
+            Part(
+                pair.name,
+                "hinge" if isinstance(pair, HingePair) else "slider",
+                parent,
+                seats[parent].placed(Pose(home, pair.u1)),
+                unit_axis("n", home.T @ pair.n),
+                **_body(pair.name, bodies[number], seats[number], leaf),
+                limits=pair.limits,
+                effort_limit=pair.torque_limit,
+                rate_limit=pair.rate_limit,
+            )
+        )
+    return parts
+
+
+def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slider]:
+    if not isinstance(pairs, Iterable):
+        raise ArgumentError("pairs", "HingePairs and Sliders", quoted(pairs))
+    given = list(pairs)
+    if not given:
+        raise ArgumentError("pairs", "at least one HingePair or Slider", "none")
+    names = set()
+    for pair in given:
+        if not isinstance(pair, HingePair | Slider):
+            hint = " (a PlanarPair's is pair.to_spatial())" if hasattr(pair, "to_spatial") else ""
+            raise ArgumentError("pairs", f"HingePairs and Sliders{hint}", quoted(pair))
+        if isinstance(pair, HingePair):
+            check_one(pair)
+        if pair.name in names:
+            raise ArgumentError("pairs", "a name of its own for each, by name=", f"{pair.name!r} twice")
+        if pair.name == BASE:
+            raise ArgumentError("pairs", f"names other than {BASE!r}, which is that of the base", quoted(pair.name))
+        names.add(pair.name)
+    return given
+
+
+def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int] | None) -> list[int]:
+    count = len(pairs)
+    if parents is None:
+        return list(range(count))
+    above = list(parents) if isinstance(parents, Iterable) else None
+    if above is None or len(above) != count:
+        raise ArgumentError("parents", f"{count} numbers, one of each pair", quoted(parents))
+    for parent in above:
+        if isinstance(parent, bool) or not isinstance(parent, int | np.integer) or not 0 <= parent <= count:
+            raise ArgumentError("parents", f"numbers from 0 (the base) to {count}", quoted(parent))
+    return [int(parent) for parent in above]
+
+
+def _depth_first(names: Sequence[str], above: Sequence[int]) -> list[int]:
+    """Return the places of the pairs depth-first, siblings by name.
+
+    Raises:
+        ArgumentError: the parents make no tree.
+    """
+    carried: dict[int, list[int]] = {}
+    for place, parent in enumerate(above):
+        carried.setdefault(parent, []).append(place)
+    order: list[int] = []
+    waiting = [0]
+    while waiting:
+        here = waiting.pop()
+        if here:
+            order.append(here - 1)
+        waiting += [place + 1 for place in sorted(carried.get(here, ()), key=names.__getitem__, reverse=True)]
+    if len(order) < len(names):
+        loop = next(name for place, name in enumerate(names) if place not in order)
+        raise ArgumentError(
+            "parents", "a tree that starts at the base, 0", f"{list(above)}, where {loop!r} is in a circle"
+        )
+    return order
+
+
+def _shared(sides: Sequence[tuple[str, HingePair | Slider]]) -> Body | None:
+    """Return the body that pairs share; None where none of them gives it.
+
+    Raises:
+        ArgumentError: two of them give it, and differ.
+    """
+    known: tuple[str, Body] | None = None
+    for side, pair in sides:
+        body: Body | None = getattr(pair, side)
+        if body is None:
+            continue
+        where = f"{side} of {pair.name!r}"
+        if known is None:
+            known = where, body
+        elif not _same(known[1], body):
+            raise ArgumentError(where, f"the body that {known[0]} is, or None", body)
+    return None if known is None else known[1]
+
+
+def _same(one: Body, other: Body) -> bool:
+    return one is other or (
+        one.mass == other.mass
+        and np.array_equal(one.center_of_mass, other.center_of_mass)
+        and np.array_equal(one.inertia, other.inertia)
+    )
+
+
+def _body(name: str, body: Body | None, seat: Pose, leaf: bool) -> dict[str, Any]:
+    """Return what a body gives its part; `seat` is the pose of the body's frame in the part's."""
+    content: dict[str, Any] = {"links": {name: seat}, "leaves": (name,) if leaf else ()}
+    if body is None:
+        if name != BASE:
+            content["notes"] = (f"{name}: no mass is given, none is taken; body2=hp.Body(mass=...) gives it",)
+        return content
+    content["inertias"] = {name: inertia_of(body).placed(seat)}
+    return content | {"notes": tuple(f"{name}: {sentence}" for sentence in body.assumed)}
+
+
+def inertia_of(body: Body) -> Inertia:
+    """Return the mass properties of a body, in its own axes from its reference point."""
+    return Inertia(body.mass, np.asarray(body.center_of_mass), np.asarray(body.inertia))

@@ -1,0 +1,65 @@
+"""Poses of frames, and masses of what is rigidly joined."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from hingepair.numeric.arrays import Float64Array
+
+
+class Pose(NamedTuple):
+    """Rotation and origin of a frame, in the axes of another."""
+
+    rotation: Float64Array
+    origin: Float64Array
+
+    def placed(self, inner: Pose) -> Pose:
+        """Return a pose that is given in this frame, in the frame that this one is given in."""
+        return Pose(self.rotation @ inner.rotation, self.origin + self.rotation @ inner.origin)
+
+    def seen(self, other: Pose) -> Pose:
+        """Return a pose that is given in the same frame as this one, in this frame."""
+        return Pose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
+
+
+HERE = Pose(np.eye(3), np.zeros(3))
+"""The pose of a frame in itself."""
+
+
+class Inertia(NamedTuple):
+    """Mass properties, in the axes of a frame.
+
+    Attributes:
+        mass: of either sign, as it was written [kg].
+        centre: centre of mass [m]; shape (3,).
+        tensor: about the centre of mass [kg m^2]; shape (3, 3).
+    """
+
+    mass: float
+    centre: Float64Array
+    tensor: Float64Array
+
+    def placed(self, pose: Pose) -> Inertia:
+        """Return the same mass properties in the frame that `pose`, the pose of this frame, is given in."""
+        axes, centre = pose.placed(Pose(np.eye(3), self.centre))
+        return Inertia(self.mass, centre, axes @ self.tensor @ axes.T)
+
+
+def combined(inertias: Collection[Inertia]) -> Inertia:
+    """Return the mass properties of parts taken together, given in one frame (parallel axes).
+
+    Where the masses add up to zero, the centre of mass is taken at the frame's origin.
+    """
+    total = sum(part.mass for part in inertias)
+    middle = np.zeros(3)
+    if total:
+        middle = np.sum([part.mass / total * part.centre for part in inertias], axis=0)
+    tensor = np.zeros((3, 3))
+    for mass, centre, own in inertias:
+        arm = centre - middle
+        tensor += own
+        tensor += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return Inertia(total, middle + 0.0, tensor + 0.0)

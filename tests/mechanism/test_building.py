@@ -1,0 +1,427 @@
+"""Robots from URDF, Pinocchio's models and pairs: the bodies, joints and frames are those that Pinocchio has."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hingepair as hp
+from hingepair.errors import ArgumentError, URDFError
+from hingepair.formats.robots import robot_urdf
+from hingepair.mechanism.building import (
+    pair_of,
+    tree_of_pairs,
+    tree_of_pinocchio,
+    tree_of_urdf,
+    with_frame,
+    with_payload,
+)
+from hingepair.mechanism.slider import Slider
+from hingepair.rotations.matrices import rodrigues
+from support.exported import ARM
+from support.robots import check_against_model, tree_of
+
+U = 2.0**-53
+FAST = ("panda", "talos_reduced", "romeo", "kinova", "quadrotor_base")
+"""Sliders, a humanoid, mimic joints, continuous joints, and one body."""
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_a_robot_of_urdf_is_that_of_pinocchio(name):
+    check_against_model(tree_of(name), pin.buildModelFromUrdf(str(robot_urdf(name))), 0)
+    model = pin.buildModelFromUrdf(str(robot_urdf(name)), pin.JointModelFreeFlyer())
+    check_against_model(tree_of(name, "free"), model, 1)
+
+
+def same_numbers(one, other, bound):
+    """Compare two trees that have the same joints."""
+    assert [(j.name, j.kind, j.parent, j.mimic) for j in one.joints] == [
+        (j.name, j.kind, j.parent, j.mimic) for j in other.joints
+    ]
+    bodies = ([tree.base, *(joint.body for joint in tree.joints)] for tree in (one, other))
+    for a, b in zip(*bodies, strict=True):
+        for name in ("mass", "center_of_mass", "inertia"):
+            assert np.abs(getattr(a, name) - getattr(b, name)).max() <= bound * (1 + abs(a.mass)), name
+    for a, b in zip(one.joints, other.joints, strict=True):
+        assert max(np.abs(getattr(a, name) - getattr(b, name)).max() for name in ("u", "S", "n")) <= bound
+        if a.mimic is None:  # of joints that follow others a model of Pinocchio has no limits
+            limits = [(joint.position_limits, joint.rate_limit, joint.effort_limit) for joint in (a, b)]
+            assert limits[0] == limits[1]
+    assert one.links.keys() == other.links.keys()
+    for name, frame in one.links.items():
+        assert frame.body == other.links[name].body
+        assert max(np.abs(getattr(frame, k) - getattr(other.links[name], k)).max() for k in ("R", "S")) <= bound
+    assert set(one.tips) == set(other.tips)
+
+
+@pytest.mark.parametrize("base", ["fixed", "free"])
+@pytest.mark.parametrize("name", ["panda", "kinova"])
+def test_a_model_of_pinocchio_is_the_robot_of_its_urdf(name, base):
+    root = [pin.JointModelFreeFlyer()] if base == "free" else []
+    model = pin.buildModelFromUrdf(str(robot_urdf(name)), *root, mimic=True)
+    tree, own = tree_of_pinocchio(model, None, None)
+    assert own == base
+    same_numbers(tree, tree_of(name, base), 64 * U)
+    assert tree_of_pinocchio(model, "free" if base == "fixed" else "fixed", None)[1] != base
+
+
+def test_quarter_turns_of_a_model_are_exact():
+    for tree in (tree_of_pinocchio(pin.buildModelFromUrdf(str(robot_urdf("z1"))), None, None)[0], tree_of("z1")):
+        turned = [joint.S for joint in tree.joints if np.abs(joint.S - np.eye(3)).max() > 0.5]
+        assert all(np.isin(S, (-1.0, 0.0, 1.0)).all() for S in turned)
+
+
+def test_panda_is_not_snapped_unless_asked():
+    plain, snapped = tree_of("ur5_robot"), tree_of("ur5_robot", snap=1e-6)
+    entries = [np.isin(joint.S, (-1.0, 0.0, 1.0)).all() for tree in (plain, snapped) for joint in tree.joints]
+    assert (all(entries[:6]), all(entries[6:])) == (False, True)
+    with pytest.raises(ArgumentError, match="snap: expected a number not below 0, got -1"):
+        tree_of("panda", snap=-1)
+
+
+# ---------------------------------------------------------------- fixed, locked and mimic joints
+
+
+@pytest.mark.parametrize(
+    ("name", "locked"),
+    [
+        ("panda", {"panda_joint3": 0.7, "panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}),
+        ("talos_reduced", {"arm_left_4_joint": -1.1, "leg_left_1_joint": 0.3, "torso_2_joint": 0.1}),
+        ("kinova", {"j2s6s200_joint_1": math.pi / 2, "j2s6s200_joint_3": 0.5}),
+    ],
+    ids=("panda", "talos", "kinova"),
+)
+def test_locked_joints_are_folded_as_pinocchio_folds_them(name, locked):
+    model = pin.buildModelFromUrdf(str(robot_urdf(name)))
+    q = pin.neutral(model)
+    for joint, value in locked.items():
+        own = model.joints[model.getJointId(joint)]
+        q[own.idx_q : own.idx_q + own.nq] = value if own.nq == 1 else (math.cos(value), math.sin(value))
+    reduced = pin.buildReducedModel(model, [model.getJointId(joint) for joint in locked], q)
+    tree = tree_of(name, locked=locked)
+    check_against_model(tree, reduced, 0)
+    assert set(locked) <= set(tree.frames)
+    held = tree.frame(next(iter(locked)))
+    frame = reduced.frames[reduced.getFrameId(next(iter(locked)))]
+    assert (held.body, np.abs(held.R - frame.placement.translation).max() < 32 * U) == (frame.parentJoint, True)
+
+
+def test_a_joint_locked_at_a_quarter_turn_is_exact():
+    text = ARM.replace('rpy="0.1 -0.2 0.3"', "")
+    tree = tree_of_urdf(text, "fixed", {"shoulder": math.pi / 2, "elbow": -math.pi}, None)
+    assert tree.links["lower"].S.tolist() == [[0, 1, 0], [1, 0, 0], [0, 0, -1]]
+    assert tree.joints[0].name == "slide"  # what follows the elbow is held too
+
+
+def mimic_arm(*rules):
+    """An arm of hinges a, b, c, ... of which some follow others: (follower, leader, multiplier, offset)."""
+    names = "abcd"
+    text = '<robot name="r"><link name="0"/>' + "".join(f'<link name="L{name}"/>' for name in names)
+    for parent, name in zip(("0", "La", "Lb", "Lc"), names, strict=True):
+        rule = "".join(f'<mimic joint="{r[1]}" multiplier="{r[2]}" offset="{r[3]}"/>' for r in rules if r[0] == name)
+        links = f'<parent link="{parent}"/><child link="L{name}"/>'
+        text += f'<joint name="{name}" type="continuous">{links}{rule}</joint>'
+    return text + "</robot>"
+
+
+def test_what_follows_a_follower_follows_its_leader():
+    tree = tree_of_urdf(mimic_arm(("a", "c", 2, 0.5), ("d", "a", -3, 0.25)), "fixed", None, None)
+    assert [joint.mimic for joint in tree.joints] == [(3, 2.0, 0.5), None, None, (3, -6.0, -1.25)]
+    assert [joint.name for joint in tree.coordinates] == ["b", "c"]
+
+
+def test_what_follows_a_locked_joint_is_held():
+    text = mimic_arm(("a", "c", 2, 0.5), ("d", "a", -3, 0.25))
+    tree = tree_of_urdf(text, "fixed", {"c": 0.5}, None)
+    assert [joint.name for joint in tree.joints] == ["b"]
+    held = tree_of_urdf(text, "fixed", {"c": 0.5, "a": 1.5, "d": -4.25}, None)
+    assert all(np.array_equal(tree.links[name].S, held.links[name].S) for name in tree.links)
+    alone = tree_of_urdf(text, "fixed", {"a": 1.5}, None)
+    assert [(joint.name, joint.mimic) for joint in alone.joints] == [("b", None), ("c", None)]
+
+
+def test_a_leader_that_does_not_exist_is_told():
+    with pytest.warns(UserWarning, match="joint 'b' follows 'x', which the robot does not have: it moves by itself"):
+        tree = tree_of_urdf(mimic_arm(("b", "x", 2, 0)), "fixed", None, None)
+    assert [joint.mimic for joint in tree.joints] == [None] * 4
+
+
+@pytest.mark.parametrize(
+    ("rules", "message"),
+    [
+        ([("b", "b", 1, 0)], "joint 'b', mimic: expected a joint that does not follow this one, got 'b'"),
+        ([("a", "b", 1, 0), ("b", "a", 1, 0)], "joint 'b', mimic: expected a joint that does not follow this one"),
+    ],
+)
+def test_joints_that_follow_themselves_are_refused(rules, message):
+    with pytest.raises(ArgumentError, match=message):
+        tree_of_urdf(mimic_arm(*rules), "fixed", None, None)
+
+
+@pytest.mark.parametrize(
+    ("locked", "message"),
+    [
+        ({"panda_joint9": 0}, "locked: expected one of panda_joint1, .*nearest: panda_joint.*got 'panda_joint9'"),
+        ({"panda_hand_joint": 0}, "locked: expected one of"),
+        ({"panda_joint1": math.nan}, "locked, 'panda_joint1': expected a finite number"),
+        ({"panda_joint1": "0"}, "locked, 'panda_joint1': expected a finite number, got '0'"),
+        (["panda_joint1"], "locked: expected positions by the joint's name"),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_locked_is_refused(locked, message):
+    with pytest.raises(ArgumentError, match=message):
+        tree_of("panda", locked=locked)
+
+
+@pytest.mark.parametrize("kind", ["planar", "floating", "spherical", ""])
+def test_joints_of_other_kinds_are_refused_by_name(kind):
+    with pytest.raises(URDFError, match="joint 'slide': expected a type out of revolute, continuous, "):
+        tree_of_urdf(ARM.replace('"prismatic"', f'"{kind}"'), "fixed", None, None)
+
+
+def test_numbers_that_overflow_are_refused_by_name():
+    text = ARM.replace('xyz="0 0 1"', 'xyz="0 0 1e308"').replace('xyz="1 2 3"', 'xyz="1 2 1.5e308"')
+    with pytest.raises(ArgumentError, match="joint 'slide': expected a position that can be computed"):
+        tree_of_urdf(text, "fixed", {"shoulder": 0.0, "elbow": 0.0}, None)
+
+
+# ---------------------------------------------------------------- masses that no rigid body has
+
+
+def test_masses_are_taken_as_written_and_told():
+    tree, model = tree_of("icub"), pin.buildModelFromUrdf(str(robot_urdf("icub")))
+    assert [joint.body.mass for joint in tree.joints] == [inertia.mass for inertia in list(model.inertias)[1:]]
+    assert tree.notes[0].startswith("no rigid body has the mass properties of 'r_hip_1', which are used as they are")
+    assert not tree_of("panda").notes
+
+
+def test_the_mass_of_a_fixed_base_is_not_judged():
+    bad = '<inertial><mass value="-1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    text = ARM.replace('<link name="base"/>', f'<link name="base">{bad}</link>')
+    assert tree_of_urdf(text, "fixed", None, None).notes == ()
+    (note,) = tree_of_urdf(text, "free", None, None).notes
+    assert note.startswith("no rigid body has the mass properties of 'base'")
+    assert tree_of_urdf(text, "free", None, None).base.mass == -1
+
+
+# ---------------------------------------------------------------- models of Pinocchio beyond URDF
+
+MJCF = """<mujoco model="m"><compiler angle="radian"/><worldbody>
+<body name="torso" pos="0 0 1"><freejoint name="root"/><geom type="sphere" size="0.1" mass="1"/>
+  <body name="leg" pos="0.1 0 0">
+    <joint name="h1" type="hinge" axis="0 1 0" range="-1 1"/>
+    <joint name="h2" type="hinge" axis="1 0 0" pos="0 0 0.1"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.05" mass="0.5"/>
+    <body name="foot" pos="0 0 -0.3"><joint name="s" type="slide" axis="0 0 1"/>
+      <geom type="sphere" size="0.03" mass="0.1"/>
+      <site name="tip" pos="0 0 -0.02"/></body>
+  </body></body></worldbody></mujoco>"""
+
+
+@pytest.fixture
+def composite_model(tmp_path):
+    path = tmp_path / "m.xml"
+    path.write_text(MJCF)
+    return pin.buildModelFromMJCF(str(path))
+
+
+def test_a_body_with_several_joints_has_as_many(composite_model):
+    tree, base = tree_of_pinocchio(composite_model, None, None)
+    assert base == "free"
+    assert [(j.name, j.kind, j.parent) for j in tree.joints] == [
+        ("Composite_h1_1", "hinge", 0), ("Composite_h1_2", "hinge", 1), ("s", "slider", 2),
+    ]  # fmt: skip
+    assert [joint.n.tolist() for joint in tree.joints] == [[0, 1, 0], [1, 0, 0], [0, 0, 1]]
+    assert [joint.u.tolist() for joint in tree.joints] == [[0.1, 0, 0], [0, 0, 0.1], [0, 0, -0.4]]
+    assert [joint.body.mass for joint in tree.joints] == [0.0, 0.5, 0.1]
+    assert tree.base.mass == 1.0
+    assert tree.joints[0].position_limits == (-1.0, 1.0)
+    assert (tree.tips, list(tree.links)) == (("foot",), ["torso", "leg", "foot"])
+    assert tree.frame("tip").R.tolist() == [0, 0, -0.02]
+    assert tree.frame("Composite_h1").body == 2
+
+
+def test_joints_of_a_model_that_are_no_part_of_a_tree_are_refused_by_name():
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    with pytest.raises(ArgumentError, match=r"joint 'ball': expected a revolute, .* got JointModelSpherical"):
+        tree_of_pinocchio(model, None, None)
+    with pytest.raises(ArgumentError, match="model: expected a model of Pinocchio, got 3"):
+        tree_of_pinocchio(3, None, None)
+
+
+def test_a_model_that_is_not_depth_first_is_refused_by_name():
+    model = pin.Model()
+    for parent, name in ((0, "a"), (0, "b"), (1, "c")):
+        model.addJoint(parent, pin.JointModelRZ(), pin.SE3.Identity(), name)
+    with pytest.raises(ArgumentError, match="joint 'c': expected its place right behind what 'a' carries"):
+        tree_of_pinocchio(model, None, None)
+
+
+# ---------------------------------------------------------------- pairs
+
+BOOM = hp.HingePair(u1=(1, 0, 2), u2=(-0.5, 0, 0), n=(0, 1, 0), name="boom", limits=(-1, 1), torque_limit=3)
+STICK = hp.HingePair(u1=(2, 0, 0), u2=(-1, 0, 0.25), n=(0, -2, 0), home=rodrigues((0, 1, 0), 0.5), name="stick")
+LIFT = Slider(u1=(0, 0, 1), u2=(0, 0.5, 0), n=(3, 0, 4), name="lift", rate_limit=2, torque_limit=9)
+
+
+def test_pairs_in_series_share_their_bodies():
+    mass = hp.Body(mass=2, center_of_mass=(0.1, 0, 0), inertia=(1, 1, 1))
+    lift = replace(LIFT, body1=hp.Body(3, inertia=(1, 1, 1)))
+    tree = tree_of_pairs([replace(BOOM, body2=mass), STICK, lift], None, "fixed", "arm")
+    assert (tree.name, [joint.parent for joint in tree.joints]) == ("arm", [0, 1, 2])
+    assert [joint.u.tolist() for joint in tree.joints] == [[1, 0, 2], [2.5, 0, 0], [1, 0, 0.75]]
+    assert [joint.body.mass for joint in tree.joints] == [2, 3, 0]
+    assert tree.joints[0].body.center_of_mass.tolist() == [0.6, 0, 0]
+    assert tree.joints[2].n.tolist() == [0.6, 0, 0.8]
+    assert tree.links["stick"].R.tolist() == [1, 0, -0.25]
+    assert (list(tree.links), tree.tips) == (["base", "boom", "stick", "lift"], ("lift",))
+    assert tree.joints[0].position_limits == (-1, 1)
+    assert (tree.joints[0].effort_limit, tree.joints[2].rate_limit, tree.joints[1].rate_limit) == (3, 2, np.inf)
+    assert tree.notes == ("lift: no mass is given, none is taken; body2=hp.Body(mass=...) gives it",)
+
+
+def test_pairs_may_branch():
+    tree = tree_of_pairs([BOOM, LIFT, STICK], [0, 1, 0], "free", None)
+    assert [joint.parent for joint in tree.joints] == [0, 1, 0]
+    assert tree.tips == ("lift", "stick")
+    assert tree.name == "mechanism"
+
+
+def test_the_motion_of_pairs_is_that_of_their_equations():
+    """Of the tree's own definition: each pair gives R2 and S2 from the body before."""
+    tree = tree_of_pairs([BOOM, STICK], None, "fixed", None)
+    q = (0.7, -1.3)
+    R, S = np.zeros(3), np.eye(3)
+    for pair, angle in zip((BOOM, STICK), q, strict=True):
+        body1 = hp.BodyMotion(R=R, S=S)
+        state = pair.forward_kinematics_from_body1(body1, angle)
+        R, S = state.R2, state.S2
+    origin, turn = np.zeros(3), np.eye(3)
+    for joint, angle in zip(tree.joints, q, strict=True):
+        origin, turn = origin + turn @ joint.u, turn @ joint.S @ rodrigues(joint.n, angle)
+    seat = tree.links["stick"]
+    assert np.abs(origin + turn @ seat.R - R).max() <= 64 * U
+    assert np.abs(turn @ seat.S - S).max() <= 16 * U
+
+
+PAIRS_WRONG = {
+    "none": (([], None), "pairs: expected at least one HingePair or Slider, got none"),
+    "no pairs": ((3, None), "pairs: expected HingePairs and Sliders, got 3"),
+    "a planar one": (
+        ([hp.PlanarPair((1, 0), (0, 0))], None), r"pairs: expected HingePairs and Sliders \(a PlanarPair's is pair",
+    ),
+    "one name twice": (([BOOM, BOOM], None), "expected a name of its own for each, by name=, got 'boom' twice"),
+    "the base's name": (([replace(BOOM, name="base")], None), "pairs: expected names other than 'base'"),
+    "too few parents": (([BOOM, STICK], [0]), r"parents: expected 2 numbers, one of each pair, got \[0\]"),
+    "a parent that is none": (([BOOM, STICK], [0, 3]), r"parents: expected numbers from 0 \(the base\) to 2, got 3"),
+    "a parent that is no number": (([BOOM, STICK], [0, 1.0]), "parents: expected numbers from 0"),
+    "a circle": (([BOOM, STICK], [2, 1]), "expected a tree that starts at the base, 0, got .* 'boom' is in a"),
+    "breadth first": (
+        ([BOOM, STICK, LIFT], [0, 0, 1]),
+        r"pairs: expected the order boom, lift, stick with parents=\[0, 1, 0\]: depth-first, siblings by name, got",
+    ),
+    "siblings not by name": (([STICK, BOOM], [0, 0]), r"the order boom, stick with parents=\[0, 0\]"),
+    "behind what it carries": (([BOOM, STICK], [2, 0]), r"the order stick, boom with parents=\[0, 1\]"),
+    "bodies that differ": (
+        ([replace(BOOM, body2=hp.Body(1, inertia=(1, 1, 1))), replace(STICK, body1=hp.Body(2))], None),
+        "body1 of 'stick': expected the body that body2 of 'boom' is, or None",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("given", "message"), PAIRS_WRONG.values(), ids=PAIRS_WRONG)
+def test_pairs_that_make_no_robot_are_refused(given, message):
+    with pytest.raises(ArgumentError, match=message):
+        tree_of_pairs(*given, "fixed", None)
+
+
+def test_a_body_may_be_given_on_both_sides_alike():
+    body = hp.Body(2, inertia=(1, 1, 1))
+    pairs = [replace(BOOM, body2=body), replace(STICK, body1=hp.Body(2, inertia=(1, 1, 1)))]
+    assert tree_of_pairs(pairs, None, "fixed", None).joints[0].body.mass == 2
+    varied = hp.HingePair(u1=np.ones((2, 3)), u2=(0, 0, 0), n=(0, 0, 1))
+    with pytest.raises(ArgumentError, match="pair: expected one pair"):
+        tree_of_pairs([varied], None, "fixed", None)
+    with pytest.raises(ArgumentError, match="base: expected one of fixed, free, got 'loose'"):
+        tree_of_pairs(pairs, None, "loose", None)
+    with pytest.raises(ArgumentError, match="name: expected a text that is not empty"):
+        tree_of_pairs(pairs, None, "fixed", " ")
+
+
+def test_a_joint_comes_back_as_a_pair():
+    tree = tree_of("panda")
+    knee = pair_of(tree, tree.joints[3])
+    expected = hp.load_robot_hinge("panda", "panda_joint4")
+    for name in ("u1", "u2", "n", "home"):
+        assert np.array_equal(getattr(knee, name), getattr(expected, name)), name
+    assert (knee.limits, knee.torque_limit, knee.rate_limit) == (expected.limits, 87.0, expected.rate_limit)
+    assert knee.body2.mass == expected.body2.mass
+    finger = pair_of(tree, tree.joints[7])
+    assert (type(finger), finger.limits) == (Slider, (0.0, 0.04))
+    assert np.array_equal(finger.n, tree.joints[7].S[:, 1])
+    continuous = tree_of("kinova")
+    assert pair_of(continuous, continuous.joints[0]).limits is None
+
+
+def test_a_slider_is_a_value():
+    assert "lift" in repr(LIFT)
+    assert LIFT.torque_limit == 9
+    assert pickle.loads(pickle.dumps(LIFT)).n.tolist() == [0.6, 0, 0.8]
+    with pytest.raises(ArgumentError, match="n: expected a non-zero axis"):
+        Slider((0, 0, 0), (0, 0, 0), (0, 0, 0))
+    with pytest.raises(ArgumentError, match="pair: expected one pair"):
+        Slider(np.zeros((2, 3)), (0, 0, 0), (0, 0, 1))
+
+
+# ---------------------------------------------------------------- payloads and frames
+
+
+def test_a_payload_adds_its_mass_where_it_is():
+    tree = tree_of("panda")
+    body = hp.Body(mass=3, center_of_mass=(0, 0, 0.1), inertia=(0.1, 0.2, 0.15))
+    laden = with_payload(tree, "fixed", tree.frame("panda_hand"), body)
+    model = pin.buildModelFromUrdf(str(robot_urdf("panda")))
+    frame = model.frames[model.getFrameId("panda_hand", pin.FrameType.BODY)]
+    inertia = pin.Inertia(3, np.array((0, 0, 0.1)), np.diag((0.1, 0.2, 0.15)))
+    model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
+    check_against_model(laden, model, 0)
+    assert tree.joints[6].body.mass < 2
+    (note, _) = with_payload(tree, "fixed", tree.frame("panda_hand"), hp.Body()).notes
+    assert note.startswith("payload: no mass is given")
+    on_base = with_payload(tree, "free", tree.frame("panda_link0"), body)
+    assert on_base.base.mass == tree.base.mass + 3
+    with pytest.raises(ArgumentError, match="body: expected a Body, got 3"):
+        with_payload(tree, "fixed", tree.frame("panda_hand"), 3)
+
+
+def test_a_frame_is_added_where_it_is_said():
+    tree = tree_of("panda")
+    turn = rodrigues((1, 2, 3), 0.4)
+    one = with_frame(tree, "tool", tree.frame("panda_hand"), (0, 0, 0.1), turn)
+    two = with_frame(one, "tip", one.frame("tool"), (0.5, 0, 0), None)
+    hand, tool, tip = two.frame("panda_hand"), two.frame("tool"), two.frame("tip")
+    assert (tool.body, tip.body) == (hand.body, hand.body) == (7, 7)
+    assert np.abs(tool.R - (hand.R + hand.S @ (0, 0, 0.1))).max() <= 4 * U
+    assert np.abs(tip.R - (tool.R + tool.S @ (0.5, 0, 0))).max() <= 4 * U
+    assert np.abs(tool.S - hand.S @ turn).max() <= 4 * U
+    assert np.array_equal(tip.S, tool.S)
+    assert tree.frame("tool") is None
+    for name in ("tool", "panda_hand", "panda_joint1", "", 3):
+        with pytest.raises(ArgumentError, match="name: expected a"):
+            with_frame(two, name, hand, (0, 0, 0), None)
+
+
+def test_a_link_stands_for_a_joint_of_its_name():
+    text = ARM.replace('"lower"', '"elbow"')
+    assert tree_of_urdf(text, "fixed", None, None).frame("elbow") is not None
+    tree = tree_of_urdf(ARM.replace('"camera"', '"elbow"'), "fixed", None, None)
+    assert tree.frame("elbow").body == 1
+    assert tree.frame("weld").body == 1
+    assert tree.frame("shoulder").body == 1
