@@ -223,7 +223,7 @@ def test_a_picture_that_cannot_be_written_is_refused_before_measuring(bench, pat
     monkeypatch.setattr(integrate, "integrate", lambda *_: pytest.fail("measured"))
     done = run(bench, "--plot", str(tmp_path / path))
     assert isinstance(done.exception, hp.ArgumentError)
-    assert done.exception.name == "plot"
+    assert done.exception.name == "--plot"
 
 
 @pytest.mark.parametrize("option", [("--sizes", "x"), ("--sizes", "0"), ("--levels", "jerk")])

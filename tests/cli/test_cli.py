@@ -209,7 +209,7 @@ def test_mjcf_is_written_and_exports_take_their_base_by_a_flag(short_scene: Path
         assert hingepair("urdf", short_scene, flag).stdout == hp.to_urdf(pair, base=base)
     assert hingepair("mjcf", short_scene, "--fixed-base").stdout == hp.to_mjcf(pair, base="fixed")
     done = hingepair("urdf", short_scene, "--fixed-base", "--floating-base", code=EXIT_BAD_INPUT)
-    assert done.stderr.strip() == "hingepair: --fixed-base: expected this or --floating-base, got both"
+    assert done.stderr.strip() == "hingepair: --fixed-base and --floating-base exclude each other"
 
 
 @pytest.mark.parametrize(
@@ -230,6 +230,39 @@ def test_bad_input_is_one_line_and_exit_2(arguments: tuple[object, ...], words: 
     assert done.stdout == ""
     for word in words:
         assert word in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("run SCENE --out a.doc", "--out: expected a file name that ends in .csv"),
+        ("run SCENE --out no/such/folder/a.csv", "--out: expected a file that can be written"),
+        ("run SCENE --outputs R9", "--outputs: expected one of R2,"),
+        ("run SCENE --outputs ,", "--outputs: expected names separated by commas, got ','"),
+        ("plot SCENE --outputs R9 -o a.png", "--outputs: expected one of R2,"),
+        ("view SCENE -o a.doc", "--out: expected a file name that ends in .html"),
+        ("forces SCENE --gravity 1,2", "--gravity: expected three finite numbers X,Y,Z, got '1,2'"),
+        ("forces FLAT --gravity 1,2,3", "--gravity: expected two finite numbers X,Y of a scene in the plane, got "),
+        ("forces SCENE --gravity nan,0,0", "--gravity: expected three finite numbers X,Y,Z, got 'nan,0,0'"),
+        ("derive SCENE --symbolic u9", "--symbolic: expected names out of u1, u2, n"),
+        ("derive SCENE --latex --python", "--unicode, --latex, --python and --json exclude each other"),
+        ("urdf SCENE knee", "JOINT: expected nothing after a scene file, which describes its own pair, got 'knee'"),
+        ("urdf SCENE --body1-frame a", "--body1-frame and --body2-frame need a JOINT, whose links they are"),
+        ("urdf URDF knee", "JOINT: expected one of hinge"),
+        ("urdf URDF hinge --body2-frame nowhere", "--body2-frame: expected a link rigidly fixed to"),
+        ("robots nobody", "NAME: expected one of the "),
+        ("fit LOG LOG LOG", "FILE: expected one file, or two, got 3"),
+        (
+            "bench direct --levels jerk --sizes 1",
+            "--levels: expected one of pose, velocity, acceleration, got 'jerk'",
+        ),
+    ],
+)
+def test_errors_name_what_was_typed(arguments: str, words: str) -> None:
+    files = {"SCENE": REFERENCE, "FLAT": MODELS / "reference_2d.toml", "URDF": MODELS / "talos_elbow.urdf"}
+    files["LOG"] = MODELS / "logged_arm.csv"
+    typed = [str(files.get(one, one)) for one in arguments.split()]
+    assert words in invoke(*typed)
 
 
 def shell(line: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
@@ -356,7 +389,7 @@ def test_an_input_is_not_written_over(short_scene: Path, tmp_path: Path) -> None
     scene = tmp_path / "logged_arm.toml"
     scene.write_bytes((MODELS / "logged_arm.toml").read_bytes())
     content = log.read_bytes()
-    refused = "out: expected a file other than those that are read"
+    refused = "--out: expected a file other than those that are read"
     assert refused in invoke("run", scene, "--out", log)
     for command in ("urdf", "mjcf"):
         assert refused in invoke(command, scene, "--out", scene)
@@ -419,7 +452,7 @@ def test_a_robots_hinge_is_exported_by_name_or_from_a_urdf() -> None:
     own = hp.from_urdf(robot_urdf("go1"), "FL_calf_joint")
     assert invoke("urdf", robot_urdf("go1"), "FL_calf_joint") == hp.to_urdf(own)
     assert "JOINT: expected a hinge of go1: one of FR_hip_joint" in invoke("urdf", "go1")
-    assert "joint: expected one of FR_hip_joint" in invoke("urdf", "go1", "knee")
+    assert "JOINT: expected one of FR_hip_joint" in invoke("urdf", "go1", "knee")
     assert "v2_x" in invoke("derive", "go1", "FL_calf_joint", "--outputs", "v2")
     assert "JOINT: expected none beside a scene" in invoke("urdf", REFERENCE, "knee")
     assert "URDF: expected XML" in invoke("urdf", MODELS / "logged_arm.csv", "knee")

@@ -83,8 +83,8 @@ def test_a_mass_that_was_not_given_is_said(light):
     [
         (["reference_3d.toml"], "pair.body2: expected mass properties"),
         (["reference_2d.toml"], "pair.body2: expected mass properties"),
-        (["landing_gear.toml", "--gravity", "down"], "gravity: expected numbers X,Y,Z"),
-        (["landing_gear.toml", "--out", "forces.doc"], "out: expected"),
+        (["landing_gear.toml", "--gravity", "down"], "--gravity: expected three finite numbers X,Y,Z, got 'down'"),
+        (["landing_gear.toml", "--out", "forces.doc"], "--out: expected a file name that ends in"),
     ],
 )
 def test_what_has_no_forces_is_told_why(arguments, words):

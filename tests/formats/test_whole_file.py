@@ -78,7 +78,7 @@ def test_what_we_may_not_write_is_not_replaced(tmp_path, monkeypatch):
     target.write_bytes(b"old")
     monkeypatch.setattr(os, "access", lambda path, mode: (str(path), mode) != (str(target), os.W_OK))
     with pytest.raises(
-        ArgumentError, match=r"out: expected a file that can be written, got .* \(Permission denied\)"
+        ArgumentError, match=r"path: expected a file that can be written, got .* \(Permission denied\)"
     ):
         write(target)
     assert target.read_bytes() == b"old"
@@ -89,7 +89,7 @@ def test_what_cannot_be_written_is_said_and_leaves_nothing(tmp_path, name, monke
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_bytes(b"old")
     (tmp_path / "circle").symlink_to("circle")
-    with pytest.raises(ArgumentError, match="out: expected a file that can be written"):
+    with pytest.raises(ArgumentError, match="path: expected a file that can be written"):
         write(name)
     assert sorted(os.listdir()) == ["circle", "file"]
 
@@ -100,7 +100,7 @@ def test_an_input_is_not_written_over(tmp_path, spelling, monkeypatch):
     (tmp_path / "log.csv").write_bytes(b"measured")
     (tmp_path / "link").symlink_to("log.csv")
     os.link("log.csv", "hard")
-    with pytest.raises(ArgumentError, match="out: expected a file other than those that are read"):
+    with pytest.raises(ArgumentError, match="path: expected a file other than those that are read"):
         write(spelling, inputs=["scene.toml", "log.csv"])
     assert (tmp_path / "log.csv").read_bytes() == b"measured"
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hingepair.cli.options import naming_options
 from hingepair.cli.output import console, line_width
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
@@ -50,6 +51,7 @@ def _counts(sizes: str) -> list[int]:
 
 
 @app.command()
+@naming_options
 def direct(
     sizes: Sizes = "1,100,10000,1000000",
     levels: Annotated[str, typer.Option(help="Workloads.")] = "pose,velocity,acceleration",
@@ -74,6 +76,7 @@ def direct(
 
 
 @app.command()
+@naming_options
 def integrate(
     repeats: Repeats = 5,
     steps: Annotated[
@@ -91,6 +94,7 @@ def integrate(
 
 
 @app.command()
+@naming_options
 def fit(sizes: Sizes = "1000,10000,1000000", repeats: Repeats = 5, show_json: Json = False) -> None:
     """The hinge from recordings: time and error, beside SciPy's least_squares on the constraints as they are."""
     from hingepair.bench import fit as bench
@@ -99,6 +103,7 @@ def fit(sizes: Sizes = "1000,10000,1000000", repeats: Repeats = 5, show_json: Js
 
 
 @app.command()
+@naming_options
 def skip(
     samples: Annotated[int, typer.Option(min=1, max=10**7, help="Samples.")] = 1_000_000,
     repeats: Repeats = 7,
@@ -111,6 +116,7 @@ def skip(
 
 
 @app.command()
+@naming_options
 def dynamics(
     samples: Annotated[int, typer.Option(min=2, max=10**7, help="Samples of a batch.")] = 1_000_000,
     repeats: Repeats = 5,

@@ -9,7 +9,7 @@ import typer
 
 from hingepair.cli.output import give, listed
 from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, TextFile, inputs_of, is_urdf, named
-from hingepair.errors import ArgumentError
+from hingepair.errors import HingePairError
 from hingepair.scenes.scene import SCENE_OUTPUTS, Scene
 
 DEFAULT = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
@@ -29,8 +29,8 @@ def derive(
     as_json: Annotated[bool, typer.Option("--json", help="JSON: each component as sympy.sympify reads it.")] = False,
     outputs: Annotated[str | None, typer.Option(metavar="NAMES", help="What to derive: R2,omega1.")] = None,
     symbolic: Annotated[
-        str, typer.Option(metavar="NAMES", help="What stays a letter: of u1,u2,n and the scene's constants.")
-    ] = "",
+        str | None, typer.Option(metavar="NAMES", help="What stays a letter: of u1,u2,n and the scene's constants.")
+    ] = None,
     short: Annotated[
         bool | None,
         typer.Option(
@@ -45,12 +45,12 @@ def derive(
     none or simulates it, a robot's hinge) the forms are those of any motion.
     """
     if unicode + latex + python + as_json > 1:
-        raise ArgumentError("format", "one of --unicode, --latex, --python, --json", "several")
+        raise HingePairError("--unicode, --latex, --python and --json exclude each other")
     from hingepair.plans.plan import ACCELERATION, PLANAR, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
     from hingepair.scenes.derive import derive_any_motion
 
-    found, letters = named(source, joint, body1_frame, body2_frame), listed(symbolic) or ()
+    found, letters = named(source, joint, body1_frame, body2_frame), listed("--symbolic", symbolic) or ()
     if isinstance(found, Scene) and found.motion.simulated:
         found = found.pair
     if isinstance(found, Scene) or joint is not None or is_urdf(source):
@@ -60,7 +60,7 @@ def derive(
     title, wanted = (found.title, found.outputs) if isinstance(found, Scene) else (found.name, None)
     asked = tuple(name for name in wanted or () if name not in SCENE_OUTPUTS)
     usual = default_outputs(ACCELERATION, PLANAR) if forms.kind is PLANAR else DEFAULT
-    names = asked or usual if outputs is None else check_outputs(listed(outputs), forms.kind.levels)
+    names = asked or usual if outputs is None else check_outputs(listed("--outputs", outputs), forms.kind.levels)
     if latex:
         text = forms.to_latex(names, short=bool(short))
     elif python:

@@ -12,6 +12,7 @@ from hingepair import __version__
 from hingepair.cli.bench import app as bench_app
 from hingepair.cli.derive import derive
 from hingepair.cli.fit import fit_files
+from hingepair.cli.options import naming_options
 from hingepair.cli.output import EXIT_BAD, EXIT_FAULT, behave, printed
 from hingepair.cli.pairs import mjcf, urdf
 from hingepair.cli.pictures import plot, view
@@ -32,8 +33,8 @@ app = typer.Typer(
 )
 
 for command in (run, check, forces, derive, urdf, mjcf, plot, view, robots):
-    app.command()(command)
-app.command("fit")(fit_files)
+    app.command()(naming_options(command))
+app.command("fit")(naming_options(fit_files))
 app.add_typer(bench_app, name="bench")
 
 

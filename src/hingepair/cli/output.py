@@ -99,9 +99,16 @@ def said_if_stopped(out: Path) -> Iterator[None]:
         raise
 
 
-def listed(text: str | None) -> list[str] | None:
-    """Names separated by commas."""
-    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
+def listed(option: str, text: str | None) -> list[str] | None:
+    """Return the names, separated by commas, that an option has; None where it is not given.
+
+    Raises:
+        ArgumentError: there is no name.
+    """
+    names = None if text is None else [name.strip() for name in text.split(",") if name.strip()]
+    if names == []:
+        raise ArgumentError(option, "names separated by commas", quoted(text))
+    return names
 
 
 def give(text: str, out: Path | None, inputs: Iterable[Path]) -> None:

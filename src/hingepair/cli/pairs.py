@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from hingepair.cli.output import file_option, give
-from hingepair.errors import ArgumentError, MissingDependencyError, choices
+from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.robots import robot_names, robot_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair
@@ -47,11 +47,11 @@ def named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair
     if is_urdf(source):
         return from_urdf(source, _given(source, joint), *frames)
     if joint is not None and source.lower().endswith(".toml"):
-        raise ArgumentError("JOINT", "none beside a scene, whose pair is its own", repr(joint))
+        raise ArgumentError("JOINT", "nothing after a scene file, which describes its own pair", repr(joint))
     if joint is not None:
         return hinge_pair(read_urdf(robot_urdf(source)), joint, *frames, name=f"{source}/{joint}")
     if any(frames):
-        raise ArgumentError("--body1-frame, --body2-frame", "none without JOINT", ", ".join(filter(None, frames)))
+        raise HingePairError("--body1-frame and --body2-frame need a JOINT, whose links they are")
     with contextlib.suppress(MissingDependencyError):
         if not os.path.exists(source) and source in robot_names():
             _given(source, joint)
@@ -96,7 +96,7 @@ def urdf(
     Unless told otherwise its base is free: the loader gives it a root joint.
     """
     if fixed_base and floating_base:
-        raise ArgumentError("--fixed-base", "this or --floating-base", "both")
+        raise HingePairError("--fixed-base and --floating-base exclude each other")
     base = "fixed" if fixed_base else "floating" if floating_base else "free"
     pair = _in_space(named_pair(source, joint, body1_frame, body2_frame))
     give(to_urdf(pair, base=base), out, inputs_of(source))

@@ -29,7 +29,7 @@ def plot(
     out = out or _unused(f"{scene_file.stem}.png")
     check_picture("--out", out)
     scene = load_scene(scene_file)
-    figure = figure_of(scene, listed(outputs))
+    figure = figure_of(scene, listed("--outputs", outputs))
     save_figure(figure, out, scene.files, dpi=110)
     console().print(f"written: {out}")
 

@@ -52,7 +52,7 @@ def run(
     if out is not None:
         check_ending(out)
     scene = load_scene(scene_file)
-    names = listed(outputs)
+    names = listed("--outputs", outputs)
     summary = Summary(scene)
     with contextlib.ExitStack() as opened:
         add = None
@@ -126,7 +126,7 @@ def forces(
     if out is not None:
         check_ending(out)
     scene = load_scene(scene_file)
-    found = scene.forces(None if gravity is None else _vector(gravity))
+    found = scene.forces(None if gravity is None else _vector(gravity, len(scene.pair.u1)))
     written = None if out is None else str(found.save(out))
     rows = _ranges(found)
     if as_json:
@@ -151,11 +151,14 @@ def _ranges(found: Record) -> dict[str, dict[str, float]]:
     return {name: {key: float(own[i]) for key, own in columns.items()} for i, name in enumerate(column_names(arrays))}
 
 
-def _vector(text: str) -> tuple[float, ...]:
-    try:
-        return tuple(map(float, text.split(",")))
-    except ValueError:
-        raise ArgumentError("gravity", "numbers X,Y,Z", repr(text)) from None
+def _vector(text: str, count: int) -> tuple[float, ...]:
+    """Return the components of --gravity, three or in the plane two."""
+    with contextlib.suppress(ValueError):
+        vector = tuple(map(float, text.split(",")))
+        if len(vector) == count and np.isfinite(vector).all():
+            return vector
+    expected = "three finite numbers X,Y,Z" if count == 3 else "two finite numbers X,Y of a scene in the plane"
+    raise ArgumentError("--gravity", expected, repr(text))
 
 
 def _facts(scene: Scene) -> dict[str, Any]:

@@ -27,12 +27,12 @@ def whole_file(target: str | os.PathLike[str], inputs: Iterable[str | os.PathLik
         inputs: files that are being read from, which the target must not be.
 
     Raises:
-        ArgumentError: `out` cannot be written, or is one of the inputs; what was there before stays.
+        ArgumentError: `path`, the target, cannot be written, or is one of the inputs; what was there before stays.
     """
     try:
         there = _status(target)
         if there is not None and any(os.path.samestat(there, other) for other in map(_status, inputs) if other):
-            raise ArgumentError("out", "a file other than those that are read", repr(os.fspath(target)))
+            raise ArgumentError("path", "a file other than those that are read", repr(os.fspath(target)))
         if there is not None and _is_own_output(there):
             sys.stdout.flush()
             with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as file:
@@ -45,7 +45,7 @@ def whole_file(target: str | os.PathLike[str], inputs: Iterable[str | os.PathLik
                 yield file
     except OSError as error:
         got = f"{os.fspath(target)!r} ({error.strerror or error})"
-        raise ArgumentError("out", "a file that can be written", got) from None
+        raise ArgumentError("path", "a file that can be written", got) from None
 
 
 @contextlib.contextmanager

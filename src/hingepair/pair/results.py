@@ -193,7 +193,7 @@ def result_file(
     kind = target.suffix.lower()
     if samples > MOST_HELD and kind in _WHOLE:
         expected = f"a name that ends in .csv or .parquet for more than {MOST_HELD} instants, which go block by block"
-        raise ArgumentError("out", expected, quoted(str(target)))
+        raise ArgumentError("path", expected, quoted(str(target)))
     with whole_file(target, inputs) as file, _WRITERS[kind](file, samples, described) as add:
         yield add
 
@@ -205,7 +205,7 @@ def check_ending(path: Path) -> None:
         ArgumentError: it ends in none that is known.
     """
     if path.suffix.lower() not in _WRITERS:
-        raise ArgumentError("out", f"a file name that ends in {', '.join(ENDINGS)}", quoted(str(path)))
+        raise ArgumentError("path", f"a file name that ends in {', '.join(ENDINGS)}", quoted(str(path)))
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
