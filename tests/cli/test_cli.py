@@ -454,7 +454,7 @@ def test_a_robots_hinge_is_exported_by_name_or_from_a_urdf() -> None:
     assert "JOINT: expected a hinge of go1: one of FR_hip_joint" in invoke("urdf", "go1")
     assert "JOINT: expected one of FR_hip_joint" in invoke("urdf", "go1", "knee")
     assert "v2_x" in invoke("derive", "go1", "FL_calf_joint", "--outputs", "v2")
-    assert "JOINT: expected none beside a scene" in invoke("urdf", REFERENCE, "knee")
+    assert "JOINT: expected nothing after a scene file" in invoke("urdf", REFERENCE, "knee")
     assert "URDF: expected XML" in invoke("urdf", MODELS / "logged_arm.csv", "knee")
 
 
