@@ -1,0 +1,666 @@
+"""Trees of hinges and sliders, T1-T9, as plain arithmetic on tuples of scalars: each body in its own axes.
+
+Body 0 is the base, body k >= 1 is what joint k moves, p is its parent. The z axis of body k is the axis of joint k,
+and its reference point lies on it. Q = S Sz(q) turns the axes of body k into those of its parent, r leads from the
+parent's reference point to its own, in the parent's axes: r = u of a hinge, r = u + S e_z q (and Q = S) of a slider.
+Of the matter of a body count its mass m, its first moment h = m c and its second moment N = sum of m_i r_i r_i^T,
+about the reference point, so that its inertia is J = tr(N) - N. g is gravity. A symmetric matrix is the tuple of its
+entries (xx, xy, xz, yy, yz, zz).
+
+T1  omega_k = Q^T omega_p + e_z q', alpha_k = Q^T alpha_p + omega_k x e_z q' + e_z q''       (E2, E9 of a hinge)
+    a_k = Q^T (a_p + B_p r), B = [alpha]x + [omega]x^2, and of a slider + 2 omega_k x e_z q' + e_z q''
+    from the base: omega_0 = S1^T omega1, alpha_0 = S1^T alpha1, a_0 = S1^T (a1 - g)
+T2  f_k = m a_k + B h, t_k = h x a_k + sum of r_i x B r_i m_i, about the reference point     (D1, D2)
+T3  f_p += Q f_k, t_p += Q t_k + r x Q f_k;  tau_k = e_z . t_k of a hinge, e_z . f_k of a slider   (D3, D4)
+T4  M_ki = tau_i of the matter beyond joint k, moved by q_k'' = 1 alone: m, h, N summed inward as m_p += m_k,
+    h_p += Q h_k + m_k r, N_p += Q N_k Q^T + r (Q h_k)^T + (Q h_k) r^T + m_k r r^T          (D6; composite bodies)
+T5  [t f] = [J H; H^T M] [alpha a]: what resists where the joints beyond give way; of one body H = [h]x, M = m.
+    Joint k takes the column U of its axis and D = e_z . U: inward goes I - U U^T / D       (articulated bodies)
+T6  q_k'' = (tau_k - tau_k(q'' = 0) - what comes from beyond - U . (alpha, a) from the parent) / D
+T7  kinetic energy m v^2 / 2 + v . (omega x h) + omega . J omega / 2, potential energy -g . (m R + S h)        (D7)
+T8  P = m v + omega x h, L = h x v + J omega, about the reference point; inward as in T3     (D8)
+T9  matter on a hinge's axis moves with both bodies: it is counted with the parent, so that m = 0, h . e_z = 0 and
+    N_zz = 0 beyond a hinge; of a slider N is the parent's. Nothing above changes by it.
+
+T1-T3: Luh, Walker, Paul, On-line computational scheme for mechanical manipulators, 1980; T4-T6: Featherstone, Rigid
+Body Dynamics Algorithms, 2008; T9: Gautier, Khalil, Direct calculation of minimum set of inertial parameters, 1990.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+from hingepair.equations.spatial import (
+    Matrix,
+    Scalar,
+    Vector,
+    add,
+    angular_acceleration2,
+    compose,
+    cross,
+    dot,
+    point_acceleration,
+    rotate,
+    scale,
+    subtract,
+    transpose,
+)
+
+Symmetric: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]
+Turn: TypeAlias = tuple[Scalar, Scalar]  # (sin q, cos q)
+
+ZERO: Vector = (0.0, 0.0, 0.0)
+IDENTITY: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
+class Link(NamedTuple):
+    """A joint and the body that it moves; numbered by its place among the links, from 1 on.
+
+    Attributes:
+        parent: number of the body that carries it.
+        slides: whether it is a slider.
+        S: attitude of its body at q = 0 in the parent's axes.
+        u: its point in the parent's axes.
+        mass: m of its body.
+        first: h of its body.
+        second: N of its body.
+    """
+
+    parent: int
+    slides: bool
+    S: Matrix
+    u: Vector
+    mass: Scalar
+    first: Vector
+    second: Symmetric
+
+
+class Base(NamedTuple):
+    """Matter of the base: m, h, N."""
+
+    mass: Scalar
+    first: Vector
+    second: Symmetric
+
+
+class Place(NamedTuple):
+    """Where a joint has its body: Q and r in the parent's axes; turn is None of a slider."""
+
+    S: Matrix
+    turn: Turn | None
+    r: Vector
+
+
+# ---- turns about the joint's own axis, the z axis
+
+
+def turned(turn: Turn, v: Vector) -> Vector:
+    """The product Sz(q) v."""
+    s, c = turn
+    return c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
+
+
+def turned_back(turn: Turn, v: Vector) -> Vector:
+    """The product Sz(q)^T v."""
+    s, c = turn
+    return c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]
+
+
+def turned_columns(A: Matrix, turn: Turn) -> Matrix:
+    """The product A Sz(q)."""
+    s, c = turn
+    return (
+        c * A[0] + s * A[1], c * A[1] - s * A[0], A[2],
+        c * A[3] + s * A[4], c * A[4] - s * A[3], A[5],
+        c * A[6] + s * A[7], c * A[7] - s * A[6], A[8],
+    )  # fmt: skip
+
+
+def to_parent(place: Place, v: Vector) -> Vector:
+    """The product Q v: a vector of the body in its parent's axes."""
+    return rotate(place.S, v if place.turn is None else turned(place.turn, v))
+
+
+def to_child(place: Place, v: Vector) -> Vector:
+    """The product Q^T v: a vector of the parent in the body's axes."""
+    back = rotate(transpose(place.S), v)
+    return back if place.turn is None else turned_back(place.turn, back)
+
+
+def places(links: Sequence[Link], turns: Sequence[Turn | None], shifts: Sequence[Scalar | None]) -> list[Place]:
+    """Q and r of every joint; a turn (sin q, cos q) of each hinge, a shift q of each slider."""
+    return [
+        Place(link.S, turn, add(link.u, scale(link.S[2::3], shift)) if link.slides else link.u)
+        for link, turn, shift in zip(links, turns, shifts, strict=True)
+    ]
+
+
+# ---- kinematics, world axes
+
+
+class Pose(NamedTuple):
+    """Attitude of a body and where its reference point is, from the base's; arm leads there from the parent's."""
+
+    S: Matrix
+    d: Vector
+    arm: Vector
+
+
+def axis_of(pose: Pose) -> Vector:
+    """The axis of the joint that carries a body: its z axis."""
+    return pose.S[2], pose.S[5], pose.S[8]
+
+
+def poses(links: Sequence[Link], joints: Sequence[Place], S1: Matrix) -> list[Pose]:
+    """The pose of every body, the base first (E5, E7 with u2 = 0)."""
+    bodies = [Pose(S1, ZERO, ZERO)]
+    for link, joint in zip(links, joints, strict=True):
+        p = bodies[link.parent]
+        arm = rotate(p.S, joint.r)
+        S = compose(p.S, joint.S)
+        bodies.append(Pose(S if joint.turn is None else turned_columns(S, joint.turn), add(p.d, arm), arm))
+    return bodies
+
+
+Rates: TypeAlias = tuple[Vector, Vector]
+"""Velocity, or acceleration, of the reference point, and the angular one."""
+
+
+def body_velocities(links: Sequence[Link], bodies: Sequence[Pose], qd: Sequence[Scalar], base: Rates) -> list[Rates]:
+    """(v, omega) of every body, the base first (E2, E8)."""
+    rates = [base]
+    for link, body, rate in zip(links, bodies[1:], qd, strict=True):
+        v, omega = rates[link.parent]
+        v = add(v, cross(omega, body.arm))
+        along = scale(axis_of(body), rate)
+        rates.append((add(v, along), omega) if link.slides else (v, add(omega, along)))
+    return rates
+
+
+def body_accelerations(
+    links: Sequence[Link],
+    bodies: Sequence[Pose],
+    qd: Sequence[Scalar],
+    qdd: Sequence[Scalar],
+    rates: Sequence[Rates],
+    base: Rates,
+) -> list[Rates]:
+    """(a, alpha) of every body, the base first, classical (E9)."""
+    changes = [base]
+    for link, body, rate, rate_change in zip(links, bodies[1:], qd, qdd, strict=True):
+        (a, alpha), omega = changes[link.parent], rates[link.parent][1]
+        a = add(a, point_acceleration(omega, alpha, body.arm))
+        axis = axis_of(body)
+        if link.slides:
+            half = scale(cross(omega, axis), rate)
+            a = add(a, add(scale(axis, rate_change), add(half, half)))
+        else:
+            alpha = angular_acceleration2(alpha, omega, axis, rate, rate_change)
+        changes.append((a, alpha))
+    return changes
+
+
+def frame_pose(body: Pose, R: Vector, S: Matrix) -> Pose:
+    """The pose of a frame that is fixed in a body at R with the axes S (E7)."""
+    arm = rotate(body.S, R)
+    return Pose(compose(body.S, S), add(body.d, arm), arm)
+
+
+def frame_velocity(frame: Pose, body: Rates) -> Rates:
+    """(v, omega) of a frame (E8)."""
+    v, omega = body
+    return add(v, cross(omega, frame.arm)), omega
+
+
+def frame_acceleration(frame: Pose, omega: Vector, body: Rates) -> Rates:
+    """(a, alpha) of a frame (E9)."""
+    a, alpha = body
+    return add(a, point_acceleration(omega, alpha, frame.arm)), alpha
+
+
+def path(links: Sequence[Link], body: int) -> set[int]:
+    """The numbers of the joints between a body and the base."""
+    numbers = set()
+    while body:
+        numbers.add(body)
+        body = links[body - 1].parent
+    return numbers
+
+
+def point_columns(links: Sequence[Link], bodies: Sequence[Pose], body: int, d: Vector) -> list[tuple[Vector, Vector]]:
+    """How each joint moves a point of a body: (v, omega) of it by q' (E2, E8); d leads to it from the base's R1."""
+    on_path = path(links, body)
+    columns = []
+    for number, link in enumerate(links, 1):
+        axis = axis_of(bodies[number])
+        if number not in on_path:
+            columns.append((ZERO, ZERO))
+        elif link.slides:
+            columns.append((axis, ZERO))
+        else:
+            columns.append((cross(axis, subtract(d, bodies[number].d)), axis))
+    return columns
+
+
+def base_columns(d: Vector) -> list[tuple[Vector, Vector]]:
+    """How the base moves a point: (v, omega) of it by v1 and omega1 (E8)."""
+    x, y, z = d
+    units = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    turning = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
+    return [(unit, ZERO) for unit in units] + list(zip(turning, units, strict=True))
+
+
+# ---- symmetric matrices
+
+
+def symmetric_sum(A: Symmetric, B: Symmetric) -> Symmetric:
+    """The sum A + B."""
+    return A[0] + B[0], A[1] + B[1], A[2] + B[2], A[3] + B[3], A[4] + B[4], A[5] + B[5]
+
+
+def full(A: Symmetric) -> Matrix:
+    """All nine entries."""
+    xx, xy, xz, yy, yz, zz = A
+    return xx, xy, xz, xy, yy, yz, xz, yz, zz
+
+
+def inertia_of(second: Symmetric) -> Symmetric:
+    """J = tr(N) - N."""
+    xx, xy, xz, yy, yz, zz = second
+    return yy + zz, -xy, -xz, xx + zz, -yz, xx + yy
+
+
+def conjugate(S: Matrix, A: Symmetric) -> Symmetric:
+    """S A S^T."""
+    T = compose(S, full(A))
+    rows, own = (T[0:3], T[3:6], T[6:9]), (S[0:3], S[3:6], S[6:9])
+    xx, xy, xz, yy, yz, zz = (dot(rows[i], own[j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    return xx, xy, xz, yy, yz, zz
+
+
+def turned_symmetric(turn: Turn, A: Symmetric) -> Symmetric:
+    """Sz(q) A Sz(q)^T."""
+    s, c = turn
+    xx, xy, xz, yy, yz, zz = A
+    cc, cs, ss = c * c, c * s, s * s
+    twice = cs + cs
+    return (
+        cc * xx - twice * xy + ss * yy, cs * (xx - yy) + (cc - ss) * xy, c * xz - s * yz,
+        ss * xx + twice * xy + cc * yy, s * xz + c * yz, zz,
+    )  # fmt: skip
+
+
+def symmetric_to_parent(place: Place, A: Symmetric) -> Symmetric:
+    """Q A Q^T."""
+    return conjugate(place.S, A if place.turn is None else turned_symmetric(place.turn, A))
+
+
+def outer_sum(a: Vector, b: Vector) -> Symmetric:
+    """The sum a b^T + b a^T."""
+    xx, yy, zz = a[0] * b[0], a[1] * b[1], a[2] * b[2]
+    return (
+        xx + xx, a[0] * b[1] + a[1] * b[0], a[0] * b[2] + a[2] * b[0],
+        yy + yy, a[1] * b[2] + a[2] * b[1], zz + zz,
+    )  # fmt: skip
+
+
+# ---- inverse dynamics
+
+
+class Acceleration(NamedTuple):
+    """What a body's matter feels, own axes: omega, a - g of the reference point, and B of T1, row by row."""
+
+    omega: Vector
+    a: Vector
+    B: Matrix
+
+
+def velocity_gradient(omega: Vector, alpha: Vector) -> Matrix:
+    """B = [alpha]x + [omega]x^2: the acceleration of a body's points by their place (T1)."""
+    x, y, z = omega
+    u, v, w = alpha
+    xx, yy, zz = x * x, y * y, z * z
+    return (
+        -(yy + zz), x * y - w, x * z + v,
+        x * y + w, -(zz + xx), y * z - u,
+        x * z - v, y * z + u, -(xx + yy),
+    )  # fmt: skip
+
+
+def accelerations(
+    links: Sequence[Link],
+    joints: Sequence[Place],
+    qd: Sequence[Scalar],
+    qdd: Sequence[Scalar],
+    omega: Vector,
+    alpha: Vector,
+    a: Vector,
+) -> list[Acceleration]:
+    """What the matter of every body feels, the base first, whose omega, alpha and a - g are given, own axes (T1)."""
+    turning = [(omega, alpha)]
+    bodies = [Acceleration(omega, a, velocity_gradient(omega, alpha))]
+    for link, joint, rate, rate_change in zip(links, joints, qd, qdd, strict=True):
+        p, (omega_p, alpha_p) = bodies[link.parent], turning[link.parent]
+        own = to_child(joint, add(p.a, rotate(p.B, joint.r)))
+        x, y, z = to_child(joint, omega_p)
+        u, v, w = to_child(joint, alpha_p)
+        if joint.turn is None:
+            half = (y * rate, -(x * rate), rate_change)
+            own = add(own, (half[0] + half[0], half[1] + half[1], rate_change))
+        else:
+            z = z + rate
+            u, v, w = u + y * rate, v - x * rate, w + rate_change
+        turning.append(((x, y, z), (u, v, w)))
+        bodies.append(Acceleration((x, y, z), own, velocity_gradient((x, y, z), (u, v, w))))
+    return bodies
+
+
+Wrench: TypeAlias = tuple[Vector, Vector]
+"""Force, and torque about the reference point, in a body's own axes."""
+
+
+def matter_wrench(mass: Scalar, first: Vector, second: Symmetric, feels: Acceleration) -> Wrench:
+    """The wrench that moves a body's matter as it moves (T2)."""
+    B, a = feels.B, feels.a
+    xx, xy, xz, yy, yz, zz = second
+    force = add(scale(a, mass), rotate(B, first))
+    torque = (
+        (B[8] - B[4]) * yz + B[7] * yy - B[5] * zz + B[6] * xy - B[3] * xz,
+        (B[0] - B[8]) * xz + B[2] * zz - B[6] * xx + B[1] * yz - B[7] * xy,
+        (B[4] - B[0]) * xy + B[3] * xx - B[1] * yy + B[5] * xz - B[2] * yz,
+    )
+    return force, add(torque, cross(first, a))
+
+
+def inward(links: Sequence[Link], joints: Sequence[Place], own: Iterable[Wrench]) -> list[Wrench]:
+    """The wrench that each joint transmits, the base's own first, from what each body takes itself (T3)."""
+    sums = list(own)
+    for number in range(len(links), 0, -1):
+        link, joint, (force, torque) = links[number - 1], joints[number - 1], sums[number]
+        handed = to_parent(joint, force)
+        f, t = sums[link.parent]
+        sums[link.parent] = add(f, handed), add(t, add(to_parent(joint, torque), cross(joint.r, handed)))
+    return sums
+
+
+def along_axes(links: Sequence[Link], wrenches: Sequence[Wrench]) -> list[Scalar]:
+    """What acts along each joint's axis (T3)."""
+    return [force[2] if link.slides else torque[2] for link, (force, torque) in zip(links, wrenches[1:], strict=True)]
+
+
+def inertial_wrenches(base: Base, links: Sequence[Link], feels: Sequence[Acceleration]) -> list[Wrench]:
+    """What moves the matter of each body, the base first (T2)."""
+    return [
+        matter_wrench(body.mass, body.first, body.second, own)
+        for body, own in zip(_bodies(base, links), feels, strict=True)
+    ]
+
+
+def _bodies(base: Base, links: Sequence[Link]) -> list[Any]:
+    return [base, *links]
+
+
+# ---- composite bodies
+
+
+class Matter(NamedTuple):
+    """Mass, first and second moment of some matter, in a body's axes about its reference point."""
+
+    mass: Scalar
+    first: Vector
+    second: Symmetric
+
+
+def composites(base: Base, links: Sequence[Link], joints: Sequence[Place]) -> list[Matter]:
+    """The matter of each body and of all beyond it, the base first (T4)."""
+    matter = [Matter(body.mass, body.first, body.second) for body in _bodies(base, links)]
+    for number in range(len(links), 0, -1):
+        link, joint, own = links[number - 1], joints[number - 1], matter[number]
+        first = to_parent(joint, own.first)
+        carried = scale(joint.r, own.mass)
+        second = symmetric_sum(
+            symmetric_to_parent(joint, own.second), outer_sum(joint.r, add(first, scale(carried, 0.5)))
+        )
+        p = matter[link.parent]
+        matter[link.parent] = Matter(
+            p.mass + own.mass, add(p.first, add(first, carried)), symmetric_sum(p.second, second)
+        )
+    return matter
+
+
+def axis_wrench(slides: bool, matter: Matter) -> Wrench:
+    """The wrench that moves matter by q'' = 1 of its joint alone (T4)."""
+    x, y, _ = matter.first
+    if slides:
+        return (0.0, 0.0, matter.mass), (y, -x, 0.0)
+    xx, _, xz, yy, yz, _ = matter.second
+    return (-y, x, 0.0), (-xz, -yz, xx + yy)
+
+
+def mass_matrix(
+    links: Sequence[Link], joints: Sequence[Place], matter: Sequence[Matter]
+) -> tuple[list[list[Scalar]], list[Wrench]]:
+    """The rows of M below and on its diagonal, and by joint the wrench on the base, base axes (T4)."""
+    rows: list[list[Scalar]] = []
+    on_base = []
+    for number, link in enumerate(links, 1):
+        force, torque = axis_wrench(link.slides, matter[number])
+        row: list[Scalar] = [0.0] * number
+        at = number
+        while at:
+            row[at - 1] = force[2] if links[at - 1].slides else torque[2]
+            joint = joints[at - 1]
+            force = to_parent(joint, force)
+            torque = add(to_parent(joint, torque), cross(joint.r, force))
+            at = links[at - 1].parent
+        rows.append(row)
+        on_base.append((force, torque))
+    return rows, on_base
+
+
+def base_block(S: Matrix, matter: Matter) -> list[list[Scalar]]:
+    """The six rows of M of a free base, below and on the diagonal, in (v1, omega1), world axes (T4)."""
+    x, y, z = rotate(S, matter.first)
+    J = conjugate(S, inertia_of(matter.second))
+    m = matter.mass
+    return [
+        [m],
+        [0.0, m],
+        [0.0, 0.0, m],
+        [0.0, -z, y, J[0]],
+        [z, 0.0, -x, J[1], J[3]],
+        [-y, x, 0.0, J[2], J[4], J[5]],
+    ]
+
+
+# ---- articulated bodies
+
+
+class Resistance(NamedTuple):
+    """[t f] = [J H; H^T M] [alpha a] (T5); H row by row."""
+
+    J: Symmetric
+    H: Matrix
+    M: Symmetric
+
+
+class Elimination(NamedTuple):
+    """What T5 leaves of a joint for T6: U as (torque, force), 1 / D, and D itself."""
+
+    torque: Vector
+    force: Vector
+    share: Scalar
+    pivot: Scalar
+
+
+def resistance_of(mass: Scalar, first: Vector, second: Symmetric) -> Resistance:
+    """What resists of one body (T5)."""
+    x, y, z = first
+    return Resistance(inertia_of(second), (0.0, -z, y, z, 0.0, -x, -y, x, 0.0), (mass, 0.0, 0.0, mass, 0.0, mass))
+
+
+def turned_pair(turn: Turn, A: Matrix) -> Matrix:
+    """Sz(q) A Sz(q)^T of any matrix."""
+    s, c = turn
+    cc, cs, ss = c * c, c * s, s * s
+    both, apart = cs * (A[1] + A[3]), cs * (A[0] - A[4])
+    return (
+        cc * A[0] - both + ss * A[4], apart + cc * A[1] - ss * A[3], c * A[2] - s * A[5],
+        apart + cc * A[3] - ss * A[1], ss * A[0] + both + cc * A[4], s * A[2] + c * A[5],
+        c * A[6] - s * A[7], s * A[6] + c * A[7], A[8],
+    )  # fmt: skip
+
+
+def resistance_to_parent(place: Place, own: Resistance) -> Resistance:
+    """What resists about the parent's reference point, in its axes (T5)."""
+    J, H, M = own
+    if place.turn is not None:
+        J, H, M = turned_symmetric(place.turn, J), turned_pair(place.turn, H), turned_symmetric(place.turn, M)
+    S = place.S
+    J, M = conjugate(S, J), conjugate(S, M)
+    H = compose(compose(S, H), transpose(S))
+    x, y, z = place.r
+    lever = (0.0, -z, y, z, 0.0, -x, -y, x, 0.0)
+    moved = compose(lever, full(M))
+    crossed = compose(lever, transpose(H))
+    both = _sum(H, moved)
+    # r x H^T + (H + r x M) r^T, of which the entries on and above the diagonal are computed
+    rows, levers = (both[0:3], both[3:6], both[6:9]), (lever[0:3], lever[3:6], lever[6:9])
+    picked = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+    xx, xy, xz, yy, yz, zz = (crossed[3 * i + j] + dot(rows[i], levers[j]) for i, j in picked)
+    return Resistance(symmetric_sum(J, (xx, xy, xz, yy, yz, zz)), both, M)
+
+
+def _sum(A: Matrix, B: Matrix) -> Matrix:
+    a, b, c, d, e, f, g, h, i = (x + y for x, y in zip(A, B, strict=True))
+    return a, b, c, d, e, f, g, h, i
+
+
+def eliminated(slides: bool, own: Resistance) -> tuple[Elimination, Resistance]:
+    """A body whose joint gives way: U and D, and what still resists, nothing along the axis (T5)."""
+    J, H, M = own
+    if slides:
+        torque, force, pivot = (H[2], H[5], H[8]), (M[2], M[4], M[5]), M[5]
+        share = 1.0 / pivot
+        (a, b, c), (x, y) = scale(torque, share), (force[0] * share, force[1] * share)
+        left = Resistance(
+            (
+                J[0] - torque[0] * a, J[1] - torque[0] * b, J[2] - torque[0] * c,
+                J[3] - torque[1] * b, J[4] - torque[1] * c, J[5] - torque[2] * c,
+            ),
+            (
+                H[0] - torque[0] * x, H[1] - torque[0] * y, 0.0,
+                H[3] - torque[1] * x, H[4] - torque[1] * y, 0.0,
+                H[6] - torque[2] * x, H[7] - torque[2] * y, 0.0,
+            ),
+            (M[0] - force[0] * x, M[1] - force[0] * y, 0.0, M[3] - force[1] * y, 0.0, 0.0),
+        )  # fmt: skip
+        return Elimination(torque, force, share, pivot), left
+    torque, force, pivot = (J[2], J[4], J[5]), (H[6], H[7], H[8]), J[5]
+    share = 1.0 / pivot
+    (a, b), (x, y, z) = (torque[0] * share, torque[1] * share), scale(force, share)
+    left = Resistance(
+        (J[0] - torque[0] * a, J[1] - torque[0] * b, 0.0, J[3] - torque[1] * b, 0.0, 0.0),
+        (
+            H[0] - torque[0] * x, H[1] - torque[0] * y, H[2] - torque[0] * z,
+            H[3] - torque[1] * x, H[4] - torque[1] * y, H[5] - torque[1] * z,
+            0.0, 0.0, 0.0,
+        ),
+        (
+            M[0] - force[0] * x, M[1] - force[0] * y, M[2] - force[0] * z,
+            M[3] - force[1] * y, M[4] - force[1] * z, M[5] - force[2] * z,
+        ),
+    )  # fmt: skip
+    return Elimination(torque, force, share, pivot), left
+
+
+def articulated(base: Base, links: Sequence[Link], joints: Sequence[Place]) -> tuple[list[Elimination], Resistance]:
+    """What T5 leaves of every joint, and what resists of the base."""
+    sums = [resistance_of(body.mass, body.first, body.second) for body in _bodies(base, links)]
+    steps: list[Elimination] = []
+    for number in range(len(links), 0, -1):
+        link, joint = links[number - 1], joints[number - 1]
+        step, left = eliminated(link.slides, sums[number])
+        steps.append(step)
+        J, H, M = resistance_to_parent(joint, left)
+        p = sums[link.parent]
+        sums[link.parent] = Resistance(symmetric_sum(p.J, J), _sum(p.H, H), symmetric_sum(p.M, M))
+    return steps[::-1], sums[0]
+
+
+def given_way(
+    links: Sequence[Link], joints: Sequence[Place], steps: Sequence[Elimination], loads: Sequence[Scalar]
+) -> tuple[list[Scalar], Wrench]:
+    """What each joint is left with of its load, and what comes to the base, base axes (T6, inward)."""
+    own: list[Wrench] = [(ZERO, ZERO)] * (len(links) + 1)
+    left: list[Scalar] = [0.0] * len(links)
+    for number in range(len(links), 0, -1):
+        link, joint, step, (force, torque) = links[number - 1], joints[number - 1], steps[number - 1], own[number]
+        rest = loads[number - 1] - (force[2] if link.slides else torque[2])
+        left[number - 1] = rest * step.share
+        force = add(force, scale(step.force, left[number - 1]))
+        torque = add(torque, scale(step.torque, left[number - 1]))
+        handed = to_parent(joint, force)
+        f, t = own[link.parent]
+        own[link.parent] = add(f, handed), add(t, add(to_parent(joint, torque), cross(joint.r, handed)))
+    return left, own[0]
+
+
+def joint_accelerations(
+    links: Sequence[Link],
+    joints: Sequence[Place],
+    steps: Sequence[Elimination],
+    left: Sequence[Scalar],
+    alpha: Vector,
+    a: Vector,
+) -> list[Scalar]:
+    """The q'' of every joint, from the base's own accelerations, base axes (T6, outward)."""
+    bodies, qdd = [(alpha, a)], []
+    for link, joint, step, rest in zip(links, joints, steps, left, strict=True):
+        alpha_p, a_p = bodies[link.parent]
+        turning = to_child(joint, alpha_p)
+        moving = to_child(joint, add(a_p, cross(alpha_p, joint.r)))
+        change = rest - (dot(step.torque, turning) + dot(step.force, moving)) * step.share
+        qdd.append(change)
+        if link.slides:
+            moving = (moving[0], moving[1], moving[2] + change)
+        else:
+            turning = (turning[0], turning[1], turning[2] + change)
+        bodies.append((turning, moving))
+    return qdd
+
+
+# ---- energy and momentum
+
+
+def velocities(
+    links: Sequence[Link], joints: Sequence[Place], qd: Sequence[Scalar], v: Vector, omega: Vector
+) -> list[tuple[Vector, Vector]]:
+    """(v, omega) of every body in its own axes, the base first."""
+    bodies = [(v, omega)]
+    for link, joint, rate in zip(links, joints, qd, strict=True):
+        v_p, omega_p = bodies[link.parent]
+        x, y, z = to_child(joint, omega_p)
+        a, b, c = to_child(joint, add(v_p, cross(omega_p, joint.r)))
+        bodies.append(((a, b, c + rate), (x, y, z)) if link.slides else ((a, b, c), (x, y, z + rate)))
+    return bodies
+
+
+def momenta(base: Base, links: Sequence[Link], bodies: Sequence[tuple[Vector, Vector]]) -> list[Wrench]:
+    """(P, L) of each body about its reference point, own axes (T8)."""
+    found = []
+    for body, (v, omega) in zip(_bodies(base, links), bodies, strict=True):
+        linear = add(scale(v, body.mass), cross(omega, body.first))
+        angular = add(cross(body.first, v), rotate(full(inertia_of(body.second)), omega))
+        found.append((linear, angular))
+    return found
+
+
+def kinetic_energy(bodies: Sequence[tuple[Vector, Vector]], own: Sequence[Wrench]) -> Scalar:
+    """The kinetic energy, half of v . P + omega . L of each body (T7)."""
+    doubles = [dot(v, P) + dot(omega, L) for (v, omega), (P, L) in zip(bodies, own, strict=True)]
+    total = doubles[0]
+    for double in doubles[1:]:
+        total = total + double
+    return total * 0.5

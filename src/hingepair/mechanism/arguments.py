@@ -1,0 +1,192 @@
+"""What a robot's methods are given, checked: coordinates by joint, the motion of the base, wrenches on links."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
+from hingepair.numeric.array_libraries import Library, check_tail, is_foreign, library_of
+from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, vectors
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.forward_kinematics import component
+
+Coordinates: TypeAlias = ArrayLike | Mapping[str, Any]
+"""One array of shape (..., dof), a table with the joints' names, or a value by each joint's name."""
+
+LETTERS: Final = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
+"""What a BodyMotion calls the motion of the base."""
+
+AT_REST: Final[Mapping[str, tuple[float, ...]]] = {
+    **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1"), (0.0, 0.0, 0.0)),
+    "S1": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+}
+"""A base that rests at the origin."""
+
+NO_LOADS: Final[Mapping[str, tuple[float, ...]]] = dict.fromkeys(("force1", "torque1"), (0.0, 0.0, 0.0))
+
+
+class Values(NamedTuple):
+    """Arguments as programs take them.
+
+    Attributes:
+        parts: by input name: arrays with the components last, or tuples of components, each a number or an array.
+        shapes: of the samples, by the argument's name.
+        library: of which they are arrays; None of NumPy's, and of numbers.
+    """
+
+    parts: dict[str, Any]
+    shapes: dict[str, tuple[int, ...]]
+    library: Library | None
+
+
+def read_values(
+    names: tuple[str, ...],
+    coordinates: Mapping[str, Any],
+    base_motion: BodyMotion | None,
+    needed: Iterable[str],
+    vectors_given: Mapping[str, Any],
+) -> Values:
+    """Return the arguments of a method, checked.
+
+    Args:
+        names: of the joints with a coordinate, in order.
+        coordinates: q, qd, qdd or tau by argument name.
+        base_motion: the motion of the base; None where it rests at the origin.
+        needed: names of inputs that are computed with.
+        vectors_given: forces and torques by input name: a value, and its name for messages.
+
+    Raises:
+        ArgumentError: an argument cannot be used; names it, and the joint.
+    """
+    for name, value in coordinates.items():
+        if value is None:
+            raise ArgumentError(name, "values of the joints, since they are needed here", None)
+    base = _base_arrays(base_motion, needed)
+    library = _library({**coordinates, **{f"base_motion.{LETTERS[name]}": value for name, value in base.items()}})
+    parts: dict[str, Any] = {}
+    shapes: dict[str, tuple[int, ...]] = {}
+    for name, value in coordinates.items():
+        parts[name], shapes[name] = _read_coordinates(name, value, names, library)
+    if base_motion is not None:
+        parts |= base
+        shapes["base_motion"] = base_motion.shape
+    for name, (value, label) in vectors_given.items():
+        parts[name], shapes[label] = _read_vector(label, value)
+    return Values(parts, shapes, library)
+
+
+def _library(given: Mapping[str, Any]) -> Library | None:
+    """Return the library that arguments are arrays of; values by joint are looked into."""
+    leaves: dict[str, Any] = {}
+    for name, value in given.items():
+        if isinstance(value, Mapping):
+            leaves |= {f"{name}[{joint!r}]": one for joint, one in value.items()}
+        else:
+            leaves[name] = value
+    if not any(is_foreign(value) for value in leaves.values()):
+        return None
+    return library_of(leaves)
+
+
+def _read_coordinates(
+    name: str, value: Any, names: tuple[str, ...], library: Library | None
+) -> tuple[Any, tuple[int, ...]]:
+    """Return coordinates as programs take them, and the shape of their samples."""
+    if is_table(value):
+        endings = {"qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}.get(name, ())
+        meaning = {f"{joint}{ending}": joint for ending in endings for joint in names} | dict(
+            zip(names, names, strict=True)
+        )
+        value = columns_by_name(name, value, meaning, names)
+    if isinstance(value, Mapping):
+        return _read_by_joint(name, value, names)
+    if library is not None and is_foreign(value):
+        check_tail(name, value, len(names))
+        return tuple(value[..., k] for k in range(len(names))), tuple(value.shape[:-1])
+    try:
+        array = vectors(name, value, len(names))
+    except ShapeError as error:
+        raise ShapeError(name, f"{error.expected}, a column for each of {_shown(names)}", error.got) from None
+    return array, array.shape[:-1]
+
+
+def _read_by_joint(name: str, value: Mapping[str, Any], names: tuple[str, ...]) -> tuple[Any, tuple[int, ...]]:
+    for joint in value:
+        if joint not in names:
+            known = choices(names) if names else "no joint, since none moves"
+            raise ArgumentError(name, known + nearest(str(joint), names), quoted(joint))
+    for joint in names:
+        if joint not in value:
+            raise ArgumentError(f"{name}[{joint!r}]", "a number or an array", "none")
+    parts = tuple(
+        value[joint] if is_foreign(value[joint]) else component(f"{name}[{joint!r}]", value[joint]) for joint in names
+    )
+    shapes = {f"{name}[{joint!r}]": tuple(np.shape(part)) for joint, part in zip(names, parts, strict=True)}
+    return parts, broadcast_shape(shapes)
+
+
+def _shown(names: Sequence[str]) -> str:
+    return ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:6])}, ... ({len(names)} joints)"
+
+
+def _base_arrays(base_motion: BodyMotion | None, needed: Iterable[str]) -> dict[str, Any]:
+    """Return the arrays of the base's motion that are computed with."""
+    if base_motion is None:
+        return {}
+    if not isinstance(base_motion, BodyMotion):
+        raise ArgumentError("base_motion", "a BodyMotion", quoted(base_motion))
+    found = {}
+    for name in needed:
+        if name in LETTERS:
+            letter = LETTERS[name]
+            found[name] = getattr(base_motion, letter)
+            if found[name] is None:
+                wanted = f"a value, as in BodyMotion(..., {letter}=...): what is asked for needs it"
+                raise ArgumentError(f"base_motion.{letter}", wanted, None)
+    return found
+
+
+def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
+    """Return a force or a torque; the number 0 says that there is none."""
+    if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
+        return (0.0, 0.0, 0.0), ()
+    array = vectors(name, value, 3)
+    return array, array.shape[:-1]
+
+
+def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    """Return (force, torque) by link, checked.
+
+    Raises:
+        ArgumentError: an unknown link, or no pair of vectors; names it.
+    """
+    if wrenches is None:
+        return {}
+    if not isinstance(wrenches, Mapping):
+        raise ArgumentError("wrenches", "(force, torque) by the link's name", quoted(wrenches))
+    for link, value in wrenches.items():
+        if link not in links:
+            known = tuple(links)
+            raise ArgumentError("wrenches", choices(known) + nearest(str(link), known), quoted(link))
+        if not isinstance(value, tuple | list) or len(value) != 2:
+            raise ArgumentError(f"wrenches[{link!r}]", "a pair (force, torque)", quoted(value))
+    return {link: (value[0], value[1]) for link, value in wrenches.items()}
+
+
+def read_out(out: Any, outputs: Sequence[str]) -> None:
+    """Refuse arrays to write into that belong to no output.
+
+    Raises:
+        ArgumentError: names the output.
+    """
+    if out is None:
+        return
+    if not isinstance(out, Mapping):
+        raise ArgumentError("out", "a dict of arrays by output name", quoted(out))
+    for name in out:
+        if name not in outputs:
+            raise ArgumentError("out", f"arrays for nothing but {', '.join(outputs)}", quoted(name))

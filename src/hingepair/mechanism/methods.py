@@ -1,0 +1,699 @@
+"""What a robot is asked: kinematics of its frames, Jacobians, dynamics, energy and momentum."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hingepair.engine.backend import choose
+from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.accuracy import error_bounds
+from hingepair.mechanism.arguments import Coordinates, read_values, read_wrenches
+from hingepair.mechanism.constants import Constants, constants_of
+from hingepair.mechanism.evaluate import Problem
+from hingepair.mechanism.states import MechanismAccelerations, MechanismForces, MechanismState, state_of
+from hingepair.mechanism.tree import Frame, Tree
+from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant
+from hingepair.numeric.tables import Shown
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.dynamics import GRAVITY, DynamicsWarning, Energy, Momentum
+from hingepair.pair.evaluate import Out
+from hingepair.pair.states import State
+from hingepair.plans.trees import inputs_of
+
+Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
+"""(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
+
+_LEVELS = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
+_MOTION = tuple(name for level in _LEVELS for name in level)
+_FORCES = ("tau", "force1", "torque1")
+_MAX_NAMES = 64
+
+
+class MechanismMethods(Shown):
+    """What a robot is asked; `Mechanism` derives from it and holds the robot.
+
+    Attributes:
+        tree: the robot's record.
+        base: "fixed" where the base is held, or moves as it is given; "free" where forces move it.
+    """
+
+    __slots__ = ("_constants_made",)
+
+    tree: Tree
+    base: str
+    _constants_made: Constants
+
+    @property
+    def _constants(self) -> Constants:
+        """The constants of the robot's programs, made when they are first needed."""
+        try:
+            found: Constants = self._constants_made
+        except AttributeError:
+            found = constants_of(self.tree, self.base == "free")
+            object.__setattr__(self, "_constants_made", found)
+        return found
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """Names of the joints with a coordinate of their own."""
+        return tuple(joint.name for joint in self.tree.coordinates)
+
+    # ---- kinematics
+
+    def forward_kinematics(
+        self,
+        q: Coordinates,
+        qd: Coordinates | None = None,
+        qdd: Coordinates | None = None,
+        *,
+        frames: str | Iterable[str] | None = None,
+        outputs: Iterable[str] | None = None,
+        base_motion: BodyMotion | None = None,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> MechanismState:
+        """Compute the motion of frames (E2, E5, E7-E9 from joint to joint).
+
+        The level follows the inputs: q alone gives the pose, qd adds velocities, qdd accelerations.
+
+        Args:
+            q: coordinates.
+            qd: their time derivatives.
+            qdd: their second time derivatives.
+            frames: names of links, joints or added frames; the last link of every branch unless given. Where a joint
+                and a link share a name, it is the link's frame.
+            outputs: names out of R, S, d, v, omega, a, alpha: exactly these are computed. Unless given, all that the
+                inputs allow.
+            base_motion: where the base is and how it moves.
+            out: arrays by output name, written in place; shape (..., frames, 3), of S (..., frames, 3, 3).
+            workers: threads; -1 for one on every core.
+            backend: "numpy", "compiled", or "auto": compiled where it pays.
+
+        Returns:
+            The motions: `state["panda_hand"].R` of one frame, `state.R` of all, with an axis of frames. float32 where
+            all arrays given are float32, else float64.
+
+        Raises:
+            ArgumentError: an argument cannot be used; names it, and the joint.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> state = robot.forward_kinematics(np.zeros((5, 6)), frames=("tool0", "wrist_1_link"))
+        >>> state.R.shape, state["tool0"].S.shape
+        ((5, 2, 3), (5, 3, 3))
+        """
+        if qdd is not None and qd is None:
+            raise ArgumentError("qd", "the first derivatives beside the second", None)
+        coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
+        names = self._outputs(outputs, len(coordinates) - 1, out)
+        problem = self._problem(names, self._frames("frames", frames))
+        self._require(problem, coordinates, names)
+        found: MechanismState = self._run(problem, coordinates or {"q": q}, base_motion, out, workers, backend)
+        return found
+
+    def jacobian(
+        self,
+        q: Coordinates,
+        frame: str | None = None,
+        *,
+        base_motion: BodyMotion | None = None,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
+        """Compute the Jacobian of a frame: (v, omega) = J @ qd of its origin, world axes (E2, E8).
+
+        That is Pinocchio's LOCAL_WORLD_ALIGNED. Of a base that is free, (v, omega) = J @ (v1, omega1, qd).
+
+        Args:
+            q: coordinates.
+            frame: name of a link, a joint or an added frame; may be left out where the robot has one branch.
+            base_motion: of it, S is used.
+            out: an array to write into; shape (..., 6, dof), of a free base (..., 6, 6 + dof).
+            workers: threads; -1 for one on every core.
+            backend: as for `forward_kinematics`.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> hp.load_robot("ur5_robot").jacobian(np.zeros(6), "tool0").shape
+        (6, 6)
+        """
+        problem = self._problem(("jacobian",), self._frames("frame", self._one_frame(frame)))
+        return self._array(problem, {"q": q}, base_motion, out, workers, backend)
+
+    def acceleration_bias(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        frame: str | None = None,
+        *,
+        base_motion: BodyMotion | None = None,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
+        """Compute what velocities alone give a frame: (a, alpha) = J @ qdd + bias, world axes (E9).
+
+        Of a base that is free, (a, alpha) = J @ (a1, alpha1, qdd) + bias; a base that moves as it is given counts in
+        the bias. Arguments are those of `jacobian`; shape (..., 6).
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> hp.load_robot("ur5_robot").acceleration_bias(np.zeros(6), np.zeros(6), "tool0").tolist()
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        """
+        problem = self._problem(("acceleration_bias",), self._frames("frame", self._one_frame(frame)))
+        return self._array(problem, {"q": q, "qd": qd}, base_motion, out, workers, backend)
+
+    def error_bounds(
+        self,
+        q: Coordinates,
+        qd: Coordinates | None = None,
+        qdd: Coordinates | None = None,
+        *,
+        frames: str | Iterable[str] | None = None,
+        outputs: Iterable[str] | None = None,
+        base_motion: BodyMotion | None = None,
+        gravity: ArrayLike = GRAVITY,
+    ) -> dict[str, Float64Array]:
+        """Bound how far rounding can have taken each output from the exact result, at every sample.
+
+        Exact is what the equations say of the coordinates and of the robot's joints as `joints` has them. The bounds
+        are rigorous, of either backend, as far as sines and cosines are right to 1.5 units in the last place.
+
+        Args:
+            q: coordinates.
+            qd: their time derivatives.
+            qdd: their second time derivatives.
+            frames: as for `forward_kinematics`.
+            outputs: those of `forward_kinematics`; also tau, force1, torque1, mass_matrix, bias_forces,
+                gravity_forces, and of the first frame jacobian and acceleration_bias. Unless given, all motion that
+                the inputs allow.
+            base_motion: where the base is and how it moves.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+
+        Returns:
+            By output, the bound on the error of its largest component, in the output's unit; of motion one for each
+            frame, shape (..., frames); of all else shape (...). Infinite where numbers overflow, or are none.
+
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> bool(robot.error_bounds([0.1] * 6, frames="tool0")["R"].max() < 1e-14)
+        True
+        """
+        coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
+        names = self._outputs(outputs, len(coordinates) - 1, None, BOUNDED)
+        problem = self._problem(names, self._frames("frames", frames))
+        self._require(problem, coordinates, names)
+        values = read_values(self._names, coordinates or {"q": q}, base_motion, problem.inputs, {})
+        return error_bounds(problem, values, _gravity(gravity))
+
+    # ---- dynamics
+
+    def inverse_dynamics(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        qdd: Coordinates,
+        *,
+        gravity: ArrayLike = GRAVITY,
+        wrenches: Wrenches = None,
+        base_motion: BodyMotion | None = None,
+        outputs: Iterable[str] | None = None,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> MechanismForces:
+        """Compute what must act for the robot to move as it does (T1-T3).
+
+        Args:
+            q: coordinates.
+            qd: their time derivatives.
+            qdd: their second time derivatives.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            wrenches: what else acts on links: (force, torque) by link, world axes, at the link's origin.
+            base_motion: of it, S, omega, a and alpha are used.
+            outputs: names out of tau, force1, torque1: exactly these are computed; all unless given.
+            out: arrays by output name, written in place.
+            workers: threads; -1 for one on every core.
+            backend: as for `forward_kinematics`.
+
+        Returns:
+            tau (..., dof), N m of hinges and N of sliders; what must act on the base about R1, force1 [N] and torque1
+            [N m]: of a fixed base its reaction, in which the base's own mass does not count.
+
+        Raises:
+            ArgumentError: an argument cannot be used; names it, and the joint.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> robot.inverse_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).tau.shape
+        (6,)
+        """
+        coordinates = {"q": q, "qd": qd, "qdd": qdd}
+        names = _names(outputs, out, _FORCES)
+        acting, frames = self._wrenches(wrenches)
+        problem = self._problem(names, frames, len(acting) // 2)
+        found: MechanismForces = self._run(problem, coordinates, base_motion, out, workers, backend, gravity, acting)
+        return found
+
+    def forward_dynamics(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        tau: Coordinates,
+        *,
+        gravity: ArrayLike = GRAVITY,
+        wrenches: Wrenches = None,
+        force1: ArrayLike = 0,
+        torque1: ArrayLike = 0,
+        base_motion: BodyMotion | None = None,
+        outputs: Iterable[str] | None = None,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> MechanismAccelerations:
+        """Compute how the robot moves under what acts on it (T5, T6).
+
+        Args:
+            q: coordinates.
+            qd: their time derivatives.
+            tau: what acts along them: N m of hinges, N of sliders; in the forms of q.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            wrenches: what else acts on links: (force, torque) by link, world axes, at the link's origin.
+            force1: on a free base at R1, world axes [N]; shape (..., 3), or the number 0.
+            torque1: on a free base about R1, world axes [N m].
+            base_motion: of it, S and omega are used; of a fixed base also a and alpha.
+            outputs: names out of qdd, and of a free base a1, alpha1: exactly these are computed; all unless given.
+            out: arrays by output name, written in place.
+            workers: threads; -1 for one on every core.
+            backend: as for `forward_kinematics`.
+
+        Returns:
+            qdd (..., dof); of a free base also a1 and alpha1 (..., 3). NaN at samples where the mass matrix is
+            singular, with a DynamicsWarning that names a joint that nothing resists.
+
+        Raises:
+            ArgumentError: an argument cannot be used; names it, and the joint.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> robot.forward_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).qdd.shape
+        (6,)
+        """
+        free = self.base == "free"
+        names = _names(outputs, out, ("qdd", "a1", "alpha1") if free else ("qdd",))
+        acting, frames = self._wrenches(wrenches)
+        for name, value in (("force1", force1), ("torque1", torque1)):
+            if free:
+                acting[name] = value, name
+            elif not (isinstance(value, int | float) and value == 0):
+                raise ArgumentError(name, "0: a fixed base is not moved by forces (base='free' is)", quoted(value))
+        coordinates = {"q": q, "qd": qd, "tau": tau}
+        problem = self._problem(names, frames, len(frames))
+        found: MechanismAccelerations = self._run(
+            problem, coordinates, base_motion, out, workers, backend, gravity, acting
+        )
+        self._warn_where_singular(found, q, base_motion)
+        return found
+
+    def mass_matrix(
+        self,
+        q: Coordinates,
+        *,
+        base_motion: BodyMotion | None = None,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
+        """Compute the mass matrix M of M @ qdd + bias = tau (T4); shape (..., dof, dof).
+
+        Of a free base, of M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau), world axes; shape
+        (..., 6 + dof, 6 + dof). Of base_motion, S is used; the other arguments are those of `jacobian`.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> M = hp.load_robot("ur5_robot").mass_matrix(np.zeros(6))
+        >>> M.shape, bool((M == M.T).all())
+        ((6, 6), True)
+        """
+        return self._array(self._problem(("mass_matrix",)), {"q": q}, base_motion, out, workers, backend)
+
+    def bias_forces(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        *,
+        gravity: ArrayLike = GRAVITY,
+        base_motion: BodyMotion | None = None,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
+        """Compute what acts where the second derivatives are none: the bias of `mass_matrix` (T1-T3).
+
+        Shape (..., dof), of a free base (..., 6 + dof). Of base_motion, S and omega are used, of a fixed base also a
+        and alpha; the other arguments are those of `jacobian`.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> robot.bias_forces(np.zeros(6), np.zeros(6)).shape
+        (6,)
+        """
+        problem = self._problem(("bias_forces",))
+        return self._array(problem, {"q": q, "qd": qd}, base_motion, out, workers, backend, gravity)
+
+    def gravity_forces(
+        self,
+        q: Coordinates,
+        *,
+        gravity: ArrayLike = GRAVITY,
+        base_motion: BodyMotion | None = None,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
+        """Compute what holds the robot still against gravity (T1-T3).
+
+        Shape (..., dof), of a free base (..., 6 + dof). Of base_motion, S is used; the other arguments are those of
+        `jacobian`.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> hp.load_robot("ur5_robot").gravity_forces(np.zeros(6)).shape
+        (6,)
+        """
+        return self._array(self._problem(("gravity_forces",)), {"q": q}, base_motion, out, workers, backend, gravity)
+
+    def centre_of_mass(
+        self,
+        q: Coordinates,
+        *,
+        base_motion: BodyMotion | None = None,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
+        """Compute the centre of mass, world axes [m]; shape (..., 3). A fixed base's own mass does not count.
+
+        Of base_motion, R and S are used; the other arguments are those of `jacobian`.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> hp.load_robot("ur5_robot").centre_of_mass(np.zeros(6)).shape
+        (3,)
+        """
+        return self._array(self._problem(("centre_of_mass",)), {"q": q}, base_motion, out, workers, backend)
+
+    def centre_of_mass_jacobian(
+        self,
+        q: Coordinates,
+        *,
+        base_motion: BodyMotion | None = None,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
+        """Compute the Jacobian of the centre of mass: its velocity is J @ qd, of a free base J @ (v1, omega1, qd).
+
+        World axes; shape (..., 3, dof), of a free base (..., 3, 6 + dof). Of base_motion, S is used; the other
+        arguments are those of `jacobian`.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> hp.load_robot("ur5_robot").centre_of_mass_jacobian(np.zeros(6)).shape
+        (3, 6)
+        """
+        problem = self._problem(("centre_of_mass_jacobian",))
+        return self._array(problem, {"q": q}, base_motion, out, workers, backend)
+
+    def centre_of_mass_bias(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        *,
+        base_motion: BodyMotion | None = None,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
+        """Compute what velocities alone give the centre of mass: its acceleration is J @ qdd + bias; shape (..., 3).
+
+        Arguments are those of `acceleration_bias`, without a frame.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> hp.load_robot("ur5_robot").centre_of_mass_bias(np.zeros(6), np.zeros(6)).shape
+        (3,)
+        """
+        problem = self._problem(("centre_of_mass_bias",))
+        return self._array(problem, {"q": q, "qd": qd}, base_motion, out, workers, backend)
+
+    def energy(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        *,
+        gravity: ArrayLike = GRAVITY,
+        base_motion: BodyMotion | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> Energy:
+        """Compute kinetic and potential energy [J], the latter zero at the world's origin; shape (...) each (T7).
+
+        A fixed base's own mass does not count. Of base_motion, R, S, v and omega are used.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> float(hp.load_robot("ur5_robot").energy(np.zeros(6), np.zeros(6)).kinetic)
+        0.0
+        """
+        problem = self._problem(("kinetic", "potential"))
+        state = self._run(problem, {"q": q, "qd": qd}, base_motion, None, workers, backend, gravity)
+        return Energy(state["kinetic"], state["potential"])
+
+    def momentum(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        *,
+        about: str = "origin",
+        base_motion: BodyMotion | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> Momentum:
+        """Compute linear and angular momentum, world axes [kg m/s, kg m^2/s]; shape (..., 3) each (T8).
+
+        `about` is the point of the angular momentum: the world's "origin", or the "centre" of mass. A fixed base's
+        own mass does not count. Of base_motion, R, S, v and omega are used.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> hp.load_robot("ur5_robot").momentum(np.zeros(6), np.ones(6), about="centre").angular.shape
+        (3,)
+        """
+        check_choice("about", about, ("origin", "centre"))
+        angular = f"angular_about_{about}"
+        problem = self._problem(("linear", angular))
+        state = self._run(problem, {"q": q, "qd": qd}, base_motion, None, workers, backend)
+        return Momentum(state["linear"], state[angular])
+
+    # ---- within
+
+    def _frames(self, name: str, frames: str | Iterable[str] | None) -> dict[str, Frame]:
+        """Return frames by name.
+
+        Raises:
+            ArgumentError: there is no such frame, or none is named.
+        """
+        try:
+            names = self.tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
+        except TypeError:
+            names = ()
+        found = {one: self.tree.frame(one) if isinstance(one, str) else None for one in names}
+        if not found:
+            raise ArgumentError(name, "names of links or joints", quoted(frames))
+        for one, frame in found.items():
+            if frame is None:
+                known = (*self.tree.links, *self.tree.frames, *(joint.name for joint in self.tree.joints))
+                raise ArgumentError(name, choices(known[:_MAX_NAMES]) + nearest(str(one), known), quoted(one))
+        return {one: frame for one, frame in found.items() if frame is not None}
+
+    def _one_frame(self, frame: str | None) -> str:
+        if frame is None:
+            if len(self.tree.tips) != 1:
+                raise ArgumentError(
+                    "frame", f"the name of a link or joint, such as {', '.join(self.tree.tips[:4])}", None
+                )
+            return self.tree.tips[0]
+        if not isinstance(frame, str):
+            raise ArgumentError("frame", "the name of a link or joint", quoted(frame))
+        return frame
+
+    def _outputs(
+        self, outputs: Iterable[str] | None, level: int, out: Out, known: tuple[str, ...] = _MOTION
+    ) -> tuple[str, ...]:
+        default = tuple(name for names in _LEVELS[: level + 1] for name in names)
+        return _names(outputs, out, known, default)
+
+    def _problem(
+        self, outputs: tuple[str, ...], frames: Mapping[str, Frame] | None = None, loaded: int = 0
+    ) -> Problem:
+        """Return the problem of these outputs, made once for each robot."""
+        names = tuple(frames or ())
+        key = outputs, names, loaded
+        found: Problem | None = self._constants.prepared.get(key)
+        if found is None:
+            kinds: dict[str, type[State]] = {
+                "tau": MechanismForces,
+                "force1": MechanismForces,
+                "torque1": MechanismForces,
+            }
+            kinds |= dict.fromkeys(("qdd", "a1", "alpha1"), MechanismAccelerations)
+            kind = state_of(names) if outputs[0] in _MOTION else kinds.get(outputs[0], State)
+            bodies = tuple((frames or {}).values())
+            found = Problem(self._constants, outputs, self.base == "free", bodies, tuple(range(loaded)), kind)
+            self._constants.prepared[key] = found
+        return found
+
+    def _require(self, problem: Problem, coordinates: Mapping[str, Any], outputs: tuple[str, ...]) -> None:
+        """Refuse outputs that need derivatives that were not given."""
+        for name in ("q", "qd", "qdd"):
+            if name in problem.inputs and name not in coordinates:
+                needs = [
+                    one
+                    for one in outputs
+                    if name in inputs_of(problem.form, problem.request._replace(outputs=(one,)))
+                ]
+                raise ArgumentError(name, f"values of the joints, since output {needs[0]} needs them", None)
+
+    def _wrenches(self, wrenches: Wrenches) -> tuple[dict[str, tuple[Any, str]], dict[str, Frame]]:
+        """Return forces and torques by input name, with their names for messages, and the links' frames."""
+        by_link = read_wrenches(wrenches, self.tree.links)
+        acting = {
+            f"{kind}_{k}": (part, f"wrenches[{link!r}][{place}]")
+            for k, (link, pair) in enumerate(by_link.items())
+            for place, (kind, part) in enumerate(zip(("force", "torque"), pair, strict=True))
+        }
+        return acting, {link: self.tree.links[link] for link in by_link}
+
+    def _run(
+        self,
+        problem: Problem,
+        coordinates: Mapping[str, Any],
+        base_motion: BodyMotion | None,
+        out: Out,
+        workers: int,
+        backend: str,
+        gravity: ArrayLike = GRAVITY,
+        acting: Mapping[str, tuple[Any, str]] | None = None,
+    ) -> Any:
+        """Return the outputs of a problem at all samples."""
+        how = choose(backend, workers)
+        values = read_values(self._names, coordinates, base_motion, problem.inputs, acting or {})
+        if problem.weighs:
+            self._say_doubts()
+        return problem.run(values, _gravity(gravity), out, how)
+
+    def _array(
+        self,
+        problem: Problem,
+        coordinates: Mapping[str, Any],
+        base_motion: BodyMotion | None,
+        out: FloatArray | None,
+        workers: int,
+        backend: str,
+        gravity: ArrayLike = GRAVITY,
+    ) -> FloatArray:
+        """Return the one output of a problem, as an array that can be written to."""
+        (name,) = problem.request.outputs
+        arrays = None if out is None else {name: out}
+        try:
+            state = self._run(problem, coordinates, base_motion, arrays, workers, backend, gravity)
+        except ArgumentError as error:
+            if error.name != f"out[{name!r}]":
+                raise
+            raise type(error)("out", error.expected, error.got) from None
+        found: FloatArray = state.released()[name]
+        return found
+
+    def _say_doubts(self) -> None:
+        """Warn once of masses that are assumed, or that no rigid body can have."""
+        prepared = self._constants.prepared
+        if "doubts" not in prepared:
+            prepared["doubts"] = True
+            for note in self.tree.notes:
+                warnings.warn(f"{self.tree.name}: {note}", DynamicsWarning, _caller())
+
+    def _warn_where_singular(
+        self, found: MechanismAccelerations, q: Coordinates, base_motion: BodyMotion | None
+    ) -> None:
+        """Warn where the mass matrix is singular, and name a joint that nothing resists there."""
+        if not self._constants.may_be_singular or not isinstance(found.qdd, np.ndarray):
+            return
+        bad = np.asarray(np.isnan(found.qdd).any(axis=-1))
+        if not bad.any():
+            return
+        problem = self._problem(("pivots",))
+        pivots = np.asarray(self._run(problem, {"q": q}, base_motion, None, 1, "numpy")["pivots"])
+        low = (np.abs(pivots) <= self._constants.smallest) & bad[..., None]
+        if low.any():
+            first = low.reshape(-1, low.shape[-1])[int(np.argmax(low.any(axis=-1)))]
+            joint = self._names[int(np.flatnonzero(first)[-1])]
+            count = int(low.any(axis=-1).sum())
+            where = f"at {count} of {bad.size} samples" if bad.shape else "here"
+            warnings.warn(
+                f"{self.tree.name}: no mass resists joint {joint!r} {where}; accelerations are NaN there",
+                DynamicsWarning,
+                _caller(),
+            )
+
+
+BOUNDED = (
+    *_MOTION,
+    *_FORCES,
+    *("jacobian", "acceleration_bias", "mass_matrix", "bias_forces", "gravity_forces"),
+)
+"""The outputs whose rounding errors `error_bounds` bounds."""
+
+
+def _names(
+    outputs: Iterable[str] | None, out: Out, known: tuple[str, ...], default: tuple[str, ...] | None = None
+) -> tuple[str, ...]:
+    """Return the outputs to compute: those that are named, else the defaults and those that `out` has arrays for."""
+    if outputs is None:
+        more = tuple(name for name in (out or ()) if isinstance(out, Mapping) and name in known)
+        return tuple(dict.fromkeys((*(known if default is None else default), *more)))
+    try:
+        names = () if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
+    except TypeError:
+        names = ()
+    if not names:
+        raise ArgumentError("outputs", f"a tuple of names such as ({known[0]!r},)", quoted(outputs))
+    for name in names:
+        if name not in known:
+            raise ArgumentError("outputs", choices(known), quoted(name))
+    return names
+
+
+def _gravity(gravity: ArrayLike) -> tuple[float, ...]:
+    return GRAVITY if gravity is GRAVITY else tuple(one_constant("gravity", gravity, 3).tolist())
+
+
+def _caller() -> int:
+    """Return how far up the code stands that calls this package."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("hingepair."):
+        frame, level = frame.f_back, level + 1
+    return level

@@ -1,0 +1,592 @@
+"""What to compute of a tree of joints: which recursions (T1-T9) lead from coordinates to the outputs asked for.
+
+The constants of a robot are one vector of numbers. Those that are 0, 1 or -1 are part of the program, which folds
+them; all others are parameters, so that one program serves every robot of the same build and every payload.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Final, NamedTuple, TypeAlias
+
+from hingepair.engine.loops import Loop
+from hingepair.engine.trace import name_lines, where_less
+from hingepair.equations import trees as eq
+from hingepair.equations.dynamics import solve_symmetric
+from hingepair.equations.spatial import (
+    Matrix,
+    Scalar,
+    Vector,
+    add,
+    cross,
+    dot,
+    rotate,
+    scale,
+    subtract,
+    transpose,
+)
+from hingepair.numeric.blocks import cosine, sine
+
+Tail: TypeAlias = tuple[int, ...]
+
+OF_BASE: Final = {"mass": (), "first": (3,), "second": (6,)}
+OF_JOINT: Final = {"S": (9,), "u": (3,), **OF_BASE, "multiplier": (), "offset": (), "smallest": ()}
+OF_FRAME: Final = {"R": (3,), "S": (9,)}
+"""The constants of the base, of each joint and of each frame, in the order in which they stand in the vector."""
+
+
+class Form(NamedTuple):
+    """The build of a robot: all that its programs depend on beside the values of its constants.
+
+    Attributes:
+        names: of the joints, as generated code may call them.
+        parents: of each joint's body, the number of the body that carries it.
+        slides: which joints are sliders.
+        columns: of each joint, its column in q; a mimic joint has that of its leader.
+        known: the constants of base and joints that are 0, 1 or -1; None of all others.
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    slides: tuple[bool, ...]
+    columns: tuple[int, ...]
+    known: tuple[float | None, ...]
+
+    @property
+    def dof(self) -> int:
+        """The number of coordinates."""
+        return len(set(self.columns))
+
+    @property
+    def mimics(self) -> bool:
+        """Whether a joint follows another."""
+        return self.dof < len(self.columns)
+
+
+class Request(NamedTuple):
+    """What is computed, and of what.
+
+    Attributes:
+        outputs: names out of OUTPUTS.
+        free: whether the base moves as forces have it; else as it is given.
+        frames: the body of each frame.
+        known: the constants of the frames that are 0, 1 or -1; None of all others.
+        loaded: places among the frames of the links that wrenches act on.
+    """
+
+    outputs: tuple[str, ...]
+    free: bool
+    frames: tuple[int, ...] = ()
+    known: tuple[float | None, ...] = ()
+    loaded: tuple[int, ...] = ()
+
+
+class Output(NamedTuple):
+    """An output: its own shape, the inputs that it takes beside the constants, and how it is made.
+
+    Attributes:
+        tail: its shape, of the number of columns of velocity (dof, and 6 more of a free base) and of frames.
+        inputs: names.
+        make: what makes it of a `Computation`.
+    """
+
+    tail: Callable[[Form, Request], Tail]
+    inputs: tuple[str, ...]
+    make: Callable[[Computation], Any]
+
+
+def columns_of(form: Form, request: Request) -> int:
+    """The number of velocities: one for each coordinate, and six of a free base."""
+    return form.dof + 6 * request.free
+
+
+class Computation:
+    """The recursions over one set of values, each run when it is first needed.
+
+    Args:
+        form: the robot's build.
+        request: what is computed.
+        values: by name: constants, q, qd, qdd, tau, gravity, the base's motion and its loads, wrenches; scalars of
+            any kind, vectors as tuples.
+    """
+
+    def __init__(self, form: Form, request: Request, values: Mapping[str, Any]) -> None:
+        self.form, self.request, self.values = form, request, values
+        numbers = iter(values["constants"])
+        complete = [next(numbers) if known is None else known for known in (*form.known, *request.known)]
+        parts = iter(complete)
+        self.base = eq.Base(**_taken(parts, OF_BASE))
+        own = [_taken(parts, OF_JOINT) for _ in form.parents]
+        self.ratios = [(joint.pop("multiplier"), joint.pop("offset")) for joint in own]
+        self.smallest = [joint.pop("smallest") for joint in own]
+        self.links = [
+            eq.Link(parent, slides, **joint)
+            for parent, slides, joint in zip(form.parents, form.slides, own, strict=True)
+        ]
+        self.frames = [(body, _taken(parts, OF_FRAME)) for body in request.frames]
+
+    # ---- coordinates of joints, and what acts along them
+
+    def _of_joints(self, name: str) -> list[Scalar]:
+        """The rate, or its change, of every joint."""
+        row = self.values[name]
+        return [row[column] * ratio for column, (ratio, _) in zip(self.form.columns, self.ratios, strict=True)]
+
+    @functools.cached_property
+    def q(self) -> list[Scalar]:
+        """The coordinate of every joint."""
+        own = zip(self._of_joints("q"), self.ratios, strict=True)
+        return [value + offset for value, (_, offset) in own]
+
+    @functools.cached_property
+    def qd(self) -> list[Scalar]:
+        """The rate of every joint."""
+        return self._of_joints("qd")
+
+    @functools.cached_property
+    def qdd(self) -> list[Scalar]:
+        """The change of the rate of every joint."""
+        return self._of_joints("qdd")
+
+    @functools.cached_property
+    def still(self) -> list[Scalar]:
+        """No rate, of every joint."""
+        return [0.0] * len(self.links)
+
+    def by_coordinates(self, efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
+        """The efforts along the coordinates of those along the joints: followers hand theirs to their leader."""
+        sums: list[Scalar] = [0.0] * self.form.dof
+        for column, (ratio, _), effort in zip(self.form.columns, self.ratios, efforts, strict=True):
+            sums[column] = sums[column] + effort * ratio
+        return tuple(sums)
+
+    @functools.cached_property
+    def places(self) -> list[eq.Place]:
+        """Where each joint has its body."""
+        turns = [
+            None if link.slides else (sine(value), cosine(value))
+            for link, value in zip(self.links, self.q, strict=True)
+        ]
+        for name, turn in zip(self.form.names, turns, strict=True):
+            name_lines(name, turn, (f"sin_{name}", f"cos_{name}"))
+        return eq.places(self.links, turns, self.q)
+
+    # ---- kinematics
+
+    @functools.cached_property
+    def poses(self) -> list[eq.Pose]:
+        """The pose of every body."""
+        return self._named(eq.poses(self.links, self.places, self.values["S1"]), ("S", "d", "arm"))
+
+    @functools.cached_property
+    def rates(self) -> list[eq.Rates]:
+        """The velocity of every body, world axes."""
+        base = self.values.get("v1", eq.ZERO), self.values["omega1"]
+        return self._named(eq.body_velocities(self.links, self.poses, self.qd, base), ("v", "omega"))
+
+    @functools.cached_property
+    def changes(self) -> list[eq.Rates]:
+        """The acceleration of every body, world axes."""
+        return self._changes(self.qdd, self._base_change)
+
+    @property
+    def _base_change(self) -> eq.Rates:
+        """(a1, alpha1); a1 is none where no output needs it."""
+        return self.values.get("a1", eq.ZERO), self.values["alpha1"]
+
+    def _changes(self, qdd: Sequence[Scalar], base: eq.Rates) -> list[eq.Rates]:
+        found = eq.body_accelerations(self.links, self.poses, self.qd, qdd, self.rates, base)
+        return self._named(found, ("a", "alpha"))
+
+    @functools.cached_property
+    def frame_poses(self) -> list[eq.Pose]:
+        """The pose of every frame."""
+        return [eq.frame_pose(self.poses[body], own["R"], own["S"]) for body, own in self.frames]
+
+    @functools.cached_property
+    def frame_rates(self) -> list[eq.Rates]:
+        """The velocity of every frame."""
+        bodies = (self.rates[body] for body, _ in self.frames)
+        return [eq.frame_velocity(pose, body) for pose, body in zip(self.frame_poses, bodies, strict=True)]
+
+    @functools.cached_property
+    def frame_changes(self) -> list[eq.Rates]:
+        """The acceleration of every frame."""
+        return self._frame_changes(self.changes)
+
+    def _frame_changes(self, changes: Sequence[eq.Rates]) -> list[eq.Rates]:
+        return [
+            eq.frame_acceleration(pose, self.rates[body][1], changes[body])
+            for pose, (body, _) in zip(self.frame_poses, self.frames, strict=True)
+        ]
+
+    def frame_positions(self) -> tuple[Scalar, ...]:
+        """R of every frame."""
+        return _flat(add(self.values["R1"], pose.d) for pose in self.frame_poses)
+
+    def _columns(self, own: Sequence[tuple[Vector, Vector]], base: Sequence[tuple[Vector, Vector]]) -> list[Any]:
+        """The columns of a Jacobian, six rows each, from those of the joints and of a free base."""
+        sums: list[Any] = [(0.0,) * 6] * self.form.dof
+        for column, (ratio, _), (linear, angular) in zip(self.form.columns, self.ratios, own, strict=True):
+            moved = (part * ratio for part in (*linear, *angular))
+            sums[column] = tuple(a + b for a, b in zip(sums[column], moved, strict=True))
+        return [*((*linear, *angular) for linear, angular in base), *sums]
+
+    def jacobian(self) -> tuple[Scalar, ...]:
+        """(v, omega) of the first frame by the velocities, row by row."""
+        d, (body, _) = self.frame_poses[0].d, self.frames[0]
+        own = eq.point_columns(self.links, self.poses, body, d)
+        return _rows(self._columns(own, eq.base_columns(d) if self.request.free else ()))
+
+    def acceleration_bias(self) -> tuple[Scalar, ...]:
+        """(a, alpha) of the first frame where the second derivatives, by which the Jacobian has columns, are none."""
+        base = (eq.ZERO, eq.ZERO) if self.request.free else self._base_change
+        a, alpha = self._frame_changes(self._changes(self.still, base))[0]
+        return (*a, *alpha)
+
+    # ---- dynamics, base axes
+
+    @functools.cached_property
+    def base_axes(self) -> Matrix:
+        """World to base axes."""
+        return transpose(self.values["S1"])
+
+    def _wrenches(
+        self,
+        qd: Sequence[Scalar],
+        qdd: Sequence[Scalar],
+        omega: Vector,
+        alpha: Vector,
+        a: Vector,
+        loaded: bool = True,
+    ) -> list[eq.Wrench]:
+        """What each joint transmits, the base first; omega, alpha and a - g of the base in its own axes (T1-T3)."""
+        feels = eq.accelerations(self.links, self.places, qd, qdd, omega, alpha, a)
+        self._named(feels, ("omega", "a", "B"))
+        own = eq.inertial_wrenches(self.base, self.links, feels)
+        for k, place in enumerate(self.request.loaded if loaded else ()):
+            body, frame = self.frames[place]
+            back = transpose(self.poses[body].S)
+            force, torque = rotate(back, self.values[f"force_{k}"]), rotate(back, self.values[f"torque_{k}"])
+            f, t = own[body]
+            own[body] = subtract(f, force), subtract(t, add(torque, cross(frame["R"], force)))
+        return self._named(eq.inward(self.links, self.places, own), ("f", "t"))
+
+    @functools.cached_property
+    def transmitted(self) -> list[eq.Wrench]:
+        """What each joint transmits for the motion that is given."""
+        omega, alpha = (rotate(self.base_axes, self.values[name]) for name in ("omega1", "alpha1"))
+        falling = rotate(self.base_axes, subtract(self.values["a1"], self.values["gravity"]))
+        return self._wrenches(self.qd, self.qdd, omega, alpha, falling)
+
+    @functools.cached_property
+    def transmitted_bias(self) -> list[eq.Wrench]:
+        """What each joint transmits where the second derivatives are none, those of a free base among them.
+
+        A free base falls: gravity acts on everything alike and is left out until `free_accelerations`.
+        """
+        values, free = self.values, self.request.free
+        omega = rotate(self.base_axes, values["omega1"])
+        if free:
+            return self._wrenches(self.qd, self.still, omega, eq.ZERO, eq.ZERO)
+        falling = rotate(self.base_axes, subtract(values["a1"], values["gravity"]))
+        return self._wrenches(self.qd, self.still, omega, rotate(self.base_axes, values["alpha1"]), falling)
+
+    def efforts(self) -> tuple[Scalar, ...]:
+        """Tau along every coordinate."""
+        return self.by_coordinates(eq.along_axes(self.links, self.transmitted))
+
+    def base_wrench(self, kind: int) -> Vector:
+        """force1 (0) or torque1 (1) on the base, world axes."""
+        return rotate(self.values["S1"], self.transmitted[0][kind])
+
+    def bias_forces(self, moving: bool) -> tuple[Scalar, ...]:
+        """What M times the second derivatives leaves: of rates and gravity, or of gravity alone."""
+        values, still = self.values, eq.ZERO
+        if self.request.free:
+            fall = rotate(self.base_axes, scale(values["gravity"], -1.0))
+            alpha = still
+        else:
+            fall = rotate(self.base_axes, subtract(values["a1"] if moving else still, values["gravity"]))
+            alpha = rotate(self.base_axes, values["alpha1"]) if moving else still
+        omega = rotate(self.base_axes, values["omega1"]) if moving else still
+        found = self._wrenches(self.qd if moving else self.still, self.still, omega, alpha, fall)
+        tau = self.by_coordinates(eq.along_axes(self.links, found))
+        if not self.request.free:
+            return tau
+        return (*rotate(values["S1"], found[0][0]), *rotate(values["S1"], found[0][1]), *tau)
+
+    @functools.cached_property
+    def composites(self) -> list[eq.Matter]:
+        """The matter of each body and of all beyond it."""
+        return self._named(eq.composites(self.base, self.links, self.places), ("mass", "first", "second"))
+
+    @functools.cached_property
+    def mass_rows(self) -> list[list[Scalar]]:
+        """M below and on its diagonal, in the coordinates, those of a free base first."""
+        rows, on_base = eq.mass_matrix(self.links, self.places, self.composites)
+        dof, shift = self.form.dof, 6 * self.request.free
+        sums: list[list[Scalar]] = [[0.0] * (shift + k + 1) for k in range(dof)]
+        for i, (row, (force, torque)) in enumerate(zip(rows, on_base, strict=True)):
+            column, (ratio, _) = self.form.columns[i], self.ratios[i]
+            if shift:
+                S1 = self.values["S1"]
+                for k, part in enumerate((*rotate(S1, force), *rotate(S1, torque))):
+                    sums[column][k] = sums[column][k] + part * ratio
+            for j, entry in enumerate(row):
+                other, (other_ratio, _) = self.form.columns[j], self.ratios[j]
+                value = entry * ratio * other_ratio
+                low, high = sorted((column, other))
+                if j < i and low == high:  # what follows and its leader stand on the diagonal: both halves count
+                    value = value + value
+                sums[high][shift + low] = sums[high][shift + low] + value
+        return [*(eq.base_block(self.values["S1"], self.composites[0]) if shift else ()), *sums]
+
+    def mass_matrix(self) -> tuple[Scalar, ...]:
+        """M, row by row."""
+        rows = self.mass_rows
+        size = range(len(rows))
+        return tuple(rows[max(i, j)][min(i, j)] for i in size for j in size)
+
+    # ---- forward dynamics
+
+    @functools.cached_property
+    def motor_loads(self) -> list[Scalar]:
+        """What along each joint is left of tau to accelerate; of robots without mimic joints."""
+        bias = eq.along_axes(self.links, self.transmitted_bias)
+        return [self.values["tau"][column] - own for column, own in zip(self.form.columns, bias, strict=True)]
+
+    @functools.cached_property
+    def articulated(self) -> tuple[list[eq.Elimination], eq.Resistance]:
+        """Articulated bodies (T5)."""
+        return eq.articulated(self.base, self.links, self.places)
+
+    @functools.cached_property
+    def solved(self) -> tuple[tuple[Scalar, ...], ...]:
+        """a1, alpha1 (world axes, of a free base), q'' and pivots."""
+        return self._solved_densely() if self.form.mimics else self._solved_by_bodies()
+
+    def _solved_by_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
+        steps, base = self.articulated
+        left, (force, torque) = eq.given_way(self.links, self.places, steps, self.motor_loads)
+        a = alpha = eq.ZERO
+        if self.request.free:
+            f, t = self.transmitted_bias[0]
+            values, back = self.values, self.base_axes
+            loads = (
+                *subtract(rotate(back, values["force1"]), add(f, force)),
+                *subtract(rotate(back, values["torque1"]), add(t, torque)),
+            )
+            H, J, M = base.H, base.J, base.M
+            lower = (
+                M[0], M[1], M[3], M[2], M[4], M[5],
+                H[0], H[1], H[2], J[0], H[3], H[4], H[5], J[1], J[3], H[6], H[7], H[8], J[2], J[4], J[5],
+            )  # fmt: skip
+            found, _ = solve_symmetric(lower, loads)
+            a, alpha = found[:3], found[3:]
+        qdd = eq.joint_accelerations(self.links, self.places, steps, left, alpha, a)
+        S1, pivots = self.values["S1"], tuple(step.pivot for step in steps)
+        return self._judged(rotate(S1, a), rotate(S1, alpha), tuple(qdd), pivots)
+
+    def _judged(
+        self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...], pivots: tuple[Scalar, ...]
+    ) -> tuple[tuple[Scalar, ...], ...]:
+        """The accelerations, NaN where of a pivot nothing but rounding is left: there is M singular."""
+        limits: list[Scalar] = [0.0] * self.form.dof
+        for column, (ratio, _), own in zip(self.form.columns, self.ratios, self.smallest, strict=True):
+            limits[column] = limits[column] + own * ratio * ratio
+        doubt: Scalar = 0.0
+        for limit, pivot in zip(limits, pivots, strict=True):
+            if not (type(limit) is float and limit == 0):
+                doubt = doubt + where_less(limit * limit, pivot * pivot, 0.0, math.nan)
+        shifted = (tuple(part + doubt for part in group) for group in (add(a, self.values["gravity"]), alpha, qdd))
+        return (*shifted, pivots)
+
+    def _solved_densely(self) -> tuple[tuple[Scalar, ...], ...]:
+        """By M itself, eliminated from the tips inward, where entries between branches are none."""
+        values, shift = self.values, 6 * self.request.free
+        bias = self.by_coordinates(eq.along_axes(self.links, self.transmitted_bias))
+        loads = [load - own for load, own in zip(values["tau"], bias, strict=True)]
+        if shift:
+            f, t = (rotate(values["S1"], part) for part in self.transmitted_bias[0])
+            loads = [*subtract(values["force1"], f), *subtract(values["torque1"], t), *loads]
+        rows, order = self.mass_rows, range(len(loads) - 1, -1, -1)
+        lower = tuple(rows[max(i, j)][min(i, j)] for i in order for j in order if j >= i)
+        found, pivots = solve_symmetric(lower, tuple(loads[i] for i in order))
+        found, pivots = found[::-1], pivots[::-1]
+        a, alpha = (found[:3], found[3:6]) if shift else (eq.ZERO, eq.ZERO)
+        return self._judged(a, alpha, found[shift:], pivots[shift:])
+
+    # ---- centre of mass, energy, momentum
+
+    @functools.cached_property
+    def centre_from_base(self) -> Vector:
+        """The centre of mass from the base's reference point, world axes."""
+        return scale(rotate(self.values["S1"], self.composites[0].first), 1.0 / self.composites[0].mass)
+
+    def centre_of_mass(self) -> Vector:
+        """The centre of mass."""
+        return add(self.values["R1"], self.centre_from_base)
+
+    def centre_of_mass_jacobian(self) -> tuple[Scalar, ...]:
+        """Its velocity by the velocities, row by row."""
+        own = []
+        share = 1.0 / self.composites[0].mass
+        for link, matter, pose in zip(self.links, self.composites[1:], self.poses[1:], strict=True):
+            force, _ = eq.axis_wrench(link.slides, matter)
+            own.append((scale(rotate(pose.S, force), share), eq.ZERO))
+        base = eq.base_columns(self.centre_from_base) if self.request.free else ()
+        return _rows(self._columns(own, base))[: 3 * columns_of(self.form, self.request)]
+
+    def centre_of_mass_bias(self) -> Vector:
+        """Its acceleration where the second derivatives are none."""
+        turning = (self.values["omega1"], *((eq.ZERO, eq.ZERO) if self.request.free else self._base_change[::-1]))
+        omega, alpha, a = (rotate(self.base_axes, part) for part in turning)
+        force = self._wrenches(self.qd, self.still, omega, alpha, a, loaded=False)[0][0]
+        return scale(rotate(self.values["S1"], force), 1.0 / self.composites[0].mass)
+
+    @functools.cached_property
+    def body_rates(self) -> list[eq.Rates]:
+        """The velocity of every body, its own axes."""
+        v, omega = (rotate(self.base_axes, self.values[name]) for name in ("v1", "omega1"))
+        return self._named(eq.velocities(self.links, self.places, self.qd, v, omega), ("v", "omega"))
+
+    @functools.cached_property
+    def momenta(self) -> list[eq.Wrench]:
+        """P and L of every body about its reference point, own axes."""
+        return eq.momenta(self.base, self.links, self.body_rates)
+
+    def kinetic(self) -> Scalar:
+        """The kinetic energy."""
+        return eq.kinetic_energy(self.body_rates, self.momenta)
+
+    def potential(self) -> Scalar:
+        """The potential energy, zero at the world's origin."""
+        mass, first, _ = self.composites[0]
+        return -dot(self.values["gravity"], add(scale(self.values["R1"], mass), rotate(self.values["S1"], first)))
+
+    @functools.cached_property
+    def momentum(self) -> eq.Wrench:
+        """P, and L about the base's reference point, world axes."""
+        P, L = eq.inward(self.links, self.places, self.momenta)[0]
+        return rotate(self.values["S1"], P), rotate(self.values["S1"], L)
+
+    def angular(self, about: Vector) -> Vector:
+        """L about a point from which `about` leads to the base's reference point."""
+        P, L = self.momentum
+        return add(L, cross(about, P))
+
+    def _named(self, values: list[Any], letters: Iterable[str]) -> list[Any]:
+        """The values of every body, named in generated code by letter and joint."""
+        for name, own in zip(("base", *self.form.names), values, strict=True):
+            for letter, part in zip(letters, own, strict=False):
+                name_lines(f"{letter}_{name}", part)
+        return values
+
+
+def _taken(numbers: Any, tails: Mapping[str, Tail]) -> dict[str, Any]:
+    """The next numbers, by name."""
+    return {
+        name: tuple(next(numbers) for _ in range(tail[0])) if tail else next(numbers) for name, tail in tails.items()
+    }
+
+
+def _flat(vectors: Iterable[Sequence[Scalar]]) -> tuple[Scalar, ...]:
+    return tuple(part for vector in vectors for part in vector)
+
+
+def _rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
+    """The entries of a matrix, row by row, from its columns."""
+    return _flat(zip(*columns, strict=True))
+
+
+def _frames(*own: int) -> Callable[[Form, Request], Tail]:
+    return lambda _, request: (len(request.frames), *own)
+
+
+def _fixed(*own: int) -> Callable[[Form, Request], Tail]:
+    return lambda *_: own
+
+
+def _dof(form: Form, _: Request) -> Tail:
+    return (form.dof,)
+
+
+def _velocities(*rows: int) -> Callable[[Form, Request], Tail]:
+    return lambda form, request: (*rows, columns_of(form, request))
+
+
+_POSE = ("q", "S1")
+_RATES = ("q", "qd", "S1", "omega1")
+_CHANGES = ("q", "qd", "qdd", "S1", "omega1", "alpha1")
+_FORCES = (*_CHANGES, "a1", "gravity")
+_MOVES = ("q", "qd", "tau", "S1", "omega1", "a1", "alpha1", "gravity", "force1", "torque1")
+_BIAS = ("q", "qd", "S1", "omega1", "a1", "alpha1", "gravity")
+
+OUTPUTS: Final[Mapping[str, Output]] = {
+    "R": Output(_frames(3), ("q", "R1", "S1"), Computation.frame_positions),
+    "S": Output(_frames(3, 3), _POSE, lambda c: _flat(pose.S for pose in c.frame_poses)),
+    "d": Output(_frames(3), _POSE, lambda c: _flat(pose.d for pose in c.frame_poses)),
+    "v": Output(_frames(3), (*_RATES, "v1"), lambda c: _flat(v for v, _ in c.frame_rates)),
+    "omega": Output(_frames(3), _RATES, lambda c: _flat(omega for _, omega in c.frame_rates)),
+    "a": Output(_frames(3), (*_CHANGES, "a1"), lambda c: _flat(a for a, _ in c.frame_changes)),
+    "alpha": Output(_frames(3), _CHANGES, lambda c: _flat(alpha for _, alpha in c.frame_changes)),
+    "jacobian": Output(_velocities(6), _POSE, Computation.jacobian),
+    "acceleration_bias": Output(_fixed(6), (*_RATES, "a1", "alpha1"), Computation.acceleration_bias),
+    "tau": Output(_dof, _FORCES, Computation.efforts),
+    "force1": Output(_fixed(3), _FORCES, lambda c: c.base_wrench(0)),
+    "torque1": Output(_fixed(3), _FORCES, lambda c: c.base_wrench(1)),
+    "mass_matrix": Output(lambda form, request: (columns_of(form, request),) * 2, _POSE, Computation.mass_matrix),
+    "bias_forces": Output(_velocities(), _BIAS, lambda c: c.bias_forces(True)),
+    "gravity_forces": Output(_velocities(), ("q", "S1", "gravity"), lambda c: c.bias_forces(False)),
+    "qdd": Output(_dof, _MOVES, lambda c: c.solved[2]),
+    "a1": Output(_fixed(3), _MOVES, lambda c: c.solved[0]),
+    "alpha1": Output(_fixed(3), _MOVES, lambda c: c.solved[1]),
+    "pivots": Output(_dof, _POSE, lambda c: c.solved[3]),
+    "centre_of_mass": Output(_fixed(3), ("q", "R1", "S1"), Computation.centre_of_mass),
+    "centre_of_mass_jacobian": Output(_velocities(3), _POSE, Computation.centre_of_mass_jacobian),
+    "centre_of_mass_bias": Output(_fixed(3), (*_RATES, "a1", "alpha1"), Computation.centre_of_mass_bias),
+    "kinetic": Output(_fixed(), (*_RATES, "v1"), Computation.kinetic),
+    "potential": Output(_fixed(), ("q", "R1", "S1", "gravity"), Computation.potential),
+    "linear": Output(_fixed(3), (*_RATES, "v1"), lambda c: c.momentum[0]),
+    "angular_about_origin": Output(_fixed(3), (*_RATES, "v1", "R1"), lambda c: c.angular(c.values["R1"])),
+    "angular_about_centre": Output(_fixed(3), (*_RATES, "v1"), lambda c: c.angular(scale(c.centre_from_base, -1.0))),
+}
+"""All that can be computed of a tree, by name."""
+
+_INPUTS: Final[Mapping[str, Tail]] = {
+    **dict.fromkeys(("gravity", "R1", "v1", "omega1", "a1", "alpha1", "force1", "torque1"), (3,)),
+    "S1": (3, 3),
+}
+
+
+@functools.lru_cache(maxsize=512)
+def inputs_of(form: Form, request: Request) -> dict[str, Tail]:
+    """The inputs that a request takes, and their own shapes; the constants first."""
+    names = {name for output in request.outputs for name in OUTPUTS[output].inputs}
+    tails: dict[str, Tail] = {"constants": (sum(known is None for known in (*form.known, *request.known)),)}
+    for name in ("q", "qd", "qdd", "tau"):
+        if name in names:
+            tails[name] = (form.dof,)
+    tails |= {name: tail for name, tail in _INPUTS.items() if name in names}
+    return tails | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
+
+
+def compute(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The outputs of a request, by name, of values of any kind of scalar."""
+    computation = Computation(form, request, values)
+    return {name: OUTPUTS[name].make(computation) for name in request.outputs}
+
+
+@functools.lru_cache(maxsize=512)
+def loop_of(form: Form, request: Request) -> Loop:
+    """The loop that runs a request over samples."""
+    outputs = {name: OUTPUTS[name].tail(form, request) for name in request.outputs}
+    labels = {
+        name: tuple(f"{name}_{form.names[form.columns.index(k)]}" for k in range(form.dof))
+        for name in ("q", "qd", "qdd", "tau")
+    }
+    inputs = inputs_of(form, request)
+    return Loop("robot", functools.partial(compute, form, request), inputs, outputs, labels=labels)

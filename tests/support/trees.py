@@ -1,0 +1,144 @@
+"""Robots for tests: records of Pinocchio's models, and models made at random, with joints of every kind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+import hingepair as hp
+from hingepair.formats.robots import robot_urdf
+from hingepair.mechanism.methods import MechanismMethods
+from hingepair.mechanism.tree import Frame, Joint, MassProperties, Mimic, Tree
+
+
+class Robot(MechanismMethods):
+    """A robot of a record."""
+
+    __slots__ = ("base", "tree")
+
+    def __init__(self, tree, base="fixed"):
+        self.tree, self.base = tree, base
+
+
+def urdf_model(robot):
+    """The model of a robot of example-robot-data, its joints with two coordinates (cos, sin) held."""
+    full = pin.buildModelFromUrdf(str(robot_urdf(robot)))
+    held = [k for k in range(1, full.njoints) if full.joints[k].nq != 1]
+    return pin.buildReducedModel(full, held, pin.neutral(full))
+
+
+def random_model(seed, joints=7):
+    """A tree of hinges along and across the axes, and of sliders, with branches, frames and a base that has mass."""
+    rng = np.random.default_rng(seed)
+    model = pin.Model()
+    model.appendBodyToJoint(0, body(rng), pin.SE3.Identity())
+    for k in range(joints):
+        axis = [np.eye(3)[k % 3] * (-1) ** k, unit(rng)][k % 4 == 3]
+        kind = pin.JointModelPrismaticUnaligned if k % 3 == 1 else pin.JointModelRevoluteUnaligned
+        parent = 0 if k in {0, joints - 2} else int(rng.integers(1, k + 1)) if k % 2 else k
+        place = pin.SE3.Random() if k % 2 else pin.SE3(np.eye(3), rng.uniform(-1, 1, 3))
+        # depth-first: a joint may only follow on the branch that was made last
+        while parent and parent != k and not below(model, k, parent):
+            parent = model.parents[parent]
+        number = model.addJoint(parent, kind(axis), place, f"joint_{k}")
+        model.appendBodyToJoint(number, body(rng), pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"link_{k}", number, 0, pin.SE3.Random(), pin.FrameType.BODY))
+    return model
+
+
+def below(model, joint, ancestor):
+    """Whether a joint is carried by another."""
+    while joint and joint != ancestor:
+        joint = model.parents[joint]
+    return joint == ancestor
+
+
+def unit(rng):
+    vector = rng.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def body(rng):
+    return pin.Inertia(rng.uniform(0.5, 3), rng.uniform(-0.3, 0.3, 3), pin.Inertia.Random().inertia + np.eye(3) * 0.1)
+
+
+def mass_properties(inertia):
+    tensor = np.array(inertia.inertia)
+    return MassProperties(float(inertia.mass), np.array(inertia.lever), (tensor + tensor.T) / 2)
+
+
+def record_of(model):
+    """The record of a model whose joints are hinges and sliders with one coordinate."""
+    joints = []
+    for k in range(1, model.njoints):
+        data = model.joints[k].createData()
+        model.joints[k].calc(data, np.zeros(1), np.zeros(1))
+        linear, angular = np.split(np.ravel(data.S), 2)
+        kind, axis = ("slider", linear) if linear.any() else ("hinge", angular)
+        place = model.jointPlacements[k]
+        joints.append(
+            Joint(
+                model.names[k],
+                kind,
+                int(model.parents[k]),
+                np.array(place.translation),
+                np.array(place.rotation),
+                axis,
+                mass_properties(model.inertias[k]),
+            )
+        )
+    links = {
+        frame.name: Frame(
+            int(frame.parentJoint), np.array(frame.placement.translation), np.array(frame.placement.rotation)
+        )
+        for frame in model.frames
+        if frame.type == pin.FrameType.BODY
+    }
+    ends = {*range(1, model.njoints)} - {joint.parent for joint in joints}
+    tips = tuple(name for name, frame in links.items() if frame.body in ends)
+    return Tree(model.name, tuple(joints), mass_properties(model.inertias[0]), links, {}, tips)
+
+
+def with_mimics(tree, rules):
+    """The record where joints follow others: by name of the follower, (leader, multiplier, offset)."""
+    numbers = {joint.name: number for number, joint in enumerate(tree.joints, 1)}
+    return replace(
+        tree,
+        joints=tuple(
+            replace(joint, mimic=Mimic(numbers[rules[joint.name][0]], *rules[joint.name][1:]))
+            if joint.name in rules
+            else joint
+            for joint in tree.joints
+        ),
+    )
+
+
+def on_free_base(model):
+    """The same robot behind a free-flyer."""
+    free = pin.Model()
+    root = free.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
+    free.appendBodyToJoint(root, model.inertias[0], pin.SE3.Identity())
+    for k in range(1, model.njoints):
+        number = free.addJoint(int(model.parents[k]) + 1, model.joints[k], model.jointPlacements[k], model.names[k])
+        free.appendBodyToJoint(number, model.inertias[k], pin.SE3.Identity())
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY:
+            free.addFrame(pin.Frame(frame.name, int(frame.parentJoint) + 1, 0, frame.placement, frame.type))
+    return free
+
+
+def base_motion(rng, shape=()):
+    """A base that moves."""
+    R, v, omega, a, alpha = rng.normal(size=(5, *shape, 3))
+    return hp.BodyMotion(R=R, S=hp.rotation_exp(rng.normal(size=(*shape, 3))), v=v, omega=omega, a=a, alpha=alpha)
+
+
+def pinocchio_state(base, q, qd, qdd):
+    """(q, v, a) of a free-flyer and joints, of one sample."""
+    quat = pin.Quaternion(np.array(base.S)).coeffs()
+    back = base.S.T
+    velocity = [back @ base.v, back @ base.omega]
+    change = [back @ (base.a - np.cross(base.omega, base.v)), back @ base.alpha]
+    return np.concatenate([base.R, quat, q]), np.concatenate([*velocity, qd]), np.concatenate([*change, qdd])
