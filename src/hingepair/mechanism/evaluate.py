@@ -7,24 +7,28 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from hingepair.engine.backend import How
 from hingepair.engine.binding import bind
+from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import Operations
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.arguments import AT_REST, NO_LOADS, Values, read_out
+from hingepair.mechanism.arguments import AT_REST, LETTERS, NO_LOADS, Values, read_out
 from hingepair.mechanism.constants import Constants, frame_numbers, known_and_parameters
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign
-from hingepair.numeric.arrays import Float64Array, broadcast_shape, read_only, result_dtype
-from hingepair.pair.evaluate import Out, rooms
+from hingepair.numeric.arrays import Float64Array, broadcast_shape, read_only
 from hingepair.plans.trees import Form, Request, compute, inputs_of, loop_of
 
 WEIGHTLESS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
 """The outputs that masses have no part in."""
+
+
+_TAILS: Final = {**dict.fromkeys(LETTERS, (3,)), "S1": (3, 3), "force1": (3,), "torque1": (3,)}
+_MAX_CALLS: Final = 64  # kept of one problem: of names, gravity and backend
 
 
 class Problem:
@@ -65,11 +69,28 @@ class Problem:
         self.inputs = inputs_of(self.form, self.request)
         self.weighs = any(name not in WEIGHTLESS for name in outputs)
         self.result = result
+        self._calls: dict[Any, Call] = {}
 
     def complete(self, values: Values, gravity: tuple[float, ...]) -> dict[str, Any]:
         """Return all inputs: a base that is not said to move rests, and what is not said to act does not."""
         assumed = {**AT_REST, **NO_LOADS, "gravity": gravity, "constants": self.parameters}
         return {name: values.parts[name] if name in values.parts else assumed[name] for name in self.inputs}
+
+    def call(self, given: tuple[str, ...], gravity: tuple[float, ...], backend: str) -> Call:
+        """Return the call for arguments of these names, made once."""
+        key = given, gravity, backend
+        found = self._calls.get(key)
+        if found is None:
+            loop = loop_of(self.form, self.request)
+            assumed = {**AT_REST, **NO_LOADS, "gravity": gravity, "constants": self.parameters}
+            constants = {name: assumed[name] for name, _ in loop.inputs if name not in given}
+            shapes = {name: _TAILS.get(name, (self.form.dof,)) for name in given}
+            shapes |= {name: tail for name, tail in loop.inputs if name in given}
+            found = Call(loop, shapes, constants, self.result, backend=backend, owner="robot")
+            if len(self._calls) >= _MAX_CALLS:
+                self._calls.clear()
+            self._calls[key] = found
+        return found
 
     def run(self, values: Values, gravity: tuple[float, ...], out: Out, how: How) -> Any:
         """Return the outputs at all samples.
@@ -80,13 +101,8 @@ class Problem:
         read_out(out, self.request.outputs)
         if values.library is not None:
             return self._run_foreign(values, gravity, values.library, out, how)
-        shape = broadcast_shape(values.shapes)
-        parts = values.parts.values()
-        dtype = result_dtype(c for group in parts for c in (group if isinstance(group, tuple) else (group,)))
-        loop = loop_of(self.form, self.request)
-        arrays = rooms(loop.outputs, shape, dtype, out, values.parts)
-        loop.run(self.complete(values, gravity), arrays, shape, dtype, how)
-        return self.result(arrays, shape)
+        call = self.call(tuple(values.parts), gravity, how.backend)
+        return call.run(values.parts, values.shapes, out, how.workers)
 
     def _run_foreign(self, values: Values, gravity: tuple[float, ...], library: Library, out: Out, how: How) -> Any:
         """Return the outputs as arrays of another library, by its own arithmetic."""

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.engine.backend import choose
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.engine.calls import Out
+from hingepair.engine.results import Results
+from hingepair.errors import ArgumentError, DynamicsWarning, choices, nearest, quoted
 from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.arguments import Coordinates, read_values, read_wrenches
 from hingepair.mechanism.constants import Constants, constants_of
@@ -21,9 +23,7 @@ from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant
 from hingepair.numeric.tables import Shown
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import GRAVITY, DynamicsWarning, Energy, Momentum
-from hingepair.pair.evaluate import Out
-from hingepair.pair.states import State
+from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.plans.trees import inputs_of
 
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
@@ -555,13 +555,13 @@ class MechanismMethods(Shown):
         key = outputs, names, loaded
         found: Problem | None = self._constants.prepared.get(key)
         if found is None:
-            kinds: dict[str, type[State]] = {
+            kinds: dict[str, type[Results]] = {
                 "tau": MechanismForces,
                 "force1": MechanismForces,
                 "torque1": MechanismForces,
             }
             kinds |= dict.fromkeys(("qdd", "a1", "alpha1"), MechanismAccelerations)
-            kind = state_of(names) if outputs[0] in _MOTION else kinds.get(outputs[0], State)
+            kind = state_of(names) if outputs[0] in _MOTION else kinds.get(outputs[0], Results)
             bodies = tuple((frames or {}).values())
             found = Problem(self._constants, outputs, self.base == "free", bodies, tuple(range(loaded)), kind)
             self._constants.prepared[key] = found
@@ -625,7 +625,7 @@ class MechanismMethods(Shown):
             if error.name != f"out[{name!r}]":
                 raise
             raise type(error)("out", error.expected, error.got) from None
-        found: FloatArray = state.released()[name]
+        found: FloatArray = state.writable_arrays()[name]
         return found
 
     def _say_doubts(self) -> None:

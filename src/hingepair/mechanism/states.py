@@ -6,9 +6,9 @@ import functools
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.arrays import FloatArray
-from hingepair.pair.states import State
 
 _MOTION = {
     "R": "Origin; (..., 3) m.",
@@ -21,7 +21,7 @@ _MOTION = {
 }
 
 
-class FrameState(State):
+class FrameState(Results):
     """The motion of one frame at every sample; world axes, SI units. What was not computed is None."""
 
     __slots__ = _MOTION
@@ -35,7 +35,7 @@ class FrameState(State):
     alpha: FloatArray
 
 
-class MechanismState(State):
+class MechanismState(Results):
     """The motion of some frames of a robot at every sample; world axes, SI units.
 
     Each array has an axis of frames behind the samples; `state["hand"]` is the motion of one frame, without that
@@ -86,7 +86,7 @@ def _state_again(frames: tuple[str, ...], arrays: Mapping[str, Any], shape: tupl
     return state_of(frames)(arrays, shape)
 
 
-class MechanismForces(State):
+class MechanismForces(Results):
     """What must act for a robot to move as it does."""
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
@@ -100,7 +100,7 @@ class MechanismForces(State):
     torque1: FloatArray
 
 
-class MechanismAccelerations(State):
+class MechanismAccelerations(Results):
     """How a robot moves under what acts."""
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
