@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from hingepair.engine.backend import choose
 from hingepair.engine.calls import Out
 from hingepair.engine.results import Results
-from hingepair.errors import ArgumentError, DynamicsWarning, choices, nearest, quoted
+from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.arguments import Coordinates, read_values, read_wrenches
 from hingepair.mechanism.constants import Constants, constants_of
@@ -22,6 +22,7 @@ from hingepair.mechanism.states import MechanismAccelerations, MechanismForces, 
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant
 from hingepair.numeric.tables import Shown
+from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.plans.trees import inputs_of
