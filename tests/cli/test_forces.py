@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import hingepair as hp
@@ -91,3 +92,237 @@ def test_what_has_no_forces_is_told_why(arguments, words):
     done = CliRunner().invoke(app, ["forces", str(MODELS / arguments[0]), *arguments[1:]])
     assert isinstance(done.exception, hp.HingePairError)
     assert words in str(done.exception)
+
+
+def scene_file(folder, text, log=None):
+    """A scene of the given tables, beside a log of the given columns."""
+    if log is not None:
+        rows = np.stack(np.broadcast_arrays(*log.values()), axis=-1)
+        lines = [",".join(log), *(",".join(map(repr, row)) for row in rows.tolist())]
+        (folder / "log.csv").write_text("\n".join(lines) + "\n")
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return path
+
+
+PENDULUM = """
+[pair]
+u1 = [0, 0, 0]
+u2 = [-0.5, 0, 0]
+n = [0, 1, 0]
+torque_limit = 20
+rate_limit = 3
+[pair.body2]
+mass = 4
+inertia = [0.02, 0.3, 0.3]
+"""
+MOVED = """
+[motion]
+x = 0
+y = 0
+z = 0
+phi_x = 0
+phi_y = 0
+phi_z = 0
+psi = "{}"
+[time]
+start = 0
+stop = 1
+samples = 101
+"""
+
+
+def told(*arguments):
+    done = CliRunner().invoke(app, ["forces", *map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_instants_without_finite_forces_are_counted_and_left_out_of_the_ranges(tmp_path):
+    path = scene_file(tmp_path, PENDULUM + MOVED.format("asin(t/0.615)"))
+    output = told(path)
+    assert "39 of 101 instants have forces that are not finite" in output
+    report = json.loads(told(path, "--json"))
+    torque = hp.load_scene(path).forces().hinge_torque
+    finite = torque[np.isfinite(torque)]
+    row = report["outputs"]["hinge_torque"]
+    assert finite.size == 62
+    assert (row["smallest"], row["largest"]) == (finite.min(), finite.max())
+    assert row["rms"] == pytest.approx(np.sqrt(np.mean(finite**2)), rel=1e-14)
+    assert row["t_of_largest_size"] == np.linspace(0, 1, 101)[np.nanargmax(np.abs(torque))]
+
+
+def test_a_motion_without_a_finite_instant_is_told_and_is_no_fault(tmp_path):
+    path = scene_file(tmp_path, PENDULUM + MOVED.format("sqrt(-1 - t)"))
+    assert "101 of 101 instants have forces that are not finite" in told(path)
+    row = json.loads(told(path, "--json"))["outputs"]["hinge_torque"]
+    assert set(row.values()) == {None}
+
+
+def test_the_torque_limit_and_the_rate_limit_are_compared(tmp_path):
+    path = scene_file(tmp_path, PENDULUM.replace("20", "10") + MOVED.format("2*t**2"))
+    torque, psid = hp.load_scene(path).forces().hinge_torque, 4 * np.linspace(0, 1, 101)
+    beyond = np.flatnonzero(np.abs(torque) > 10)
+    assert 0 < beyond.size < 101
+    first = f"at {beyond.size} of 101 instants, first at t = {beyond[0] / 100:g} s ({torque[beyond[0]]:.6g})"
+    output = told(path)
+    assert f"note: hinge_torque exceeds the torque_limit, 10 N m, {first}" in output
+    assert f"psi' leaves its limits, -3 to 3 rad/s, at {(psid > 3).sum()} of 101 instants" in output
+    path.write_text(path.read_text().replace("torque_limit = 10", f"torque_limit = {float(np.abs(torque).max())!r}"))
+    assert "torque_limit" not in told(path)
+
+
+DRIVEN = """
+[dynamics]
+base = "fixed"
+hinge_torque = "{}"
+stiffness = 2
+rest = 0.1
+damping = 0.3
+friction = 0.2
+stops = [-0.5, 0.5]
+stop_damping = 1
+[time]
+start = 0
+stop = 1
+samples = 101
+"""
+
+
+def test_the_torque_about_the_hinge_axis_is_split_into_what_gives_it(tmp_path):
+    path = scene_file(tmp_path, PENDULUM + DRIVEN.format("21*cos(3*t)"))
+    scene = hp.load_scene(path)
+    forces, t, (psi, psid) = scene.forces(), np.linspace(0, 1, 101), scene.motion.given.hinge[:2]
+    beyond = np.where(np.abs(psi) > 0.5, -1e4 * (psi - np.clip(psi, -0.5, 0.5)) - psid, 0.0)
+    parts = {
+        "motor_torque": 21 * np.cos(3 * t),
+        "spring_torque": -2 * (psi - 0.1),
+        "damper_torque": -0.3 * psid,
+        "friction_torque": -0.2 * np.tanh(psid / 0.01),
+        "stop_torque": beyond,
+    }
+    assert beyond.any()
+    assert list(forces.recorded())[:6] == ["hinge_torque", *parts]
+    for name, torque in parts.items():
+        np.testing.assert_allclose(forces[name], torque, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(sum(parts.values()), forces.hinge_torque, rtol=1e-9, atol=1e-9)
+    output = told(path)
+    rows = [line.split()[:3] for line in output.splitlines() if re.match(r" *\w+_torque +N m", line)]
+    assert rows == [[name, "N", "m"] for name in ("hinge_torque", *parts)]
+    beyond = (np.abs(parts["motor_torque"]) > 20).sum()
+    first = f"at {beyond} of 101 instants, first at t = 0 s (21)"
+    assert f"note: motor_torque exceeds the torque_limit, 20 N m, {first}" in output
+    assert "hinge_torque exceeds" not in output
+
+
+def test_the_gravity_that_was_taken_is_printed(tmp_path):
+    path = scene_file(tmp_path, PENDULUM + MOVED.format("t"))
+    assert "gravity = (0, 0, -9.81) m/s^2" in told(path)
+    assert "gravity = (1, 0, 0) m/s^2" in told(path, "--gravity", "1,0,0")
+    assert json.loads(told(path, "--json"))["gravity"] == [0, 0, -9.81]
+    assert "along" not in told(path)
+
+
+def test_gravity_that_nobody_gave_in_a_plane_is_said_to_act_along_y(tmp_path):
+    trailer = """
+        planar = true
+        [pair]
+        u1 = [-1, 0]
+        u2 = [7, 0]
+        body2 = { mass = 2712, inertia = [9000, 9000, 9000] }
+        [motion]
+        x = "20*t"
+        y = 0
+        phi = 0
+        psi = 0
+        [time]
+        start = 0
+        stop = 1
+        samples = 11
+    """
+    path = scene_file(tmp_path, trailer)
+    assert hp.load_scene(path).forces().hinge_force[0].tolist() == pytest.approx([0, 26604.72])
+    said = "gravity is taken along -y of the plane, (0, -9.81) m/s^2; seen from above it is --gravity 0,0"
+    assert f"note: {said}" in told(path)
+    assert said in hp.load_scene(path).forces().notes
+    flat = told(path, "--gravity", "0,0")
+    assert "gravity = (0, 0) m/s^2" in flat
+    assert "along -y" not in flat
+
+
+LOGGED = PENDULUM + "[motion]\nfile = 'log.csv'\ndifferentiate = true\n"
+
+
+def spoilt(t, noise, seed=1):
+    """The log of a body 1 that sways and a hinge that swings, each angle with noise."""
+    angles = {"phi_x": 0.2 * np.sin(t), "phi_y": 0.3 * np.cos(2 * t), "phi_z": 0.1 * t, "psi": 0.4 * np.sin(3 * t)}
+    rng = np.random.default_rng(seed)
+    noisy = {name: own + noise.get(name, 0.0) * rng.standard_normal(t.size) for name, own in angles.items()}
+    return {"t": t, "x": 0.1 * t, "y": 0.0 * t, "z": 0.0 * t, **noisy}
+
+
+@pytest.mark.parametrize(
+    ("noise", "psidd"), [({"psi": 5e-4}, 5e-4), ({"psi": 1e-5, "phi_y": 3e-4}, 1e-5)], ids=["psi", "attitude"]
+)
+def test_the_noise_of_a_log_is_estimated_and_what_it_makes_of_the_forces(tmp_path, noise, psidd):
+    t = np.arange(1501) / 500
+    clean = hp.load_scene(scene_file(tmp_path, LOGGED, spoilt(t, {}))).forces()
+    path = scene_file(tmp_path, LOGGED, spoilt(t, noise))
+    noisy, inside = hp.load_scene(path).forces(), slice(3, -3)
+    for name in ("hinge_torque", "hinge_force", "bearing_torque"):
+        error = np.sqrt(np.mean((noisy[name] - clean[name])[inside] ** 2, axis=0))
+        np.testing.assert_allclose(noisy.noise[name], error, rtol=0.15, atol=1e-3 * error.max())
+    (note,) = (note for note in noisy.notes if note.startswith("noise of the log"))
+    made = float(re.search(r"makes (\S+) rad/s\^2 of psi''", note)[1])
+    assert made == pytest.approx(psidd * 3.457 * 500**2, rel=0.15)  # 3.457: norm of the weights of the differences
+    assert float(re.search(r"(\S+) rad of psi", note)[1]) == pytest.approx(psidd, rel=0.15)
+    assert "hp.smooth(t, psi)" in note
+    assert f"note: {note}" in told(path)
+    assert "is not known" not in told(path)
+    row = json.loads(told(path, "--json"))["outputs"]["hinge_torque"]
+    assert row["noise"] == noisy.noise["hinge_torque"]
+
+
+def test_a_clean_log_is_not_told_to_be_smoothed(tmp_path):
+    t = np.arange(301) / 100
+    forces = hp.load_scene(scene_file(tmp_path, LOGGED, spoilt(t, {}))).forces()
+    (note,) = (note for note in forces.notes if note.startswith("noise of the log"))
+    assert "smooth" not in note
+    assert forces.noise["hinge_torque"] < 1e-6 * np.abs(forces.hinge_torque).max()
+
+
+def test_the_noise_of_quaternions_is_that_of_their_attitude(tmp_path):
+    t = np.arange(1501) / 500
+    rng, log = np.random.default_rng(5), spoilt(t, {"psi": 1e-6})
+    S = hp.euler_to_matrix(np.stack([log.pop(f"phi_{axis}") for axis in "xyz"], axis=-1))
+    found = []
+    for noise in (0.0, 2e-4):
+        quat = Rotation.from_matrix(S @ hp.rotation_exp(noise * rng.standard_normal((t.size, 3)))).as_quat()
+        columns = dict(zip(("qx", "qy", "qz", "qw"), quat.T, strict=True))
+        found.append(hp.load_scene(scene_file(tmp_path, LOGGED, {**log, **columns})).forces())
+    clean, noisy = found
+    for name in ("hinge_torque", "hinge_force", "bearing_torque"):
+        error = np.sqrt(np.mean((noisy[name] - clean[name])[3:-3] ** 2, axis=0))
+        np.testing.assert_allclose(noisy.noise[name], error, rtol=0.15)
+    assert re.search(r"0\.0002\d* rad of S1", noisy.notes[-1])
+
+
+def test_noise_goes_through_the_differences_that_the_log_goes_through(tmp_path):
+    """Where psi' is in the log, psi'' is its difference, and that of psi is not."""
+    t, rng = np.arange(2001) / 200, np.random.default_rng(3)
+    rates = dict.fromkeys(("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z"), 0.0)
+    psid = 0.4 * 3 * np.cos(3 * t) + 2e-3 * rng.standard_normal(t.size)
+    log = {"t": t, **dict.fromkeys(("x", "y", "z", "phi_x", "phi_y", "phi_z"), 0.0), "psi": 0.4 * np.sin(3 * t)}
+    note = hp.load_scene(scene_file(tmp_path, LOGGED, {**log, **rates, "psid": psid})).forces().notes[-1]
+    found = re.search(r"(\S+) rad/s of psid; it makes (\S+) rad/s\^2 of psi''", note)
+    weights = np.array([1 / 60, 3 / 20, 3 / 4])  # of the first difference of order 6
+    assert float(found[1]) == pytest.approx(2e-3, rel=0.15)
+    assert float(found[2]) == pytest.approx(2e-3 * 200 * np.sqrt(2 * (weights**2).sum()), rel=0.15)
+
+
+def test_a_motion_by_expressions_has_no_noise(tmp_path):
+    path = scene_file(tmp_path, PENDULUM + MOVED.format("0.1*t"))
+    forces = hp.load_scene(path).forces()
+    assert forces.noise == {}
+    assert forces.notes == ()
+    assert "noise" not in told(path)

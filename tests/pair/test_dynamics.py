@@ -408,6 +408,17 @@ def test_states_after_the_first_are_looked_at_as_it_was():
             vague.hinge_wrench(body1, 0.3, 0.2, 0.1)
 
 
+def test_what_was_not_given_of_a_planar_pair_is_warned_of_too():
+    pair = hp.PlanarPair((1, 0), (0, 1), body1=hp.Body(), body2=hp.Body(mass=2, shapes=[hp.Sphere(0.5)]))
+    with pytest.warns(hp.DynamicsWarning) as said:
+        pair.mass_matrix((0, 0, 0, 0))
+    assert [str(one.message).split(" is given")[0] for one in said] == [
+        "pair.body1: no mass",
+        "pair.body1: no inertia",
+    ]
+    np.testing.assert_allclose(pair.massive().body2.inertia, 2 * 0.4 * 0.25 * np.eye(3), rtol=1e-15)
+
+
 @pytest.mark.slow
 def test_prepared_dynamics_takes_arrays_of_jax():
     import jax

@@ -25,7 +25,8 @@ from hingepair.cli.summary import Summary
 from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import instant, json_text, unit_of
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.results import ENDINGS, Record, check_ending, column_names, result_file
+from hingepair.pair.results import ENDINGS, check_ending, column_names, result_file
+from hingepair.scenes.forces import SceneForces
 from hingepair.scenes.scene import Scene, load_scene
 
 MOST_CHECKED = 10_001
@@ -119,9 +120,10 @@ def forces(
 ) -> None:
     """Compute the forces that the motion of a scene takes.
 
-    The bodies of its pair have masses. hinge_torque is what a motor must give about the axis, bearing_torque what
-    the bearing carries across it, both of body 1 on body 2 at the hinge point, as is hinge_force; force1 and
-    torque1 act on body 1 at R1. World axes.
+    The bodies of its pair have masses. hinge_torque is the torque about the hinge axis; of a motion by [dynamics]
+    it is split into motor, spring, damper, friction and stop. bearing_torque is what the bearing carries across the
+    axis, hinge_force acts at the hinge point, all of them of body 1 on body 2; force1 and torque1 act on body 1 at
+    R1. World axes. Of a log the table shows what the noise of its samples makes of each number.
     """
     if out is not None:
         check_ending(out)
@@ -129,25 +131,52 @@ def forces(
     found = scene.forces(None if gravity is None else _vector(gravity, len(scene.pair.u1)))
     written = None if out is None else str(found.save(out))
     rows = _ranges(found)
+    own_doubt = scene.motion.doubt if found.noise else ""  # the note on noise says more
+    notes = (*found.notes, *(note for note in scene.notes() if note != own_doubt))
     if as_json:
-        print(json_text({"scene": str(scene.path), "samples": scene.samples, "file": written, "outputs": rows}))
+        facts = {"scene": str(scene.path), "samples": scene.samples, "gravity": list(found.gravity), "file": written}
+        print(json_text(facts | {"outputs": rows, "notes": notes}))
         return
     screen = console()
     _head(screen, scene)
-    lines = [
-        (name, unit_of(name), *(f"{value + 0.0:.5g}" for value in sizes), instant(t))
-        for name, (*sizes, t) in ((name, row.values()) for name, row in rows.items())
+    screen.print(f"gravity = ({', '.join(f'{component:g}' for component in found.gravity)}) m/s^2")
+    headings = [
+        "",
+        "unit",
+        "first",
+        "smallest",
+        "largest",
+        "rms",
+        "max |.| at t",
+        *(["by noise"] if found.noise else []),
     ]
-    print_components(screen, [("", "unit", "first", "smallest", "largest", "rms", "max |.| at t"), *lines])
-    _foot(screen, scene.notes(), out)
+    lines = [
+        (name, unit_of(name), *(f"{value + 0.0:.5g}" for value in sizes), instant(t), *(f"{n:.2g}" for n in noise))
+        for name, (*sizes, t, noise) in ((name, _cells(row)) for name, row in rows.items())
+    ]
+    print_components(screen, [headings, *lines])
+    _foot(screen, notes, out)
 
 
-def _ranges(found: Record) -> dict[str, dict[str, float]]:
-    """What a table says of each component."""
+def _cells(row: dict[str, float]) -> tuple[Any, ...]:
+    """Return the numbers of a component: four sizes, the instant of the largest, and a list of its noise, if any."""
+    sizes = [row[key] for key in ("first", "smallest", "largest", "rms", "t_of_largest_size")]
+    return *sizes, [row["noise"]] if "noise" in row else []
+
+
+def _ranges(found: SceneForces) -> dict[str, dict[str, float]]:
+    """Return what the table says of each component; NaN of what is finite at no instant."""
     t, arrays = found.t, found.recorded()
     v = np.concatenate([array.reshape(len(t), -1) for array in arrays.values()], axis=1)
-    columns = {"first": v[0], "smallest": np.nanmin(v, axis=0), "largest": np.nanmax(v, axis=0)}
-    columns |= {"rms": np.sqrt(np.nanmean(v * v, axis=0)), "t_of_largest_size": t[np.nanargmax(np.abs(v), axis=0)]}
+    v = np.where(np.isfinite(v), v, np.nan)
+    known = np.isfinite(v).any(axis=0)
+    largest = np.where(np.isfinite(v), np.abs(v), -1.0).argmax(axis=0)
+    squares, count = np.nansum(v * v, axis=0), np.maximum(np.isfinite(v).sum(axis=0), 1)
+    columns = {"first": v[0], "smallest": np.fmin.reduce(v), "largest": np.fmax.reduce(v)}
+    columns |= {"rms": np.where(known, np.sqrt(squares / count), np.nan)}
+    columns |= {"t_of_largest_size": np.where(known, t[largest], np.nan)}
+    if found.noise:
+        columns["noise"] = np.concatenate([np.ravel(found.noise[name]) for name in arrays])
     return {name: {key: float(own[i]) for key, own in columns.items()} for i, name in enumerate(column_names(arrays))}
 
 

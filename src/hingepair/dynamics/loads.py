@@ -6,7 +6,7 @@ import inspect
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias, TypeGuard
+from typing import Any, Final, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,8 @@ Array: TypeAlias = NDArray[np.float64]
 Load: TypeAlias = ArrayLike | Callable[[Array, "Moving"], ArrayLike]
 HingeTorque: TypeAlias = float | Callable[[Array, Array, Array], ArrayLike]
 Base: TypeAlias = str | Callable[[Array], BodyMotion]
+HINGE_PARTS: Final = ("motor", "spring", "damper", "friction", "stop")
+"""What the torque of a `HingeLoad` consists of; among all loads each is called with _torque behind."""
 
 
 class Moving(NamedTuple):
@@ -118,19 +120,48 @@ class HingeLoad:
         return self.smooth(psi, t, psi, psid)
 
     def smooth(self, side: Any, t: Any, psi: Any, psid: Any) -> Any:
-        """The same as it goes on smoothly from an angle on one side of a kink."""
-        torque = -self.stiffness * (psi - self.rest) - self.damping * psid
+        """Compute the torque [N m] as it goes on smoothly from the angle `side`, on one side of each kink."""
+        return sum(self._terms(side, t, psi, psid).values())
+
+    def parts(self, t: Any, psi: Any, psid: Any) -> dict[str, Any]:
+        """Compute what the torque consists of [N m]: motor, and spring, damper, friction, stop where there are any.
+
+        Args:
+            t: instants [s]; shape (...,).
+            psi: hinge angle [rad]; shape (...,).
+            psid: hinge rate [rad/s]; shape (...,).
+
+        Returns:
+            The torques by part, whose sum is the torque; those of a HingeLoad that is the motor are added to these.
+
+        >>> import hingepair as hp
+        >>> hp.HingeLoad(stiffness=10, damping=0.5, motor=3).parts(0.0, psi=0.2, psid=1.0)
+        {'motor': 3.0, 'spring': -2.0, 'damper': -0.5}
+        """
+        terms = self._terms(psi, t, psi, psid)
+        inner = self.motor.parts(t, psi, psid) if _is_named(self.motor) else {"motor": terms["motor"]}
+        acting = {"spring": self.stiffness, "damper": self.damping, "friction": self.friction, "stop": self.stops}
+        own = {name: terms[name] for name, coefficient in acting.items() if coefficient}
+        return {
+            name: sum(terms[name] for terms in (own, inner) if name in terms)
+            for name in HINGE_PARTS
+            if name in own or name in inner
+        }
+
+    def _terms(self, side: Any, t: Any, psi: Any, psid: Any) -> dict[str, Any]:
+        """Compute the terms of the torque [N m], beyond the stops as they go on smoothly from the angle `side`."""
+        terms = {"spring": -self.stiffness * (psi - self.rest), "damper": -self.damping * psid}
         if _is_named(self.motor):
-            torque = torque + self.motor.smooth(side, t, psi, psid)
+            terms["motor"] = self.motor.smooth(side, t, psi, psid)
         else:
-            torque = torque + (self.motor(t, psi, psid) if callable(self.motor) else self.motor)
+            terms["motor"] = self.motor(t, psi, psid) if callable(self.motor) else self.motor
         if self.friction:
-            torque = torque - self.friction * np.tanh(psid / self.friction_rate)
-        if self.stops is None:
-            return torque
-        held = np.clip(side, *self.stops)
-        beyond = -self.stop_stiffness * (psi - held) - self.stop_damping * psid
-        return torque + np.where(side == held, 0.0, beyond)
+            terms["friction"] = -self.friction * np.tanh(psid / self.friction_rate)
+        if self.stops is not None:
+            held = np.clip(side, *self.stops)
+            beyond = -self.stop_stiffness * (psi - held) - self.stop_damping * psid
+            terms["stop"] = np.where(side == held, 0.0, beyond)
+        return terms
 
 
 def _is_named(torque: object) -> TypeGuard[HingeLoad]:
@@ -185,10 +216,18 @@ class Loads:
         return found
 
     def everything(self, t: Array, now: Moving) -> dict[str, Array]:
-        """The same and what does not change, but for gravity."""
+        """Compute all loads but gravity by name, the parts of a HingeLoad beside it.
+
+        Forces and torques on the bodies have shape (n, 3); hinge_torque, motor_torque, spring_torque, damper_torque,
+        friction_torque and stop_torque (n,).
+        """
         still = {name: np.array(load) for name, load in self.known.items() if name != "gravity"}
-        moving = self.at(t, now, now.psi, now.psid)
-        return moving | {name: np.broadcast_to(load, (len(t), *load.shape)) for name, load in still.items()}
+        loads = {name: np.broadcast_to(load, (len(t), *load.shape)) for name, load in still.items()}
+        loads |= self.at(t, now, now.psi, now.psid)
+        if _is_named(self._hinge):
+            parts = self._hinge.parts(t, now.psi, now.psid)
+            loads |= {f"{part}_torque": self._answer("hinge_torque", own, t.shape) for part, own in parts.items()}
+        return loads
 
     def _tail(self, name: str) -> tuple[int, ...]:
         if not self._flat:

@@ -94,7 +94,9 @@ class SimulatedMotion(_Moved, Trajectory):
         body1: motion of body 1 at the instants, with all its derivatives; shape (N,).
         psid: hinge rate [rad/s]; shape (N,).
         psidd: its rate [rad/s^2]; shape (N,).
-        loads: what acted, by name: hinge_torque, shape (N,), force1, torque1, force2 and torque2, (N, 3).
+        loads: what acted, by name: hinge_torque, shape (N,), force1, torque1, force2 and torque2, (N, 3); of a
+            `HingeLoad` also the parts of hinge_torque: motor_torque, and spring_torque, damper_torque,
+            friction_torque and stop_torque where there are any, (N,).
         space: the pair, in space, and of a PlanarPair of bodies that stay in the plane.
         gravity: acceleration of free fall, in space [m/s^2].
     """

@@ -7,7 +7,7 @@ mass of body 2, h = S2 (c2 - u2) there from the hinge point, k = S1 n is the hin
 D1  f_i = m_i (a_i + alpha_i x r_i + omega_i x (omega_i x r_i) - g)       what moves the centre of mass
 D2  t_i = S_i (I_i S_i^T alpha_i + S_i^T omega_i x I_i S_i^T omega_i)     what turns body i about it
 D3  force = f_2, torque = t_2 + h x f_2                                   the hinge on body 2, about the hinge point
-D4  hinge_torque = k . torque                                             what a motor gives; the rest constrains
+D4  hinge_torque = k . torque                                             motor, spring, stops...; the rest constrains
 D5  force1 = f_1 + f_2, torque1 = t_1 + r1 x f_1 + t_2 + e x f_2          what must act on body 1, about R1
 D6  M (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque)        D1-D5, sorted by accelerations
 D7  T = sum m_i v_ci^2 / 2 + omega_i . I_i omega_i / 2, U = -sum m_i g . R_ci       energies

@@ -118,6 +118,7 @@ _UNITS = {
     **dict.fromkeys(("alpha", "phidd", "psidd"), "rad/s^2"),
     **dict.fromkeys(("force", "hinge_force"), "N"),
     **dict.fromkeys(("torque", "hinge_torque", "bearing_torque", "torque_limit"), "N m"),
+    **dict.fromkeys(("motor_torque", "spring_torque", "damper_torque", "friction_torque", "stop_torque"), "N m"),
     "mass": "kg",
 }
 _MOST = 9  # numbers of a cell

@@ -47,7 +47,8 @@ class Forces(NamedTuple):
     Attributes:
         force1: on body 1, world axes [N]; shape (..., 3).
         torque1: on body 1 about R1, world axes [N m]; shape (..., 3).
-        hinge_torque: about the hinge axis, of body 1 on body 2, as a motor there gives it [N m]; shape (...).
+        hinge_torque: about the hinge axis, of body 1 on body 2, by motor, spring, damper, friction and stops together
+            [N m]; shape (...).
     """
 
     force1: FloatArray
@@ -81,8 +82,8 @@ class HingeWrench(NamedTuple):
     Attributes:
         force: world axes [N]; shape (..., 3).
         torque: about the hinge point, world axes [N m]; shape (..., 3).
-        hinge_torque: the part of the torque about the hinge axis, which a motor, spring or brake must give [N m];
-            shape (...).
+        hinge_torque: the part of the torque about the hinge axis, by motor, spring, damper, friction and stops
+            together [N m]; shape (...).
         bearing_torque: the rest of the torque, across the axis, which the bearing carries [N m]; shape (..., 3).
     """
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -330,9 +330,11 @@ _IN_PLANE = np.array([0, 1, 5, 6])
 
 
 def _level(body: Body) -> Body:
-    """What of a body moves in the plane."""
+    """Return the body with its centre of mass in the plane z = 0 and its inertia about z about all axes."""
     x, y, _ = body.center_of_mass
-    return Body(body.mass, (x, y, 0), np.eye(3) * body.inertia[2, 2])
+    level = np.eye(3) * body.inertia[2, 2]
+    inertia = body.inertia if np.array_equal(body.inertia, level) else level  # one that is assumed stays assumed
+    return replace(body, center_of_mass=np.array((x, y, 0.0)), inertia=inertia)
 
 
 def motion_in_space(q: Rows, qd: Rows | None = None, qdd: Rows | None = None) -> tuple[Any, ...]:

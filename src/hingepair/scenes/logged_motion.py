@@ -254,7 +254,8 @@ def _stated(table: Table, log: _Log) -> Motion:
             known |= {name: world_vectors(known["S1"], known[name]) for name in own}
         given, how = by_body1(known), "attitude as quaternions"
     how += ", rates by finite differences" * bool(log.derived)
-    return Motion(log.t, given, "samples in a file", how, {}, log.lacking_errors(), log.hint, notes=tuple(log.notes))
+    doubt, notes, derived = log.lacking_errors(), tuple(log.notes), tuple(log.derived)
+    return Motion(log.t, given, "samples in a file", how, {}, doubt, log.hint, notes=notes, derived=derived)
 
 
 def _integrated(table: Table, log: _Log) -> Motion:
@@ -277,7 +278,9 @@ def _integrated(table: Table, log: _Log) -> Motion:
     known = position | turning | hinge
     signals = Samples(log.since, known["omega1"], AUTO), Samples(log.since, known["psid"], AUTO)
     notes = (*log.notes, *filter(None, [log.lacking_errors()]))
-    return replace(integrated(table, log.since, signals, known, hint=log.hint, notes=notes), t=log.t)
+    return replace(
+        integrated(table, log.since, signals, known, hint=log.hint, notes=notes), t=log.t, derived=tuple(log.derived)
+    )
 
 
 def _attitude(log: _Log) -> tuple[str, ...]:

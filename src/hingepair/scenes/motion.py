@@ -8,16 +8,12 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
-from hingepair.errors import ArgumentError
 from hingepair.integration.trajectory import Later
-from hingepair.numeric.arrays import one_constant
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
-from hingepair.plans.plan import ACCELERATION
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.known_motion import KnownMotion
 
@@ -54,6 +50,7 @@ class Motion:
         simulated: the motion as it was simulated; None of others.
         stops: lower and upper stop of the simulated hinge [rad]; infinite where there is none.
         notes: sentences that every reader of the results should see.
+        derived: names of the rates of a log that were found by finite differences; None of what is no log.
     """
 
     t: Instants
@@ -67,6 +64,7 @@ class Motion:
     simulated: SimulatedMotion | SimulatedPlanarMotion | None = None
     stops: tuple[float, float] = (-math.inf, math.inf)
     notes: tuple[str, ...] = ()
+    derived: tuple[str, ...] | None = None
 
     @property
     def level(self) -> int:
@@ -98,34 +96,6 @@ class Motion:
             return self.simulated.gravity
         return (*PLANAR_GRAVITY, 0.0) if isinstance(pair, PlanarPair) else GRAVITY
 
-    def forces(self, pair: HingePair | PlanarPair, gravity: ArrayLike | None) -> dict[str, NDArray[Any]]:
-        """What acts for the pair to move so, by name: as `Scene.forces`."""
-        if self.level < ACCELERATION:
-            raise ArgumentError("scene", f"a motion with accelerations, which forces need{self.hint}", self.origin)
-        flat, space = isinstance(pair, PlanarPair), massive(pair)
-        if gravity is None:
-            gravity = self.gravity(pair)
-        elif self.simulated:
-            raise ArgumentError("gravity", "none beside [dynamics], which has its own", gravity)
-        elif flat:
-            gravity = (*one_constant("gravity", gravity, 2), 0.0)
-        known = self.given.part(slice(None), ACCELERATION).in_space(pair)
-        psi, psid, psidd = known.hinge
-        wrench = space.hinge_wrench(known.body1, psi, psid, psidd, gravity)
-        found = {"hinge_torque": wrench.hinge_torque, "bearing_torque": wrench.bearing_torque}
-        found |= {"hinge_force": wrench.force}
-        if pair.body1 is not None:
-            given = space.inverse_dynamics(known.body1, psi, psid, psidd, gravity)
-            found |= {"force1": given.force1, "torque1": given.torque1}
-        if self.simulated:
-            others = _of_others(space, self.simulated)
-            found = {name: array - others[name] for name, array in found.items()}
-        if flat:
-            del found["bearing_torque"]
-            found |= {name: array[:, :2] for name, array in found.items() if name.endswith(("force", "force1"))}
-            found |= {name: array[:, 2] for name, array in found.items() if name == "torque1"}
-        return found
-
 
 def turns_about(sequence: str) -> str:
     """How Euler angles turn body 1, for a reader."""
@@ -135,19 +105,3 @@ def turns_about(sequence: str) -> str:
 def massive(pair: HingePair | PlanarPair) -> HingePair:
     """The pair in space, of bodies with their masses."""
     return pair.massive() if isinstance(pair, PlanarPair) else pair
-
-
-def _of_others(pair: HingePair, found: SimulatedMotion | SimulatedPlanarMotion) -> dict[str, NDArray[Any]]:
-    """What of the forces the loads on body 2 give already."""
-    state = pair.forward_kinematics_from_body1(found.body1, found.psi, outputs=("S2", "d"))
-    force, torque = found.loads["force2"], found.loads["torque2"]
-    about = torque - np.cross(state.S2 @ pair.u2, force)
-    axis = found.body1.S @ pair.n
-    turn = (axis * about).sum(axis=-1)
-    return {
-        "hinge_torque": turn,
-        "bearing_torque": about - axis * turn[:, None],
-        "hinge_force": force,
-        "force1": force,
-        "torque1": torque + np.cross(state.d, force),
-    }

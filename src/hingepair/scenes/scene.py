@@ -22,7 +22,7 @@ from hingepair.numeric.tables import Sheet, Shown, cell, instant, unit_of
 from hingepair.pair.dynamics import Energy, Momentum
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.results import MOST_HELD, ROWS, Record, Result
+from hingepair.pair.results import MOST_HELD, ROWS, Result
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, Kind, check_outputs
 from hingepair.scenes.explain import ScenePlan, explain
@@ -34,6 +34,7 @@ from hingepair.scenes.tables import Table, read_tables
 
 if TYPE_CHECKING:
     from hingepair.scenes.expression_motion import FunctionsOfTime
+    from hingepair.scenes.forces import SceneForces
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
@@ -366,24 +367,31 @@ class Scene(Shown):
         rows = slice(len(self.times())) if most is None else self._spread(most)
         return self.motion.given.part(rows, self.motion.level).cross_validate(self.pair)
 
-    def forces(self, gravity: ArrayLike | None = None) -> Record:
-        """What acts for the pair to move as the scene says (D1-D5), at the scene's instants.
-
-        Its attributes: hinge_torque [N m], shape (N,), about the hinge axis, bearing_torque [N m], (N, 3), across it,
-        and hinge_force [N], (N, 3), are what body 1 exerts on body 2 at the hinge point; force1 and torque1 what must
-        act on body 1 at R1, where it has mass properties. World axes. In the plane forces have two components,
-        torques one, and there is no bearing torque. What acts on body 2 by [dynamics], the hinge need not give.
+    def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
+        """Compute what acts for the pair to move as the scene says (D1-D5), at the scene's instants.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), in the plane (2,). Unless given, that
                 of [dynamics], or 9.81 along -z, in the plane along -y.
 
+        Returns:
+            A `SceneForces` (hingepair.scenes.forces), whose attributes are: hinge_torque [N m], shape (N,), about the
+            hinge axis, bearing_torque [N m], (N, 3), across it, and hinge_force [N], (N, 3): what body 1 exerts on
+            body 2 at the hinge point; force1 and torque1: what must act on body 1 at R1, where it has mass
+            properties. World axes. In the plane forces have two components, torques one, and there is no bearing
+            torque. Of a motion by [dynamics] the loads on body 2 are not asked of the hinge again, and hinge_torque
+            is split into motor_torque, spring_torque, damper_torque, friction_torque and stop_torque, as far as
+            they act. `.gravity` is the gravity that was taken, `.notes` are sentences on instants without finite
+            forces, on the torque_limit of the pair and on the noise of a log, `.noise` has the standard deviation
+            that this noise causes in each array.
+
         Raises:
             ArgumentError: body 2 has no mass properties, the motion has no accelerations, or [dynamics] has a
                 gravity of its own.
         """
-        t = self.times()
-        return Record(t, self.motion.forces(self.pair, gravity), f"forces: {self.title}", self.files)
+        from hingepair.scenes.forces import forces_of
+
+        return forces_of(self.motion, self.pair, self.times(), gravity, self.title, self.files)
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the results should know: psi past its limits, kinks, rates by finite differences."""

@@ -1,0 +1,91 @@
+"""The noise of a log: how large it is, and what it makes of accelerations and of what follows from them.
+
+Second differences multiply the noise of samples by 1/h^2 of their step h. The noise of each column is estimated by
+what a local polynomial leaves of it. Then as much noise is added to the column once more and goes through the same
+differences: the change of a result is as large as what the log's own noise has made of it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.finite_differences import differentiate, local_fit_residuals
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.rotations.matrices import rotation_exp, rotation_vector
+from hingepair.scenes.known_motion import SPATIAL_NAMES, ByBody1, ByCoordinates, KnownMotion
+
+_OF_BODY1: Final = (("psi", "psid", "psidd"), ("R1", "v1", "a1"), ("S1", "omega1", "alpha1"))
+"""A motion by that of body 1: what a log has samples of, its rate, and the rate of that."""
+
+
+class LogNoise:
+    """Noise of the size and the kind that a log has.
+
+    Args:
+        t: instants; shape (N,) s.
+        derived: names of the rates that were found by finite differences.
+        order: of these differences.
+
+    Attributes:
+        sizes: standard deviations by name of what the log has samples of (the largest of the components of a vector,
+            of S1 an angle about an axis), and of psidd away from the ends. What has none is not there.
+    """
+
+    def __init__(self, t: Float64Array, derived: tuple[str, ...], order: int) -> None:
+        self.sizes: dict[str, float] = {}
+        self._t, self._derived, self._order = t, derived, order
+        self._rng = np.random.default_rng(0)
+
+    def added_to(self, known: KnownMotion) -> KnownMotion:
+        """Compute the motion with as much noise once more, independent of its own; accelerations are known."""
+        return self._to_coordinates(known) if isinstance(known, ByCoordinates) else self._to_body1(known)
+
+    def _to_coordinates(self, known: ByCoordinates) -> ByCoordinates:
+        columns = []
+        for names, *own in zip(zip(*SPATIAL_NAMES, strict=True), *known.derivatives, strict=True):
+            values = [np.broadcast_to(np.asarray(value, np.float64), self._t.shape)[:, None] for value in own]
+            columns.append([value + noise[:, 0] for value, noise in zip(own, self._of(names, values), strict=True)])
+        return ByCoordinates(known.count, tuple(zip(*columns, strict=True)), known.sequence)
+
+    def _to_body1(self, known: ByBody1) -> ByBody1:
+        letters: Any = ("R", "v", "a"), ("S", "omega", "alpha")
+        hinge = self._of(_OF_BODY1[0], [angle[:, None] for angle in known.hinge])
+        R, v, a, S, omega, alpha = (np.asarray(getattr(known.body1, letter)) for own in letters for letter in own)
+        places, turns = self._of(_OF_BODY1[1], [R, v, a]), self._of(_OF_BODY1[2], [S, omega, alpha])
+        moved = {letter: own + noise for letter, own, noise in zip("Rva", (R, v, a), places, strict=True)}
+        moved["S"] = rotation_exp(turns[0]) @ S
+        moved |= {"omega": omega + turns[1], "alpha": alpha + turns[2]}
+        angles = tuple(angle + noise[:, 0] for angle, noise in zip(known.hinge, hinge, strict=True))
+        return ByBody1(BodyMotion(**moved), angles)
+
+    def _of(self, names: tuple[str, ...], values: list[Float64Array]) -> list[Float64Array]:
+        """Draw noise of samples, shape (N, k), of their rate and of its rate; of an attitude by rotation vectors."""
+        noise: list[Float64Array] = []
+        slopes: list[Float64Array] = []
+        for name, own in zip(names, values, strict=True):
+            if name.partition("_")[0] in self._derived and slopes:
+                noise.append(slopes.pop(0))
+                continue
+            residuals = local_fit_residuals(self._t, own, _turned_from if name == "S1" else None)
+            known = np.isfinite(residuals).all(axis=1)
+            deviations = np.sqrt(np.mean(residuals[known] ** 2, axis=0)) if known.any() else np.zeros(own.shape[1])
+            noise.append(deviations * self._rng.standard_normal((len(self._t), len(deviations))))
+            self._keep(name, float(deviations.max()))
+            pairs = [differentiate(self._t, column, self._order) for column in noise[-1].T]
+            slopes = [np.stack(columns, axis=-1) for columns in zip(*pairs, strict=True)]
+        if names[-1] == "psidd":
+            half = self._order // 2
+            self._keep("psidd", float(np.sqrt(np.mean(noise[-1][half:-half] ** 2))))
+        return noise
+
+    def _keep(self, name: str, size: float) -> None:
+        if size:
+            self.sizes[name] = size
+
+
+def _turned_from(S: Float64Array, reference: Float64Array) -> Float64Array:
+    """Compute the rotation vectors from reference attitudes, world axes [rad]; shape (..., 3)."""
+    return rotation_vector(S @ np.swapaxes(reference, -1, -2))

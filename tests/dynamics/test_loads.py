@@ -1,0 +1,97 @@
+"""What acts at a hinge: the torque of a `HingeLoad`, part by part, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+
+T, PSI, PSID = np.linspace(0, 1, 3), np.array([-1.5, 0.3, 1.2]), np.array([0.5, -0.02, 2.0])
+WHOLE = {
+    "stiffness": 2,
+    "rest": 0.1,
+    "damping": 0.3,
+    "friction": 0.2,
+    "friction_rate": 0.05,
+    "stops": (-1, 1),
+    "stop_stiffness": 100,
+    "stop_damping": 3,
+}
+PARTS = {
+    "motor": np.sin(T),
+    "spring": -2 * (PSI - 0.1),
+    "damper": -0.3 * PSID,
+    "friction": -0.2 * np.tanh(PSID / 0.05),
+    "stop": np.array([50 - 1.5, 0, -20 - 6]),
+}
+
+
+def test_the_parts_of_a_load_are_those_of_its_formula_and_sum_to_it():
+    load = hp.HingeLoad(**WHOLE, motor=lambda t, *_: np.sin(t))
+    parts = load.parts(T, PSI, PSID)
+    assert list(parts) == list(PARTS)
+    for name, torque in PARTS.items():
+        np.testing.assert_allclose(parts[name], torque, rtol=1e-14, atol=1e-15)
+    np.testing.assert_allclose(load(T, PSI, PSID), sum(PARTS.values()), rtol=1e-14)
+    assert load(T[0], PSI[0], PSID[0]) == pytest.approx(sum(torque[0] for torque in PARTS.values()), rel=1e-14)
+
+
+def test_the_parts_of_a_load_that_is_the_motor_are_added_to_those_of_the_load():
+    inner = hp.HingeLoad(stiffness=1, stops=(-1.2, 2), stop_stiffness=10, motor=5)
+    parts = hp.HingeLoad(damping=0.3, stops=(-1, 1), stop_stiffness=100, motor=inner).parts(T, PSI, PSID)
+    assert list(parts) == ["motor", "spring", "damper", "stop"]
+    assert parts["motor"] == 5
+    np.testing.assert_allclose(parts["spring"], -PSI)
+    np.testing.assert_allclose(parts["damper"], -0.3 * PSID)
+    np.testing.assert_allclose(parts["stop"], [50 + 3, 0, -20])
+
+
+def test_what_does_not_act_is_no_part():
+    assert hp.HingeLoad().parts(0.0, 0.2, 1.0) == {"motor": 0.0}
+    assert hp.HingeLoad(friction=1).parts(0.0, 0.2, 0.0) == {"motor": 0.0, "friction": 0.0}
+
+
+@pytest.mark.filterwarnings("ignore:psi passes the stops:hingepair.DynamicsWarning")
+@pytest.mark.parametrize("flat", [False, True])
+def test_a_simulated_motion_has_the_parts_of_the_hinge_torque_among_its_loads(flat):
+    body = hp.Body(mass=2, inertia=(1, 1, 1))
+    pair = (
+        hp.PlanarPair((0, 0), (-1, 0), body2=body)
+        if flat
+        else hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body2=body)
+    )
+    start, t = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), np.linspace(0, 1, 3)
+    load = hp.HingeLoad(**WHOLE, motor=0.5)
+    found = hp.simulate(pair, t, start, 0.2, 0.0, base="fixed", hinge_torque=load)
+    parts = load.parts(t, found.psi, found.psid)
+    for name, torque in parts.items():
+        np.testing.assert_array_equal(found.loads[f"{name}_torque"], np.broadcast_to(torque, t.shape))
+    np.testing.assert_allclose(sum(found.loads[f"{name}_torque"] for name in parts), found.loads["hinge_torque"])
+    plain = hp.simulate(pair, t, start, 0.2, 0.0, base="fixed", hinge_torque=lambda *args: -args[1])
+    assert {"motor_torque", "spring_torque"}.isdisjoint(plain.loads)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        *(({name: -1.0}, f"{name}: expected 0 or above, got -1.0") for name in ("stiffness", "damping", "friction")),
+        *(({name: -1.0}, f"{name}: expected 0 or above") for name in ("stop_stiffness", "stop_damping")),
+        *(({"friction_rate": rate}, "friction_rate: expected a number above 0") for rate in (0, -1)),
+        *(({name: "1"}, f"{name}: expected a finite number") for name in ("stiffness", "rest", "motor")),
+        ({"rest": np.inf}, "rest: expected a finite number"),
+        ({"stops": (1, -1)}, r"stops: expected \(lower, upper\) with lower < upper"),
+        ({"stops": (1, 1)}, r"stops: expected \(lower, upper\) with lower < upper"),
+        ({"stops": 1.0}, r"stops: expected \(lower, upper\)"),
+        ({"stops": (0, 1, 2)}, r"stops: expected \(lower, upper\)"),
+        ({"stops": (0, np.nan)}, r"stops\[1\]: expected a finite number"),
+        ({"motor": lambda t: t}, r"motor: expected a callable of \(t, psi, psid\)"),
+    ],
+)
+def test_what_no_load_can_have_is_refused_by_name(change, message):
+    with pytest.raises(hp.ArgumentError, match=f"^{message}"):
+        hp.HingeLoad(**change)
+
+
+def test_a_load_may_be_negative_where_that_has_a_meaning():
+    assert hp.HingeLoad(motor=-1, rest=-2, stiffness=1)(0.0, 0.0, 0.0) == -3.0
