@@ -92,7 +92,7 @@ class CompilationError(HingePairError, RuntimeError):
     def __init__(self, name: str, reason: str) -> None:
         self.name = name
         self.reason = reason
-        super().__init__(printable(f"the kernel of {name!r} could not be compiled: {shorten(reason)}"))
+        super().__init__(printable(f"llvmlite could not compile the kernel of {name!r}: {shorten(reason)}"))
 
     def __reduce__(self) -> tuple[type, tuple[str, str]]:
         return type(self), (self.name, self.reason)

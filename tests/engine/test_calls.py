@@ -13,9 +13,9 @@ import pytest
 from hingepair.engine.array_heads import MAX_RANK
 from hingepair.engine.backend import How
 from hingepair.engine.calls import Call
-from hingepair.engine.loops import Loop
+from hingepair.engine.loops import Loop, Program
 from hingepair.engine.results import Results
-from hingepair.errors import ArgumentError, ShapeError
+from hingepair.errors import ArgumentError, CompilationError, ShapeError
 
 GIVEN = {"unused": (2,), "m": (3, 3), "x": ()}
 OUTPUTS = {"y": (3,), "trace": ()}
@@ -275,3 +275,24 @@ def test_a_chosen_backend_gives_the_same_bits_at_every_call(backend):
         for count, before in zip((1, 3, 40), first, strict=True):
             np.testing.assert_array_equal(one.run({"a": a[:count]}, {"a": (count,)})["s"], before)
         np.testing.assert_array_equal([one.run({"a": x}, {"a": ()})["s"] for x in a], single)
+
+
+def test_a_kernel_that_llvm_refuses_leaves_the_others_alone(monkeypatch):
+    written = Program.llvm
+
+    def broken(self, *key, fuse):
+        return "no code" if self.loop.name == "broken" else written(self, *key, fuse=fuse)
+
+    monkeypatch.setattr(Program, "llvm", broken)
+    given = arrays([(400,)] * 3)
+    values, shapes = dict(zip(GIVEN, given, strict=True)), dict.fromkeys(GIVEN, (400,))
+    loop, other = (Loop(name, product, dict(LOOP.inputs), OUTPUTS) for name in ("broken", "other"))
+    with pytest.raises(CompilationError, match="'broken'"):
+        Call(loop, GIVEN, CONSTANTS, Product, backend="compiled")
+    one = Call(loop, GIVEN, CONSTANTS, Product)
+    with pytest.warns(RuntimeWarning, match="'broken'.*computing with NumPy"):
+        one.compile()
+    for _ in range(3):
+        one.compile()  # warns once
+        np.testing.assert_allclose(one.run(values, shapes).y, expected(*given)[0], rtol=1e-14, atol=1e-14)
+    assert Call(other, GIVEN, CONSTANTS, Product, backend="compiled").quick(*given) is not None

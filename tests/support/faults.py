@@ -452,7 +452,7 @@ FAULTS = {
         "engine/array_heads.py",
         "%axis_fits = and i1 %same_size, %same_step",
         "%axis_fits = and i1 %same_size, true",
-        "pair/test_prepare.py::test_what_is_no_row_of_doubles_is_not_taken_for_one",
+        "engine/test_calls.py::test_every_layout_is_read_where_it_lies_or_left_to_the_general_way[1-columns]",
     ),
     "no look at the quaternion of zero": Fault(
         "plans/steps.py",

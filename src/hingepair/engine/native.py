@@ -122,15 +122,21 @@ def llvmlite() -> Any:
     """Return `llvmlite.binding`, ready to compile for this machine.
 
     Raises:
-        MissingDependencyError: llvmlite is not installed.
+        MissingDependencyError: llvmlite is not installed, or does not start.
     """
     with compiler_lock:
         try:
             from llvmlite import binding as llvm
-        except (ImportError, OSError) as error:
+
+            llvm.initialize_native_target()
+            llvm.initialize_native_asmprinter()
+            cpu(llvm)
+        except ModuleNotFoundError as error:
             raise MissingDependencyError("backend", "llvmlite (pip install llvmlite)", str(error)) from None
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
+        except Exception as error:
+            raise MissingDependencyError(
+                "backend", "an llvmlite that starts", f"{type(error).__name__}: {error}"
+            ) from error
         library = ctypes.CDLL(None) if os.name == "posix" else ctypes.CDLL("ucrtbase")
         for owner, names in ((ctypes.pythonapi, _PYTHON_FUNCTIONS), (library, _C_FUNCTIONS)):
             for name in names:
