@@ -13,9 +13,11 @@ PAIR = hp.HingePair(u1=U1, u2=U2, n=N1, home=HOME)
 N2 = HOME.T @ N1
 
 
-def felt(moving: float = 1.0, hinge: float = 1.0, noise: float = 0.0, seed: int = 0) -> list[np.ndarray]:
+def felt(
+    moving: float = 1.0, hinge: float = 1.0, noise: float = 0.0, seed: int = 0, t: np.ndarray = T
+) -> list[np.ndarray]:
     """omega1, f1, omega2, f2 in the axes of their bodies."""
-    t, zero = T, np.zeros_like(T)
+    zero = np.zeros_like(t)
     parts = [
         (np.sin(t), np.cos(t), -np.sin(t)),
         (0.3 * np.cos(2 * t), -0.6 * np.sin(2 * t), -1.2 * np.cos(2 * t)),
@@ -98,6 +100,48 @@ def test_noisy_forces_give_it_within_what_is_told() -> None:
     across = np.eye(3) - np.outer(N1, N1)
     assert np.abs(across @ (bare.u1 - U1)).max() < 5e-3
     assert bare.u1 @ N1 + bare.u2 @ N2 == pytest.approx(0, abs=2e-3)
+
+
+SLOW = np.arange(400) / 40
+
+
+def anchor_scores(given: bool, seeds: int, **kind: float) -> tuple[np.ndarray, hp.AnchorFit]:
+    """Errors of u1 and u2 in standard deviations, by seed, in the gauge of the fit; and one of the fits."""
+    scores = []
+    for seed in range(seeds):
+        omega1, f1, omega2, f2 = felt(noise=1e-2, seed=seed, t=SLOW, **kind)
+        found = hp.fit_anchor(SLOW, omega1, f1, omega2, f2, *((N1, N2) if given else ()))
+        slide = -(U1 @ N1) if given else -(U1 @ N1 + U2 @ N2) / 2
+        error = np.concatenate((found.u1 - U1 - slide * N1, found.u2 - U2 - slide * N2))
+        scores.append(error / np.sqrt(np.diagonal(found.covariance)))
+    return np.array(scores), found
+
+
+@pytest.mark.parametrize(("moving", "given"), [(1.0, True), (1.0, False), (0.05, True)])
+def test_errors_of_the_point_are_those_of_the_covariance(moving: float, given: bool) -> None:
+    """At 40 Hz, and where body 1 hardly turns: there noise of the derivatives is larger than what they tell."""
+    scores, _ = anchor_scores(given, 8, moving=moving)
+    rms = np.sqrt((scores**2).mean(axis=0))
+    assert rms.max() < 1.6
+    assert rms.min() > 0.4
+
+
+def test_the_covariance_is_in_the_gauge_of_the_values() -> None:
+    """u1 is across n1, so it has no variance along n1; u2 has."""
+    _, found = anchor_scores(True, 1)
+    along1, along2 = (np.concatenate(parts) for parts in ((N1, np.zeros(3)), (np.zeros(3), N2)))
+    assert abs(found.u1 @ N1) < 1e-15
+    assert np.abs(found.covariance @ along1).max() < 1e-12 * found.covariance.max()
+    assert along2 @ found.covariance @ along2 > 0.1 * found.covariance.max()
+    assert np.abs(found.covariance - found.covariance.T).max() < 1e-12 * found.covariance.max()
+
+
+def test_a_point_that_is_hardly_shown_is_known_to_so_much() -> None:
+    _, found = anchor_scores(True, 1, moving=0.05)
+    std = np.sqrt(np.diagonal(found.covariance).max())
+    assert 0.1 < std < 1
+    assert not found.ok
+    assert found.findings[0].startswith(f"The hinge point is known to {std:.2g} m only")
 
 
 def test_a_point_that_is_not_shown_is_not_told() -> None:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.hinge import frame, sign_of, turned
+from hingepair.measured.likelihood import summed_neighbours
 from hingepair.measured.spline import FEWEST, smooth_columns
 from hingepair.numeric.arrays import Float64Array, read_only, vectors
 from hingepair.numeric.instants import checked_gaps, increasing_seconds, pieces
@@ -29,12 +30,18 @@ from hingepair.rotations.matrices import skew
 Linearise = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 Move = Callable[[Float64Array, Float64Array], Float64Array]
 
-_THIN = 400
-_STARTS = 10
-_MOST = 60
-_VAGUE = np.radians(5.0)
-_SCATTER = 0.3
-_TOLD = 0.2
+_MAX_ROUGH = 400  # samples that starts are tried with
+_RANDOM_STARTS = 10
+_MAX_STEPS = 60  # of a descent
+_MAX_AXIS_STD = np.radians(5.0)  # [rad]: an axis that is known less well is not to be relied on
+_MAX_POINT_STD = 0.1  # likewise of the hinge point, in parts of the larger lever
+_MIN_LEVER = 0.1  # [m]: shorter levers are judged as if they had this length
+_MAX_SCATTER = 0.3  # of the rates across the axis, in parts of all rates
+_MIN_CORRELATION = 0.2  # of the angle's changes with its rate, from which the sign of n2 is shown
+_MIN_EIGENVALUE_RATIO = 1e-10  # of the normal matrix to its largest, from which a direction is not rounding
+_MIN_AXIS_SIGNAL, _MIN_POINT_SIGNAL = 10.0, 2.0
+"""Sizes of the normal matrix from which a direction of the axes, of the point, is shown, in parts of what noise adds
+to it. Of the axes that is more than the variance of the rates says where rates across an axis are small."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -65,7 +72,8 @@ class AnchorFit:
     Attributes:
         u1: hinge point from sensor 1, body 1's axes [m]; (3,).
         u2: hinge point from sensor 2, body 2's axes [m]; (3,).
-        covariance: of (u1, u2) [m^2]; (6, 6); inf where the motion does not show the point, but along the axis.
+        covariance: of (u1, u2) [m^2]; (6, 6); inf where the motion does not show the point. Which point of the axis
+            u1 and u2 name is a convention and has no variance; axes that were given are taken as exact.
         rms: of the difference of the forces' sizes [m/s^2].
         ok: the motion determines the point.
         findings: in sentences.
@@ -112,7 +120,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike) -> AxisFit:
             "omega1_b1, omega2_b2", f"at least {FEWEST} finite samples of bodies that turn", int(known.sum())
         )
     w1, w2 = omega1[known], omega2[known]
-    step = -(-w1.shape[0] // _THIN)
+    step = -(-w1.shape[0] // _MAX_ROUGH)
     thin1, thin2 = w1[::step], w2[::step]
     starts = _axis_starts(thin1, thin2)
     (n1, n2), rest = _fitted(_across(thin1, thin2), _across(w1, w2), _turned, starts)
@@ -122,7 +130,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike) -> AxisFit:
     n1, n2 = sign_of(n1) * n1, sign_of(n1) * n2
     _, change = _across(w1, w2)(np.stack((n1, n2)))
     rms = float(np.sqrt(rest @ rest / rest.size))
-    covariance, unseen = _covariance(rest, change, rms * rms / 2)
+    covariance, unseen = _covariance(np.zeros(4), rest, change, rest @ rest / 2 * np.eye(4), _MIN_AXIS_SIGNAL)
     variances = np.where(unseen, np.inf, np.diagonal(covariance)).reshape(2, 2)
     std = np.sqrt(variances.max(axis=1))
     findings = [
@@ -130,11 +138,11 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike) -> AxisFit:
         if np.isfinite(s)
         else f"The motion does not show the axis in body {i}'s axes: let body {i} turn across it."
         for i, s in enumerate(std, start=1)
-        if s > _VAGUE
+        if s > _MAX_AXIS_STD
     ]
-    if rms > _SCATTER * size / np.sqrt(2 * w1.shape[0]):
+    if rms > _MAX_SCATTER * size / np.sqrt(2 * w1.shape[0]):
         findings.append(f"They do not turn about one axis: the two rates across it differ by {rms:.2g} rad/s rms.")
-    if max(alike) < _TOLD:
+    if max(alike) < _MIN_CORRELATION:
         findings.append("The sign of n2 beside n1 is not shown: the angle does not follow its rate.")
     return AxisFit(
         n1=read_only(n1), n2=read_only(n2), std=read_only(std), rms=rms, ok=not findings, findings=tuple(findings)
@@ -195,28 +203,33 @@ def fit_anchor(
     forces = [force[used] for force in (force1, force2)]
     rng = np.random.default_rng(0)
     starts = [np.zeros(6), *rng.normal(scale=0.3, size=(5, 6))]
-    some = slice(None, None, -(-used.size // _THIN))
+    some = slice(None, None, -(-used.size // _MAX_ROUGH))
     rough = _felt([each[some] for each in forces], [each[some] for each in gammas])
     linearise = _felt(forces, gammas)
     u, rest = _fitted(rough, linearise, np.add, starts)
     _, change = linearise(u)
     if n1 is None or n2 is None:
         along = np.linalg.eigh(change.T @ change)[1][:, 0]
-        u = u - along * (along @ u)
+        gauge = np.eye(6) - np.outer(along, along)
     else:
         axis1, axis2 = (np.asarray(unit_axis(name, np.asarray(n))) for name, n in (("n1", n1), ("n2", n2)))
         along = np.concatenate((axis1, axis2)) / np.sqrt(2)
-        u = u - np.concatenate((axis1, axis2)) * (axis1 @ u[:3])
+        gauge = np.eye(6) - np.outer(np.concatenate((axis1, axis2)), np.concatenate((axis1, np.zeros(3))))
+    u = gauge @ u  # what is along both axes is not seen
     across = np.linalg.svd(along[None])[2][1:].T
-    noise = max(float(each.errors[1]) for each in smooth) ** 2
-    inner, unseen = _covariance(rest, change @ across, noise)
-    covariance = across @ inner @ across.T
-    hidden = (across**2 @ unseen) > 1e-3
+    noise = np.zeros((6, 6))
+    for own, force, gamma, each in zip((slice(0, 3), slice(3, 6)), forces, gammas, smooth, strict=True):
+        felt = force + gamma @ u[own]
+        felt /= np.maximum(np.linalg.norm(felt, axis=-1, keepdims=True), 1e-300)
+        noise[own, own] = float(each.errors[1]) ** 2 * (used.size * np.eye(3) - felt.T @ felt)
+    inner, unseen = _covariance(across.T @ u, rest, change @ across, across.T @ noise @ across, _MIN_POINT_SIGNAL)
+    covariance = gauge @ across @ inner @ across.T @ gauge.T
+    hidden = (gauge @ across) ** 2 @ unseen > 1e-3
     covariance[hidden, hidden] = np.inf
     std = float(np.sqrt(np.diagonal(covariance).max()))
-    reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), 0.1)
+    reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), _MIN_LEVER)
     findings: list[str] = []
-    if not std <= 0.1 * reach:
+    if not std <= _MAX_POINT_STD * reach:
         how = f"is known to {std:.2g} m only" if np.isfinite(std) else "is not shown"
         findings.append(f"The hinge point {how}: let both bodies turn faster, about more than one direction.")
     return AnchorFit(
@@ -261,7 +274,7 @@ def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
     squares = np.linalg.lstsq(np.concatenate((rows[0], -rows[1]), axis=-1), size)[0].reshape(2, 3, 3)
     linear = np.linalg.eigh((squares + np.swapaxes(squares, -1, -2)) / 2)[1][..., -1]
     principal = np.linalg.eigh(np.stack((w1.T @ w1, w2.T @ w2)))[1][..., -1]
-    random = np.random.default_rng(0).normal(size=(_STARTS, 2, 3))
+    random = np.random.default_rng(0).normal(size=(_RANDOM_STARTS, 2, 3))
     random /= np.linalg.norm(random, axis=-1, keepdims=True)
     return [linear, principal, *random]
 
@@ -324,7 +337,7 @@ def _descended(linearise: Linearise, move: Move, start: Float64Array) -> tuple[F
     """Least squares from a start (Levenberg and Marquardt)."""
     at, (rest, change) = start, linearise(start)
     cost, damping = float(rest @ rest), 1e-3
-    for _ in range(_MOST):
+    for _ in range(_MAX_STEPS):
         normal = change.T @ change
         step = -np.asarray(np.linalg.lstsq(normal + damping * np.diag(np.diagonal(normal)), change.T @ rest)[0])
         there = move(at, step)
@@ -342,16 +355,30 @@ def _descended(linearise: Linearise, move: Move, start: Float64Array) -> tuple[F
     return at, rest
 
 
-def _covariance(rest: Float64Array, change: Float64Array, noise: float) -> tuple[Float64Array, NDArray[np.bool_]]:
-    """Of least squares, by the sandwich, and which parameters the motion does not show.
+def _covariance(
+    at: Float64Array, rest: Float64Array, change: Float64Array, noise: Float64Array, min_signal: float
+) -> tuple[Float64Array, NDArray[np.bool_]]:
+    """Return the covariance of least squares, and which parameters the motion does not show at all.
 
-    These are those of which what is left of each sample changes by no more than ten times the variance that `noise`
-    gives an element of `change`.
+    Noise in the derivatives adds to the normal matrix, by which parameters come out too small. What is left of the
+    matrix without it says how sure a direction is: the scatter of the scores is divided by it (the sandwich; scores
+    of neighbours are added up before they are squared), and the parameters' shrinking is taken for a further error.
+
+    Args:
+        at: the parameters, from where noise does not shrink them; (k,).
+        rest: what is left of each sample; (N,).
+        change: its derivatives by the parameters; (N, k).
+        noise: what noise in `change` adds to the normal matrix; (k, k).
+        min_signal: size of the normal matrix from which a direction is shown, in parts of what noise adds to it.
     """
     normal = change.T @ change
-    values, axes = np.linalg.eigh(normal)
-    blind = values <= max(1e-10 * values[-1], 10 * noise * rest.size)
-    inverse = axes @ np.diag(np.where(blind, 0.0, 1 / np.where(blind, 1.0, values))) @ axes.T
-    scores = change * rest[:, None]
-    found = inverse @ (scores.T @ scores) @ inverse * (rest.size / max(rest.size - change.shape[1], 1))
-    return np.asarray(found), (axes[:, blind] ** 2).sum(axis=1) > 1e-3
+    values, axes = np.linalg.eigh(normal - min_signal * noise)
+    blind = values <= _MIN_EIGENVALUE_RATIO * np.linalg.norm(normal)
+    shown = axes[:, ~blind]
+    inverse = shown @ np.linalg.inv(shown.T @ (normal - noise) @ shown) @ shown.T
+    scores = (change * rest[:, None]).T
+    added = np.add.reduceat(scores, np.arange(0, rest.size, summed_neighbours(scores)[0]), axis=1)
+    free = rest.size / max(rest.size - change.shape[1], 1)
+    shrinking = inverse @ noise @ at
+    covariance = free * inverse @ (added @ added.T) @ inverse + np.outer(shrinking, shrinking)
+    return covariance, (axes[:, blind] ** 2).sum(axis=1) > 1e-3

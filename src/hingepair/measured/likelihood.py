@@ -220,7 +220,7 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
     whole = np.concatenate(scores, axis=1)
     rest = np.concatenate(left, axis=1)
     alike = _alike(rest[:2], 1), _alike(rest[2:], 1)
-    together, unresolved_lag = _summed_neighbours(whole)
+    together, unresolved_lag = summed_neighbours(whole)
     added = np.add.reduceat(whole, np.arange(0, whole.shape[1], together), axis=1)
     share = whole.shape[1] / count
     # a sample tells less of itself than of others, by its part of the parameters
@@ -240,7 +240,7 @@ def _alike(rows: Float64Array, lag: int) -> float:
     return float((products[known] / power[known]).max())
 
 
-def _summed_neighbours(scores: Float64Array) -> tuple[int, int]:
+def summed_neighbours(scores: Float64Array) -> tuple[int, int]:
     """Return how many neighbouring scores are added up before they are squared, and the lag that this falls short of.
 
     Sums go over four times the lag at which scores are hardly correlated, but there are _MIN_SUMS of them at least.
