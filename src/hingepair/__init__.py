@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from hingepair.dynamics.loads import HingeLoad
     from hingepair.dynamics.simulate import SimulationError, simulate
     from hingepair.formats.model_writers import to_mjcf, to_urdf
-    from hingepair.formats.robots import load_robot_hinge
+    from hingepair.formats.robots import load_robot, load_robot_hinge
     from hingepair.formats.urdf_reader import from_urdf
     from hingepair.integration.integrate import integrate
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
@@ -53,6 +53,8 @@ if TYPE_CHECKING:
     from hingepair.measured.inertial import AnchorFit, AxisFit, fit_anchor, fit_axis
     from hingepair.measured.resample import resample
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
+    from hingepair.mechanism.mechanism import Mechanism
+    from hingepair.mechanism.slider import Slider
     from hingepair.numeric.instants import MeasurementWarning
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
     from hingepair.pictures.page import view
@@ -91,6 +93,7 @@ __all__ = [
     "HingePair",
     "HingePairError",
     "MeasurementWarning",
+    "Mechanism",
     "MissingDependencyError",
     "PairState",
     "PlanarPair",
@@ -100,6 +103,7 @@ __all__ = [
     "SceneError",
     "ShapeError",
     "SimulationError",
+    "Slider",
     "SmoothedAngle",
     "SmoothedMotion",
     "Sphere",
@@ -119,6 +123,7 @@ __all__ = [
     "fit_axis",
     "from_urdf",
     "integrate",
+    "load_robot",
     "load_robot_hinge",
     "load_scene",
     "matrix_to_euler",
@@ -144,7 +149,7 @@ _LATER = {
         "dynamics.loads": "HingeLoad",
         "dynamics.simulate": "SimulationError simulate",
         "formats.model_writers": "to_mjcf to_urdf",
-        "formats.robots": "load_robot_hinge",
+        "formats.robots": "load_robot load_robot_hinge",
         "formats.urdf_reader": "from_urdf",
         "integration.integrate": "integrate",
         "integration.trajectory": "PlanarTrajectory Trajectory",
@@ -153,6 +158,8 @@ _LATER = {
         "measured.resample": "resample",
         "measured.smooth": "SmoothedAngle SmoothedMotion smooth",
         "numeric.instants": "MeasurementWarning",
+        "mechanism.mechanism": "Mechanism",
+        "mechanism.slider": "Slider",
         "pair.body": "Body Box Cylinder Sphere",
         "pictures.page": "view",
         "pictures.plot": "plot",

@@ -15,10 +15,35 @@ from types import MappingProxyType
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.formats.urdf_reader import hinge_pair
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
 
 PACKAGE = "example-robot-data"
+
+
+def load_robot(
+    name: str, base: str = "fixed", locked: Mapping[str, float] | None = None, snap: float | None = None
+) -> Mechanism:
+    """Return a robot of example-robot-data.
+
+    Args:
+        name: the URDF's file stem, or `folder/stem` (`hingepair robots` lists them).
+        base: "fixed" or "free".
+        locked: as for `Mechanism.from_urdf`.
+        snap: as for `Mechanism.from_urdf`.
+
+    Raises:
+        ArgumentError: no such robot, or more than one; base, locked or snap cannot be used.
+        URDFError: the robot's URDF cannot be read.
+        MissingDependencyError: example-robot-data is not installed.
+
+    >>> import hingepair as hp
+    >>> robot = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
+    >>> robot.dof, robot.position_limits[0].tolist()
+    (7, [-2.8973, 2.8973])
+    """
+    return Mechanism.from_urdf(robot_urdf(name), base, locked, snap)
 
 
 def load_robot_hinge(robot: str, joint: str) -> HingePair:

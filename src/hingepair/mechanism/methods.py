@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from hingepair.engine.backend import choose
 from hingepair.engine.calls import Out
 from hingepair.engine.results import Results
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.arguments import Coordinates, read_values, read_wrenches
 from hingepair.mechanism.constants import Constants, constants_of
@@ -33,7 +33,6 @@ Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 _LEVELS = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
 _MOTION = tuple(name for level in _LEVELS for name in level)
 _FORCES = ("tau", "force1", "torque1")
-_MAX_NAMES = 64
 
 
 class MechanismMethods(Shown):
@@ -522,14 +521,9 @@ class MechanismMethods(Shown):
             names = self.tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
         except TypeError:
             names = ()
-        found = {one: self.tree.frame(one) if isinstance(one, str) else None for one in names}
-        if not found:
+        if not names:
             raise ArgumentError(name, "names of links or joints", quoted(frames))
-        for one, frame in found.items():
-            if frame is None:
-                known = (*self.tree.links, *self.tree.frames, *(joint.name for joint in self.tree.joints))
-                raise ArgumentError(name, choices(known[:_MAX_NAMES]) + nearest(str(one), known), quoted(one))
-        return {one: frame for one, frame in found.items() if frame is not None}
+        return {one: self.tree.known_frame(name, one) for one in names}
 
     def _one_frame(self, frame: str | None) -> str:
         if frame is None:

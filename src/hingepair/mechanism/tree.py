@@ -25,6 +25,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.arrays import Frozen, read_only
 
 Kind = Literal["hinge", "slider"]
@@ -148,3 +149,15 @@ class Tree(Frozen):
             if joint.name == name:
                 return Frame(number, read_only(np.zeros(3)), read_only(np.eye(3)))
         return None
+
+    def known_frame(self, argument: str, name: object) -> Frame:
+        """Return a frame by its name, as `frame` does.
+
+        Raises:
+            ArgumentError: there is none; names the argument.
+        """
+        frame = self.frame(name) if isinstance(name, str) else None
+        if frame is None:
+            known = (*self.links, *self.frames, *(joint.name for joint in self.joints))
+            raise ArgumentError(argument, choices(known) + nearest(str(name), known), quoted(name))
+        return frame

@@ -1,0 +1,268 @@
+"""The mechanism: a whole robot, a tree of hinges and sliders."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism import building
+from hingepair.mechanism.methods import MechanismMethods
+from hingepair.mechanism.slider import Slider
+from hingepair.mechanism.tree import Tree
+from hingepair.numeric.arrays import Float64Array, read_only
+from hingepair.numeric.tables import Sheet, aligned, cell
+from hingepair.pair.body import Body
+from hingepair.pair.hinge_pair import HingePair
+
+_HEADINGS = ("joint", "kind", "carried by", "axis", "least", "greatest", "rate", "effort", "mass [kg]", "follows")
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Mechanism(MechanismMethods):
+    """A robot: a tree of hinges and sliders, whose base stands, moves as it is given, or is free.
+
+    A body is everything that moves together: links that fixed or locked joints hold to each other. Coordinates q
+    stand in the order of `names`: depth-first, siblings by the joint's name, as in Pinocchio; hinges in rad, sliders
+    in m. Wherever q, qd, qdd or tau is taken, it is one array of shape (..., dof), a table whose columns have the
+    joints' names, or a dict of a number or an array for each joint, of which numbers are known constants.
+    `base_motion`, wherever it is taken, is where the base is and how it moves; it rests at the origin unless given.
+    World axes, classical accelerations.
+
+    Args:
+        pairs: HingePairs and Sliders, each named for its joint. Body 2 of a pair is the link of the pair's name, with
+            the frame (R2, S2); body 1 of the first pair is the link "base". A body that two pairs share is given in
+            one of them, or in both alike.
+        parents: for each pair what its body 1 is: 0 the base, j (from 1 on) body 2 of the j-th pair. Unless given,
+            each pair's body 1 is body 2 of the pair before.
+        base: "fixed": the base stands, or moves as `base_motion` says; "free": it moves as the forces make it.
+        name: of the robot.
+
+    Raises:
+        ArgumentError: the pairs are no tree, or do not stand in the order of q, which the message names.
+
+    >>> import hingepair as hp
+    >>> upper = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="upper")
+    >>> lower = hp.HingePair(u1=(0.4, 0, 0), u2=(-0.5, 0, 0), n=(0, 1, 0), name="lower")
+    >>> robot = hp.Mechanism([upper, lower], name="arm")
+    >>> robot.names, robot.dof, robot.links
+    (('upper', 'lower'), 2, ('base', 'upper', 'lower'))
+    >>> robot.forward_kinematics((0, 0))["lower"].R.tolist()
+    [0.9, 0.0, 1.0]
+    """
+
+    tree: Tree
+    base: str
+
+    def __init__(
+        self,
+        pairs: Iterable[HingePair | Slider],
+        parents: Sequence[int] | None = None,
+        base: str = "fixed",
+        name: str | None = None,
+    ) -> None:
+        self._set(building.tree_of_pairs(pairs, parents, base, name), base)
+
+    def _set(self, tree: Tree, base: str) -> None:
+        object.__setattr__(self, "tree", tree)
+        object.__setattr__(self, "base", base)
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path_or_text: str | os.PathLike[str],
+        base: str = "fixed",
+        locked: Mapping[str, float] | None = None,
+        snap: float | None = None,
+    ) -> Mechanism:
+        """Read a robot from URDF.
+
+        Revolute and continuous joints are hinges, prismatic ones sliders; fixed joints are folded into the links that
+        carry them, masses included; a mimic joint follows its leader. Masses are taken as they are written, those too
+        that no rigid body has: of these a `DynamicsWarning` tells when forces or motion are computed.
+
+        Args:
+            path_or_text: a file's path, or the URDF itself (text that starts with "<").
+            base: "fixed" or "free"; the base is the root link.
+            locked: joints that are held, and where, such as {"panda_finger_joint1": 0.02} [rad or m]; what follows
+                them is held too.
+            snap: an angle of an origin (rpy) within this of a multiple of pi/2 is taken for it [rad], such as 1e-6.
+                Unless given, only the double nearest to a multiple of pi/2 is that turn exactly.
+
+        Raises:
+            URDFError: no readable URDF, links and joints that are no tree, a joint that is planar or floating, a
+                number that is none; names the joint or the link.
+            ArgumentError: base, locked or snap cannot be used.
+
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(0, 0, 0), n=(0, 1, 0))
+        >>> hp.Mechanism.from_urdf(hp.to_urdf(pair)).names
+        ('hinge',)
+        """
+        return _mechanism(cls, building.tree_of_urdf(path_or_text, base, locked, snap), base)
+
+    @classmethod
+    def from_pinocchio(
+        cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None
+    ) -> Mechanism:
+        """Return the robot of a Pinocchio model, such as Pinocchio's reader of MJCF makes it.
+
+        Args:
+            model: of Pinocchio: revolute, continuous, prismatic, mimic and composite joints depth-first, and a
+                free-flyer at its root. Its q is that of the robot where nq is nv: a continuous joint has cos and sin
+                there.
+            base: "fixed" or "free"; unless given, free where the model has a free-flyer.
+            locked: as for `from_urdf`.
+
+        Raises:
+            ArgumentError: a joint of another kind, or not depth-first; names it.
+
+        >>> import pinocchio
+        >>> import hingepair as hp
+        >>> hp.Mechanism.from_pinocchio(pinocchio.buildSampleModelManipulator()).dof
+        6
+        """
+        return _mechanism(cls, *building.tree_of_pinocchio(model, base, locked))
+
+    # ---- what it is
+
+    @property
+    def name(self) -> str:
+        """Name of the robot."""
+        return self.tree.name
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints that move by themselves, in the order of q."""
+        return tuple(joint.name for joint in self.tree.coordinates)
+
+    @property
+    def dof(self) -> int:
+        """Number of the joints that move by themselves."""
+        return len(self.tree.coordinates)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of the links, the base's first, each after the link that carries it."""
+        return tuple(self.tree.links)
+
+    @property
+    def tips(self) -> tuple[str, ...]:
+        """The last links of all branches: the frames that are computed unless others are named."""
+        return self.tree.tips
+
+    @property
+    def position_limits(self) -> Float64Array:
+        """Least and greatest q [rad or m], infinite where there is none; shape (dof, 2)."""
+        return self._limits("position_limits", 2)
+
+    @property
+    def rate_limits(self) -> Float64Array:
+        """Largest rates [rad/s or m/s], infinite where there is none; shape (dof,)."""
+        return self._limits("rate_limit")
+
+    @property
+    def effort_limits(self) -> Float64Array:
+        """Largest torques [N m] and forces [N] of the motors, infinite where there is none; shape (dof,)."""
+        return self._limits("effort_limit")
+
+    def _limits(self, field: str, *tail: int) -> Float64Array:
+        values = [getattr(joint, field) for joint in self.tree.coordinates]
+        return read_only(np.array(values, dtype=np.float64).reshape(self.dof, *tail))
+
+    def __getitem__(self, joint: str) -> HingePair | Slider:
+        """Return a joint that moves as a pair between the frames of the two bodies that it joins.
+
+        A body's frame is that of the link behind its joint; its mass properties are in the pair where a rigid body
+        can have them.
+
+        Raises:
+            ArgumentError: no such joint; lists those that move.
+        """
+        for own in self.tree.joints:
+            if own.name == joint:
+                return building.pair_of(self.tree, own)
+        known = [own.name for own in self.tree.joints]
+        expected = choices(known) + nearest(str(joint), known) if known else "no joint, since none moves"
+        raise ArgumentError("joint", expected, quoted(joint))
+
+    def __iter__(self) -> Any:
+        raise TypeError("a Mechanism is no sequence of joints; robot.names are their names")
+
+    # ---- robots made of it
+
+    def with_payload(self, link: str, body: Body) -> Mechanism:
+        """Return the robot with a further body fixed to a link.
+
+        Args:
+            link: name of a link, a joint or another frame; the body's reference point and axes are those of it.
+            body: its mass properties.
+
+        Raises:
+            ArgumentError: no such link, or no Body.
+
+        >>> import hingepair as hp
+        >>> ball = hp.Body(2, inertia=(1, 1, 1))
+        >>> hand = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="hand", body2=ball)
+        >>> hp.Mechanism([hand]).with_payload("hand", hp.Body(3, inertia=(1, 1, 1)))["hand"].body2.mass
+        5.0
+        """
+        frame = self.tree.known_frame("link", link)
+        return _mechanism(type(self), building.with_payload(self.tree, self.base, frame, body), self.base)
+
+    def with_frame(
+        self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
+    ) -> Mechanism:
+        """Return the robot with a further frame, such as that of a tool.
+
+        Args:
+            name: of the frame; no link, joint or frame has it yet.
+            link: name of the link, the joint or the other frame that it is fixed to.
+            R: its origin, in the axes of that [m]; shape (3,).
+            S: rotation from its axes to those; identity unless given; shape (3, 3).
+
+        Raises:
+            ArgumentError: no such link, a name that is taken, or R or S that cannot be used.
+
+        >>> import hingepair as hp
+        >>> hand = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="hand")
+        >>> robot = hp.Mechanism([hand]).with_frame("tool", link="hand", R=(0, 0, 0.5))
+        >>> robot.forward_kinematics((0,), frames="tool")["tool"].R.tolist()
+        [0.0, 0.0, 1.5]
+        """
+        frame = self.tree.known_frame("link", link)
+        return _mechanism(type(self), building.with_frame(self.tree, name, frame, R, S), self.base)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _mechanism, (type(self), self.tree, self.base)
+
+    def __repr__(self) -> str:
+        return f"Mechanism({self.name!r}, dof={self.dof}, links={len(self.links)}, base={self.base!r})"
+
+    def __str__(self) -> str:
+        title, rows, notes = self._sheet()
+        return "\n".join((title, *aligned(rows, {4, 5, 6, 7, 8}), *notes))
+
+    def _sheet(self) -> Sheet:
+        joints = self.tree.joints
+        rows: list[tuple[str, ...]] = [_HEADINGS]
+        for joint in joints:
+            leader = "" if joint.mimic is None else joints[joint.mimic.leader - 1].name
+            carrier = "base" if joint.parent == 0 else joints[joint.parent - 1].name
+            limits = (*joint.position_limits, joint.rate_limit, joint.effort_limit)
+            shown = ("" if np.isinf(limit) else cell(limit) for limit in limits)
+            axis = " ".join(f"{round(component, 3) + 0.0:g}" for component in joint.n.tolist())
+            rows.append((joint.name, joint.kind, carrier, axis, *shown, cell(joint.body.mass), leader))
+        title = f"{self.name}: {self.dof} degrees of freedom, {len(self.links)} links, {self.base} base"
+        return Sheet(title, rows, self.tree.notes)
+
+
+def _mechanism(kind: type[Mechanism], tree: Tree, base: str) -> Mechanism:
+    made = object.__new__(kind)
+    made._set(tree, base)
+    return made
