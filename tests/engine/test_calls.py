@@ -296,3 +296,12 @@ def test_a_kernel_that_llvm_refuses_leaves_the_others_alone(monkeypatch):
         one.compile()  # warns once
         np.testing.assert_allclose(one.run(values, shapes).y, expected(*given)[0], rtol=1e-14, atol=1e-14)
     assert Call(other, GIVEN, CONSTANTS, Product, backend="compiled").quick(*given) is not None
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+@pytest.mark.parametrize("lead", [(), (4,), (2, 2)], ids=str)
+def test_results_that_nobody_holds_can_be_written_to(lead, backend):
+    one, values = call(backend), dict(zip(GIVEN, arrays([lead] * 3), strict=True))
+    for array in one.run(values, dict.fromkeys(GIVEN, lead)).writable_arrays().values():
+        array[...] = 3.0
+        assert (array == 3).all()

@@ -1,6 +1,22 @@
-"""The engine: functions of scalars, run over one sample or millions of them.
+"""The engine: functions of scalars, run over one sample or millions of them. It knows nothing of hinges.
 
-`loops` runs a function over arrays: it is traced once for each pattern of inputs (`trace`, `binding`), and then runs
-as Python and NumPy (`python_source`) or as machine code (`llvm_ir`, `native`; `array_heads` takes Python's arrays),
-as `backend` chooses. Knows nothing of hinges. Imports numeric.
+Write a function of values by name, in plain arithmetic and the functions of `trace`; a vector is the tuple of its
+components. A `Loop` runs it over arrays, a `Call` is a loop whose constants are known, ready for many calls:
+
+>>> import numpy as np
+>>> from hingepair.engine.calls import Call
+>>> from hingepair.engine.loops import Loop
+>>> from hingepair.engine.results import Results
+>>> def drag(v):
+...     x, y = v["v"]
+...     return {"force": tuple(-v["k"] * (x * x + y * y) * c for c in v["v"])}
+>>> loop = Loop("drag", drag, inputs={"v": (2,), "k": ()}, outputs={"force": (2,)})
+>>> call = Call(loop, given={"v": (2,)}, constants={"k": 0.5}, result=Results)
+>>> call.run({"v": np.ones((3, 2))}, shapes={"v": (3,)})["force"][0]
+array([-1., -1.])
+
+The function is traced (`trace`) once for each pattern of inputs (`binding`): numbers that are known to be 0, 1 or -1
+fold away, and what no output needs is left out. What is left runs as Python for one state, as NumPy in blocks
+(`python_source`), or as machine code of eight samples at a time (`llvm_ir`, `native`), as `backend` chooses.
+`array_heads` is the machine code by which calls read NumPy's arrays. Imports numeric.
 """

@@ -11,8 +11,10 @@ goes the general way, `Loop.run`.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import CodeType
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
@@ -95,17 +97,19 @@ class Call:
         self._max_samples = _MAX_QUICK_BYTES // (8 * size)
         self._into: Callable[..., bool | int] | None = None
         self._check: Call | None = None
-        self.quick: Callable[..., Any] = self._uncompiled
-        if shape != ():
-            self.quick = _unsupported
-        elif backend == "compiled":
+        tails = [*self.given.values(), *(tail for _, tail in loop.outputs)]
+        self._readable = shape == () and known_heads() and all(len(tail) <= MAX_RANK for tail in tails)
+        self.quick: Callable[..., Any] = _unsupported
+        if backend == "compiled":
             self._use(self.program.kernel(self._key))
+        elif shape == ():
+            self.quick = self._python_call()
 
     # ---- the quick way
 
     def compile(self) -> None:
         """Compile now; where that is not possible, warn once and compute with NumPy."""
-        kernel = self.program.kernel_if_compiled(self._key) if self._shape == () else None
+        kernel = self.program.kernel_if_compiled(self._key)
         if kernel is not None:
             self._use(kernel)
 
@@ -121,12 +125,10 @@ class Call:
 
     def _use(self, kernel: Kernel) -> None:
         """Let the quick way be machine code, where the interpreter and the shapes allow it."""
+        if not self._readable:
+            return
         from hingepair.engine.native import array_call
 
-        tails = [*self.given.values(), *(tail for _, tail in self.loop.outputs)]
-        if not known_heads() or any(len(tail) > MAX_RANK for tail in tails):
-            self.quick = _unsupported if self._backend == "compiled" else self.quick
-            return
         places = {name: place for place, name in enumerate(n for n, _ in self.loop.inputs if n in self.given)}
         layout = call_layout(
             [(tail, places.get(name, -1)) for name, tail in self.given.items()],
@@ -136,79 +138,86 @@ class Call:
             long_call=-(-_LONG_CALL_OPERATIONS // max(self.program.operations, 1)),
         )
         self._into = array_call(kernel, layout)
-        self.quick = self._generated(self._into)
+        self.quick = self._machine_call(self._into)
 
-    def _generated(self, run: Callable[..., bool | int]) -> Callable[..., Any]:
-        """Return the quick way as generated code: without loops over the outputs, which cost more than the kernel."""
+    def _machine_call(self, run: Callable[..., bool | int]) -> Callable[..., Any]:
+        """Return the quick way through machine code: of one state, which hands batches on."""
         outs = [f"out{k}" for k in range(len(self.loop.outputs))]
         arguments = ", ".join(f"in{k}" for k in range(len(self.given)))
-        visible = [out for out, (name, _) in zip(outs, self.loop.outputs, strict=True) if name in self.outputs]
-        scope: dict[str, Any] = {
-            "run": run, "empty": np.empty, "constants": self._constant_array, "new": self.result.__new__,
-            "Result": self.result, "set_content": Results.__dict__["_content"].__set__, "names": self.outputs,
-            "refuse": self._refused, "limit_samples": self._max_samples,
-        }  # fmt: skip
         source = []
-        for batch in (True, False):
-            length = "samples, " if batch else ""
-            source += [f"def {'many' if batch else 'one'}({length}{arguments}):"]
+        for length in ("samples, ", ""):
+            source += [f"def {'many' if length else 'one'}({length}{arguments}):"]
             for out, (_, tail) in zip(outs, self.loop.outputs, strict=True):
                 source += [f"    {out} = empty(({length}{''.join(f'{n}, ' for n in tail)}))"]
             source += [f"    ran = run({arguments}, {', '.join(outs)}, constants, True)", "    if ran is not True:"]
-            if batch:
+            if length:
                 source += ["        return None"]
             else:
-                source += [f"        return many(ran, {arguments}) if 0 < ran <= limit_samples else None"]
-            for out, (name, tail) in zip(outs, self.loop.outputs, strict=True):
-                if name in self._limits:
-                    largest = f"({out} > {self._limits[name][8]!r}).any()"
-                    passed = largest if batch or tail else f"{out}.item() > {self._limits[name][8]!r}"
-                    source += [f"    if {passed}:", f"        refuse({arguments})"]
-                elif tail == () and not batch:
-                    source += [f"    {out} = {out}[()]"]
-            source += [
-                "    result = new(Result)",
-                f"    set_content(result, (names, ({''.join(f'{out}, ' for out in visible)}), ({length})))",
-            ]
-            for out, name in zip(visible, self.outputs, strict=True):
-                if name in self.result.__slots__:
-                    scope[f"set_{name}"] = self.result.__dict__[name].__set__
-                    source += [f"    set_{name}(result, {out})"]
-            source += ["    return result"]
-        exec("\n".join(source), scope)
-        made: Callable[..., Any] = scope["one"]
+                source += [f"        return many(ran, {arguments}) if 0 < ran <= max_samples else None"]
+                scalars = (out for out, (_, tail) in zip(outs, self.loop.outputs, strict=True) if tail == ())
+                source += [f"    {out} = {out}[()]" for out in scalars]
+            source += self._result_lines(arguments, length)
+        return self._compiled_source(source, "one", run=run)
+
+    def _python_call(self) -> Callable[..., Any]:
+        """Return the quick way through the generated Python function, for one state until a kernel pays."""
+        arguments = ", ".join(f"in{k}" for k in range(len(self.given)))
+        source = [f"def one({arguments}):"]
+        numbers: dict[int, str] = {}
+        for k, tail in enumerate(self.given.values()):
+            unfit = f"type(in{k}) is not ndarray or in{k}.dtype is not float64 or in{k}.shape != {tail}"
+            source += [f"    if {unfit}:"]
+            source += [f"        if type(in{k}) is not float:", "            return None"] if tail == () else []
+            source += [f"        in{k} = array(in{k})" if tail == () else "        return None"]
+            numbers[k] = f"in{k}.item()" if tail == () else f"*in{k}{'.ravel()' if len(tail) > 1 else ''}.tolist()"
+        if self._backend == "auto" and self._readable:
+            source += ["    if pays(key, 0) is not None:", f"        return switch({arguments})"]
+        taken = ", ".join(numbers[place] for place in self._places)
+        source += [
+            f"    components = array(program.floats_function(*numbers, {taken}))",
+            "    components.setflags(write=False)",
+        ]
+        begin = 0
+        for k, (_, tail) in enumerate(self.loop.outputs):
+            end = begin + math.prod(tail)
+            part = f"[{begin}:{end}]" + (f".reshape({tail})" if len(tail) > 1 else "")
+            source += [f"    out{k} = components{part if tail else f'[{begin}]'}"]
+            begin = end
+        source += self._result_lines(arguments, "")
+        return self._compiled_source(source, "one", program=self.program, numbers=self._numbers)
+
+    def _result_lines(self, arguments: str, length: str) -> list[str]:
+        """Return the lines that check the limits and put the outputs into a result: no loop, which costs too much."""
+        named = [(f"out{k}", name) for k, (name, _) in enumerate(self.loop.outputs)]
+        source = []
+        for out, name in named:
+            if name in self._limits:
+                passed = f"{out} > {self._limits[name][8]!r}"
+                source += [f"    if ({passed}).any():", f"        refuse({arguments})"]
+        visible = [(out, name) for out, name in named if name in self.outputs]
+        values = "".join(f"{out}, " for out, _ in visible)
+        source += ["    result = new(Result)", f"    set_content(result, (names, ({values}), ({length})))"]
+        slots = self.result.__slots__
+        source += [f"    set_{name}(result, {out})" for out, name in visible if name in slots]
+        return [*source, "    return result"]
+
+    def _compiled_source(self, source: list[str], name: str, **more: Any) -> Callable[..., Any]:
+        slots = {f"set_{n}": self.result.__dict__[n].__set__ for n in self.outputs if n in self.result.__slots__}
+        scope: dict[str, Any] = {
+            "empty": np.empty, "array": np.array, "ndarray": np.ndarray, "float64": _FLOAT64,
+            "constants": self._constant_array, "new": self.result.__new__, "Result": self.result,
+            "set_content": Results.__dict__["_content"].__set__, "names": self.outputs, "refuse": self._refused,
+            "max_samples": self._max_samples, "pays": self.program.kernel_if_paid, "key": self._key,
+            "switch": self._switch, **slots, **more,
+        }  # fmt: skip
+        exec(_code("\n".join(source)), scope)
+        made: Callable[..., Any] = scope[name]
         return made
 
-    def _uncompiled(self, *given: Any) -> Any:
-        """Return the results of one state by the generated Python function; go over to a kernel once it pays."""
-        for value, tail in zip(given, self.given.values(), strict=True):
-            if type(value) is np.ndarray:
-                if value.dtype is not _FLOAT64 or value.shape != tail:
-                    return None
-            elif type(value) is not float or tail:
-                return None
-        if self._backend == "auto":
-            kernel = self.program.kernel_if_paid(self._key, 0)
-            if kernel is not None:
-                self._use(kernel)
-                if self.quick != self._uncompiled:
-                    return self.quick(*given)
-        numbers = list(self._numbers)
-        for place in self._places:
-            value = given[place]
-            if type(value) is float:
-                numbers.append(value)
-            else:
-                numbers += value.ravel().tolist()
-        components = np.array(self.program.floats_function(*numbers))
-        components.flags.writeable = False
-        arrays, begin = {}, 0
-        for name, tail in self.loop.outputs:
-            end = begin + math.prod(tail)
-            arrays[name] = components[begin:end].reshape(tail)
-            begin = end
-        self._check_limits(arrays, lambda: dict(zip(self.given, given, strict=True)))
-        return self.result({name: arrays[name] for name in self.outputs}, ())
+    def _switch(self, *given: Any) -> Any:
+        """Go over to the kernel, which pays now, and return its results."""
+        self._use(self.program.kernel(self._key))
+        return self.quick(*given)
 
     # ---- any arguments
 
@@ -261,7 +270,7 @@ class Call:
             return None
         quick: Callable[[], Any] = lambda: self.quick(*given) if out is None else self.write(given, out)  # noqa: E731
         result = quick()
-        if result is None and self.quick == self._uncompiled and self._backend == "auto":
+        if result is None and self._into is None and self._readable and self._backend == "auto":
             samples = math.prod(broadcast_shape(shapes))
             if 0 < samples <= self._max_samples:
                 kernel = self.program.kernel_if_paid(self._key, samples)
@@ -323,6 +332,12 @@ class Call:
     def _refused(self, *given: Any) -> None:
         if self._refuse is not None:
             self._refuse(dict(zip(self.given, given, strict=True)))
+
+
+@functools.lru_cache(maxsize=512)
+def _code(source: str) -> CodeType:
+    """Return the code of a source; calls of the same form share it."""
+    return compile(source, "<hingepair: call>", "exec")
 
 
 def _is_row(value: Any) -> bool:

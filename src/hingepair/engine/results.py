@@ -49,7 +49,7 @@ class Results(Shown):
             for part in (getattr(array, "base", None), array):
                 if isinstance(part, np.ndarray):
                     part.flags.writeable = True
-        return dict(zip(names, arrays, strict=True))
+        return {name: np.array(a) if isinstance(a, np.generic) else a for name, a in zip(names, arrays, strict=True)}
 
     def __getitem__(self, name: str) -> FloatArray:
         """Return an output by its name; an output that is no attribute of this class is found here.
