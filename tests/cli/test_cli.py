@@ -440,9 +440,9 @@ def test_the_frames_of_a_hinge_are_links_that_are_named() -> None:
     foot = hp.from_urdf(robot_urdf("go1"), "FL_calf_joint", body2_frame="FL_foot")
     text = invoke("mjcf", "go1", "FL_calf_joint", "--body2-frame", "FL_foot")
     assert text == hp.to_mjcf(replace(foot, name="go1/FL_calf_joint"))
-    assert "body2_frame: expected a link rigidly fixed to" in invoke("mjcf", file, "hinge", "--body2-frame", "arm")
+    assert "--body2-frame: expected a link rigidly fixed to" in invoke("mjcf", file, "hinge", "--body2-frame", "arm")
     for command in ("derive", "urdf"):
-        assert "--body2-frame: expected none without JOINT" in invoke(command, REFERENCE, *frames)
+        assert "--body1-frame and --body2-frame need a JOINT" in invoke(command, REFERENCE, *frames)
 
 
 def test_a_robots_hinge_is_exported_by_name_or_from_a_urdf() -> None:

@@ -9,6 +9,8 @@ import pytest
 
 import hingepair as hp
 from hingepair.errors import shorten
+from hingepair.numeric.arrays import columns_by_name
+from support.sampled import RATES, SECOND, moving, scene_of
 from support.states import generator
 
 NAMES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
@@ -25,6 +27,9 @@ class Table:
 
     def to_numpy(self):
         return self.values
+
+    def __getitem__(self, column):
+        return Table([column], self.values[:, self.columns.index(column)])
 
     def __array__(self, dtype=None, copy=None):
         return self.values
@@ -50,11 +55,51 @@ def test_columns_of_a_table_go_by_their_names(rate, acceleration):
 
 @pytest.mark.parametrize(
     "columns",
-    [("X", *NAMES[1:]), NAMES[1:], (*NAMES, "t"), ("x", *NAMES[:-1]), range(7), [f"{name}_dot" for name in NAMES]],
+    [("X", *NAMES[1:]), NAMES[1:], (*NAMES, "T"), ("x", *NAMES[:-1]), range(7), [f"{name}_dot" for name in NAMES]],
 )
 def test_columns_of_other_names_are_refused(columns):
     table = Table(list(columns), np.zeros((5, len(columns))))
     with pytest.raises(hp.ArgumentError, match=r"^q: expected the columns x, y, z, phi_x, .* got the columns "):
+        PAIR.forward_kinematics(table)
+
+
+def test_a_log_of_the_library_is_coordinates_and_rates_at_once(tmp_path):
+    """Its own columns, t and those of other derivatives among them, without a copy of any."""
+    import pandas
+
+    columns = moving(40)
+    scene = scene_of(tmp_path, columns)
+    log = pandas.read_csv(scene.evaluate(("q", "qd", "qdd")).save(tmp_path / "kept.csv"))
+    assert list(log.columns) == ["t", *NAMES, *RATES, *SECOND]
+    found = scene.pair.forward_kinematics(log, log, log)
+    for output, array in scene.evaluate().state.arrays().items():
+        np.testing.assert_allclose(found[output], array, rtol=0, atol=1e-13 * (1 + np.abs(array).max()))
+    for given in (log[[*RATES]], log[["t", *RATES]], log[[*reversed(RATES)]]):
+        velocity = scene.pair.forward_kinematics(log[[*NAMES, "t"]], given)
+        np.testing.assert_array_equal(velocity.v2, found.v2)
+    frame = pandas.DataFrame({name: column for name, column in columns.items() if name != "t"})
+    taken = columns_by_name("q", frame, [NAMES], {*RATES, *SECOND})
+    assert all(np.shares_memory(array, frame[name].to_numpy()) for name, array in taken.items())
+
+
+@pytest.mark.parametrize(
+    "columns", [NAMES, ("t", *NAMES), (*NAMES, "psid"), (*NAMES, *RATES[1:])], ids=["", "t", "psid", "some rates"]
+)
+def test_positions_are_not_taken_for_rates(columns):
+    """Columns x, y, z, ... are rates only where a table has nothing else: then they can be nothing else."""
+    table = Table(list(columns), np.ones((5, len(columns))))
+    if columns == NAMES:
+        PAIR.forward_kinematics(np.zeros((5, 7)), table)
+        return
+    with pytest.raises(hp.ArgumentError, match=r"^qd: expected the columns v1_x, .*psid or x_dot, .* got "):
+        PAIR.forward_kinematics(np.zeros((5, 7)), table)
+
+
+def test_columns_that_are_no_numbers_are_named():
+    import pandas
+
+    table = pandas.DataFrame({name: ["1", "2"] if name == "psi" else [1.0, 2.0] for name in NAMES})
+    with pytest.raises(hp.DtypeError, match=r"^q\['psi'\]: expected real numbers"):
         PAIR.forward_kinematics(table)
 
 

@@ -213,8 +213,8 @@ FAULTS = {
     ),
     "a table's columns by position": Fault(
         "numeric/arrays.py",
-        "[found.index(one) for one in wanted]",
-        "list(range(len(wanted)))",
+        "table.columns[names.index(column)]",
+        "table.columns[family.index(column)]",
         "numeric/test_arrays.py::test_columns_of_a_table_go_by_their_names[-]",
     ),
     "weights of a derivative in the wrong place": Fault(
@@ -763,7 +763,7 @@ FAULTS = {
         "scenes/test_long_scenes.py::test_pieces_are_the_whole_to_the_bit[reference_2d]",
     ),
     "rates of angles in the wrong columns": Fault(
-        "scenes/known_motion.py",
+        "plans/steps.py",
         '"phidd_x", "phidd_y", "phidd_z"',
         '"phidd_y", "phidd_x", "phidd_z"',
         "scenes/test_long_scenes.py::test_coordinates_in_a_file_are_a_log_of_the_motion",

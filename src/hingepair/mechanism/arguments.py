@@ -97,11 +97,10 @@ def _read_coordinates(
 ) -> tuple[Any, tuple[int, ...]]:
     """Return coordinates as programs take them, and the shape of their samples."""
     if is_table(value):
-        endings = {"qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}.get(name, ())
-        meaning = {f"{joint}{ending}": joint for ending in endings for joint in names} | dict(
-            zip(names, names, strict=True)
-        )
-        value = columns_by_name(name, value, meaning, names)
+        endings = {"qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}.get(name, ("",))
+        families = [tuple(f"{joint}{ending}" for joint in names) for ending in endings]
+        columns = columns_by_name(name, value, families, alone=names)
+        value = dict(zip(names, columns.values(), strict=True))
     if isinstance(value, Mapping):
         return _read_by_joint(name, value, names)
     if library is not None and is_foreign(value):

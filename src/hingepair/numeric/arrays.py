@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, TypeAlias, TypeGuard
 
@@ -45,11 +45,12 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
 
 
 def vectors(name: str, value: ArrayLike, *tail: int) -> NDArray[Any]:
-    """The value as an array of shape (..., *tail); of a table, the columns whose names end in x, y, z."""
+    """Return the value as an array of shape (..., *tail); of a table, the columns whose names end in x, y, z."""
     if is_table(value) and len(tail) == 1:
         letters = name.removeprefix("quat_") if tail == (4,) else "xyz"[: tail[0]]
-        meaning = {column: column[-1:] for column in map(str, value.columns)}
-        value = columns_by_name(name, value, meaning, tuple(letters))
+        endings = {column[-1:]: column for column in map(str, value.columns)}
+        columns = columns_by_name(name, value, [tuple(endings.get(letter, letter) for letter in letters)])
+        value = np.stack([*columns.values()], axis=-1)
     array = real_array(name, value)
     if array.ndim < len(tail) or array.shape[array.ndim - len(tail) :] != tail:
         raise ShapeError(name, f"shape (..., {', '.join(map(str, tail))})", f"shape {array.shape}")
@@ -61,25 +62,37 @@ def is_table(value: object) -> TypeGuard[Any]:
     return hasattr(value, "columns") and hasattr(value, "to_numpy")
 
 
-def columns_by_name(name: str, table: Any, meaning: Mapping[str, str], wanted: tuple[str, ...]) -> NDArray[Any]:
-    """The columns of a table in the order wanted, whatever order they stand in.
+def columns_by_name(
+    name: str,
+    table: Any,
+    families: Sequence[tuple[str, ...]],
+    others: Collection[str] = (),
+    alone: tuple[str, ...] = (),
+) -> dict[str, NDArray[Any]]:
+    """Return columns of a table by name, in the order of their family, whatever order they have in the table.
+
+    No column is copied where the table holds its columns one by one.
 
     Args:
-        name: of the argument.
+        name: of the argument, for messages.
         table: a data frame.
-        meaning: what a column of a name is.
-        wanted: what is needed, each once and nothing else.
+        families: the names of the columns that are needed; the first family that the table has is taken.
+        others: names of columns that may be there as well, beside t and those of the other families.
+        alone: a last family, of names that are other things elsewhere; taken where the table has nothing else.
 
     Raises:
-        ArgumentError: a column is missing, there twice, or means nothing here.
+        ArgumentError: no family is complete, a name comes twice, or a column has another name.
     """
     names = [str(column) for column in table.columns]
-    found = [meaning.get(column, column) for column in names]
-    if sorted(found) != sorted(wanted):
-        expected = f"the columns {', '.join(wanted)}, in any order (without names: .to_numpy())"
+    known = {"t", *others}.union(*families)
+    family = next((family for family in families if set(family) <= set(names)), None)
+    if family is None and set(alone) == set(names):
+        family, known = alone, set(alone)
+    if family is None or len(set(names)) < len(names) or not known.issuperset(names):
+        wanted = " or ".join(", ".join(family) for family in families)
+        expected = f"the columns {wanted}, in any order (without names: .to_numpy())"
         raise ArgumentError(name, expected, f"the columns {', '.join(names)}")
-    array: NDArray[Any] = np.asarray(table.to_numpy())
-    return array[:, [found.index(one) for one in wanted]]
+    return {column: np.asarray(table[table.columns[names.index(column)]].to_numpy()) for column in family}
 
 
 def constant(name: str, value: ArrayLike, *tail: int) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import call_of, compute, evaluate_foreign
 from hingepair.plans.plan import SPATIAL, Kind, Plan, check_outputs, default_outputs, make_plan
+from hingepair.plans.steps import COLUMN_NAMES
 from hingepair.rotations.sequences import find_sequence
 
 Rows: TypeAlias = ArrayLike | tuple[Any, ...]
@@ -82,9 +83,11 @@ def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | 
             raise ShapeError(name, expected, f"{count} sequences of {count} numbers, which could be either")
         return tuple(component(f"{name}[{i}]", part) for i, part in enumerate(value))
     if is_table(value):
-        endings = {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name]
-        meaning = {f"{one}{ending}": one for one in names for ending in ("", *endings)}
-        value = columns_by_name(name, value, meaning, names)
+        own, endings = COLUMN_NAMES[names], {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name]
+        families = [own[name], *(tuple(f"{one}{ending}" for one in names) for ending in endings)]
+        others = {column for family in own.values() for column in family}
+        columns = columns_by_name(name, value, families, others, alone=names)
+        return tuple(component(f"{name}[{column!r}]", array) for column, array in columns.items())
     try:
         return vectors(name, value, count)
     except ShapeError as error:

@@ -29,6 +29,19 @@ PARTS = {"q": ("R1", "phi", "psi"), "qd": ("v1", "phid", "psid"), "qdd": ("a1", 
 PLANAR_COORDINATES = ("x", "y", "phi", "psi")
 PLANAR_PARTS = {"q": ("R1", "phi1", "psi"), "qd": ("v1", "phi1d", "psid"), "qdd": ("a1", "phi1dd", "psidd")}
 """The coordinates and their derivatives, and what a plan calls their parts: position, angles, hinge angle."""
+COLUMN_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
+    COORDINATES: {
+        "q": COORDINATES,
+        "qd": ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid"),
+        "qdd": ("a1_x", "a1_y", "a1_z", "phidd_x", "phidd_y", "phidd_z", "psidd"),
+    },
+    PLANAR_COORDINATES: {
+        "q": PLANAR_COORDINATES,
+        "qd": ("v1_x", "v1_y", "phid", "psid"),
+        "qdd": ("a1_x", "a1_y", "phidd", "psidd"),
+    },
+}
+"""Names of the columns, in files and data frames, that hold the coordinates and their derivatives."""
 
 ROW_STEPS = tuple(
     Step(part, operator.itemgetter(place), (name,))

@@ -17,7 +17,7 @@ from hingepair.pair.accuracy import euler_rate_sizes, given_rate_sizes
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.steps import COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_ROW_STEPS, ROW_STEPS
+from hingepair.plans.steps import COLUMN_NAMES, COORDINATES, PARTS, PLANAR_COORDINATES, PLANAR_ROW_STEPS, ROW_STEPS
 from hingepair.rotations.matrices import matrix_to_quaternion, rotation_exp
 from hingepair.scenes.instants import Rows
 
@@ -25,14 +25,6 @@ if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
-SPATIAL_NAMES = (
-    COORDINATES,
-    ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid"),
-    ("a1_x", "a1_y", "a1_z", "phidd_x", "phidd_y", "phidd_z", "psidd"),
-)
-"""What the coordinates and their derivatives are called in files: as in a log of motion."""
-PLANAR_NAMES = (PLANAR_COORDINATES, ("v1_x", "v1_y", "phid", "psid"), ("a1_x", "a1_y", "phidd", "psidd"))
-"""The same in the plane."""
 _PARTS = (("R1", "S1", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
 """A motion by that of body 1 and the hinge angle, and its derivatives."""
 _BODIES = ("R1", "S1", "R2", "S2", "omega1", "omega2")
@@ -73,7 +65,7 @@ class ByCoordinates:
 
     def logged(self, order: int) -> dict[str, Float64Array]:
         """Return the coordinates, or their derivatives of an order that is known, by the names that a log has."""
-        names = (SPATIAL_NAMES if self.sequence else PLANAR_NAMES)[order]
+        names = tuple(COLUMN_NAMES[self._names].values())[order]
         return {name: self._column(order, i) for i, name in enumerate(names)}
 
     def part(self, rows: Rows, order: int) -> ByCoordinates:
@@ -103,8 +95,7 @@ class ByCoordinates:
     def constant(self) -> frozenset[str]:
         """Which coordinates, and which inputs of a plan, do not depend on t."""
         given = dict(zip(PARTS, self.derivatives, strict=False))
-        names = SPATIAL_NAMES[0] if self.sequence else PLANAR_NAMES[0]
-        values = dict(zip(names, self.derivatives[0], strict=True))
+        values = dict(zip(self._names, self.derivatives[0], strict=True))
         for part, take, (name,) in ROW_STEPS if self.sequence else PLANAR_ROW_STEPS:
             if name in given:
                 values[part] = take(given[name])
@@ -135,6 +126,10 @@ class ByCoordinates:
             found |= {"omega1": body1.omega, "omega2": np.concatenate((zero, zero, a["omega2"][:, None]), axis=-1)}
             found |= {"psid": self._column(1, -1), "W1": np.abs(self._column(1, 2))}
         return found
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return COORDINATES if self.sequence else PLANAR_COORDINATES
 
     def _column(self, order: int, i: int) -> Float64Array:
         return np.broadcast_to(np.asarray(self.derivatives[order][i], dtype=np.float64), (self.count,))

@@ -14,8 +14,9 @@ import numpy as np
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.finite_differences import differentiate, local_fit_residuals
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.plans.steps import COLUMN_NAMES, COORDINATES
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
-from hingepair.scenes.known_motion import SPATIAL_NAMES, ByBody1, ByCoordinates, KnownMotion
+from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion
 
 _OF_BODY1: Final = (("psi", "psid", "psidd"), ("R1", "v1", "a1"), ("S1", "omega1", "alpha1"))
 """A motion by that of body 1: what a log has samples of, its rate, and the rate of that."""
@@ -45,7 +46,9 @@ class LogNoise:
 
     def _to_coordinates(self, known: ByCoordinates) -> ByCoordinates:
         columns = []
-        for names, *own in zip(zip(*SPATIAL_NAMES, strict=True), *known.derivatives, strict=True):
+        for names, *own in zip(
+            zip(*COLUMN_NAMES[COORDINATES].values(), strict=True), *known.derivatives, strict=True
+        ):
             values = [np.broadcast_to(np.asarray(value, np.float64), self._t.shape)[:, None] for value in own]
             columns.append([value + noise[:, 0] for value, noise in zip(own, self._of(names, values), strict=True)])
         return ByCoordinates(known.count, tuple(zip(*columns, strict=True)), known.sequence)

@@ -25,11 +25,12 @@ from hingepair.numeric.suspicions import angle_suspicions, instant_suspicions
 from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.evaluate import AUTO
 from hingepair.plans.plan import PLANAR, SPATIAL
+from hingepair.plans.steps import COLUMN_NAMES, COORDINATES
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.integrated_motion import START, integrated
-from hingepair.scenes.known_motion import SPATIAL_NAMES, ByCoordinates, by_body1
+from hingepair.scenes.known_motion import ByCoordinates, by_body1
 from hingepair.scenes.motion import Given, Motion, turns_about
 from hingepair.scenes.tables import Place, Table
 
@@ -41,7 +42,7 @@ ARRAYS: Final[dict[str, tuple[str, ...]]] = {
     "quat_xyzw": ("qx", "qy", "qz", "qw"),
     "quat_wxyz": ("qw", "qx", "qy", "qz"),
     **{v: (f"{v}_x", f"{v}_y", f"{v}_z") for v in ("phi", "phid", "phidd", "v1", "a1", "omega1", "alpha1")},
-    **dict(zip(("q", "qd", "qdd"), SPATIAL_NAMES, strict=True)),
+    **COLUMN_NAMES[COORDINATES],
 }
 """Array -> its columns."""
 COLUMNS: Final = tuple(dict.fromkeys(("t", *(column for own in ARRAYS.values() for column in own))))
