@@ -256,6 +256,48 @@ def test_kinks_take_their_derivatives_from_the_right(text: str) -> None:
         np.testing.assert_array_equal(np.broadcast_to(found[0], 4).round(12), np.broadcast_to(expected, 4))
 
 
+CONDITIONS = (
+    *("t < 1", "not t <= 1", "not not t < 1", "0 < t <= 2", "step(t - 1) > 0.5", "where(t < 1, 2, 0) <= 1"),
+    *("t <= 1", "t > 1", "1 <= t", "not (0 <= t < 2)", "not step(t) + t >= 2", "t < 2 and t >= 0"),
+    *("t < 0 or not t <= 2", "1 < 2", "not 1 <= 1"),
+)
+FEW = 6  # of them, in the fast loop
+JOINED = ("({0}) and ({1})", "({0}) or not ({1})", "not (({0}) or ({1}))", "not (not ({0}) and ({1}))")
+KINKS = np.array([-1.0, 0.0, 0.5, 1.0, 1.5, 2.0, 3.0])
+
+
+def holds(condition: str, t: float) -> bool:
+    """A condition, evaluated by Python."""
+    names = {"where": lambda holds, x, y: x if holds else y, "step": lambda x: int(x >= 0), "t": t}
+    return bool(eval(condition, names))
+
+
+@pytest.mark.parametrize("form", JOINED)
+@pytest.mark.parametrize("count", [FEW, pytest.param(len(CONDITIONS), marks=pytest.mark.slow)])
+def test_conditions_in_pairs_hold_where_they_do_in_python(form: str, count: int) -> None:
+    """At t; and just after t for the derivatives."""
+    conditions = [form.format(a, b) for a in CONDITIONS[:count] for b in CONDITIONS[:count]]
+    expressions = [parse("x", f"where({condition}, 2*t, 3*t + t**2)") for condition in conditions]
+    for k, rows in enumerate(TimeFunctions(expressions).derivatives(KINKS)):
+        for condition, row in zip(conditions, rows, strict=True):
+            known = [holds(condition, t + (k > 0) * 1e-6) for t in KINKS.tolist()]
+            there, elsewhere = [(2 * KINKS, 3 * KINKS + KINKS**2), (2, 3 + 2 * KINKS), (0, 2)][k]
+            np.testing.assert_array_equal(row, np.where(known, there, elsewhere), condition)
+
+
+@pytest.mark.parametrize("count", [FEW, pytest.param(len(CONDITIONS), marks=pytest.mark.slow)])
+def test_choices_within_choices_are_those_of_python(count: int) -> None:
+    pairs = [(a, b) for a in CONDITIONS[:count] for b in CONDITIONS[:count]]
+    expressions = [parse("x", f"where({a}, where({b}, 2, 7), where({b}, t, step(t)))") for a, b in pairs]
+    values, first, second = TimeFunctions(expressions).derivatives(KINKS)
+    for pair, row, slope, bend in zip(pairs, values, first, second, strict=True):
+        a, b = ([holds(condition, t) for t in KINKS.tolist()] for condition in pair)
+        np.testing.assert_array_equal(row, np.where(a, np.where(b, 2, 7), np.where(b, KINKS, KINKS >= 0)), str(pair))
+        a, b = ([holds(condition, t + 1e-6) for t in KINKS.tolist()] for condition in pair)
+        np.testing.assert_array_equal(slope, np.where(a, 0, np.where(b, 1, 0)), str(pair))
+        np.testing.assert_array_equal(bend, 0 * KINKS, str(pair))
+
+
 def test_what_a_guard_does_not_know_is_nan() -> None:
     for text in ("where(sqrt(t) > 1, 1, 2)", "max(sqrt(t), 0)", "abs(log(t))", "mod(sqrt(t), 1)"):
         for (found,) in TimeFunctions([parse("x", text)]).derivatives(np.array([-1.0, 4.0])):

@@ -66,7 +66,7 @@ class BodyMotion(Frozen):
         shapes = {}
         for name, value in given.items():
             tail = (3, 3) if name == "S" else (3,)
-            array = None if value is None else _read(name, value, *tail)
+            array = None if value is None and name != "R" else _read(name, value, *tail)
             object.__setattr__(self, name, array)
             if array is not None:
                 shapes[name] = array.shape[: array.ndim - len(tail)]

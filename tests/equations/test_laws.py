@@ -1,0 +1,459 @@
+"""The equations against motions in sixty digits, whose rates are differences and whose bodies are clouds of points.
+
+Rotations are products of turns about one axis, which are exponentials; nothing here uses the equations' own formulas.
+"""
+
+from __future__ import annotations
+
+import mpmath
+import pytest
+from mpmath import mpf
+
+from hingepair.equations import constraints as con
+from hingepair.equations import derivatives as der
+from hingepair.equations import dynamics as dyn
+from hingepair.equations import spatial as eq
+
+STEP = mpf(10) ** -15
+SMALL = mpf(10) ** -24
+SEQUENCES = {"tait_bryan": (0, 1, 2), "proper_euler": (0, 1, 0)}
+
+
+@pytest.fixture(autouse=True)
+def _sixty_digits():
+    with mpmath.workdps(60):
+        yield
+
+
+def vector(seed, size=3):
+    """Numbers of order one, as tuples."""
+    return tuple(mpf((seed * 7919 + i * 104729) % 2003) / 1001 - 1 for i in range(1, size + 1))
+
+
+def matrix(entries, columns=3):
+    entries = list(entries)
+    return mpmath.matrix([entries[i : i + columns] for i in range(0, len(entries), columns)])
+
+
+def tuple_of(m):
+    return tuple(m[i, j] for i in range(m.rows) for j in range(m.cols))
+
+
+def hat(w):
+    return mpmath.matrix([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+
+
+def vee(W):
+    """The vector of the antisymmetric part."""
+    return (W[2, 1] - W[1, 2]) / 2, (W[0, 2] - W[2, 0]) / 2, (W[1, 0] - W[0, 1]) / 2
+
+
+def turn(axis, angle):
+    """The rotation about a unit axis; see `test_a_turn_is_an_exponential`."""
+    W = hat(axis)
+    return mpmath.eye(3) + mpmath.sin(angle) * W + (1 - mpmath.cos(angle)) * (W * W)
+
+
+def unit(n):
+    return tuple(part / mpmath.norm(n) for part in n)
+
+
+def at(parts, s):
+    """A polynomial motion: value, rate and second derivative at s = 0."""
+    return [x + v * s + a * s * s / 2 for x, v, a in zip(*parts, strict=True)]
+
+
+def rate(f, order=1):
+    """The derivative of a matrix or a number by s, at s = 0."""
+    if order == 1:
+        return (f(STEP) - f(-STEP)) / (2 * STEP)
+    return (f(STEP) - 2 * f(mpf(0)) + f(-STEP)) / STEP**2
+
+
+def column(v):
+    return mpmath.matrix(list(v))
+
+
+def same(got, expected):
+    got, expected = list(got), list(expected)
+    assert len(got) == len(expected)
+    for x, y in zip(got, expected, strict=True):
+        assert abs(x - y) <= SMALL * (1 + abs(y)), (mpmath.nstr(x, 12), mpmath.nstr(y, 12))
+
+
+class Body:
+    """A motion of one body: R and Euler angles as polynomials."""
+
+    def __init__(self, seed, kind="tait_bryan"):
+        self.points = [vector(seed), vector(seed + 1), vector(seed + 2)]
+        self.angles = [vector(seed + 3), vector(seed + 4), vector(seed + 5)]
+        self.kind = kind
+
+    def R(self, s=0):
+        return column(at(self.points, s))
+
+    def S(self, s=0):
+        found = mpmath.eye(3)
+        for axis, angle in zip(SEQUENCES[self.kind], at(self.angles, s), strict=True):
+            found *= turn([int(i == axis) for i in range(3)], angle)
+        return found
+
+    def omega(self, s=0):
+        return column(vee(rate(lambda h: self.S(s + h)) * self.S(s).T))
+
+    @property
+    def alpha(self):
+        return column(vee(rate(self.S, 2) * self.S().T))  # of S'' S^T = [alpha]x + [omega]x^2
+
+
+class Pair(Body):
+    """And a hinge with a second body."""
+
+    def __init__(self, kind="tait_bryan"):
+        super().__init__(11, kind)
+        self.u1, self.u2, self.n = vector(21), vector(22), unit(vector(23))
+        self.psi = [(mpf("0.7"),), (mpf("-1.3"),), (mpf("0.4"),)]
+        self.home = turn(unit(vector(24)), mpf(1))
+
+    def Sh(self, s=0, n=None):
+        return turn(self.n if n is None else unit(n), at(self.psi, s)[0])
+
+    def S2(self, s=0, n=None):
+        return self.S(s) * self.Sh(s, n) * self.home
+
+    def R2(self, s=0, n=None):
+        return self.R(s) + self.S(s) * column(self.u1) - self.S2(s, n) * column(self.u2)
+
+    def omega2(self, s=0, n=None):
+        return column(vee(rate(lambda h: self.S2(s + h, n)) * self.S2(s, n).T))
+
+
+@pytest.fixture(params=SEQUENCES)
+def pair(request):
+    return Pair(request.param)
+
+
+def trig(angles):
+    return tuple(f(angle) for angle in angles for f in (mpmath.sin, mpmath.cos))
+
+
+def hinge(pair):
+    (psi,) = pair.psi[0]
+    return mpmath.sin(psi), 1 - mpmath.cos(psi)
+
+
+def axes_of(pair):
+    return getattr(eq, f"{pair.kind}_axes")(trig(pair.angles[0]))
+
+
+def test_a_turn_is_an_exponential():
+    n = unit(vector(1))
+    same(tuple_of(turn(n, mpf(2))), tuple_of(mpmath.expm(2 * hat(n))))
+
+
+def test_attitudes(pair):
+    same(getattr(eq, f"{pair.kind}_attitude")(trig(pair.angles[0])), tuple_of(pair.S()))
+    same(eq.hinge_rotation(pair.n, hinge(pair)), tuple_of(pair.Sh()))
+    same(eq.attitude2(*(tuple_of(S) for S in (pair.S(), pair.Sh(), pair.home))), tuple_of(pair.S2()))
+    half = mpf("0.9")
+    quat = (mpmath.cos(half), *(part * mpmath.sin(half) for part in pair.n))
+    same(eq.quaternion_attitude(quat), tuple_of(turn(pair.n, 2 * half)))
+
+
+def test_rates_of_euler_angles(pair):
+    axes, (_, phid, phidd) = axes_of(pair), pair.angles
+    omega = tuple(pair.omega())
+    same(eq.angular_velocity1(axes, phid), omega)
+    same(eq.angular_acceleration1(axes, phid, phidd), pair.alpha)
+    columns = eq.euler_axes(axes)
+    same(eq.rotate(tuple_of(matrix(sum(columns, ())).T), phid), omega)
+
+    def axis(i):
+        """What a rate of one angle alone makes omega."""
+
+        def of(s):
+            one = Body(0, pair.kind)
+            one.angles = [at(pair.angles, s), [int(i == k) for k in range(3)], (0, 0, 0)]
+            return one.omega()
+
+        return of
+
+    for i, (turns, rates) in enumerate(zip(columns, eq.euler_axes_rates(axes, phid), strict=True)):
+        same(turns, axis(i)(mpf(0)))
+        same(rates, rate(axis(i)))
+    pivot = mpmath.cos(pair.angles[0][1]) if pair.kind == "tait_bryan" else -mpmath.sin(pair.angles[0][1])
+    same([eq.euler_rate_along(axes, omega)], [phid[2] * pivot])
+    same(eq.euler_rates1(axes, omega, phid[2]), phid)
+
+
+def levers(pair):
+    arm = tuple(pair.home * column(pair.u2))
+    around = eq.cross(pair.n, arm)
+    return arm, eq.cross(around, pair.n), around
+
+
+def test_body2(pair):
+    S1, (_, (psid,), (psidd,)) = tuple_of(pair.S()), pair.psi
+    arm, across, around = levers(pair)
+    swing = eq.swing(across, around, hinge(pair), eq.cosine(hinge(pair)))
+    d = eq.offset(S1, eq.along(pair.u1, arm, across), swing)
+    slide = eq.slide(S1, across, around, hinge(pair), eq.cosine(hinge(pair)))
+    omega1, alpha1, axis = tuple(pair.omega()), tuple(pair.alpha), eq.rotate(S1, pair.n)
+    same(eq.position2(tuple(pair.R()), d), pair.R2())
+    same(eq.velocity2(pair.points[1], omega1, d, slide, psid), rate(pair.R2))
+    same(eq.angular_velocity2(omega1, axis, psid), pair.omega2())
+    alpha2 = column(vee(rate(pair.S2, 2) * pair.S2().T))
+    same(eq.angular_acceleration2(alpha1, omega1, axis, psid, psidd), alpha2)
+    relative = eq.relative_acceleration(slide, eq.rotate(S1, swing), psid, psidd)
+    same(eq.acceleration2(pair.points[2], omega1, alpha1, d, slide, psid, relative), rate(pair.R2, 2))
+    r1, r2 = pair.S() * column(pair.u1), pair.S2() * column(pair.u2)
+    same(eq.point_acceleration(omega1, alpha1, tuple(r1)), rate(lambda s: pair.S(s) * column(pair.u1), 2))
+    same(eq.hinge_gap(pair.points[0], tuple(r1), vector(30), tuple(r2)), pair.R() + r1 - column(vector(30)) - r2)
+
+
+def test_matrices():
+    S, w = matrix(vector(41, 9)), vector(42)
+    same(eq.skew(w), tuple_of(hat(w)))
+    same(eq.unskew(tuple_of(S)), vee(S))
+    same(eq.rotate(tuple_of(S), w), S * column(w))
+    same(eq.transpose(tuple_of(S)), tuple_of(S.T))
+    same(eq.angular_velocity_of(tuple_of(S), vector(43, 9)), tuple_of(matrix(vector(43, 9)) * S.T))
+    product = S * S.T - mpmath.eye(3)
+    six = [product[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))]
+    same(eq.orthonormality(tuple_of(S)), [*six, mpmath.det(S)])
+    same(der.spun(w, tuple_of(S)), tuple_of(hat(w) * S))
+    same(der.negative(w), [-x for x in w])
+
+
+def test_jacobian_and_its_rate(pair):
+    def jacobian(s):
+        moved = Pair(pair.kind)
+        moved.angles = [at(pair.angles, s), vector(51), vector(52)]
+        moved.psi = [at(pair.psi, s), (0,), (0,)]
+        S, d = moved.S(), moved.R2() - moved.R()
+        turns = eq.euler_axes(axes_of(moved))
+        return matrix(
+            der.jacobian(turns, tuple(d), tuple(moved.S2() * column(pair.u2)), tuple(S * column(pair.n))), 7
+        )
+
+    velocities = column([*pair.points[1], *pair.angles[1], *pair.psi[1]])
+    same(jacobian(mpf(0)) * velocities, [*rate(pair.R2), *pair.omega2()])
+    axes, S2 = axes_of(pair), pair.S2()
+    r1, r2, d = (tuple(v) for v in (pair.S() * column(pair.u1), S2 * column(pair.u2), pair.R2() - pair.R()))
+    omega1, omega2 = tuple(pair.omega()), tuple(pair.omega2())
+    d_rate = der.difference_rate(omega1, r1, omega2, r2)
+    same(d_rate, rate(lambda s: pair.R2(s) - pair.R(s)))
+    spin = (omega1, omega2, tuple(pair.S() * column(pair.n)))
+    rates = der.jacobian_rate(eq.euler_axes(axes), eq.euler_axes_rates(axes, pair.angles[1]), (d, d_rate), r2, spin)
+    same(rates, tuple_of(rate(jacobian)))
+
+
+def test_derivatives_by_the_axis_and_by_psi():
+    pair = Pair()
+    S1, S2, (_, (psid,), _) = tuple_of(pair.S()), pair.S2(), pair.psi
+    r2, omega2 = tuple(S2 * column(pair.u2)), tuple(pair.omega2())
+    turns, spins = der.turns_by_n(S1, pair.n, hinge(pair)), der.spins_by_n(S1, pair.n, psid)
+    velocity = matrix(der.velocity_by_n(spins, turns, omega2, r2))
+    attitude, difference = (
+        matrix(der.attitude_by_turns(turns, tuple_of(S2))),
+        matrix(der.difference_by_turns(turns, r2)),
+    )
+    for i in range(3):
+
+        def shifted(h, i=i):
+            return [part + h * (i == k) for k, part in enumerate(pair.n)]
+
+        same(turns[i], vee(rate(lambda h: pair.S2(n=shifted(h))) * S2.T))
+        same(attitude[:, i], tuple_of(rate(lambda h: pair.S2(n=shifted(h)))))
+        same(difference[:, i], rate(lambda h: pair.R2(n=shifted(h))))
+        with mpmath.workdps(90):  # a difference of differences
+            same(spins[i], rate(lambda h: pair.omega2(n=shifted(h))))
+            same(velocity[:, i], rate(lambda h: rate(lambda s: pair.R2(s, n=shifted(h)))))
+
+    def speed(h):
+        moved = Pair()
+        moved.psi = [(pair.psi[0][0] + h,), pair.psi[1], pair.psi[2]]
+        return rate(moved.R2)
+
+    with mpmath.workdps(90):
+        same(der.velocity_by_psi(omega2, r2, eq.rotate(S1, pair.n)), rate(speed))
+
+
+class Free:
+    """Two bodies that move as they like, and the hinge's frame in both."""
+
+    def __init__(self):
+        self.one, self.two = Body(61), Body(71)
+        n = unit(vector(81))
+        e1 = unit(eq.cross(n, vector(82)))
+        self.frame = [column(e1), column(eq.cross(n, e1)), column(n)]
+        self.home = turn(unit(vector(83)), mpf(1))
+        self.u1, self.u2 = column(vector(84)), column(vector(85))
+
+    def frames(self, s=0):
+        ones = [tuple(self.one.S(s) * e) for e in self.frame]
+        return ones, [tuple(self.two.S(s) * self.home.T * e) for e in self.frame]
+
+    def gap(self, s=0):
+        return self.one.R(s) + self.one.S(s) * self.u1 - self.two.R(s) - self.two.S(s) * self.u2
+
+    def tilt(self, s=0):
+        (f1, f2, h1), (_, _, h2) = self.frames(s)
+        across = eq.cross(h1, h2)
+        return column([eq.dot(across, f1), eq.dot(across, f2)])
+
+    def psi(self, s=0):
+        """The twist of body 2 about the axis."""
+        (f1, f2, _), (g1, g2, _) = self.frames(s)
+        return mpmath.atan2(*con.hinge_turn((f1, f2), g1, g2))
+
+
+def test_residuals_of_two_motions_and_their_rates():
+    free = Free()
+    (f1, f2, h1), (_, _, h2) = free.frames()
+    omega = tuple(free.one.omega()), tuple(free.two.omega())
+    alpha = tuple(free.one.alpha), tuple(free.two.alpha)
+    spin, twist = con.relative_turn(*omega), con.relative_turn(*alpha)
+    same(spin, free.two.omega() - free.one.omega())
+    same(con.tilt(f1, f2, h2), free.tilt())
+    axes = con.tilt_axes(f1, f2, h2)
+    same(con.tilt_rate(axes, spin), rate(free.tilt))
+    bias = con.tilt_bias((f1, f2), h2, *omega, spin)
+    same(con.tilt_acceleration(axes, twist, bias), rate(free.tilt, 2))
+    r1, r2 = tuple(free.one.S() * free.u1), tuple(free.two.S() * free.u2)
+    v1, v2 = free.one.points[1], free.two.points[1]
+    same(con.gap_rate(v1, omega[0], r1, v2, omega[1], r2), rate(free.gap))
+    turned = [eq.point_acceleration(w, a, r) for w, a, r in zip(omega, alpha, (r1, r2), strict=True)]
+    a1, a2 = free.one.points[2], free.two.points[2]
+    same(con.gap_acceleration(a1, turned[0], a2, turned[1]), rate(free.gap, 2))
+    J = matrix(con.constraint_jacobian(r1, r2, axes), 12)
+    same(J * column([*v1, *omega[0], *v2, *omega[1]]), [*rate(free.gap), *rate(free.tilt)])
+    known = [*con.gap_bias(omega[0], r1, omega[1], r2), *bias]
+    same(J * column([*a1, *alpha[0], *a2, *alpha[1]]) + column(known), [*rate(free.gap, 2), *rate(free.tilt, 2)])
+    same(con.slip(*omega, h2, mpf(3)), free.two.omega() - free.one.omega() - 3 * column(h2))
+    top, bottom = con.hinge_rate(h1, h2, spin)
+    same([top / bottom], [rate(free.psi)])
+    top, bottom = con.hinge_acceleration((h1, h2), omega, spin, twist, rate(free.psi))
+    same([top / bottom], [rate(free.psi, 2)])
+
+
+def test_the_hinge_angle_of_two_attitudes():
+    pair, free = Pair(), Free()
+    n = tuple(free.frame[2])
+    (psi,) = pair.psi[0]
+    f1, f2, _ = (tuple(pair.S() * e) for e in free.frame)
+    g1, g2, _ = (tuple(pair.S() * turn(n, psi) * e) for e in free.frame)
+    same(con.hinge_turn((f1, f2), g1, g2), [2 * mpmath.sin(psi), 2 * mpmath.cos(psi)])
+
+
+class Cloud:
+    """A body of points with masses, in its own axes."""
+
+    def __init__(self, seed):
+        self.points = [column(vector(seed + i)) for i in range(5)]
+        self.masses = [mpf(i + 1) / 3 for i in range(5)]
+        self.mass = sum(self.masses)
+        self.centre = sum((m * p for m, p in self), mpmath.zeros(3, 1)) / self.mass
+        self.inertia = sum((m * hat(p - self.centre).T * hat(p - self.centre) for m, p in self), mpmath.zeros(3))
+
+    def __iter__(self):
+        return zip(self.masses, self.points, strict=True)
+
+    def total(self, f):
+        """The sum over the points: f of mass and place."""
+        first, *others = [f(m, p) for m, p in self]
+        return sum(others, first)
+
+
+G = (mpf("0.3"), mpf("-0.2"), mpf("-9.81"))
+
+
+def test_force_torque_energy_and_momentum_of_a_cloud_of_points():
+    body, cloud = Body(91), Cloud(101)
+    S, omega, alpha, g = tuple_of(body.S()), tuple(body.omega()), tuple(body.alpha), column(G)
+    r = tuple(body.S() * cloud.centre)
+
+    def place(p):
+        return lambda s: body.R(s) + body.S(s) * p
+
+    force = cloud.total(lambda m, p: m * (rate(place(p), 2) - g))
+    same(dyn.inertial_force(cloud.mass, body.points[2], omega, alpha, r, G), force)
+    arms = {id(p): body.S() * (p - cloud.centre) for p in cloud.points}
+    torque = cloud.total(lambda m, p: hat(arms[id(p)]) * (m * rate(place(p), 2)))
+    same(dyn.inertial_torque(S, tuple_of(cloud.inertia), omega, alpha), torque)
+    about = cloud.total(lambda m, p: hat(body.S() * p) * (m * (rate(place(p), 2) - g)))
+    same(dyn.torque_about(tuple(torque), r, tuple(force)), about)
+    same(dyn.torque_from(tuple(about), r, tuple(force)), torque)
+    world = dyn.world_inertia(S, tuple_of(cloud.inertia))
+    same(world, tuple_of(body.S() * cloud.inertia * body.S().T))
+    velocity = dyn.point_velocity(body.points[1], omega, r)
+    same(velocity, rate(lambda s: body.R(s) + body.S(s) * cloud.centre))
+    energy = cloud.total(lambda m, p: m * mpmath.norm(rate(place(p))) ** 2 / 2)
+    same([dyn.kinetic_energy(cloud.mass, velocity, omega, world)], [energy])
+    momentum = cloud.total(lambda m, p: hat(place(p)(mpf(0))) * (m * rate(place(p))))
+    at_centre = tuple(body.R() + body.S() * cloud.centre)
+    same(dyn.angular_momentum(cloud.mass, at_centre, velocity, world, omega), momentum)
+    same(dyn.spread(mpf(2), r), tuple_of(2 * hat(r).T * hat(r)))
+    same(dyn.matrix_sum(S, world), [a + b for a, b in zip(S, world, strict=True)])
+    height = dyn.potential_energy(mpf(2), at_centre, mpf(3), r, G)
+    same([height], [-2 * (g.T * column(at_centre))[0] - 3 * (g.T * column(r))[0]])
+    same(dyn.linear_momentum(mpf(2), velocity, mpf(3), omega), 2 * column(velocity) + 3 * column(omega))
+
+
+def test_what_turns_about_the_hinge():
+    axis, torque, r2, force = unit(vector(111)), vector(112), vector(113), vector(114)
+    about = column(torque) - hat(r2) * column(force)
+    same([dyn.hinge_torque_of(axis, torque, r2, force)], [(column(axis).T * about)[0]])
+
+
+def masses(pair, one, two):
+    """What the mass matrix is made of."""
+    S1, S2 = pair.S(), pair.S2()
+    axis = tuple(S1 * column(pair.n))
+    r1, arm = tuple(S1 * one.centre), S2 * (two.centre - column(pair.u2))
+    e = tuple(pair.R2() - pair.R() + S2 * two.centre)
+    push = tuple(hat(axis) * arm)
+    J2 = dyn.world_inertia(tuple_of(S2), tuple_of(two.inertia))
+    J1 = dyn.matrix_sum(dyn.world_inertia(tuple_of(S1), tuple_of(one.inertia)), dyn.spread(one.mass, r1))
+    about = dyn.resistance(dyn.matrix_sum(J1, J2), J2, axis, push, two.mass, e)
+    return r1, e, push, about, J2
+
+
+def test_the_mass_matrix_is_that_of_the_kinetic_energy():
+    pair, one, two = Pair(), Cloud(121), Cloud(131)
+    r1, e, push, about, J2 = masses(pair, one, two)
+    M = matrix(dyn.mass_matrix(one.mass, two.mass, r1, e, push, about), 7)
+    same(tuple_of(M), tuple_of(M.T))
+    velocities = column([*pair.points[1], *pair.omega(), *pair.psi[1]])
+    energy = one.total(lambda m, p: m * mpmath.norm(rate(lambda s: pair.R(s) + pair.S(s) * p)) ** 2 / 2)
+    energy += two.total(lambda m, p: m * mpmath.norm(rate(lambda s: pair.R2(s) + pair.S2(s) * p)) ** 2 / 2)
+    same([(velocities.T * M * velocities)[0] / 2], [energy])
+    lower = [M[i, j] for i in range(7) for j in range(i + 1)]
+    x, _ = dyn.solve_symmetric(tuple(lower), vector(141, 7))
+    same(x, mpmath.lu_solve(M, column(vector(141, 7))))
+    alpha1, psidd, kept = dyn.turning(about, J2, vector(142), mpf(2))
+    same([*alpha1, psidd], mpmath.lu_solve(M[3:7, 3:7], column([*vector(142), 2])))
+    assert all(0 < share <= 1 for share in kept)
+    L = dyn.momentum_about(about, vector(143), mpf("0.6"))
+    same(L, M[3:6, 3:7] * column([*vector(143), mpf("0.6")]))
+    same(dyn.spin_of_momentum(about, L, mpf("0.6")), vector(143))
+
+
+def test_what_body1_does_by_the_common_centre():
+    """R1 = centre - share of levers: its rate where body 1 turns and the hinge pushes."""
+    spin, centre, push = vector(151), vector(152), vector(153)
+    expected = column(vector(154)) - hat(spin) * column(centre) - column(push) * mpf("0.3")
+    same(dyn.from_centre(vector(154), spin, centre, push, mpf("0.3")), expected)
+
+
+def test_cayley_s_map_and_its_rate():
+    g, S = [vector(161), vector(162), vector(163)], Body(171).S()
+
+    def attitude(s):
+        now = at(g, s)
+        size = mpmath.norm(now)
+        return turn([part / size for part in now], 2 * mpmath.atan(size / 2)) * S
+
+    same(dyn.cayley_attitude(g[0], tuple_of(S)), tuple_of(attitude(mpf(0))))
+    omega = vee(rate(attitude) * attitude(mpf(0)).T)
+    same(dyn.cayley_rate(g[0], omega), g[1])
