@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.pair import body_motion
 from hingepair.rotations.matrices import rotation_exp
 from support import states
 
@@ -128,3 +129,26 @@ def test_what_is_given_is_copied_and_read_only():
             array[0] = 2
     with pytest.raises(AttributeError):
         body.mass = 2
+
+
+def test_body_2_is_body_1_of_the_next_pair(monkeypatch):
+    """Three joints in series, from states handed on, as from motions that are checked; nothing is checked again."""
+    rng = states.generator(70)
+    motion = states.coordinates(rng, 6)
+    links = [hp.HingePair(u1=u1, u2=u2, n=n, home=C) for u1, u2, n, C in (states.pair(rng) for _ in range(3))]
+    handed = slow = links[0].forward_kinematics(*motion)
+    angles = rng.normal(size=(2, 3, 6))
+    for link, angle in zip(links[1:], angles, strict=True):
+        body = hp.BodyMotion(R=slow.R2, S=slow.S2, v=slow.v2, omega=slow.omega2, a=slow.a2, alpha=slow.alpha2)
+        slow = link.forward_kinematics_from_body1(body, *angle)
+    with monkeypatch.context() as patched:
+        patched.setattr(body_motion, "check_rotation", lambda *_: pytest.fail("checked"))
+        for link, angle in zip(links[1:], angles, strict=True):
+            handed = link.forward_kinematics_from_body1(handed.body2, *angle)
+        hp.BodyMotion.from_rotvec(R=motion[0][:, :3], rotvec=motion[0][:, 3:6])
+    for name in handed.outputs:
+        np.testing.assert_array_equal(handed[name], slow[name])
+    first = links[0].forward_kinematics(*motion, outputs=("R1", "S1", "v1", "omega1", "R2"))
+    assert [getattr(first.body1, name) is not None for name in ("R", "S", "v", "omega", "a")] == [True] * 4 + [False]
+    with pytest.raises(hp.ArgumentError, match=r"^outputs: expected R2 and S2"):
+        _ = first.body2

@@ -43,7 +43,7 @@ from hingepair.bench.peers import CONSTANTS, OURS, PREPARED
 from hingepair.dynamics.simulate import simulate
 from hingepair.formats.model_writers import to_mjcf
 from hingepair.pair.body import Body
-from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.dynamics import GRAVITY, Forces
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import rotation_exp
@@ -112,7 +112,7 @@ def task_of(pair: HingePair, inverse: bool, count: int) -> Task:
     rng = np.random.default_rng(23)
     R, v, omega, a, alpha, turn = rng.normal(size=(6, count, 3))
     hinge: Array = rng.normal(size=(3, count))
-    body1 = BodyMotion(R=R, S=rotation_exp(turn), v=v, omega=omega, a=a, alpha=alpha)
+    body1 = motion_of_rotations(R=R, S=rotation_exp(turn), v=v, omega=omega, a=a, alpha=alpha)
     forces = pair.inverse_dynamics(body1, *hinge)
     rows = pinocchio_rows(pair, body1, hinge)
     if not inverse:

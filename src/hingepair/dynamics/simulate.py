@@ -20,7 +20,7 @@ from hingepair.integration.trajectory import Later, PlanarTrajectory, Trajectory
 from hingepair.numeric.arrays import check_choice, finite_number, read_only
 from hingepair.numeric.instants import instants_of
 from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.constants import check_one, check_pair
 from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.pair.forward_kinematics import Outputs
@@ -210,7 +210,7 @@ def simulate(
         warnings.warn(f"{soft}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=2)
     finer = functools.cache(lambda: run(max(tolerance * _FINER, 1e-15)))
     now = found.now
-    moved = BodyMotion(R=now.R1, S=now.S1, v=now.v1, omega=now.omega1, a=found.a1, alpha=found.alpha1)
+    moved = motion_of_rotations(R=now.R1, S=now.S1, v=now.v1, omega=now.omega1, a=found.a1, alpha=found.alpha1)
     common: dict[str, Any] = {
         "t": read_only(instants),
         "psi": read_only(now.psi),

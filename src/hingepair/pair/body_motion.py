@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -63,14 +64,7 @@ class BodyMotion(Frozen):
         if library_of(given) is None:
             given["S"] = vectors("S", S, 3, 3)
             check_rotation("S", given["S"])
-        shapes = {}
-        for name, value in given.items():
-            tail = (3, 3) if name == "S" else (3,)
-            array = None if value is None and name != "R" else _read(name, value, *tail)
-            object.__setattr__(self, name, array)
-            if array is not None:
-                shapes[name] = array.shape[: array.ndim - len(tail)]
-        object.__setattr__(self, "shape", broadcast_shape(shapes))
+        _fill(self, given)
 
     def __repr__(self) -> str:
         given = ", ".join(name for name in ("R", "S", "v", "omega", "a", "alpha") if getattr(self, name) is not None)
@@ -101,7 +95,7 @@ class BodyMotion(Frozen):
                [0., 0., 1.]])
         """
         S = quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False)
-        return cls(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+        return motion_of_rotations(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
 
     @classmethod
     def from_quaternion_wxyz(
@@ -128,7 +122,7 @@ class BodyMotion(Frozen):
                [0., 0., 1.]])
         """
         S = quaternion_to_matrix("quat_wxyz", quat_wxyz, scalar_first=True)
-        return cls(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+        return motion_of_rotations(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
 
     @classmethod
     def from_rotvec(
@@ -152,7 +146,32 @@ class BodyMotion(Frozen):
                [ 0., -1.,  0.],
                [ 0.,  0.,  1.]])
         """
-        return cls(R=R, S=rotation_exp(rotvec), v=v, omega=omega, a=a, alpha=alpha)
+        return motion_of_rotations(R=R, S=rotation_exp(rotvec), v=v, omega=omega, a=a, alpha=alpha)
+
+
+def motion_of_rotations(**arrays: Any) -> BodyMotion:
+    """Return a BodyMotion whose S is known to be rotations, made by this library: it is not checked again.
+
+    The arguments are those of `BodyMotion`.
+
+    Raises:
+        ShapeError, DtypeError: an array cannot be used.
+    """
+    body: BodyMotion = object.__new__(BodyMotion)
+    _fill(body, arrays)
+    return body
+
+
+def _fill(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
+    """Set the attributes of a motion to views of arrays."""
+    shapes = {}
+    for name in ("R", "S", "v", "omega", "a", "alpha"):
+        value, tail = arrays.get(name), (3, 3) if name == "S" else (3,)
+        array = None if value is None and name != "R" else _read(name, value, *tail)
+        object.__setattr__(body, name, array)
+        if array is not None:
+            shapes[name] = array.shape[: array.ndim - len(tail)]
+    object.__setattr__(body, "shape", broadcast_shape(shapes))
 
 
 def _read(name: str, value: ArrayLike, *tail: int) -> Any:

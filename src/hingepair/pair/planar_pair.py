@@ -18,7 +18,7 @@ from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, dynamics
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
-from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.body_motion import motion_of_rotations
 from hingepair.pair.constants import Constants
 from hingepair.pair.dynamics import Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.evaluate import arrays_of
@@ -350,7 +350,7 @@ def motion_in_space(q: Rows, qd: Rows | None = None, qdd: Rows | None = None) ->
         arrays |= {linear: np.stack([x, y, zero], axis=-1), angular: np.stack([zero, zero, phi], axis=-1)}
         hinge.append(psi)
     S = rotation_exp(arrays.pop("S"))
-    return BodyMotion(S=S, **arrays), *hinge
+    return motion_of_rotations(S=S, **arrays), *hinge
 
 
 def _load(name: str, value: ArrayLike) -> Any:

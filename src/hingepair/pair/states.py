@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from hingepair.engine.results import Results
+from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import FloatArray
+from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
 
 class PairState(Results):
@@ -62,6 +64,39 @@ class PairState(Results):
     torque1: FloatArray
     hinge_torque: FloatArray
     psidd: FloatArray
+
+    @property
+    def body2(self) -> BodyMotion:
+        """The motion of body 2, as body 1 of the next pair takes it; its rotations are not checked again.
+
+        Raises:
+            ArgumentError: R2 or S2 is not among the outputs.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> upper = hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 0, 1))
+        >>> lower = hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 1, 0))
+        >>> arm = upper.forward_kinematics((0, 0, 0, 0, 0, 0, np.linspace(0, 1, 5)))
+        >>> lower.forward_kinematics_from_body1(arm.body2, 0.5).R2[0]
+        array([2., 0., 0.])
+        """
+        return self._motion("2")
+
+    @property
+    def body1(self) -> BodyMotion:
+        """The motion of body 1, where R1 and S1 are among the outputs; its rotations are not checked again.
+
+        Raises:
+            ArgumentError: R1 or S1 is not among the outputs.
+        """
+        return self._motion("1")
+
+    def _motion(self, body: str) -> BodyMotion:
+        for letter in "RS":
+            if letter + body not in self.outputs:
+                raise ArgumentError("outputs", f"R{body} and S{body}, of which body{body} is made", self.outputs)
+        letters = (name for name in ("R", "S", "v", "omega", "a", "alpha") if name + body in self.outputs)
+        return motion_of_rotations(**{name: self[name + body] for name in letters})
 
 
 class PlanarState(Results):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hingepair.dynamics.simulate import SimulatedPlanarMotion
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.integration.trajectory import Trajectory
-from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.scenes.instants import Rows
@@ -111,7 +111,7 @@ def _scene_frames(scene: Scene, part: SceneResult, outputs: tuple[str, ...] | No
 def _recorded_frames(motion: Recorded, rows: Rows, outputs: tuple[str, ...] | None) -> Frames:
     """Return the frames of some instants of a motion that is held in memory."""
     t, pair, body1, psi, recorded = motion
-    body1, psi = BodyMotion(R=body1.R[rows], S=body1.S[rows]), psi[rows]
+    body1, psi = motion_of_rotations(R=body1.R[rows], S=body1.S[rows]), psi[rows]
     bodies = pair.forward_kinematics_from_body1(body1, psi, outputs=("R1", "S1", "R2", "S2")).arrays()
     arrays = {name: array[rows] for name, array in recorded.items()} if recorded else {**bodies, "psi": psi}
     for name in outputs or ():
