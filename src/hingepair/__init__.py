@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
     from hingepair.mechanism.mechanism import Mechanism
     from hingepair.mechanism.slider import Slider
+    from hingepair.mechanism.states import MechanismAccelerations, MechanismForces, MechanismState
     from hingepair.numeric.instants import MeasurementWarning
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
     from hingepair.pictures.page import view
@@ -94,6 +95,9 @@ __all__ = [
     "HingePairError",
     "MeasurementWarning",
     "Mechanism",
+    "MechanismAccelerations",
+    "MechanismForces",
+    "MechanismState",
     "MissingDependencyError",
     "PairState",
     "PlanarPair",
@@ -160,6 +164,7 @@ _LATER = {
         "numeric.instants": "MeasurementWarning",
         "mechanism.mechanism": "Mechanism",
         "mechanism.slider": "Slider",
+        "mechanism.states": "MechanismAccelerations MechanismForces MechanismState",
         "pair.body": "Body Box Cylinder Sphere",
         "pictures.page": "view",
         "pictures.plot": "plot",

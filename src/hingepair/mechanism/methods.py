@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,12 +14,13 @@ from numpy.typing import ArrayLike
 from hingepair.engine.backend import choose
 from hingepair.engine.calls import Out
 from hingepair.engine.results import Results
-from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.arguments import Coordinates, read_values, read_wrenches
 from hingepair.mechanism.constants import Constants, constants_of
 from hingepair.mechanism.evaluate import Problem
-from hingepair.mechanism.states import MechanismAccelerations, MechanismForces, MechanismState, state_of
+from hingepair.mechanism.prepare import ARRAYS, PreparedMechanism, array_of, checked_given
+from hingepair.mechanism.states import ArrayResult, MechanismAccelerations, MechanismForces, MechanismState, state_of
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant
 from hingepair.numeric.tables import Shown
@@ -30,9 +32,18 @@ from hingepair.plans.trees import inputs_of
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
 
+_HEADINGS: Final = ("joint", "kind", "on", "axis", "limits", "rate", "effort", "mass [kg]", "follows")
 _LEVELS = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
+_LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")
+_OF_ONE_FRAME: Final = ("jacobian", "acceleration_bias")
 _MOTION = tuple(name for level in _LEVELS for name in level)
 _FORCES = ("tau", "force1", "torque1")
+_RESULTS: Final[Mapping[str, type[Results]]] = {
+    **dict.fromkeys(_FORCES, MechanismForces),
+    **dict.fromkeys(("qdd", "a1", "alpha1"), MechanismAccelerations),
+    **dict.fromkeys(ArrayResult.__slots__, ArrayResult),
+}
+"""What is returned, by the first output; of motion a MechanismState."""
 
 
 class MechanismMethods(Shown):
@@ -53,7 +64,7 @@ class MechanismMethods(Shown):
     def _constants(self) -> Constants:
         """The constants of the robot's programs, made when they are first needed."""
         try:
-            found: Constants = self._constants_made
+            found = self._constants_made
         except AttributeError:
             found = constants_of(self.tree, self.base == "free")
             object.__setattr__(self, "_constants_made", found)
@@ -315,9 +326,10 @@ class MechanismMethods(Shown):
         names = _names(outputs, out, ("qdd", "a1", "alpha1") if free else ("qdd",))
         acting, frames = self._wrenches(wrenches)
         for name, value in (("force1", force1), ("torque1", torque1)):
-            if free:
-                acting[name] = value, name
-            elif not (isinstance(value, int | float) and value == 0):
+            if isinstance(value, int | float) and value == 0:
+                continue
+            acting[name] = value, name
+            if not free:
                 raise ArgumentError(name, "0: a fixed base is not moved by forces (base='free' is)", quoted(value))
         coordinates = {"q": q, "qd": qd, "tau": tau}
         problem = self._problem(names, frames, len(frames))
@@ -509,6 +521,78 @@ class MechanismMethods(Shown):
         state = self._run(problem, {"q": q, "qd": qd}, base_motion, None, workers, backend)
         return Momentum(state["linear"], state[angular])
 
+    def prepare(
+        self,
+        given: str | Iterable[str],
+        *,
+        frames: str | Iterable[str] | None = None,
+        outputs: Iterable[str] | None = None,
+        gravity: ArrayLike = GRAVITY,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> PreparedMechanism:
+        """Plan, check and compile once, for loops over single states or small batches.
+
+        Args:
+            given: what is computed: "pose", "velocity" or "acceleration" of frames, "jacobian" or
+                "acceleration_bias" of one frame, "inverse_dynamics", "forward_dynamics", "mass_matrix", "bias_forces"
+                or "gravity_forces". A call takes the coordinates that the method of that name takes (q; q and qd for
+                velocities; q, qd and tau for forward dynamics), as arrays. Or a tuple of the names that a call takes,
+                out of q, qd, qdd, tau, the motion of the base R1, S1, v1, omega1, a1, alpha1, and force1 and torque1
+                on a free one; then `outputs` says what is computed. The base rests at the origin where nothing else
+                is given.
+            frames: as for `forward_kinematics`.
+            outputs: names of what is computed, unless all that `given` says.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            workers: threads; -1 for one on every core.
+            backend: "auto" and "compiled" compile here and now; "numpy" never does.
+
+        Returns:
+            A callable of the arrays in the order of `given`, and `out=`, that returns what the method returns.
+            `.source` is the generated Python code, `.llvm` the LLVM code, `.operations` how much is computed.
+
+        Raises:
+            ArgumentError: an unknown name, or an output that needs more than is given; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> step = hp.load_robot("ur5_robot").prepare("inverse_dynamics", outputs=("tau",))
+        >>> step(np.zeros(6), np.zeros(6), np.zeros(6)).tau.shape
+        (6,)
+        """
+        names = checked_given(given)
+        wanted = self._prepared_outputs(given, names, outputs)
+        framed = any(name in (*_MOTION, *_OF_ONE_FRAME) for name in wanted)
+        chosen = self._frames("frames", frames) if framed else {}
+        if len(chosen) != 1 and any(name in _OF_ONE_FRAME for name in wanted):
+            raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
+        problem = self._problem(wanted, chosen)
+        names = checked_given(names, problem.inputs)
+        if problem.weighs:
+            self._say_doubts()
+        remade = functools.partial(
+            self.prepare, names, frames=tuple(chosen) or None, outputs=wanted, gravity=gravity, workers=workers,
+            backend=backend,
+        )  # fmt: skip
+        return PreparedMechanism(problem, names, _gravity(gravity), choose(backend, workers), remade)
+
+    def _prepared_outputs(
+        self, given: str | Iterable[str], names: tuple[str, ...], outputs: Iterable[str] | None
+    ) -> tuple[str, ...]:
+        """Return what a prepared call computes."""
+        moves = ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",)
+        if isinstance(given, str):
+            own: dict[str, tuple[str, ...]] = {"inverse_dynamics": _FORCES, "forward_dynamics": moves}
+            known = own.get(given, (given,))
+        else:
+            forces = (*_FORCES, *moves) if {"tau", "qdd"} & {*names} else ()
+            known = tuple(name for name in forces if name not in names)
+        if given in _LEVEL_NAMES or not isinstance(given, str):
+            level = sum(name in names for name in ("qd", "qdd"))
+            default = tuple(name for own in _LEVELS[: level + 1] for name in own)
+            return _names(outputs, None, (*_MOTION, *known, *(() if isinstance(given, str) else ARRAYS)), default)
+        return _names(outputs, None, known)
+
     # ---- within
 
     def _frames(self, name: str, frames: str | Iterable[str] | None) -> dict[str, Frame]:
@@ -523,7 +607,19 @@ class MechanismMethods(Shown):
             names = ()
         if not names:
             raise ArgumentError(name, "names of links or joints", quoted(frames))
-        return {one: self.tree.known_frame(name, one) for one in names}
+        return {one: self._frame(name, one) for one in names}
+
+    def _frame(self, argument: str, name: Any) -> Frame:
+        """Return the frame of a link, a joint or a further frame.
+
+        Raises:
+            ArgumentError: no such frame.
+        """
+        frame = self.tree.frame(name) if isinstance(name, str) else None
+        if frame is None:
+            known = [*self.tree.links, *self.tree.frames, *(joint.name for joint in self.tree.joints)]
+            raise ArgumentError(argument, choices(tuple(self.tree.links)) + nearest(str(name), known), quoted(name))
+        return frame
 
     def _one_frame(self, frame: str | None) -> str:
         if frame is None:
@@ -550,13 +646,7 @@ class MechanismMethods(Shown):
         key = outputs, names, loaded
         found: Problem | None = self._constants.prepared.get(key)
         if found is None:
-            kinds: dict[str, type[Results]] = {
-                "tau": MechanismForces,
-                "force1": MechanismForces,
-                "torque1": MechanismForces,
-            }
-            kinds |= dict.fromkeys(("qdd", "a1", "alpha1"), MechanismAccelerations)
-            kind = state_of(names) if outputs[0] in _MOTION else kinds.get(outputs[0], Results)
+            kind = state_of(names) if outputs[0] in _MOTION else _RESULTS.get(outputs[0], Results)
             bodies = tuple((frames or {}).values())
             found = Problem(self._constants, outputs, self.base == "free", bodies, tuple(range(loaded)), kind)
             self._constants.prepared[key] = found
@@ -595,11 +685,15 @@ class MechanismMethods(Shown):
         acting: Mapping[str, tuple[Any, str]] | None = None,
     ) -> Any:
         """Return the outputs of a problem at all samples."""
-        how = choose(backend, workers)
-        values = read_values(self._names, coordinates, base_motion, problem.inputs, acting or {})
+        how, fall = choose(backend, workers), _gravity(gravity)
         if problem.weighs:
             self._say_doubts()
-        return problem.run(values, _gravity(gravity), out, how)
+        if base_motion is None and not acting and out is None and how.workers == 1:
+            found = problem.call(tuple(coordinates), fall, backend).quick(*coordinates.values())
+            if found is not None:
+                return found
+        values = read_values(self._names, coordinates, base_motion, problem.inputs, acting or {})
+        return problem.run(values, fall, out, how)
 
     def _array(
         self,
@@ -620,7 +714,7 @@ class MechanismMethods(Shown):
             if error.name != f"out[{name!r}]":
                 raise
             raise type(error)("out", error.expected, error.got) from None
-        found: FloatArray = state.writable_arrays()[name]
+        found: FloatArray = array_of(state, name)
         return found
 
     def _say_doubts(self) -> None:

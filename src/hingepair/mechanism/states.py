@@ -112,3 +112,12 @@ class MechanismAccelerations(Results):
     qdd: FloatArray
     a1: FloatArray
     alpha1: FloatArray
+
+
+class ArrayResult(Results):
+    """One array, of a method that returns it alone."""
+
+    __slots__ = (
+        *("jacobian", "acceleration_bias", "mass_matrix", "bias_forces", "gravity_forces"),
+        *("centre_of_mass", "centre_of_mass_jacobian", "centre_of_mass_bias"),
+    )

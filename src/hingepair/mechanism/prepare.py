@@ -1,0 +1,158 @@
+"""What a robot's call can be prepared for: the names that it will bring, and what is computed of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from hingepair.engine.backend import How
+from hingepair.engine.calls import Call, Out
+from hingepair.engine.loops import Operations
+from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.mechanism.arguments import LETTERS, NO_LOADS, Values, read_out
+from hingepair.mechanism.evaluate import Problem
+from hingepair.numeric.array_libraries import check_tail, library_of
+from hingepair.numeric.arrays import vectors
+
+KINDS: Final = {
+    "pose": ("q",),
+    "velocity": ("q", "qd"),
+    "acceleration": ("q", "qd", "qdd"),
+    "jacobian": ("q",),
+    "acceleration_bias": ("q", "qd"),
+    "inverse_dynamics": ("q", "qd", "qdd"),
+    "forward_dynamics": ("q", "qd", "tau"),
+    "mass_matrix": ("q",),
+    "bias_forces": ("q", "qd"),
+    "gravity_forces": ("q",),
+}
+"""The arguments of a prepared call, by what it is prepared for."""
+
+ARRAYS: Final = ("jacobian", "acceleration_bias", "mass_matrix", "bias_forces", "gravity_forces")
+"""What is one array, as the method of that name returns it."""
+
+_NAMES: Final = ("q", "qd", "qdd", "tau", *LETTERS, *NO_LOADS)
+
+
+class PreparedMechanism:
+    """What `Mechanism.prepare` gives: call it with arrays in the order of `given`, and `out=`.
+
+    Attributes:
+        given: names of what it takes, in order.
+        outputs: names of what it computes.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        given: tuple[str, ...],
+        gravity: tuple[float, ...],
+        how: How,
+        remade: Callable[[], Any],
+    ) -> None:
+        self.given, self.outputs = given, problem.request.outputs
+        self._problem, self._gravity, self._how, self._remade = problem, gravity, how, remade
+        self._call: Call = problem.call(given, gravity, how.backend)
+        if how.backend == "auto":
+            self._call.compile()
+        self._single = self.outputs[0] if self.outputs[0] in ARRAYS else None
+
+    def __repr__(self) -> str:
+        return f"PreparedMechanism(given={self.given}, outputs={self.outputs})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _called, (self._remade,)
+
+    @property
+    def source(self) -> str:
+        """The Python code that runs where nothing is compiled."""
+        return self._call.program.source
+
+    @property
+    def llvm(self) -> str:
+        """The LLVM code that runs for one state and for rows of states."""
+        return self._call.kernel.ir
+
+    @property
+    def operations(self) -> Operations:
+        """How many operations are left for each sample, once for all, and where nothing is known beforehand."""
+        return self._problem.count_operations()
+
+    def __call__(self, *given: Any, out: Any = None) -> Any:
+        """Return the results: of one state or many.
+
+        Args:
+            *given: what it was prepared for, in that order; shape (..., dof), of the base (..., 3) or (..., 3, 3).
+            out: arrays by output name, written in place; of a call that returns one array, that array.
+
+        Raises:
+            ArgumentError: an argument cannot be used; names it.
+        """
+        if len(given) != len(self.given):
+            raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
+        single = self._single
+        if out is None:
+            result = self._call.quick(*given)
+            if single is None:
+                return self._general(given, None) if result is None else result
+        elif single is not None:
+            result = self._call.write(given, {single: out})
+        else:
+            result = self._call.write(given, out) if type(out) is dict and out.keys() <= {*self.outputs} else None
+            return self._general(given, out) if result is None else result
+        if result is None:
+            result = self._general(given, None if out is None else {single: out})
+        return array_of(result, single)
+
+    def _general(self, given: Sequence[Any], out: Out) -> Any:
+        """Return the results for anything that can be used; refuse the rest."""
+        read_out(out, self.outputs)
+        named = dict(zip(self.given, given, strict=True))
+        library = library_of(named)
+        parts, shapes, tails = {}, {}, self._call.given
+        for name, value in named.items():
+            if value is None:
+                raise ArgumentError(name, "a value, since this was prepared for it", None)
+            if library is not None:
+                check_tail(name, value, *tails[name])
+            parts[name] = value if library is not None else vectors(name, value, *tails[name])
+            shapes[name] = tuple(np.shape(value)[: np.ndim(value) - len(tails[name])])
+        return self._problem.run(Values(parts, shapes, library), self._gravity, out, self._how)
+
+
+def array_of(result: Any, name: str) -> Any:
+    """Return the one array of a result, as one that can be written to."""
+    array = getattr(result, name)
+    if type(array) is np.ndarray:
+        try:
+            array.setflags(write=True)
+        except ValueError:  # a view of an array that is read-only
+            array = result.writable_arrays()[name]
+    return array
+
+
+def _called(function: Callable[[], Any]) -> Any:
+    return function()
+
+
+def checked_given(given: str | Iterable[str], problem_inputs: Iterable[str] = ()) -> tuple[str, ...]:
+    """Return the names of the arguments of a prepared call.
+
+    Raises:
+        ArgumentError: an unknown name, or one twice.
+    """
+    try:
+        names = KINDS[given] if isinstance(given, str) else tuple(given)
+    except (KeyError, TypeError):
+        raise ArgumentError("given", f"{choices(tuple(KINDS))}, or a tuple of names", quoted(given)) from None
+    for name in names:
+        if name not in _NAMES:
+            raise ArgumentError("given", choices(_NAMES), quoted(name))
+    if len({*names}) < len(names):
+        raise ArgumentError("given", "each name once", quoted(names))
+    for name in problem_inputs:
+        if name in ("q", "qd", "qdd", "tau") and name not in names:
+            raise ArgumentError("given", f"{name} too, since the outputs need it", ", ".join(names))
+    return names
