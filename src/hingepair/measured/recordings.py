@@ -26,14 +26,13 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, RotationError, nearest
 from hingepair.measured.resample import resample
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.column_file import Columns, Wanted, csv_column, read_columns
+from hingepair.numeric.column_file import Columns, Wanted, read_columns
 from hingepair.numeric.instants import increasing_seconds
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.results import column_names
 from hingepair.rotations.matrices import project_to_rotation
 
 _PASSED_OVER = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
-_EXACT = 1e14
 
 
 class Recording(NamedTuple):
@@ -125,9 +124,6 @@ def _columns(path: Path, ignore: Sequence[str]) -> Columns:
     """The columns that a recording is made of, by name."""
     try:
         columns = read_columns(path, Wanted(lambda names: _known(names, ignore), _names_of, exact="t"))
-        t = columns.get("t")
-        if t is not None and path.suffix.lower() == ".csv" and np.abs(t).max() > _EXACT:  # beyond a float's integers
-            columns["t"] = csv_column(path, "t", np.int64)
     except ArgumentError as error:
         name = ": ".join(filter(None, (str(path), error.name)))
         raise ArgumentError(name, error.expected, error.got) from None

@@ -26,6 +26,7 @@ from hingepair.numeric.arrays import real_array
 MAX_ROWS: Final = 10_000_000
 MAX_BYTES: Final = 2_000_000_000
 _MAX_LINE: Final = 100_000
+_MAX_EXACT_FLOAT: Final = 1e14  # larger numbers of an exact column are integers: nanoseconds, which a float rounds
 _MAX_HEADER: Final = 10_000
 _ARRAY_HEADER: Final = re.compile(
     r"\{'descr': '([<>|=]?[A-Za-z]\d{0,9}(?:\[\w{1,9}\])?)', 'fortran_order': (True|False), "
@@ -42,8 +43,8 @@ class Wanted(NamedTuple):
         choose: takes the names of all columns, returns those to read, in their order, or refuses one.
         names_of: takes the name of an array and its shape behind the samples, returns the names of its columns,
             in that shape.
-        exact: a column of which integers, dates and times stay what they are (of a .csv: `csv_column`); all others
-            become float64.
+        exact: a column of which integers, dates and times stay what they are; of a .csv, integers too large for a
+            float's digits. All others become float64.
     """
 
     choose: Callable[[list[str]], list[str]]
@@ -120,7 +121,10 @@ def _read_csv(path: Path, wanted: Wanted) -> Columns:
     if rows.size and rows.shape[1] != len(own):
         _fail_at_row(path, names, own, f"{rows.shape[1]} fields")
     _check_rows(len(rows))
-    return dict(zip(chosen, np.ascontiguousarray(rows.T) if rows.size else np.empty((len(own), 0)), strict=True))
+    columns = dict(zip(chosen, np.ascontiguousarray(rows.T) if rows.size else np.empty((len(own), 0)), strict=True))
+    if wanted.exact in columns and np.abs(columns[wanted.exact]).max(initial=0.0) > _MAX_EXACT_FLOAT:
+        columns[wanted.exact] = csv_column(path, wanted.exact, np.int64)
+    return columns
 
 
 def _csv_names(stream: IO[str]) -> list[str]:

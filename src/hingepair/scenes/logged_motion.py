@@ -55,7 +55,6 @@ _POSITION = ("R1", "v1", "a1")
 _HINGE = ("psi", "psid", "psidd")
 _EULER = ("phi", "phid", "phidd")
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
-_MAX_FLOAT_SECONDS: Final = 1e14  # larger numbers of a .csv are integer nanoseconds, which a float rounds
 _LATE: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
 
 
@@ -118,8 +117,6 @@ class _Log(Place):
             if "t" not in self.columns:
                 self.refuse("t", "a column", "no such column")
             stamps = self.columns["t"]
-            if kind == ".csv" and np.abs(stamps).max() > _MAX_FLOAT_SECONDS:
-                stamps = csv_column(path, "t", np.int64)
             t = instants_of("t", stamps, ORDER if completed else 0)
             late = kind == ".csv" and abs(t[0]) > _LATE
             instants = csv_column(path, "t", np.longdouble) if late else t
