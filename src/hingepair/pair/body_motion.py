@@ -174,7 +174,7 @@ def _fill(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
     object.__setattr__(body, "shape", broadcast_shape(shapes))
 
 
-def _read(name: str, value: ArrayLike, *tail: int) -> Any:
+def _read(name: str, value: Any, *tail: int) -> Any:
     """A view of an array that cannot be written to; an array of another library as it is."""
     if not is_foreign(value):
         try:
