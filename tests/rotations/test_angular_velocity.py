@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.numeric.finite_differences import check_instants, differentiate, stencils
+from hingepair.numeric.finite_differences import stencils
 from support.states import generator, rotations
 
 U = 2.0**-53
@@ -190,16 +190,3 @@ def test_defect_is_the_symmetric_part():
     S[3, 0, 0] = np.nan
     _, lost = hp.angular_velocity(S, hp.skew(w) @ S, with_defect=True)
     assert np.flatnonzero(np.isnan(lost)).tolist() == [3]
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_polynomials_of_the_degree_are_differentiated_exactly(order):
-    t = 100 + uneven(30, order)
-    c = generator(84).normal(size=order + 1)
-    x = (t - t.mean()) / 20
-    poly = np.polynomial.Polynomial(c)
-    first, second = differentiate(t, 1e3 + poly(x), order)
-    assert abs(first - poly.deriv()(x) / 20).max() <= 1e3 * U * 64
-    assert abs(second - poly.deriv(2)(x) / 400).max() <= 1e3 * U * 512
-    with pytest.raises(hp.ShapeError):
-        check_instants("t", t[:order], order)

@@ -106,7 +106,7 @@ class Bounded:
         """1 - cosine, as the NumPy backend makes it of the two, or as the compiled one has it from the sines."""
         s, c = self.sine(), self.cosine()
         near, far = s * s / (1 + c), 1 - c
-        value = np.where(c.value > 0, near.value, far.value)
+        value = np.where(c.value > 0.7, near.value, far.value)
         # Either way is taken where the cosine is about 0.7.
         either = np.where(c.value > 0.75, near.bound, np.maximum(near.bound, far.bound))
         return type(self)(value, np.where(c.value > 0.65, either, far.bound))

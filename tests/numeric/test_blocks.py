@@ -1,0 +1,169 @@
+"""Samples in blocks: every sample once, blocks that fit the cache, and the functions that run over them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.numeric.arrays import load, result_dtype, split
+from hingepair.numeric.blocks import (
+    BLOCK,
+    angle_terms,
+    components_of,
+    cosine,
+    hinge_cosine,
+    hinge_terms,
+    numbers,
+    sine,
+    tabulate,
+    tabulate_one,
+    turn_terms,
+    versine,
+    versines,
+)
+
+SHAPES = [(), (1,), (7,), (8,), (9,), (3, 5), (5, 3), (1, 20), (2, 3, 4), (4, 1, 9), (0,), (3, 0), (0, 4)]
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@pytest.mark.parametrize("size", [1, 4, 8, 15, 1000])
+def test_blocks_cover_every_sample_once(shape: tuple[int, ...], size: int) -> None:
+    count, largest = np.zeros(shape, dtype=int), 0
+    for block in split(shape, size):
+        assert len(block) == len(shape)
+        assert all(0 <= s.start < s.stop <= n for s, n in zip(block, shape, strict=True))
+        count[block] += 1
+        largest = max(largest, count[block].size)
+    assert (count == 1).all()
+    assert largest <= size
+
+
+def test_blocks_are_as_large_as_they_may_be() -> None:
+    assert [tuple((s.start, s.stop) for s in block) for block in split((10,), 4)] == [
+        ((0, 4),),
+        ((4, 8),),
+        ((8, 10),),
+    ]
+    assert [tuple((s.start, s.stop) for s in block) for block in split((4, 3), 7)] == [
+        ((0, 2), (0, 3)),
+        ((2, 4), (0, 3)),
+    ]
+    assert [tuple((s.start, s.stop) for s in block) for block in split((2, 2, 3), 4)] == [
+        ((i, i + 1), (j, j + 1), (0, 3)) for i in range(2) for j in range(2)
+    ]
+
+
+def test_a_component_that_broadcasts_is_loaded_where_it_differs() -> None:
+    block = next(b for b in split((4, 6), 3) if b[0].start == 2)
+    whole, row, column = np.arange(24.0).reshape(4, 6), np.arange(6.0), np.arange(4.0)[:, None]
+    for component in (whole, row, column):
+        part = load(component, block, np.dtype(np.float64))
+        expected = np.broadcast_to(component, (4, 6))[block]
+        assert np.array_equal(np.broadcast_to(part, expected.shape), expected)
+    part = load(np.arange(24)[::-1].reshape(4, 6)[:, ::-1], block, np.dtype(np.float32))
+    assert part.dtype == np.float32
+    assert part.flags.c_contiguous
+    assert load(2.5, block, np.dtype(np.float64)) == 2.5
+
+
+def test_the_dtype_follows_the_arrays() -> None:
+    single, double = np.zeros(3, np.float32), np.zeros(3)
+    assert result_dtype((single, 2.0, single)) == np.float32
+    assert (
+        result_dtype((single, double))
+        == result_dtype((2.0,))
+        == result_dtype((single, np.zeros(3, int)))
+        == np.float64
+    )
+
+
+def test_components_of_vectors_and_matrices() -> None:
+    array = np.arange(24.0).reshape(2, 3, 4)
+    assert [c.tolist() for c in components_of(array[0])] == array[0].T.tolist()
+    assert [c.tolist() for c in components_of(array, 2)] == [
+        [array[0, i, j], array[1, i, j]] for i in range(3) for j in range(4)
+    ]
+    assert all(c.base is not None for c in components_of(array, 2))  # views
+    assert numbers(array[0, 0]) == (0.0, 1.0, 2.0, 3.0)
+    assert numbers(array[0], 2) == tuple(map(float, range(12)))
+    assert [c.tolist() for c in numbers(array[0])] == array[0].T.tolist()
+    assert all(type(x) is float for x in numbers(array[0], 2))
+
+
+@pytest.mark.parametrize("shape", [(), (5,), (3, 2 * BLOCK + 7), (0,)], ids=str)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_a_function_of_components_is_tabulated(shape: tuple[int, ...], dtype: type) -> None:
+    rng = np.random.default_rng(1)
+    v, s = rng.normal(size=(*shape, 2)).astype(dtype), rng.normal(size=shape[-1:] or ()).astype(dtype)
+
+    def function(values):
+        (x, y), scale = values["v"], values["s"]
+        return {"swapped": (y * scale, x), "matrix": (x, y, scale, x), "sum": x + y}
+
+    tails = {"swapped": (2,), "matrix": (2, 2), "sum": ()}
+    found = tabulate(function, {"v": components_of(v), "s": s, "unused": 1.0}, tails, shape, np.dtype(dtype))
+    expected = {
+        "swapped": np.stack((v[..., 1] * s, v[..., 0]), axis=-1),
+        "matrix": np.stack((v[..., 0], v[..., 1], np.broadcast_to(s, shape), v[..., 0]), axis=-1).reshape(
+            *shape, 2, 2
+        ),
+        "sum": v[..., 0] + v[..., 1],
+    }
+    for name, array in expected.items():
+        assert found[name].dtype == dtype
+        assert np.array_equal(found[name], array.astype(dtype))
+
+
+def test_what_has_one_element_reaches_the_function_as_a_number() -> None:
+    kinds = {}
+
+    def function(values):
+        kinds.update({name: type(value) for name, value in values.items()})
+        return values["a"] + values["b"] + values["c"]
+
+    inputs = {"a": np.array([2.0]), "b": np.arange(4.0), "c": np.float64(1.0)}
+    assert tabulate_one(function, inputs, (), np.dtype(np.float64)).tolist() == [3.0, 4.0, 5.0, 6.0]
+    assert kinds == {"a": float, "b": np.ndarray, "c": float}
+    tabulate_one(function, inputs, (), np.dtype(np.float32))
+    assert kinds == {"a": np.float32, "b": np.ndarray, "c": np.float32}
+
+
+def test_inputs_that_do_not_broadcast_are_refused() -> None:
+    with pytest.raises(hp.ShapeError, match="b"):
+        tabulate_one(lambda values: values["a"], {"a": np.zeros(3), "b": np.zeros(4)}, (), np.dtype(np.float64))
+
+
+ANGLES = np.concatenate(
+    ([0.0, 1e-160, 1e-9, 0.7953988301841436, 0.79, 0.8, math.pi / 2, math.pi], np.linspace(-7, 7, 57))
+)
+
+
+def test_sines_and_cosines_of_numbers_and_arrays() -> None:
+    for angle in ANGLES.tolist():
+        assert (sine(angle), cosine(angle)) == turn_terms(angle) == (math.sin(angle), math.cos(angle))
+    assert np.array_equal(sine(ANGLES), np.sin(ANGLES))
+    assert np.array_equal(cosine(ANGLES), np.cos(ANGLES))
+    assert angle_terms((0.3, 0.5)) == (math.sin(0.3), math.cos(0.3), math.sin(0.5), math.cos(0.5))
+    for value in (math.inf, -math.inf, math.nan):
+        assert math.isnan(sine(value))
+        assert math.isnan(cosine(value))
+
+
+def test_one_minus_a_cosine_keeps_its_digits() -> None:
+    """2 sin^2(psi / 2) to some units in the last place at small angles, and to units of the cosine at all."""
+    exact = 2 * np.sin(ANGLES / 2) ** 2
+    with np.errstate(all="ignore"):
+        s, v, c = hinge_terms(ANGLES)
+        assert np.array_equal(versines(s, c), v)
+        assert np.array_equal(s, np.sin(ANGLES))
+    assert np.array_equal(c, np.cos(ANGLES))
+    assert hinge_cosine((s, v, c)) is c
+    small = np.abs(ANGLES) < 0.795
+    assert (np.abs(v - exact)[small] <= 8 * 2.0**-53 * exact[small]).all()
+    assert (np.abs(v - exact) <= 4 * 2.0**-53).all()
+    for angle, expected in zip(ANGLES.tolist(), v.tolist(), strict=True):
+        assert hinge_terms(angle)[1] == pytest.approx(expected, rel=1e-15, abs=0)
+        assert versine(math.sin(angle), math.cos(angle)) == pytest.approx(expected, rel=1e-15, abs=0)

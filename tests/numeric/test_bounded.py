@@ -1,0 +1,127 @@
+"""Numbers with a bound on their rounding: the bound holds for every way to round, and is not much more."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+import pytest
+
+from hingepair.numeric.bounded import Bounded, Double, Single, in_last_places, kind_of
+
+COUNT = 300
+KINDS = pytest.mark.parametrize("kind", [Double, Single])
+
+
+def operands(kind: type[Bounded], seed: int) -> tuple[list[Bounded], list[Fraction]]:
+    """Computed numbers, of which the exact ones lie anywhere within the bound."""
+    rng = np.random.default_rng(seed)
+    values = (rng.normal(size=COUNT) * 10.0 ** rng.uniform(-6, 6, COUNT)).astype(kind.dtype).astype(float)
+    bounds = np.abs(values) * kind.u * rng.uniform(0, 8, COUNT) * (rng.random(COUNT) < 0.8)
+    exact = [
+        Fraction(v) + Fraction(b) * int(s) for v, b, s in zip(values, bounds, rng.integers(-1, 2, COUNT), strict=True)
+    ]
+    return [kind(v, b) for v, b in zip(values.tolist(), bounds.tolist(), strict=True)], exact
+
+
+@KINDS
+@pytest.mark.parametrize("name", ["sum", "difference", "product", "quotient"])
+def test_the_bound_of_an_operation_holds_and_is_sharp(kind: type[Bounded], name: str) -> None:
+    """As the precision that is bounded rounds the operation; carried errors are of the worst signs now and then."""
+    (xs, exact_x), (ys, exact_y) = operands(kind, 1), operands(kind, 2)
+    shares = []
+    for x, y, ex, ey in zip(xs, ys, exact_x, exact_y, strict=True):
+        a, b = kind.dtype(x.value), kind.dtype(y.value)
+        found, computed, exact = {
+            "sum": (x + y, a + b, ex + ey),
+            "difference": (x - y, a - b, ex - ey),
+            "product": (x * y, a * b, ex * ey),
+            "quotient": (x / y, a / b, ex / ey),
+        }[name]
+        error = abs(Fraction(float(computed)) - exact)
+        assert error <= Fraction(float(found.error))
+        if found.bound:
+            shares.append(float(error / Fraction(float(found.bound))))
+    assert max(shares) > 0.5
+    assert np.mean(shares) > 0.1
+
+
+@KINDS
+def test_products_with_0_and_1_and_sums_with_0_are_exact(kind: type[Bounded]) -> None:
+    x = kind(0.7, 0.0)
+    for one in (1.0, -1.0, 0.0):
+        assert (x * one).bound == 0
+        assert (one * x).bound == 0
+        assert (x * one).value == 0.7 * one
+    assert (x + 0.0).bound == (0.0 + x).bound == (x - 0.0).bound == (0.0 - x).bound == 0
+    assert (0.0 - x).value == -0.7
+    assert (x * 3.0).bound > 0
+    assert (x * kind(1.0, 1e-9)).bound >= 0.7e-9  # not exactly 1
+    assert (kind(1.0, 1e-9) * kind(1.0, 1e-9)).bound > 2e-9
+    assert (x * kind(1.0 + 2 * kind.u)).bound > 0
+
+
+@KINDS
+def test_a_sum_is_rounded_by_no_more_than_its_smaller_term(kind: type[Bounded]) -> None:
+    tiny = 2.0**-100
+    assert 0 < float((kind(1.0) + kind(tiny)).bound) <= tiny
+    assert float((kind(tiny) + kind(1.0)).bound) <= tiny
+    assert float((kind(1.0) + kind(1.0)).bound) <= 2 * kind.u
+
+
+@KINDS
+def test_numbers_that_overflow_or_vanish(kind: type[Bounded]) -> None:
+    largest = kind(kind.largest)
+    assert np.isinf((largest + largest).error)
+    assert np.isinf((largest * kind(2.0)).error)
+    assert np.isinf((kind(math.inf) - kind(math.inf)).error)
+    small = kind(2.0**-600 if kind is Double else 2.0**-80)
+    assert 0 < float((small * small).error) <= 8 * kind.smallest
+
+
+@KINDS
+def test_rounded_numbers_know_how_far_they_were(kind: type[Bounded]) -> None:
+    values = np.array([1 / 3, 2.0, -math.pi])
+    found = kind.rounded(values, 0.25)
+    assert np.array_equal(found.value, values.astype(kind.dtype).astype(float))
+    assert np.array_equal(found.bound, np.abs(found.value - values) + 0.25)
+    assert kind.rounded(2.0).bound == 0
+
+
+@KINDS
+@pytest.mark.parametrize("function", ["sine", "cosine", "versine"])
+def test_bounds_of_sines_hold_and_are_not_much_more(kind: type[Bounded], function: str) -> None:
+    """The bound takes a sine that is off by SINE_ULPS; one rounded rightly is off by half a unit."""
+    rng = np.random.default_rng(3)
+    angles = np.concatenate((rng.uniform(-10, 10, 100), 10.0 ** rng.uniform(-12, 0, 60), [0.0, 0.5, 1e-3]))
+    angles = angles.astype(kind.dtype).astype(float)
+    with mpmath.workdps(40):
+        for angle in angles.tolist():
+            exact = {
+                "sine": mpmath.sin(angle),
+                "cosine": mpmath.cos(angle),
+                "versine": 2 * mpmath.sin(mpmath.mpf(angle) / 2) ** 2,
+            }[function]
+            found = getattr(kind(angle), function)()
+            assert abs(found.value - exact) <= found.error
+            if angle == 0:
+                assert found.bound <= 4 * kind.smallest
+            else:
+                scale = {"sine": abs(exact), "cosine": abs(exact), "versine": max(exact, mpmath.mpf("0.3"))}[function]
+                assert found.bound <= 10 * kind.u * scale
+
+
+def test_the_kind_follows_the_dtype() -> None:
+    assert kind_of(np.dtype(np.float32)) is Single
+    assert kind_of(np.dtype(np.float64)) is Double
+    for kind in (Single, Double):
+        limits = np.finfo(kind.dtype)
+        assert (kind.u, kind.largest, kind.smallest) == (limits.eps / 2, limits.max, limits.smallest_subnormal)
+
+
+def test_units_in_the_last_place() -> None:
+    sizes = np.array([1.0, 1.5, 1.999, 2.0, 0.75, 0.0])
+    assert in_last_places(1.0, sizes, 2.0**-53).tolist() == [2.0**-52] * 3 + [2.0**-51, 2.0**-53, 0.0]
+    assert in_last_places(0.5, sizes, 2.0**-24).tolist() == [2.0**-24] * 3 + [2.0**-23, 2.0**-25, 0.0]

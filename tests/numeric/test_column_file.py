@@ -1,0 +1,159 @@
+"""Columns of numbers out of files: what is read, in which order and kind, and what is refused where."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.numeric import column_file
+from hingepair.numeric.column_file import Wanted, csv_column, read_columns
+
+ALL = Wanted(lambda names: names, lambda name, tail: [f"{name}_{i}" for i in range(tail[0])] if tail else name)
+
+
+def chosen(*names: str, exact: str = "") -> Wanted:
+    """These columns, where they are there."""
+    return Wanted(lambda there: [name for name in names if name in there], ALL.names_of, exact)
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_columns_of_a_csv_come_by_name_in_the_order_chosen(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.CSV", '\ufeff t,"a, b" , c\n1,2,3\n\n4,5e-1,-6\n')
+    found = read_columns(path, chosen("c", "t"))
+    assert {name: column.tolist() for name, column in found.items()} == {"c": [3.0, -6.0], "t": [1.0, 4.0]}
+    assert list(found) == ["c", "t"]
+    assert list(read_columns(path, ALL)) == ["t", "a, b", "c"]
+    assert all(column.flags.c_contiguous for column in found.values())
+
+
+def test_empty_cells_and_nan_are_missing_numbers(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", "t,a\n1,\n2, \n3,nan\n4,7\n")
+    assert np.array_equal(read_columns(path, ALL)["a"], [np.nan, np.nan, np.nan, 7.0], equal_nan=True)
+
+
+def test_one_row_and_one_column_are_a_file(tmp_path: Path) -> None:
+    assert read_columns(write(tmp_path / "log.csv", "t\n5\n"), ALL)["t"].tolist() == [5.0]
+    assert read_columns(write(tmp_path / "log.csv", "t,a\n5,6\n"), ALL)["a"].tolist() == [6.0]
+    assert read_columns(write(tmp_path / "log.csv", "t,a\n5,6\n"), chosen("nothing")) == {}
+
+
+def test_a_column_can_be_read_again_with_all_its_digits(tmp_path: Path) -> None:
+    stamps = [1_700_000_000_123_456_789, 1_700_000_000_128_456_790]
+    path = write(tmp_path / "log.csv", "a,t\n" + "".join(f"0.5,{stamp}\n" for stamp in stamps))
+    assert csv_column(path, "t", np.int64).tolist() == stamps
+    with pytest.raises(hp.ArgumentError, match=r"^a: expected numbers of the kind int64"):
+        csv_column(path, "a", np.int64)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "expected a first line of column names, got an empty line"),
+        ("t;a\n1;2\n", "columns separated by commas"),
+        ("t\ta\n1\t2\n", "columns separated by commas"),
+        ("x" * 100_001 + "\n1\n", "expected a first line of column names, got a longer line"),
+        ("t,a\n", "expected at least one sample, got none"),
+        ("t,a\n1,2\n3\n", "line 3: expected 2 fields, separated by commas, with decimal points, got 1 fields"),
+        ("t,a\n1,2\n3,4,5\n", "line 3: expected 2 fields, separated by commas, with decimal points, got 3 fields"),
+        (
+            "t,a\n1,2\n\n3,four\n",
+            "line 4: a: expected a number (nan or an empty cell where there is none), got",
+        ),
+    ],
+    ids=["empty", "semicolons", "tabs", "long header", "no rows", "short row", "long row", "word"],
+)
+def test_what_cannot_be_read_of_a_csv_is_named(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(hp.ArgumentError, match=re.escape(words)):
+        read_columns(write(tmp_path / "log.csv", text), ALL)
+
+
+def test_columns_that_are_not_asked_for_may_hold_anything(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", "t,words,a\n1,one,2\n3,two,4\n")
+    assert read_columns(path, chosen("a"))["a"].tolist() == [2.0, 4.0]
+
+
+@pytest.mark.parametrize("ending", [".npz", ".parquet"])
+def test_exact_columns_keep_their_kind_and_others_become_float64(tmp_path: Path, ending: str) -> None:
+    t = np.array([1_700_000_000_123_456_789, 1_700_000_000_128_456_790])
+    path, a = tmp_path / f"log{ending}", np.array([3, -4], dtype=np.int32)
+    if ending == ".npz":
+        np.savez(path, t=t, a=a)
+    else:
+        pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+        pq.write_table(pa.table({"t": t, "a": a, "words": ["x", "y"]}), path)
+    found = read_columns(path, chosen("t", "a", exact="t"))
+    assert found["t"].dtype == np.int64
+    assert found["t"].tolist() == t.tolist()
+    assert found["a"].dtype == np.float64
+    assert found["a"].tolist() == [3.0, -4.0]
+    assert read_columns(path, chosen("t"))["t"].dtype == np.float64
+    if ending == ".parquet":
+        with pytest.raises(hp.ArgumentError, match=r"^words: expected a column of numbers, got string"):
+            read_columns(path, ALL)
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_arrays_of_any_order_are_their_columns(tmp_path: Path, save: object) -> None:
+    path, R = tmp_path / "log.npz", np.arange(12.0).reshape(4, 3)
+    save(path, R=np.asfortranarray(R), S=R[:, ::-1].astype(">f4"), t=np.arange(4))
+    found = read_columns(path, chosen("R_0", "R_2", "S_1", "t"))
+    assert {name: column.tolist() for name, column in found.items()} == {
+        "R_0": R[:, 0].tolist(),
+        "R_2": R[:, 2].tolist(),
+        "S_1": R[:, 1].tolist(),
+        "t": [0.0, 1.0, 2.0, 3.0],
+    }
+
+
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        ({"a": np.arange(3), "b": np.arange(4)}, "expected columns of one length, got a: 3, b: 4"),
+        ({"a": np.array([])}, "at least one sample"),
+        ({"a": np.array(["x"])}, "a: expected real numbers"),
+        ({"a": np.array([1 + 2j])}, "a: expected real numbers"),
+        ({"a": np.array(3.0)}, "a: expected shape"),
+        ({"a": np.array(["2026-01-01"], dtype="datetime64[D]")}, "a: expected"),
+    ],
+    ids=["lengths", "none", "words", "complex", "one number", "dates"],
+)
+def test_what_cannot_be_read_of_an_npz_is_named(tmp_path: Path, arrays: dict[str, np.ndarray], words: str) -> None:
+    np.savez(tmp_path / "log.npz", **arrays)
+    with pytest.raises(hp.ArgumentError, match=re.escape(words)):
+        read_columns(tmp_path / "log.npz", Wanted(lambda names: names, lambda name, _: name))
+
+
+def test_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path / "log.csv", "t\n1\n2\n3\n")
+    monkeypatch.setattr(column_file, "MAX_ROWS", 3)
+    assert read_columns(path, ALL)["t"].size == 3
+    monkeypatch.setattr(column_file, "MAX_ROWS", 2)
+    with pytest.raises(hp.ArgumentError, match="expected at most 2 samples, got 3"):
+        read_columns(path, ALL)
+    np.savez(tmp_path / "log.npz", t=np.arange(3))
+    with pytest.raises(hp.ArgumentError, match="expected at most 2 samples, got 3"):
+        read_columns(tmp_path / "log.npz", ALL)
+    monkeypatch.setattr(column_file, "MAX_BYTES", path.stat().st_size)
+    monkeypatch.setattr(column_file, "MAX_ROWS", 3)
+    assert read_columns(path, ALL)["t"].size == 3
+    monkeypatch.setattr(column_file, "MAX_BYTES", path.stat().st_size - 1)
+    with pytest.raises(hp.ArgumentError, match="bytes"):
+        read_columns(path, ALL)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("log.txt", ".csv, .npz, .parquet"), ("log", "no ending"), ("no.csv", "no such file")]
+)
+def test_no_such_file_or_format(tmp_path: Path, name: str, words: str) -> None:
+    if name != "no.csv":
+        write(tmp_path / name, "t\n1\n")
+    with pytest.raises(hp.ArgumentError, match=re.escape(words)):
+        read_columns(tmp_path / name, ALL)

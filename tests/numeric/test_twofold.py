@@ -1,0 +1,83 @@
+"""Arithmetic in twice the precision, against exact fractions."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from hingepair.numeric.twofold import (
+    Twofold,
+    exact_product,
+    exact_sum,
+    normal,
+    pair_product,
+    pair_quotient,
+    pair_sum,
+)
+
+COUNT = 200
+
+
+def numbers(seed: int) -> list[float]:
+    """Of both signs, over twenty orders of magnitude."""
+    rng = np.random.default_rng(seed)
+    return (rng.normal(size=COUNT) * 10.0 ** rng.uniform(-10, 10, COUNT)).tolist()
+
+
+def pairs(seed: int) -> list[tuple[float, float]]:
+    """Numbers with 106 bits: high is the double nearest to the sum."""
+    rng = np.random.default_rng(seed + 100)
+    return [normal(a, a * 2.0**-54 * float(rng.uniform(-1, 1))) for a in numbers(seed)]
+
+
+def exactly(pair: tuple[float, float] | Twofold | float) -> Fraction:
+    if isinstance(pair, Twofold):
+        pair = pair.high, pair.low
+    return sum(map(Fraction, pair)) if isinstance(pair, tuple) else Fraction(pair)
+
+
+def test_sums_and_products_of_two_numbers_are_exact() -> None:
+    for a, b in zip(numbers(1), numbers(2), strict=True):
+        total, product = exact_sum(a, b), exact_product(a, b)
+        assert (total[0], product[0]) == (a + b, a * b)
+        assert exactly(total) == Fraction(a) + Fraction(b)
+        assert exactly(product) == Fraction(a) * Fraction(b)
+
+
+def test_a_pair_is_made_normal_without_a_loss() -> None:
+    """High is what the sum is rounded to, so low is at most half a unit in its last place."""
+    for a, b in zip(numbers(3), np.random.default_rng(4).uniform(-1e-3, 1e-3, COUNT).tolist(), strict=True):
+        high, low = normal(a, a * b)
+        assert high == a + a * b
+        assert exactly((high, low)) == exactly((a, a * b))
+
+
+@pytest.mark.parametrize(("name", "bits"), [("sum", 104), ("difference", 104), ("product", 102), ("quotient", 102)])
+def test_pairs_keep_twice_the_precision(name: str, bits: int) -> None:
+    for a, b, c in zip(pairs(5), pairs(6), numbers(7), strict=True):
+        x, y = Twofold(*a), Twofold(*b)
+        found, exact, size = {
+            "sum": (pair_sum(a, b), exactly(a) + exactly(b), abs(a[0]) + abs(b[0])),
+            "difference": (x - y, exactly(a) - exactly(b), abs(a[0]) + abs(b[0])),
+            "product": (pair_product(a, b), exactly(a) * exactly(b), abs(a[0] * b[0])),
+            "quotient": (pair_quotient(a, c), exactly(a) / Fraction(c), abs(a[0] / c)),
+        }[name]
+        assert abs(exactly(found) - exact) <= Fraction(size) / 2**bits
+
+
+def test_twofold_numbers_are_those_pairs() -> None:
+    for a, b in zip(pairs(8), pairs(9), strict=True):
+        x, y = Twofold(*a), Twofold(*b)
+        assert ((x + y).high, (x + y).low) == pair_sum(a, b)
+        assert ((x * y).high, (x * y).low) == pair_product(a, b)
+        assert ((-x).high, (-x).low) == (-a[0], -a[1])
+        assert (Twofold(a[0]).high, Twofold(a[0]).low) == (a[0], 0.0)
+
+
+def test_arrays_are_numbers_side_by_side() -> None:
+    a, b = np.array(pairs(10)).T, np.array(pairs(11)).T
+    found = np.array(pair_product((a[0], a[1]), (b[0], b[1]))).T
+    expected = [pair_product(x, y) for x, y in zip(pairs(10), pairs(11), strict=True)]
+    assert found.tolist() == [list(pair) for pair in expected]
