@@ -26,6 +26,7 @@ from hingepair.engine.binding import bind
 from hingepair.engine.loops import Extent, Loop, Program
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
+from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign
 from hingepair.numeric.arrays import broadcast_shape, result_dtype
 
 if TYPE_CHECKING:
@@ -310,6 +311,41 @@ class Call:
             array[...] = arrays[name]
         return self.result({**arrays, **out}, ())
 
+    def run_foreign(
+        self, values: Mapping[str, Any], shapes: Mapping[str, Extent], library: Library, out: Out, workers: int
+    ) -> Any:
+        """Return the results as arrays of another library, by its own arithmetic; limits are not looked at.
+
+        Args:
+            values: the arguments by name: numbers, arrays of either kind, or tuples of components.
+            shapes: leading shape of the samples of each argument.
+            library: the other library.
+            out: refused unless None.
+            workers: refused unless 1.
+
+        Raises:
+            ArgumentError: an option that is of NumPy arrays only; names it.
+        """
+        if out is not None:
+            raise ArgumentError("out", f"None, since {library.name} makes its own arrays", quoted(out))
+        if self._backend != "auto":
+            raise ArgumentError("backend", f"'auto', since {library.name} runs the equations", self._backend)
+        if workers != 1:
+            raise ArgumentError("workers", f"1, since {library.name} has threads of its own", workers)
+        shape = broadcast_shape({**shapes, self._owner: self._shape})
+        inputs = {**self._constants, **values}
+        computed = self.loop.function(
+            {name: _foreign_parts(name, inputs[name], tail, library) for name, tail in self.loop.inputs}
+        )
+        if library.name == "jax":
+            _register_for_jax(self.result)
+        arrays = {}
+        for name, tail in self.loop.outputs:
+            if name in self.outputs:
+                components = computed[name] if isinstance(computed[name], tuple) else (computed[name],)
+                arrays[name] = library.joined(components, shape, tail)
+        return self.result(arrays, shape)
+
     # ---- limits
 
     def _checks(self) -> Call:
@@ -332,6 +368,37 @@ class Call:
     def _refused(self, *given: Any) -> None:
         if self._refuse is not None:
             self._refuse(dict(zip(self.given, given, strict=True)))
+
+
+def _foreign_parts(name: str, value: Any, tail: Extent, library: Library) -> Any:
+    """Return the components of an input as numbers and arrays of a library."""
+    if isinstance(value, tuple):
+        return tuple(library.array(c) if isinstance(c, np.ndarray) else c for c in value)
+    if is_foreign(value):
+        return foreign_components(name, value, *tail) if tail else value
+    if not isinstance(value, np.ndarray):
+        return float(value)
+    flat = value.reshape(*value.shape[: value.ndim - len(tail)], -1)
+    parts = flat.tolist() if flat.ndim == 1 else [library.array(flat[..., k]) for k in range(flat.shape[-1])]
+    return tuple(parts) if tail else parts[0]
+
+
+@functools.cache
+def _register_for_jax(kind: Any) -> None:
+    """Tell JAX what results are made of, so that its functions take and return them."""
+    from jax.tree_util import register_pytree_node
+
+    def parts(results: Any) -> tuple[tuple[Any, ...], tuple[tuple[str, ...], int]]:
+        arrays = tuple(results.arrays().values())
+        return arrays, (results.outputs, arrays[0].ndim - len(results.shape))
+
+    def joined(form: tuple[tuple[str, ...], int], arrays: Any) -> Any:
+        names, axes = form  # of the first output, how many axes one sample has
+        by_name = dict(zip(names, arrays, strict=True))
+        shape = getattr(by_name[names[0]], "shape", ())  # JAX also asks for results of what is no array
+        return kind(by_name, tuple(shape[: len(shape) - axes]))
+
+    register_pytree_node(kind, parts, joined)
 
 
 @functools.lru_cache(maxsize=512)

@@ -5,8 +5,6 @@ Everything of this wing that allocates outputs and runs loops stands here.
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -15,13 +13,11 @@ from hingepair.engine.backend import How
 from hingepair.engine.binding import bind
 from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import Operations
-from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.arguments import AT_REST, LETTERS, NO_LOADS, Values, read_out
 from hingepair.mechanism.constants import Constants, frame_numbers, known_and_parameters
 from hingepair.mechanism.tree import Frame
-from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign
-from hingepair.numeric.arrays import Float64Array, broadcast_shape, read_only
-from hingepair.plans.trees import Form, Request, compute, inputs_of, loop_of
+from hingepair.numeric.arrays import Float64Array, read_only
+from hingepair.plans.trees import Form, Request, inputs_of, loop_of
 
 WEIGHTLESS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
 """The outputs that masses have no part in."""
@@ -99,25 +95,10 @@ class Problem:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
         """
         read_out(out, self.request.outputs)
-        if values.library is not None:
-            return self._run_foreign(values, gravity, values.library, out, how)
         call = self.call(tuple(values.parts), gravity, how.backend)
+        if values.library is not None:
+            return call.run_foreign(values.parts, values.shapes, values.library, out, how.workers)
         return call.run(values.parts, values.shapes, out, how.workers)
-
-    def _run_foreign(self, values: Values, gravity: tuple[float, ...], library: Library, out: Out, how: How) -> Any:
-        """Return the outputs as arrays of another library, by its own arithmetic."""
-        _check_options(library, out, how)
-        shape = broadcast_shape(values.shapes)
-        complete = {**self.complete(values, gravity), "constants": tuple(self.parameters.tolist())}
-        parts = {name: _foreign(name, value, library, self.inputs[name]) for name, value in complete.items()}
-        found = compute(self.form, self.request, parts)
-        arrays = {}
-        for name, tail in loop_of(self.form, self.request).outputs:
-            components = found[name] if isinstance(found[name], tuple) else (found[name],)
-            arrays[name] = library.joined(components, shape, tail)
-        if library.name == "jax":
-            _teach_jax(self.result)
-        return self.result(arrays, shape)
 
     def count_operations(self) -> Operations:
         """Return how many operations are left of a program for arrays of samples, of those with nothing known."""
@@ -130,45 +111,3 @@ class Problem:
             "constants": self.parameters,
         }
         return loop.program(bind(loop.inputs, known).pattern).count(full)
-
-
-def _foreign(name: str, value: Any, library: Library, tail: tuple[int, ...]) -> Any:
-    """Return the components of an input, as numbers or arrays of the library."""
-    if isinstance(value, tuple):
-        return tuple(c if isinstance(c, float) or is_foreign(c) else library.array(c) for c in value)
-    if is_foreign(value):
-        return foreign_components(name, value, *tail)
-    flat = np.reshape(value, (*np.shape(value)[: np.ndim(value) - len(tail)], -1))
-    return tuple(library.array(flat[..., k]) for k in range(flat.shape[-1]))
-
-
-def _check_options(library: Library, out: Out, how: How) -> None:
-    """Refuse what is of NumPy arrays only.
-
-    Raises:
-        ArgumentError: names the option.
-    """
-    if out is not None:
-        raise ArgumentError("out", f"None, since {library.name} makes its own arrays", quoted(out))
-    if how.backend != "auto":
-        raise ArgumentError("backend", f"'auto', since {library.name} runs the equations", quoted(how.backend))
-    if how.workers != 1:
-        raise ArgumentError("workers", f"1, since {library.name} has threads of its own", how.workers)
-
-
-@functools.cache
-def _teach_jax(kind: Any) -> None:
-    """Tell JAX what results are made of, so that its functions take and return them."""
-    from jax.tree_util import register_pytree_node
-
-    def parts(state: Any) -> tuple[tuple[Any, ...], tuple[tuple[str, ...], int]]:
-        arrays = tuple(state.arrays().values())
-        return arrays, (state.outputs, arrays[0].ndim - len(state.shape))
-
-    def joined(form: tuple[tuple[str, ...], int], arrays: Any) -> Any:
-        names, axes = form  # of the first output, how many axes one sample has
-        by_name: Mapping[str, Any] = dict(zip(names, arrays, strict=True))
-        shape = getattr(by_name[names[0]], "shape", ())  # JAX also asks for results of what is no array
-        return kind(by_name, tuple(shape[: len(shape) - axes]))
-
-    register_pytree_node(kind, parts, joined)

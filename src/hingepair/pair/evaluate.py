@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
@@ -17,9 +16,7 @@ from hingepair.engine.backend import How
 from hingepair.engine.binding import bind
 from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import Operations
-from hingepair.errors import ArgumentError, RotationError, quoted
-from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign
-from hingepair.numeric.arrays import broadcast_shape
+from hingepair.errors import RotationError
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import PLANAR, SPATIAL, Plan, loop_of, make_plan
@@ -111,73 +108,3 @@ def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> 
     }
     full = loop.program(bind(loop.inputs, many).pattern)
     return loop.program(bind(loop.inputs, {**many, **pair.values, **partly_known}).pattern).count(full)
-
-
-def evaluate_foreign(
-    pair: Constants,
-    plan: Plan,
-    values: Mapping[str, Any],
-    shapes: Mapping[str, tuple[int, ...]],
-    library: Library,
-    out: Out,
-    how: How,
-) -> Any:
-    """The state at all samples, as arrays of the library.
-
-    Raises:
-        ArgumentError: an option that is of NumPy arrays only.
-    """
-    _check_options(library, out, how)
-    shape = broadcast_shape({**shapes, "pair": pair.shape})
-    tails = plan.kind.shapes
-    parts = {
-        name: foreign_components(name, v, *tails[name]) if tails[name] else v if is_foreign(v) else float(v)
-        for name, v in values.items()
-    }
-    constants = {
-        name: tuple(library.array(c) if isinstance(c, np.ndarray) else c for c in group)  # a number stays one
-        if isinstance(group, tuple)
-        else group
-        for name, group in pair.values.items()
-    }
-    found = plan.run({**constants, **parts})
-    if library.name == "jax":
-        _teach_jax()
-    arrays = {}
-    for name in plan.outputs:
-        components = found[name] if isinstance(found[name], tuple) else (found[name],)
-        arrays[name] = library.joined(components, shape, tails[name])
-    return STATES[plan.kind](arrays, shape)
-
-
-def _check_options(library: Library, out: Out, how: How) -> None:
-    """Refuse what is of NumPy arrays only.
-
-    Raises:
-        ArgumentError: names the option.
-    """
-    if out is not None:
-        raise ArgumentError("out", f"None, since {library.name} makes its own arrays", quoted(out))
-    if how.backend != "auto":
-        raise ArgumentError("backend", f"'auto', since {library.name} runs the equations", quoted(how.backend))
-    if how.workers != 1:
-        raise ArgumentError("workers", f"1, since {library.name} has threads of its own", how.workers)
-
-
-@functools.cache
-def _teach_jax() -> None:
-    """Tell JAX what states are made of, so that its functions take and return them."""
-    from jax.tree_util import register_pytree_node
-
-    def parts(state: Any) -> tuple[tuple[Any, ...], tuple[tuple[str, ...], int]]:
-        arrays = tuple(state.arrays().values())
-        return arrays, (state.outputs, arrays[0].ndim - len(state.shape))
-
-    def joined(state: Any, form: tuple[tuple[str, ...], int], arrays: Any) -> Any:
-        names, axes = form  # of the first output, how many axes one sample has
-        own = dict(zip(names, arrays, strict=True))
-        shape = getattr(own[names[0]], "shape", ())  # JAX also asks for states of what is no array
-        return state(own, tuple(shape[: len(shape) - axes]))
-
-    for state in (PairState, PlanarState):
-        register_pytree_node(state, parts, functools.partial(joined, state))

@@ -16,7 +16,7 @@ from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table,
 from hingepair.numeric.blocks import Components, Named
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import call_of, compute, evaluate_foreign
+from hingepair.pair.evaluate import call_of
 from hingepair.plans.plan import SPATIAL, Kind, Plan, check_outputs, default_outputs, make_plan
 from hingepair.plans.steps import COLUMN_NAMES
 from hingepair.rotations.sequences import find_sequence
@@ -136,9 +136,9 @@ def from_coordinates(
             if state is not None:
                 return state
     plan, given = plan_from_coordinates(kind, pair, q, qd, qdd, outputs, out, sequence, foreign=True)
-    if given.library is not None:
-        return evaluate_foreign(pair, plan, given.parts, given.shapes, given.library, out, how)
     call = call_of(pair, plan, tuple(given.parts), how.backend)
+    if given.library is not None:
+        return call.run_foreign(given.parts, given.shapes, given.library, out, how.workers)
     if key is not None:
         pair.prepared[key] = call
     return call.run(given.parts, given.shapes, out, how.workers)
@@ -169,9 +169,10 @@ def from_body1(
     """The pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
     plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
     library = library_of({_OF_BODY1.get(name, name): value for name, value in values.items()})
+    call = call_of(pair, plan, tuple(values), how.backend)
     if library is not None:
-        return evaluate_foreign(pair, plan, values, shapes, library, out, how)
-    return compute(pair, plan, values, shapes, out, how)
+        return call.run_foreign(values, shapes, library, out, how.workers)
+    return call.run(values, shapes, out, how.workers)
 
 
 def plan_from_body1(

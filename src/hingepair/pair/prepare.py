@@ -17,7 +17,7 @@ from hingepair.numeric.arrays import real_array, vectors
 from hingepair.pair import dynamics
 from hingepair.pair.constants import HINGE_FRAMES, Constants, with_hinge_frames
 from hingepair.pair.derivatives import POSE_SENSITIVITIES, RATE_SENSITIVITIES
-from hingepair.pair.evaluate import QUATERNIONS, call_of, evaluate_foreign
+from hingepair.pair.evaluate import QUATERNIONS, call_of
 from hingepair.pair.forward_kinematics import check_out
 from hingepair.plans.dynamics_steps import LOADS, MASSES, MOVES, REQUIRED
 from hingepair.plans.plan import SPATIAL, Plan, check_outputs, default_outputs, make_plan, needed_steps
@@ -115,7 +115,8 @@ class Prepared:
         if library is not None:  # whether an attitude is one is not checked
             shapes = {name: np.shape(v)[: np.ndim(v) - len(tails[name])] for name, v in values.items()}
             plan = Plan(self.outputs, *needed_steps(self._plan.steps, self.outputs), self._plan.kind)
-            return evaluate_foreign(self._pair, plan, values, shapes, library, out, How("auto", self._workers))
+            call = call_of(self._pair, plan, self.given, "auto")
+            return call.run_foreign(values, shapes, library, out, self._workers)
         arrays = {name: _array(name, value, tails[name]) for name, value in values.items()}
         shapes = {name: a.shape[: a.ndim - len(tails[name])] for name, a in arrays.items()}
         return self._call.run(arrays, shapes, out, self._workers)
