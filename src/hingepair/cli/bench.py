@@ -27,7 +27,7 @@ Sizes = Annotated[str, typer.Option(help="Numbers of samples.")]
 
 
 def _report(found: Report, show_json: bool, plot: Path | None = None) -> None:
-    """Draw; print rows, targets, notes and the machine."""
+    """Print rows, targets, notes and the machine, and draw them where a file is named."""
     from hingepair.bench.measure import facts, tell
     from hingepair.bench.plot import draw
 

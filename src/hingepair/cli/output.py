@@ -46,7 +46,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables
 
 
 def file_option(text: str) -> Any:
-    """The option --out FILE."""
+    """Return the option --out FILE."""
     return typer.Option("--out", "-o", metavar="FILE", help=text)
 
 
@@ -80,7 +80,7 @@ def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **how: Any) -> 
 
 
 def watched(parts: Iterable[Part], samples: int) -> Iterable[Part]:
-    """The pieces of so many instants, with a bar where there are many and someone looks on."""
+    """Return the pieces of so many instants, with a progress bar on a terminal where there are many."""
     screen = Console(stderr=True)
     if samples <= ROWS or not screen.is_terminal:
         return parts
@@ -112,7 +112,7 @@ def listed(option: str, text: str | None) -> list[str] | None:
 
 
 def give(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
-    """A text that another program reads, in UTF-8: into a file that is none of the inputs, or to standard output."""
+    """Write a text in UTF-8 to standard output, or to a file that is none of the inputs."""
     if out is None:
         sys.stdout.flush()
         if hasattr(sys.stdout, "buffer"):
@@ -145,7 +145,7 @@ def behave() -> None:
 
 
 def printed(run: Callable[[], int]) -> int:
-    """The exit code of what runs, once all that it says is printed; where it cannot be, that is said instead."""
+    """Run a command and return its exit code; where its output cannot be printed, say so and return EXIT_BAD."""
     try:
         code = run()
         sys.stdout.flush()

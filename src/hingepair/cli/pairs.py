@@ -43,7 +43,7 @@ FixedBase = Annotated[bool, typer.Option("--fixed-base", help="Body 1 stands sti
 
 
 def named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair | PlanarPair:
-    """The pair of a scene file, or the hinge of a robot or of a URDF file, between two links' frames."""
+    """Return the pair of a scene file, or the hinge of a robot or of a URDF file between two links' frames."""
     if is_urdf(source):
         return from_urdf(source, _given(source, joint), *frames)
     if joint is not None and source.lower().endswith(".toml"):
@@ -59,7 +59,7 @@ def named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair
 
 
 def named(source: str, joint: str | None, *frames: str | None) -> Scene | HingePair | PlanarPair:
-    """The scene of a file that says a motion, or what makes one; else the pair."""
+    """Return the scene of a file that has a motion, or else the pair."""
     scene = joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
     if scene and {"motion", "dynamics"} & read_tables(source).values.keys():
         return load_scene(source)
@@ -67,7 +67,7 @@ def named(source: str, joint: str | None, *frames: str | None) -> Scene | HingeP
 
 
 def inputs_of(source: str) -> tuple[Path, ...]:
-    """The files that a pair is read from."""
+    """Return the files that a pair is read from."""
     path = Path(source)
     if not os.path.isfile(path):
         return ()
@@ -75,7 +75,7 @@ def inputs_of(source: str) -> tuple[Path, ...]:
 
 
 def is_urdf(source: str) -> bool:
-    """Whether the name is that of a URDF file: of any file that is no scene."""
+    """Return whether the name is that of a URDF file: of any file that is no scene."""
     ending = Path(source).suffix.lower()
     return ending in {".urdf", ".xml"} or (ending != ".toml" and os.path.isfile(source))
 

@@ -204,7 +204,7 @@ def _facts(scene: Scene) -> dict[str, Any]:
 
 
 def _head(screen: Console, scene: Scene) -> None:
-    """What a scene is, in three lines."""
+    """Print what a scene is, in three lines."""
     if scene.title:
         screen.print(printable(scene.title), style="bold")
     pair = scene.pair
@@ -217,7 +217,7 @@ def _head(screen: Console, scene: Scene) -> None:
 
 
 def _foot(screen: Console, notes: tuple[str, ...], out: Path | None) -> None:
-    """What a reader should know, and where the rest is."""
+    """Print the notes, and where the results were written."""
     for note in notes:
         screen.print(f"note: {note}")
     screen.print(f"written: {out}" if out else "nothing written (--out FILE writes all instants)")

@@ -68,11 +68,11 @@ class Summary:
         self._notes.add(part)
 
     def residuals(self) -> tuple[Residual, ...]:
-        """How far the computed motion is from E1, and from E2 where it has rates, over all instants."""
+        """Return the largest residuals of E1, and of E2 where the motion has rates, over all instants."""
         return tuple(Residual(*own, *worst) for own, worst in zip(self._meanings, self._worst.tolist(), strict=True))
 
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know."""
+        """Return sentences that a reader should see."""
         return self._notes.sentences()
 
     def table(self) -> list[tuple[str, ...]]:
@@ -82,13 +82,13 @@ class Summary:
         return [heading, *zip(self._names, map(unit_of, self._names), *columns, strict=True)]
 
     def ranges(self) -> dict[str, dict[str, float]]:
-        """The same as numbers."""
+        """Return each component at the first and last instant, and its range, as numbers."""
         columns = {"first": self._then[0], "last": self._then[-1], "smallest": self._least, "largest": self._most}
         return {name: {key: float(own[i]) for key, own in columns.items()} for i, name in enumerate(self._names)}
 
 
 def _worst(scene: Scene, known: KnownMotion) -> NDArray[np.float64]:
-    """Largest residual of E1 and E2, absolute and in units of u * scale; NaN where no instant is finite."""
+    """Compute the largest residuals of E1 and E2, absolute and in u * scale; NaN where no instant is finite."""
     pair, a = scene.space, known.bodies(scene.pair)
     W1, psid = a.pop("W1", None), a.pop("psid", None)
     scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)

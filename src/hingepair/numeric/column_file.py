@@ -53,7 +53,7 @@ class Wanted(NamedTuple):
 
 
 def read_columns(path: Path, wanted: Wanted) -> Columns:
-    """The columns of a file by name, all of one length, which is not 0; empty cells are NaN.
+    """Read the columns of a file by name, all of one length, which is not 0; empty cells are NaN.
 
     Raises:
         ArgumentError: the file cannot be read, or is too large; `name` is where: a column, `line 3`, `line 3: t` or
@@ -88,7 +88,7 @@ def read_columns(path: Path, wanted: Wanted) -> Columns:
 
 
 def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
-    """A column of a .csv file that was read, once more, in a kind of number that holds more of its digits.
+    """Read a column of a .csv file once more, in a kind of number that holds more of its digits.
 
     Raises:
         ArgumentError: something in it is no such number.
@@ -152,7 +152,7 @@ def _number(text: str) -> float:
 
 
 def _fail_at_row(path: Path, names: list[str], own: list[int], reason: str) -> NoReturn:
-    """Find the row that could not be read, and say where it is."""
+    """Raise an error that names the row that could not be read."""
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
         stream.readline()
         reader = csv.reader(stream)
@@ -211,7 +211,7 @@ def _read_array(stream: IO[bytes], name: str, tail: tuple[int, ...], exact: bool
 
 
 def _array_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[int, ...]]:
-    """The kind of number (None of what is no array), whether columns come first, and the shape that it states."""
+    """Read the kind of number (None of what is no array), whether columns come first, and the stated shape."""
     magic = stream.read(8)
     size = int.from_bytes(stream.read(2 if magic[6:7] == b"\x01" else 4), "little")
     text = stream.read(size).decode("latin1") if magic[:6] == b"\x93NUMPY" and size <= _MAX_HEADER else ""

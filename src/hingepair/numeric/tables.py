@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 from hingepair.errors import printable
 
-_LATE = 1e5  # s
+_MIN_LATE_INSTANT = 1e5  # [s]: from here on, six digits do not tell instants apart
 
 
 def aligned(lines: Sequence[Sequence[str]], right: Collection[int]) -> list[str]:
-    """The lines of a table, cells padded to columns; the columns numbered in `right` to the right.
+    """Return the lines of a table, cells padded to columns; the columns numbered in `right` to the right.
 
     >>> aligned([("name", "size"), ("d", "1.25")], {1})
     ['name  size', 'd     1.25']
@@ -62,7 +62,7 @@ def ruled_table(lines: Sequence[Sequence[str]], keys: int = 1, width: int | None
 
 
 def left_out(skipped: int, samples: int) -> str:
-    """How many samples were not finite, to go behind a verdict; nothing where all were.
+    """Return a remark on samples that were not finite, to go behind a verdict; nothing where all were.
 
     >>> left_out(1, 20)
     ' (1 of 20 samples is not finite and was left out)'
@@ -74,21 +74,21 @@ def left_out(skipped: int, samples: int) -> str:
 
 
 def instant(t: float) -> str:
-    """An instant [s] for a reader: six digits, or as many as tell it from its neighbours where it is late.
+    """Return an instant [s] as text: six digits, or as many as tell it from its neighbours where it is late.
 
     >>> instant(1 / 3), instant(1763746391.25)
     ('0.333333', '1763746391.25')
     """
-    return f"{t:.6g}" if abs(t) < _LATE else repr(float(t))
+    return f"{t:.6g}" if abs(t) < _MIN_LATE_INSTANT else repr(float(t))
 
 
 def finite_or_none(number: float) -> float | None:
-    """The number, or None where JSON has no word for it."""
+    """Return the number, or None where JSON has no word for it."""
     return number if math.isfinite(number) else None
 
 
 def json_text(report: Any) -> str:
-    """A report as JSON; a number that is not finite is null.
+    """Return a report as JSON; a number that is not finite is null.
 
     >>> print(json_text({"largest": math.inf}))
     {
@@ -121,7 +121,7 @@ _UNITS = {
     **dict.fromkeys(("motor_torque", "spring_torque", "damper_torque", "friction_torque", "stop_torque"), "N m"),
     "mass": "kg",
 }
-_MOST = 9  # numbers of a cell
+_MAX_SHOWN_NUMBERS = 9  # of a cell; of more only the count or the shape is shown
 
 
 class Sheet(NamedTuple):
@@ -161,13 +161,13 @@ class Shown:
 
 
 def sheet_of(title: str, values: Iterable[tuple[str, Any]], notes: Sequence[str] = ()) -> Sheet:
-    """Names, values - of arrays with more than nine numbers the shape - and units."""
+    """Return a table of names, values and units; of arrays with more than nine numbers it has the shape."""
     rows = ((name, cell(value), unit_of(name)) for name, value in values if value is not None)
     return Sheet(title, (("", "value", "unit"), *rows), notes)
 
 
 def cell(value: Any) -> str:
-    """A value in few characters.
+    """Return a value in few characters.
 
     >>> cell((0.5, 0, 1 / 3)), cell("a"), cell(range(10))
     ('0.5, 0, 0.333333', 'a', '10 numbers')
@@ -175,18 +175,18 @@ def cell(value: Any) -> str:
     if isinstance(value, str):
         return value
     shape = getattr(value, "shape", None)
-    if shape is not None and math.prod(shape) > _MOST:
+    if shape is not None and math.prod(shape) > _MAX_SHOWN_NUMBERS:
         return f"array of shape {tuple(shape)}"
     items = value.tolist() if shape is not None else value
     if not hasattr(items, "__len__"):
         return f"{items + 0.0:.6g}"
-    if len(items) > _MOST:
+    if len(items) > _MAX_SHOWN_NUMBERS:
         return f"{len(items)} numbers"
     return ("; " if shape is not None and len(shape) > 1 else ", ").join(cell(item) for item in items)
 
 
 def unit_of(name: str) -> str:
-    """The unit of an output, or of one of its components.
+    """Return the unit of an output, or of one of its components.
 
     >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
     ('rad/s', 'm', '1', 'N m')

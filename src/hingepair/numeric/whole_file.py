@@ -16,7 +16,7 @@ from hingepair.errors import ArgumentError
 
 @contextlib.contextmanager
 def whole_file(target: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Iterator[IO[bytes]]:
-    """A file to write to that takes the target's place when the block is left without an error.
+    """Open a file to write to that takes the target's place when the block is left without an error.
 
     Until then it stands beside the target, whose mode and owner it keeps; through a symlink it is the file behind it
     that is replaced. A device, a pipe and what is our own standard output have no place to take: they are written
@@ -69,7 +69,7 @@ def _beside(target: Path, there: os.stat_result | None) -> Iterator[IO[bytes]]:
 
 
 def _status(path: str | os.PathLike[str]) -> os.stat_result | None:
-    """What stands at the path, or behind it where it is a symlink; None where nothing does."""
+    """Return the status of the file at the path, or behind it where it is a symlink; None where there is none."""
     try:
         return Path(path).stat()
     except FileNotFoundError:

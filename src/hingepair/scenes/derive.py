@@ -19,7 +19,7 @@ from hingepair.symbolic.kinks import Expr, constant_value
 
 
 def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str] = ()) -> Derivation:
-    r"""The closed forms of a scene's motion, or of any motion of a pair, as SymPy expressions (E1-E11).
+    r"""Return the closed forms of a scene's motion, or of any motion of a pair, as SymPy expressions (E1-E11).
 
     Of a bare pair the coordinates are functions of t: x(t), y(t), z(t), phi_x(t), phi_y(t), phi_z(t) (XYZ), psi(t);
     of a planar pair x(t), y(t), phi(t), psi(t); of a scene those that go through way points. Numbers are exact: what

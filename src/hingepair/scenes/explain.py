@@ -77,7 +77,7 @@ class ScenePlan:
 def explain(
     pair: HingePair | PlanarPair, known: KnownMotion, outputs: tuple[str, ...] | None, level: int
 ) -> ScenePlan:
-    """What is computed of a motion with derivatives up to some order, of the `level` that there are, and why not."""
+    """Return what is computed of a motion whose derivatives go to `level`, what is left out, and why."""
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
     names, constant = default_outputs(known.level, kind) if outputs is None else outputs, known.constant()
     form = known.sequence, "home" in pair.constants.values

@@ -54,23 +54,23 @@ class FunctionsOfTime:
         return () if len(self.names) == 1 else (len(self.names),)
 
     def derivatives(self, t: ArrayLike, order: int) -> Derivatives:
-        """(values, first derivatives, ...), each one entry per function; exact, at kinks those from the right."""
+        """Compute (values, first derivatives, ...), one entry per function each; at kinks those from the right."""
         rows = iter(zip(*self.compiled().derivatives(t, order), strict=True))
         columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]
         return tuple(zip(*columns, strict=True))
 
     def stacked(self, t: Float64Array, order: int) -> list[Float64Array]:
-        """The same as arrays; shape (N, *tail) each."""
+        """Compute the values and derivatives as arrays; shape (N, *tail) each."""
         rows = self.derivatives(t, order)
         return [np.stack(np.broadcast_arrays(*row, t)[:-1], axis=-1).reshape(*t.shape, *self.tail) for row in rows]
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
-        """Whether kinks or jumps lie between neighbouring instants; shape (N - 1,)."""
+        """Return whether kinks or jumps lie between neighbouring instants; shape (N - 1,)."""
         points = (function.switches(t) for function in self.functions if isinstance(function, WayPoints))
         return functools.reduce(np.logical_or, points, self.compiled().switches(t))
 
     def expressions(self, letters: Sequence[str] = ()) -> dict[str, Expr | None]:
-        """The expressions by name, some of the constants as letters; None for way points."""
+        """Return the expressions by name, some of the constants as letters; None for way points."""
         found: dict[str, Expr | None] = {}
         for name, function in zip(self.names, self.functions, strict=True):
             written = self.table.values[name]
@@ -81,7 +81,7 @@ class FunctionsOfTime:
         return found
 
     def compiled(self) -> TimeFunctions:
-        """The expressions among them, ready to be evaluated; one that is never real and finite is refused."""
+        """Compile the expressions among the functions; refuse one that is never real and finite."""
         kept = {name: f for name, f in zip(self.names, self.functions, strict=True) if not isinstance(f, WayPoints)}
         return _time_functions(tuple(kept.values()), tuple(kept))
 
@@ -107,13 +107,13 @@ class ByFunctions:
     level: ClassVar[int] = ACCELERATION
 
     def part(self, rows: Rows, order: int) -> ByCoordinates:
-        """The motion at some of the instants, with derivatives up to an order."""
+        """Compute the motion at some of the instants, with derivatives up to an order."""
         t = self.t[rows]
         return ByCoordinates(t.size, self.functions.derivatives(t, order), self.sequence)
 
 
 def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
-    """The motion that the tables [motion] and [time] describe: coordinates, or rates to be integrated (E12)."""
+    """Read the motion of the tables [motion] and [time]: coordinates, or rates to be integrated (E12)."""
     if "omega1" in motion.values or "psi_dot" in motion.values:
         return _by_rates(motion, held_instants(time), planar)
     names = PLANAR_COORDINATES if planar else COORDINATES
@@ -127,7 +127,7 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
 def read_coordinates(
     motion: Table, names: tuple[str, ...], also: tuple[str, ...] = ()
 ) -> tuple[FunctionsOfTime, str | None]:
-    """Coordinates as functions of t, and the sequence of their Euler angles; None in the plane."""
+    """Read coordinates as functions of t, and the sequence of their Euler angles; None in the plane."""
     planar = "phi" in names
     motion.check_keys((*names, "constants", *(() if planar else ("sequence",)), *also))
     return read_functions(motion, names), None if planar else motion.choice("sequence", SEQUENCES, "XYZ")
@@ -155,7 +155,7 @@ def _signal(name: str, functions: FunctionsOfTime) -> Signal:
 
 
 def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
-    """The functions of t of some keys: numbers, expressions, way points."""
+    """Read the functions of t of some keys: numbers, expressions, way points."""
     functions = FunctionsOfTime(names, tuple(_function(table, key) for key in names), table)
     with table.naming():
         functions.compiled()
@@ -175,7 +175,7 @@ def _function(table: Table, key: str) -> Expr | WayPoints:
 
 
 def _way_points(table: Table) -> WayPoints:
-    """Way points: { t = [...], value = [...], profile = "...", speed = ..., acceleration = ... }."""
+    """Read way points: { t = [...], value = [...], profile = "...", speed = ..., acceleration = ... }."""
     table.check_keys(("t", "value", "profile", *_LIMITS))
     given: Any = table.values.get("t")
     count = len(given) if isinstance(given, list) else 0

@@ -38,7 +38,7 @@ class Uniform:
         return self.samples
 
     def __getitem__(self, rows: int | Rows) -> Any:
-        """One instant, or those of some rows."""
+        """Return one instant, or those of some rows."""
         if isinstance(rows, slice):
             numbers: Any = np.arange(*rows.indices(self.samples), dtype=np.float64)
         else:
@@ -54,7 +54,7 @@ Instants: TypeAlias = Uniform | Float64Array
 
 
 def read_instants(time: Table) -> Uniform:
-    """The instants of the table [time]."""
+    """Read the instants of the table [time]."""
     start, stop, samples = time.read(_TIME, required=_TIME).values()
     if not 0 <= stop - start < np.inf:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
@@ -64,7 +64,7 @@ def read_instants(time: Table) -> Uniform:
 
 
 def held_instants(time: Table) -> Float64Array:
-    """The instants of the table [time], where all of them are in memory at once."""
+    """Read the instants of the table [time] into memory."""
     t = read_instants(time)
     if len(t) > MOST_HELD:
         time.fail("samples", f"at most {MOST_HELD} where a motion is integrated, which is done in memory")
@@ -72,7 +72,7 @@ def held_instants(time: Table) -> Float64Array:
 
 
 def _samples(time: Table, key: str) -> int:
-    """A whole number within limits."""
+    """Read the number of samples, a whole number within limits."""
     value: Any = time.values.get(key)
     if type(value) is float and value.is_integer():
         value = int(value)

@@ -35,7 +35,7 @@ def integrated(
     planar: bool = False,
     **notes: Any,
 ) -> Motion:
-    """The motion from the signals omega1 and psi' (E12), in the plane by two sums (E11).
+    """Integrate the signals omega1 and psi' to a motion (E12), in the plane by two sums (E11).
 
     `known` are R1, v1, omega1, psid at the instants, and a1, alpha1, psidd where these are known; `tol` is the error
     that is aimed at, refused where it is missed and the table asks for it; `notes` are functions and hint.

@@ -69,7 +69,7 @@ class ByCoordinates:
         return {name: self._column(order, i) for i, name in enumerate(names)}
 
     def part(self, rows: Rows, order: int) -> ByCoordinates:
-        """Some of the instants, with the derivatives up to an order."""
+        """Return the motion at some of the instants, with the derivatives up to an order."""
         kept = tuple(
             tuple(value[rows] if isinstance(value, np.ndarray) else value for value in values)
             for values in self.derivatives[: order + 1]
@@ -80,20 +80,20 @@ class ByCoordinates:
     def forward_kinematics(
         self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto"
     ) -> PairState | PlanarState:
-        """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
+        """Compute the state of the pair: all of body 2 that the derivatives allow unless outputs are named."""
         found: PairState | PlanarState = pair.forward_kinematics(
             *self._of_many(), outputs=outputs, backend=backend, **self._sequence()
         )
         return found
 
     def cross_validate(self, pair: Any) -> CrossValidation:
-        """The equations against Pinocchio."""
+        """Compare the equations with Pinocchio."""
         from hingepair.validation.cross_validate import cross_validate
 
         return cross_validate(pair, *self.derivatives, **self._sequence())
 
     def constant(self) -> frozenset[str]:
-        """Which coordinates, and which inputs of a plan, do not depend on t."""
+        """Return the names of the coordinates, and of the inputs of a plan, that do not depend on t."""
         given = dict(zip(PARTS, self.derivatives, strict=False))
         values = dict(zip(self._names, self.derivatives[0], strict=True))
         for part, take, (name,) in ROW_STEPS if self.sequence else PLANAR_ROW_STEPS:
@@ -102,7 +102,7 @@ class ByCoordinates:
         return frozenset(name for name, value in values.items() if not _varies(value))
 
     def in_space(self, pair: Any) -> ByBody1:
-        """Body 1 in space and the hinge, with the derivatives that are known."""
+        """Return the motion of body 1 in space and of the hinge, with the derivatives that are known."""
         if not self.sequence:
             body1, *hinge = motion_in_space(*self._of_many())
             return ByBody1(body1, tuple(hinge))
@@ -111,7 +111,7 @@ class ByCoordinates:
         return by_body1(known | {part[2]: self._column(i, -1) for i, part in enumerate(_PARTS[: self.level + 1])})
 
     def bodies(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """R1, S1, R2, S2 in space, and of rates omega1, omega2, psid and W1, the size of body 1's turning."""
+        """Compute R1, S1, R2, S2 in space and, of a motion with rates, omega1, omega2, psid, W1 (scale of omega1)."""
         if self.sequence:
             found = self.forward_kinematics(pair, _BODIES if self.level else _BODIES[:4]).arrays()
             if self.level:
@@ -138,7 +138,7 @@ class ByCoordinates:
         return {"sequence": self.sequence} if self.sequence else {}
 
     def _of_many(self) -> Derivatives:
-        """The derivatives, at least one coordinate as an array, so that they are those of so many instants."""
+        """Return the derivatives with at least one coordinate as an array, which shows the number of instants."""
         q, *rates = self.derivatives
         return (q, *rates) if _varies(q) else ((np.full(self.count, q[0]), *q[1:]), *rates)
 
@@ -186,34 +186,34 @@ class ByBody1:
         return found | attitude | {angle: self.hinge[order]}
 
     def constant(self) -> frozenset[str]:
-        """Which inputs of a plan do not depend on t: none is looked for."""
+        """Return no name: inputs that do not depend on t are not looked for."""
         return frozenset()
 
     def part(self, rows: Rows, order: int) -> ByBody1:
-        """Some of the instants, with the derivatives up to an order."""
+        """Return the motion at some of the instants, with the derivatives up to an order."""
         letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * min(order, self.level) + 2]
         arrays = {letter: getattr(self.body1, letter)[rows] for letter in letters}
         return ByBody1(BodyMotion(**arrays), tuple(angle[rows] for angle in self.hinge[: order + 1]))
 
     def forward_kinematics(self, pair: Any, outputs: tuple[str, ...] | None, backend: str = "auto") -> PairState:
-        """The state of the pair; all of body 2 that the derivatives allow unless outputs are named."""
+        """Compute the state of the pair: all of body 2 that the derivatives allow unless outputs are named."""
         found: PairState = pair.forward_kinematics_from_body1(
             self.body1, *self.hinge, outputs=outputs, backend=backend
         )
         return found
 
     def cross_validate(self, pair: Any) -> CrossValidation:
-        """The equations against Pinocchio."""
+        """Compare the equations with Pinocchio."""
         from hingepair.validation.cross_validate import cross_validate_from_body1
 
         return cross_validate_from_body1(pair, self.body1, *self.hinge)
 
     def in_space(self, _: Any) -> ByBody1:
-        """The same."""
+        """Return this motion."""
         return self
 
     def bodies(self, pair: Any) -> dict[str, NDArray[Any]]:
-        """R1, S1, R2, S2, and of rates omega1, omega2, psid and W1, the size of body 1's turning."""
+        """Compute R1, S1, R2, S2 and, of a motion with rates, omega1, omega2, psid and W1 (scale of omega1)."""
         if not self.level:
             return self.forward_kinematics(pair, _BODIES[:4]).arrays()
         W1, _ = given_rate_sizes(self.body1.omega)
@@ -231,7 +231,7 @@ KnownMotion: TypeAlias = ByCoordinates | ByBody1
 
 
 def by_body1(known: Mapping[str, NDArray[Any]]) -> ByBody1:
-    """The motion by R1, S1 and psi, and those of v1, omega1, psid, a1, alpha1, psidd that complete a derivative."""
+    """Return the motion by R1, S1 and psi, with the derivatives that position, attitude and psi all have."""
     level = max(i for i, names in enumerate(_PARTS) if known.keys() >= {*names})
     arrays = {name[:-1]: known[name] for names in _PARTS[: level + 1] for name in names[:2]}
     return ByBody1(BodyMotion(**arrays), tuple(known[names[2]] for names in _PARTS[: level + 1]))

@@ -55,7 +55,7 @@ _POSITION = ("R1", "v1", "a1")
 _HINGE = ("psi", "psid", "psidd")
 _EULER = ("phi", "phid", "phidd")
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
-_LATE: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
+_MIN_LATE_INSTANT: Final = 1e5  # s: from here on instants are rounded to more than 1e-11 s
 
 
 def read_log(table: Table, folder: Path) -> Motion:
@@ -90,7 +90,7 @@ def _frame(table: Table, log: _Log) -> str:
 
 
 def _columns_of(name: str) -> tuple[str, ...]:
-    """The columns of an array; what is no array is a column itself."""
+    """Return the names of the columns of an array; what is no array is a column itself."""
     return ARRAYS.get(name, (name,))
 
 
@@ -118,7 +118,7 @@ class _Log(Place):
                 self.refuse("t", "a column", "no such column")
             stamps = self.columns["t"]
             t = instants_of("t", stamps, ORDER if completed else 0)
-            late = kind == ".csv" and abs(t[0]) > _LATE
+            late = kind == ".csv" and abs(t[0]) > _MIN_LATE_INSTANT
             instants = csv_column(path, "t", np.longdouble) if late else t
         if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
             unit = "" if stamps.dtype.kind in "mM" else " ns"
@@ -128,7 +128,7 @@ class _Log(Place):
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
 
     def _checked(self, names: list[str], known: tuple[str, ...]) -> list[str]:
-        """The names; one that is not known or that comes twice is refused."""
+        """Return the names of the columns; refuse one that is not known or comes twice."""
         for i, name in enumerate(names):
             if name not in known:
                 got = f"an unknown column{nearest(name, known)}"
@@ -162,7 +162,7 @@ class _Log(Place):
         return {name: array if name in ARRAYS else array[:, 0] for name, array in found.items()}
 
     def _together(self, name: str, required: bool) -> NDArray[np.float64] | None:
-        """The columns of an array side by side; None where none of them is there and none need be."""
+        """Return the columns of an array side by side; None where none of them is there and none need be."""
         own = _columns_of(name)
         there = [column for column in own if column in self.columns]
         if not there and not required:
@@ -180,14 +180,14 @@ class _Log(Place):
             self.refuse(_columns_of(name)[i], f"finite numbers, to be {use}", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
-        """The matrices of quaternions."""
+        """Return the rotation matrices of quaternions; refuse one that is zero."""
         zero = np.flatnonzero((quat_xyzw == 0).all(axis=-1))
         if zero.size:
             self.refuse("qx, qy, qz, qw", "quaternions that are not zero", f"a zero quaternion at sample {zero[0]}")
         return np.asarray(quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False))
 
     def _derivatives(self, name: str, array: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """First and second derivative of columns; of an attitude, omega and alpha."""
+        """Return the first and second derivatives of columns; of an attitude, omega and alpha."""
         self.finite(name, array, "differentiated")
         if name == "quat_xyzw":
             with self.naming(", ".join(ARRAYS[name])):
@@ -282,7 +282,7 @@ def _integrated(table: Table, log: _Log) -> Motion:
 
 
 def _attitude(log: _Log) -> tuple[str, ...]:
-    """Which of the two ways the attitude is given in; refuses columns of the other."""
+    """Return the names of the attitude and its rates, angles or quaternions; refuse columns of the other kind."""
     euler = any(column in log.columns for column in ARRAYS["phi"])
     own, other = (_EULER, _QUATERNION) if euler else (_QUATERNION, _EULER)
     if not euler and not any(column in log.columns for column in ARRAYS["quat_xyzw"]):
@@ -295,7 +295,7 @@ def _attitude(log: _Log) -> tuple[str, ...]:
 
 
 def _level(log: _Log, parts: dict[tuple[str, ...], Part]) -> int:
-    """The highest derivative of the motion; refuses derivatives of some parts without those of the others."""
+    """Return the highest derivative of the motion; refuse derivatives of some parts without those of the others."""
     level = max(i for names, part in parts.items() for i in range(3) if names[i] in part)
     for names, part in parts.items():
         for name in names[: level + 1]:
@@ -306,6 +306,6 @@ def _level(log: _Log, parts: dict[tuple[str, ...], Part]) -> int:
 
 
 def _seven(parts: list[Float64Array]) -> tuple[float | Float64Array, ...]:
-    """Seven coordinates; those that never change as one number."""
+    """Return the seven coordinates, those that never change as one number."""
     columns = [np.ascontiguousarray(column) for column in np.column_stack(parts).T]
     return tuple(float(column[0]) if (column == column[0]).all() else column for column in columns)

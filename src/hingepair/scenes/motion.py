@@ -30,7 +30,7 @@ class Given(Protocol):
         """Euler sequence of body 1; None where its attitude does not come as three Euler angles."""
 
     def part(self, rows: Rows, order: int, /) -> KnownMotion:
-        """The motion at some of the instants, with derivatives up to an order."""
+        """Return the motion at some of the instants, with derivatives up to an order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,22 +86,22 @@ class Motion:
         return f"{self.how}, error {'unknown' if math.isnan(self.error_estimate) else f'about {known}'}"
 
     def kinks(self, start: int, stop: int) -> int:
-        """How many of the intervals that end at these instants have a kink or a jump of a function of t."""
+        """Return the number of intervals that end at these instants and hold a kink or a jump of a function of t."""
         t = self.t[max(start - 1, 0) : stop]
         return int(np.logical_or.reduce([functions.switches(t) for functions in self.functions]).sum())
 
     def gravity(self, pair: HingePair | PlanarPair) -> tuple[float, ...]:
-        """Acceleration of free fall in space: that of [dynamics], or the usual."""
+        """Return the acceleration of free fall in space [m/s^2]: that of [dynamics], or the usual."""
         if self.simulated:
             return self.simulated.gravity
         return (*PLANAR_GRAVITY, 0.0) if isinstance(pair, PlanarPair) else GRAVITY
 
 
 def turns_about(sequence: str) -> str:
-    """How Euler angles turn body 1, for a reader."""
+    """Return a phrase on the axes that Euler angles turn body 1 about."""
     return f"phi_x, phi_y, phi_z turn about {', '.join(sequence)}"
 
 
 def massive(pair: HingePair | PlanarPair) -> HingePair:
-    """The pair in space, of bodies with their masses."""
+    """Return the pair in space, with the masses of its bodies."""
     return pair.massive() if isinstance(pair, PlanarPair) else pair

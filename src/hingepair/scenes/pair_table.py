@@ -19,7 +19,7 @@ Made = TypeVar("Made")
 
 
 def _inertia(table: Table, key: str) -> Any:
-    """Principal moments, or a matrix."""
+    """Read an inertia: three principal moments, or a matrix."""
     given = table.values[key]
     diagonal = isinstance(given, list) and not any(isinstance(row, list) for row in given)
     return np.diag(table.numbers(key, 3)) if diagonal else table.numbers(key, 3, 3)
@@ -73,7 +73,7 @@ KEYS: Final = (*_SPATIAL, *_ROBOT)
 
 
 def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
-    """The pair of the table [pair], named as its file is unless it has a name."""
+    """Return the pair of the table [pair], named as its file is unless it has a name."""
     name = {"name": " ".join(printable(Path(table.file).stem).split()) or None}
     if planar:
         return _made(table, PlanarPair, name | table.read(_PLANAR, ("u1", "u2")))
@@ -113,6 +113,6 @@ def pair_expressions(table: Table, planar: bool, letters: Collection[str] = ()) 
 
 
 def _made(table: Table, make: Callable[..., Made], values: Mapping[str, Any]) -> Made:
-    """What is made of the values of a table; an argument that is refused is named as the key that it came from."""
+    """Make something of the values of a table; errors name the key that a refused argument came from."""
     with table.naming():
         return make(**values)

@@ -101,11 +101,11 @@ class SceneResult(Frozen, Result):
         return found
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """The outputs and the coordinates, by name; shape (samples, ...)."""
+        """Return the outputs and the coordinates, by name; shape (samples, ...)."""
         return self.chosen() | self.known.coordinates()
 
     def energy(self) -> Energy:
-        """Kinetic and potential energy at the instants (D7), of each body that has masses, in the scene's gravity.
+        """Compute kinetic and potential energy at the instants (D7) of bodies with masses, in the scene's gravity.
 
         Raises:
             ArgumentError: no output has second derivatives, or body 2 no mass properties.
@@ -114,7 +114,7 @@ class SceneResult(Frozen, Result):
         return massive(self.scene.pair).energy(moved.body1, moved.psi, moved.hinge[1], gravity)
 
     def momentum(self) -> Momentum:
-        """Linear and angular momentum at the instants (D8), where both bodies have mass properties.
+        """Compute linear and angular momentum at the instants (D8), where both bodies have mass properties.
 
         Raises:
             ArgumentError: no output has second derivatives, or a body no mass properties.
@@ -123,7 +123,7 @@ class SceneResult(Frozen, Result):
         return massive(self.scene.pair).momentum(moved.body1, moved.psi, moved.hinge[1])
 
     def _moved(self) -> ByBody1:
-        """Body 1 in space, and the hinge."""
+        """Return the motion of body 1 in space and of the hinge."""
         if self.known.level < ACCELERATION:
             raise ArgumentError("outputs", "some that need second derivatives, such as a2", self.state.outputs)
         return self.known.in_space(self.scene.pair)
@@ -244,7 +244,7 @@ class Scene(Shown):
         return self.functions().expressions()
 
     def functions(self) -> FunctionsOfTime:
-        """The coordinates as functions of t.
+        """Return the coordinates as functions of t.
 
         Raises:
             ArgumentError: the motion does not come as expressions.
@@ -258,7 +258,7 @@ class Scene(Shown):
         return given.functions
 
     def times(self) -> NDArray[np.float64]:
-        """The instants; shape (samples,) s.
+        """Return the instants; shape (samples,) s.
 
         Raises:
             ArgumentError: there are too many to be held in memory.
@@ -271,7 +271,7 @@ class Scene(Shown):
         return np.asarray(read_only(self.motion.t[:]))
 
     def coordinates(self, t: ArrayLike) -> Derivatives:
-        """The coordinates and their exact derivatives at any instants.
+        """Compute the coordinates and their exact derivatives at any instants.
 
         Args:
             t: instants [s]; shape (...).
@@ -287,7 +287,7 @@ class Scene(Shown):
         return self.functions().derivatives(t, ACCELERATION)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
-        """The pair's state at the scene's instants.
+        """Compute the pair's state at the scene's instants.
 
         Args:
             outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1, or in the plane
@@ -302,7 +302,7 @@ class Scene(Shown):
         return self._part(slice(len(self.times())), self._names(outputs))
 
     def sampled(self, most: int, outputs: Iterable[str] | None = None) -> SceneResult:
-        """The same at so many instants at most, evenly spread.
+        """Compute the pair's state at a limited number of instants, evenly spread.
 
         Args:
             most: how many.
@@ -311,7 +311,7 @@ class Scene(Shown):
         return self._part(self._spread(most), self._names(outputs), self.motion.level)
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[SceneResult]:
-        """The same in pieces of 131,072 instants, one after the other, for motions longer than memory.
+        """Compute the pair's state in pieces of 131,072 instants, for motions longer than memory.
 
         The motion that a piece comes from, `known`, has rates where the scene has any.
 
@@ -326,7 +326,7 @@ class Scene(Shown):
             yield self._part(slice(start, start + ROWS), names, min(self.motion.level, VELOCITY))
 
     def _part(self, rows: Rows, names: tuple[str, ...] | None, least: int = 0) -> SceneResult:
-        """The state at some instants; derivatives up to the order `least` are kept beside it."""
+        """Compute the state at some instants; derivatives up to the order `least` are kept beside it."""
         t = np.asarray(read_only(self.motion.t[rows]))
         own, order = self._needs(names)
         known = self.motion.given.part(rows, max(order, least))
@@ -340,11 +340,11 @@ class Scene(Shown):
         return SceneResult(t, state, self, known, names, first)
 
     def _spread(self, most: int) -> Rows:
-        """So many instants at most."""
+        """Return the numbers of at most so many instants, evenly spread."""
         return np.unique(np.linspace(0, self.samples - 1, min(self.samples, most)).astype(np.intp))
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
-        """What `evaluate` computes and what it leaves out, and why; print it.
+        """Return what `evaluate` computes and what it leaves out, and why; print it.
 
         Args:
             outputs: as for `evaluate`.
@@ -356,7 +356,7 @@ class Scene(Shown):
         return explain(self.pair, self.motion.given.part(slice(1), order), own, self.motion.level)
 
     def cross_validate(self, most: int | None = None) -> CrossValidation:
-        """The pair's motion by the equations and by Pinocchio, compared.
+        """Compare the pair's motion by the equations with that by Pinocchio.
 
         Args:
             most: so many instants at most, evenly spread; all unless given.
@@ -394,14 +394,14 @@ class Scene(Shown):
         return forces_of(self.motion, self.pair, self.times(), gravity, self.title, self.files)
 
     def notes(self) -> tuple[str, ...]:
-        """What a reader of the results should know: psi past its limits, kinks, rates by finite differences."""
+        """Return sentences that a reader of the results should see: psi past its limits, kinks, doubtful units."""
         notes = Notes(self)
         for part in self.blocks(("psi",)):
             notes.add(part)
         return notes.sentences()
 
     def _names(self, outputs: Iterable[str] | None) -> tuple[str, ...] | None:
-        """The outputs that are asked for, all of which the motion has; None: all about body 2."""
+        """Return the outputs that are asked for, all of which the motion has; None for all about body 2."""
         if outputs is None:
             return self.outputs
         names, level = check_outputs(outputs, (*self.kind.levels, *SCENE_OUTPUTS)), self.motion.level
@@ -448,7 +448,7 @@ class Notes:
                 self._first.setdefault(name, first)
 
     def sentences(self) -> tuple[str, ...]:
-        """The notes."""
+        """Return the notes."""
         motion, samples = self._scene.motion, self._scene.samples
         angles = {"limits of psi": self._limits.get("psi"), "psi": (self._most,) * (self._least == self._most)}
         found = [
@@ -497,7 +497,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
 
 
 def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
-    """The pair of a scene file, which needs no motion.
+    """Read the pair of a scene file, which needs no motion.
 
     Raises:
         SceneError, MissingDependencyError: as for `load_scene`.
@@ -532,7 +532,7 @@ def _pair(tables: Table) -> HingePair | PlanarPair:
 
 
 def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> Motion:
-    """The motion of the tables [motion], [dynamics] and [time]; files are relative to the folder."""
+    """Read the motion of the tables [motion], [dynamics] and [time]; files are relative to the folder."""
     planar = isinstance(pair, PlanarPair)
     if "dynamics" in tables.values:
         from hingepair.scenes.simulated_motion import read_dynamics
@@ -556,7 +556,7 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> M
 
 
 def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """The files that a scene is read from: its own, and the log of its motion where it has one.
+    """Return the files that a scene is read from: its own, and the log of its motion where it has one.
 
     Raises:
         SceneError: the file cannot be read.
@@ -570,5 +570,5 @@ def _files(tables: Table, path: Path) -> tuple[Path, ...]:
 
 
 def _level(output: str) -> int:
-    """The derivatives that an output needs."""
+    """Return the order of the derivatives that an output needs."""
     return _LEVELS.get(output.rstrip("12"), POSE)

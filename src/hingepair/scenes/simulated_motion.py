@@ -40,7 +40,7 @@ _ARGUMENTS: Final = {"body1": "R1_0", "body1.v": "v1_0", "body1.omega": "omega1_
 
 
 def _functions(table: Table, keys: tuple[str, ...]) -> Any:
-    """The numbers of some keys, or a callable of (t, psi, psi') that returns them."""
+    """Read the numbers of some keys, or a callable of (t, psi, psi') that returns them."""
     known = {**table.constants, **dict.fromkeys(_LETTERS, 0.0)}
     found = []
     for key in keys:
@@ -54,13 +54,13 @@ def _functions(table: Table, keys: tuple[str, ...]) -> Any:
 
 
 def _torque(table: Table, key: str) -> Any:
-    """Of the hinge, or in the plane: a number, or a callable of (t, psi, psi')."""
+    """Read a torque at the hinge, or in the plane: a number, or a callable of (t, psi, psi')."""
     found = _functions(table, (key,))
     return (lambda t, psi, psid: found(t, psi, psid)[0]) if callable(found) else found[0]
 
 
 def _load(table: Table, key: str, size: int) -> Any:
-    """A force or a torque on a body: numbers, or a callable of (t, now)."""
+    """Read a force or a torque on a body: numbers, or a callable of (t, now)."""
     if size == 1:
         one = _torque(table, key)
         return (lambda t, now: one(t, now.psi, now.psid)) if callable(one) else one
@@ -74,12 +74,12 @@ def _load(table: Table, key: str, size: int) -> Any:
 
 
 def _stops(table: Table, key: str) -> Any:
-    """Two angles, or true: the limits of the pair."""
+    """Read stops: two angles, or true for the limits of the pair."""
     return table.values[key] is True or tuple(table.numbers(key, 2))
 
 
 def _keys(size: int) -> dict[str, Key]:
-    """What [dynamics] may hold, of vectors of so many components."""
+    """Return the keys of [dynamics] and their readers, for vectors of so many components."""
     vector, turn = numbers(size), Table.number if size == 2 else numbers(3)
     force, torque = partial(_load, size=size), partial(_load, size=1 if size == 2 else 3)
     return {
@@ -96,7 +96,7 @@ LOAD_KEYS: Final = tuple(_keys(3))
 
 
 def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | PlanarPair) -> Motion:
-    """The motion that the tables [dynamics], [motion] and [time] describe; refused where it cannot be followed."""
+    """Simulate the motion that the tables [dynamics], [motion] and [time] describe."""
     planar = isinstance(pair, PlanarPair)
     given = table.read(_keys(2 if planar else 3))
     kind = given.pop("base", BASES[0])
@@ -150,7 +150,7 @@ def _known(found: SimulatedMotion | SimulatedPlanarMotion) -> ByBody1 | ByCoordi
 
 
 def _start(table: Table, given: dict[str, Any], planar: bool) -> BodyMotion:
-    """Where body 1 starts; at rest at the origin unless given."""
+    """Return the start of body 1; at rest at the origin unless given."""
     R, v = ((*given.get(key, (0, 0, 0)), 0)[:3] for key in ("R1_0", "v1_0"))
     if planar:
         S: Any = rotation_exp((0, 0, given.get("phi_0", 0.0)))
@@ -160,7 +160,7 @@ def _start(table: Table, given: dict[str, Any], planar: bool) -> BodyMotion:
 
 
 def _carried(motion: Table, pair: HingePair | PlanarPair) -> Callable[[Float64Array], BodyMotion]:
-    """Body 1 as the coordinates of [motion] move it."""
+    """Return a callable of t for body 1 as the coordinates of [motion] move it."""
     names = PLANAR_COORDINATES if isinstance(pair, PlanarPair) else COORDINATES
     functions, sequence = read_coordinates(motion, names[:-1])
 

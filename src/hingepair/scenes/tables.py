@@ -38,7 +38,7 @@ class Place:
     name: str
 
     def label(self, key: str) -> str:
-        """`file: table.key`, for messages."""
+        """Return `file: table.key`, for messages."""
         shown = key if key.isprintable() else repr(key)
         return ": ".join(filter(None, (self.file, ".".join(filter(None, (self.name, shown))))))
 
@@ -48,7 +48,7 @@ class Place:
 
     @contextlib.contextmanager
     def naming(self, key: str = "", **keys: str) -> Iterator[None]:
-        """Errors about an argument become errors about the key that it came from: keys[argument], or key."""
+        """Turn errors about an argument into errors about the key that it came from: keys[argument], or key."""
         try:
             yield
         except SceneError:
@@ -75,7 +75,7 @@ class Table(Place):
     constants: Mapping[str, Any]
 
     def read(self, keys: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
-        """What keys hold, each read as is told, of those that are there or required; all others are refused."""
+        """Return the values of keys that are there or required, each by its reader; refuse all other keys."""
         self.check_keys(keys)
         return {key: read(self, key) for key, read in keys.items() if key in self.values or key in required}
 
@@ -90,21 +90,21 @@ class Table(Place):
         self.refuse(key, expected, show(self.values[key]) if key in self.values else "nothing")
 
     def table(self, key: str, *, required: bool = True) -> Table:
-        """The table below a key; an empty one where it is absent and need not be there."""
+        """Return the table below a key; an empty one where it is absent and need not be there."""
         value = self.values.get(key, None if required else {})
         if not isinstance(value, dict):
             self.fail(key, f"a table [{f'{self.name}.' if self.name else ''}{key}]")
         return replace(self, name=f"{self.name}.{key}" if self.name else key, values=value)
 
     def entries(self, key: str, count: int, of: str) -> Table:
-        """The entries of a list, functions of `of`, as a table of key[0], key[1], ..."""
+        """Return the entries of a list, functions of `of`, as a table of key[0], key[1], ..."""
         value = self.values.get(key)
         if not isinstance(value, list) or len(value) != count:
             self.fail(key, f"{('two', 'three')[count - 2]} numbers or expressions in {of}")
         return replace(self, values={f"{key}[{i}]": entry for i, entry in enumerate(value)})
 
     def text(self, key: str, default: str | None = None) -> str:
-        """The text of a key that is not empty; the default, if there is one, where the key is absent."""
+        """Return the text of a key, which is not empty; the default, if there is one, where the key is absent."""
         value = self.values.get(key, default)
         text = " ".join(value.split()) if isinstance(value, str) else ""
         if not text or not text.isprintable():
@@ -112,25 +112,25 @@ class Table(Place):
         return text
 
     def flag(self, key: str) -> bool:
-        """Whether a key is true; false where it is absent."""
+        """Return whether a key is true; false where it is absent."""
         value = self.values.get(key, False)
         if not isinstance(value, bool):
             self.fail(key, "true or false")
         return value
 
     def choice(self, key: str, known: Sequence[str], default: str | None = None) -> str:
-        """One of some names; the default, or else the first, where the key is absent."""
+        """Return one of some names; the default, or else the first, where the key is absent."""
         value = self.text(key, default or known[0])
         with self.naming(key):
             check_choice(key, value, known)
         return value
 
     def number(self, key: str, default: float | None = None) -> float:
-        """The finite number of a key, or of an expression without t; the default where the key is absent."""
+        """Return the finite number of a key, or of an expression without t; the default where the key is absent."""
         return default if key not in self.values and default is not None else self._number(key, self.values.get(key))
 
     def numbers(self, key: str, *shape: int) -> list[Any]:
-        """The nested list of finite numbers of a key, of a given shape."""
+        """Return the nested list of finite numbers of a key, of a given shape."""
         value: Any = self.values.get(key)
         if not _has_shape(value, shape):
             self.fail(key, f"{' lists of '.join(map(str, shape))} finite numbers")
@@ -227,12 +227,12 @@ Key: TypeAlias = Callable[[Table, str], Any]
 
 
 def numbers(*shape: int) -> Key:
-    """Finite numbers of a given shape."""
+    """Return a reader of finite numbers of a given shape."""
     return lambda table, key: table.numbers(key, *shape)
 
 
 def read_tables(path: str | os.PathLike[str]) -> Table:
-    """The tables of a TOML file.
+    """Read the tables of a TOML file.
 
     Raises:
         SceneError: no such file, not to be read, too large, no UTF-8, no TOML.
@@ -266,7 +266,7 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
 
 
 def _fault(file: str, text: str, reason: str) -> SceneError:
-    """What is wrong with a text that is no TOML, with the line and a caret, and what is probably meant."""
+    """Return the error of a text that is no TOML, with the line and a caret, and what is probably meant."""
     place = _PLACE.search(reason)
     if place is None:
         return SceneError(file, "valid TOML", reason)
@@ -283,7 +283,7 @@ def _fault(file: str, text: str, reason: str) -> SceneError:
 
 
 def show(value: object) -> str:
-    """A value of a file in one line that a person can read."""
+    """Return a value of a file in one line that a person can read."""
     try:
         return "a table" if isinstance(value, dict) else _shown.repr(value)
     except ValueError:  # Python writes no integer of more than 4,300 digits

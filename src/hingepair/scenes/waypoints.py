@@ -43,7 +43,7 @@ class WayPoints:
     coefficients: Float64Array
 
     def derivatives(self, t: ArrayLike, order: int) -> tuple[Float64Array, ...]:
-        """The value and its derivatives up to an order, those at breaks from the right; t's shape each."""
+        """Return the value and its derivatives up to an order, those at breaks from the right; t's shape each."""
         times = np.asarray(t, dtype=np.float64)
         piece = np.searchsorted(self.breaks, times, side="right") - 1
         own = np.maximum(piece, 0)
@@ -52,14 +52,14 @@ class WayPoints:
         return found[0], *(np.where(piece >= 0, derivative, 0.0) for derivative in found[1:])
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
-        """Whether a kink or a jump, of the value or of its two derivatives, lies between neighbours of instants."""
+        """Return whether a kink or a jump lies between neighbouring instants; shape (N - 1,)."""
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         places = np.searchsorted(t, self.breaks, side="left") - 1
         switched[places[(places >= 0) & (places < switched.size) & self._kinked()]] = True
         return switched
 
     def largest(self, k: int) -> float:
-        """The largest absolute value of the k-th derivative."""
+        """Return the largest absolute value of the k-th derivative."""
         derived, largest = _derived(self.coefficients, k), 0.0
         for own, length in zip(derived, np.diff(self.breaks), strict=False):
             slope = np.polynomial.Polynomial(own).deriv()
@@ -70,7 +70,7 @@ class WayPoints:
         return largest
 
     def _kinked(self) -> NDArray[np.bool_]:
-        """Which breaks are kinks."""
+        """Return which breaks are kinks or jumps of the value or of its first two derivatives; shape (m,)."""
         kinked = np.zeros(self.breaks.size, dtype=bool)
         lengths = np.diff(self.breaks)
         for k in (1, 2):
@@ -84,7 +84,7 @@ class WayPoints:
 def through(
     t: Float64Array, values: Float64Array, profile: str, speed: float = math.inf, acceleration: float = math.inf
 ) -> WayPoints:
-    """The function through values at increasing instants, two at least; a limit that is passed says by how much.
+    """Return the function through values at increasing instants, two at least; refuse limits that it cannot keep.
 
     >>> position, speed = through(np.array([0.0, 2.0]), np.array([0.0, 4.0]), "quintic").derivatives(1.0, 1)
     >>> round(float(position), 9), round(float(speed), 9)
@@ -105,7 +105,7 @@ def through(
 
 
 def _each(t: Float64Array, values: Float64Array, shape: tuple[float, ...]) -> Float64Array:
-    """The same way from 0 to 1 between all neighbours."""
+    """Return coefficients of polynomials that go from point to point, each in one shape of the way from 0 to 1."""
     powers = np.diff(t)[:, None] ** np.arange(len(shape))
     found: Float64Array = np.diff(values)[:, None] * np.array(shape) / powers
     found[:, 0] = values[:-1]
@@ -113,12 +113,12 @@ def _each(t: Float64Array, values: Float64Array, shape: tuple[float, ...]) -> Fl
 
 
 def _spline(t: Float64Array, values: Float64Array) -> Float64Array:
-    """The spline of degree 5 through points, at rest and without acceleration at the first and the last."""
+    """Return coefficients of the spline of degree 5 through points, without rate or acceleration at both ends."""
     h, m, size = np.diff(t), len(t) - 1, 6
     ends = [_polynomials(_derived(np.eye(size), k), np.array([[0.0], [1.0]])) for k in range(size - 1)]
 
     def row(i: int, k: int, end: int) -> Float64Array:
-        """The k-th derivative at one end of a piece, in x = (time since t[i]) / h[i]."""
+        """Return the row of the k-th derivative at one end of a piece, in x = (time since t[i]) / h[i]."""
         found = np.zeros((m, size))
         found[i] = ends[k][end]
         return found.ravel()
@@ -134,7 +134,7 @@ def _spline(t: Float64Array, values: Float64Array) -> Float64Array:
 
 
 def _trapezoids(t: Float64Array, values: Float64Array, speed: float, acceleration: float) -> WayPoints:
-    """From rest to rest between neighbours."""
+    """Return the function that goes from rest to rest between neighbours: it accelerates, cruises and brakes."""
     breaks, coefficients = [t[0]], []
     for i, (start, stop) in enumerate(itertools.pairwise(t)):
         time, way = stop - start, values[i + 1] - values[i]
@@ -151,14 +151,14 @@ def _trapezoids(t: Float64Array, values: Float64Array, speed: float, acceleratio
 
 
 def _made(breaks: Float64Array, coefficients: Float64Array, last: float) -> WayPoints:
-    """The function that stays at its last value."""
+    """Return the function of these polynomials that stays at its last value."""
     still = np.zeros((1, coefficients.shape[1]))
     still[0, 0] = last
     return WayPoints(breaks, np.concatenate((coefficients, still)))
 
 
 def _ramp(where: str, time: float, way: float, speed: float, acceleration: float) -> float:
-    """How long to accelerate, and to brake: a third of the time where the limits allow it."""
+    """Return the time to accelerate, and to brake [s]: a third of the time where the limits allow it."""
     if way == 0:
         return time / 3
     longest = min(time / 2, time - way / speed)  # the cruising speed is way / (time - ramp)
@@ -174,10 +174,10 @@ def _ramp(where: str, time: float, way: float, speed: float, acceleration: float
 
 
 def _derived(coefficients: Float64Array, k: int) -> Float64Array:
-    """Coefficients of the k-th derivative."""
+    """Return coefficients of the k-th derivative of polynomials."""
     return np.asarray(polynomial.polyder(coefficients, k, axis=-1))
 
 
 def _polynomials(coefficients: Float64Array, x: Float64Array) -> Float64Array:
-    """Each polynomial at its own x; shapes (..., degree + 1) and (...)."""
+    """Return the value of each polynomial at its own x; shapes (..., degree + 1) and (...)."""
     return np.asarray(polynomial.polyval(x, np.moveaxis(coefficients, -1, 0), tensor=False))
