@@ -337,14 +337,15 @@ class Call:
         computed = self.loop.function(
             {name: _foreign_parts(name, inputs[name], tail, library) for name, tail in self.loop.inputs}
         )
+        result: Any = self.result
         if library.name == "jax":
-            _register_for_jax(self.result)
+            _register_for_jax(result)
         arrays = {}
         for name, tail in self.loop.outputs:
             if name in self.outputs:
                 components = computed[name] if isinstance(computed[name], tuple) else (computed[name],)
                 arrays[name] = library.joined(components, shape, tail)
-        return self.result(arrays, shape)
+        return result(arrays, shape)
 
     # ---- limits
 
