@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from hingepair.measured.hinge import GAUGES, Hinge, derivatives, frame, home_of, sign_of
-from hingepair.measured.likelihood import Noise, Residuals, judged, most_likely, seen_from
+from hingepair.measured.likelihood import (
+    LOSSES,
+    Noise,
+    Residuals,
+    judged,
+    most_likely,
+    seen_from,
+    summed_neighbours,
+)
 from hingepair.measured.relative_poses import closed_form, relative_poses
 from hingepair.rotations.matrices import rotation_log
 from support.recorded import HOME, N1, U1, U2, recording
@@ -143,3 +151,53 @@ def test_no_hinge_near_the_most_likely_one_is_likelier() -> None:
     for k in range(9):
         for sign in (1, -1):
             assert misfit(best.moved(sign * 0.4 * scatter[k] * np.eye(9)[k]).balanced()) > least
+
+
+def scipy_loss(name: str, z: float) -> float:
+    """rho(z), by SciPy's own word: twice the cost of one residual, which is the root of z."""
+    from scipy.optimize import least_squares
+
+    return 2 * float(least_squares(lambda x: np.sqrt([z]) + 0 * x, [0.0], loss=name).cost)
+
+
+@pytest.mark.parametrize("name", [name for name in LOSSES if name != "linear"])
+def test_losses_are_those_of_scipy(name: str) -> None:
+    """First and second derivative, against differences of order 4 of rho."""
+    loss = LOSSES[name]
+    assert loss is not None
+    assert loss(np.array([0.0]))[0][0] == 1.0
+    for z in (0.05, 0.3, 0.9, 1.1, 2.5, 10.0, 80.0):
+        h = 2e-3 * z
+        values = np.array([scipy_loss(name, z + k * h) for k in (-2, -1, 0, 1, 2)])
+        first, second = (each[0] for each in loss(np.array([z])))
+        assert first == pytest.approx(values @ (1, -8, 0, 8, -1) / (12 * h), rel=1e-8)
+        assert second == pytest.approx(values @ (-1, 16, -30, 16, -1) / (12 * h * h), rel=1e-5, abs=1e-7 / z)
+
+
+def autoregressive(count: int, memory: float, seed: int) -> np.ndarray:
+    """Scores of which the correlation falls by e in so many samples; (2, N)."""
+    from scipy.signal import lfilter
+
+    share = np.exp(-1 / memory)
+    return lfilter([np.sqrt(1 - share * share)], [1, -share], np.random.default_rng(seed).normal(size=(2, count)))
+
+
+@pytest.mark.parametrize(
+    ("memory", "together", "unresolved"),
+    [(1e-3, {1}, False), (3.0, {32, 64}, False), (12.0, {128, 256}, False), (400.0, {250}, True)],
+    ids=["white", "3", "12", "400"],
+)
+def test_scores_are_added_up_over_more_than_they_are_correlated(
+    memory: float, together: set[int], unresolved: bool
+) -> None:
+    """Over four times the lag, a power of two, at which less than a tenth is left; over N / 40 at most."""
+    count, lag = summed_neighbours(autoregressive(10_000, memory, 1))
+    assert count in together
+    assert (lag > 0) is unresolved
+
+
+def test_few_scores_are_not_added_up() -> None:
+    """Chance makes neighbours of a few samples alike; what is more than chance is said."""
+    assert summed_neighbours(autoregressive(30, 1e-3, 2)) == (1, 0)
+    assert summed_neighbours(autoregressive(100, 30.0, 2)) == (1, 1)
+    assert summed_neighbours(np.zeros((2, 500))) == (1, 0)
