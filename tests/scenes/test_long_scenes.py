@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import hingepair as hp
 from hingepair.cli.summary import Summary
-from hingepair.measured.recordings import read_recording
+from hingepair.formats.recordings import read_recording
 from hingepair.scenes.instants import Uniform
 from support.sparse import sparse
 

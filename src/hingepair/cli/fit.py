@@ -11,10 +11,10 @@ import typer
 
 from hingepair.cli.output import PICTURES, Json, check_picture, console, file_option, save_figure
 from hingepair.errors import FitError
+from hingepair.formats.recordings import read_recording
 from hingepair.measured.hinge import GAUGES
 from hingepair.measured.hinge_fit import fit
 from hingepair.measured.likelihood import LOSSES
-from hingepair.measured.recordings import read_recording
 from hingepair.pair.results import ENDINGS, Record, check_ending
 
 

@@ -1,4 +1,5 @@
-"""The pair and its results in other tools' files.
+"""The pair, its results and recordings of its bodies in files.
 
-URDF in and out, MJCF out, the robots of example-robot-data. Imports pair and what lies below it.
+URDF in and out, MJCF out, the robots of example-robot-data, recordings of two bodies. Imports pair, measured and what
+lies below them.
 """

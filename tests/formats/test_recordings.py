@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import hingepair as hp
-from hingepair.measured.recordings import read_recording
+from hingepair.formats.recordings import read_recording
 from support.recorded import recording
 
 MADE = recording(300, 1e-3, 2e-3)
