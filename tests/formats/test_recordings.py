@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -204,3 +205,16 @@ def test_attitudes_of_a_few_digits_and_of_zeros_are_read(tmp_path: Path) -> None
     found = read_recording([table(tmp_path / "a.csv", **columns, **places)])
     assert np.isnan(found.body2.S[5]).all()
     assert np.abs(np.delete(found.body2.S - MADE.S2, 5, axis=0)).max() < 1e-6
+
+
+@pytest.mark.parametrize(("factor", "offset"), [(1e3, 0.5), (1.0, 1e4)], ids=["milliseconds", "another clock"])
+def test_recordings_that_have_no_time_in_common_are_refused(tmp_path: Path, factor: float, offset: float) -> None:
+    first = table(tmp_path / "a.csv", t=MADE.t, **pose("", MADE.R1, MADE.S1))
+    second = table(tmp_path / "b.csv", t=factor * MADE.t + offset, **pose("", MADE.R2, MADE.S2))
+    span, step = MADE.t[-1], MADE.t[1]
+    words = f"in one unit, got '?{span:.4g} s in steps of {step:.4g} s and {factor * span:.4g} s in steps of"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", hp.MeasurementWarning)  # of steps of seconds
+        with pytest.raises(hp.ArgumentError, match=words) as caught:
+            read_recording([first, second])
+    assert caught.value.name == f"{first}: t, {second}: t"

@@ -43,6 +43,14 @@ class Recording(NamedTuple):
     t: NDArray[Any] | None  # as the file has it; None where it has none
 
 
+class _Body(NamedTuple):
+    """One body, and where it was read."""
+
+    motion: BodyMotion
+    t: NDArray[Any] | None
+    path: Path
+
+
 def read_recording(paths: Sequence[Path], ignore: Sequence[str] = (), gaps: float = 0.05) -> Recording:
     """The poses of two bodies, from one file or from one for each.
 
@@ -54,7 +62,7 @@ def read_recording(paths: Sequence[Path], ignore: Sequence[str] = (), gaps: floa
     """
     if not 1 <= len(paths) <= 2:
         raise ArgumentError("FILE", "one file, or two", f"{len(paths)}")
-    found: dict[str, tuple[BodyMotion, NDArray[Any] | None, Path]] = {}
+    bodies: dict[str, _Body] = {}
     for place, path in enumerate(paths, start=1):
         columns = _columns(path, ignore)
         digits = [digit for digit in ("1", "2", "") if any(_has(columns, names) for names in _places(digit))]
@@ -62,27 +70,43 @@ def read_recording(paths: Sequence[Path], ignore: Sequence[str] = (), gaps: floa
             digits.remove("")  # coordinates beside poses, as results are saved
         for digit in digits:
             name = digit or ("1" if len(paths) == 1 and "2" in digits else str(place))
-            if name in found:
+            if name in bodies:
                 raise ArgumentError(f"{path}", f"body {name} once", "a second time")
-            found[name] = _body(path, columns, digit), columns.get("t"), path
+            bodies[name] = _Body(_motion(path, columns, digit), columns.get("t"), path)
     for name in ("1", "2"):
-        if name not in found:
+        if name not in bodies:
             wanted = f"columns of body {name}: R{name}_x, ... or x{name}, ... (without {name} in a file of its own)"
             raise ArgumentError(", ".join(map(str, paths)), wanted, "none")
-    (body1, t1, path1), (body2, t2, path2) = found["1"], found["2"]
-    if path1 == path2:
-        return Recording(body1, body2, t1)
-    if t1 is None or t2 is None:
-        lacking = path1 if t1 is None else path2
-        raise ArgumentError(f"{lacking}: t", "a column, since each body has a file", "no such column")
+    first, second = bodies["1"], bodies["2"]
+    if first.path == second.path:
+        return Recording(first.motion, second.motion, first.t)
+    return _on_one_clock(first, second, gaps)
+
+
+def _on_one_clock(first: _Body, second: _Body, gaps: float) -> Recording:
+    """Return both bodies at the instants of the one with the longer steps."""
+    t1, t2 = _instants(first), _instants(second)
     if np.array_equal(t1, t2):
-        return Recording(body1, body2, t1)
-    steps = [
-        float(np.median(np.diff(increasing_seconds(f"{path}: t", t)[0]))) for t, path in ((t1, path1), (t2, path2))
-    ]
+        return Recording(first.motion, second.motion, t1)
+    times = [increasing_seconds(f"{body.path}: t", t)[0] for body, t in ((first, t1), (second, t2))]
+    steps = [float(np.median(np.diff(time))) for time in times]
     if steps[0] >= steps[1]:
-        return Recording(body1, resample(t2, body2, t1, gaps), t1)
-    return Recording(resample(t1, body1, t2, gaps), body2, t2)
+        recording = Recording(first.motion, resample(t2, second.motion, t1, gaps), t1)
+    else:
+        recording = Recording(resample(t1, first.motion, t2, gaps), second.motion, t2)
+    known = np.isfinite(recording.body1.R).all(axis=-1) & np.isfinite(recording.body2.R).all(axis=-1)
+    if known.sum() < 2:
+        spans = [f"{time[-1]:.4g} s in steps of {step:.4g} s" for time, step in zip(times, steps, strict=True)]
+        wanted = "recordings of the same time, by one clock and in one unit"
+        raise ArgumentError(f"{first.path}: t, {second.path}: t", wanted, " and ".join(spans))
+    return recording
+
+
+def _instants(body: _Body) -> NDArray[Any]:
+    """Return the instants of a body that has a file of its own, or refuse a file without them."""
+    if body.t is None:
+        raise ArgumentError(f"{body.path}: t", "a column, since each body has a file", "no such column")
+    return body.t
 
 
 def _places(digit: str) -> tuple[tuple[str, ...], ...]:
@@ -97,7 +121,7 @@ def _has(columns: Columns, names: tuple[str, ...]) -> bool:
     return any(name in columns for name in names)
 
 
-def _body(path: Path, columns: Columns, digit: str) -> BodyMotion:
+def _motion(path: Path, columns: Columns, digit: str) -> BodyMotion:
     """A body; the attitude of a sample that lacks any of its parts, or is 0, is NaN."""
     R = _together(path, columns, _places(digit))
     attitude = _together(path, columns, _attitudes(digit))
