@@ -33,7 +33,7 @@ _TOO_MUCH_FOR_CACHES: Final = 2**21  # bytes of output, past which they are stor
 
 
 class Bound(NamedTuple):
-    """Inputs as a loop takes them.
+    """The inputs of a loop, sorted into known numbers, constants and arrays.
 
     Attributes:
         pattern: where each component of each input comes from.
@@ -47,7 +47,7 @@ class Bound(NamedTuple):
 
 
 def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozenset(), moving: bool = False) -> Bound:
-    """The inputs by name: arrays with the components last, or tuples of components, each a number or an array.
+    """Sort the inputs of a loop into known numbers, constants and arrays that change from sample to sample.
 
     Those that are carried are never known beforehand: they are arrays, of the chains' shape and their own. Where
     `moving`, arrays are pieces though they hold one sample.
@@ -93,7 +93,7 @@ def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozen
 
 
 def rows_of(array: NDArray[Any], tail: Tail) -> Iterator[NDArray[Any]]:
-    """An array with one axis of components; one array for each row where its rows are not joined."""
+    """Yield views of an array with one axis of components; one view a row where a single view is not possible."""
     if not tail:
         yield array[..., None]
     elif len(tail) == 1:
@@ -108,7 +108,7 @@ def rows_of(array: NDArray[Any], tail: Tail) -> Iterator[NDArray[Any]]:
 
 
 class Layout(NamedTuple):
-    """How a kernel walks through arrays: two axes of samples; others are walked through from here.
+    """The strides by which a kernel walks through arrays: two axes of samples; further axes take one call a sample.
 
     Attributes:
         outer: samples along the outer axis.
@@ -127,13 +127,13 @@ Form: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # shape and strides
 
 
 def forms_of(arrays: Sequence[NDArray[Any]]) -> tuple[Form, ...]:
-    """What of arrays a layout depends on."""
+    """Return shapes and strides of arrays, from which their layout follows."""
     return tuple((array.shape, array.strides) for array in arrays)
 
 
 @functools.lru_cache(maxsize=512)
 def layout_of(forms: tuple[Form, ...], shape: tuple[int, ...], chained: bool) -> Layout:
-    """The layout of arrays that broadcast to the samples.
+    """Return the layout of arrays that broadcast to the samples.
 
     The longest axis is walked innermost; of chains, the last one, and the longest of the others outside of it.
     """
@@ -154,14 +154,14 @@ def layout_of(forms: tuple[Form, ...], shape: tuple[int, ...], chained: bool) ->
 
 
 def _strides(form: Form, shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Strides in bytes along the axes of the samples; 0 where the array does not vary."""
+    """Return the strides in bytes along the axes of the samples; 0 where the array does not vary."""
     own, strides = form
     moving = tuple(stride if n != 1 else 0 for stride, n in zip(strides[:-1], own[:-1], strict=True))
     return (0,) * (len(shape) - len(moving)) + moving
 
 
 def _merged(shape: tuple[int, ...], strides: NDArray[np.int64]) -> tuple[list[int], NDArray[np.int64]]:
-    """Axes that all arrays walk through as one, joined to one; at least two, of length 1 if need be."""
+    """Join neighbouring axes that all arrays walk through as one; return lengths and strides of at least two axes."""
     lengths, columns = [1, 1], [np.zeros(len(strides), np.int64)] * 2
     for length, column in zip(shape, strides.T, strict=True):
         if length == 1:
@@ -183,7 +183,7 @@ def walk(
     workers: int,
     chained: bool = False,
 ) -> None:
-    """Call a kernel for all samples; the inner ones of a map, the outer ones of chains are shared out to threads."""
+    """Call a kernel for all samples, in threads along the inner axis of a map or the outer axis of chains."""
     itemsize = outputs[0].itemsize
     heavy = sum(array.nbytes for array in outputs) >= _TOO_MUCH_FOR_CACHES
     table: list[int] = []
@@ -221,7 +221,7 @@ def walk(
 
 
 def in_threads(work: Callable[[Any], None], parts: Sequence[Any]) -> None:
-    """Do the parts of some work, each in a thread of its own; one alone in this one."""
+    """Do the parts of some work, each in a thread of its own; a single part is done in the calling thread."""
     if len(parts) == 1:
         work(parts[0])
         return

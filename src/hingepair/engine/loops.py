@@ -60,7 +60,7 @@ _MAX_CONVERTED_BYTES: Final = 4_000_000
 
 
 class Key(NamedTuple):
-    """A kernel's variant of a program.
+    """The key of one kernel of a program.
 
     Attributes:
         still: for each piece of the inputs, whether it stays the same along the inner axis.
@@ -127,7 +127,7 @@ class Loop:
 
 
 class Operations(NamedTuple):
-    """How many operations a program takes.
+    """The numbers of operations of a program.
 
     Attributes:
         each: for each sample.
@@ -141,19 +141,19 @@ class Operations(NamedTuple):
 
     @property
     def known(self) -> int:
-        """Those that fold away."""
+        """The number of operations that fold away."""
         return self.full - self.each - self.once
 
 
 class Traced(NamedTuple):
-    """A function written down: its inputs, and its results by name."""
+    """A traced function: its inputs, and its results by name."""
 
     constants: tuple[Value, ...]
     pieces: tuple[tuple[Value, ...], ...]
     results: dict[str, Any]
 
     def flat(self, outputs: Spec) -> list[Operand]:
-        """The components of all outputs."""
+        """Return the components of all outputs, one after the other."""
         return [part for name, _ in outputs for part in components(self.results[name])]
 
 
@@ -161,7 +161,7 @@ T = TypeVar("T")
 
 
 class _Once(functools.cached_property[T]):
-    """Without the lock of Python 3.11, which a fork meanwhile would leave locked in the child for ever."""
+    """A cached property without the lock of Python 3.11, which a fork could leave locked in the child for ever."""
 
     def __get__(self, instance: Any, owner: type[Any] | None = None) -> T:  # type: ignore[override]
         found = instance.__dict__[self.attrname] = self.func(instance)
@@ -169,7 +169,7 @@ class _Once(functools.cached_property[T]):
 
 
 class Program:
-    """A loop for one pattern of inputs: what is known is folded away."""
+    """A loop, traced and folded for one pattern of inputs."""
 
     def __init__(self, loop: Loop, pattern: Pattern) -> None:
         self.loop = loop
@@ -279,7 +279,7 @@ class Program:
     def _by_numpy(
         self, bound: Bound, parts: Sequence[NDArray[Any]], shape: Extent, dtype: np.dtype[Any], workers: int
     ) -> None:
-        """By NumPy, block by block; what does not differ from sample to sample at once, in Python's floats."""
+        """Run the program by NumPy in blocks of samples; what all samples share is computed once, in floats."""
         if not bound.pieces and dtype == np.float64:
             found = self.floats_function(*bound.constants)
             for part in parts:
@@ -309,7 +309,7 @@ class Program:
 
     @_Once
     def source(self) -> str:
-        """The Python source."""
+        """The source of the generated Python function."""
         traced = self._moving
         inputs = [*traced.constants, *(value for piece in traced.pieces for value in piece)]
         after = [part for name in self.loop.carry.values() for part in components(traced.results[name])]
@@ -317,21 +317,21 @@ class Program:
 
     @_Once
     def floats_function(self) -> Callable[..., tuple[Any, ...]]:
-        """The function of one state, of Python floats: constants, then pieces, to the components of the outputs."""
+        """The generated function for one state, of Python floats: constants, then inputs."""
         return python_source.for_floats(self.loop.name, self.source)
 
     @_Once
     def arrays_function(self) -> Callable[..., tuple[Any, ...]]:
-        """The same for NumPy arrays."""
+        """The generated function for NumPy arrays."""
         return python_source.for_arrays(self.loop.name, self.source)
 
     @_Once
     def operations(self) -> int:
-        """How many operations are left, sines counted as ten."""
+        """The number of operations that are left, sines counted as ten."""
         return sum((10 if v.operation in FUNCTIONS else 1) for v in self._lines if v.operation != "input")
 
     def count(self, full: Program) -> Operations:
-        """How many operations are left, beside those of the program that knows nothing beforehand."""
+        """Return the numbers of operations left, beside those of the program for which nothing is known."""
         each, once = (operations(self._lines, moving) for moving in (True, False))
         return Operations(each, once, operations(full._lines))
 
@@ -341,11 +341,11 @@ class Program:
 
     @_Once
     def _moving(self) -> Traced:
-        """The function written down, for pieces that all move."""
+        """The traced function, for inputs that all change from sample to sample."""
         return self.traced((False,) * len({place[0] for place in self.pattern if isinstance(place, tuple)}))
 
     def traced(self, still: tuple[bool, ...]) -> Traced:
-        """The function written down, for pieces of which some do not move."""
+        """Trace the function; `still` names the inputs that do not change from sample to sample."""
         trace, places = Trace(), iter(self.pattern)
         constants: list[Value] = []
         pieces: dict[int, dict[int, Value]] = {}
@@ -383,7 +383,7 @@ class Program:
         shape: Extent,
         dtype: np.dtype[Any],
     ) -> None:
-        """A scan by NumPy: all chains at once, one sample after the other."""
+        """Run a scan by NumPy: all chains at once, one sample after the other."""
         places = iter(self.pattern)
         parts = [(name, next(places)) for name, tail in self.loop.inputs for _ in range(math.prod(tail))]
         carried = [place for name, place in parts if name in self.loop.carry]
@@ -403,5 +403,5 @@ class Program:
 
 
 def components(value: Any) -> tuple[Any, ...]:
-    """A vector's components; of a scalar, itself."""
+    """Return the components of a vector, or a scalar as a tuple of one."""
     return value if isinstance(value, tuple) else (value,)

@@ -18,7 +18,7 @@ _NEGATIVE, _ATOM = 3, 4
 
 
 def source_of(name: str, inputs: Sequence[Value], results: Sequence[Operand]) -> str:
-    """The source of a function of the inputs that returns the results, as one flat tuple.
+    """Return the source of a function of the inputs that returns the results as one flat tuple.
 
     What is used once stands where it is used, unless it has a name of its own.
     """
@@ -46,7 +46,7 @@ def source_of(name: str, inputs: Sequence[Value], results: Sequence[Operand]) ->
 
 
 def for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """The function of a source, for Python floats.
+    """Compile a source into a function of Python floats.
 
     Where Python raises (the sine of infinity, a division by zero) NumPy's numbers give what IEEE 754 says.
     """
@@ -63,7 +63,7 @@ def for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
 
 
 def for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """The function of a source, for NumPy arrays and numbers."""
+    """Compile a source into a function of NumPy arrays and numbers."""
     return _compile(name, source, _OF_ARRAYS)
 
 
@@ -75,7 +75,7 @@ def _compile(name: str, source: str, functions: dict[str, Any]) -> Callable[...,
 
 
 class _Names:
-    """Names that no two values share."""
+    """A dispenser of names that no two values share."""
 
     def __init__(self) -> None:
         self._taken: Counter[str] = Counter()
@@ -93,7 +93,7 @@ def _text(one: Operand, text: dict[int, tuple[str, int]]) -> tuple[str, int]:
 
 
 def _expression(value: Value, text: dict[int, tuple[str, int]]) -> tuple[str, int]:
-    """An operation as Python writes it, and how strongly it binds."""
+    """Return an operation as Python writes it, and its precedence."""
     parts = [_text(one, text) for one in value.operands]
     binding = _INFIX.get(value.operation)
     if binding is not None:
@@ -116,7 +116,7 @@ def _bracketed(part: tuple[str, int], binding: int) -> str:
 
 
 def _list(opening: str, parts: Iterable[str], closing: str) -> list[str]:
-    """An opening, parts and a closing, broken into lines."""
+    """Return an opening, parts separated by commas and a closing, broken into lines."""
     lines, indent = [opening], " " * (len(opening) - len(opening.lstrip()) + 4)
     for i, part in enumerate(parts):
         piece = f", {part}" if i else part

@@ -22,7 +22,7 @@ FUNCTIONS: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "ar
 
 
 class Value:
-    """What one line of a trace gives: an input, or an operation on earlier values and numbers.
+    """A traced value: an input, or the result of an operation on earlier values and numbers.
 
     Attributes:
         operation: "input", "+", "-", "*", "/", "negative", or one of FUNCTIONS.
@@ -93,17 +93,17 @@ class Value:
         return self
 
     def sine(self) -> Operand:
-        """The sine."""
+        """Return the sine."""
         first = self.operands[0] if self.operation == "negative" else None
         return -first.sine() if isinstance(first, Value) else self.trace.line("sin", self)
 
     def cosine(self) -> Operand:
-        """The cosine."""
+        """Return the cosine."""
         first = self.operands[0] if self.operation == "negative" else None
         return first.cosine() if isinstance(first, Value) else self.trace.line("cos", self)
 
     def versine(self) -> Operand:
-        """1 - cos, with all its digits where the value is small."""
+        """Return 1 - cos, with all its digits where the value is small."""
         first = self.operands[0] if self.operation == "negative" else None
         if isinstance(first, Value):
             return first.versine()
@@ -114,17 +114,17 @@ class Value:
 
 
 class Trace:
-    """Straight-line code in the making."""
+    """A recorder of operations, from which straight-line code is made."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], Value] = {}
 
     def input(self, name: str, moves: bool = True) -> Value:
-        """A value that is given."""
+        """Return the traced value of an input."""
         return Value(self, "input", (), moves, name)
 
     def line(self, operation: str, *operands: Operand) -> Value:
-        """The value of an operation; that of an earlier line where the same was written before."""
+        """Return the value of an operation; an operation that was recorded before is recorded once."""
         key = (operation, *operands)
         found = self._known.get(key)
         if found is None and operation in {"+", "*"}:
@@ -136,7 +136,7 @@ class Trace:
 
 
 def needed_lines(results: Iterable[Operand]) -> list[Value]:
-    """The values that lead to the results, inputs included, each after its operands."""
+    """Return the values that lead to the results, inputs included, each after its operands."""
     lines: list[Value] = []
     seen: set[int] = set()
     waiting: list[tuple[Operand, bool]] = [(result, False) for result in reversed(list(results))]
@@ -154,24 +154,24 @@ def needed_lines(results: Iterable[Operand]) -> list[Value]:
 
 
 def operations(lines: Iterable[Value], moving: bool | None = None) -> int:
-    """How many of the lines compute something; of those that move, or do not, where asked for."""
+    """Return the number of operations among the lines; where `moving` is given, of those that move or do not."""
     return sum(v.operation != "input" and moving in {None, v.moves} for v in lines)
 
 
 def square_root(x: Any) -> Any:
-    """The square root of a traced value, a number or an array."""
+    """Return the square root of a traced value, a number or an array."""
     if isinstance(x, Value):
         return x.trace.line("sqrt", x)
     return array_libraries.apply("square_root", x) if array_libraries.is_foreign(x) else np.sqrt(x)
 
 
 def arc_tangent(y: Any, x: Any) -> Any:
-    """The angle of (x, y)."""
+    """Return the angle of the vector (x, y) from the x axis [rad]."""
     return _of_two("arctan2", np.arctan2, y, x)
 
 
 def hypotenuse(x: Any, y: Any) -> Any:
-    """The root of x^2 + y^2 without overflow on the way."""
+    """Return the root of x^2 + y^2 without overflow on the way."""
     return _of_two("hypot", np.hypot, x, y)
 
 
@@ -182,7 +182,7 @@ def _of_two(operation: str, function: Callable[[Any, Any], Any], a: Any, b: Any)
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
-    """`then` where a < b, `otherwise` elsewhere and where either is NaN; values, or tuples of them."""
+    """Return `then` where a < b, `otherwise` elsewhere and where either is NaN; values, or tuples of them."""
     if isinstance(then, tuple):
         return tuple(where_less(a, b, x, y) for x, y in zip(then, otherwise, strict=True))
     for one in (a, b):
@@ -197,13 +197,13 @@ _PARTS: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "
 
 
 def line_name(name: str, k: int, count: int) -> str:
-    """What component k of so many is called in generated code."""
+    """Return the name of component k of `count` in generated code."""
     parts = _PARTS.get(count)
     return name if count == 1 else f"{name}_{parts[k] if parts else k + 1}"
 
 
 def name_lines(name: str, value: Any, labels: Sequence[str] | None = None) -> None:
-    """Give the components of a result their names in generated code, where they are traced and have none yet."""
+    """Name the components of a result in generated code, where they are traced and have no name yet."""
     components = value if isinstance(value, tuple) else (value,)
     for k, component in enumerate(components):
         if isinstance(component, Value) and not component.name and component.operation != "negative":

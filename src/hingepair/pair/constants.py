@@ -21,7 +21,7 @@ _IDENTITY = read_only(np.eye(3))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constants:
-    """What a pair brings: u1, u2 and n, home where it is not the identity, and the levers, by component.
+    """The constants of a pair: u1, u2 and n, home where it is not the identity, and the levers, by component.
 
     Attributes:
         values: components by name; floats where the pair is one.
@@ -44,7 +44,7 @@ class Constants:
 
 
 def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None) -> Constants:
-    """The constants of a pair.
+    """Return the constants of a pair.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
@@ -68,7 +68,7 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
 
 
 def _axis_and_levers(values: Named, axis: Components) -> Named:
-    """The unit axis, and along, across and around of `plans.steps.LEVER_STEPS`, body-1 axes [m].
+    """Return the unit axis, and along, across and around of `plans.steps.LEVER_STEPS`, body-1 axes [m].
 
     Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.
     """
@@ -104,7 +104,7 @@ HINGE_FRAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"})
 
 
 def with_hinge_frames(pair: Constants) -> Constants:
-    """The pair's constants, and the hinge's frame (e1, e2, n) in the axes of body 1 and of body 2.
+    """Return the pair's constants with the hinge's frame (e1, e2, n) in the axes of body 1 and of body 2.
 
     e1 is the axis of body 1 that is furthest from n, made perpendicular to it; e2 = n x e1. Body 2 has them turned by
     C^-1: by C^T a home that is a rotation to nine digits only would be seen as a tilt.

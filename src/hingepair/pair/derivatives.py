@@ -32,7 +32,7 @@ def acceleration_bias(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: 
 def _from_body1(
     pair: Constants, names: tuple[str, ...], body1: BodyMotion, *letters: str, **hinge: ArrayLike
 ) -> dict[str, FloatArray]:
-    """What is computed of these letters of body 1 and of psi and its rate."""
+    """Return outputs computed from some quantities of body 1, and from psi and its rate."""
     values = {**motion_arrays("body1", body1, *letters), **{n: component(n, value) for n, value in hinge.items()}}
     shapes = {"body1": body1.shape, **{name: np.shape(values[name]) for name in hinge}}
     return arrays_of(pair, names, values, shapes)

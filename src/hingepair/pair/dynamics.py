@@ -36,7 +36,7 @@ SINGULAR = 64 * 2.0**-53
 
 
 def _in_a_line(self: Any) -> str:
-    """Arrays by name; of those with more than nine numbers the shape."""
+    """Return a tuple of arrays as one line: numbers by name, and of more than nine numbers the shape."""
     parts = (f"{n}={v!r}" if np.size(v) <= 9 else f"{n}: shape {np.shape(v)}" for n, v in self._asdict().items())
     return f"{type(self).__name__}({', '.join(parts)})"
 
@@ -127,7 +127,7 @@ class Momentum(NamedTuple):
 
 
 def mass_constants(bodies: Mapping[str, Body | None]) -> dict[str, Any]:
-    """Masses, centres and inertias of body1 or body2, or both, as constants of the equations.
+    """Return masses, centres and inertias of body1 or body2, or both, as constants of the equations.
 
     Warns of a mass or an inertia that is not given.
 
@@ -152,7 +152,7 @@ def _with(constants: Constants, more: Mapping[str, Any]) -> Constants:
 
 
 def for_calls(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: Iterable[str]) -> Constants:
-    """The pair's constants, those of its masses that are needed, gravity, and no loads.
+    """Return the pair's constants with the masses that are needed, gravity, and loads of zero.
 
     Raises:
         ArgumentError: a body that is needed has no mass properties, or gravity cannot be used; names it.
@@ -168,7 +168,7 @@ def _named(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
 
 
 def _caller() -> int:
-    """How far up the code stands that calls this package."""
+    """Return the number of stack frames up to the code that calls this package."""
     frame, level = sys._getframe(1), 1
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("hingepair."):
         frame, level = frame.f_back, level + 1
@@ -177,7 +177,7 @@ def _caller() -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quantity:
-    """What can be had of a pair with masses, and of what."""
+    """A quantity of a pair with masses: its outputs, and what they are computed from."""
 
     outputs: tuple[str, ...]
     letters: tuple[str, ...]  # of the motion of body 1
@@ -200,7 +200,7 @@ def compute(
     gravity: ArrayLike = GRAVITY,
     **given: ArrayLike,
 ) -> Iterable[FloatArray]:
-    """The outputs of a quantity at all samples, in order; `given` are psi, psid, psidd and loads, as it takes them.
+    """Return the outputs of a quantity at all samples, in order; `given` are psi, psid, psidd and loads.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
@@ -230,7 +230,7 @@ def compute(
 
 
 def with_masses(what: Quantity, constants: Constants, bodies: Bodies) -> Constants:
-    """The constants of a pair and of its masses.
+    """Return the constants of a pair and of its masses.
 
     Raises:
         ArgumentError: a body that the quantity needs has no mass properties; names it.
@@ -243,7 +243,7 @@ def with_masses(what: Quantity, constants: Constants, bodies: Bodies) -> Constan
 
 
 def accelerations(bodies: Bodies, found: Iterable[FloatArray]) -> Accelerations:
-    """How the pair moves (D6), of what ACCELERATIONS computes.
+    """Return the accelerations (D6) out of the outputs of ACCELERATIONS.
 
     Raises:
         ArgumentError: the masses leave a motion without resistance.
@@ -268,5 +268,5 @@ def check_resistance(constants: Constants, bodies: Bodies) -> None:
 
 
 def _load(name: str, value: ArrayLike) -> NDArray[Any]:
-    """A force or a torque; the number 0 says that there is none."""
+    """Return a force or a torque as an array; the number 0 stands for none."""
     return _NONE if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)

@@ -47,7 +47,7 @@ class Coordinates(NamedTuple):
 
 
 def read_coordinates(kind: Kind, q: Any, qd: Any, qdd: Any, foreign: bool = False) -> Coordinates:
-    """The coordinates as plans take them; arrays of other libraries as they are where `foreign`."""
+    """Return the coordinates as plans take them; arrays of other libraries as they are where `foreign`."""
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives beside the second", None)
     if q is None:
@@ -74,7 +74,7 @@ def _leading_shape(name: str, part: Components | NDArray[Any]) -> tuple[int, ...
 
 
 def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | NDArray[Any]:
-    """A tuple of broadcastable coordinates, or one array with the coordinates last, or a table with their names."""
+    """Return coordinates as a tuple of components, or as one array with the coordinates last."""
     count = len(names)
     several = f"{_COUNTS[count]} coordinates"
     if isinstance(value, tuple) and len(value) == count:
@@ -95,7 +95,7 @@ def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | 
 
 
 def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
-    """So many numbers that are computed in float64, as an array of it; None of anything else."""
+    """Return `count` numbers that are computed in float64 as an array; None of anything else."""
     if type(value) is np.ndarray:
         known = value.shape == (count,) and value.dtype.char in _DOUBLES
     else:
@@ -107,7 +107,7 @@ def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
 
 
 def component(name: str, value: Any) -> Any:
-    """One coordinate: a Python number stays one, so that it follows the dtype of the arrays beside it."""
+    """Return one coordinate; a Python number stays one, so that it follows the dtype of the arrays beside it."""
     if type(value) is float or (type(value) is int and value.bit_length() < 1024):
         return float(value)
     return real_array(name, value)
@@ -155,7 +155,7 @@ def plan_from_coordinates(
     sequence: Any,
     foreign: bool = False,
 ) -> tuple[Plan, Coordinates]:
-    """What to compute from the coordinates, and of what."""
+    """Return the plan for outputs from the coordinates, and the coordinates as read."""
     if kind is SPATIAL and (type(sequence) is not str or sequence != "XYZ"):
         find_sequence(sequence)
     given = read_coordinates(kind, q, qd, qdd, foreign)
@@ -166,7 +166,7 @@ def plan_from_coordinates(
 def from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out, how: How
 ) -> Any:
-    """The pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
+    """Return the pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
     plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
     library = library_of({_OF_BODY1.get(name, name): value for name, value in values.items()})
     call = call_of(pair, plan, tuple(values), how.backend)
@@ -178,7 +178,7 @@ def from_body1(
 def plan_from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out
 ) -> tuple[Plan, Named, dict[str, tuple[int, ...]]]:
-    """What to compute from the motion of body 1 and the hinge angle, of what, and of which shapes."""
+    """Return the plan for outputs from the motion of body 1 and the hinge angle, with the values and their shapes."""
     if not isinstance(body1, BodyMotion):
         raise ArgumentError("body1", "a BodyMotion", quoted(body1))
     if psidd is not None and psid is None:
@@ -222,7 +222,7 @@ def check_out(out: Out, names: tuple[str, ...]) -> None:
 def _plan_for(
     names: tuple[str, ...], pair: Constants, given: tuple[str, ...], sequence: str | None, kind: Kind
 ) -> Plan:
-    """The plan for some outputs, if what is given suffices."""
+    """Return the plan for some outputs, if what is given suffices."""
     home = "home" in pair.values
     plan = make_plan(names, sequence, home, kind=kind, given=given)
     known = {*given, *pair.values}

@@ -136,13 +136,13 @@ _SOUGHT = {"free": ("a1", "alpha1", "psidd"), "pinned": ("a1", "alpha1", "psidd"
 
 
 def lever_steps(base: str) -> tuple[Step, ...]:
-    """Where the masses are, and about which point a pair turns that is held like this; see `forward_steps`."""
+    """Return the steps to where the masses are, and to the point about which a pair turns; see `forward_steps`."""
     return (*_LEVERS, *_POINTS[base])
 
 
 @functools.lru_cache(maxsize=64)
 def forward_steps(kinematics: tuple[Step, ...], base: str = "free") -> tuple[Step, ...]:
-    """How the pair moves under what acts (D6): steps to a1, alpha1 and psidd, and to what follows from these.
+    """Return the steps to a1, alpha1 and psidd under the loads (D6), and to what follows from them.
 
     Args:
         kinematics: steps to S1, omega1 and what the hinge makes of them.

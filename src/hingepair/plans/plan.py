@@ -79,7 +79,7 @@ _SHAPES: Final[dict[str, Tail]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kind:
-    """A kind of motion: what it is made of, by name.
+    """A kind of motion, in space or in the plane: names and shapes of everything that can be given or computed.
 
     Attributes:
         coordinates: what the components of q are called.
@@ -163,7 +163,7 @@ def make_plan(
     kind: Kind = SPATIAL,
     given: tuple[str, ...] = (),
 ) -> Plan:
-    """The plan for some outputs.
+    """Return the plan for some outputs.
 
     Args:
         outputs: their names.
@@ -189,7 +189,7 @@ def _plan(taken: tuple[Step, ...], outputs: tuple[str, ...], kind: Kind) -> Plan
 
 @functools.lru_cache(maxsize=1024)
 def loop_of(plan: Plan) -> Loop:
-    """The loop that runs a plan over samples."""
+    """Return the loop that runs a plan over samples."""
     shapes = plan.kind.shapes
     labels = {name: tuple(f"{one}{name[1:]}" for one in plan.kind.coordinates) for name in plan.kind.parts}
     inputs, outputs = ({name: shapes[name] for name in names} for names in (sorted(plan.inputs), plan.outputs))
@@ -197,7 +197,7 @@ def loop_of(plan: Plan) -> Loop:
 
 
 def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[Step, ...], frozenset[str]]:
-    """Those of the steps that lead to the outputs, and what must be given for them."""
+    """Return the steps that lead to the outputs, and the names of what must be given for them."""
     needed = set(outputs)
     taken = []
     for step in reversed(tuple(steps)):
@@ -210,12 +210,12 @@ def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[S
 
 @functools.cache
 def default_outputs(level: int, kind: Kind = SPATIAL) -> tuple[str, ...]:
-    """The outputs that a level brings without being named."""
+    """Return the outputs that a level brings without being named."""
     return tuple(name for name, own in kind.levels.items() if own is not None and own <= level)
 
 
 def check_outputs(outputs: Any, known: Collection[str]) -> tuple[str, ...]:
-    """The names asked for, each once.
+    """Return the names asked for, each once.
 
     Raises:
         ArgumentError: not a collection of known names.
@@ -236,7 +236,7 @@ def check_outputs(outputs: Any, known: Collection[str]) -> tuple[str, ...]:
 def steps_of(
     sequence: str | None, home: bool, terms: Terms = NUMERIC, kind: Kind = SPATIAL, given: tuple[str, ...] = ()
 ) -> tuple[Step, ...]:
-    """Everything that can be had; the arguments are those of `make_plan`."""
+    """Return the steps to everything that can be computed; the arguments are those of `make_plan`."""
     if kind is PLANAR:
         return (*(PLANAR_ROW_STEPS if "q" in given else ()), *_planar_steps(terms))
     steps = [step for name in given for step in ATTITUDE_STEPS.get(name, ())]
@@ -254,7 +254,7 @@ def steps_of(
 
 
 def _spatial_steps(sequence: str | None, home: bool, terms: Terms) -> tuple[Step, ...]:
-    """Both bodies from body 1 and the hinge."""
+    """Return the steps to both bodies from body 1 and the hinge."""
     angle_terms, hinge_terms = terms
     if terms is NUMERIC:
         steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", hinge_cosine, ("hinge",))]
@@ -281,7 +281,7 @@ def _spatial_steps(sequence: str | None, home: bool, terms: Terms) -> tuple[Step
 
 
 def _planar_steps(terms: Terms) -> tuple[Step, ...]:
-    """Both bodies of a planar pair; numbers of another kind make the two turns their own way."""
+    """Return the steps to both bodies of a planar pair; `terms` make the sines and cosines of the two angles."""
     if terms == NUMERIC:
         return PLANAR_STEPS
     angle_terms, hinge_terms = terms

@@ -57,7 +57,7 @@ PLANAR_ROW_STEPS = tuple(
 
 
 def _attitude_of(quat: tuple[Any, ...]) -> eq.Matrix:
-    """The rotation of a quaternion (w, x, y, z) of any length but zero."""
+    """Return the rotation matrix of a quaternion (w, x, y, z) of any length but zero."""
     size = _size(quat)
     w, x, y, z = (c / size for c in quat)
     length = square_root(w * w + x * x + y * y + z * z)
@@ -65,12 +65,12 @@ def _attitude_of(quat: tuple[Any, ...]) -> eq.Matrix:
 
 
 def _size(parts: tuple[Any, ...]) -> Any:
-    """The largest absolute component."""
+    """Return the largest absolute component."""
     return functools.reduce(lambda a, b: where_less(a, b, b, a), (where_less(c, 0.0, -c, c) for c in parts))
 
 
 def _orthonormality(S: eq.Matrix) -> Any:
-    """The largest element of S S^T - I; of a reflection, 2."""
+    """Return the largest element of S S^T - I; of a reflection, 2."""
     *errors, volume = eq.orthonormality(S)
     return where_less(volume, 0.0, 2.0, _size(tuple(errors)))
 
@@ -139,60 +139,60 @@ keep the hinge point of both bodies together to the last digit."""
 
 
 def upright(turn: tuple[Scalar, Scalar]) -> eq.Matrix:
-    """The rotation about z (E11); turn = (sin, cos)."""
+    """Return the rotation matrix about z (E11); turn = (sin, cos)."""
     s, c = turn
     return c, -s, 0, s, c, 0, 0, 0, 1
 
 
 def upward(rate: Scalar) -> Vector:
-    """A turn about z, as a vector."""
+    """Return the vector of a rate about z."""
     return 0, 0, rate
 
 
 def in_space(u: tuple[Scalar, Scalar]) -> Vector:
-    """A vector of the plane z = 0."""
+    """Return a planar vector as a vector in space, with z = 0."""
     return u[0], u[1], 0
 
 
 def quarter(u: tuple[Scalar, Scalar]) -> Vector:
-    """e_z x u."""
+    """Return e_z x u."""
     return -u[1], u[0], 0
 
 
 def in_plane(v: Vector) -> tuple[Scalar, Scalar]:
-    """What a vector has in the plane."""
+    """Return the x and y components of a vector."""
     return v[0], v[1]
 
 
 def height(v: Vector) -> Scalar:
-    """What a vector has along z."""
+    """Return the z component of a vector."""
     return v[2]
 
 
 def planar_velocity2(v1: Vector, omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """v2 = v1 + omega1 x r1 - omega2 x r2 (E8), as E11 is differentiated."""
+    """Return v2 = v1 + omega1 x r1 - omega2 x r2 (E8), as E11 is differentiated."""
     return eq.add(v1, eq.subtract(eq.cross(omega1, r1), eq.cross(omega2, r2)))
 
 
 def planar_acceleration2(
     a1: Vector, turn1: tuple[Vector, Vector], r1: Vector, turn2: tuple[Vector, Vector], r2: Vector
 ) -> Vector:
-    """a2 = a1 + r1'' - r2'' (E9), as E11 is differentiated twice; turn_i = (omega_i, alpha_i)."""
+    """Return a2 = a1 + r1'' - r2'' (E9), as E11 is differentiated twice; turn_i = (omega_i, alpha_i)."""
     return eq.add(a1, eq.subtract(eq.point_acceleration(*turn1, r1), eq.point_acceleration(*turn2, r2)))
 
 
 def together(*parts: Any) -> tuple[Any, ...]:
-    """Several values as one."""
+    """Return several values as one tuple."""
     return parts
 
 
 def joined(a: tuple[Any, ...], b: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The components of two vectors as those of one."""
+    """Return the components of two vectors as those of one."""
     return (*a, *b)
 
 
 def same(value: Any) -> Any:
-    """The value itself, by another name."""
+    """Return the value itself, under another name."""
     return value
 
 
@@ -259,7 +259,7 @@ JACOBIAN_STEPS = (
 
 @functools.lru_cache(maxsize=64)
 def coordinate_steps(sequence: str) -> tuple[Step, ...]:
-    """The Jacobian by the rates of the coordinates, and its own rate."""
+    """Return the steps to the Jacobian by the rates of the coordinates, and to its time derivative."""
     order = find_sequence(sequence)
     return (
         Step("own_turns", order.columns, ("axes",)),
