@@ -12,6 +12,7 @@ import pytest
 import hingepair as hp
 from hingepair.pair.accuracy import PROMISES
 from support.sparse import sparse
+from support.work import HANG
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -27,7 +28,7 @@ def test_there_is_code() -> None:
 def test_code_prints_what_the_readme_says(block: int) -> None:
     code, printed = BLOCKS[block]
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT, timeout=120
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT, timeout=HANG
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout == printed

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 import json
 import math
 
@@ -133,14 +135,20 @@ def test_the_error_columns_see_errors_and_what_is_not_finite(ordinary, hard):
 
 
 def test_rows_are_medians_of_one_run_and_ratios_to_the_first():
-    times = interleaved({"a": lambda: None, "b": lambda: sum(range(2000))}, 5)
-    rows = rows_of("a case", times, {"a": 1, "b": 10}, {"b": 2.0})
-    assert [row.method for row in rows] == ["a", "b"]
-    assert rows[0].ratio == 1
-    assert rows[1].ratio > 0.5
-    assert rows[1].each == rows[1].seconds / 10
-    assert (rows[0].error, rows[1].error) == (None, 2.0)
-    assert all(0 < row.least <= row.seconds for row in rows)
+    """A call of b does 10 samples; its second repeat met noise that a's did not."""
+    times = {"a": [1.0, 2.0, 4.0], "b": [5.0, 90.0, 16.0]}
+    one, other = rows_of("a case", times, {"a": 1, "b": 10}, {"b": 2.0})
+    assert one == Row("a case", "a", 1, 2.0, 1.0, 1.0, None, {})
+    assert other == Row("a case", "b", 10, 16.0, 5.0, 0.5, 2.0, {})
+    assert (one.each, other.each) == (2.0, 1.6)
+
+
+def test_every_repeat_goes_through_all_jobs():
+    called = []
+    times = interleaved({name: functools.partial(called.append, name) for name in "ab"}, 3)
+    assert {name: len(own) for name, own in times.items()} == {"a": 3, "b": 3}
+    order = [name for name, _ in itertools.groupby(called)]
+    assert order == ["a", "b"] * 5
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ from hingepair.formats.robots import robot_urdf
 from hingepair.numeric.tables import unit_of
 from hingepair.pair.results import column_names
 from support.summed import summed
+from support.work import HANG
 
 MODELS = Path(__file__).parents[2] / "models"
 REFERENCE = MODELS / "reference_3d.toml"
@@ -269,7 +270,7 @@ def shell(line: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
     command = f"{sys.executable} -c 'from hingepair.cli.main import main; main()'"
     script = f'set -o pipefail; hingepair() {{ {command} "$@"; }}; {line}'
     return subprocess.run(
-        ["bash", "-c", script], capture_output=True, check=False, timeout=60, env={**os.environ, **environment}
+        ["bash", "-c", script], capture_output=True, check=False, timeout=HANG, env={**os.environ, **environment}
     )
 
 

@@ -20,6 +20,7 @@ from hingepair.plans.plan import SPATIAL, default_outputs, loop_of, make_plan
 from hingepair.rotations.sequences import SEQUENCES
 from support.sparse import sparse
 from support.states import coordinates, generator, pair, rotations
+from support.work import HANG
 
 U = 2.0**-53
 NAMES = tuple(SPATIAL.levels)
@@ -243,7 +244,7 @@ def test_bad_backend():
 def run(code, **environment):
     command = [sys.executable, "-c", code]
     done = subprocess.run(
-        command, capture_output=True, text=True, check=False, env=os.environ | environment, timeout=120
+        command, capture_output=True, text=True, check=False, env=os.environ | environment, timeout=HANG
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import pinocchio as pin
 import pytest
 
@@ -11,6 +9,7 @@ from hingepair.errors import HingePairError, URDFError
 from hingepair.formats.urdf_reader import from_urdf
 from hingepair.urdf.reader import read_urdf
 from support.exported import ARM
+from support.work import bounded_calls
 
 
 @pytest.mark.parametrize("joint", ["weld", "slide", "knee", "", None])
@@ -148,11 +147,9 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
-def test_hostile_xml_is_refused_quickly(text):
-    start = time.perf_counter()
-    with pytest.raises(URDFError, match=r"^URDF: "):
+def test_hostile_xml_is_refused_with_little_work(text):
+    with pytest.raises(URDFError, match=r"^URDF: "), bounded_calls(1_000):
         from_urdf(text, "knee")
-    assert time.perf_counter() - start < 2
 
 
 @pytest.mark.parametrize("name", ["doctype", "entity bomb", "quadratic", "file", "remote dtd"])

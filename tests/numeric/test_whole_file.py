@@ -14,6 +14,7 @@ import pytest
 from hingepair.errors import ArgumentError
 from hingepair.numeric.whole_file import whole_file
 from support.sparse import sparse
+from support.work import HANG
 
 
 def write(target, content=b"new", inputs=()):
@@ -57,7 +58,7 @@ def test_a_pipe_stays_a_pipe(tmp_path):
     reader = threading.Thread(target=lambda: found.append(pipe.read_bytes()), daemon=True)
     reader.start()
     write(pipe, b"through")
-    reader.join(5)
+    reader.join(HANG)
     assert found == [b"through"]
     assert stat.S_ISFIFO(pipe.stat().st_mode)
 
@@ -128,14 +129,14 @@ def test_a_signal_takes_the_half_written_file_away(tmp_path, number):
         "from hingepair.numeric.whole_file import whole_file\n"
         f"signal.signal({int(number)}, signal.SIG_DFL); behave()\n"  # ignored in what a shell runs in the background
         f"with whole_file({str(tmp_path / 'a')!r}) as file:\n"
-        "    file.write(b'half'); print('.', flush=True); time.sleep(60)"
+        f"    file.write(b'half'); print('.', flush=True); time.sleep({HANG})"
     )
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
     process.stdout.readline()
     assert len(os.listdir(tmp_path)) == 1
     process.send_signal(number)
     process.stdout.close()
-    assert process.wait(20) == 128 + number
+    assert process.wait(HANG) == 128 + number
     assert os.listdir(tmp_path) == []
 
 

@@ -14,6 +14,7 @@ import pytest
 
 import hingepair as hp
 from support.sparse import sparse
+from support.work import HANG
 
 MODELS = Path(__file__).parents[2] / "models"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -168,7 +169,7 @@ def test_in_a_browser_the_slider_moves_body2_to_where_it_is(scene, tmp_path):
     profile = f"--user-data-dir={tmp_path / 'profile'}"
     done = subprocess.run(
         [CHROMIUM, *FLAGS, profile, "--dump-dom", path.as_uri()],
-        capture_output=True, text=True, timeout=120, check=True,
+        capture_output=True, text=True, timeout=HANG, check=True,
     )  # fmt: skip
     assert "CONSOLE" not in done.stderr, done.stderr
     found = json.loads(unescape(re.search(r'<pre id="probe">(.*?)</pre>', done.stdout, re.DOTALL)[1]))
@@ -191,7 +192,7 @@ def test_in_a_browser_something_is_drawn(scene, tmp_path):
     subprocess.run(
         [CHROMIUM, *FLAGS, profile, f"--screenshot={picture}", path.as_uri()],
         capture_output=True,
-        timeout=120,
+        timeout=HANG,
         check=True,
     )
     middle = imread(picture)[150:500, 150:750, :3]

@@ -19,6 +19,7 @@ from hingepair.cli.summary import Summary
 from hingepair.formats.recordings import read_recording
 from hingepair.scenes.instants import Uniform
 from support.sparse import sparse
+from support.work import HANG
 
 MODELS = Path(__file__).parents[2] / "models"
 RUN = """
@@ -129,12 +130,11 @@ def test_a_run_that_is_stopped_leaves_nothing_half_written(tmp_path):
     target.write_text("before")
     command = sys.executable, "-c", RUN, "run", str(long_scene(tmp_path, 10**8)), "--out", str(target)
     run = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60
-    while len(os.listdir(target.parent)) < 2 and time.monotonic() < deadline:  # the file beside it
+    while len(os.listdir(target.parent)) < 2 and run.poll() is None:  # the file beside it
         time.sleep(0.05)
     run.send_signal(signal.SIGINT)
     try:
-        out, err = run.communicate(timeout=60)
+        out, err = run.communicate(timeout=HANG)
     finally:
         run.kill()
     assert run.returncode == 130

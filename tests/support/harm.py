@@ -16,6 +16,8 @@ import hypothesis
 import pytest
 from hypothesis import Phase
 
+from support.work import HANG
+
 TESTS = Path(__file__).parents[1]
 PACKAGE = TESTS.parent / "src" / "hingepair"
 TOOLS = [
@@ -111,7 +113,7 @@ def run(fault, tests):
     process.start()
     send.close()
     try:
-        found = receive.recv() if receive.poll(300) else (None, "no answer in five minutes")
+        found = receive.recv() if receive.poll(HANG) else (None, f"no answer in {HANG} s")
     except EOFError:
         found = None, "the process died"
     process.kill()

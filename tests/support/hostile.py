@@ -1,9 +1,9 @@
 """Hostile texts, made from seeds, and what the library does with them; run as a script under limits.
 
-    python hostile.py KIND FIRST COUNT SECONDS
+    PYTHONPATH=tests python -m support.hostile KIND FIRST COUNT
 
-prints one line of JSON for each text that brought anything but a result or an error of the library, and one at the
-end: {"done": COUNT, "refused": how many}.
+prints one line of JSON for each text that brought anything but a result or an error of the library, or more work than
+a text may make, and one at the end: {"done": COUNT, "refused": how many}.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 import hingepair as hp
+from support.work import HANG, TooMuchWorkError, bounded_calls
 
 MODELS = Path(__file__).parents[2] / "models"
 FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "tanh", "exp", "log", "sqrt")
@@ -173,17 +174,21 @@ def use_urdf(rng, _):
 
 
 USES = {"expression": use_expression, "scene": use_scene, "urdf": use_urdf}
+MOST_CALLS = {"expression": 10**7, "scene": 2 * 10**7, "urdf": 10**6}
+"""Function calls that a text may make: some ten times what the heaviest makes. Two million steps of integration are
+two million calls."""
 
 
-def attempt(kind, seed, folder, seconds):
+def attempt(kind, seed, folder):
     """(what is wrong or None, whether it was refused, the text)."""
     steps = USES[kind](random.Random(f"{kind} {seed}"), folder)
     text = next(steps)
-    signal.setitimer(signal.ITIMER_PROF, seconds)
+    signal.setitimer(signal.ITIMER_PROF, HANG)  # calls are counted when they begin
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), bounded_calls(MOST_CALLS[kind]):
             warnings.simplefilter("error")
-            warnings.simplefilter("ignore", hp.DynamicsWarning)  # says what a mangled scene no longer gives
+            for category in (hp.DynamicsWarning, hp.MeasurementWarning):
+                warnings.simplefilter("ignore", category)  # what the library says to users
             for _ in steps:
                 pass
     except hp.HingePairError as error:
@@ -195,14 +200,12 @@ def attempt(kind, seed, folder, seconds):
     return None, False, text
 
 
-class Late(BaseException):
-    """The text took more of the processor than it may."""
-
-
 @contextlib.contextmanager
 def alarms():
+    """Let a call that hangs end in an error."""
+
     def late(*_):
-        raise Late
+        raise TooMuchWorkError(f"{HANG} s of the processor")
 
     before = signal.signal(signal.SIGPROF, late)
     try:
@@ -211,12 +214,12 @@ def alarms():
         signal.signal(signal.SIGPROF, before)
 
 
-def findings(kind, first, count, seconds):
+def findings(kind, first, count):
     """What goes wrong with so many texts, as (seed, what, text); and how many were refused."""
     found, refused = [], 0
     with tempfile.TemporaryDirectory() as folder, alarms():
         for seed in range(first, first + count):
-            wrong, was_refused, text = attempt(kind, seed, folder, seconds)
+            wrong, was_refused, text = attempt(kind, seed, folder)
             refused += was_refused
             if wrong:
                 found.append((seed, wrong, text[:400]))
@@ -227,8 +230,8 @@ def main():
     import resource
 
     resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))
-    kind, first, count, seconds = sys.argv[1], *map(int, sys.argv[2:5])
-    found, refused = findings(kind, first, count, seconds)
+    kind, first, count = sys.argv[1], *map(int, sys.argv[2:4])
+    found, refused = findings(kind, first, count)
     for seed, wrong, text in found:
         print(json.dumps({"seed": seed, "wrong": wrong, "text": text}))
     print(json.dumps({"done": count, "refused": refused}))

@@ -1,11 +1,10 @@
-"""Expressions of scenes: what they mean, that they keep their digits, and that hostile ones are refused in time."""
+"""Expressions of scenes: what they mean, that they keep their digits, and that hostile ones take little work."""
 
 from __future__ import annotations
 
 import contextlib
 import math
 import re
-import time
 
 import mpmath
 import numpy as np
@@ -17,9 +16,11 @@ from hingepair.symbolic.expressions import FUNCTIONS, SMOOTH, constant_name_faul
 from hingepair.symbolic.jets import time_symbol
 from hingepair.symbolic.time_functions import TimeFunctions
 from support.sparse import sparse
+from support.work import bounded_calls
 
 U = 2.0**-53
 T = np.linspace(0.1, 0.9, 41)
+MOST_CALLS = 10**7  # of functions, to read an expression and its derivatives; the heaviest below take two million
 
 MEANINGS = {
     "3*t": lambda t: 3 * t,
@@ -154,14 +155,12 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED.values(), ids=REFUSED)
-def test_refused_in_one_line_and_in_time(text: str) -> None:
-    start = time.process_time()
-    with pytest.raises(ArgumentError) as caught:
+def test_refused_in_one_line_and_with_little_work(text: str) -> None:
+    with pytest.raises(ArgumentError) as caught, bounded_calls(MOST_CALLS):
         parse("motion.psi", text)
     assert str(caught.value).startswith("motion.psi: ")
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 400
-    assert time.process_time() - start < 20  # a hang, not a speed, is what this looks for
 
 
 def test_unknown_name_says_where_and_what_is_known() -> None:
@@ -172,23 +171,26 @@ def test_unknown_name_says_where_and_what_is_known() -> None:
     assert all(name in message for name in FUNCTIONS)
 
 
-# With plain SymPy derivatives, or with SymPy's atan2 of constants, each of these takes minutes or all memory.
-SLOW_IN_SYMPY = (
-    "tanh(asin((1e300 + tau + sin(t))**2))",
-    "tanh(asin((1e100 + tau + sin(t))**100/1e300))",
-    pytest.param("asinh(cosh(tan(1e300) - asin(t)**(-100)))", marks=pytest.mark.slow),
-    "cosh((100/e - pi)**(t + 1e5 - t/t))",
-    "atan2(tau/e, atan2(-(e*(pi/0.0951)), atan2(asinh(tan(e)), sinh(log(1e-300)))))",
-    "atanh(atan2(atan2(tau, atan2(1e-300, pi)*(1e5 + e)), acos(t)))",
-)
+ROOTS = [f"({k} + sqrt(t + {k}))" for k in range(1, 61)]
+# With plain SymPy derivatives, with its atan2 of constants, or with its hyperbolic functions, which split their
+# arguments into real and imaginary parts, each of these takes minutes or all memory.
+HEAVY_IN_SYMPY = {
+    "tanh of asin": "tanh(asin((1e300 + tau + sin(t))**2))",
+    "powers": "tanh(asin((1e100 + tau + sin(t))**100/1e300))",
+    "power of asin": "asinh(cosh(tan(1e300) - asin(t)**(-1000)))",
+    "power of a constant": "cosh((100/e - pi)**(t + 1e5 - t/t))",
+    "atan2 of constants": "atan2(tau/e, atan2(-(e*(pi/0.0951)), atan2(asinh(tan(e)), sinh(log(1e-300)))))",
+    "atanh of atan2": "atanh(atan2(atan2(tau, atan2(1e-300, pi)*(1e5 + e)), acos(t)))",
+    "product of roots": f"asinh(cosh({'*'.join(ROOTS)}))",
+    "sum of roots": f"sin(cosh({'**3 + '.join(ROOTS)}))",
+    "powers of powers": "abs(sinh(((1 + sqrt(t))**30 + 1)**30))*tanh(log(t)**900)",
+}
 
 
-@pytest.mark.parametrize("text", SLOW_IN_SYMPY)
-def test_answered_in_time(text: str) -> None:
-    start = time.process_time()
-    with contextlib.suppress(ArgumentError):
+@pytest.mark.parametrize("text", HEAVY_IN_SYMPY.values(), ids=HEAVY_IN_SYMPY)
+def test_answered_with_little_work(text: str) -> None:
+    with contextlib.suppress(ArgumentError), bounded_calls(MOST_CALLS):
         TimeFunctions([parse("x", text)]).derivatives(T)
-    assert time.process_time() - start < 20
 
 
 @pytest.mark.parametrize("text", ["sqrt(10**31 + 7)*t", "sin(10**30) + t", "(10**22)**t", "t/(7*10**30 + 1)"])

@@ -24,7 +24,7 @@ import sympy
 from hingepair.errors import ArgumentError, nearest, pointed
 from hingepair.symbolic.exact_constants import exact, unnested
 from hingepair.symbolic.jets import MAX_BITS, SMOOTH, SYMPY_ERRORS, bits, time_symbol
-from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, constant_value
+from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, constant_value, cosh, sinh, tanh
 
 MAX_LENGTH: Final = 10_000
 """Characters of the text."""
@@ -81,6 +81,7 @@ _INSTEAD: Final[Mapping[Any, str]] = {
     ast.Tuple: "one number or expression (decimals follow a point)",
 }  # of a sign or a node
 _TRIGONOMETRIC = ("sin", "cos", "tan")
+_HYPERBOLIC: Final = {"sinh": sinh, "cosh": cosh, "tanh": tanh}  # of what SymPy does not know to be real
 _A_NUMBER = "a finite real number"
 _A_CONDITION = "a condition: comparisons by < <= > >=, joined by and, or, not"
 _SHOWN, _FRAGMENT = 20, 40  # constants, and characters of the text, in a message
@@ -273,6 +274,8 @@ class _Builder:
             function = functools.partial(function, evaluate=False)
         elif is_constant and name in _TRIGONOMETRIC:
             function = functools.partial(unnested, function)
+        elif not is_constant and name in _HYPERBOLIC and not parts[0].expr.is_extended_real:
+            function = _HYPERBOLIC[name]
         return self._apply(node, function, getattr(math, name), *parts)
 
     def _guard(self, node: ast.expr, depth: int) -> Expr:

@@ -26,6 +26,21 @@ def constant_value(expr: Expr) -> float:
     return float(number) if number.is_Float else math.nan
 
 
+def _without_proofs(function: type) -> type:
+    """Return a hyperbolic function of SymPy's that is taken for real, and of which SymPy proves nothing else.
+
+    SymPy asks such functions whether they are zero or positive, and splits their arguments into real and imaginary
+    parts for it, which takes for ever where these are sums or products of many roots.
+    """
+    questions = ("positive", "negative", "nonnegative", "zero", "finite", "real", "extended_real")
+    silent = dict.fromkeys([f"_eval_is_{question}" for question in questions])
+    found: type = type(function)(function.__name__, (function,), {**silent, "is_real": True, "__module__": __name__})
+    return found
+
+
+sinh, cosh, tanh = map(_without_proofs, (sympy.sinh, sympy.cosh, sympy.tanh))
+
+
 class Kinked(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
     """A function with kinks or jumps; `numpy`, `text` and `latex` say how it is written of its arguments {0}, {1}."""
 
