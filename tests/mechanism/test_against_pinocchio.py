@@ -32,7 +32,13 @@ ALLOWED = 4.0
 """Largest difference, in units of the proved bound of what is compared: Pinocchio rounds too."""
 
 
-@pytest.fixture(scope="module", params=ROBOTS)
+SLOW = ("ur5", "talos", "dog")
+"""Left out of the fast loop, where robots of other builds stand for them."""
+
+
+@pytest.fixture(
+    scope="module", params=[pytest.param(name, marks=pytest.mark.slow(5) if name in SLOW else ()) for name in ROBOTS]
+)
 def model(request):
     return ROBOTS[request.param]()
 

@@ -113,6 +113,17 @@ def test_bounds_of_sines_hold_and_are_not_much_more(kind: type[Bounded], functio
                 assert found.bound <= 10 * kind.u * scale
 
 
+@pytest.mark.parametrize("function", ["sine", "cosine", "versine"])
+def test_the_bound_of_a_sine_covers_what_its_angle_is_off(function: str) -> None:
+    known = {"sine": math.sin, "cosine": math.cos, "versine": lambda x: 2 * math.sin(x / 2) ** 2}
+    for angle in (0.0, 1e-7, 0.4, 1.2, 3.0):
+        for off in (0.0, 1e-12, 1e-4):
+            bounded = getattr(Double(angle, off), function)()
+            for other in (angle - off, angle + off):
+                exact = known[function](other)
+                assert abs(float(bounded.value) - exact) <= float(bounded.error) * (1 + 1e-9) + 1e-17
+
+
 def test_the_kind_follows_the_dtype() -> None:
     assert kind_of(np.dtype(np.float32)) is Single
     assert kind_of(np.dtype(np.float64)) is Double

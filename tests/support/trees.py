@@ -9,17 +9,16 @@ import pinocchio as pin
 
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
-from hingepair.mechanism.methods import MechanismMethods
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Mimic, Tree
 
 
-class Robot(MechanismMethods):
+class Robot(hp.Mechanism):
     """A robot of a record."""
 
-    __slots__ = ("base", "tree")
+    __slots__ = ()
 
     def __init__(self, tree, base="fixed"):
-        self.tree, self.base = tree, base
+        self._set(tree, base)
 
 
 def urdf_model(robot):

@@ -95,7 +95,7 @@ class Call:
         names = tuple(given)
         self._places = tuple(names.index(name) for name, _ in loop.inputs if name in given)
         size = sum(math.prod(tail) for _, tail in loop.outputs)
-        self._max_samples = _MAX_QUICK_BYTES // (8 * size)
+        self._max_samples = _MAX_QUICK_BYTES // (8 * max(size, 1))  # a robot may have no joint
         self._into: Callable[..., bool | int] | None = None
         self._check: Call | None = None
         tails = [*self.given.values(), *(tail for _, tail in loop.outputs)]

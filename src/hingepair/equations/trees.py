@@ -28,7 +28,7 @@ Body Dynamics Algorithms, 2008; T9: Gautier, Khalil, Direct calculation of minim
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 from hingepair.equations.spatial import (
@@ -537,12 +537,14 @@ def _sum(A: Matrix, B: Matrix) -> Matrix:
     return a, b, c, d, e, f, g, h, i
 
 
-def eliminated(slides: bool, own: Resistance) -> tuple[Elimination, Resistance]:
+def eliminated(
+    slides: bool, own: Resistance, reciprocal: Callable[[Scalar], Scalar]
+) -> tuple[Elimination, Resistance]:
     """A body whose joint gives way: U and D, and what still resists, nothing along the axis (T5)."""
     J, H, M = own
     if slides:
         torque, force, pivot = (H[2], H[5], H[8]), (M[2], M[4], M[5]), M[5]
-        share = 1.0 / pivot
+        share = reciprocal(pivot)
         (a, b, c), (x, y) = scale(torque, share), (force[0] * share, force[1] * share)
         left = Resistance(
             (
@@ -558,7 +560,7 @@ def eliminated(slides: bool, own: Resistance) -> tuple[Elimination, Resistance]:
         )  # fmt: skip
         return Elimination(torque, force, share, pivot), left
     torque, force, pivot = (J[2], J[4], J[5]), (H[6], H[7], H[8]), J[5]
-    share = 1.0 / pivot
+    share = reciprocal(pivot)
     (a, b), (x, y, z) = (torque[0] * share, torque[1] * share), scale(force, share)
     left = Resistance(
         (J[0] - torque[0] * a, J[1] - torque[0] * b, 0.0, J[3] - torque[1] * b, 0.0, 0.0),
@@ -575,13 +577,15 @@ def eliminated(slides: bool, own: Resistance) -> tuple[Elimination, Resistance]:
     return Elimination(torque, force, share, pivot), left
 
 
-def articulated(base: Base, links: Sequence[Link], joints: Sequence[Place]) -> tuple[list[Elimination], Resistance]:
+def articulated(
+    base: Base, links: Sequence[Link], joints: Sequence[Place], reciprocal: Callable[[Scalar], Scalar]
+) -> tuple[list[Elimination], Resistance]:
     """What T5 leaves of every joint, and what resists of the base."""
     sums = [resistance_of(body.mass, body.first, body.second) for body in _bodies(base, links)]
     steps: list[Elimination] = []
     for number in range(len(links), 0, -1):
         link, joint = links[number - 1], joints[number - 1]
-        step, left = eliminated(link.slides, sums[number])
+        step, left = eliminated(link.slides, sums[number], reciprocal)
         steps.append(step)
         J, H, M = resistance_to_parent(joint, left)
         p = sums[link.parent]

@@ -18,12 +18,14 @@ from hingepair.mechanism.constants import Constants, frame_numbers, known_and_pa
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.plans.trees import Form, Request, inputs_of, loop_of
+from hingepair.rotations.matrices import TOLERANCE, check_rotation
 
 WEIGHTLESS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
 """The outputs that masses have no part in."""
 
 
 _TAILS: Final = {**dict.fromkeys(LETTERS, (3,)), "S1": (3, 3), "force1": (3,), "torque1": (3,)}
+_ROTATION_LIMITS: Final = {size: 2 * tolerance for size, tolerance in TOLERANCE.items()}
 _MAX_CALLS: Final = 64  # kept of one problem: of names, gravity and backend
 
 
@@ -72,30 +74,34 @@ class Problem:
         assumed = {**AT_REST, **NO_LOADS, "gravity": gravity, "constants": self.parameters}
         return {name: values.parts[name] if name in values.parts else assumed[name] for name in self.inputs}
 
-    def call(self, given: tuple[str, ...], gravity: tuple[float, ...], backend: str) -> Call:
-        """Return the call for arguments of these names, made once."""
-        key = given, gravity, backend
+    def call(self, given: tuple[str, ...], gravity: tuple[float, ...], backend: str, checked: bool = False) -> Call:
+        """Return the call for arguments of these names, made once; where `checked`, it refuses an S1 that is none."""
+        key = given, gravity, backend, checked
         found = self._calls.get(key)
         if found is None:
-            loop = loop_of(self.form, self.request)
+            check = {"attitude_check": _ROTATION_LIMITS} if checked and "S1" in given else {}
+            loop = loop_of(self.form, self.request._replace(outputs=(*self.request.outputs, *check)))
             assumed = {**AT_REST, **NO_LOADS, "gravity": gravity, "constants": self.parameters}
             constants = {name: assumed[name] for name, _ in loop.inputs if name not in given}
             shapes = {name: _TAILS.get(name, (self.form.dof,)) for name in given}
             shapes |= {name: tail for name, tail in loop.inputs if name in given}
-            found = Call(loop, shapes, constants, self.result, backend=backend, owner="robot")
+            found = Call(
+                loop, shapes, constants, self.result, backend=backend, owner="robot",
+                limits=check, refuse=lambda values: check_rotation("S1", np.asarray(values["S1"])),
+            )  # fmt: skip
             if len(self._calls) >= _MAX_CALLS:
                 self._calls.clear()
             self._calls[key] = found
         return found
 
-    def run(self, values: Values, gravity: tuple[float, ...], out: Out, how: How) -> Any:
-        """Return the outputs at all samples.
+    def run(self, values: Values, gravity: tuple[float, ...], out: Out, how: How, checked: bool = False) -> Any:
+        """Return the outputs at all samples; arguments are those of `call`.
 
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
         """
         read_out(out, self.request.outputs)
-        call = self.call(tuple(values.parts), gravity, how.backend)
+        call = self.call(tuple(values.parts), gravity, how.backend, checked)
         if values.library is not None:
             return call.run_foreign(values.parts, values.shapes, values.library, out, how.workers)
         return call.run(values.parts, values.shapes, out, how.workers)

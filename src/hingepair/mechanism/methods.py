@@ -736,7 +736,8 @@ class MechanismMethods(Shown):
             return
         problem = self._problem(("pivots",))
         pivots = np.asarray(self._run(problem, {"q": q}, base_motion, None, 1, "numpy")["pivots"])
-        low = (np.abs(pivots) <= self._constants.smallest) & bad[..., None]
+        smallest = self._constants.smallest
+        low = ~(np.abs(pivots) > smallest) & (smallest > 0) & bad[..., None]
         if low.any():
             first = low.reshape(-1, low.shape[-1])[int(np.argmax(low.any(axis=-1)))]
             joint = self._names[int(np.flatnonzero(first)[-1])]

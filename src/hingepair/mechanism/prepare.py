@@ -54,7 +54,7 @@ class PreparedMechanism:
     ) -> None:
         self.given, self.outputs = given, problem.request.outputs
         self._problem, self._gravity, self._how, self._remade = problem, gravity, how, remade
-        self._call: Call = problem.call(given, gravity, how.backend)
+        self._call: Call = problem.call(given, gravity, how.backend, checked=True)
         if how.backend == "auto":
             self._call.compile()
         self._single = self.outputs[0] if self.outputs[0] in ARRAYS else None
@@ -119,7 +119,7 @@ class PreparedMechanism:
                 check_tail(name, value, *tails[name])
             parts[name] = value if library is not None else vectors(name, value, *tails[name])
             shapes[name] = tuple(np.shape(value)[: np.ndim(value) - len(tails[name])])
-        return self._problem.run(Values(parts, shapes, library), self._gravity, out, self._how)
+        return self._problem.run(Values(parts, shapes, library), self._gravity, out, self._how, checked=True)
 
 
 def array_of(result: Any, name: str) -> Any:

@@ -91,16 +91,21 @@ class Bounded:
         return type(self)(ratio, carried + self._rounding(ratio, carried) + 4 * self.smallest)
 
     def sine(self) -> Self:
-        """The sine of an angle that is exact, to SINE_ULPS; that of 0 is exact."""
+        """The sine, right to SINE_ULPS of the angle that is computed with; that of 0 is exact."""
         s = np.sin(self.value)
-        return type(self)(s, np.where(self.value == 0, 0.0, self._of_sine(s) + self.smallest))
+        rounding = self._of_sine(np.abs(s) + 2 * self.bound) + self.smallest
+        return type(self)(s, np.where(self._is_exact_zero(), 0.0, self.bound + rounding))
 
     def cosine(self) -> Self:
-        """The cosine of an angle that is exact, to SINE_ULPS; that of 0 is exact."""
-        c, half = np.cos(self.value), np.sin(0.5 * self.value)
+        """The cosine, right to SINE_ULPS of the angle that is computed with; that of 0 is exact."""
+        c, half = np.cos(self.value), np.abs(np.sin(0.5 * self.value)) + self.bound
         # The cosine of a small angle is 1, rounded: it is off by no more than a few times what it lacks of 1.
         near_one = 6 * half * half + self.smallest
-        return type(self)(c, np.where(self.value == 0, 0.0, np.minimum(self._of_sine(c), near_one)))
+        rounding = np.minimum(self._of_sine(np.abs(c) + 2 * self.bound), near_one)
+        return type(self)(c, np.where(self._is_exact_zero(), 0.0, self.bound + rounding))
+
+    def _is_exact_zero(self) -> Any:
+        return (self.value == 0) & (self.bound == 0)
 
     def versine(self) -> Self:
         """1 - cosine, as the NumPy backend makes it of the two, or as the compiled one has it from the sines."""

@@ -28,6 +28,7 @@ from hingepair.equations.spatial import (
     transpose,
 )
 from hingepair.numeric.blocks import cosine, sine
+from hingepair.plans.steps import ATTITUDE_STEPS
 
 Tail: TypeAlias = tuple[int, ...]
 
@@ -361,11 +362,11 @@ class Computation:
     @functools.cached_property
     def articulated(self) -> tuple[list[eq.Elimination], eq.Resistance]:
         """Articulated bodies (T5)."""
-        return eq.articulated(self.base, self.links, self.places)
+        return eq.articulated(self.base, self.links, self.places, _reciprocal)
 
     @functools.cached_property
     def solved(self) -> tuple[tuple[Scalar, ...], ...]:
-        """a1, alpha1 (world axes, of a free base), q'' and pivots."""
+        """a1, alpha1 (world axes, of a free base) and q''."""
         return self._solved_densely() if self.form.mimics else self._solved_by_bodies()
 
     def _solved_by_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
@@ -387,22 +388,26 @@ class Computation:
             found, _ = solve_symmetric(lower, loads)
             a, alpha = found[:3], found[3:]
         qdd = eq.joint_accelerations(self.links, self.places, steps, left, alpha, a)
-        S1, pivots = self.values["S1"], tuple(step.pivot for step in steps)
-        return self._judged(rotate(S1, a), rotate(S1, alpha), tuple(qdd), pivots)
+        return self._judged(rotate(self.values["S1"], a), rotate(self.values["S1"], alpha), tuple(qdd))
 
-    def _judged(
-        self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...], pivots: tuple[Scalar, ...]
-    ) -> tuple[tuple[Scalar, ...], ...]:
+    @functools.cached_property
+    def pivots(self) -> tuple[Scalar, ...]:
+        """What resists along each coordinate where those behind it give way: 0 where M is singular."""
+        if self.form.mimics:
+            return self._eliminated((0.0,) * columns_of(self.form, self.request))[1]
+        return tuple(step.pivot for step in self.articulated[0])
+
+    def _judged(self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
         """The accelerations, NaN where of a pivot nothing but rounding is left: there is M singular."""
         limits: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), own in zip(self.form.columns, self.ratios, self.smallest, strict=True):
             limits[column] = limits[column] + own * ratio * ratio
         doubt: Scalar = 0.0
-        for limit, pivot in zip(limits, pivots, strict=True):
+        for limit, pivot in zip(limits, self.pivots, strict=True):
             if not (type(limit) is float and limit == 0):
                 doubt = doubt + where_less(limit * limit, pivot * pivot, 0.0, math.nan)
-        shifted = (tuple(part + doubt for part in group) for group in (add(a, self.values["gravity"]), alpha, qdd))
-        return (*shifted, pivots)
+        groups = (add(a, self.values["gravity"]), alpha, qdd)
+        return tuple(tuple(part + doubt for part in group) for group in groups)
 
     def _solved_densely(self) -> tuple[tuple[Scalar, ...], ...]:
         """By M itself, eliminated from the tips inward, where entries between branches are none."""
@@ -412,19 +417,23 @@ class Computation:
         if shift:
             f, t = (rotate(values["S1"], part) for part in self.transmitted_bias[0])
             loads = [*subtract(values["force1"], f), *subtract(values["torque1"], t), *loads]
-        rows, order = self.mass_rows, range(len(loads) - 1, -1, -1)
+        found, _ = self._eliminated(loads)
+        a, alpha = (found[:3], found[3:6]) if shift else (eq.ZERO, eq.ZERO)
+        return self._judged(a, alpha, found[shift:])
+
+    def _eliminated(self, loads: Sequence[Scalar]) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...]]:
+        """What M makes of loads, and the pivots of the coordinates."""
+        rows, order = [*map(_diagonal_not_0, self.mass_rows)], range(len(loads) - 1, -1, -1)
         lower = tuple(rows[max(i, j)][min(i, j)] for i in order for j in order if j >= i)
         found, pivots = solve_symmetric(lower, tuple(loads[i] for i in order))
-        found, pivots = found[::-1], pivots[::-1]
-        a, alpha = (found[:3], found[3:6]) if shift else (eq.ZERO, eq.ZERO)
-        return self._judged(a, alpha, found[shift:], pivots[shift:])
+        return found[::-1], pivots[::-1][6 * self.request.free :]
 
     # ---- centre of mass, energy, momentum
 
     @functools.cached_property
     def centre_from_base(self) -> Vector:
         """The centre of mass from the base's reference point, world axes."""
-        return scale(rotate(self.values["S1"], self.composites[0].first), 1.0 / self.composites[0].mass)
+        return scale(rotate(self.values["S1"], self.composites[0].first), _reciprocal(self.composites[0].mass))
 
     def centre_of_mass(self) -> Vector:
         """The centre of mass."""
@@ -433,7 +442,7 @@ class Computation:
     def centre_of_mass_jacobian(self) -> tuple[Scalar, ...]:
         """Its velocity by the velocities, row by row."""
         own = []
-        share = 1.0 / self.composites[0].mass
+        share = _reciprocal(self.composites[0].mass)
         for link, matter, pose in zip(self.links, self.composites[1:], self.poses[1:], strict=True):
             force, _ = eq.axis_wrench(link.slides, matter)
             own.append((scale(rotate(pose.S, force), share), eq.ZERO))
@@ -445,7 +454,7 @@ class Computation:
         turning = (self.values["omega1"], *((eq.ZERO, eq.ZERO) if self.request.free else self._base_change[::-1]))
         omega, alpha, a = (rotate(self.base_axes, part) for part in turning)
         force = self._wrenches(self.qd, self.still, omega, alpha, a, loaded=False)[0][0]
-        return scale(rotate(self.values["S1"], force), 1.0 / self.composites[0].mass)
+        return scale(rotate(self.values["S1"], force), _reciprocal(self.composites[0].mass))
 
     @functools.cached_property
     def body_rates(self) -> list[eq.Rates]:
@@ -484,6 +493,16 @@ class Computation:
             for letter, part in zip(letters, own, strict=False):
                 name_lines(f"{letter}_{name}", part)
         return values
+
+
+def _reciprocal(x: Scalar) -> Scalar:
+    """1 / x, also of a number that is known to be 0."""
+    return math.inf if type(x) is float and x == 0 else 1.0 / x
+
+
+def _diagonal_not_0(row: list[Scalar]) -> list[Scalar]:
+    """A row of M up to its diagonal, NaN there where it is known to be 0."""
+    return [*row[:-1], math.nan] if type(row[-1]) is float and row[-1] == 0 else row
 
 
 def _taken(numbers: Any, tails: Mapping[str, Tail]) -> dict[str, Any]:
@@ -544,10 +563,11 @@ OUTPUTS: Final[Mapping[str, Output]] = {
     "qdd": Output(_dof, _MOVES, lambda c: c.solved[2]),
     "a1": Output(_fixed(3), _MOVES, lambda c: c.solved[0]),
     "alpha1": Output(_fixed(3), _MOVES, lambda c: c.solved[1]),
-    "pivots": Output(_dof, _POSE, lambda c: c.solved[3]),
+    "pivots": Output(_dof, _POSE, lambda c: c.pivots),
     "centre_of_mass": Output(_fixed(3), ("q", "R1", "S1"), Computation.centre_of_mass),
     "centre_of_mass_jacobian": Output(_velocities(3), _POSE, Computation.centre_of_mass_jacobian),
     "centre_of_mass_bias": Output(_fixed(3), (*_RATES, "a1", "alpha1"), Computation.centre_of_mass_bias),
+    "attitude_check": Output(_fixed(), ("S1",), lambda c: ATTITUDE_STEPS["S1"][0].function(c.values["S1"])),
     "kinetic": Output(_fixed(), (*_RATES, "v1"), Computation.kinetic),
     "potential": Output(_fixed(), ("q", "R1", "S1", "gravity"), Computation.potential),
     "linear": Output(_fixed(3), (*_RATES, "v1"), lambda c: c.momentum[0]),

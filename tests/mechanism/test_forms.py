@@ -1,0 +1,323 @@
+"""What a robot's methods take and give: arrays of every kind, tables, values by joint, and what they refuse."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.trees import Robot, base_motion, random_model, record_of, with_mimics
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
+
+
+@pytest.fixture(scope="module")
+def motion(robot):
+    return np.random.default_rng(4).uniform(-1, 1, (3, 4, 5, robot.dof))
+
+
+def every(robot, q, qd, qdd, **options):
+    """All that a robot is asked of batches, by name."""
+    forces = robot.inverse_dynamics(q, qd, qdd, **options)
+    state = robot.forward_kinematics(q, qd, qdd, frames=("panda_hand", "panda_link3"), **options)
+    return {
+        **state.arrays(),
+        **forces.arrays(),
+        "qdd": robot.forward_dynamics(q, qd, qdd, **options).qdd,
+        "jacobian": robot.jacobian(q, "panda_hand", **options),
+        "mass_matrix": robot.mass_matrix(q, **options),
+        "centre": robot.centre_of_mass(q, **options),
+    }
+
+
+def check_same(found, expected, allowed=1e-12):
+    assert found.keys() == expected.keys()
+    for name, array in found.items():
+        size = max(1.0, np.abs(expected[name]).max())
+        np.testing.assert_allclose(array, expected[name], rtol=0, atol=allowed * size, err_msg=name)
+
+
+def test_every_layout_gives_the_same(robot, motion):
+    expected = every(robot, *motion, backend="numpy")
+    scattered = np.empty((3, 5, 4, robot.dof, 2))[..., 0].transpose(0, 2, 1, 3)
+    scattered[...] = motion
+    check_same(every(robot, *scattered, backend="numpy"), expected)
+    check_same(every(robot, *np.asfortranarray(motion), backend="numpy"), expected)
+    check_same(every(robot, *motion[:, ::-1, :, :], backend="numpy"), {k: v[::-1] for k, v in expected.items()})
+    check_same(every(robot, *motion.astype(">f8"), backend="numpy"), expected)
+    check_same(
+        every(robot, motion[0], motion[1], motion[2][:, :1], backend="numpy"),
+        every(robot, motion[0], motion[1], np.broadcast_to(motion[2][:, :1], motion[2].shape), backend="numpy"),
+    )
+    one = every(robot, *motion[:, 1, 2], backend="numpy")
+    check_same(one, {name: array[1, 2] for name, array in expected.items()})
+
+
+@pytest.mark.slow(4)
+def test_compiled_gives_the_same(robot, motion):
+    expected = every(robot, *motion, backend="numpy")
+    check_same(every(robot, *motion, backend="compiled"), expected)
+    check_same(every(robot, *motion, backend="compiled", workers=2), expected)
+    check_same(every(robot, *motion[:, 1, 2], backend="compiled"), {k: v[1, 2] for k, v in expected.items()})
+    small = every(robot, *motion.astype(np.float32), backend="compiled")
+    assert {array.dtype for array in small.values()} == {np.dtype(np.float32)}
+    check_same(small, expected, 1e-4)
+
+
+def test_float32_stays_float32(robot, motion):
+    expected, small = every(robot, *motion), every(robot, *motion.astype(np.float32), backend="numpy")
+    assert {array.dtype for array in small.values()} == {np.dtype(np.float32)}
+    check_same(small, expected, 1e-4)
+
+
+def test_tables_and_values_by_joint_are_read_by_name(robot, motion):
+    pandas = pytest.importorskip("pandas")
+    q, qd = motion[:2, 0]
+    expected = robot.forward_kinematics(q, qd, frames="panda_hand")
+    names = robot.names[::-1]
+    table = pandas.DataFrame(q, columns=robot.names)[list(names)]
+    rates = pandas.DataFrame(qd, columns=[f"{name}_dot" for name in robot.names])
+    check_same(robot.forward_kinematics(table, rates, frames="panda_hand").arrays(), expected.arrays())
+    by_name = {name: q[:, robot.names.index(name)] for name in names}
+    found = robot.forward_kinematics(by_name, qd, frames="panda_hand")
+    check_same(found.arrays(), expected.arrays())
+    held = by_name | {"panda_joint2": 0.25, "panda_joint5": 0}
+    full = q.copy()
+    full[:, [1, 4]] = 0.25, 0.0
+    expected = robot.inverse_dynamics(full, qd, qd)
+    check_same(robot.inverse_dynamics(held, qd, qd).arrays(), expected.arrays())
+
+
+def test_results_are_written_where_the_user_says(robot, motion):
+    q, qd, qdd = motion
+    numpy = {"backend": "numpy"}
+    out = {"v": np.empty((4, 5, 1, 3)), "R": np.empty((4, 5, 1, 3))}
+    state = robot.forward_kinematics(q, qd, frames="panda_hand", out=out, **numpy)
+    expected = robot.forward_kinematics(q, qd, frames="panda_hand", **numpy)
+    for name, array in out.items():
+        assert np.shares_memory(state.arrays()[name], array)
+        np.testing.assert_array_equal(array, expected.arrays()[name])
+    tau = np.empty((4, 5, 7))
+    forces = robot.inverse_dynamics(q, qd, qdd, outputs=("tau",), out={"tau": tau}, **numpy)
+    assert forces.outputs == ("tau",)
+    assert forces.force1 is None
+    np.testing.assert_array_equal(tau, robot.inverse_dynamics(q, qd, qdd, **numpy).tau)
+    matrix = np.empty((4, 5, 7, 7))
+    assert np.shares_memory(robot.mass_matrix(q, out=matrix, **numpy), matrix)
+    np.testing.assert_array_equal(matrix, robot.mass_matrix(q, **numpy))
+
+
+def test_one_frame_and_an_axis_of_frames(robot, motion):
+    q, qd, qdd = motion
+    state = robot.forward_kinematics(q, qd, qdd, frames=("panda_hand", "panda_joint3", "panda_link0"))
+    assert state.frames == ("panda_hand", "panda_joint3", "panda_link0")
+    assert state.S.shape == (4, 5, 3, 3, 3)
+    np.testing.assert_array_equal(state["panda_joint3"].a, state.a[..., 1, :])
+    np.testing.assert_array_equal(state["panda_link0"].S, np.broadcast_to(np.eye(3), (4, 5, 3, 3)))
+    with pytest.raises(hp.ArgumentError, match="frame: expected one of panda_hand, panda_joint3"):
+        state["panda_link7"]
+    assert robot.forward_kinematics(q).frames == robot.tips
+    assert robot.forward_kinematics(q).outputs == ("R", "S", "d")
+
+
+def test_nan_stays_in_its_sample(robot, motion):
+    q = motion[0].copy()
+    q[1, 2, 3] = np.nan
+    for name, array in every(robot, q, *motion[1:], backend="numpy").items():
+        bad = np.isnan(array).reshape(4, 5, -1).any(axis=-1)
+        assert bad[1, 2], name
+        assert bad.sum() == 1, name
+
+
+def test_no_samples_and_no_joints(robot):
+    none = np.empty((0, 7))
+    assert robot.inverse_dynamics(none, none, none).tau.shape == (0, 7)
+    still = hp.load_robot("ur5_robot", locked=dict.fromkeys(hp.load_robot("ur5_robot").names, 0.3))
+    assert still.dof == 0
+    assert still.forward_kinematics(np.empty((2, 0)), frames="tool0").R.shape == (2, 1, 3)
+    assert still.inverse_dynamics(np.empty(0), np.empty(0), np.empty(0)).tau.shape == (0,)
+    assert still.forward_dynamics(np.empty(0), np.empty(0), np.empty(0)).qdd.shape == (0,)
+    assert still.mass_matrix(np.empty((3, 0))).shape == (3, 0, 0)
+
+
+REFUSED = {
+    "columns": (lambda r, q: r.forward_kinematics(q[..., :6]), r"q: expected shape \(\.\.\., 7\), a column for each"),
+    "joint_missing": (lambda r, _: r.forward_kinematics({"panda_joint1": 0}), r"q\['panda_joint2'\]: expected a num"),
+    "joint_unknown": (lambda r, _: r.forward_kinematics({"panda_joint8": 0.0}), "nearest: panda_joint"),
+    "joint_text": (
+        lambda r, _: r.forward_kinematics(dict.fromkeys(r.names, "a")), r"q\['panda_joint1'\]: expected real numbers"
+    ),
+    "frame": (lambda r, q: r.forward_kinematics(q, frames="panda_hnd"), "frames: .*nearest: panda_hand"),
+    "no_frame": (lambda r, q: r.forward_kinematics(q, frames=()), "frames: expected names of links or joints"),
+    "one_frame": (lambda r, q: r.jacobian(q), "frame: expected the name of a link or joint"),
+    "rates": (lambda r, q: r.forward_kinematics(q, outputs=("v",)), "qd: .*output v needs them"),
+    "output": (lambda r, q: r.forward_kinematics(q, outputs=("tau",)), "outputs: expected one of R, S, d"),
+    "base": (
+        lambda r, q: r.forward_kinematics(q, q, base_motion=hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))),
+        r"base_motion\.v: expected a value",
+    ),
+    "base_kind": (lambda r, q: r.mass_matrix(q, base_motion=q), "base_motion: expected a BodyMotion"),
+    "wrench_link": (lambda r, q: r.inverse_dynamics(q, q, q, wrenches={"x": (0, 0)}), "wrenches: expected one of"),
+    "wrench": (lambda r, q: r.inverse_dynamics(q, q, q, wrenches={"panda_hand": 0}), "wrenches.*panda_hand.*pair"),
+    "force": (lambda r, q: r.forward_dynamics(q, q, q, force1=(1, 2, 3)), "force1: expected 0: a fixed base"),
+    "none": (lambda r, q: r.inverse_dynamics(q, q, None), "qdd: expected values of the joints"),
+    "shapes": (lambda r, q: r.inverse_dynamics(q, q[:3], q), "qd: expected leading shape"),
+    "gravity": (lambda r, q: r.gravity_forces(q, gravity=(1, 2)), r"gravity: expected shape \(3,\)"),
+    "out": (lambda r, q: r.mass_matrix(q, out=np.empty(3)), r"out: expected shape \(4, 5, 7, 7\)"),
+    "out_name": (lambda r, q: r.forward_kinematics(q, out={"x": q}), "out: expected arrays for nothing but"),
+    "out_over_input": (lambda r, q: r.inverse_dynamics(q, q, q, outputs=("tau",), out={"tau": q}), "memory of its"),
+    "about": (lambda r, q: r.momentum(q, q, about="hand"), "about: expected one of origin, centre"),
+    "backend": (lambda r, q: r.mass_matrix(q, backend="x"), "backend: expected one of"),
+    "prepared": (lambda r, _: r.prepare("x"), "given: expected one of pose"),
+    "prepared_rates": (lambda r, _: r.prepare(("q",), outputs=("v",)), "given: expected qd too"),
+    "bounds": (lambda r, q: r.error_bounds(q, outputs=("qdd",)), "outputs: expected one of"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_cannot_be_used_is_named(robot, motion, what):
+    call, message = REFUSED[what]
+    with pytest.raises(hp.ArgumentError, match=message):
+        call(robot, motion[0].copy())
+
+
+def test_prepared_calls_give_what_the_methods_give(robot, motion):
+    q, qd, qdd = motion[:, 1, 2]
+    calls = {
+        "pose": ((q,), robot.forward_kinematics(q)),
+        "velocity": ((q, qd), robot.forward_kinematics(q, qd)),
+        "acceleration": ((q, qd, qdd), robot.forward_kinematics(q, qd, qdd)),
+        "inverse_dynamics": ((q, qd, qdd), robot.inverse_dynamics(q, qd, qdd)),
+        "forward_dynamics": ((q, qd, qdd), robot.forward_dynamics(q, qd, qdd)),
+    }
+    for kind, (given, expected) in calls.items():
+        step = robot.prepare(kind, backend="numpy")
+        check_same(step(*given).arrays(), expected.arrays())
+        many = step(*(np.stack([one, one]) for one in given))
+        check_same({name: array[1] for name, array in many.arrays().items()}, expected.arrays())
+    arrays = {
+        "jacobian": (q,),
+        "acceleration_bias": (q, qd),
+        "mass_matrix": (q,),
+        "bias_forces": (q, qd),
+        "gravity_forces": (q,),
+    }
+    for kind, given in arrays.items():
+        frame = {"frames": "panda_hand"} if kind in {"jacobian", "acceleration_bias"} else {}
+        step = robot.prepare(kind, backend="numpy", **frame)
+        expected = getattr(robot, kind)(*given, *frame.values())
+        np.testing.assert_allclose(step(*given), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+        out = np.empty_like(expected)
+        np.testing.assert_array_equal(step(*given, out=out), out)
+        np.testing.assert_array_equal(out, step(*given))
+        assert step(*given).flags.writeable
+
+
+def test_a_prepared_call_takes_the_motion_of_the_base(robot, motion):
+    base = base_motion(np.random.default_rng(9))
+    q, qd = motion[:2, 0, 0]
+    step = robot.prepare(
+        ("q", "qd", "R1", "S1", "v1", "omega1"), frames="panda_hand", outputs=("R", "v"), backend="numpy"
+    )
+    found = step(q, qd, base.R, base.S, base.v, base.omega)
+    expected = robot.forward_kinematics(q, qd, frames="panda_hand", outputs=("R", "v"), base_motion=base)
+    check_same(found.arrays(), expected.arrays())
+    with pytest.raises(hp.RotationError, match="S1"):
+        step(q, qd, base.R, 2 * base.S, base.v, base.omega)
+    with pytest.raises(hp.ArgumentError, match="expected 6 arguments"):
+        step(q, qd)
+
+
+def test_robots_states_and_calls_can_be_copied(robot, motion):
+    q = motion[0, 0]
+    state, step = robot.forward_kinematics(q), robot.prepare("pose", backend="numpy")
+    for again in (lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy):
+        check_same(again(robot).forward_kinematics(q).arrays(), state.arrays())
+        check_same(again(step)(q).arrays(), state.arrays())
+        assert again(state).frames == state.frames
+        check_same(again(state)["panda_hand_tcp"].arrays(), state["panda_hand_tcp"].arrays())
+
+
+def arm(*masses):
+    """Hinges about y in series; a mass of 0 is none."""
+    body = hp.Body(mass=1, center_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
+    given = {"u1": (0, 0, 0.3), "u2": (0, 0, 0), "n": (0, 1, 0)}
+    return hp.Mechanism(
+        [hp.HingePair(**given, name=f"joint_{k}", body2=body if m else None) for k, m in enumerate(masses)]
+    )
+
+
+def test_a_joint_that_nothing_resists_is_named_and_its_samples_are_nan():
+    q = np.random.default_rng(1).normal(size=(3, 3))
+    robot = arm(1, 1, 0)
+    with pytest.warns(hp.DynamicsWarning) as caught:
+        found = robot.forward_dynamics(q, q, q)
+    assert np.isnan(found.qdd).all()
+    assert "joint_2" in str(caught[0].message)
+    assert "no mass resists joint 'joint_2' at 3 of 3 samples" in str(caught[-1].message)
+    with warnings.catch_warnings(record=True) as caught:  # what is assumed is said once
+        warnings.simplefilter("always")
+        robot.forward_dynamics(q[0], q[0], q[0])
+    assert [str(one.message) for one in caught] == [
+        "mechanism: no mass resists joint 'joint_2' here; accelerations are NaN there"
+    ]
+    with pytest.warns(hp.DynamicsWarning, match="joint_1"):
+        moving = arm(1, 0, 1).forward_dynamics(q, q, q)
+    assert np.isfinite(moving.qdd).all()
+
+
+def test_a_follower_without_mass_leaves_nothing_singular():
+    tree = record_of(random_model(3, 8))
+    robot = Robot(with_mimics(tree, {"joint_3": ("joint_6", -0.5, 0.25)}))
+    q = np.zeros((2, len(robot.tree.joints) - 1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isfinite(robot.forward_dynamics(q, q, q).qdd).all()
+
+
+def test_bounds_hold_for_every_backend_of_a_mimic_robot():
+    """The angle of a follower is rounded before its sine is taken."""
+    tree = record_of(random_model(3, 8))
+    robot = Robot(with_mimics(tree, {"joint_3": ("joint_6", -0.37, 0.21)}))
+    rng = np.random.default_rng(2)
+    q = rng.uniform(-100, 100, (6, 7))
+    exact = robot.forward_kinematics(q.astype(np.float32).astype(float))
+    found = robot.forward_kinematics(q.astype(np.float32))
+    bounds = robot.error_bounds(q.astype(np.float32))
+    for name in ("R", "S", "d"):
+        off = np.abs(found.arrays()[name] - exact.arrays()[name]).reshape(*bounds[name].shape, -1).max(axis=-1)
+        assert (off <= bounds[name]).all(), name
+        assert (bounds[name] < 1e-3).all()
+
+
+def test_jax_arrays_stay_what_they_are_and_have_gradients():
+    jax = pytest.importorskip("jax")
+    robot = Robot(record_of(random_model(5, 2)))
+    motion = np.random.default_rng(6).uniform(-1, 1, (3, 4, robot.dof))
+    frames, tip = ("link_0", "link_1"), "link_1"
+    with jax.enable_x64(True):
+        q, qd, qdd = (jax.numpy.asarray(part) for part in motion)
+        state = jax.jit(lambda *x: robot.forward_kinematics(*x, frames=frames))(q, qd)
+        assert isinstance(state.R, jax.Array)
+        check_same(state.arrays(), robot.forward_kinematics(*motion[:2], frames=frames).arrays())
+        assert state["link_0"].v.shape == (4, 3)
+
+        def position(x):
+            return robot.forward_kinematics(x, frames=tip, outputs=("R",)).R[0]
+
+        def torque(x):
+            return robot.inverse_dynamics(q[0], qd[0], x, outputs=("tau",)).tau
+
+        by_hand = jax.jit(jax.jacobian(position))(q[0])
+        np.testing.assert_allclose(by_hand, robot.jacobian(motion[0, 0], tip)[:3], atol=1e-14)
+        matrix = jax.jit(jax.jacobian(torque))(qdd[0])
+        np.testing.assert_allclose(matrix, robot.mass_matrix(motion[0, 0]), atol=1e-13)
+        with pytest.raises(hp.ArgumentError, match="qd: expected an array of jax"):
+            robot.inverse_dynamics(q, motion[1], qdd)
