@@ -489,3 +489,16 @@ def test_a_robot_may_be_read_from_text_and_models(tmp_path):
     for wrong in ("free ", None):
         with pytest.raises(ArgumentError, match="base: expected one of fixed, free"):
             hp.Mechanism.from_urdf(ARM, base=wrong)
+
+
+@pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
+@pytest.mark.parametrize("base", ["fixed", "free"])
+def test_a_robot_without_joints_has_empty_coordinates(base, backend):
+    robot, columns = hp.load_robot("quadrotor_base", base=base), 6 * (base == "free")
+    for shape in ((), (4,)):
+        q = np.zeros((*shape, 0))
+        assert robot.jacobian(q, backend=backend).shape == (*shape, 6, columns)
+        assert robot.mass_matrix(q, backend=backend).shape == (*shape, columns, columns)
+        assert robot.forward_kinematics(q, q, q, backend=backend).R.shape == (*shape, 1, 3)
+        assert robot.inverse_dynamics(q, q, q, backend=backend).tau.shape == (*shape, 0)
+        assert robot.forward_dynamics(q, q, q, backend=backend).qdd.shape == (*shape, 0)

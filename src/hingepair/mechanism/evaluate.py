@@ -79,6 +79,7 @@ class Problem:
         key = given, gravity, backend, checked
         found = self._calls.get(key)
         if found is None:
+            backend = backend if self.form.dof else "numpy"  # machine code reads and writes arrays that have numbers
             check = {"attitude_check": _ROTATION_LIMITS} if checked and "S1" in given else {}
             loop = loop_of(self.form, self.request._replace(outputs=(*self.request.outputs, *check)))
             assumed = {**AT_REST, **NO_LOADS, "gravity": gravity, "constants": self.parameters}
