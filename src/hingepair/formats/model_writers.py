@@ -11,14 +11,15 @@ frame (R2, S2).
 from __future__ import annotations
 
 import math
-import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from hingepair.errors import ArgumentError, quoted
+from hingepair.formats.robot_writer import robot_to_urdf
+from hingepair.formats.xml_text import BEYOND, add, add_joint, check_text, document, long_axis
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array, check_choice
 from hingepair.pair.body import Body, Box, Cylinder, Shape
 from hingepair.pair.constants import check_one, check_pair
@@ -29,10 +30,7 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 BODY1, BODY2, BODY2_AT_HINGE, HINGE, BASE, WORLD = "body1", "body2", "body2_at_hinge", "hinge", "base", "world"
 """Names of the links and of the joints."""
 
-_BEYOND = {"effort": 1000.0, "velocity": 100.0}  # N m, rad/s: what should stop nobody
-_ASIDE = (2.0**-53, 2.0**-39)
 _STILL = (0.0, 0.0, 0.0)
-_NOT_XML = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"  # compiled when used: that takes milliseconds
 _DRAWABLE = (1e-9, 1e9)  # m: beyond, a viewer shows nothing, and what is drawn has the size of one metre
 _LIFT = 2.0**-46
 """Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
@@ -51,8 +49,12 @@ _COMPILER = {
 }
 
 
-def to_urdf(pair: HingePair, *, base: str = "free") -> str:
+def to_urdf(pair: HingePair | Mechanism, *, base: str = "free") -> str:
     """The pair as URDF text: the same text for the same pair.
+
+    Of a `Mechanism` it has the links and joints, with masses, limits and the rules of joints that follow others; read
+    back, by Pinocchio too, q has the same order. A fixed or locked joint is a fixed joint; the links that it holds to
+    each other have one mass together. Shapes are not written.
 
     The link `body1` has the frame (R1, S1). The joint `hinge`, revolute where the pair has limits, else continuous,
     leads from it to the link `body2_at_hinge`, which has body 2's mass and shapes and its origin at the hinge point;
@@ -63,9 +65,9 @@ def to_urdf(pair: HingePair, *, base: str = "free") -> str:
     rounding that `Body` warned of.
 
     Args:
-        pair: the pair; its limits, torque_limit, rate_limit, body1 and body2 are written where given.
-        base: "free": body1 is the root, to be set free by the loader (Pinocchio: a free-flyer root joint);
-            "floating": a floating joint from a link `world`; "fixed": body1 is fixed to `world`.
+        pair: the pair; its limits, torque_limit, rate_limit, body1 and body2 are written where given. Or a robot.
+        base: "free": body1 (of a robot the base) is the root, to be set free by the loader (Pinocchio: a free-flyer
+            root joint); "floating": a floating joint from a link `world`; "fixed": body1 is fixed to `world`.
 
     Raises:
         ArgumentError: an unknown base; the pair's name holds a character that XML cannot.
@@ -77,27 +79,29 @@ def to_urdf(pair: HingePair, *, base: str = "free") -> str:
     ['<limit lower="-1.0" upper="1.0" effort="1000.0" velocity="100.0" />']
     """
     check_choice("base", base, ("free", "floating", "fixed"))
+    if isinstance(pair, Mechanism):
+        return robot_to_urdf(pair, base)
     parts = _parts(pair)
     robot = ET.Element("robot", {"name": pair.name})
     # MuJoCo reads URDF too, and this element of it: body2 stays a body of its own, and the shapes are kept.
-    _add(_add(robot, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
+    add(add(robot, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
     for part in parts:
-        _add(_add(robot, "material", name=f"{part.link}_paint"), "color", rgba=part.colour)
+        add(add(robot, "material", name=f"{part.link}_paint"), "color", rgba=part.colour)
     if base != "free":
-        _add(robot, "link", name=WORLD)
+        add(robot, "link", name=WORLD)
     for part in parts:
         _add_urdf_link(robot, part)
-    _add(robot, "link", name=BODY2)
+    add(robot, "link", name=BODY2)
     if base != "free":
-        _add_joint(robot, BASE, base, WORLD, BODY1)
+        add_joint(robot, BASE, base, WORLD, BODY1)
     kind = "continuous" if pair.limits is None else "revolute"
-    hinge = _add_joint(robot, HINGE, kind, BODY1, BODY2_AT_HINGE)
-    _add(hinge, "origin", xyz=pair.u1, rpy=matrix_to_euler(pair.home, "xyz"))
-    _add(hinge, "axis", xyz=_long_axis(pair))
+    hinge = add_joint(robot, HINGE, kind, BODY1, BODY2_AT_HINGE)
+    add(hinge, "origin", xyz=pair.u1, rpy=matrix_to_euler(pair.home, "xyz"))
+    add(hinge, "axis", xyz=long_axis(_axis2(pair)))
     if limit := _limit(pair):
-        _add(hinge, "limit", **limit)
-    _add(_add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), "origin", xyz=-pair.u2, rpy=_STILL)
-    return _document(robot)
+        add(hinge, "limit", **limit)
+    add(add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), "origin", xyz=-pair.u2, rpy=_STILL)
+    return document(robot)
 
 
 def to_mjcf(pair: HingePair, *, base: str = "free") -> str:
@@ -126,21 +130,21 @@ def to_mjcf(pair: HingePair, *, base: str = "free") -> str:
     check_choice("base", base, ("free", "fixed"))
     one, two = _parts(pair)
     root = ET.Element("mujoco", {"model": pair.name})
-    _add(root, "compiler", **_COMPILER)
-    _add(root, "option", gravity=(0, 0, 0))
-    body1 = _add(_add(root, "worldbody"), "body", name=BODY1)
+    add(root, "compiler", **_COMPILER)
+    add(root, "option", gravity=(0, 0, 0))
+    body1 = add(add(root, "worldbody"), "body", name=BODY1)
     if base == "free":
-        _add(body1, "freejoint", name=BASE)
+        add(body1, "freejoint", name=BASE)
     _add_mjcf_body(body1, one)
     quat_wxyz = matrix_to_quaternion(pair.home)
-    at_hinge = _add(body1, "body", name=BODY2_AT_HINGE, pos=pair.u1, quat=quat_wxyz)
+    at_hinge = add(body1, "body", name=BODY2_AT_HINGE, pos=pair.u1, quat=quat_wxyz)
     limits: dict[str, Any] = {} if pair.limits is None else {"range": pair.limits}
     if pair.torque_limit:  # MuJoCo refuses a range of 0
         limits["actuatorfrcrange"] = -pair.torque_limit, pair.torque_limit
-    _add(at_hinge, "joint", name=HINGE, type="hinge", axis=_axis2(pair), **limits)
+    add(at_hinge, "joint", name=HINGE, type="hinge", axis=_axis2(pair), **limits)
     _add_mjcf_body(at_hinge, two)
-    _add(at_hinge, "body", name=BODY2, pos=-pair.u2)
-    return _document(root)
+    add(at_hinge, "body", name=BODY2, pos=-pair.u2)
+    return document(root)
 
 
 def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
@@ -181,8 +185,7 @@ class _Part(NamedTuple):
 def _parts(pair: HingePair) -> tuple[_Part, _Part]:
     """Body 1 in the frame (R1, S1), and body 2 at the hinge point, in its own axes."""
     one, two = drawn_shapes(pair)
-    if re.search(_NOT_XML, pair.name):
-        raise ArgumentError("name", "characters that XML can hold", quoted(pair.name))
+    check_text("name", pair.name)
     blue, orange = "0.30 0.50 0.75 1", "0.85 0.60 0.30 1"  # of the README's figure
     return _part(BODY1, blue, pair.body1, one, np.zeros(3)), _part(BODY2_AT_HINGE, orange, pair.body2, two, pair.u2)
 
@@ -198,25 +201,6 @@ def _axis2(pair: HingePair) -> Float64Array:
     """The hinge axis in body 2's axes, C^T n."""
     axis: Float64Array = pair.home.T @ pair.n
     return axis
-
-
-def _add(parent: ET.Element, tag: str, /, **said: Any) -> ET.Element:
-    """A new child of an element, with attributes: texts, numbers and arrays of numbers.
-
-    Numbers have all their digits (repr knows no locale), and no -0 a sign.
-    """
-    texts = {
-        key: " ".join(repr(number + 0.0) for number in np.ravel(value).tolist())
-        for key, value in said.items()
-        if not isinstance(value, str)
-    }
-    return ET.SubElement(parent, tag, said | texts)
-
-
-def _document(root: ET.Element) -> str:
-    """The XML text of an element."""
-    ET.indent(root)
-    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
 def _readable(inertia: Float64Array) -> Float64Array:
@@ -249,30 +233,21 @@ def _limit(pair: HingePair) -> dict[str, float]:
     if pair.limits is None and set(given.values()) == {None}:
         return {}
     range_ = dict(zip(("lower", "upper"), pair.limits or (), strict=False))
-    return range_ | {key: _BEYOND[key] if value is None else value for key, value in given.items()}
-
-
-def _long_axis(pair: HingePair) -> Float64Array:
-    """The hinge axis in the child's axes, a hair too long where it is a hair off x, y or z.
-
-    Pinocchio takes what is within 1e-12 of x for x; an axis that is longer by more than that it normalises.
-    """
-    axis = _axis2(pair)
-    return axis * (1 + 2 * _ASIDE[1]) if _ASIDE[0] < np.sort(np.abs(axis))[1] < _ASIDE[1] else axis
+    return range_ | {key: BEYOND[key] if value is None else value for key, value in given.items()}
 
 
 def _add_urdf_link(robot: ET.Element, part: _Part) -> None:
-    link = _add(robot, "link", name=part.link)
-    inertial = _add(link, "inertial")
-    _add(inertial, "origin", xyz=part.center, rpy=_STILL)
-    _add(inertial, "mass", value=part.mass)
-    _add(inertial, "inertia", **dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), part.moments, strict=True)))
+    link = add(robot, "link", name=part.link)
+    inertial = add(link, "inertial")
+    add(inertial, "origin", xyz=part.center, rpy=_STILL)
+    add(inertial, "mass", value=part.mass)
+    add(inertial, "inertia", **dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), part.moments, strict=True)))
     for shape in part.shapes:
         kind, sizes, rpy = _geometry(shape)
-        visual = _add(link, "visual")
-        _add(visual, "origin", xyz=shape.center, rpy=rpy)
-        _add(_add(visual, "geometry"), kind, **sizes)
-        _add(visual, "material", name=f"{part.link}_paint")
+        visual = add(link, "visual")
+        add(visual, "origin", xyz=shape.center, rpy=rpy)
+        add(add(visual, "geometry"), kind, **sizes)
+        add(visual, "material", name=f"{part.link}_paint")
 
 
 def _geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
@@ -286,18 +261,11 @@ def _geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
     return "sphere", {"radius": shape.radius}, _STILL
 
 
-def _add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
-    joint = _add(robot, "joint", name=name, type=kind)
-    _add(joint, "parent", link=parent)
-    _add(joint, "child", link=child)
-    return joint
-
-
 def _add_mjcf_body(body: ET.Element, part: _Part) -> None:
-    _add(body, "inertial", pos=part.center, mass=part.mass, fullinertia=part.moments)
+    add(body, "inertial", pos=part.center, mass=part.mass, fullinertia=part.moments)
     for shape in part.shapes:
         drawn = {"contype": "0", "conaffinity": "0", "group": "1", "rgba": part.colour}
-        _add(body, "geom", **_geom(shape), pos=shape.center, **drawn)
+        add(body, "geom", **_geom(shape), pos=shape.center, **drawn)
 
 
 def _geom(shape: Shape) -> dict[str, Any]:

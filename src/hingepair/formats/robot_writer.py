@@ -1,0 +1,137 @@
+"""A robot written as URDF.
+
+Each body is the link at its joint's point, which has the body's mass, and the other links, which fixed joints hold to
+it. Joints stand in the order of q, which is that of their names on every link: where names would give another order,
+they hang on links of their own, whose fixed joints have numbers for names.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from hingepair.formats.xml_text import BEYOND, add, add_joint, check_text, document, long_axis
+from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
+from hingepair.rotations.euler import matrix_to_euler
+
+
+def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
+    """Return a robot as URDF text, as `to_urdf` says.
+
+    Raises:
+        ArgumentError: a name holds a character that XML cannot.
+    """
+    tree = robot.tree
+    for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
+        check_text("name", name)
+    return document(_Writer(tree).robot(base))
+
+
+class _Writer:
+    """The elements of one robot.
+
+    Args:
+        tree: the robot.
+    """
+
+    def __init__(self, tree: Tree) -> None:
+        self._tree = tree
+        # Names that are made up differ from all that are there.
+        self._links = {*tree.links, *tree.frames}
+        self._joints = {*tree.frames, *(joint.name for joint in tree.joints)}
+
+    def robot(self, base: str) -> ET.Element:
+        """Return the element <robot>."""
+        tree = self._tree
+        root = ET.Element("robot", {"name": tree.name})
+        add(add(root, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
+        bodies = [tree.base, *(joint.body for joint in tree.joints)]
+        seats = [self._add_body(root, number, masses) for number, masses in enumerate(bodies)]
+        for number, seat in enumerate(seats):
+            carried = [(joint, seats[k]) for k, joint in enumerate(tree.joints, 1) if joint.parent == number]
+            names = [joint.name for joint, _ in carried]
+            for place, (joint, child) in enumerate(carried):
+                parent = seat if names == sorted(names) else self._add_carrier(root, seat, place, joint.name)
+                self._add_moving(root, joint, parent, child)
+        if base != "free":
+            world = _new(self._links, "world")
+            add(root, "link", name=world)
+            add_joint(root, _new(self._joints, "base"), base, world, seats[0])
+        return root
+
+    def _add_body(self, root: ET.Element, number: int, masses: MassProperties) -> str:
+        """Add the links of a body; return the name of the one at the joint's point, which has the mass."""
+        tree = self._tree
+        links = {name: frame for name, frame in tree.links.items() if frame.body == number}
+        frames = {name: frame for name, frame in tree.frames.items() if frame.body == number}
+        seat = next((name for name, frame in links.items() if _is_here(frame)), None)
+        if seat is None:
+            seat = _new(self._links, f"{tree.joints[number - 1].name if number else 'base'}_at_joint")
+        own = add(root, "link", name=seat)
+        if masses.mass or masses.inertia.any():
+            _add_inertial(own, masses)
+        for name, frame in links.items():
+            held_by = next((joint for joint, other in frames.items() if _alike(frame, other)), None)
+            frames.pop(held_by or "", None)
+            if name != seat:
+                self._add_fixed(root, held_by or _new(self._joints, f"{name}_fixed"), seat, name, frame)
+        for name, frame in frames.items():
+            if name not in tree.links:
+                self._add_fixed(root, _new(self._joints, f"{name}_frame"), seat, name, frame)
+        return seat
+
+    def _add_fixed(self, root: ET.Element, joint: str, parent: str, link: str, frame: Frame) -> None:
+        """Add a link and the fixed joint that holds it."""
+        add(root, "link", name=link)
+        element = add_joint(root, joint, "fixed", parent, link)
+        add(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))
+
+    def _add_carrier(self, root: ET.Element, seat: str, place: int, joint: str) -> str:
+        """Return a new link that is fixed to a body by a joint whose name gives it its place among its siblings."""
+        held_by = _new(self._joints, f"{place:04d}_{joint}")
+        link = _new(self._links, f"{held_by}_carrier")
+        add(root, "link", name=link)
+        add_joint(root, held_by, "fixed", seat, link)
+        return link
+
+    def _add_moving(self, root: ET.Element, joint: Joint, parent: str, child: str) -> None:
+        bounded = bool(np.isfinite(joint.position_limits).any())
+        kind = "prismatic" if joint.kind == "slider" else "revolute" if bounded else "continuous"
+        element = add_joint(root, joint.name, kind, parent, child)
+        add(element, "origin", xyz=joint.u, rpy=matrix_to_euler(joint.S, "xyz"))
+        add(element, "axis", xyz=long_axis(joint.n))
+        most = {"effort": joint.effort_limit, "velocity": joint.rate_limit}
+        if kind != "continuous" or np.isfinite(list(most.values())).any():
+            limit = {key: value if math.isfinite(value) else BEYOND[key] for key, value in most.items()}
+            if bounded:  # an infinite one of the two is the largest number
+                limit |= dict(zip(("lower", "upper"), np.nan_to_num(joint.position_limits).tolist(), strict=True))
+            add(element, "limit", **limit)
+        if joint.mimic is not None:
+            leader = self._tree.joints[joint.mimic.leader - 1].name
+            add(element, "mimic", joint=leader, multiplier=joint.mimic.multiplier, offset=joint.mimic.offset)
+
+
+def _add_inertial(link: ET.Element, masses: MassProperties) -> None:
+    inertial = add(link, "inertial")
+    add(inertial, "origin", xyz=masses.center_of_mass, rpy=(0.0, 0.0, 0.0))
+    add(inertial, "mass", value=masses.mass)
+    moments = masses.inertia[np.triu_indices(3)].tolist()
+    add(inertial, "inertia", **dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), moments, strict=True)))
+
+
+def _is_here(frame: Frame) -> bool:
+    return not frame.R.any() and bool((np.eye(3) == frame.S).all())
+
+
+def _alike(one: Frame, other: Frame) -> bool:
+    return np.array_equal(one.R, other.R) and np.array_equal(one.S, other.S)
+
+
+def _new(known: set[str], name: str) -> str:
+    """Return the name, or the first with a number behind it that is not known; it is known from now on."""
+    found = next(one for one in (name, *(f"{name}_{i}" for i in range(2, len(known) + 3))) if one not in known)
+    known.add(found)
+    return found
