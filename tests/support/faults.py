@@ -480,26 +480,26 @@ FAULTS = {
     ),
     # Pinocchio
     "spatial for classical acceleration, going to Pinocchio": Fault(
-        "validation/pinocchio_twin.py",
-        "_to_body(S, a - np.cross(omega, v))",
-        "_to_body(S, a)",
+        "validation/free_flyer.py",
+        "to_body(S, a - np.cross(omega, v))",
+        "to_body(S, a)",
         "validation/test_pinocchio.py::test_coordinates_come_back_from_pinocchio[()]",
     ),
     "spatial for classical acceleration, coming back": Fault(
-        "validation/pinocchio_twin.py",
+        "validation/free_flyer.py",
         "pin.getFrameClassicalAcceleration(",
         "pin.getFrameAcceleration(",
         "validation/test_pinocchio.py::test_body_2_is_read_out_of_pinocchio[()]",
     ),
     "wxyz for xyzw, going to Pinocchio": Fault(
-        "validation/pinocchio_twin.py",
+        "validation/free_flyer.py",
         "np.roll(quat_wxyz, -1, axis=-1)",
         "quat_wxyz",
         "validation/test_pinocchio.py::test_coordinates_come_back_from_pinocchio[()]",
     ),
     "free-flyer velocity in world axes": Fault(
-        "validation/pinocchio_twin.py",
-        """{"v": _to_body(S, v), """,
+        "validation/free_flyer.py",
+        """{"v": to_body(S, v), """,
         """{"v": v, """,
         "validation/test_pinocchio.py::test_coordinates_come_back_from_pinocchio[()]",
     ),

@@ -90,7 +90,8 @@ class ByCoordinates:
         """Compare the equations with Pinocchio."""
         from hingepair.validation.cross_validate import cross_validate
 
-        return cross_validate(pair, *self.derivatives, **self._sequence())
+        report: CrossValidation = cross_validate(pair, *self.derivatives, **self._sequence())
+        return report
 
     def constant(self) -> frozenset[str]:
         """Return the names of the coordinates, and of the inputs of a plan, that do not depend on t."""

@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hingepair.mechanism.arguments import Coordinates
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import error_ratios, euler_rate_sizes, given_rate_sizes, output_scales, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.forward_kinematics import read_coordinates
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import PLANAR, SPATIAL
-from hingepair.validation.pinocchio_twin import PinocchioTwin, frame_motion, import_pinocchio, to_pinocchio
+from hingepair.validation.free_flyer import frame_motion, import_pinocchio
+from hingepair.validation.pinocchio_twin import PinocchioTwin, to_pinocchio
 from hingepair.validation.report import Comparison, CrossValidation
+from hingepair.validation.robot_check import cross_validate_robot
+from hingepair.validation.robot_report import RobotValidation
 
 if TYPE_CHECKING:
     from hingepair.pair.hinge_pair import HingePair
 
 
+@overload
 def cross_validate(
     pair: HingePair | PlanarPair,
     q: ArrayLike | tuple[ArrayLike, ...],
@@ -29,25 +36,61 @@ def cross_validate(
     qdd: ArrayLike | tuple[ArrayLike, ...] | None = None,
     *,
     sequence: str = "XYZ",
-) -> CrossValidation:
+) -> CrossValidation: ...
+
+
+@overload
+def cross_validate(
+    pair: Mechanism,
+    q: Coordinates,
+    qd: Coordinates | None = None,
+    qdd: Coordinates | None = None,
+    *,
+    frames: str | Iterable[str] | None = None,
+    base_motion: BodyMotion | None = None,
+    gravity: ArrayLike = GRAVITY,
+) -> RobotValidation: ...
+
+
+def cross_validate(
+    pair: HingePair | PlanarPair | Mechanism,
+    q: Any,
+    qd: Any = None,
+    qdd: Any = None,
+    *,
+    sequence: str = "XYZ",
+    frames: str | Iterable[str] | None = None,
+    base_motion: BodyMotion | None = None,
+    gravity: ArrayLike = GRAVITY,
+) -> CrossValidation | RobotValidation:
     """Compute body 2 by the equations and by Pinocchio, and compare.
 
     Pinocchio's route shares nothing with ours: body 1's attitude and rates come from Pinocchio too, from a chain
     of three revolute joints in the order of the sequence. R2, S2 and d are compared, with qd also v2 and omega2,
     with qdd also a2 and alpha2. d is that of a twin placed at R1 = 0, since Pinocchio has only R2 - R1.
 
+    Of a robot: motion of all links, Jacobians of the last of each branch, the mass matrix; with qd energies and
+    momenta; with qdd forces, and forward dynamics by what it leaves: the forces that Pinocchio says our accelerations
+    take, against those that act.
+
     Args:
-        pair: the pair; a planar one is compared in the plane, phi2 in place of S2.
+        pair: the pair; a planar one is compared in the plane, phi2 in place of S2. Or a robot, whose q is as its
+            methods take it.
         q: (x, y, z, phi_x, phi_y, phi_z, psi); shape (..., 7) or a tuple of seven coordinates. Of a planar pair
             (x, y, phi, psi).
         qd: its time derivative; likewise.
         qdd: its second time derivative; likewise.
-        sequence: of the Euler angles.
+        sequence: of the Euler angles; not of a robot.
+        frames: of a robot, names of links or joints whose motion and Jacobians are compared, in place of those.
+        base_motion: of a robot, how its base moves; it rests at the origin unless given.
+        gravity: of a robot, acceleration of free fall [m/s^2]; shape (3,).
 
     Returns:
         A `CrossValidation` (hingepair.validation.report): `.ok`, `.verdict`, str() a table, `.to_json()`; `.rows`, of
         each output `.output`, `.max_error` (in its unit), `.max_ratio` (in u * scale), `.worst_sample` (of
-        max_ratio), `.samples`, `.bound`. Samples that are not finite are counted (`.skipped`) and left out.
+        max_ratio), `.samples`, `.bound`. Samples that are not finite are counted (`.skipped`) and left out. Of a
+        robot a `RobotValidation` (hingepair.validation.robot_report), whose rows also say `.worst_part`, a link or a
+        joint.
 
     Raises:
         ArgumentError: an argument that `pair.forward_kinematics` refuses.
@@ -59,6 +102,9 @@ def cross_validate(
     >>> hp.cross_validate(pair, np.linspace(0, 3, 70).reshape(10, 7)).ok
     True
     """
+    if isinstance(pair, Mechanism):
+        coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
+        return cross_validate_robot(pair, coordinates, frames, base_motion, gravity)
     planar = isinstance(pair, PlanarPair)
     space = pair.to_spatial() if isinstance(pair, PlanarPair) else pair
     twin = to_pinocchio(space)

@@ -12,17 +12,27 @@ Body 2 is the frame "body2"; read its velocity and classical acceleration in LOC
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, MissingDependencyError, RotationError
+from hingepair.errors import ArgumentError, RotationError
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_one, check_pair
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.rotations.matrices import matrix_to_quaternion, unit_quaternion
+from hingepair.rotations.matrices import unit_quaternion
+from hingepair.validation.free_flyer import (
+    flyer_acceleration,
+    flyer_configuration,
+    flyer_velocity,
+    frame_motion,
+    import_pinocchio,
+    to_world,
+)
+from hingepair.validation.robot_twin import RobotTwin, robot_twin
 
 Motion = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array | None]
 
@@ -52,8 +62,7 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks R or S.
         """
-        quat_wxyz = matrix_to_quaternion(_given(body1, "S"))
-        return _joined({"R": _given(body1, "R"), "S": np.roll(quat_wxyz, -1, axis=-1)}, psi=psi)
+        return _joined(flyer_configuration(body1), psi=psi)
 
     def velocity(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Float64Array:
         """Pinocchio's v; shape (..., 7).
@@ -66,8 +75,7 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks S, v or omega.
         """
-        S, v, omega = (_given(body1, name) for name in ("S", "v", "omega"))
-        return _joined({"v": _to_body(S, v), "omega": _to_body(S, omega)}, psi=psi, psid=psid)
+        return _joined(flyer_velocity(body1), psi=psi, psid=psid)
 
     def acceleration(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike) -> Float64Array:
         """Pinocchio's a, which is the spatial acceleration; shape (..., 7).
@@ -81,10 +89,7 @@ class PinocchioTwin:
         Raises:
             ArgumentError: body1 lacks S, v, omega, a or alpha.
         """
-        S, v, omega, a, alpha = (_given(body1, name) for name in ("S", "v", "omega", "a", "alpha"))
-        with np.errstate(over="ignore", invalid="ignore"):
-            spatial = _to_body(S, a - np.cross(omega, v))
-        return _joined({"a": spatial, "alpha": _to_body(S, alpha)}, psi=psi, psid=psid, psidd=psidd)
+        return _joined(flyer_acceleration(body1), psi=psi, psid=psid, psidd=psidd)
 
     def body2(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> BodyMotion:
         """Body 2 as Pinocchio moves it, one sample after another.
@@ -140,43 +145,29 @@ class PinocchioTwin:
         if v is None:
             return body1, q[..., 7], None, None
         S, v = np.asarray(body1.S), vectors("v", v, 7).astype(np.float64)
-        known = {"R": q[..., :3], "S": S, "v": _to_world(S, v[..., :3]), "omega": _to_world(S, v[..., 3:6])}
+        known = {"R": q[..., :3], "S": S, "v": to_world(S, v[..., :3]), "omega": to_world(S, v[..., 3:6])}
         if a is None:
             return BodyMotion(**known), q[..., 7], v[..., 6], None
         a = vectors("a", a, 7).astype(np.float64)
         with np.errstate(over="ignore", invalid="ignore"):
-            a1 = _to_world(S, a[..., :3]) + np.cross(known["omega"], known["v"])
-        body1 = BodyMotion(**known, a=a1, alpha=_to_world(S, a[..., 3:6]))
+            a1 = to_world(S, a[..., :3]) + np.cross(known["omega"], known["v"])
+        body1 = BodyMotion(**known, a=a1, alpha=to_world(S, a[..., 3:6]))
         return body1, q[..., 7], v[..., 6], a[..., 6]
 
 
-def frame_motion(model: Any, data: Any, frame: int, coordinates: list[Float64Array]) -> dict[str, Float64Array]:
-    """R, S, and as far as there are coordinates v, omega, a, alpha of a frame; world axes, classical accelerations.
-
-    Args:
-        model: of Pinocchio.
-        data: its scratch memory.
-        frame: index of the frame.
-        coordinates: Pinocchio's q, or q and v, or q, v and a; shape (N, ...) each.
-    """
-    pin = import_pinocchio("body2")
-    names = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(coordinates)]
-    found = [np.empty((len(coordinates[0]), 3, *(3,) * (name == "S"))) for name in names]
-    for i, sample in enumerate(zip(*coordinates, strict=True)):
-        pin.forwardKinematics(model, data, *sample)
-        placement = pin.updateFramePlacement(model, data, frame)
-        found[0][i], found[1][i] = placement.translation, placement.rotation
-        if len(sample) > 1:
-            twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-            found[2][i], found[3][i] = twist.linear, twist.angular
-        if len(sample) > 2:
-            classical = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-            found[4][i], found[5][i] = classical.linear, classical.angular
-    return dict(zip(names, found, strict=True))
+@overload
+def to_pinocchio(pair: HingePair) -> PinocchioTwin: ...
 
 
-def to_pinocchio(pair: HingePair) -> PinocchioTwin:
+@overload
+def to_pinocchio(pair: Mechanism) -> RobotTwin: ...
+
+
+def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
     """The pair as a Pinocchio model: a free-flyer, a revolute joint about n at u1, body 2's frame at (C, -C u2).
+
+    Of a `Mechanism` a `RobotTwin` (hingepair.validation.robot_twin): `.model` with every joint that moves, those that
+    follow others too, and all links; `.configuration(q)`, `.velocity(q, qd)`, `.acceleration(q, qd, qdd)`.
 
     Masses and limits are in the model where the pair has them: body1, body2 and limits unless given weigh nothing
     and stop nowhere, which is enough for kinematics; dynamics needs both bodies. Shapes are not (`to_urdf` has them).
@@ -201,6 +192,8 @@ def to_pinocchio(pair: HingePair) -> PinocchioTwin:
     >>> twin.configuration(body1, psi=0.5).tolist()
     [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 0.5]
     """
+    if isinstance(pair, Mechanism):
+        return robot_twin(pair)
     check_pair(pair)
     check_one(pair)
     pin = import_pinocchio("to_pinocchio")
@@ -225,41 +218,6 @@ def to_pinocchio(pair: HingePair) -> PinocchioTwin:
     if pair.rate_limit is not None:
         model.lowerVelocityLimit[-1], model.upperVelocityLimit[-1] = -pair.rate_limit, pair.rate_limit
     return PinocchioTwin(model, model.createData(), int(body2))
-
-
-def import_pinocchio(wanted_by: str) -> Any:
-    """The module pinocchio, imported now.
-
-    Raises:
-        MissingDependencyError: it is not installed, or another package has its name.
-    """
-    try:
-        import pinocchio
-    except ImportError as error:
-        raise MissingDependencyError(wanted_by, "Pinocchio (pip install 'pin>=4.1,<5')", str(error)) from None
-    if not hasattr(pinocchio, "JointModelFreeFlyer"):
-        found = f"another package named pinocchio at {pinocchio.__file__}"
-        raise MissingDependencyError(wanted_by, "Pinocchio (pip install 'pin>=4.1,<5')", found)
-    return pinocchio
-
-
-def _given(body1: BodyMotion, name: str) -> Float64Array:
-    value = getattr(body1, name)
-    if value is None:
-        raise ArgumentError("body1", f"a motion with {name}", "one without")
-    return np.asarray(value, dtype=np.float64)
-
-
-def _to_body(S: Float64Array, vector: Float64Array) -> Float64Array:
-    """S^T times the vector."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray((S * vector[..., None]).sum(axis=-2))
-
-
-def _to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
-    """S times the vector."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray((S * vector[..., None, :]).sum(axis=-1))
 
 
 def _joined(parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:

@@ -1,0 +1,109 @@
+"""What every model of Pinocchio needs: the module, the coordinates of a free-flyer, the motion of a frame."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hingepair.errors import ArgumentError, MissingDependencyError
+from hingepair.numeric.arrays import Float64Array
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.rotations.matrices import matrix_to_quaternion
+
+
+def import_pinocchio(wanted_by: str) -> Any:
+    """The module pinocchio, imported now.
+
+    Raises:
+        MissingDependencyError: it is not installed, or another package has its name.
+    """
+    try:
+        import pinocchio
+    except ImportError as error:
+        raise MissingDependencyError(wanted_by, "Pinocchio (pip install 'pin>=4.1,<5')", str(error)) from None
+    if not hasattr(pinocchio, "JointModelFreeFlyer"):
+        found = f"another package named pinocchio at {pinocchio.__file__}"
+        raise MissingDependencyError(wanted_by, "Pinocchio (pip install 'pin>=4.1,<5')", found)
+    return pinocchio
+
+
+def flyer_configuration(body1: BodyMotion) -> dict[str, Float64Array]:
+    """Return the q of a free-flyer that has the motion of body 1: R (..., 3) and S as quat_xyzw (..., 4).
+
+    Raises:
+        ArgumentError: body1 lacks R or S.
+    """
+    quat_wxyz = matrix_to_quaternion(_given(body1, "S"))
+    return {"R": _given(body1, "R"), "S": np.roll(quat_wxyz, -1, axis=-1)}
+
+
+def flyer_velocity(body1: BodyMotion) -> dict[str, Float64Array]:
+    """Return the v of that free-flyer, body axes: v and omega, (..., 3) each.
+
+    Raises:
+        ArgumentError: body1 lacks S, v or omega.
+    """
+    S, v, omega = (_given(body1, name) for name in ("S", "v", "omega"))
+    return {"v": to_body(S, v), "omega": to_body(S, omega)}
+
+
+def flyer_acceleration(body1: BodyMotion) -> dict[str, Float64Array]:
+    """Return the a of that free-flyer, body axes and spatial: a and alpha, (..., 3) each.
+
+    Raises:
+        ArgumentError: body1 lacks S, v, omega, a or alpha.
+    """
+    S, v, omega, a, alpha = (_given(body1, name) for name in ("S", "v", "omega", "a", "alpha"))
+    with np.errstate(over="ignore", invalid="ignore"):
+        spatial = to_body(S, a - np.cross(omega, v))
+    return {"a": spatial, "alpha": to_body(S, alpha)}
+
+
+def _given(body1: BodyMotion, name: str) -> Float64Array:
+    """Return a part of a motion as float64.
+
+    Raises:
+        ArgumentError: it is not given.
+    """
+    value = getattr(body1, name)
+    if value is None:
+        raise ArgumentError("body1", f"a motion with {name}", "one without")
+    return np.asarray(value, dtype=np.float64)
+
+
+def to_body(S: Float64Array, vector: Float64Array) -> Float64Array:
+    """S^T times the vector."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray((S * vector[..., None]).sum(axis=-2))
+
+
+def to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
+    """S times the vector."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray((S * vector[..., None, :]).sum(axis=-1))
+
+
+def frame_motion(model: Any, data: Any, frame: int, coordinates: list[Float64Array]) -> dict[str, Float64Array]:
+    """R, S, and as far as there are coordinates v, omega, a, alpha of a frame; world axes, classical accelerations.
+
+    Args:
+        model: of Pinocchio.
+        data: its scratch memory.
+        frame: index of the frame.
+        coordinates: Pinocchio's q, or q and v, or q, v and a; shape (N, ...) each.
+    """
+    pin = import_pinocchio("body2")
+    names = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(coordinates)]
+    found = [np.empty((len(coordinates[0]), 3, *(3,) * (name == "S"))) for name in names]
+    for i, sample in enumerate(zip(*coordinates, strict=True)):
+        pin.forwardKinematics(model, data, *sample)
+        placement = pin.updateFramePlacement(model, data, frame)
+        found[0][i], found[1][i] = placement.translation, placement.rotation
+        if len(sample) > 1:
+            twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+            found[2][i], found[3][i] = twist.linear, twist.angular
+        if len(sample) > 2:
+            classical = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+            found[4][i], found[5][i] = classical.linear, classical.angular
+    return dict(zip(names, found, strict=True))

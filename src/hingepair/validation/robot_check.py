@@ -1,0 +1,337 @@
+"""A robot by the equations and by Pinocchio, compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hingepair.mechanism.arguments import LETTERS, Coordinates, read_values
+from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.tree import Frame
+from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
+from hingepair.pair.accuracy import unit_roundoff
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.validation.free_flyer import import_pinocchio
+from hingepair.validation.robot_report import RobotComparison, RobotValidation
+from hingepair.validation.robot_scales import MOTION, RobotScales
+from hingepair.validation.robot_twin import AT_REST, RobotTwin, robot_twin
+
+_BASE = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
+_REGULAR = 1e-12  # least eigenvalue of a mass matrix, scaled to ones on its diagonal, that is more than rounding
+
+
+def cross_validate_robot(
+    robot: Mechanism,
+    coordinates: Mapping[str, Coordinates],
+    frames: str | Iterable[str] | None,
+    base_motion: BodyMotion | None,
+    gravity: ArrayLike,
+) -> RobotValidation:
+    """Compute what a robot does by the equations and by Pinocchio, and compare, as `cross_validate` says.
+
+    Args:
+        robot: the robot.
+        coordinates: q, or q and qd, or q, qd and qdd, by name.
+        frames: names of links, joints or further frames; all links unless given.
+        base_motion: motion of the base; at rest at the origin unless given.
+        gravity: acceleration of free fall [m/s^2]; shape (3,).
+    """
+    fall = one_constant("gravity", gravity, 3)
+    names = tuple(robot.tree.links) if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
+    tips = robot.tips if frames is None else names
+    places = {name: robot.tree.known_frame("frames", name) for name in names}
+    samples = _Samples(robot, coordinates, base_motion)
+    ours = _by_equations(robot, coordinates, names, tips, base_motion, fall, samples.shape)
+    twin = robot_twin(robot, flies=True)
+    twin.model.gravity = import_pinocchio("cross_validate").Motion(fall, np.zeros(3))
+    theirs = _by_pinocchio(robot, twin, samples, names, tips)
+    if "tau" in theirs:
+        ours["forward_dynamics"], theirs["forward_dynamics"] = _left_over(robot, twin, samples, ours, theirs)
+    scales = _scales(robot, twin, samples, places, tips, fall, ours)
+    labels = dict.fromkeys((*MOTION, "d"), names) | {"jacobian": tips, "tau": robot.names}
+    labels["forward_dynamics"] = (*_BASE, *robot.names) if robot.base == "free" else robot.names
+    rows = []
+    for name, expected in theirs.items():
+        parts = labels.get(name, ("",))
+        if expected.size or not samples.finite.size:  # a robot without joints has neither tau nor mass matrix
+            error, ratio = _errors(ours[name], expected, scales[name], samples.u, len(parts))
+            rows.append(RobotComparison.worst_of(name, error, ratio, samples.shape, parts))
+    return RobotValidation(
+        robot.name, robot.base, len(places), samples.shape, samples.skipped, samples.u, tuple(rows)
+    )
+
+
+class _Samples:
+    """Coordinates and the motion of the base at N samples, all NaN where one of them is not finite.
+
+    Attributes:
+        shape: leading shape, of N elements.
+        joints: q, and as far as given qd and qdd; shape (N, dof) each.
+        base: motion of the base, with as many derivatives; shape (N,).
+        finite: which samples are; shape (N,).
+        skipped: how many samples are not.
+        u: unit roundoff of the type that the robot computes in.
+    """
+
+    def __init__(
+        self, robot: Mechanism, coordinates: Mapping[str, Coordinates], base_motion: BodyMotion | None
+    ) -> None:
+        needed = tuple(LETTERS)[: 2 * len(coordinates)]
+        values = read_values(robot.names, coordinates, base_motion, needed, {})
+        self.shape = broadcast_shape(values.shapes)
+        parts = {name: np.asarray(getattr(AT_REST, LETTERS[name])) for name in needed} | values.parts
+        flat = {name: _flat(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()}
+        finite = [np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in flat.values()]
+        self.finite = np.logical_and.reduce(finite)
+        for array in flat.values():
+            array[~self.finite] = np.nan
+        self.skipped = int((~self.finite).sum())
+        self.joints = [flat[name] for name in coordinates]
+        self.base = BodyMotion(**{LETTERS[name]: flat[name] for name in needed})
+        leaves = [part for name, part in values.parts.items() if name in coordinates]
+        single = all(getattr(part, "dtype", None) == np.float32 for part in leaves) and base_motion is None
+        self.u = unit_roundoff(np.float32 if single else np.float64)
+
+
+def _flat(part: Any, shape: tuple[int, ...], rank: int) -> Float64Array:
+    """Return an argument, of components or an array, at every sample; shape (N, ...) with `rank` axes of its own."""
+    array = np.stack(np.broadcast_arrays(*part), axis=-1) if isinstance(part, tuple) else np.asarray(part)
+    tail = array.shape[array.ndim - rank :]
+    count = int(np.prod(shape))
+    return np.array(np.broadcast_to(array, (*shape, *tail)), dtype=np.float64).reshape(count, *tail)
+
+
+def _by_equations(
+    robot: Mechanism,
+    coordinates: Mapping[str, Coordinates],
+    frames: tuple[str, ...],
+    tips: tuple[str, ...],
+    base_motion: BodyMotion | None,
+    gravity: Float64Array,
+    shape: tuple[int, ...],
+) -> dict[str, Float64Array]:
+    """Return the outputs by the equations; shape (N, ...)."""
+    q, *rates = coordinates.values()
+    moving: dict[str, Any] = {"base_motion": base_motion}
+    found: dict[str, tuple[Any, int]] = {}  # and how many axes one sample has
+    if frames:
+        state = robot.forward_kinematics(q, *rates, frames=frames, **moving)
+        found |= {name: (getattr(state, name), 3 if name == "S" else 2) for name in state.outputs}
+        columns = [robot.jacobian(q, name, **moving) for name in tips]
+        found["jacobian"] = np.stack(columns, axis=-3), 3
+    found["mass_matrix"] = robot.mass_matrix(q, **moving), 2
+    if rates:
+        energy = robot.energy(q, rates[0], gravity=gravity, **moving)
+        momentum = robot.momentum(q, rates[0], **moving)
+        found |= {"kinetic": (energy.kinetic, 0), "potential": (energy.potential, 0)}
+        found |= {"linear": (momentum.linear, 1), "angular": (momentum.angular, 1)}
+    if len(rates) > 1:
+        forces = robot.inverse_dynamics(q, *rates, gravity=gravity, **moving)
+        found |= {name: (forces[name], 1) for name in forces.outputs}
+        free = robot.base == "free"
+        loads: dict[str, Any] = {name: forces[name] for name in ("force1", "torque1")} if free else {}
+        moved = robot.forward_dynamics(q, rates[0], forces.tau, gravity=gravity, **loads, **moving)
+        found |= {name: (moved[name], 1) for name in moved.outputs}
+    return {name: _flat(value, shape, rank) for name, (value, rank) in found.items()}
+
+
+def _by_pinocchio(
+    robot: Mechanism, twin: RobotTwin, samples: _Samples, frames: tuple[str, ...], tips: tuple[str, ...]
+) -> dict[str, Float64Array]:
+    """Return the outputs by Pinocchio; shape (N, ...), NaN at samples that are not finite."""
+    pin = import_pinocchio("cross_validate")
+    numbers, of_tips = (
+        [twin.model.getFrameId(name, _frame_type(pin, robot, name)) for name in names] for names in (frames, tips)
+    )
+    states = _pinocchio_states(twin, samples)
+    columns = _columns(robot, twin, samples)
+    rows = []
+    for i in range(len(samples.finite)):
+        state = [one[i] for one in states]
+        if not samples.finite[i]:
+            state = [np.zeros_like(one) for one in state]
+            state[0][6] = 1.0  # the scalar part of the base's quaternion
+        found = _motion(pin, twin, numbers, state) if numbers else {}
+        found |= _masses(pin, twin, of_tips, state, columns[i])
+        if len(state) > 2:
+            force = pin.rnea(twin.model, twin.data, *state)
+            turn = samples.base.S[i] if samples.finite[i] else np.eye(3)
+            found |= {"tau": force[6:] @ twin.ratios, "force1": turn @ force[:3], "torque1": turn @ force[3:6]}
+        rows.append(found)
+    if not rows:
+        return {}
+    theirs = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    for array in theirs.values():
+        array[~samples.finite] = np.nan
+    return theirs
+
+
+def _pinocchio_states(twin: RobotTwin, samples: _Samples) -> list[Float64Array]:
+    """Return Pinocchio's q, and as far as known v and a; shape (N, ...) each."""
+    joints, base = samples.joints, samples.base
+    made: list[Callable[..., Float64Array]] = [twin.configuration, twin.velocity, twin.acceleration]
+    return [make(*joints[: k + 1], base) for k, make in enumerate(made[: len(joints)])]
+
+
+def _columns(robot: Mechanism, twin: RobotTwin, samples: _Samples) -> Float64Array:
+    """Return Pinocchio's v for the velocities that the mass matrix is in; shape (N, nv, columns)."""
+    count, (joints, dof) = len(samples.finite), twin.ratios.shape
+    found = np.zeros((count, 6 + joints, 6 + dof))
+    back = np.swapaxes(np.asarray(samples.base.S), -1, -2)
+    found[:, :3, :3] = found[:, 3:6, 3:6] = back
+    found[:, 6:, 6:] = twin.ratios
+    return found if robot.base == "free" else found[..., 6:]
+
+
+def _frame_type(pin: Any, robot: Mechanism, name: str) -> Any:
+    """Return the type of a frame of the twin; one that moves with a joint of its name is made."""
+    if name in robot.tree.links:
+        return pin.FrameType.BODY
+    return pin.FrameType.OP_FRAME if name in robot.tree.frames else pin.FrameType.JOINT
+
+
+def _motion(pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array]) -> dict[str, Float64Array]:
+    """Return the motion of frames at one state, and d: where they are if the base is at the origin."""
+    model, data, world = twin.model, twin.data, pin.LOCAL_WORLD_ALIGNED
+    at_origin = state[0].copy()
+    at_origin[:3] = 0
+    pin.framesForwardKinematics(model, data, at_origin)
+    found: dict[str, Any] = {"d": np.array([data.oMf[frame].translation for frame in frames])}
+    pin.forwardKinematics(model, data, *state)
+    pin.updateFramePlacements(model, data)
+    found |= {"R": np.array([data.oMf[frame].translation for frame in frames])}
+    found |= {"S": np.array([data.oMf[frame].rotation for frame in frames])}
+    if len(state) > 1:
+        twists = [pin.getFrameVelocity(model, data, frame, world) for frame in frames]
+        found |= {"v": np.array([one.linear for one in twists]), "omega": np.array([one.angular for one in twists])}
+    if len(state) > 2:
+        changes = [pin.getFrameClassicalAcceleration(model, data, frame, world) for frame in frames]
+        found |= {"a": np.array([one.linear for one in changes]), "alpha": np.array([one.angular for one in changes])}
+    return found
+
+
+def _masses(
+    pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array], columns: Float64Array
+) -> dict[str, Any]:
+    """Return Jacobians, the mass matrix, energies and momenta at one state."""
+    model, data = twin.model, twin.data
+    found: dict[str, Any] = {}
+    pin.computeJointJacobians(model, data, state[0])
+    pin.updateFramePlacements(model, data)
+    if frames:
+        jacobians = [pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED) for frame in frames]
+        found["jacobian"] = np.array([one @ columns for one in jacobians])
+    upper = np.triu(pin.crba(model, data, state[0]))
+    found["mass_matrix"] = columns.T @ (upper + np.triu(upper, 1).T) @ columns
+    if len(state) > 1:
+        found["kinetic"] = pin.computeKineticEnergy(model, data, *state[:2])
+        found["potential"] = pin.computePotentialEnergy(model, data, state[0])
+        if sum(inertia.mass for inertia in model.inertias):
+            momentum = pin.computeCentroidalMomentum(model, data, *state[:2])
+            about_origin = momentum.angular + np.cross(data.com[0], momentum.linear)
+            found |= {"linear": momentum.linear.copy(), "angular": about_origin}
+    return found
+
+
+def _left_over(
+    robot: Mechanism,
+    twin: RobotTwin,
+    samples: _Samples,
+    ours: Mapping[str, Float64Array],
+    theirs: Mapping[str, Float64Array],
+) -> tuple[Float64Array, Float64Array]:
+    """Return what acts by Pinocchio's rnea where the robot accelerates as we say, and where it does as it was given.
+
+    Not compared, NaN, where we give none since the mass matrix is singular.
+    """
+    pin = import_pinocchio("cross_validate")
+    base = samples.base
+    if robot.base == "free":
+        base = replace(base, a=ours["a1"], alpha=ours["alpha1"])
+    q, v = _pinocchio_states(twin, samples)[:2]
+    a = twin.acceleration(samples.joints[0], samples.joints[1], ours["qdd"], base)
+    columns = _columns(robot, twin, samples)
+    expected = theirs["tau"]
+    if robot.base == "free":
+        expected = np.concatenate((theirs["force1"], theirs["torque1"], expected), axis=-1)
+    expected = expected.copy()
+    got = np.full_like(expected, np.nan)
+    for i in np.flatnonzero(samples.finite):
+        if np.isfinite(a[i]).all():
+            got[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i]) @ columns[i]
+        elif _is_singular(theirs["mass_matrix"][i]):
+            expected[i] = np.nan
+    return got, expected
+
+
+def _is_singular(matrix: Float64Array) -> bool:
+    size = np.sqrt(np.abs(np.diagonal(matrix)))
+    return not size.all() or bool(np.linalg.eigvalsh(matrix / size / size[:, None])[0] < _REGULAR)
+
+
+def _scales(
+    robot: Mechanism,
+    twin: RobotTwin,
+    samples: _Samples,
+    frames: Mapping[str, Frame],
+    tips: tuple[str, ...],
+    gravity: Float64Array,
+    ours: Mapping[str, Float64Array],
+) -> dict[str, Float64Array]:
+    """Return the scales of all outputs, of shapes that broadcast against them."""
+    states = _pinocchio_states(twin, samples)
+    joints = [one[:, 7 if k == 0 else 6 :] for k, one in enumerate(states)]
+    scales = RobotScales(robot.tree, joints, samples.base, gravity)
+    columns = np.zeros((6 + len(twin.ratios), 6 + robot.dof))
+    columns[:6, :6], columns[6:, 6:] = np.eye(6), np.abs(twin.ratios)
+    columns = columns if robot.base == "free" else columns[:, 6:]
+    found: dict[str, Float64Array] = {}
+    if frames:
+        at_origin = replace(samples.base, R=np.zeros_like(samples.base.R))
+        still = RobotScales(robot.tree, joints[:1], at_origin, gravity)
+        motions = [scales.motion(frame) for frame in frames.values()]
+        found |= {name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in MOTION}
+        found["S"] = found["S"][..., None]
+        found["d"] = np.stack([still.motion(frame)["R"] for frame in frames.values()], axis=1)[..., None]
+        found["jacobian"] = np.stack([scales.jacobian(frames[name]) @ columns for name in tips], axis=1)
+    found["mass_matrix"] = columns.T @ scales.mass_matrix() @ columns
+    found |= {name: one[:, None] for name, one in scales.energy_and_momentum().items()}
+    found |= {name: found[name][:, 0] for name in ("kinetic", "potential")}
+    force, torque = scales.forces()
+    found |= {"force1": force[:, :1], "torque1": torque[:, :1], "tau": _generalized(robot, force, torque, columns)}
+    if robot.base == "free":
+        found["tau"] = found["tau"][:, 6:]
+    if "forward_dynamics" in ours:
+        reached = [*joints[:2], ours["qdd"] @ twin.ratios.T]
+        base = samples.base
+        if robot.base == "free":
+            base = replace(base, a=ours["a1"], alpha=ours["alpha1"])
+        forces = RobotScales(robot.tree, reached, base, gravity).forces()
+        found["forward_dynamics"] = _generalized(robot, *forces, columns)
+    return found
+
+
+def _generalized(robot: Mechanism, force: Float64Array, torque: Float64Array, columns: Float64Array) -> Float64Array:
+    """Return the scales of generalized forces of those of forces and torques on each body; shape (N, columns)."""
+    slides = np.array([joint.kind == "slider" for joint in robot.tree.joints], dtype=bool)
+    along = np.where(slides, force[:, 1:], torque[:, 1:])
+    base = [np.repeat(force[:, :1], 3, axis=1), np.repeat(torque[:, :1], 3, axis=1)]
+    return np.concatenate((*base, along), axis=1) @ columns
+
+
+def _errors(
+    got: Float64Array, expected: Float64Array, scale: Float64Array, u: float, parts: int
+) -> tuple[Float64Array, Float64Array]:
+    """Return errors, and errors in units of u * scale, of the worst component of each part; shape (N, parts)."""
+    comparable = np.isfinite(expected) & np.isfinite(scale)
+    smallest = float(np.finfo(np.float64 if u < 1e-12 else np.float32).tiny)
+    with np.errstate(all="ignore"):
+        error = np.abs(got - expected)
+        error = np.where(comparable, np.where(np.isfinite(error), error, np.inf), np.nan)
+        ratio = error / np.maximum(scale * u, smallest)
+    shape = len(expected), parts, error[0].size // parts if len(expected) else 1
+    return error.reshape(shape).max(axis=-1), ratio.reshape(shape).max(axis=-1)

@@ -1,0 +1,142 @@
+"""The report of a robot's cross-validation: per output, how far two routes are apart; as values, a table, or JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from hingepair.errors import printable
+from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.tables import Sheet, Shown, aligned, json_text, left_out
+from hingepair.pair.accuracy import PINOCCHIO_BOUND
+
+_HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "of", "compared", "")
+
+
+@dataclass(frozen=True, slots=True)
+class RobotComparison:
+    """One output by both routes, of all links or joints that have it.
+
+    Attributes:
+        output: its name.
+        max_error: largest difference of a component, in the output's unit; inf where one route alone is finite.
+        max_ratio: largest difference in units of u * scale, each sample by its own scale.
+        worst_sample: index of the sample with the largest ratio; None where nothing was compared.
+        worst_part: the link or joint that has the largest ratio; "" of what the robot has as a whole.
+        samples: how many samples were compared.
+        bound: the ratio that passes.
+    """
+
+    output: str
+    max_error: float
+    max_ratio: float
+    worst_sample: tuple[int, ...] | None
+    worst_part: str
+    samples: int
+    bound: float = PINOCCHIO_BOUND
+
+    @property
+    def ok(self) -> bool:
+        """Something was compared, and every sample is within the bound."""
+        return self.samples > 0 and self.max_ratio <= self.bound
+
+    @classmethod
+    def worst_of(
+        cls, output: str, error: Float64Array, ratio: Float64Array, shape: tuple[int, ...], parts: Sequence[str]
+    ) -> RobotComparison:
+        """Return the worst of errors and ratios.
+
+        Args:
+            output: name of the output.
+            error: differences, NaN where not comparable; shape (N, parts).
+            ratio: the same in units of u * scale.
+            shape: leading shape of the samples, of N elements.
+            parts: names of the links or joints.
+        """
+        compared = ~np.isnan(ratio).all(axis=1)
+        if not compared.any():
+            return cls(output, 0.0, 0.0, None, "", 0)
+        worst, part = (int(i) for i in np.unravel_index(np.nanargmax(ratio), ratio.shape))
+        sample = tuple(int(i) for i in np.unravel_index(worst, shape))
+        size, off = float(np.nanmax(error)), float(ratio[worst, part])
+        return cls(output, size, off, sample, parts[part], int(compared.sum()))
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class RobotValidation(Shown):
+    """A robot by the equations and by Pinocchio.
+
+    Attributes:
+        name: of the robot.
+        base: "fixed" or "free".
+        frames: how many frames were compared.
+        shape: leading shape of the samples.
+        skipped: samples left out because their input is not finite.
+        u: unit roundoff of the type computed in.
+        rows: one comparison for each output.
+    """
+
+    name: str
+    base: str
+    frames: int
+    shape: tuple[int, ...]
+    skipped: int
+    u: float
+    rows: tuple[RobotComparison, ...]
+
+    @property
+    def samples(self) -> int:
+        """How many samples were given."""
+        return math.prod(self.shape)
+
+    @property
+    def compared(self) -> int:
+        """How many samples were compared."""
+        return self.samples - self.skipped
+
+    @property
+    def ok(self) -> bool:
+        """Every output of every finite sample is within its bound, and there was something to compare."""
+        return bool(self.rows) and all(row.ok for row in self.rows)
+
+    @property
+    def verdict(self) -> str:
+        """The outcome in a line."""
+        beside = left_out(self.skipped, self.samples)
+        if not self.compared:
+            return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
+        failed = [row.output for row in self.rows if not row.ok]
+        if failed:
+            return f"FAILED: {', '.join(failed)}{beside}"
+        outputs = f"{len(self.rows)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
+        return f"PASSED: {outputs} within {PINOCCHIO_BOUND} u*scale of Pinocchio{beside}"
+
+    def __str__(self) -> str:
+        title, lines, notes = self._sheet()
+        return "\n".join((printable(title), *aligned(lines, {1, 2, 3, 4, 6}), *notes))
+
+    def __repr__(self) -> str:
+        return f"RobotValidation({self.name!r}, {self.verdict})"
+
+    def _sheet(self) -> Sheet:
+        title = f"{self.name}: the equations against Pinocchio, {self.base} base, {self.frames} frames"
+        unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel, summed over the joints"
+        return Sheet(title, (_HEADER, *map(_cells, self.rows)), (unit, self.verdict))
+
+    def to_json(self) -> str:
+        """Return the report as JSON; a number that is not finite is null."""
+        names = ("name", "base", "frames", "ok", "verdict", "samples", "compared", "skipped", "u")
+        rows = [{**asdict(row), "ok": row.ok} for row in self.rows]
+        return json_text({**{name: getattr(self, name) for name in names}, "rows": rows})
+
+
+def _cells(row: RobotComparison) -> tuple[str, ...]:
+    if row.worst_sample is None:
+        return row.output, "-", "-", f"{row.bound:g}", "-", "-", "0", "nothing compared"
+    where = ",".join(map(str, row.worst_sample)) or "-"
+    ratio = f"{row.max_ratio:.2f}" if row.max_ratio < 1e6 else f"{row.max_ratio:.1e}"
+    part, verdict = printable(row.worst_part) or "-", "ok" if row.ok else "FAILED"
+    return row.output, f"{row.max_error:.2e}", ratio, f"{row.bound:g}", where, part, str(row.samples), verdict

@@ -1,0 +1,207 @@
+"""A robot's twin in Pinocchio, and the report of both compared."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hingepair as hp
+from hingepair.errors import ArgumentError
+from hingepair.formats.robots import robot_urdf
+from hingepair.validation import robot_check
+from hingepair.validation.robot_twin import robot_twin
+from support import states
+from support.exported import ARM
+
+U = 2.0**-53
+
+
+def base_motion(rng, *shape):
+    parts = states.body1(rng, math.prod(shape))
+    letters = ("R", "S", "v", "omega", "a", "alpha")
+    return hp.BodyMotion(**{k: part.reshape(*shape, *part.shape[1:]) for k, part in zip(letters, parts, strict=True)})
+
+
+def test_the_twin_is_the_model_of_the_urdf():
+    twin, model = hp.to_pinocchio(hp.load_robot("panda")), pin.buildModelFromUrdf(str(robot_urdf("panda")))
+    assert list(twin.model.names) == list(model.names)
+    assert (twin.model.nq, twin.model.nv, twin.flies) == (9, 9, False)
+    assert np.array_equal(twin.model.lowerPositionLimit, model.lowerPositionLimit)
+    assert np.array_equal(twin.model.upperEffortLimit, model.upperEffortLimit)
+    assert np.array_equal(twin.model.upperVelocityLimit, model.upperVelocityLimit)
+    q = np.linspace(-1, 1, 8)
+    own, other = twin.configuration(q), np.r_[q, q[7]]
+    assert np.array_equal(own, other)
+    one, two = twin.model.createData(), model.createData()
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY:
+            pin.framesForwardKinematics(twin.model, one, own)
+            pin.framesForwardKinematics(model, two, other)
+            places = [
+                data.oMf[own_model.getFrameId(frame.name, pin.FrameType.BODY)]
+                for own_model, data in ((twin.model, one), (model, two))
+            ]
+            assert np.abs(places[0].translation - places[1].translation).max() <= 32 * U
+    assert np.abs(pin.rnea(twin.model, one, own, own, own) - pin.rnea(model, two, own, own, own)).max() <= 1024 * U
+
+
+def test_what_follows_has_a_coordinate_of_its_own():
+    rule = '<mimic joint="elbow" multiplier="-2" offset="0.5"/>'
+    robot = hp.Mechanism.from_urdf(ARM.replace('<mimic joint="elbow"/>', rule))
+    twin = hp.to_pinocchio(robot)
+    assert robot.names == ("shoulder", "elbow", "slide")
+    assert list(twin.model.names)[1:] == ["shoulder", "elbow", "follower", "slide"]
+    assert twin.configuration((0.1, 0.2, 0.3)).tolist() == [0.1, 0.2, 0.5 - 0.4, 0.3]
+    assert twin.velocity((0, 0, 0), (0.1, 0.2, 0.3)).tolist() == [0.1, 0.2, -0.4, 0.3]
+    assert twin.acceleration((0, 0, 0), (0, 0, 0), (0.1, 0.2, 0.3)).tolist() == [0.1, 0.2, -0.4, 0.3]
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (4, 5), (0,)], ids=str)
+def test_coordinates_of_a_free_base_are_those_of_a_free_flyer(shape):
+    rng = states.generator(500)
+    robot, base = hp.load_robot("ur5_robot", base="free"), base_motion(rng, *shape)
+    twin, (q, qd, qdd) = hp.to_pinocchio(robot), rng.normal(size=(3, *shape, 6))
+    pair_twin = hp.to_pinocchio(hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 0, 1)))
+    expected = pair_twin.configuration(base, q[..., 0])
+    assert np.array_equal(twin.configuration(q, base), np.concatenate((expected[..., :7], q), axis=-1))
+    expected = pair_twin.velocity(base, q[..., 0], qd[..., 0])
+    assert np.array_equal(twin.velocity(q, qd, base), np.concatenate((expected[..., :6], qd), axis=-1))
+    expected = pair_twin.acceleration(base, q[..., 0], qd[..., 0], qdd[..., 0])
+    assert np.array_equal(twin.acceleration(q, qd, qdd, base), np.concatenate((expected[..., :6], qdd), axis=-1))
+    assert twin.configuration(q)[..., :7].tolist() == np.broadcast_to((0, 0, 0, 0, 0, 0, 1), (*shape, 7)).tolist()
+
+
+def test_what_a_twin_cannot_take_is_refused():
+    twin = hp.to_pinocchio(hp.load_robot("ur5_robot"))
+    with pytest.raises(ArgumentError, match=r"q: expected shape \(..., 6\)"):
+        twin.configuration(np.zeros(7))
+    with pytest.raises(ArgumentError, match="base_motion: expected None, since the base stands in this model"):
+        twin.configuration(np.zeros(6), base_motion(states.generator(501)))
+
+
+def test_the_twin_has_masses_that_no_rigid_body_has():
+    twin = robot_twin(hp.load_robot("icub"))
+    model = pin.buildModelFromUrdf(str(robot_urdf("icub")))
+    masses = [inertia.mass for inertia in list(twin.model.inertias)[1:]]
+    assert masses == [inertia.mass for inertia in list(model.inertias)[1:]]
+
+
+# ---------------------------------------------------------------- the report
+
+MASS = '><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+LADEN = re.sub('(<link name="[a-z]+")/>', rf"\1{MASS}", ARM)
+LEVELS = {
+    1: {"R", "S", "d", "jacobian", "mass_matrix"},
+    2: {"v", "omega", "kinetic", "potential", "linear", "angular"},
+    3: {"a", "alpha", "tau", "force1", "torque1", "forward_dynamics"},
+}
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("base", ["fixed", "free"])
+def test_a_robot_is_compared_output_by_output(base, level):
+    rng = states.generator(502)
+    robot = hp.Mechanism.from_urdf(LADEN, base=base)
+    coordinates = rng.normal(size=(level, 2, 3, robot.dof))
+    report = hp.cross_validate(robot, *coordinates, base_motion=base_motion(rng, 3))
+    assert report.ok, str(report)
+    assert {row.output for row in report.rows} == set().union(*(LEVELS[k] for k in range(1, level + 1)))
+    assert all(row.samples == 6 for row in report.rows)
+    assert (report.samples, report.compared, report.skipped, report.frames) == (6, 6, 0, 6)
+    assert report.verdict == f"PASSED: {len(report.rows)} outputs of 6 samples within 16 u*scale of Pinocchio"
+
+
+def test_the_report_says_where_what_is_largest():
+    report = hp.cross_validate(hp.load_robot("ur5_robot"), np.linspace(-2, 2, 30).reshape(5, 6))
+    title, heading, *rows, unit, verdict = str(report).splitlines()
+    assert title == "ur5: the equations against Pinocchio, fixed base, 11 frames"
+    assert " ".join(heading.split()) == "output largest error in u*scale bound at sample of compared"
+    assert [row.split()[0] for row in rows] == [row.output for row in report.rows]
+    assert verdict == report.verdict
+    assert unit.startswith("u = 1.11e-16; scale:")
+    data = json.loads(report.to_json())
+    assert data["rows"][0]["worst_part"] in hp.load_robot("ur5_robot").links
+    assert (data["ok"], data["base"], data["frames"]) == (True, "fixed", 11)
+    assert "<table>" in report._repr_html_()
+    assert repr(report) == f"RobotValidation('ur5', {report.verdict})"
+
+
+def test_frames_may_be_chosen():
+    robot = hp.load_robot("ur5_robot").with_frame("tool", link="tool0", R=(0, 0, 0.1))
+    report = hp.cross_validate(robot, np.zeros(6), frames=("tool", "elbow_joint", "wrist_3_link"))
+    assert report.ok
+    assert report.frames == 3
+    with pytest.raises(ArgumentError, match="frames: expected one of"):
+        hp.cross_validate(robot, np.zeros(6), frames="knee")
+
+
+def test_samples_that_are_not_finite_are_left_out():
+    q = np.linspace(-2, 2, 24).reshape(4, 6)
+    q[1, 3], q[2, 0] = np.nan, np.inf
+    report = hp.cross_validate(hp.load_robot("ur5_robot"), q, np.zeros(6), np.ones((4, 6)))
+    assert (report.ok, report.skipped, {row.samples for row in report.rows}) == (True, 2, {2})
+    assert report.verdict.endswith("(2 of 4 samples are not finite and were left out)")
+    nothing = hp.cross_validate(hp.load_robot("ur5_robot"), np.zeros((0, 6)))
+    assert (nothing.ok, nothing.verdict) == (False, "NOTHING COMPARED: there are no samples")
+
+
+def test_single_precision_is_judged_by_its_own_roundoff():
+    q = np.linspace(-2, 2, 24, dtype=np.float32).reshape(4, 6)
+    report = hp.cross_validate(hp.load_robot("ur5_robot"), q, q, q)
+    assert report.ok, str(report)
+    assert report.u == 2.0**-24
+    assert report.rows[0].max_error > 1e-9
+
+
+def test_values_may_be_given_by_joint():
+    robot = hp.load_robot("double_pendulum")
+    given = dict(zip(robot.names, (0.3, np.linspace(0, 1, 5)), strict=True))
+    assert hp.cross_validate(robot, given, given, given).samples == 5
+
+
+def test_a_difference_fails(monkeypatch):
+    """Any output off by 100 of its u * scale, at one sample and in one part."""
+    robot, q = hp.load_robot("ur5_robot"), np.linspace(-2, 2, 24).reshape(4, 6)
+    by_equations = robot_check._by_equations
+    for name in set().union(*LEVELS.values()) - {"forward_dynamics"}:
+
+        def harmed(*given, name=name):
+            found = by_equations(*given)
+            found[name][2] *= 1 + 1e-12
+            found[name][2] += 1e-12
+            return found
+
+        monkeypatch.setattr(robot_check, "_by_equations", harmed)
+        report = hp.cross_validate(robot, q, q, q)
+        failed = [row for row in report.rows if not row.ok]
+        assert name in {row.output for row in failed}, name
+        assert failed[0].worst_sample == (2,)
+        assert report.verdict.startswith("FAILED: ")
+
+
+def test_forward_dynamics_is_judged_by_what_it_leaves(monkeypatch):
+    robot, q = hp.load_robot("ur5_robot"), np.linspace(-2, 2, 24).reshape(4, 6)
+    by_equations = robot_check._by_equations
+
+    def harmed(*given):
+        found = by_equations(*given)
+        found["qdd"][1, 2] *= 1 + 1e-9
+        return found
+
+    monkeypatch.setattr(robot_check, "_by_equations", harmed)
+    (failed,) = [row for row in hp.cross_validate(robot, q, q, q).rows if not row.ok]
+    assert (failed.output, failed.worst_sample) == ("forward_dynamics", (1,))
+
+
+def test_a_robot_without_joints_is_compared():
+    rng = states.generator(503)
+    for base, outputs in (("fixed", 11), ("free", 16)):
+        robot = hp.load_robot("quadrotor_base", base=base)
+        empty = np.zeros((3, 0))
+        report = hp.cross_validate(robot, empty, empty, empty, base_motion=base_motion(rng, 3))
+        assert (report.ok, len(report.rows)) == (True, outputs), str(report)
