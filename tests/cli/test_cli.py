@@ -115,14 +115,21 @@ def test_no_table_cuts_a_number_or_a_name(tmp_path: Path, monkeypatch: pytest.Mo
     scene = hp.load_scene(tmp_path / "my.toml")
     for command, arrays in (("run", scene.evaluate().chosen()), ("forces", scene.forces().recorded())):
         text = invoke(command, tmp_path / "my.toml")
-        numbers: dict[str, list[float]] = {name: [] for name in column_names(arrays)}
+        shown: dict[str, list[float]] = {name: [] for name in column_names(arrays)}
         for line in text.splitlines():
             name, _, rest = line.strip().partition(" ")
-            if name in numbers:
+            if name in shown:
                 assert width is None or len(line) <= width
                 assert rest.strip().startswith(unit_of(name))
-                numbers[name] += map(float, rest.strip().removeprefix(unit_of(name)).split())
-        assert {len(own) for own in numbers.values()} == {6 if command == "forces" else 5}  # noise of a log beside
+                shown[name] += map(float, rest.strip().removeprefix(unit_of(name)).split())
+        values = np.concatenate([array.reshape(12, -1) for array in arrays.values()], axis=1)
+        largest = t[np.abs(values).argmax(axis=0)]
+        first = [values[0]] if command == "forces" else values[[0, 5, 11]]
+        last = [np.sqrt((values**2).mean(axis=0)), largest] if command == "forces" else []
+        expected = np.stack([*first, values.min(axis=0), values.max(axis=0), *last], axis=1)
+        found = np.array([*shown.values()])
+        np.testing.assert_allclose(found[:, :5], expected, rtol=1e-4, atol=0)
+        assert command == "run" or (found[:, 4] == largest).all()
         if command == "run":
             assert all(f"t = {float(t[i])!r}" in text for i in (0, 5, 11))
 
