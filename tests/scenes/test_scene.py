@@ -445,6 +445,22 @@ def test_a_spline_goes_through_without_stopping() -> None:
     assert abs(acceleration[middle]) < 1e-9
 
 
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e5], ids=str)
+@pytest.mark.parametrize(
+    ("profile", "kinks"), [("linear", 5), ("trapezoid", 13), ("cubic", 5), ("quintic", 0), ("spline", 0)]
+)
+def test_kinks_are_told_from_rounding_whatever_the_times_are(profile: str, kinks: int, scale: float) -> None:
+    t, value = np.array([0.0, 0.1, 0.5, 1.7, 3.0]), np.array([0.0, 2.0, -2.0, 1.0, 0.5])
+    path = through(scale * t, value, profile)
+    assert path.switches(scale * np.linspace(-0.503, 3.51, 9_001)).sum() == kinks
+
+
+def test_a_linear_profile_has_no_acceleration_to_limit(tmp_path: Path) -> None:
+    points = "{ t = [0, 2], value = [0, 1], profile = 'linear', speed = 1, acceleration = 4 }"
+    with pytest.raises(hp.SceneError, match=r"motion\.psi\.acceleration: expected no such limit of a linear profile"):
+        scene_of(tmp_path, change('psi = "pi*t"', f"psi = {points}"))
+
+
 def test_a_trapezoid_keeps_its_limits(tmp_path: Path) -> None:
     text = change(
         'psi = "pi*t"', "psi = { t = [0, 2], value = [0, 1], profile = 'trapezoid', speed = 0.6, acceleration = 4 }"
