@@ -867,7 +867,7 @@ FAULTS = {
     ),
     "gross outliers that count": Fault(
         "measured/likelihood.py",
-        "gross = sizes > _GROSS",
+        "gross = sizes > _MAX_COUNTED_SIZE",
         "gross = sizes > np.inf",
         "measured/test_fit.py::test_outliers_that_agree_with_each_other_are_survived[swapped-soft_l1]",
     ),

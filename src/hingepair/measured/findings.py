@@ -1,4 +1,4 @@
-"""What a fitted hinge does not say by itself, in sentences: what was not seen, and what is no hinge."""
+"""Findings: sentences on what the numbers of a fitted hinge do not say, such as what the motion did not show."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MAX_POINT_STD = 0.1  # likewise of the hinge point, in parts of the levers' len
 
 
 class Finding(NamedTuple):
-    """One sentence."""
+    """One sentence of a report."""
 
     text: str
     harmless: bool  # whether the hinge can be relied on in spite of it
@@ -135,7 +135,7 @@ def _outliers(seen: Judged, poses: RelativePoses, far: NDArray[np.bool_]) -> lis
 
 
 def _axis(poses: RelativePoses, seen: Judged, turning: float) -> list[Finding]:
-    """Whether they turn about one axis."""
+    """Return what is to be said where the bodies do not turn about one axis."""
     weights = seen.weights / seen.weights.sum()
     tilt = float(np.sqrt(weights @ (seen.tilt * seen.tilt)))
     degrees = f"{np.degrees(tilt):.2g} deg rms"
@@ -153,7 +153,7 @@ def _axis(poses: RelativePoses, seen: Judged, turning: float) -> list[Finding]:
 
 
 def _not_one_axis(poses: RelativePoses, tilt: float, degrees: str) -> str:
-    """Two hinges in series leave a^T Q b constant, a ball joint nothing."""
+    """Return what joint there is instead: two hinges in series, which leave a^T Q b constant, or a ball joint."""
     thin = poses.thinned(_MAX_SCREENED)
     vectors = np.linalg.eigh(np.cov(thin.Q))
     left, sizes, right = np.linalg.svd(vectors.eigenvectors[:, 0].reshape(3, 3))
@@ -172,7 +172,7 @@ def _not_one_axis(poses: RelativePoses, tilt: float, degrees: str) -> str:
 
 
 def _off_one_point(poses: RelativePoses) -> float:
-    """How far the two bodies are from having a point in common, whatever axes they turn about; rms [m]."""
+    """Return the rms distance [m] between the bodies at their best common point, whatever axes they turn about."""
     Q = poses.Q.T.reshape(-1, 3, 3)
     rows = np.concatenate((np.broadcast_to(np.eye(3), Q.shape), -Q), axis=-1).reshape(-1, 6)
     p = poses.p.T.ravel()
@@ -181,7 +181,7 @@ def _off_one_point(poses: RelativePoses) -> float:
 
 
 def _point(poses: RelativePoses, noise: Noise, seen: Judged, reach: float) -> list[Finding]:
-    """Whether a point of the axis stays where it is in both bodies."""
+    """Return what is to be said where no point of the axis stays where it is in both bodies."""
     weights = seen.weights / seen.weights.sum()
     x, y, z = (float(weights @ (g * g)) for g in seen.gap)
     across, along = (x + y) / 2, z
@@ -203,7 +203,7 @@ def _point(poses: RelativePoses, noise: Noise, seen: Judged, reach: float) -> li
 
 
 def _turning(psi: Float64Array, weights: Float64Array) -> float:
-    """Scatter of angles about their mean, at most 1 [rad]."""
+    """Return the scatter of angles about their mean, at most 1 [rad]."""
     mean = np.hypot(weights @ np.cos(psi), weights @ np.sin(psi))
     about = np.arctan2(weights @ np.sin(psi), weights @ np.cos(psi))
     off = np.abs(2 * np.sin((psi - about) / 2))

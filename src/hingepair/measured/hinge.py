@@ -26,7 +26,7 @@ such a component; after the half turn, axes that were opposite are less than a r
 
 
 class Hinge(NamedTuple):
-    """Two lines, one in either body, and where they meet."""
+    """A hinge without psi = 0: its axis and a point of it, as either body sees them."""
 
     n: Float64Array  # axis in body 1's axes, unit
     m: Float64Array  # axis in body 2's axes, unit: C^T n
@@ -34,23 +34,23 @@ class Hinge(NamedTuple):
     u2: Float64Array  # hinge point, body 2's axes [m]
 
     def signed(self) -> Hinge:
-        """The hinge with the sign of its axis by the rule."""
+        """Return the hinge with the sign of its axis that `sign_of` chooses."""
         sign = sign_of(self.n)
         return self._replace(n=sign * self.n, m=sign * self.m)
 
     def balanced(self) -> Hinge:
-        """The hinge by that point of its axis which is as near to one body as to the other."""
+        """Return the hinge with the point of its axis that is as near to one body as to the other."""
         return self._slid(-float(self.u1 @ self.n + self.u2 @ self.m) / 2)
 
     def in_gauge(self, gauge: str) -> Hinge:
-        """The hinge by that point of its axis which the gauge names."""
+        """Return the hinge with the point of its axis that the gauge names."""
         return self._slid(-float(self.u1 @ self.n if gauge == "closest_to_R1" else self.u2 @ self.m))
 
     def _slid(self, slide: float) -> Hinge:
         return self._replace(u1=self.u1 + slide * self.n, u2=self.u2 + slide * self.m)
 
     def moved(self, step: Float64Array) -> Hinge:
-        """The hinge after a step of the nine parameters of the fit, in the axes of `frame`.
+        """Return the hinge after a step of the nine parameters of the fit, in the axes of `frame`.
 
         Turns of n (2) and m (2), across; u1 (3); u2 across m (2): along the axis only u1 - u2 is seen.
         """
@@ -64,7 +64,7 @@ def sign_of(n: Float64Array) -> float:
 
 
 def frame(axis: Float64Array) -> Float64Array:
-    """Axes of which the third is along a unit vector, as columns."""
+    """Return three axes, as columns, of which the third is along a unit vector; (3, 3)."""
     x, y, z = axis.tolist()
     if abs(x) <= min(abs(y), abs(z)):
         first = (0.0, z, -y)
@@ -78,7 +78,7 @@ def frame(axis: Float64Array) -> Float64Array:
 
 
 def turned(axis: Float64Array, step: ArrayLike) -> Float64Array:
-    """A unit vector after a step across it, in the axes of `frame`."""
+    """Return a unit vector after a step across it, in the axes of `frame`."""
     there = frame(axis) @ np.append(step, 1.0)
     return np.asarray(there / np.linalg.norm(there))
 
@@ -129,6 +129,6 @@ def derivatives(hinge: Hinge, gauge: str) -> Float64Array:
 
 
 def offset(hinge: Hinge, home: Float64Array) -> float:
-    """The angle about the axis from body 1's frame to that of body 2, at psi = 0."""
+    """Return the angle [rad] about the axis from body 1's `frame` to that of body 2, at psi = 0."""
     first, second = frame(hinge.n), home @ frame(hinge.m)
     return float(np.arctan2(first[:, 1] @ second[:, 0], first[:, 0] @ second[:, 0]))

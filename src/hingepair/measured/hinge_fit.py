@@ -83,7 +83,7 @@ class HingeFit(Shown):
 
     @property
     def residuals(self) -> Residuals:
-        """E1 and E2 of every sample, judged by five times the rms that the fit leaves.
+        """Return E1 and E2 of every sample, judged by five times the rms that the fit leaves.
 
         Where the fit is not `ok`, what it leaves is not known to be noise, and round-off is the yardstick.
         """
@@ -93,7 +93,7 @@ class HingeFit(Shown):
         return self.pair.residuals(first, second, allowed, self.t)
 
     def plot(self) -> Figure:
-        """The hinge angle and what is left of each sample, over time.
+        """Draw the hinge angle and what is left of each sample, over time.
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
@@ -142,7 +142,7 @@ class HingeFit(Shown):
         return Sheet(repr(self), (("", "value", "standard deviation", "unit"), *rows), self.findings)
 
     def to_json(self) -> str:
-        """The hinge, its standard deviations and the findings as JSON."""
+        """Return the hinge, its standard deviations and the findings as JSON."""
         import json
 
         found = {
@@ -171,7 +171,7 @@ def fit(
     t: ArrayLike | None = None,
     weights: ArrayLike | None = None,
 ) -> HingeFit:
-    """The hinge that two recorded motions share: n, home, u1, u2 and psi(t) (E1, E5).
+    """Fit the hinge that two recorded motions share: n, home, u1, u2 and psi(t) (E1, E5).
 
     First in closed form, from the mean relative attitude and six linear equations; then the most likely hinge if
     every pose is off by isotropic noise, alike in both bodies, psi and the true poses eliminated. How large the noise
@@ -294,7 +294,7 @@ def _checked_weights(weights: ArrayLike | None, count: int) -> Float64Array:
 
 
 def _spread(values: Float64Array, used: NDArray[np.bool_], missing: float = np.nan) -> Float64Array:
-    """Values of the samples used, at their places among all."""
+    """Return values of the samples used at their places among all samples."""
     whole = np.full(used.shape, missing)
     whole[used] = values
     return read_only(whole)

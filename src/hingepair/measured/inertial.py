@@ -88,7 +88,7 @@ class AnchorFit:
 
 
 def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike) -> AxisFit:
-    """The hinge axis from two gyroscopes, one on either body.
+    """Fit the hinge axis to two gyroscopes, one on either body.
 
     Args:
         omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; in the order of time and at even
@@ -159,7 +159,7 @@ def fit_anchor(
     n2: ArrayLike | None = None,
     gaps: float = 0.05,
 ) -> AnchorFit:
-    """The hinge point from two inertial sensors, one on either body: gyroscope and accelerometer.
+    """Fit the hinge point to two inertial sensors, one on either body: gyroscope and accelerometer.
 
     Angular velocities are smoothed and differentiated (`hingepair.smooth` says how); forces are taken as they are.
 
@@ -243,7 +243,7 @@ def fit_anchor(
 
 
 def _columns(given: dict[str, ArrayLike]) -> list[Float64Array]:
-    """Vectors along time, all of one shape (N, 3)."""
+    """Return vectors along time, all of one shape (N, 3), or refuse the first of another shape."""
     found = [vectors(name, value, 3).astype(np.float64) for name, value in given.items()]
     for name, array in zip(given, found, strict=True):
         if array.ndim != 2 or array.shape != found[0].shape:
@@ -253,7 +253,10 @@ def _columns(given: dict[str, ArrayLike]) -> list[Float64Array]:
 
 
 def _felt(forces: list[Float64Array], gammas: list[Float64Array]) -> Linearise:
-    """The difference in size of what both sensors feel at a hinge point (u1, u2), and its derivatives."""
+    """Return the function of (u1, u2) that gives by how much the forces at the hinge point differ in size.
+
+    It returns the difference between what both sensors feel there and its derivatives; (N,), (N, 6).
+    """
 
     def linearise(u: Float64Array) -> tuple[Float64Array, Float64Array]:
         felt = [f + gamma @ v for f, gamma, v in zip(forces, gammas, (u[:3], u[3:]), strict=True)]
@@ -268,7 +271,7 @@ def _felt(forces: list[Float64Array], gammas: list[Float64Array]) -> Linearise:
 
 
 def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
-    """Axes to begin with: of the squared condition, which is linear in n n^T; the principal ones; random ones."""
+    """Return axes to start from: those of the squared condition, which is linear in n n^T; principal; random ones."""
     rows = [np.einsum("ni,nj->nij", w, w).reshape(-1, 9) for w in (w1, w2)]
     size = (w1 * w1).sum(axis=-1) - (w2 * w2).sum(axis=-1)
     squares = np.linalg.lstsq(np.concatenate((rows[0], -rows[1]), axis=-1), size)[0].reshape(2, 3, 3)
@@ -280,7 +283,10 @@ def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
 
 
 def _across(w1: Float64Array, w2: Float64Array) -> Linearise:
-    """The difference of the rates across axes (n1, n2), and its derivatives by turns of these across themselves."""
+    """Return the function of (n1, n2) that gives the difference of the rates across them; (N,).
+
+    It returns the derivatives by turns of both axes across themselves as well; (N, 4).
+    """
 
     def linearise(axes: Float64Array) -> tuple[Float64Array, Float64Array]:
         in_axes = [w @ frame(n) for w, n in zip((w1, w2), axes, strict=True)]
@@ -294,12 +300,12 @@ def _across(w1: Float64Array, w2: Float64Array) -> Linearise:
 
 
 def _turned(axes: Float64Array, step: Float64Array) -> Float64Array:
-    """Both axes after a step across each."""
+    """Return both axes after a step across each."""
     return np.stack([turned(n, own) for n, own in zip(axes, step.reshape(2, 2), strict=True)])
 
 
 def _follows(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: Float64Array) -> float:
-    """Correlation of changes of the angle between both turnings across the axis with those that psi' makes.
+    """Return how changes of the angle between both rates across the axis correlate with those that psi' makes.
 
     Over one, four, sixteen ... steps; the largest counts: over few steps noise is more than the change, over many the
     angle turns around.
@@ -320,7 +326,7 @@ def _follows(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: F
 
 
 def _gamma(omega: Float64Array, alpha: Float64Array) -> Float64Array:
-    """What takes a lever to the acceleration at its end, beside that at its foot; (N, 3, 3)."""
+    """Return the matrix that takes a lever to the acceleration of its end against its foot; (N, 3, 3)."""
     W = np.asarray(skew(omega), dtype=np.float64)
     return np.asarray(W @ W + skew(alpha), dtype=np.float64)
 
@@ -328,13 +334,16 @@ def _gamma(omega: Float64Array, alpha: Float64Array) -> Float64Array:
 def _fitted(
     rough: Linearise, linearise: Linearise, move: Move, starts: Iterable[Float64Array]
 ) -> tuple[Float64Array, Float64Array]:
-    """Least squares from the best of some starts, by some of the samples; and what is left of each sample."""
+    """Return the least squares solution from the best of some starts, and the residual of each sample.
+
+    The starts are compared by `rough`, which takes some of the samples.
+    """
     tried = [_descended(rough, move, start) for start in starts]
     return _descended(linearise, move, min(tried, key=lambda found: float(found[1] @ found[1]))[0])
 
 
 def _descended(linearise: Linearise, move: Move, start: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Least squares from a start (Levenberg and Marquardt)."""
+    """Return the least squares solution from a start (Levenberg and Marquardt), and the residual of each sample."""
     at, (rest, change) = start, linearise(start)
     cost, damping = float(rest @ rest), 1e-3
     for _ in range(_MAX_STEPS):

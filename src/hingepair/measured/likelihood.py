@@ -29,20 +29,19 @@ PARAMETERS = 9
 """Those of `Hinge.moved`."""
 _BLOCK = 2048  # samples, that fit the caches
 _THIN = 16384  # samples that the first steps are taken with
-_SCORED, _STRETCH = 131072, 16  # samples that the covariance is taken from; blocks of them that follow each other
+_MAX_SCORED, _STRETCH = 131072, 16  # samples that the covariance is taken from; blocks of them that follow each other
 _MIN_SUMS = 40  # sums of neighbouring scores that the covariance is taken from, at least
-_MOST, _LONGEST = 40, 0.3  # steps; of one, the turn of an axis [rad]
-_CLOSE, _NEXT = 0.02, 0.1  # at rest: standard deviations of a step, and of the next one
-_ROUNDED = 2.0**-50  # a step, of turns or of the size of the bodies' places, that rounding makes
-_EXACT, _NO_BIAS = 100, 0.1  # samples that the bias is taken at; standard deviations that are none
-_FLIPPED = -0.999999  # cosine of axes that point against each other
+_MAX_STEPS, _MAX_TURN = 40, 0.3  # steps of a fit; turn of an axis in one of them [rad]
+_MAX_LAST_STEP, _MAX_NEXT_STEP = 0.02, 0.1  # at rest: standard deviations of a step, and of the next one
+_ROUNDING_STEP = 2.0**-50  # a step, of turns or in parts of the bodies' largest coordinate, that rounding makes
+_BIAS_SAMPLES, _MIN_BIAS = 100, 0.1  # samples that the bias is taken at; standard deviations from which it counts
+_MIN_AXES_COSINE = -0.999999  # cosine of axes below which they point against each other
 _U = 2.0**-53
-_CUT = 11.07
-"""Losses other than "linear" bend at this size of r^T C^-1 r: 95 % of good samples are below."""
-_FAR, _GROSS = 100.0, 900.0
+_LOSS_SCALE = 11.07
+"""Size of r^T C^-1 r at which losses other than "linear" bend: 95 % of good samples are below."""
+_MAX_NOISE_SIZE, _MAX_COUNTED_SIZE = 100.0, 900.0
 """Sizes from which samples tell nothing of the noise, and from which they count nothing in losses but "linear"."""
-_MEDIAN = {2: 1.3863, 3: 2.3660}
-"""Medians of chi-squared by degrees of freedom."""
+_MEDIANS = {2: 1.3863, 3: 2.3660}  # of chi-squared, by degrees of freedom
 
 Loss = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 
@@ -57,14 +56,14 @@ LOSSES: dict[str, Loss | None] = {
 
 
 class Noise(NamedTuple):
-    """Variances."""
+    """Variances of the noise."""
 
     place: float  # of a component of R2 - R1 [m^2]
     attitude: float  # of a component of the relative attitude [rad^2]
 
 
 class Residuals(NamedTuple):
-    """What the constraints leave of some samples, in axes along the hinge."""
+    """What the constraints E1 and E2 leave of some samples, in axes along the hinge."""
 
     q: Float64Array  # relative attitude, row by row; shape (9, M)
     p: Float64Array  # relative place [m]; shape (3, M)
@@ -74,12 +73,12 @@ class Residuals(NamedTuple):
 
     @property
     def spread(self) -> Float64Array:
-        """What noise of attitude, of variance 1, adds to abs(gap)^2 [m^2]; shape (M,)."""
+        """Return what noise of attitude, of variance 1, adds to abs(gap)^2 [m^2]; shape (M,)."""
         x, y, _ = self.arms
         return np.asarray((self.p * self.p).sum(axis=0) / 2 + (x * x + y * y) / 4)
 
     def whiten(self, noise: Noise, tilts: Float64Array, gaps: Float64Array) -> Float64Array:
-        """Rows of the tilt (k, 2, M) and of the gap (k, 3, M) whose squares are those of C^-1; shape (k, 5, M).
+        """Return the tilts (k, 2, M) and gaps (k, 3, M) multiplied by L^-1, where L L^T is C; shape (k, 5, M).
 
         C = L L^T (Cholesky) with w = (-y, x, 0); no eigenvalue of C is below a.
         """
@@ -99,11 +98,11 @@ class Residuals(NamedTuple):
         return rows
 
     def sizes(self, noise: Noise) -> Float64Array:
-        """r^T C^-1 r, about 5 where noise is as supposed; shape (M,)."""
+        """Return r^T C^-1 r, about 5 where noise is as supposed; shape (M,)."""
         return np.asarray((self.whiten(noise, self.tilt[None], self.gap[None])[0] ** 2).sum(axis=0))
 
     def rows(self, noise: Noise) -> Float64Array:
-        """Derivatives by the PARAMETERS, and the residual last, whitened; shape (10, 5, M)."""
+        """Return derivatives by the PARAMETERS, and the residual last, whitened; shape (10, 5, M)."""
         q, (x, y, z), count = self.q, self.arms, self.q.shape[1]
         tilts, gaps = np.zeros((PARAMETERS + 1, 2, count)), np.zeros((PARAMETERS + 1, 3, count))
         tilts[0, 0] = tilts[1, 1] = -1.0
@@ -118,7 +117,7 @@ class Residuals(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """Every sample beside a hinge."""
+    """What a hinge leaves of every sample, and the covariance of its parameters."""
 
     tilt: Float64Array  # angle between the axes [rad]; shape (N,)
     gap: Float64Array  # of E1, in axes along the hinge [m]; shape (3, N)
@@ -131,40 +130,40 @@ class Judged(NamedTuple):
 
 
 def most_likely(poses: RelativePoses, start: Hinge, loss: Loss | None) -> tuple[Hinge, Noise, bool]:
-    """The most likely hinge, its noise, and whether the steps came to rest; first of some samples, then of all."""
+    """Return the most likely hinge, its noise, and whether the steps came to rest."""
     thin = poses.thinned(_THIN)
     hinge, noise = start, _noise(thin, start, None, loss)
     still = False
     for some in (thin, poses) if thin is not poses else (poses,):
-        for _ in range(_MOST):
+        for _ in range(_MAX_STEPS):
             normal, gradient = _normal_equations(some, hinge, noise, loss)
             step = -_solved(normal, gradient)
             turn = float(np.abs(step[:4]).max())
-            if turn > _LONGEST:
-                step *= _LONGEST / turn
+            if turn > _MAX_TURN:
+                step *= _MAX_TURN / turn
             hinge = hinge.moved(step).balanced()
             noise = _noise(thin, hinge, noise, loss)
             # in standard deviations; without a loss the next step is about this one times the noise
             size = np.sqrt(step @ normal @ step)
-            quick = loss is None and size * (turn + np.sqrt(noise.attitude)) < _NEXT
-            rounded = (np.abs(step) < _ROUNDED * np.repeat((1.0, poses.size), (4, 5))).all()
-            still = bool(size < _CLOSE or quick or rounded)
+            quick = loss is None and size * (turn + np.sqrt(noise.attitude)) < _MAX_NEXT_STEP
+            rounded = (np.abs(step) < _ROUNDING_STEP * np.repeat((1.0, poses.size), (4, 5))).all()
+            still = bool(size < _MAX_LAST_STEP or quick or rounded)
             if still:
                 break
     return hinge, noise, still
 
 
 def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
-    """The most likely hinge less its bias, which is of the order of the noise squared and no number of samples mends.
+    """Return the hinge less its bias, which is of the order of the noise squared, however many samples there are.
 
     A rotation that is off at random is on average a shorter matrix than a rotation, so levers come out short. What
     the scores are on average follows from the fitted hinge itself: they are taken at its exact poses, each of the
     nine coordinates of noise once up and once down. Nothing is taken off that is no tenth of a standard deviation.
     """
     reach = max(float(np.sqrt((poses.p * poses.p).sum() / poses.samples)), 1e-300)
-    if np.sqrt(poses.samples) * (np.sqrt(noise.attitude) + np.sqrt(noise.place) / reach) < _NO_BIAS:
+    if np.sqrt(poses.samples) * (np.sqrt(noise.attitude) + np.sqrt(noise.place) / reach) < _MIN_BIAS:
         return hinge
-    thin = poses.thinned(_EXACT)
+    thin = poses.thinned(_BIAS_SAMPLES)
     first, second = frame(hinge.n), frame(hinge.m)
     q = np.kron(first.T, second.T) @ thin.Q
     psi = np.arctan2(q[3] - q[1], q[0] + q[4])
@@ -186,7 +185,7 @@ def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
 
 
 def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> Judged:
-    """Every sample beside the hinge, and how sure its parameters are.
+    """Compute what the hinge leaves of every sample, and the covariance of its parameters.
 
     The covariance is the sandwich A^-1 B A^-1 (Huber, Robust Statistics, 1981, 6.3): A the derivative of the sum of
     scores, B the scatter of the scores themselves, so it holds where the noise is not as the weights suppose. Scores
@@ -197,7 +196,7 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
     tilt, gap, psi = np.empty(count), np.empty((3, count)), np.empty(count)
     sizes, weights = np.empty(count), np.empty(count)
     slope, scores, left = np.zeros((PARAMETERS, PARAMETERS)), [], []
-    every = max(1, count // _SCORED)
+    every = max(1, count // _MAX_SCORED)
     for k, (own, seen) in enumerate(seen_from(poses, hinge)):
         q, (x, y, z) = seen.q, seen.arms
         tilt[own] = np.arctan2(np.hypot(q[2], q[5]), q[8])
@@ -214,7 +213,7 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
         first, second = (1.0, 0.0) if loss is None else _slopes(loss, given * sizes[own])
         weights[own] = given * first
         score = np.einsum("kri,ri->ki", rows[:-1], rows[-1])
-        slope += _gram(rows, weights[own])[:-1, :-1] + 2 / _CUT * (score * (second * given**2)) @ score.T
+        slope += _gram(rows, weights[own])[:-1, :-1] + 2 / _LOSS_SCALE * (score * (second * given**2)) @ score.T
         scores.append(weights[own] * score)
         left.append(weights[own] * rows[-1])
     whole = np.concatenate(scores, axis=1)
@@ -231,7 +230,7 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
 
 
 def _alike(rows: Float64Array, lag: int) -> float:
-    """Correlation of numbers with those so many samples later, of the row where it is largest."""
+    """Return the correlation of numbers with those `lag` samples later, of the row where it is largest."""
     power = (rows * rows).sum(axis=1)
     known = power > 0
     if not known.any() or rows.shape[1] <= lag:
@@ -257,7 +256,7 @@ def summed_neighbours(scores: Float64Array) -> tuple[int, int]:
 
 
 def seen_from(poses: RelativePoses, hinge: Hinge) -> Iterator[tuple[slice, Residuals]]:
-    """What the constraints leave of the samples, some at a time."""
+    """Compute what the constraints leave of the samples, block by block."""
     first, second = frame(hinge.n), frame(hinge.m)
     turned = np.kron(first.T, second.T)
     lever1, lever2 = (first.T @ hinge.u1)[:, None], (second.T @ hinge.u2)[:, None]
@@ -267,8 +266,8 @@ def seen_from(poses: RelativePoses, hinge: Hinge) -> Iterator[tuple[slice, Resid
         arm = (q.reshape(3, 3, -1) * lever2).sum(axis=1)
         arms = lever1 + arm
         tilt = q[2:6:3] / np.sqrt(np.maximum((1 + q[8]) / 2, 1e-12))
-        if q[8].min() < _FLIPPED:
-            tilt[0] = np.where(q[8] < _FLIPPED, 2.0, tilt[0])
+        if q[8].min() < _MIN_AXES_COSINE:
+            tilt[0] = np.where(q[8] < _MIN_AXES_COSINE, 2.0, tilt[0])
         gap = lever1 - p - arm
         gap[:2] += 0.5 * arms[2] * tilt
         gap[2] -= 0.5 * (tilt[0] * arms[0] + tilt[1] * arms[1])
@@ -278,7 +277,7 @@ def seen_from(poses: RelativePoses, hinge: Hinge) -> Iterator[tuple[slice, Resid
 def _normal_equations(
     poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None
 ) -> tuple[Float64Array, Float64Array]:
-    """J^T W J and J^T W r of one step."""
+    """Return J^T W J and J^T W r of one Gauss-Newton step; (9, 9), (9,)."""
     total = np.zeros((PARAMETERS + 1, PARAMETERS + 1))
     for own, seen in seen_from(poses, hinge):
         rows, weights = seen.rows(noise), poses.weights[own]
@@ -289,9 +288,9 @@ def _normal_equations(
 
 
 def _slopes(loss: Loss, sizes: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """First and second derivative of a loss; none where a sample is so far off that it can be no noise."""
-    first, second = loss(sizes / _CUT)
-    gross = sizes > _GROSS
+    """Return the first and second derivative of a loss; 0 where a sample is too far off to be noise."""
+    first, second = loss(sizes / _LOSS_SCALE)
+    gross = sizes > _MAX_COUNTED_SIZE
     return np.where(gross, 0.0, first), np.where(gross, 0.0, second)
 
 
@@ -301,7 +300,7 @@ def _gram(rows: Float64Array, weights: Float64Array) -> Float64Array:
 
 
 def _noise(poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss | None) -> Noise:
-    """Variances by moments of the residuals, or by medians where there may be outliers; rounding at least.
+    """Return variances by moments of the residuals, or by medians where there may be outliers; rounding at least.
 
     The noise found before tells which samples are so far off that they are left out of the medians.
     """
@@ -315,9 +314,9 @@ def _noise(poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss 
     if loss is None:
         attitude, across = weights @ tilt / weights.sum() / 2, weights @ gap / weights.sum() / 3
     else:
-        if 2 * (near & (sizes < _FAR)).sum() > near.sum():
-            near &= sizes < _FAR
-        attitude, across = np.median(tilt[near]) / _MEDIAN[2], np.median(gap[near]) / _MEDIAN[3]
+        if 2 * (near & (sizes < _MAX_NOISE_SIZE)).sum() > near.sum():
+            near &= sizes < _MAX_NOISE_SIZE
+        attitude, across = np.median(tilt[near]) / _MEDIANS[2], np.median(gap[near]) / _MEDIANS[3]
     attitude = max(float(attitude), (4 * _U) ** 2)
     lever = float(weights[near] @ spread[near] / weights[near].sum()) / 3
     place = max(float(across) - attitude * lever, 1e-3 * float(across), (4 * _U * poses.size) ** 2, 1e-300)
@@ -325,7 +324,7 @@ def _noise(poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss 
 
 
 def _solved(matrix: Float64Array, right: Float64Array) -> Float64Array:
-    """matrix^-1 right; what the matrix does not see comes out as 0."""
+    """Return matrix^-1 right; directions that the matrix does not determine come out as 0."""
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
     found = np.linalg.lstsq(matrix * scale * scale[:, None], (right.T * scale).T, rcond=1e-13)[0]
     return np.asarray((found.T * scale).T)

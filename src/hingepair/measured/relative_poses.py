@@ -18,8 +18,9 @@ from hingepair.numeric.arrays import Float64Array, FloatArray
 from hingepair.rotations.matrices import rotation_vector
 
 _BLOCK = 4096
-_PAIRS, _JUDGES = 200, 300
-_LEAST_TURN = 0.017
+_PAIRS = 200  # of samples, each of which gives a hinge
+_MAX_JUDGED = 300  # samples that tell which of these hinges is best
+_MIN_TURN = 0.017  # [rad] between the samples of a pair
 
 
 class RelativePoses(NamedTuple):
@@ -32,11 +33,11 @@ class RelativePoses(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """Number of samples."""
+        """Return the number of samples."""
         return self.weights.size
 
     def thinned(self, most: int) -> RelativePoses:
-        """About so many of the samples, evenly spread."""
+        """Return about so many of the samples, evenly spread."""
         step = -(-self.samples // most)
         if step == 1:
             return self
@@ -48,7 +49,7 @@ class RelativePoses(NamedTuple):
 def relative_poses(
     R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray, weights: Float64Array
 ) -> RelativePoses:
-    """Of poses in the world, finite all of them; shapes (N, 3), (N, 3, 3), (N, 3), (N, 3, 3)."""
+    """Return the relative poses of two bodies in the world; R (N, 3) and S (N, 3, 3) are finite."""
     count = weights.size
     Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
     for start in range(0, count, _BLOCK):
@@ -65,7 +66,7 @@ def relative_poses(
 
 
 def closed_form(poses: RelativePoses) -> Hinge:
-    """The hinge by least squares, psi eliminated: of the chords between Q m and n, and of the gaps of E1."""
+    """Return the hinge by least squares of the chords between Q m and n and of the gaps of E1, psi eliminated."""
     total = poses.weights.sum()
     Q = (poses.Q @ poses.weights / total).reshape(3, 3)
     p = poses.p @ poses.weights / total
@@ -79,12 +80,12 @@ def closed_form(poses: RelativePoses) -> Hinge:
 
 
 def closed_form_of_most(poses: RelativePoses) -> Hinge:
-    """The hinge that most samples agree with, whatever the others say (least median, Rousseeuw 1984).
+    """Return the hinge that most samples agree with, whatever the others say (least median, Rousseeuw 1984).
 
     Two samples make a hinge: the screw that takes one relative pose to the other. Of many such pairs, and of the
     closed form of all, that is kept whose medians of tilt and gap have the least product.
     """
-    judges = poses.thinned(_JUDGES)
+    judges = poses.thinned(_MAX_JUDGED)
     known = np.flatnonzero(poses.weights > 0)
     first, second = np.random.default_rng(0).choice(known, (2, _PAIRS))
     n, m, u1, u2 = (
@@ -104,11 +105,11 @@ def closed_form_of_most(poses: RelativePoses) -> Hinge:
 def _screws(
     poses: RelativePoses, first: NDArray[np.intp], second: NDArray[np.intp]
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """n, m, u1 and u2 of each pair of samples that turns by a degree or more between them; (k, 3) each."""
+    """Return n, m, u1 and u2 of each pair of samples that turn by a degree or more; (k, 3) each."""
     Q, other = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first, second))
     turn = rotation_vector(other @ np.swapaxes(Q, -1, -2))
     angle = np.linalg.norm(turn, axis=-1)
-    kept = angle > _LEAST_TURN
+    kept = angle > _MIN_TURN
     Q, angle = Q[kept], angle[kept]
     n = turn[kept] / angle[:, None]
     p = poses.p.T[first[kept]]

@@ -32,7 +32,7 @@ def resample(t: ArrayLike, values: ArrayLike, to: ArrayLike, gaps: float = 0.05)
 def resample(
     t: ArrayLike, values: ArrayLike | BodyMotion, to: ArrayLike, gaps: float = 0.05
 ) -> Float64Array | BodyMotion:
-    """A recording at other instants, so that recordings with clocks of their own come to one.
+    """Resample a recording at other instants, so that recordings with clocks of their own come to one.
 
     Between samples goes the cubic through the four nearest, of attitudes in the rotation vectors from the sample
     before: an error of order h^4 in the step h. Samples that are not finite are stepped over. At an instant of the
@@ -152,7 +152,7 @@ def _columns_between(weights: Float64Array, near: Float64Array) -> Float64Array:
 
 
 def _rotations_between(weights: Float64Array, near: Float64Array) -> Float64Array:
-    """By rotation vectors from the sample before; at a sample stands the sample."""
+    """Return rotations interpolated by rotation vectors from the sample before; at a sample, the sample itself."""
     base = near[:, min(1, near.shape[1] - 1)]
     theta = rotation_vector(np.swapaxes(base, -1, -2)[:, None] @ near)
     turn = rotation_exp((weights[..., None] * theta).sum(axis=-2))
@@ -161,7 +161,7 @@ def _rotations_between(weights: Float64Array, near: Float64Array) -> Float64Arra
 
 
 def _lagrange(nodes: Float64Array) -> Float64Array:
-    """Weights at 0 of the polynomial through nodes, no two alike; shape (..., k)."""
+    """Return the weights at 0 of the polynomial through nodes, no two alike; shape (..., k)."""
     weights = np.ones_like(nodes)
     for i, j in itertools.permutations(range(nodes.shape[-1]), 2):
         weights[..., i] *= nodes[..., j] / (nodes[..., j] - nodes[..., i])

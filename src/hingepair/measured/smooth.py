@@ -33,10 +33,9 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
-_ROUNDS = 2
-_ORDER = 6
-_DROWNED = 0.5
-"""Noise in a derivative that is warned of, as a part of the derivative."""
+_ROUNDS = 2  # of smoothing attitudes; the second starts from the smooth path of the first
+_ORDER = 6  # of the differences that make omega and alpha of smooth attitudes
+_MAX_NOISE_SHARE = 0.5  # noise in a derivative that is not warned of, as a part of the derivative
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
@@ -91,7 +90,7 @@ def smooth(t: ArrayLike, body: ArrayLike, bandwidth: float | None = None, gaps: 
 def smooth(
     t: ArrayLike, body: BodyMotion | ArrayLike, bandwidth: float | None = None, gaps: float = 0.05
 ) -> SmoothedMotion | SmoothedAngle:
-    """A recorded motion, or a recorded hinge angle, without its noise, and with its derivatives.
+    """Smooth a recorded motion, or a recorded hinge angle, and differentiate it twice.
 
     Smoothing splines (`hingepair.measured.spline`), of attitudes on the rotation group: the bandwidth of each is what
     the data ask for (generalised cross validation), or what is given. Nothing is delayed. What is further than `gaps`
@@ -162,7 +161,7 @@ def _smooth_body(t: Float64Array, body: BodyMotion, bandwidth: float | None, gap
 def _smooth_attitudes(
     t: Float64Array, S: Float64Array, where: Sequence[NDArray[np.intp]], gaps: float, bandwidth: float | None
 ) -> tuple[dict[str, Float64Array], dict[str, float], float]:
-    """Attitudes, omega and alpha; their noise; the bandwidth."""
+    """Return smooth attitudes with omega and alpha, their noise, and the bandwidth [Hz]."""
     whole = [slice(piece[0], piece[-1] + 1) for piece in where]
     base = interpolated(t, S, t, gaps, rotations=True)
     for _ in range(_ROUNDS):
@@ -179,7 +178,7 @@ def _smooth_attitudes(
 
 
 def _rolled_out(S: Float64Array, whole: Sequence[slice]) -> tuple[Float64Array, Float64Array]:
-    """A path of attitudes rolled out into flat space, and the frames that were carried along; (N, 3), (N, 3, 3).
+    """Return a path of attitudes rolled out into flat space, and the frames carried along; (N, 3), (N, 3, 3).
 
     From sample to sample the path turns about one axis; a vector carried along without spinning turns back by half of
     that, in the axes of the body. Each piece begins at 0 with the identity.
@@ -194,7 +193,7 @@ def _rolled_out(S: Float64Array, whole: Sequence[slice]) -> tuple[Float64Array, 
 
 
 def _products(turns: Float64Array) -> Float64Array:
-    """turns[i] @ ... @ turns[0], by doubling."""
+    """Return turns[i] @ ... @ turns[0] for every i, by doubling; (N, 3, 3)."""
     product, reach = turns, 1
     while reach < turns.shape[0]:
         product = np.concatenate((product[:reach], product[reach:] @ product[:-reach]))
@@ -222,17 +221,17 @@ def _pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> li
 
 
 def _named(names: tuple[str, str, str], found: Smoothed) -> dict[str, float]:
-    """Noise of the samples, and what it leaves in both derivatives."""
+    """Return the noise of the samples, and what it leaves in both derivatives, by name."""
     return dict(zip(names, (found.noise, *found.errors[1:].tolist()), strict=True))
 
 
 def _warn_of_noise(arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float]) -> None:
-    """Say so where a derivative is noise for the most part."""
+    """Warn where a derivative is noise for the most part."""
     drowned = []
     for letter in ("v", "omega", "psid", "a", "alpha", "psidd"):
         if letter in arrays:
             size = float(np.sqrt(np.nanmean(np.square(arrays[letter]))))
-            if noise[letter] > _DROWNED * size:
+            if noise[letter] > _MAX_NOISE_SHARE * size:
                 unit = unit_of(letter)
                 drowned.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
     if drowned:

@@ -27,15 +27,14 @@ from hingepair.numeric.arrays import Float64Array
 
 FEWEST = 8
 """Samples of a piece that is smoothed."""
-_DEGREE = 7
-_PENALTY = 5
-_KNOTS = 4.0
-"""Knots in a period of the bandwidth."""
-_COUNTED = 1.4
+_DEGREE = 7  # of the B-splines
+_PENALTY = 5  # order of the derivative whose square is penalised
+_KNOTS = 4.0  # in a period of the bandwidth
+_COUNTED = 1.4  # how often generalised cross validation counts each degree of freedom
 _WIDER = 1.1
 """What the bandwidth of least cross validation is multiplied by: derivatives near the ends gain more by it than those
 in the middle lose."""
-_PROBES = 16
+_PROBES = 16  # vectors of signs that the degrees of freedom are estimated with
 _WINDOW, _WINDOWS = 4096, 8
 """Of long records the bandwidth is chosen on so many stretches of so many samples."""
 
@@ -52,7 +51,7 @@ class Smoothed(NamedTuple):
 def smooth_columns(
     t: Float64Array, columns: Float64Array, pieces: Sequence[NDArray[np.intp]], bandwidth: float | None
 ) -> Smoothed:
-    """Columns (N, k) smoothed piece by piece, with derivatives, at every instant between the ends of a piece.
+    """Smooth columns (N, k) piece by piece, with derivatives, at every instant between the ends of a piece.
 
     A piece has FEWEST samples at least, all of them finite. A bandwidth of None is chosen by the data.
 
@@ -83,7 +82,7 @@ def smooth_columns(
 
 
 def _chosen_bandwidth(t: Float64Array, columns: Float64Array, pieces: Sequence[NDArray[np.intp]]) -> float:
-    """The bandwidth of least generalised cross validation."""
+    """Return the bandwidth [Hz] of least generalised cross validation."""
     if sum(piece.size for piece in pieces) > _WINDOW * _WINDOWS:
         pieces = _stretches(pieces)
     times = [t[piece] - t[piece[0]] for piece in pieces]
@@ -115,7 +114,7 @@ def _chosen_bandwidth(t: Float64Array, columns: Float64Array, pieces: Sequence[N
 
 
 def _stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """Some stretches of the pieces, evenly spread."""
+    """Return some stretches of the pieces, evenly spread."""
     whole = np.concatenate(pieces)
     owners = np.repeat(np.arange(len(pieces)), [piece.size for piece in pieces])
     found = []
@@ -149,7 +148,7 @@ class Spline:
         self.factor = cholesky_banded(penalty, check_finite=False)
 
     def solve(self, columns: Float64Array) -> Float64Array:
-        """Coefficients of columns at the instants of all pieces, one after the other."""
+        """Return the coefficients of columns at the instants of all pieces, one after the other."""
         return self._solved(self.basis.T @ columns)
 
     def _solved(self, right: Float64Array) -> Float64Array:
@@ -158,18 +157,18 @@ class Spline:
         return np.asarray(cho_solve_banded((self.factor, False), right, check_finite=False))
 
     def fitted(self, coefficients: Float64Array) -> Float64Array:
-        """The curves at the instants that they were fitted at."""
+        """Return the curves at the instants that they were fitted at."""
         return np.asarray(self.basis @ coefficients)
 
     def evaluate(self, coefficients: Float64Array, piece: int, t: Float64Array, order: int) -> Float64Array:
-        """A derivative of the curves at instants in one piece."""
+        """Return a derivative of the curves at instants in one piece."""
         from scipy.interpolate import BSpline
 
         own = coefficients[self.ends[piece] - self.knots[piece].size + _DEGREE + 1 : self.ends[piece]]
         return np.asarray(BSpline(self.knots[piece], own, _DEGREE)(t, nu=order))
 
     def freedom(self) -> float:
-        """Degrees of freedom: the trace of what takes data to the curve, by probes of signs set far apart."""
+        """Return the degrees of freedom: the trace of the smoother, by probes of signs set far apart."""
         size = int(self.ends[-1])
         probes = np.zeros((size, min(_PROBES, size)))
         probes[np.arange(size), np.arange(size) % probes.shape[1]] = np.random.default_rng(1).choice(
@@ -179,13 +178,13 @@ class Spline:
 
 
 def _continued(knots: Float64Array) -> Float64Array:
-    """Uniform knots with as many more at either end as the degree asks for."""
+    """Return uniform knots with as many more at either end as the degree asks for."""
     more = (knots[1] - knots[0]) * np.arange(1, _DEGREE + 1)
     return np.concatenate([knots[0] - more[::-1], knots, knots[-1] + more])
 
 
 def _penalty(intervals: int, width: float) -> Float64Array:
-    """The integrals of products of fifth derivatives of B-splines, upper bands."""
+    """Return the integrals of products of fifth derivatives of B-splines, upper bands."""
     from scipy.interpolate import BSpline
 
     nodes, weights = np.polynomial.legendre.leggauss(_DEGREE - _PENALTY + 1)
