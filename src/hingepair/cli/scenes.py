@@ -88,8 +88,10 @@ def run(
 def check(scene_file: SceneFile, as_json: Json = False) -> None:
     """Compare the motion of body 2 with Pinocchio's.
 
-    Pose, velocities and accelerations are computed by the equations and by Pinocchio. At most 10,001 instants are
-    compared, evenly spread. The exit code is 1 where a difference is past its bound.
+    Pose, velocities and accelerations are computed by the equations and by Pinocchio. Of a motion by [dynamics] the
+    loads are compared with the forces that Pinocchio's inverse dynamics (rnea) finds for it, and the rates with the
+    slopes of what they are the rates of. At most 10,001 instants are compared, evenly spread. The exit code is 1
+    where a difference is past its bound.
     """
     scene = load_scene(scene_file)
     report = scene.cross_validate(MOST_CHECKED)

@@ -61,6 +61,7 @@ class _Moved:
     loads: Mapping[str, Array]
     space: HingePair
     gravity: tuple[float, ...]
+    base: str
     psi: Array
     _error: Later
 
@@ -99,6 +100,7 @@ class SimulatedMotion(_Moved, Trajectory):
             friction_torque and stop_torque where there are any, (N,).
         space: the pair, in space, and of a PlanarPair of bodies that stay in the plane.
         gravity: acceleration of free fall, in space [m/s^2].
+        base: what holds body 1: "free", "pinned", "fixed", or "prescribed" where it moves as given.
     """
 
     def recorded(self) -> dict[str, NDArray[Any]]:
@@ -224,6 +226,7 @@ def simulate(
         "loads": {name: read_only(load) for name, load in loads.everything(instants, now).items()},
         "space": space,
         "gravity": loads.known["gravity"],
+        "base": "prescribed" if callable(base) else base,
     }
     if isinstance(pair, PlanarPair):
         q, qd = (*now.R1.T[:2], found.phi, now.psi), (*now.v1.T[:2], now.omega1[:, 2], now.psid)

@@ -356,16 +356,53 @@ class Scene(Shown):
         return explain(self.pair, self.motion.given.part(slice(1), order), own, self.motion.level)
 
     def cross_validate(self, most: int | None = None) -> CrossValidation:
-        """Compare the pair's motion by the equations with that by Pinocchio.
+        """Compute the motion of body 2 by the equations and by Pinocchio, and compare.
+
+        Of a motion by [dynamics] the loads are compared with the forces that the motion takes by Pinocchio's `rnea`,
+        as far as loads alone give them, and the rates with the slopes of what they are the rates of. A note says
+        where the motion itself is further off than the bound of the comparison, by its own estimate.
 
         Args:
-            most: so many instants at most, evenly spread; all unless given.
+            most: so many instants at most, evenly spread; all unless given. The slopes are those of all instants.
+
+        Returns:
+            A `CrossValidation` (hingepair.validation.report), its `.forces` and `.rates` those of a simulated motion.
 
         Raises:
             MissingDependencyError: Pinocchio is not installed.
         """
         rows = slice(len(self.times())) if most is None else self._spread(most)
-        return self.motion.given.part(rows, self.motion.level).cross_validate(self.pair)
+        report = self.motion.given.part(rows, self.motion.level).cross_validate(self.pair)
+        report = replace(report, notes=self._error_notes(report.u))
+        motion = self.motion.simulated
+        if motion is None:
+            return report
+        from hingepair.validation.simulated import compare_forces, compare_rates
+
+        whole, flat = self.motion.given.part(slice(None), ACCELERATION).in_space(self.pair), self.kind == PLANAR
+        part = whole.part(rows, ACCELERATION)
+        loads = {name: load[rows] for name, load in motion.loads.items()}
+        forces = compare_forces(
+            motion.space, part.body1, part.hinge, loads, motion.gravity, base=motion.base, flat=flat
+        )
+        moves = motion.base in {"free", "pinned"}
+        rates = compare_rates(self.times(), whole.body1, whole.hinge, body1_moves=moves)
+        return replace(report, forces=forces, rates=rates)
+
+    def _error_notes(self, u: float) -> tuple[str, ...]:
+        """Return a sentence on errors of the motion that are above the bound of a comparison, or not known."""
+        from hingepair.pair.accuracy import PINOCCHIO_BOUND
+
+        estimates = {unit: error() for unit, error in self.motion.errors.items()}
+        large = [f"{error:.1g} {unit}" for unit, error in estimates.items() if error > PINOCCHIO_BOUND * u]
+        notes = [self.motion.doubt] if math.isnan(self.motion.error_estimate) and self.motion.doubt else []
+        if large:
+            bound = f"the bound of {PINOCCHIO_BOUND * u:.1g} rad"
+            held = "the comparison is one of the equations at each instant, not of the way there"
+            notes.append(
+                f"by its own estimate the motion is off by about {' and '.join(large)}, above {bound}: {held}"
+            )
+        return tuple(notes)
 
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
         """Compute what acts for the pair to move as the scene says (D1-D5), at the scene's instants.

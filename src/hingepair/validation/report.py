@@ -1,9 +1,11 @@
-"""The report of a cross-validation: per output, how far two routes are apart; as values, a table, or JSON."""
+"""The report of a cross-validation: how far two routes are apart, output by output; as values, a table, or JSON."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,17 @@ from hingepair.errors import printable
 from hingepair.numeric.tables import Sheet, Shown, aligned, json_text, left_out
 from hingepair.pair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, PROMISES
 
+_RATE_HEADER = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
+FORCE_BOUND: Final = 64
+"""Largest difference of a load from Pinocchio's inverse dynamics that passes, in units of u * scale.
+
+It sums some thirty terms, and the accelerations were found by solving for them; 11 was the most in 1,000 motions.
+"""
+_FORCE_SCALES: Final[Mapping[str, str]] = {
+    "force1": "masses times the sizes of all terms of their accelerations and of gravity, and the loads",
+    "torque1": "inertias times the sizes of all terms of alpha and omega^2, forces times levers, and the loads",
+    "hinge_torque": "as of torque1, of body 2 alone",
+}
 _HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
 
 
@@ -44,20 +57,62 @@ class Comparison:
     def scale(self) -> str:
         """The formula of the scale, for a reader."""
         more = PINOCCHIO_TERMS.get(self.output)
+        if self.output in _FORCE_SCALES:
+            return _FORCE_SCALES[self.output]
         own = PLANAR_SCALES.get(self.output) or PROMISES[self.output].scale
         return f"{own} + {more}" if more else own
 
     @classmethod
     def worst_of(
-        cls, output: str, error: NDArray[np.float64], ratio: NDArray[np.float64], shape: tuple[int, ...]
+        cls,
+        output: str,
+        error: NDArray[np.float64],
+        ratio: NDArray[np.float64],
+        shape: tuple[int, ...],
+        bound: float = PINOCCHIO_BOUND,
     ) -> Comparison:
-        """The worst of errors and ratios, (N,) each, NaN where not comparable; `shape` is that of the samples."""
+        """Return the worst of errors and ratios, (N,) each, NaN where not comparable, of samples of a shape."""
         compared = ~np.isnan(ratio)
         if not compared.any():
-            return cls(output, 0.0, 0.0, None, 0)
+            return cls(output, 0.0, 0.0, None, 0, bound)
         worst = int(np.nanargmax(ratio))
         where = tuple(int(i) for i in np.unravel_index(worst, shape))
-        return cls(output, float(np.nanmax(error)), float(ratio[worst]), where, int(compared.sum()))
+        return cls(output, float(np.nanmax(error)), float(ratio[worst]), where, int(compared.sum()), bound)
+
+
+@dataclass(frozen=True, slots=True)
+class RateComparison:
+    """A rate against the slope of what it is the rate of.
+
+    Attributes:
+        rate: its name.
+        of: what it is the rate of.
+        max_error: largest difference of a component, in the rate's unit.
+        allowed: largest difference that passes.
+        worst_sample: the sample with the largest difference; None where nothing was compared.
+        samples: how many samples were compared.
+    """
+
+    rate: str
+    of: str
+    max_error: float
+    allowed: float
+    worst_sample: int | None
+    samples: int
+
+    @property
+    def ok(self) -> bool:
+        """No difference is larger than allowed; what was not compared passes."""
+        return self.max_error <= self.allowed
+
+    @classmethod
+    def worst_of(cls, rate: str, of: str, error: NDArray[np.float64], allowed: float) -> RateComparison:
+        """Return the worst of differences, (N,), NaN where nothing is compared."""
+        compared = ~np.isnan(error)
+        if not compared.any():
+            return cls(rate, of, 0.0, allowed, None, 0)
+        worst = int(np.nanargmax(error))
+        return cls(rate, of, float(error[worst]), allowed, worst, int(compared.sum()))
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -71,6 +126,9 @@ class CrossValidation(Shown):
         skipped: samples left out because their input is not finite.
         u: unit roundoff of the type computed in.
         rows: one comparison for each output.
+        forces: of a simulated motion, the loads against the forces that it takes by Pinocchio's `rnea`.
+        rates: of a simulated motion, each rate against the slope of what it is the rate of.
+        notes: sentences that a reader should know.
     """
 
     name: str
@@ -79,6 +137,9 @@ class CrossValidation(Shown):
     skipped: int
     u: float
     rows: tuple[Comparison, ...]
+    forces: tuple[Comparison, ...] = ()
+    rates: tuple[RateComparison, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def samples(self) -> int:
@@ -93,7 +154,8 @@ class CrossValidation(Shown):
     @property
     def ok(self) -> bool:
         """Every output of every finite sample is within its bound, and there was something to compare."""
-        return bool(self.rows) and all(row.ok for row in self.rows)
+        compared = [row.ok for row in self.rows + self.forces] + [row.ok for row in self.rates]
+        return bool(self.rows) and all(compared)
 
     @property
     def verdict(self) -> str:
@@ -101,33 +163,53 @@ class CrossValidation(Shown):
         beside = left_out(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
-        failed = [row.output for row in self.rows if not row.ok]
+        failed = [row.output for row in self.rows + self.forces if not row.ok]
+        failed += [row.rate for row in self.rates if not row.ok]
         if failed:
-            return f"FAILED: {', '.join(failed)}{beside}"
+            return f"FAILED: {', '.join(dict.fromkeys(failed))}{beside}"
         outputs = f"{len(self.rows)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
-        return f"PASSED: {outputs} within {PINOCCHIO_BOUND} u*scale of Pinocchio{beside}"
+        forces = ", ".join(row.output for row in self.forces)
+        more = f", and {forces} within {FORCE_BOUND} u*scale of its rnea" if forces else ""
+        return f"PASSED: {outputs} within {PINOCCHIO_BOUND} u*scale of Pinocchio{more}{beside}"
 
     def __str__(self) -> str:
-        lines = [_HEADER, *(_cells(row) for row in self.rows)]
         planar = any(row.output in PLANAR_SCALES for row in self.rows)
         given = "in the plane" if planar else "attitude given"
         attitude = given if self.sequence is None else f"Euler sequence {self.sequence}"
         title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel (in full: .rows, --json)"
-        return "\n".join((title, *aligned(lines, {1, 2, 3, 4, 5}), unit, self.verdict))
+        lines = [title, *aligned([_HEADER, *map(_cells, self.rows)], {1, 2, 3, 4, 5}), unit]
+        if self.forces:
+            lines += ["the loads against the forces that the motion takes by Pinocchio's rnea, in body 1's axes"]
+            lines += aligned([_HEADER, *map(_cells, self.forces)], {1, 2, 3, 4, 5})
+        if self.rates:
+            lines += ["the rates against slopes by finite differences, where the instants are close enough for them"]
+            lines += aligned([_RATE_HEADER, *map(_rate_cells, self.rates)], {2, 3, 4, 5})
+        return "\n".join((*lines, *(f"note: {note}" for note in self.notes), self.verdict))
 
     def __repr__(self) -> str:
         return f"CrossValidation({self.name!r}, {self.verdict})"
 
     def _sheet(self) -> Sheet:
         title = f"{self.name}: the equations against Pinocchio"
-        return Sheet(title, (_HEADER, *map(_cells, self.rows)), (self.verdict,))
+        rows = (_HEADER, *map(_cells, (*self.rows, *self.forces)), *map(_rate_cells, self.rates))
+        return Sheet(title, rows, (*self.notes, self.verdict))
 
     def to_json(self) -> str:
         """The report as JSON; a number that is not finite is null."""
-        rows = [{**asdict(row), "ok": row.ok, "scale": row.scale} for row in self.rows]
         facts = {name: getattr(self, name) for name in ("name", "ok", "verdict", "samples", "compared", "skipped")}
-        return json_text({**facts, "sequence": self.sequence, "u": self.u, "rows": rows})
+        facts |= {"sequence": self.sequence, "u": self.u, "notes": list(self.notes)}
+        for name, rows in (("rows", self.rows), ("forces", self.forces)):
+            facts[name] = [{**asdict(row), "ok": row.ok, "scale": row.scale} for row in rows]
+        facts["rates"] = [{**asdict(row), "ok": row.ok} for row in self.rates]
+        return json_text(facts)
+
+
+def _rate_cells(row: RateComparison) -> tuple[str, ...]:
+    if row.worst_sample is None:
+        return row.rate, row.of, "-", f"{row.allowed:.2g}", "-", "0", "not compared"
+    error, verdict = f"{row.max_error:.2e}", "ok" if row.ok else "FAILED"
+    return row.rate, row.of, error, f"{row.allowed:.2g}", str(row.worst_sample), str(row.samples), verdict
 
 
 def _cells(row: Comparison) -> tuple[str, ...]:
