@@ -183,6 +183,59 @@ def test_residuals_see_a_broken_constraint(monkeypatch: pytest.MonkeyPatch, shor
     assert summed(scene).residuals()[0].ratio > 1e4
 
 
+def test_residuals_are_those_of_both_constraints(monkeypatch: pytest.MonkeyPatch, short_scene: Path) -> None:
+    """E2 where there are rates; each sees what breaks it, by how much."""
+    from hingepair.cli import summary
+
+    scene, genuine = hp.load_scene(short_scene), summary.arrays_of
+    assert [(r.label, r.unit) for r in summed(scene).residuals()] == [("E1", "m"), ("E2", "rad/s")]
+    monkeypatch.setattr(
+        summary,
+        "arrays_of",
+        lambda pair, names, values, shapes: genuine(
+            pair, names, values | {"R2": values["R2"] + 1e-6, "omega2": values["omega2"] - 1e-3}, shapes
+        ),
+    )
+    assert [r.largest for r in summed(scene).residuals()] == pytest.approx([1e-6, 1e-3], rel=1e-6)
+
+
+def test_ranges_are_those_of_every_component(short_scene: Path) -> None:
+    shown = json.loads(hingepair("run", short_scene, "--json").stdout)["outputs"]
+    result = hp.load_scene(short_scene).evaluate()
+    for name, array in result.state.arrays().items():
+        for label, column in zip(column_names({name: array}), array.reshape(11, -1).T, strict=True):
+            expected = {"first": column[0], "last": column[-1], "smallest": column.min(), "largest": column.max()}
+            assert shown.pop(label) == expected
+    assert shown == {
+        "psi": {"first": 0, "last": 100, "smallest": 0, "largest": 100},
+        "psid": dict.fromkeys(("first", "last", "smallest", "largest"), 10),
+        "psidd": dict.fromkeys(("first", "last", "smallest", "largest"), 0),
+    }
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(28, "No space left on device"), "standard output: No space left on device"),
+        (OSError("it is full"), "standard output: it is full"),
+        (PermissionError(13, "Permission denied", "a.csv"), "a.csv: Permission denied"),
+    ],
+)
+def test_what_cannot_be_printed_is_said(
+    error: OSError, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    from hingepair.cli.output import printed
+
+    def fail() -> int:
+        raise error
+
+    with (tmp_path / "out").open("w") as out:
+        monkeypatch.setattr(sys, "stdout", out)
+        assert printed(fail) == EXIT_BAD_INPUT
+        assert printed(lambda: 7) == 7
+    assert capsys.readouterr().err == f"hingepair: {said}\n"
+
+
 def test_a_failed_check_exits_with_1(monkeypatch: pytest.MonkeyPatch, short_scene: Path) -> None:
     from typer.testing import CliRunner
 
@@ -206,6 +259,12 @@ def test_urdf_is_written_whole_and_read_back(short_scene: Path, tmp_path: Path) 
     assert target.read_text().strip() == hingepair("urdf", short_scene).stdout.strip()
     back = hp.from_urdf(target, joint="hinge")
     np.testing.assert_array_equal(back.u1, (0.5, 0.2, 0.1))
+
+
+def test_exports_have_a_free_base_unless_told(short_scene: Path) -> None:
+    pair = hp.load_scene(short_scene).pair
+    assert invoke("mjcf", short_scene) == hp.to_mjcf(pair) != hp.to_mjcf(pair, base="fixed")
+    assert invoke("urdf", short_scene) == hp.to_urdf(pair) != hp.to_urdf(pair, base="fixed")
 
 
 @pytest.mark.slow
@@ -473,6 +532,15 @@ def test_help_explains(command: str) -> None:
     assert "Usage" in hingepair(*command.split(), "--help").stdout
 
 
+def test_robots_are_listed_with_the_numbers_of_their_hinges(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hingepair.cli.robots.robot_names", lambda: ("go1", "talos_reduced"))
+    assert invoke("robots").splitlines() == [
+        "robot          hinges",
+        "go1                12",
+        "talos_reduced      32",
+    ]
+
+
 @pytest.mark.slow
 def test_robots_are_listed_with_their_hinges() -> None:
     robots = json.loads(hingepair("robots", "--json").stdout)
@@ -506,6 +574,11 @@ def test_the_hinges_of_a_robot_come_with_axis_limits_and_masses(tmp_path: Path) 
         "1.009",
         "0.1959",
     ]
+    head, *lines = invoke("robots", "go1").splitlines()
+    for heading in ("limits [rad]", "[N m]", "[rad/s]", "m1 [kg]", "m2 [kg]"):
+        end = head.index(heading) + len(heading)
+        assert {(line[end - 1].isspace(), line[end : end + 2].strip()) for line in lines} == {(False, "")}, heading
+    assert {line.index("FL_") for line in lines if line.startswith("FL_")} == {0}
     damaged = (MODELS / "talos_elbow.urdf").read_text().replace('lower="-', 'lower="${pi}')
     path = tmp_path / "damaged.urdf"
     path.write_text(damaged.replace('name="hinge"', 'name="knee"'))

@@ -133,6 +133,28 @@ def test_the_arguments_beside_those_that_are_refused_are_taken(make):
         make(**ACCEPTED[make], weight=1)
 
 
+DEFAULTS = {
+    hp.HingePair: {"home": EYE, "name": "hinge_pair", "limits": None, "torque_limit": None, "rate_limit": None},
+    hp.PlanarPair: {"name": "planar_pair", "body1": None, "body2": None},
+    hp.Body: {"mass": 1.0, "center_of_mass": (0, 0, 0), "inertia": 0.01 * EYE, "shapes": ()},
+    hp.Box: {"center": (0, 0, 0), "axes": EYE},
+    hp.Cylinder: {"center": (0, 0, 0), "axis": (0, 0, 1)},
+    hp.Sphere: {"center": (0, 0, 0)},
+    hp.BodyMotion: dict.fromkeys(("v", "omega", "a", "alpha")),
+}
+"""What arguments are that are not given."""
+
+
+@pytest.mark.parametrize("make", DEFAULTS, ids=lambda make: make.__qualname__)
+def test_what_is_not_given_is_what_the_documentation_says(make):
+    made = make(**{key: value for key, value in ACCEPTED[make].items() if key not in DEFAULTS[make]})
+    for name, value in DEFAULTS[make].items():
+        if isinstance(value, str) or value is None:
+            assert getattr(made, name) == value
+        else:
+            np.testing.assert_array_equal(getattr(made, name), value)
+
+
 @pytest.mark.parametrize(
     ("make", "argument", "value", "error", "expected"),
     [

@@ -32,6 +32,45 @@ def test_what_is_drawn_is_what_was_computed():
         assert axes.get_ylabel() == unit
     _, (residual, _) = lines_of(figure, "")
     assert residual.max() < 1e-14
+    paths, _ = lines_of(figure, "paths in space [m], from the dots")
+    hinge = scene.evaluate(("R1", "S1"))
+    points = {"R1": hinge.R1, "R2": state.R2, "hinge point": hinge.R1 + hinge.S1 @ scene.pair.u1}
+    for i, (name, array) in enumerate(points.items()):
+        line, start = paths.get_lines()[2 * i : 2 * i + 2]
+        assert line.get_label() == name
+        np.testing.assert_array_equal(np.stack(line.get_data_3d(), axis=1), array)
+        np.testing.assert_array_equal(np.ravel(start.get_data_3d()), array[0])
+
+
+def test_paths_are_seen_whole_and_at_one_scale():
+    """A long path leaves room beside it for the numbers."""
+    pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0.5, 0), n=(0, 0, 1))
+    t = np.linspace(0, 1, 50)
+    figure = hp.plot(hp.integrate(pair, t, omega1=(0, 0.3, 0), psid=1.0, R1=np.stack([30 * t, t, -t], axis=-1)))
+    axes, _ = lines_of(figure, "paths in space [m], from the dots")
+    ends = np.array([np.ptp(np.concatenate([line.get_data_3d()[i] for line in axes.get_lines()])) for i in range(3)])
+    limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+    widths = np.diff(limits, axis=1)[:, 0]
+    np.testing.assert_allclose(widths, 1.05 * np.maximum(ends, 0.3 * ends.max()), rtol=1e-6)
+    for line in axes.get_lines():
+        points = np.array(line.get_data_3d())
+        assert ((points >= limits[:, :1]) & (points <= limits[:, 1:])).all()
+    np.testing.assert_allclose(axes._box_aspect / axes._box_aspect.max(), widths / widths.max(), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("count", "columns"), [(1, 1), (3, 3), (5, 3)])
+def test_every_panel_is_large_enough_to_be_read(count, columns):
+    """Three inches across and one and a half up and down."""
+    scene = hp.load_scene(MODELS / "reference_2d.toml")
+    figure = hp.plot(scene, ("R2", "v2", "phi2", "omega2", "psi")[:count])
+    figure.draw_without_rendering()
+    width, height = figure.get_size_inches()
+    places = [axes.get_position() for axes in figure.axes]
+    assert len(places) == count
+    assert len({round(place.x0, 2) for place in places}) == columns
+    for place in places:
+        assert 3 <= place.width * width <= 6
+        assert 1.5 <= place.height * height <= 3
 
 
 @pytest.mark.parametrize("name", sparse(["reference_2d", "landing_gear", "gyro_log", "logged_arm"], 4))
@@ -105,6 +144,7 @@ FAST = {
     "faster than its samples": "sin(2*pi*499.9*t)*t",
     "a spike": "where(abs(t - 5.001) < 0.0004, 1, 0)",
     "a dropout": "where(abs(t - 5.001) < 0.0004, sqrt(-t), t)",
+    "spikes beside a dropout": "where(4.9995 < t < 5.0035, (1 + sqrt((t - 5.001)**2 - 1e-7))*sin(t/1e-3), 0)",
 }
 
 

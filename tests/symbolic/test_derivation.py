@@ -232,6 +232,20 @@ def test_the_command_prints_the_source_s_omega1(monkeypatch, capsys):
     assert max(map(len, out.splitlines())) <= 100
 
 
+def test_the_command_abbreviates_where_lines_are_long(monkeypatch, capsys):
+    """Unless it is told to, or not to."""
+    scene = MODELS / "talos_elbow.toml"
+    forms = hp.derive(hp.load_scene(scene))
+    for output, options, short in (
+        ("S2", (), True),
+        ("S2", ("--full",), False),
+        ("S1", (), False),
+        ("S1", ("--short",), True),
+    ):
+        shown = derived(monkeypatch, capsys, scene, "--outputs", output, *options)[0].out
+        assert shown == forms.to_text([output], short=short) != forms.to_text([output], short=not short)
+
+
 def test_the_command_s_formats_are_the_same_forms(monkeypatch, capsys):
     forms = hp.derive(hp.load_scene(REFERENCE), ("u1",))
     chosen = (REFERENCE, "--outputs", "R1,R2", "--symbolic", "u1")
@@ -254,18 +268,18 @@ def test_the_command_writes_a_file(monkeypatch, capsys, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "name"),
+    ("arguments", "message"),
     [
-        (("--latex", "--python"), "format"),
-        (("--outputs", "omega3"), "outputs"),
-        (("--outputs", ""), "outputs"),
-        (("--symbolic", "u3"), "symbolic"),
+        (("--latex", "--python"), "--unicode, --latex, --python and --json exclude each other"),
+        (("--outputs", "omega3"), "--outputs: expected one of R2, S2, d"),
+        (("--outputs", ""), "--outputs: expected names separated by commas, got ''"),
+        (("--symbolic", "u3"), "--symbolic: expected names out of u1, u2, n, got 'u3'"),
     ],
 )
-def test_the_command_names_what_is_wrong(monkeypatch, capsys, arguments, name):
+def test_the_command_names_what_is_wrong(monkeypatch, capsys, arguments, message):
     shown, code = derived(monkeypatch, capsys, REFERENCE, *arguments)
     assert (code, shown.out) == (2, "")
-    assert shown.err.startswith(f"hingepair: {name}: expected ")
+    assert shown.err.startswith(f"hingepair: {message}")
 
 
 def test_the_outputs_of_the_scene_are_derived(monkeypatch, capsys, tmp_path):
