@@ -40,8 +40,7 @@ def check_turning(poses: RelativePoses) -> None:
         FitError: says what was seen instead.
     """
     thin = poses.thinned(_MAX_SCREENED)
-    known = thin.weights > 0
-    Q = thin.Q.T[known].reshape(-1, 3, 3)
+    Q = thin.Q.T.reshape(-1, 3, 3)
     mean = np.median(Q, axis=0)
     if np.linalg.det(mean) < 0.1:
         return
@@ -51,7 +50,7 @@ def check_turning(poses: RelativePoses) -> None:
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(near.T @ near / near.shape[0]), 0.0))[::-1]
     if spread[0] >= _MIN_TURNING or (spread[0] >= _MIN_AXIS_RATIO * spread[1] and spread[0] > 1e-12):
         return
-    p = thin.p[:, known]
+    p = thin.p
     slide = float(np.sqrt(np.median(((p - np.median(p, axis=1, keepdims=True)) ** 2).sum(axis=0))))
     beside = f", and it slides by {slide:.2g} m: a sliding joint" if slide > 20 * spread[0] * _length(p) else ""
     about = " about any axis" if beside else ", about one axis no more than about others: a fixed pair"

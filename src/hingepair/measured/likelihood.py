@@ -310,12 +310,12 @@ def _noise(poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss 
         parts.append((*((row * row).sum(axis=0) for row in (seen.tilt, seen.gap)), seen.spread, sizes))
     tilt, gap, spread, sizes = (np.concatenate(own) for own in zip(*parts, strict=True))
     weights = poses.weights
-    near = weights > 0
+    near = np.ones(weights.size, dtype=bool)
     if loss is None:
         attitude, across = weights @ tilt / weights.sum() / 2, weights @ gap / weights.sum() / 3
     else:
-        if 2 * (near & (sizes < _MAX_NOISE_SIZE)).sum() > near.sum():
-            near &= sizes < _MAX_NOISE_SIZE
+        if 2 * (sizes < _MAX_NOISE_SIZE).sum() > near.size:
+            near = sizes < _MAX_NOISE_SIZE
         attitude, across = np.median(tilt[near]) / _MEDIANS[2], np.median(gap[near]) / _MEDIANS[3]
     attitude = max(float(attitude), (4 * _U) ** 2)
     lever = float(weights[near] @ spread[near] / weights[near].sum()) / 3

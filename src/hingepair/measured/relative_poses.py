@@ -28,7 +28,7 @@ class RelativePoses(NamedTuple):
 
     Q: Float64Array  # S1^T S2, row by row; shape (9, N)
     p: Float64Array  # S1^T (R2 - R1) [m]; shape (3, N)
-    weights: Float64Array  # of the samples; shape (N,)
+    weights: Float64Array  # of the samples, all positive; shape (N,)
     size: float  # largest coordinate of either body, for what rounding leaves [m]
 
     @property
@@ -86,8 +86,7 @@ def closed_form_of_most(poses: RelativePoses) -> Hinge:
     closed form of all, that is kept whose medians of tilt and gap have the least product.
     """
     judges = poses.thinned(_MAX_JUDGED)
-    known = np.flatnonzero(poses.weights > 0)
-    first, second = np.random.default_rng(0).choice(known, (2, _PAIRS))
+    first, second = np.random.default_rng(0).choice(poses.samples, (2, _PAIRS))
     n, m, u1, u2 = (
         np.concatenate(own)[:, :, None]
         for own in zip([each[None] for each in closed_form(poses)], _screws(poses, first, second), strict=True)
