@@ -239,8 +239,8 @@ def test_the_command_abbreviates_where_lines_are_long(monkeypatch, capsys):
     for output, options, short in (
         ("S2", (), True),
         ("S2", ("--full",), False),
-        ("S1", (), False),
-        ("S1", ("--short",), True),
+        ("R1", (), False),
+        ("R1", ("--short",), True),
     ):
         shown = derived(monkeypatch, capsys, scene, "--outputs", output, *options)[0].out
         assert shown == forms.to_text([output], short=short) != forms.to_text([output], short=not short)
