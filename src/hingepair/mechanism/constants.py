@@ -40,6 +40,7 @@ class Constants:
 
     Attributes:
         form: what programs depend on.
+        names: of the joints with a coordinate of their own, in the order of q.
         numbers: the constants that are parameters, in order.
         bounds: how far each of them may be from the exact number.
         smallest: of each coordinate, the size below which a pivot D is rounding (T5); 0 where it cannot be as small.
@@ -48,6 +49,7 @@ class Constants:
     """
 
     form: Form
+    names: tuple[str, ...]
     numbers: tuple[float, ...]
     bounds: tuple[float, ...]
     smallest: NDArray[np.float64]
@@ -90,7 +92,8 @@ def constants_of(tree: Tree, free: bool) -> Constants:
     for joint, column, own in zip(tree.joints, form.columns, smallest[1:], strict=True):
         ratio = 1.0 if joint.mimic is None else joint.mimic.multiplier
         by_column[column] += own * ratio * ratio
-    return Constants(form, parameters, kept, read_only(by_column), tuple(map(read_only, axes)))
+    names = tuple(joint.name for joint in tree.coordinates)
+    return Constants(form, names, parameters, kept, read_only(by_column), tuple(map(read_only, axes)))
 
 
 def frame_numbers(constants: Constants, frame: Frame) -> list[float]:

@@ -70,11 +70,6 @@ class MechanismMethods(Shown):
             object.__setattr__(self, "_constants_made", found)
         return found
 
-    @property
-    def _names(self) -> tuple[str, ...]:
-        """Names of the joints with a coordinate of their own."""
-        return tuple(joint.name for joint in self.tree.coordinates)
-
     # ---- kinematics
 
     def forward_kinematics(
@@ -224,7 +219,7 @@ class MechanismMethods(Shown):
         names = self._outputs(outputs, len(coordinates) - 1, None, BOUNDED)
         problem = self._problem(names, self._frames("frames", frames))
         self._require(problem, coordinates, names)
-        values = read_values(self._names, coordinates or {"q": q}, base_motion, problem.inputs, {})
+        values = read_values(self._constants.names, coordinates or {"q": q}, base_motion, problem.inputs, {})
         return error_bounds(problem, values, _gravity(gravity))
 
     # ---- dynamics
@@ -688,11 +683,16 @@ class MechanismMethods(Shown):
         how, fall = choose(backend, workers), _gravity(gravity)
         if problem.weighs:
             self._say_doubts()
-        if base_motion is None and not acting and out is None and how.workers == 1:
-            found = problem.call(tuple(coordinates), fall, backend).quick(*coordinates.values())
+        if base_motion is None and not acting and how.workers == 1:
+            call = problem.call(tuple(coordinates), fall, backend)
+            if out is None:
+                found = call.quick(*coordinates.values())
+            else:
+                known = type(out) is dict and out.keys() <= {*call.outputs}
+                found = call.write(tuple(coordinates.values()), out) if known else None
             if found is not None:
                 return found
-        values = read_values(self._names, coordinates, base_motion, problem.inputs, acting or {})
+        values = read_values(self._constants.names, coordinates, base_motion, problem.inputs, acting or {})
         return problem.run(values, fall, out, how)
 
     def _array(
@@ -740,7 +740,7 @@ class MechanismMethods(Shown):
         low = ~(np.abs(pivots) > smallest) & (smallest > 0) & bad[..., None]
         if low.any():
             first = low.reshape(-1, low.shape[-1])[int(np.argmax(low.any(axis=-1)))]
-            joint = self._names[int(np.flatnonzero(first)[-1])]
+            joint = self._constants.names[int(np.flatnonzero(first)[-1])]
             count = int(low.any(axis=-1).sum())
             where = f"at {count} of {bad.size} samples" if bad.shape else "here"
             warnings.warn(
