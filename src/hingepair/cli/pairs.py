@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import os
+import warnings
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from hingepair.cli.output import file_option, give
+from hingepair.dynamics.loads import HingeLoad
 from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.robots import robot_names, robot_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair
+from hingepair.formats.xml_text import commented
+from hingepair.pair.body import DynamicsWarning
+from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
-from hingepair.scenes.scene import Scene, load_pair, load_scene, scene_files
+from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.scenes.scene import Scene, load_pair, load_scene, load_setup, scene_files
+from hingepair.scenes.simulated_motion import PRESCRIBED, DynamicsSetup
 from hingepair.scenes.tables import read_tables
 from hingepair.urdf.reader import read_urdf
 
@@ -93,13 +99,22 @@ def urdf(
 ) -> None:
     """Write the pair as a URDF robot.
 
-    Unless told otherwise its base is free: the loader gives it a root joint.
+    Unless told otherwise its base is free: the loader gives it a root joint. Of a scene with [dynamics] its base,
+    damping, friction and stops are written, too; a comment and a warning list what URDF has no place for.
     """
     if fixed_base and floating_base:
         raise HingePairError("--fixed-base and --floating-base exclude each other")
-    base = "fixed" if fixed_base else "floating" if floating_base else "free"
     pair = _in_space(named_pair(source, joint, body1_frame, body2_frame))
-    give(to_urdf(pair, base=base), out, inputs_of(source))
+    wanted = "fixed" if fixed_base else "floating" if floating_base else None
+    setup = _setup_of(source, joint, body1_frame, body2_frame)
+    if setup is None:
+        return give(to_urdf(pair, base=wanted or "free"), out, inputs_of(source))
+    base = wanted or ("fixed" if setup.base in {"fixed", PRESCRIBED} else "free")
+    load = HingeLoad(**{key: value for key, value in setup.hinge.items() if key in {"damping", "friction", "stops"}})
+    text = to_urdf(pair, base=base, hinge_torque=load, body1=setup.body1 if base == "fixed" else None)
+    written = {"damping", "friction", "stops", *(_POSE if base == "fixed" else ())}
+    written |= {"base"} if wanted or setup.base in {"free", "fixed"} else set()
+    return give(_with_left_out("URDF", text, setup, written), out, inputs_of(source))
 
 
 def mjcf(
@@ -110,9 +125,43 @@ def mjcf(
     out: TextFile = None,
     fixed_base: FixedBase = False,
 ) -> None:
-    """Write the pair as a MuJoCo model (MJCF): a free joint and a hinge."""
-    pair = _in_space(named_pair(source, joint, body1_frame, body2_frame))
-    give(to_mjcf(pair, base="fixed" if fixed_base else "free"), out, inputs_of(source))
+    """Write the pair as a MuJoCo model (MJCF): a free joint and a hinge.
+
+    Of a scene with [dynamics] its base, the place of body 1 at the start, gravity, spring, damping, friction and
+    stops are written, too; a comment and a warning list what MJCF has no place for.
+    """
+    pair = named_pair(source, joint, body1_frame, body2_frame)
+    setup = _setup_of(source, joint, body1_frame, body2_frame)
+    if setup is None:
+        return give(to_mjcf(_in_space(pair), base="fixed" if fixed_base else "free"), out, inputs_of(source))
+    base = "fixed" if fixed_base or setup.base == PRESCRIBED else setup.base
+    held = ("stiffness", "rest", "damping", "friction", "stops")
+    load = HingeLoad(**{key: value for key, value in setup.hinge.items() if key in held})
+    fall = setup.others.get("gravity", PLANAR_GRAVITY if isinstance(pair, PlanarPair) else GRAVITY)
+    gravity = (*fall, 0.0)[:3]
+    text = to_mjcf(_in_space(pair), base=base, hinge_torque=load, body1=setup.body1, gravity=gravity)
+    written = {*held, "gravity", *_POSE, *(("base",) if fixed_base or setup.base != PRESCRIBED else ())}
+    return give(_with_left_out("MJCF", text, setup, written), out, inputs_of(source))
+
+
+_POSE: Final = ("R1_0", "S1_0", "phi_0")
+
+
+def _setup_of(source: str, joint: str | None, *frames: str | None) -> DynamicsSetup | None:
+    """Return what the table [dynamics] of a scene file says; None of another source and of a scene without it."""
+    is_scene = joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
+    return load_setup(source) if is_scene else None
+
+
+def _with_left_out(kind: str, text: str, setup: DynamicsSetup, written: set[str]) -> str:
+    """Return the text with a comment on the keys of [dynamics] that it does not hold, and warn of them."""
+    keys = [key for key in setup.keys if key not in {*written, "tol"}]
+    if not keys:
+        return text
+    shown = ", ".join(f'base = "{setup.base}"' if key == "base" else key for key in keys)
+    sentence = f"{kind} has no place for these keys of [dynamics], which are left out: {shown}"
+    warnings.warn(sentence, DynamicsWarning, stacklevel=2)
+    return commented(text, sentence)
 
 
 def _in_space(pair: HingePair | PlanarPair) -> HingePair:

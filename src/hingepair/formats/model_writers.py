@@ -11,17 +11,22 @@ frame (R2, S2).
 from __future__ import annotations
 
 import math
+import warnings
 import xml.etree.ElementTree as ET
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from hingepair.dynamics.loads import HingeLoad
+from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.robot_writer import robot_to_urdf
 from hingepair.formats.xml_text import BEYOND, add, add_joint, check_text, document, long_axis
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.numeric.arrays import Float64Array, check_choice
-from hingepair.pair.body import Body, Box, Cylinder, Shape
+from hingepair.numeric.arrays import Float64Array, check_choice, one_constant
+from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape
+from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_one, check_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.euler import matrix_to_euler
@@ -49,7 +54,13 @@ _COMPILER = {
 }
 
 
-def to_urdf(pair: HingePair | Mechanism, *, base: str = "free") -> str:
+def to_urdf(
+    pair: HingePair | Mechanism,
+    *,
+    base: str = "free",
+    hinge_torque: HingeLoad | None = None,
+    body1: BodyMotion | None = None,
+) -> str:
     """The pair as URDF text: the same text for the same pair.
 
     Of a `Mechanism` it has the links and joints, with masses, limits and the rules of joints that follow others; read
@@ -68,9 +79,13 @@ def to_urdf(pair: HingePair | Mechanism, *, base: str = "free") -> str:
         pair: the pair; its limits, torque_limit, rate_limit, body1 and body2 are written where given. Or a robot.
         base: "free": body1 (of a robot the base) is the root, to be set free by the loader (Pinocchio: a free-flyer
             root joint); "floating": a floating joint from a link `world`; "fixed": body1 is fixed to `world`.
+        hinge_torque: what acts at the hinge of a pair, as in `simulate`: its damping and friction are written, and
+            its stops in place of the pair's limits. A `DynamicsWarning` lists what URDF has not.
+        body1: where body 1 of a pair stands, if the base is fixed: R and S; unless given, at the origin of `world`.
 
     Raises:
-        ArgumentError: an unknown base; the pair's name holds a character that XML cannot.
+        ArgumentError: an unknown base; the pair's name holds a character that XML cannot; body1 beside a base that is
+            not fixed, hinge_torque or body1 of a robot.
         ShapeError: u1, u2, n or home differ from sample to sample.
 
     >>> import hingepair as hp
@@ -80,7 +95,13 @@ def to_urdf(pair: HingePair | Mechanism, *, base: str = "free") -> str:
     """
     check_choice("base", base, ("free", "floating", "fixed"))
     if isinstance(pair, Mechanism):
+        for name, value in (("hinge_torque", hinge_torque), ("body1", body1)):
+            if value is not None:
+                raise ArgumentError(name, "None beside a robot, which has no single hinge", quoted(value))
         return robot_to_urdf(pair, base)
+    if body1 is not None and base != "fixed":
+        raise ArgumentError("body1", f'None beside base="{base}", whose place is not in the model', quoted(body1))
+    load = _checked_load("URDF", hinge_torque, ("damping", "friction", "stops"))
     parts = _parts(pair)
     robot = ET.Element("robot", {"name": pair.name})
     # MuJoCo reads URDF too, and this element of it: body2 stays a body of its own, and the shapes are kept.
@@ -93,31 +114,50 @@ def to_urdf(pair: HingePair | Mechanism, *, base: str = "free") -> str:
         _add_urdf_link(robot, part)
     add(robot, "link", name=BODY2)
     if base != "free":
-        add_joint(robot, BASE, base, WORLD, BODY1)
-    kind = "continuous" if pair.limits is None else "revolute"
-    hinge = add_joint(robot, HINGE, kind, BODY1, BODY2_AT_HINGE)
+        to_body1 = add_joint(robot, BASE, base, WORLD, BODY1)
+        if body1 is not None:
+            R, S = _standing(body1)
+            add(to_body1, "origin", xyz=R, rpy=matrix_to_euler(S, "xyz"))
+    limits = load.stops or pair.limits
+    hinge = add_joint(robot, HINGE, "revolute" if limits else "continuous", BODY1, BODY2_AT_HINGE)
     add(hinge, "origin", xyz=pair.u1, rpy=matrix_to_euler(pair.home, "xyz"))
     add(hinge, "axis", xyz=long_axis(_axis2(pair)))
-    if limit := _limit(pair):
+    if limit := _limit(pair, limits):
         add(hinge, "limit", **limit)
+    if load.damping or load.friction:
+        add(hinge, "dynamics", damping=load.damping, friction=load.friction)
     add(add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), "origin", xyz=-pair.u2, rpy=_STILL)
     return document(robot)
 
 
-def to_mjcf(pair: HingePair, *, base: str = "free") -> str:
-    """The pair as MJCF text, MuJoCo's format: the same text for the same pair.
+def to_mjcf(
+    pair: HingePair,
+    *,
+    base: str = "free",
+    hinge_torque: HingeLoad | None = None,
+    body1: BodyMotion | None = None,
+    gravity: ArrayLike = (0.0, 0.0, 0.0),
+) -> str:
+    """Write the pair as MJCF text, MuJoCo's format: the same text for the same pair.
 
     The body `body1` has the frame (R1, S1); it carries `body2_at_hinge`, turned by the joint `hinge` at the hinge
     point; in this, `body2` has the frame (R2, S2). qpos is (R1, quat_wxyz of S1, psi), qvel (v1, S1^T omega1, psi').
-    There is no gravity, and nothing collides.
+    Nothing collides.
 
     Args:
         pair: the pair; its limits, torque_limit, body1 and body2 are written where given; MuJoCo knows no limit of
             the rate.
-        base: "free": body 1 has a free joint; "fixed": it stands still, R1 = 0, S1 = identity, and qpos is (psi).
+        base: "free": body 1 has a free joint; "pinned": a ball joint at R1, and qpos is (quat_wxyz of the turn of
+            body 1 from where it starts, psi); "fixed": it stands still, and qpos is (psi).
+        hinge_torque: what acts at the hinge, as in `simulate`: its spring, damping and friction are written, and its
+            stops in place of the pair's limits; MuJoCo's own solver says how these give way. A `DynamicsWarning`
+            lists what MJCF has not.
+        body1: where body 1 stands or starts: R and S; unless given, at the origin.
+        gravity: acceleration of free fall, world axes [m/s^2]; shape (3,); none unless given.
 
     Raises:
-        ArgumentError: an unknown base; the pair's name holds a character that XML cannot.
+        ArgumentError: an unknown base, or another argument that cannot be used; the pair's name holds a character
+            that XML cannot.
         ShapeError: u1, u2, n or home differ from sample to sample.
 
     >>> import xml.etree.ElementTree as ET
@@ -127,24 +167,65 @@ def to_mjcf(pair: HingePair, *, base: str = "free") -> str:
     >>> root.find("worldbody/body/body").get("pos")
     '0.5 0.0 0.1'
     """
-    check_choice("base", base, ("free", "fixed"))
+    check_choice("base", base, ("free", "pinned", "fixed"))
+    load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))
     one, two = _parts(pair)
     root = ET.Element("mujoco", {"model": pair.name})
     add(root, "compiler", **_COMPILER)
-    add(root, "option", gravity=(0, 0, 0))
-    body1 = add(add(root, "worldbody"), "body", name=BODY1)
+    add(root, "option", gravity=one_constant("gravity", gravity, 3))
+    place: dict[str, Any] = {}
+    if body1 is not None:
+        R, S = _standing(body1)
+        place = {"pos": R, "quat": matrix_to_quaternion(S)}
+    carrier = add(add(root, "worldbody"), "body", name=BODY1, **place)
     if base == "free":
-        add(body1, "freejoint", name=BASE)
-    _add_mjcf_body(body1, one)
+        add(carrier, "freejoint", name=BASE)
+    elif base == "pinned":
+        add(carrier, "joint", name=BASE, type="ball")
+    _add_mjcf_body(carrier, one)
     quat_wxyz = matrix_to_quaternion(pair.home)
-    at_hinge = add(body1, "body", name=BODY2_AT_HINGE, pos=pair.u1, quat=quat_wxyz)
-    limits: dict[str, Any] = {} if pair.limits is None else {"range": pair.limits}
+    at_hinge = add(carrier, "body", name=BODY2_AT_HINGE, pos=pair.u1, quat=quat_wxyz)
+    limits = load.stops or pair.limits
+    more: dict[str, Any] = {"range": limits} if limits else {}
     if pair.torque_limit:  # MuJoCo refuses a range of 0
-        limits["actuatorfrcrange"] = -pair.torque_limit, pair.torque_limit
-    add(at_hinge, "joint", name=HINGE, type="hinge", axis=_axis2(pair), **limits)
+        more["actuatorfrcrange"] = -pair.torque_limit, pair.torque_limit
+    if load.stiffness:
+        more |= {"stiffness": load.stiffness, "springref": load.rest}
+    more |= {"damping": load.damping} if load.damping else {}
+    more |= {"frictionloss": load.friction} if load.friction else {}
+    add(at_hinge, "joint", name=HINGE, type="hinge", axis=_axis2(pair), **more)
     _add_mjcf_body(at_hinge, two)
     add(at_hinge, "body", name=BODY2, pos=-pair.u2)
     return document(root)
+
+
+def _checked_load(kind: str, load: HingeLoad | None, held: tuple[str, ...]) -> HingeLoad:
+    """Return what acts at a hinge, and warn of everything in it that a format has no place for.
+
+    Raises:
+        ArgumentError: it is no HingeLoad.
+    """
+    if load is None:
+        return HingeLoad()
+    if not isinstance(load, HingeLoad):
+        raise ArgumentError("hinge_torque", "a HingeLoad", quoted(load))
+    without = [
+        one.name for one in fields(HingeLoad) if one.name not in held and getattr(load, one.name) != one.default
+    ]
+    if without:
+        warnings.warn(f"{kind} has no {', '.join(without)}: left out", DynamicsWarning, stacklevel=3)
+    return load
+
+
+def _standing(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
+    """Return the place and the attitude that body 1 stands at.
+
+    Raises:
+        ArgumentError: it is no single pose.
+    """
+    if not isinstance(body1, BodyMotion) or body1.shape != ():
+        raise ArgumentError("body1", "one pose, such as BodyMotion(R=(0, 0, 0), S=np.eye(3))", quoted(body1))
+    return np.asarray(body1.R, np.float64), np.asarray(body1.S, np.float64)
 
 
 def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
@@ -227,12 +308,12 @@ def _short(length: float) -> float:
     return float(f"{length:.2g}")
 
 
-def _limit(pair: HingePair) -> dict[str, float]:
+def _limit(pair: HingePair, limits: tuple[float, float] | None) -> dict[str, float]:
     """What URDF says of a joint's limits: effort and velocity, both, where it says anything."""
     given = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
-    if pair.limits is None and set(given.values()) == {None}:
+    if limits is None and set(given.values()) == {None}:
         return {}
-    range_ = dict(zip(("lower", "upper"), pair.limits or (), strict=False))
+    range_ = dict(zip(("lower", "upper"), limits or (), strict=False))
     return range_ | {key: BEYOND[key] if value is None else value for key, value in given.items()}
 
 

@@ -61,3 +61,9 @@ def long_axis(axis: Float64Array) -> Float64Array:
     Pinocchio takes what is within 1e-12 of x for x; an axis that is longer by more than that it normalises.
     """
     return axis * (1 + 2 * _ASIDE[1]) if _ASIDE[0] < np.sort(np.abs(axis))[1] < _ASIDE[1] else axis
+
+
+def commented(text: str, comment: str) -> str:
+    """Return the text of a document with a comment below its first line."""
+    first, _, rest = text.partition("\n")
+    return f"{first}\n<!-- {comment.replace('--', '- -')} -->\n{rest}"

@@ -35,6 +35,7 @@ from hingepair.scenes.tables import Table, read_tables
 if TYPE_CHECKING:
     from hingepair.scenes.expression_motion import FunctionsOfTime
     from hingepair.scenes.forces import SceneForces
+    from hingepair.scenes.simulated_motion import DynamicsSetup
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
@@ -540,6 +541,18 @@ def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
         SceneError, MissingDependencyError: as for `load_scene`.
     """
     return _pair(load_tables(path))
+
+
+def load_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
+    """Read the table [dynamics] of a scene file without simulating it; None where there is none.
+
+    Raises:
+        SceneError, MissingDependencyError: as for `load_scene`.
+    """
+    from hingepair.scenes.simulated_motion import read_setup
+
+    tables = load_tables(path)
+    return read_setup(tables.table("dynamics"), _pair(tables)) if "dynamics" in tables.values else None
 
 
 def load_tables(path: str | os.PathLike[str]) -> Table:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -95,33 +95,57 @@ LOAD_KEYS: Final = tuple(_keys(3))
 """What the table [dynamics] may hold in space."""
 
 
-def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | PlanarPair) -> Motion:
-    """Simulate the motion that the tables [dynamics], [motion] and [time] describe."""
+class DynamicsSetup(NamedTuple):
+    """What the table [dynamics] says.
+
+    Attributes:
+        base: "free", "pinned", "fixed" or "prescribed".
+        body1: where body 1 starts; None of a base that is prescribed.
+        hinge: arguments of a `HingeLoad` by name, but for its motor.
+        others: arguments of `simulate` by name, as far as they are given.
+        keys: the keys of the table.
+    """
+
+    base: str
+    body1: BodyMotion | None
+    hinge: dict[str, Any]
+    others: dict[str, Any]
+    keys: tuple[str, ...]
+
+
+def read_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsSetup:
+    """Read the table [dynamics]; nothing is simulated."""
     planar = isinstance(pair, PlanarPair)
-    given = table.read(_keys(2 if planar else 3))
-    kind = given.pop("base", BASES[0])
-    for name in ("body1", "body2") if kind in {"free", "pinned"} else ("body2",):
-        if getattr(pair, name) is None:
-            Place(table.file, "pair").refuse(name, f"mass properties, as in [pair.{name}] mass = 2.0", "nothing")
-    start: dict[str, Any] = {key: given.pop(key) for key in _START if key in given}
-    hinge = {key: given.pop(key) for key in (*_HINGE, "stops") if key in given}
+    others = table.read(_keys(2 if planar else 3))
+    base = others.pop("base", BASES[0])
+    start: dict[str, Any] = {key: others.pop(key) for key in _START if key in others}
+    hinge: dict[str, Any] = {key: others.pop(key) for key in (*_HINGE, "stops") if key in others}
     if hinge.get("stops") is True:
         hinge["stops"] = getattr(pair, "limits", None)
         if hinge["stops"] is None:
             table.fail("stops", "[lower, upper], or true of a pair that has limits")
-    base: Any = kind
-    body1 = None
-    if kind == PRESCRIBED:
+    if base == PRESCRIBED:
         for key in start:
             table.fail(key, f"nothing beside base = {PRESCRIBED!r}, whose body 1 moves as [motion] says")
-        base = _carried(motion, pair)
-    else:
-        motion.check_keys(("constants",))
-        body1 = _start(table, start, planar)
+    body1 = None if base == PRESCRIBED else _start(table, start, planar)
     for letter in _LETTERS:
         if letter in table.constants:
             own = "psi and psid are the hinge angle and its rate in expressions of [dynamics]"
             Place(table.file, "motion.constants").refuse(letter, f"another name: {own}", repr(letter))
+    return DynamicsSetup(base, body1, hinge, others, tuple(table.values))
+
+
+def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | PlanarPair) -> Motion:
+    """Simulate the motion that the tables [dynamics], [motion] and [time] describe."""
+    kind, body1, hinge, given, _ = read_setup(table, pair)
+    for name in ("body1", "body2") if kind in {"free", "pinned"} else ("body2",):
+        if getattr(pair, name) is None:
+            Place(table.file, "pair").refuse(name, f"mass properties, as in [pair.{name}] mass = 2.0", "nothing")
+    base: Any = kind
+    if kind == PRESCRIBED:
+        base = _carried(motion, pair)
+    else:
+        motion.check_keys(("constants",))
     t = held_instants(time)
     angles = given.pop("psi_0", 0.0), given.pop("psid_0", 0.0)
     try:

@@ -13,7 +13,8 @@ from hingepair.pair.accuracy import error_ratios, norm
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import skew
-from hingepair.validation.pinocchio_twin import import_pinocchio, to_pinocchio
+from hingepair.validation.free_flyer import import_pinocchio
+from hingepair.validation.pinocchio_twin import to_pinocchio
 from hingepair.validation.report import FORCE_BOUND, Comparison, RateComparison
 
 _BALANCED: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {

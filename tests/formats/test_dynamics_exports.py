@@ -1,0 +1,220 @@
+"""What a scene's [dynamics] says goes into the exports, as far as a format has a place for it; the rest is listed."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from typer.testing import CliRunner
+
+import hingepair as hp
+from hingepair.cli.main import app
+
+PAIR = """
+[pair]
+u1 = [0.3, 0.1, 0.2]
+u2 = [0.45, 0, 0.1]
+n = [0, 1, 0.4]
+home = { axis = [0, 0, 1], deg = 20 }
+limits = [-3, 3]
+body1 = { mass = 2, center_of_mass = [0.1, 0, 0.1], inertia = [0.2, 0.3, 0.35] }
+body2 = { mass = 1.5, center_of_mass = [0.05, 0, 0], inertia = [0.1, 0.2, 0.25] }
+"""
+TIME = "[time]\nstart = 0\nstop = 1\nsamples = 11\n"
+START = "R1_0 = [1, 2, 3]\nS1_0 = { axis = [1, 2, 0.5], deg = 70 }\n"
+PLANE = """
+planar = true
+[pair]
+u1 = [1, 0]
+u2 = [-0.3, 0]
+body1 = { mass = 1.3, center_of_mass = [0.5, 0, 0], inertia = [0.1, 0.1, 0.12] }
+body2 = { mass = 0.7, center_of_mass = [0.4, 0, 0], inertia = [0.05, 0.08, 0.09] }
+"""
+
+
+def exported(folder, command, text, *options, left_out=None):
+    """What the command writes, and warns of."""
+    (folder / "scene.toml").write_text(text)
+    arguments = [command, str(folder / "scene.toml"), *options]
+    if left_out is None:
+        done = CliRunner().invoke(app, arguments)
+    else:
+        kind = {"urdf": "URDF", "mjcf": "MJCF"}[command]
+        told = f"{kind} has no place for these keys of [dynamics], which are left out: {left_out}"
+        with pytest.warns(hp.DynamicsWarning, match=f"^{re.escape(told)}$"):
+            done = CliRunner().invoke(app, arguments)
+        assert f"<!-- {told} -->" in done.output
+    assert done.exit_code == 0, done.exception
+    return done.output
+
+
+def moved_by_mujoco(text, t, qvel):
+    """The hinge angle at the instants, from rest but for the velocities of joints."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(text)
+    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, 1e-3
+    data = mujoco.MjData(model)
+    data.qvel[:] = qvel
+    found = []
+    for instant in t:
+        while data.time < instant - 5e-4:
+            mujoco.mj_step(model, data)
+        found.append(data.qpos[-1])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("base", ["fixed", "pinned", "free"])
+def test_mujoco_moves_the_model_as_the_scene_moves(tmp_path, base):
+    table = f'[dynamics]\nbase = "{base}"\nstiffness = 3\nrest = 0.4\ndamping = 0.2\n{START}'
+    text = PAIR + table + "psid_0 = 1.5\n" + TIME
+    model = exported(tmp_path, "mjcf", text, left_out="psid_0")
+    scene = hp.load_scene(tmp_path / "scene.toml")
+    start = [0.0] * {"fixed": 0, "pinned": 3, "free": 6}[base] + [1.5]
+    found = moved_by_mujoco(model, scene.times(), start)
+    assert np.ptp(found) > 0.1
+    np.testing.assert_allclose(found, scene.motion.given.psi, rtol=0, atol=1e-8)
+
+
+def test_mujoco_moves_a_planar_scene_in_its_gravity(tmp_path):
+    text = PLANE + '[dynamics]\nbase = "fixed"\nphi_0 = 0.3\ndamping = 0.1\n' + TIME
+    found = moved_by_mujoco(exported(tmp_path, "mjcf", text), np.linspace(0, 1, 11), [0.0])
+    np.testing.assert_allclose(found, hp.load_scene(tmp_path / "scene.toml").motion.given.psi, rtol=0, atol=1e-8)
+    upright = exported(tmp_path, "mjcf", text.replace("damping", "gravity = [1, -2]\ndamping"))
+    assert ET.fromstring(upright).find("option").get("gravity") == "1.0 -2.0 0.0"
+
+
+WHOLE = """
+[dynamics]
+base = "fixed"
+"""
+WHOLE += START
+WHOLE += """
+psi_0 = 0.1
+stiffness = 2
+rest = 0.3
+damping = 0.5
+friction = 0.2
+friction_rate = 0.02
+stops = [-1, 1]
+stop_stiffness = 500
+stop_damping = 20
+hinge_torque = "sin(t)"
+force2 = [0, 0, 1]
+gravity = [0, 0, -1.6]
+tol = 1e-8
+"""
+
+
+def test_mjcf_holds_spring_damping_friction_and_stops(tmp_path):
+    beyond = "psi_0, friction_rate, stop_stiffness, stop_damping, hinge_torque, force2"
+    text = exported(tmp_path, "mjcf", PAIR + WHOLE + TIME, left_out=beyond)
+    root = ET.fromstring(text)
+    joint = root.find(".//joint[@name='hinge']").attrib
+    held = {"stiffness": "2.0", "springref": "0.3", "damping": "0.5", "frictionloss": "0.2", "range": "-1.0 1.0"}
+    assert {key: joint[key] for key in held} == held
+    assert root.find("option").get("gravity") == "0.0 0.0 -1.6"
+    assert root.find(".//freejoint") is None
+    assert root.find("worldbody/body").get("pos") == "1.0 2.0 3.0"
+
+
+def test_urdf_holds_damping_friction_and_stops(tmp_path):
+    beyond = "psi_0, stiffness, rest, friction_rate, stop_stiffness, stop_damping, hinge_torque, force2, gravity"
+    text = exported(tmp_path, "urdf", PAIR + WHOLE + TIME, left_out=beyond)
+    joint = ET.fromstring(text).find("joint[@name='hinge']")
+    assert joint.find("dynamics").attrib == {"damping": "0.5", "friction": "0.2"}
+    model = pin.buildModelFromXML(text)
+    assert (model.damping.tolist(), model.friction.tolist(), model.nv) == ([0.5], [0.2], 1)
+    assert (model.lowerPositionLimit[0], model.upperPositionLimit[0]) == (-1, 1)
+    S = hp.rodrigues((1, 2, 0.5), np.deg2rad(70))
+    place = model.jointPlacements[1]
+    np.testing.assert_allclose(place.translation, np.array([1, 2, 3]) + S @ (0.3, 0.1, 0.2), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("command", "base", "expected"),
+    [
+        ("mjcf", "free", ("freejoint", None)),
+        ("mjcf", "pinned", ("ball", None)),
+        ("mjcf", "prescribed", (None, 'base = "prescribed"')),
+        ("urdf", "free", (None, "R1_0, S1_0")),
+        ("urdf", "pinned", (None, 'base = "pinned", R1_0, S1_0')),
+        ("urdf", "prescribed", ("world", 'base = "prescribed"')),
+    ],
+)
+def test_the_base_is_that_of_the_scene_or_listed(tmp_path, command, base, expected):
+    place = "" if base == "prescribed" else START
+    text = PAIR + f'[dynamics]\nbase = "{base}"\n{place}' + TIME
+    root = ET.fromstring(exported(tmp_path, command, text, left_out=expected[1]))
+    if command == "mjcf":
+        kinds = [joint.get("type", joint.tag) for joint in root.findall("worldbody/body/*") if "joint" in joint.tag]
+        assert kinds == ([expected[0]] if expected[0] else [])
+    else:
+        assert ("world" in {link.get("name") for link in root.findall("link")}) is (expected[0] == "world")
+
+
+@pytest.mark.parametrize("command", ["mjcf", "urdf"])
+def test_an_option_for_the_base_wins(tmp_path, command):
+    text = PAIR + f'[dynamics]\nbase = "pinned"\n{START}' + TIME
+    assert "ball" not in exported(tmp_path, command, text, "--fixed-base")
+    if command == "urdf":
+        assert 'type="floating"' in exported(tmp_path, command, text, "--floating-base", left_out="R1_0, S1_0")
+
+
+def test_a_scene_is_exported_without_being_simulated(tmp_path):
+    text = PAIR + '[dynamics]\nbase = "fixed"\n[time]\nstart = 0\nstop = 1e9\nsamples = 11\n'
+    assert "mujoco" in exported(tmp_path, "mjcf", text)
+    (tmp_path / "scene.toml").write_text(text.replace("fixed", "afloat"))
+    done = CliRunner().invoke(app, ["mjcf", str(tmp_path / "scene.toml")])
+    assert "dynamics.base: expected one of" in str(done.exception)
+
+
+SPRING = hp.HingeLoad(stiffness=2, damping=0.1)
+BEAM = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1))
+
+
+def test_the_library_lists_what_a_format_has_not():
+    with pytest.warns(hp.DynamicsWarning, match=r"^URDF has no stiffness: left out$"):
+        text = hp.to_urdf(BEAM, hinge_torque=SPRING)
+    assert '<dynamics damping="0.1" friction="0.0" />' in text
+    assert 'stiffness="2.0" springref="0.0" damping="0.1"' in hp.to_mjcf(BEAM, hinge_torque=SPRING)
+    with pytest.warns(hp.DynamicsWarning, match=r"^MJCF has no stop_damping, motor: left out$"):
+        hp.to_mjcf(BEAM, hinge_torque=hp.HingeLoad(motor=1, stop_damping=3, stops=(0, 1)))
+
+
+def test_without_loads_nothing_is_written_of_them():
+    assert "dynamics" not in hp.to_urdf(BEAM)
+    assert not {"stiffness", "springref", "damping", "frictionloss"} & set(re.findall(r"\w+(?==)", hp.to_mjcf(BEAM)))
+    assert hp.to_mjcf(BEAM, hinge_torque=hp.HingeLoad()) == hp.to_mjcf(BEAM)
+
+
+HERE = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("write", "message"),
+    [
+        (lambda: hp.to_mjcf(BEAM, hinge_torque=3.0), "hinge_torque: expected a HingeLoad, got 3.0"),
+        (lambda: hp.to_mjcf(BEAM, body1=(0, 0, 0)), "body1: expected one pose"),
+        (lambda: hp.to_mjcf(BEAM, body1=hp.BodyMotion(R=np.zeros((2, 3)), S=np.eye(3))), "body1: expected one pose"),
+        (lambda: hp.to_mjcf(BEAM, gravity=(0, 1)), "gravity: expected shape"),
+        (lambda: hp.to_mjcf(BEAM, base="floating"), "base: expected one of free, pinned, fixed"),
+        (lambda: hp.to_urdf(BEAM, base="pinned"), "base: expected one of free, floating, fixed"),
+        (lambda: hp.to_urdf(BEAM, body1=HERE), 'body1: expected None beside base="free"'),
+        (lambda: hp.to_urdf(hp.Mechanism([BEAM]), hinge_torque=SPRING), "hinge_torque: expected None beside a robot"),
+        (lambda: hp.to_urdf(hp.Mechanism([BEAM]), base="fixed", body1=HERE), "body1: expected None beside a robot"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_by_name(write, message):
+    with pytest.raises(hp.ArgumentError, match=f"^{re.escape(message)}"):
+        write()
+
+
+def test_the_models_stand_where_their_scenes_start():
+    text = (Path(__file__).parents[2] / "models" / "thrown_flail.xml").read_text()
+    assert '<body name="body1" pos="0.0 0.0 1.5"' in text
+    assert 'gravity="0.0 0.0 -9.81"' in text
