@@ -249,7 +249,7 @@ def test_a_way_that_is_not_installed_is_a_line(monkeypatch):
 
 
 def test_without_a_compiler_or_headers_the_cpp_loop_is_a_line(monkeypatch):
-    engines.compiled_loop.cache_clear()
+    engines.compiled_library.cache_clear()
     monkeypatch.setattr(engines, "_headers", lambda: iter(()))
     assert "pinocchio/algorithm/" in engines.cpp_missing(True)
     monkeypatch.setenv("PATH", "")
@@ -259,7 +259,7 @@ def test_without_a_compiler_or_headers_the_cpp_loop_is_a_line(monkeypatch):
 @pytest.mark.slow(20)
 def test_the_cpp_loop_computes_the_truth(ordinary, monkeypatch):
     """Not optimised, and with what Pinocchio's library has compiled already, which takes a tenth of the time."""
-    engines.compiled_loop.cache_clear()
+    engines.compiled_library.cache_clear()
     library = next(engines._headers()).parent / "lib"
     linked = ("-Wl,--no-as-needed", f"-L{library}", f"-Wl,-rpath,{library}", "-lpinocchio_default")
     kept = [flag for flag in engines._FLAGS if flag not in {"-O3", "-march=native"}]

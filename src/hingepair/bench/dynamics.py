@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from hingepair.bench.direct import case_of
 from hingepair.bench.engines import (
     CPP,
+    DYNAMICS_FLAG,
     FEW,
     MUJOCO,
+    PAIR_LOOP,
     PYTHON_LOOP,
     cpp_job,
     cpp_missing,
@@ -71,7 +73,7 @@ def bodies() -> HingePair:
 def dynamics(samples: int, repeats: int, cpp: bool) -> Report:
     """One state and many, both ways; a simulation to a given error."""
     pair, rows = bodies(), list[Row]()
-    ways, notes = present(WAYS, {CPP: cpp_missing(cpp, dynamics=True)})
+    ways, notes = present(WAYS, {CPP: cpp_missing(cpp, PAIR_LOOP, DYNAMICS_FLAG)})
     for size in (1, samples):
         for case in (INVERSE, FORWARD):
             tell(f"{case}, N = {size:,}: {repeats} repeats")

@@ -28,7 +28,7 @@ PYTHON_LOOP, CPP, MUJOCO = "Pinocchio, Python loop", "Pinocchio, C++ loop", "MuJ
 FEW = 10**4
 """Samples that a Python loop over an engine is given."""
 
-SOURCE = Path(__file__).with_name("pinocchio_loop.cpp")
+PAIR_LOOP, DYNAMICS_FLAG = "pinocchio_loop.cpp", "-DDYNAMICS"
 _FLAGS = ("-std=c++17", "-O3", "-march=native", "-DNDEBUG", "-shared", "-fPIC", "-w")
 _COMPILERS = ("c++", "g++", "clang++")
 _HOW = "a C++ compiler and the headers of Pinocchio, Boost and Eigen (pip install '.[bench]' in the project's folder)"
@@ -72,8 +72,12 @@ def _address(value: Any) -> Any:
 
 
 @functools.cache
-def compiled_loop(*, dynamics: bool = False) -> Any:
-    """The library with the compiled loop; a process compiles it once: half a minute, with dynamics up to two.
+def compiled_library(source: str, *flags: str) -> Any:
+    """Return the library compiled from a file beside this one, which takes a process half a minute to two minutes.
+
+    Args:
+        source: name of the file.
+        flags: further flags of the compiler.
 
     Raises:
         MissingDependencyError: there is no compiler, or a header is missing.
@@ -82,14 +86,23 @@ def compiled_loop(*, dynamics: bool = False) -> Any:
     if compiler is None:
         raise MissingDependencyError("--cpp", _HOW, f"none of {', '.join(_COMPILERS)} is on the path")
     with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "pinocchio_loop.so"
+        target = Path(folder) / "loop.so"
         headers = [part for path in _headers() for part in ("-isystem", str(path))]
-        command = [compiler, *_FLAGS, *["-DDYNAMICS"] * dynamics, *headers, str(SOURCE), "-o", str(target)]
+        command = [compiler, *_FLAGS, *flags, *headers, str(Path(__file__).with_name(source)), "-o", str(target)]
         done = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"LC_ALL": "C"})
         if done.returncode:
             lines = [line for line in done.stderr.splitlines() if "error" in line]
             raise MissingDependencyError("--cpp", _HOW, (lines or ["the compiler failed"])[0])
-        loaded = ctypes.CDLL(str(target))
+        return ctypes.CDLL(str(target))
+
+
+def compiled_loop(*, dynamics: bool = False) -> Any:
+    """Return the library with the loops of a pair, with dynamics or without.
+
+    Raises:
+        MissingDependencyError: there is no compiler, or a header is missing.
+    """
+    loaded = compiled_library(PAIR_LOOP, *[DYNAMICS_FLAG] * dynamics)
     pointer: Any = ctypes.c_void_p
     number: Any = ctypes.c_long
     loaded.pair_new.argtypes, loaded.pair_new.restype = [number] + [pointer] * 7, pointer
@@ -101,12 +114,12 @@ def compiled_loop(*, dynamics: bool = False) -> Any:
     return loaded
 
 
-def cpp_missing(wanted: bool, *, dynamics: bool = False) -> str | None:
-    """Why the compiled loop cannot be had; None where it can."""
+def cpp_missing(wanted: bool, source: str = PAIR_LOOP, *flags: str) -> str | None:
+    """Return why a library of `compiled_library` cannot be had; None where it can."""
     if not wanted:
         return "compiled where --cpp asks for it"
     try:
-        compiled_loop(dynamics=dynamics)
+        compiled_library(source, *flags)
     except MissingDependencyError as error:
         return str(error)
     return None

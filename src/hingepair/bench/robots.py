@@ -253,6 +253,8 @@ def mujoco_loop(task: Task) -> Job:
     from hingepair.formats.model_writers import to_urdf
 
     model = mj.MjModel.from_xml_string(to_urdf(task.robot))
+    model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_CONSTRAINT  # limits push back where a state is beyond them
+    model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
     data, rows = mj.MjData(model), task.rows
     last, solve, result = (
         (data.qacc, mj.mj_inverse, data.qfrc_inverse)
@@ -279,7 +281,7 @@ def frax_batch(task: Task) -> Job:
 
     from hingepair.formats.model_writers import to_urdf
 
-    jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
     from frax.core.robot import Robot
 
     with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:

@@ -127,3 +127,24 @@ def dynamics(
     from hingepair.bench import dynamics as bench
 
     _report(bench.dynamics(samples, repeats, cpp), show_json)
+
+
+@app.command()
+@naming_options
+def robots(
+    names: Annotated[
+        str, typer.Option(help="Robots of example-robot-data.")
+    ] = "ur5_robot,panda,solo12,talos_reduced",
+    sizes: Sizes = "1,100,100000",
+    repeats: Repeats = 5,
+    cpp: Cpp = False,
+    show_json: Json = False,
+    plot: Plot = None,
+) -> None:
+    """Poses, Jacobians and dynamics of whole robots: beside Pinocchio, its own batches, MuJoCo and frax (JAX)."""
+    from hingepair.bench import robots as bench
+    from hingepair.bench.plot import check_picture
+
+    check_picture(plot)
+    chosen = [name.strip() for name in names.split(",")]
+    _report(bench.robots(chosen, _counts(sizes), repeats, cpp), show_json, plot)
