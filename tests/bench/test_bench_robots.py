@@ -50,7 +50,7 @@ def test_frax_agrees():
         assert bench.error_of(way, bench.task_of("ur5_robot", robot, model, workload, 4)) < 1e-11
 
 
-@pytest.mark.slow(30)
+@pytest.mark.proof
 def test_the_cpp_loop_agrees(monkeypatch):
     """Not optimised, and with what Pinocchio's library has compiled already, which takes a tenth of the time."""
     engines.compiled_library.cache_clear()
