@@ -11,7 +11,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.engine.backend import Account
-from hingepair.integration.error_estimate import PROBES
+from hingepair.integration import error_estimate
 from hingepair.integration.methods import RULES, rises, turns
 from hingepair.integration.signals import interpolation
 from support.reference import DIGITS
@@ -100,9 +100,10 @@ def test_numpy_is_numpy_where_kernels_are_there_already(kind, tol, monkeypatch):
 
 
 @pytest.mark.parametrize("shift", range(3))
-def test_error_estimate_is_honest_on_probes(shift):
-    """More intervals than probes; nearly all of the error is in one long interval, wherever that is."""
-    t = np.concatenate([np.linspace(0, 1, 2 * PROBES + shift), np.linspace(1.1, 1.2, PROBES)])
+def test_error_estimate_is_honest_where_some_steps_are_measured(shift, monkeypatch):
+    """More steps than are measured; nearly all of the error is in one long step, wherever that is."""
+    monkeypatch.setattr(error_estimate, "MAX_MEASURED", 2048)
+    t = np.concatenate([np.linspace(0, 1, 4096 + shift), np.linspace(1.1, 1.2, 2048)])
     motion = attitudes(TURNED, t)
     true = TURNED.error(t, motion.S1)
     assert true / 2 <= motion.error_estimate <= 2 * true

@@ -11,8 +11,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.engine.backend import choose
-from hingepair.integration import solve, step_selection
-from hingepair.integration.error_estimate import PROBES
+from hingepair.integration import error_estimate, solve, step_selection
 from hingepair.integration.integrals import Attitude
 from hingepair.integration.methods import RULES
 from hingepair.integration.signals import Function
@@ -87,7 +86,7 @@ def test_error_estimate_knows_the_rounding_of_instants(late, count):
 
 
 def test_probes_do_not_enlarge_rounding():
-    """One interval in fifty is looked at; what rounding does to these is not fifty times what it does to all."""
+    """One interval in fifty is measured; what rounding does to these is not fifty times what it does to all."""
     t = np.linspace(0, 1e4, 100_001)
     motion = hp.integrate(PAIR, t, about_x(lambda t: 10 + np.sin(t)), 0.0, outputs=())
     true = true_error(motion, lambda t: 10 * t + 1 - mpmath.cos(t))
@@ -98,7 +97,7 @@ def test_steps_do_not_chase_rounding():
     """What is left of the errors of intervals is rounding, which more steps do not mend."""
     omega = Function("omega1", about_x(np.exp), (3,))
     turning = Attitude("omega1", omega, RULES["magnus6"], choose("numpy", 1), False)
-    assert step_selection.selected_steps((turning,), np.linspace(0, 10, 3), 1e-14).made <= 3000
+    assert step_selection.selected_steps((turning,), np.linspace(0, 10, 3), 1e-14).steps.made <= 3000
     smooth = hp.integrate(PAIR, [0, 1], about_x(np.cos), np.cos, tol=1e-2, outputs=())
     assert smooth.steps == 16
 
@@ -193,8 +192,9 @@ def uneven_instants(kind, random):
 
 @pytest.mark.parametrize("tol", sparse([1e-6, None, 1e-9], 3))
 @pytest.mark.parametrize("kind", ["any", "all sizes", "few long ones", "late ones", "growing"])
-def test_uneven_intervals_that_are_not_looked_at(kind, tol):
+def test_uneven_intervals_that_are_not_measured(kind, tol, monkeypatch):
     """The step that a tolerance asks for is a length, whatever the length of the intervals."""
+    monkeypatch.setattr(error_estimate, "MAX_MEASURED", 2048)
     random = generator(165)
     for speed in 10 ** random.uniform(0, 1.5, 3):
         t = uneven_instants(kind, random)
@@ -206,8 +206,9 @@ def test_uneven_intervals_that_are_not_looked_at(kind, tol):
         assert off / 10 <= motion.error_estimate <= 10 * max(off, 100 * U)
 
 
-def test_intervals_that_are_not_looked_at_are_divided_like_their_neighbours():
-    t = np.linspace(0, 1, 3 * PROBES)
+def test_intervals_that_are_not_measured_are_divided_like_their_neighbours(monkeypatch):
+    monkeypatch.setattr(error_estimate, "MAX_MEASURED", 2048)
+    t = np.linspace(0, 1, 6144)
     motion = hp.integrate(PAIR, t, (0, 0, 0), lambda t: 1e4 * np.cos(1e4 * t), tol=1e-6, outputs=())
     assert np.abs(motion.psi - np.sin(1e4 * t)).max() <= 1e-6
     assert 2 * len(t) - 2 <= motion.steps <= 10 * len(t)

@@ -1,10 +1,11 @@
-"""How far the steps are from the truth (E12): by steps of half the length, or shorter ones, on probes.
+"""Estimates of the error of integrals (E12), from the errors of their steps.
 
-The errors of the intervals, turned back to the first instant, add up to the error at any later one. They are measured
-on all intervals, or on PROBES of them: the longest of each part of the time, which stands for the part, and those
-over which a callable changes most abruptly, since it may jump there. Two quadratures may agree by chance on a jump
-near the end of a step; divided differences of all nodes and of two looks beside the ends do not. Of samples it is the
-interpolant that is integrated so; what this misses is added (`interpolation_error`).
+The error of a step is measured by steps of half its length or less. Errors of steps, turned back to the first
+instant, add up to the error at any later one; where a tolerance selected the steps, it measured their errors. Of more
+steps than MAX_MEASURED one of each part of the time is measured and stands for the part, beside those over which a
+callable changes most abruptly, since it may jump there. Two quadratures may agree by chance on a jump near the end of
+a step; divided differences of the values at all nodes and at two more times beside the ends do not. Of samples it is
+the interpolant that is integrated so; what this misses is added (`interpolation_error`).
 
 Rounding: a step that turns by an angle a is rounded by about u a. Its nodes are rounded by about u t where a callable
 is given, which adds u t times the change of the rate over the step. Each step is rounded in its own way, so that the
@@ -17,8 +18,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
-from typing import Final, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +30,10 @@ from hingepair.integration.methods import RULES, Rule
 from hingepair.integration.signals import Constant, Function, Samples, Signal
 from hingepair.integration.stepping import Division, Steps, divided
 from hingepair.numeric.arrays import Float64Array as Array
+from hingepair.numeric.arrays import row_norms
 
-PROBES: Final = 2048
+MAX_MEASURED: Final = 1 << 16
+"""Steps whose errors are measured; of more, one of each part of the time."""
 
 LOOKS: Final = 509
 """Steps over the whole time that a callable is looked at in, at least, to see what longer ones miss.
@@ -47,125 +50,231 @@ _OUTER = RULES["magnus6"].nodes[0], RULES["magnus6"].nodes[-1]
 _SURE = 2.0  # times the noise of rounding: what is larger has another cause
 _EDGE = 1e-4  # of a step: how near to its ends a callable is looked at, since it may jump at the instants themselves
 _GROUP = 1 << 12  # intervals that are looked at in one go: arrays of a megabyte or two
+_GOLDEN = 0.6180339887498949  # multiples of the golden ratio: their fractions are spread evenly
+_ABRUPT = 6  # order of the divided differences that tell where a callable may jump
+_LONG = 0.5  # of the longest step of its part: a step that may be measured for all of them
+_FEW = 64  # steps that tell whether a rate is the same in all of them
 
 
-class Probes(NamedTuple):
-    """Intervals that are looked at, one of each part of the time."""
+class Measured(NamedTuple):
+    """Steps whose errors are measured: all steps, or some of each part of the time, which stand for the part."""
 
-    t: Array  # the instants
-    intervals: NDArray[np.intp]  # those looked at, increasing
-    parts: NDArray[np.intp]  # the first interval of each part
+    t: Array  # times between which the steps are, shape (steps + 1,)
+    steps: NDArray[np.intp]  # numbers of the measured steps, increasing
+    parts: NDArray[np.intp]  # number of the first step of each part
 
     @property
     def ends(self) -> tuple[Array, Array]:
-        """When those looked at begin and end."""
-        return self.t[self.intervals], self.t[self.intervals + 1]
+        """Times at which the measured steps begin and end."""
+        return self.t[self.steps], self.t[self.steps + 1]
 
     def each(self, values: Array) -> Array:
-        """Values of probes as those of all intervals."""
+        """Return the values of parts as those of all steps."""
         return np.repeat(values, np.diff(self.parts, append=len(self.t) - 1))
 
     def stand_for(self, order: int) -> Array:
-        """How many times a probe's error its part's is, where steps' errors go as length^(order + 1)."""
-        if len(self.intervals) == len(self.t) - 1:
-            return np.ones(len(self.intervals))
+        """Return how many times a measured step's error its part's is, where errors go as length^(order + 1)."""
+        if len(self.steps) == len(self.t) - 1:
+            return np.ones(len(self.steps))
         errors = np.diff(self.t) ** (order + 1)
-        largest = errors[self.intervals]
-        found: Array = np.add.reduceat(errors, self.parts) / np.where(largest > 0, largest, 1.0)
-        return found
+        part = np.searchsorted(self.parts, self.steps, side="right") - 1
+        measured = np.bincount(part, errors[self.steps])
+        factors = np.add.reduceat(errors, self.parts) / np.where(measured > 0, measured, 1.0)
+        return np.asarray(factors[part])
 
 
-def probes(t: Array, signals: Sequence[Signal] = ()) -> Probes:
-    """All intervals if they are few; else the longest of each part.
+def choose_measured(t: Array, order: int, signals: Sequence[Signal] = ()) -> Measured:
+    """Choose the steps whose errors are measured: all, or one of each of some MAX_MEASURED parts.
 
-    Parts are alike in time and number of intervals; those over which a callable changes most abruptly, so that it
+    Parts are alike in time and number of steps. Which of its steps is measured is left to chance (the fractions of
+    multiples of the golden ratio, the same at each call), in proportion to length^(order + 1), as errors go, among
+    steps that are not much shorter than the longest: so the expected sum is right, whatever the lengths, and no
+    rhythm of the motion is met always in the same phase. Steps over which signals change most abruptly, so that they
     may jump there, are parts of their own.
     """
     count = len(t) - 1
     every = np.arange(count)
-    if count <= PROBES:
-        return Probes(t, every, every)
+    if count <= MAX_MEASURED:
+        return Measured(t, every, every)
     lengths = np.diff(t)
-    place = np.floor(0.5 * PROBES * (every / count + (t[:-1] - t[0]) / (t[-1] - t[0])))
+    place = np.floor(0.5 * MAX_MEASURED * (every / count + (t[:-1] - t[0]) / (t[-1] - t[0])))
     first = np.diff(place, prepend=-1) > 0
     for signal in signals:
-        if isinstance(signal, Function):
-            abrupt = _most_abrupt(signal.instants(t).reshape(len(t), -1), lengths)
+        if not isinstance(signal, Constant):
+            abrupt = _most_abrupt(t, signal.instants(t).reshape(len(t), -1))
             first[abrupt] = True
             first[abrupt[abrupt < count - 1] + 1] = True
-    part = np.cumsum(first)
-    last = np.flatnonzero(np.diff(part, append=part[-1] + 1))
-    return Probes(t, np.lexsort((lengths, part))[last], np.flatnonzero(first))
+    parts = np.flatnonzero(first)
+    shares = lengths / np.repeat(np.maximum.reduceat(lengths, parts), np.diff(parts, append=count))
+    below = np.append(0.0, np.cumsum(np.where(shares < _LONG, 0.0, shares ** (order + 1))))
+    chance = np.arange(1, len(parts) + 1) * _GOLDEN % 1.0
+    sums = np.diff(below[np.append(parts, count)])
+    return Measured(t, np.searchsorted(below, below[parts] + chance * sums, side="right") - 1, parts)
 
 
-def _most_abrupt(columns: Array, lengths: Array) -> NDArray[np.intp]:
-    """The intervals over which values change least like over their neighbours, by what the integral may be off."""
-    slopes = np.diff(columns, axis=0) / lengths[:, None]
-    near = np.pad(slopes, ((1, 1), (0, 0)), mode="edge")
-    off = _size(slopes - 0.5 * (near[:-2] + near[2:])) * lengths**2
-    return np.argpartition(off, -PROBES // 8)[-PROBES // 8 :]
+def _most_abrupt(t: Array, columns: Array) -> NDArray[np.intp]:
+    """Return the steps over which values change most abruptly: there polynomials through six of them are most off."""
+    count, most = len(t) - 1, MAX_MEASURED // 8
+    rows = columns
+    for k in range(1, _ABRUPT + 1):
+        rows = np.diff(rows, axis=0) / (t[k:] - t[:-k])[:, None]
+    first = np.clip(np.arange(count) - (_ABRUPT - 1) // 2, 0, len(rows) - 1)
+    middle, off = 0.5 * (t[:-1] + t[1:]), np.diff(t) * row_norms(rows)[first]
+    for k in range(_ABRUPT):
+        off *= np.abs(middle - t[first + k])
+    return np.argpartition(off, -most)[-most:]
+
+
+class StepErrors(NamedTuple):
+    """Errors of steps."""
+
+    errors: Array  # vectors, shape (P, 3) or (P, 1)
+    hidden: Array  # the size of what these may not show, shape (P,)
+    noise: Array  # standard deviation of what rounding does to these, shape (P,)
+    size: Array  # the integral of the rate's size, shape (P,)
+    rounded: Array  # standard deviation of what rounding adds to that integral, shape (P,)
+
+    @property
+    def rounding(self) -> Rounding:
+        """How steps are rounded."""
+        return Rounding(self.size, self.rounded)
+
+    @property
+    def sizes(self) -> Array:
+        """The sizes of errors, zero where rounding explains them."""
+        return np.maximum(above(row_norms(self.errors), self.noise), self.hidden)
+
+    def of(self, chosen: NDArray[Any]) -> StepErrors:
+        """Return the errors of some of the steps, by number or by a mask."""
+        return StepErrors(*(column[chosen] for column in self))
+
+
+def joined(parts: Iterable[StepErrors]) -> StepErrors:
+    """Join the errors of several groups of steps."""
+    return StepErrors(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 @np.errstate(all="ignore")
-def estimated_error(integral: Integral, steps: Steps, values: Array) -> float:
-    """How far what steps came to is off at the worst instant [rad]; NaN where it cannot be told."""
+def estimated_error(
+    integral: Integral, steps: Steps, values: Array, known: tuple[Measured, StepErrors] | None = None
+) -> float:
+    """Estimate the error of an integral at the worst instant [rad]; NaN where it cannot be told.
+
+    Args:
+        integral: what was integrated.
+        steps: the steps that were made.
+        values: attitudes or angles at the ends of the steps.
+        known: errors of the steps, if these were measured already.
+    """
     rate, rule = integral.rate, integral.rule
     if not steps.made or (isinstance(integral, Angle) and integral.exact):
         return integral.rounded_on_the_way(values, 0.0)
-    looked = probes(steps.t, (rate,))
-    rounding = interval_rounding(rate, *looked.ends)
-    size = float((rounding.size * looked.stand_for(0)).sum())
-    noise = _U * size if rounding.alike else math.sqrt(float((rounding.noise**2 * looked.stand_for(1)).sum()))
-    noise += stamp_rounding(rate) if isinstance(rate, Samples) else 0.0
-    rounded = noise + integral.rounded_on_the_way(values, 0.0 if rounding.alike else size)
     if integral.exact:
-        return rounded
-    found = step_errors(integral, *looked.ends, steps.t[-1] - steps.t[0])
-    weights = looked.stand_for(rule.order)
-    if isinstance(rate, Samples):
-        seen = np.where(above(_size(found.errors), found.noise) > 0, weights, 0.0)[:, None] * found.errors
-        at_samples = steps.asked(values)
-        between = _between_samples(steps, looked.intervals, seen)
-        missed = largest_error(rate, between, lambda a, b, e: integral.added_up(at_samples[a + 1 : b + 1], e))
-        return rounded + missed
-    # Less what rounding makes of probes, for want of the other intervals where it would average out; or what may be
-    # hidden in all, as chance has it.
-    total = np.cumsum(integral.added_up(values[looked.intervals + 1], found.errors * weights[:, None]), axis=0)
-    enlarged = 2 * _SURE * float(np.sqrt((found.noise**2 * (weights**2 - weights)).sum()))
-    apart = float(_size(total).max())
-    hidden = np.sqrt((found.hidden**2 * looked.stand_for(1)).sum())
-    return rounded + float(np.maximum(0.0 if apart <= enlarged else apart, hidden))
+        measured = choose_measured(steps.t, rule.order)
+        return rounding_error(integral, values, measured, interval_rounding(rate, *measured.ends))
+    if known is None:
+        measured = choose_measured(steps.t, rule.order, (rate,))
+        known = measured, step_errors(integral, *measured.ends, steps.t[-1] - steps.t[0])
+    measured, errors = known
+    rounded = rounding_error(integral, values, measured, errors.rounding)
+    if not isinstance(rate, Samples):
+        return rounded + accumulated_errors(integral, steps, values, measured, errors).largest()
+    seen = np.where(above(row_norms(errors.errors), errors.noise) > 0, measured.stand_for(rule.order), 0.0)
+    at_samples = steps.asked(values)
+    between = _between_samples(steps, measured.steps, seen[:, None] * errors.errors)
+    missed = largest_error(rate, between, lambda a, b, e: integral.added_up(at_samples[a + 1 : b + 1], e))
+    return rounded + stamp_rounding(rate) + missed
+
+
+def rounding_error(integral: Integral, values: Array, measured: Measured, rounding: Rounding) -> float:
+    """Return how far rounding takes an integral [rad], but for that of stamps.
+
+    Args:
+        integral: what was integrated.
+        values: attitudes or angles at the ends of the steps.
+        measured: the steps whose rounding is known.
+        rounding: their rounding.
+    """
+    size = float((rounding.size * measured.stand_for(0)).sum())
+    if _is_constant(integral.rate, measured):
+        return _U * size + integral.rounded_on_the_way(values, 0.0)
+    noise = math.sqrt(float((rounding.noise**2 * measured.stand_for(1)).sum()))
+    return noise + integral.rounded_on_the_way(values, size)
+
+
+class AccumulatedErrors(NamedTuple):
+    """Errors of measured steps, ready to be added up."""
+
+    turned: Array  # errors, turned back to the first instant, of all steps that each stands for; shape (P, k)
+    noise: Array  # standard deviation of what rounding adds to these beyond what it adds to all steps
+    hidden: Array  # the size of what these may not show
+    before: NDArray[np.intp] | None  # how many of these are before each instant; None where instants end all steps
+
+    def largest(self, factors: Array | float = 1.0) -> float:
+        """Return the largest sum of errors up to any instant [rad], at least what may be hidden, as chance has it.
+
+        Args:
+            factors: what the errors are multiplied by; shape (P,).
+        """
+        scaled = self.turned.T * factors
+        total = np.cumsum(np.append(np.zeros((len(scaled), 1)), scaled, axis=1), axis=1)
+        total = total if self.before is None else total[:, self.before]
+        apart = math.sqrt(float((total**2).sum(axis=0).max()))
+        noise, hidden = (math.sqrt(float(((each * factors) ** 2).sum())) for each in (self.noise, self.hidden))
+        return float(np.maximum(0.0 if apart <= 2 * _SURE * noise else apart, hidden))
+
+
+def accumulated_errors(
+    integral: Integral, steps: Steps, values: Array, measured: Measured, errors: StepErrors
+) -> AccumulatedErrors:
+    """Turn measured errors of steps back to the first instant, where they add up.
+
+    Args:
+        integral: what was integrated.
+        steps: the steps that were made.
+        values: attitudes or angles at the ends of the steps.
+        measured: the steps whose errors are known.
+        errors: their errors.
+    """
+    weights = measured.stand_for(integral.rule.order)
+    turned = integral.added_up(values[measured.steps + 1], errors.errors * weights[:, None])
+    noise, hidden = errors.noise * np.sqrt(weights**2 - weights), errors.hidden * np.sqrt(measured.stand_for(1))
+    before = None if steps.own is None else np.searchsorted(measured.steps, steps.own)
+    return AccumulatedErrors(turned, noise, hidden, before)
+
+
+def _is_constant(rate: Signal, measured: Measured) -> bool:
+    """Return whether a rate is the same in all steps, which are rounded alike then, as seen in a few of them."""
+    if isinstance(rate, Constant):
+        return True
+    some = np.unique(np.linspace(0, len(measured.steps) - 1, _FEW).astype(np.intp))
+    start, stop = (times[some] for times in measured.ends)
+    rates = rate.nodes(start, stop - start, _OUTER)
+    return bool((rates == rates[0, 0]).all())
 
 
 def _between_samples(steps: Steps, chosen: NDArray[np.intp], errors: Array) -> tuple[NDArray[np.intp], Array]:
-    """Errors of steps as those of the intervals between samples, of which they may be parts."""
+    """Add errors of steps up to those of the intervals between samples, of which steps may be parts."""
     if steps.own is None:
         return chosen, errors
     whole, first = np.unique(np.searchsorted(steps.own, chosen, side="right") - 1, return_index=True)
     return whole, np.add.reduceat(errors, first, axis=0)
 
 
-class StepErrors(NamedTuple):
-    """Of steps over intervals."""
-
-    errors: Array  # vectors, shape (P, 3) or (P, 1)
-    hidden: Array  # the size of what these may not show, shape (P,)
-    noise: Array  # what rounding explains, shape (P,)
-
-    @property
-    def sizes(self) -> Array:
-        """How large they are where rounding does not explain them."""
-        return np.maximum(above(_size(self.errors), self.noise), self.hidden)
-
-
 def step_errors(integral: Integral, start: Array, stop: Array, whole: float) -> StepErrors:
-    """Errors of steps over intervals, by steps of half the length, or as short as `LOOKS` over the whole time are."""
-    few = (slice(first, first + _GROUP) for first in range(0, len(start), _GROUP))
-    found = zip(*(_few_errors(integral, start[own], stop[own], whole) for own in few), strict=True)
-    return StepErrors(*map(np.concatenate, found))
+    """Measure the errors of steps by steps of half the length, or as short as `LOOKS` over the whole time are.
+
+    Args:
+        integral: what is integrated.
+        start: when the steps begin.
+        stop: when the steps end.
+        whole: the whole time, of which `LOOKS` steps are shortest.
+    """
+    groups = (slice(first, first + _GROUP) for first in range(0, len(start), _GROUP))
+    return joined(_step_errors(integral, start[group], stop[group], whole) for group in groups)
 
 
-def _few_errors(integral: Integral, start: Array, stop: Array, whole: float) -> StepErrors:
+def _step_errors(integral: Integral, start: Array, stop: Array, whole: float) -> StepErrors:
     rate, rule = integral.rate, integral.rule
     one = divided(start, stop, np.ones(len(start), np.int64))
     many = divided(start, stop, 2 * np.maximum(-(-spread(stop - start, whole, LOOKS) // 2), 1))
@@ -174,17 +283,18 @@ def _few_errors(integral: Integral, start: Array, stop: Array, whole: float) -> 
     errors = integral.apart(one, many, nodes) * (gain / (gain - 1))[:, None]
     rounding = interval_rounding(rate, start, stop)
     noise = rounding.noise + integral.rounded(rounding.size, many.counts.astype(float))
-    return StepErrors(errors, above(_hidden(rate, one, many, nodes, rule), 4 * noise), noise)
+    hidden = above(_hidden(rate, one, many, nodes, rule), 4 * noise)
+    return StepErrors(errors, hidden, noise, rounding.size, rounding.noise)
 
 
 def spread(lengths: Array, whole: float, steps: int) -> NDArray[np.int64]:
-    """Of so many steps over the whole time, spread evenly, those within intervals; one at least."""
-    found: NDArray[np.int64] = np.clip(np.nan_to_num(np.ceil(lengths * (steps / whole)), nan=1.0), 1, steps)
-    return found.astype(np.int64)
+    """Return how many of so many even steps over the whole time are within intervals; one at least."""
+    counts: NDArray[np.int64] = np.clip(np.nan_to_num(np.ceil(lengths * (steps / whole)), nan=1.0), 1, steps)
+    return counts.astype(np.int64)
 
 
 def above(errors: Array, noise: Array) -> Array:
-    """The sizes of errors that rounding does not explain, else zero."""
+    """Return the sizes of errors that rounding does not explain, else zero."""
     return np.where(errors <= _SURE * noise, 0.0, errors)
 
 
@@ -201,9 +311,9 @@ def _hidden(signal: Signal, one: Division, many: Division, nodes: tuple[Array, A
     ends = signal.nodes(pairs.start, pairs.h, (_EDGE, 1 - _EDGE)).reshape(len(pairs.h), 2, -1)
     values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1).transpose(1, 0, 2)
     columns = values.reshape(len(values), -1)
-    seen = [_size((rows @ columns).reshape(-1, *values.shape[1:])).max(axis=0) for rows in _jump_weights(rule)]
+    seen = [row_norms((rows @ columns).reshape(-1, *values.shape[1:])).max(axis=0) for rows in _jump_weights(rule)]
     squares = pairs.added((pairs.h * np.minimum(*seen)) ** 2)
-    shown = _size(rule.integral(nodes[0], one.h) - many.added(rule.integral(nodes[1], many.h)))
+    shown = row_norms(rule.integral(nodes[0], one.h) - many.added(rule.integral(nodes[1], many.h)))
     return np.sqrt(np.where(squares > (_SURE * shown) ** 2, squares, 0.0))
 
 
@@ -228,23 +338,22 @@ def _jump_weights(rule: Rule) -> tuple[Array, Array]:
 
 
 class Rounding(NamedTuple):
-    """Of steps over intervals."""
+    """Rounding of steps over intervals."""
 
     size: Array  # the integral of the rate's size, shape (P,)
     noise: Array  # standard deviation of what rounding adds to the integral, shape (P,)
-    alike: bool  # whether all have the same rate, and so are rounded alike
 
 
 def interval_rounding(signal: Signal, start: Array, stop: Array) -> Rounding:
     """The rounding of steps over intervals."""
     h = stop - start
     if isinstance(signal, Constant):
-        size = h * float(_size(signal.value.reshape(-1)))
-        return Rounding(size, _U * size, alike=True)
+        size = h * float(row_norms(signal.value.reshape(-1)))
+        return Rounding(size, _U * size)
     rates = signal.nodes(start, h, _OUTER).reshape(len(h), 2, -1)
-    size = 0.5 * h * (_size(rates[:, 0]) + _size(rates[:, 1]))
-    moved = 0.0 if isinstance(signal, Samples) else _NODES * np.abs(stop) * _size(rates[:, 1] - rates[:, 0])
-    return Rounding(size, _U * np.sqrt(size**2 + moved**2), alike=bool((rates == rates[0, 0]).all()))
+    size = 0.5 * h * (row_norms(rates[:, 0]) + row_norms(rates[:, 1]))
+    moved = 0.0 if isinstance(signal, Samples) else _NODES * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
+    return Rounding(size, _U * np.sqrt(size**2 + moved**2))
 
 
 def stamp_rounding(samples: Samples) -> float:
@@ -255,11 +364,11 @@ def stamp_rounding(samples: Samples) -> float:
     """
     t, columns = samples.t, samples.values.reshape(len(samples.t), -1)
     sigma = np.spacing(np.abs(t)) / math.sqrt(12)
-    h, slopes = np.diff(t), _size(np.diff(columns, axis=0)) / np.diff(t)
+    h, slopes = np.diff(t), row_norms(np.diff(columns, axis=0)) / np.diff(t)
     if not _stamps_are_rounded(t, columns, sigma):
         return 0.0
     walk = math.sqrt(float(((slopes * h * sigma[1:]) ** 2).sum()))
-    return 2 * float((_size(columns) * sigma).max()) + walk
+    return 2 * float((row_norms(columns) * sigma).max()) + walk
 
 
 def _stamps_are_rounded(t: Array, columns: Array, sigma: Array) -> bool:
@@ -270,11 +379,7 @@ def _stamps_are_rounded(t: Array, columns: Array, sigma: Array) -> bool:
     x = (t[near] - t[first, None]) / (t[first + _WINDOW - 1] - t[first])[:, None]
     apart = x[:, :, None] - x[:, None, :] + np.eye(_WINDOW)
     weights = 1 / apart.prod(axis=2)
-    rough = _size(np.einsum("wi,wik->wk", weights, columns[near]))
-    slopes = _size(np.gradient(columns, t, axis=0))[near]
+    rough = row_norms(np.einsum("wi,wik->wk", weights, columns[near]))
+    slopes = row_norms(np.gradient(columns, t, axis=0))[near]
     expected = ((weights * slopes * sigma[near]) ** 2).sum(axis=1)
     return bool((rough**2).sum() > _ROUGH**2 * expected.sum())
-
-
-def _size(rows: Array) -> Array:
-    return np.asarray(np.sqrt((rows**2).sum(axis=-1)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -47,6 +47,7 @@ class Angle(_OfRate):
     """The integral of a rate."""
 
     finite: ClassVar[str] = "a rate whose integral is finite"
+    neutral: ClassVar[Any] = 0.0  # where it may start if only changes matter
     farthest: ClassVar[float] = math.inf
 
     @property
@@ -99,6 +100,7 @@ class Attitude(_OfRate):
 
     body: bool
     finite: ClassVar[str] = "angles of each step that have a sine"
+    neutral: ClassVar[Any] = np.array([1.0, 0.0, 0.0, 0.0])
     farthest: ClassVar[float] = math.pi
 
     @property

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from hingepair.integration.signals import POINTS, Samples
 from hingepair.numeric.arrays import Float64Array as Array
+from hingepair.numeric.arrays import row_norms
 
 Turn: TypeAlias = Callable[[int, int, Array], Array]
 
@@ -39,13 +40,18 @@ _STEEP = 15  # power by which less growth counts less; a vibration with six samp
 _GAUSS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)
 
 
-def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Array], turn: Turn) -> float:
-    """The largest sum, up to any instant, of what integrals over the intervals are off; NaN of fewer than 4 samples.
+def largest_error(samples: Samples, of_steps: tuple[NDArray[np.intp], Array], turn: Turn) -> float:
+    """Return the largest sum of the errors of integrals over the intervals, up to any instant.
 
-    Added are the errors of steps in some intervals (`probed`). `turn` takes errors (..., n, 3) of the intervals from
-    one to another into axes in which they add up.
+    Args:
+        samples: what is integrated.
+        of_steps: numbers of intervals, and the errors of the steps in them, which are added.
+        turn: takes errors (..., n, 3) of the intervals from one to another into axes in which they add up.
+
+    Returns:
+        The error [rad]; NaN of fewer than 4 samples.
     """
-    chosen, extra = probed
+    chosen, extra = of_steps
     if len(samples.t) < 4:
         return math.nan
     count, width = len(samples.t), extra.shape[1]
@@ -60,9 +66,9 @@ def largest_error(samples: Samples, probed: tuple[NDArray[np.intp], Array], turn
         missed[0, chosen[own] - first] -= extra[own]
         errors = turn(first, last, missed)
         sums = carry + np.cumsum(errors[0], axis=0)
-        worst = float(np.maximum(worst, np.maximum(_sizes(sums).max(), _sizes(errors[1]).max())))
+        worst = float(np.maximum(worst, np.maximum(row_norms(sums).max(), row_norms(errors[1]).max())))
         carry = sums[-1]
-        near = _sizes(np.add.reduceat(errors[2:], np.arange(0, last - first, _NEAR), axis=1))
+        near = row_norms(np.add.reduceat(errors[2:], np.arange(0, last - first, _NEAR), axis=1))
         sizes, squares = sizes + near.sum(axis=1), squares + (near**2).sum(axis=1)
     return float(np.maximum(worst, np.sqrt(sizes * np.sqrt(squares)).max()))
 
@@ -107,8 +113,8 @@ def _next(differences: list[Array], start: NDArray[np.intp], points: int) -> tup
     if len(differences) > points:
         rows = differences[points]
         left, right = rows[np.maximum(start - 1, 0)], rows[np.minimum(start, len(rows) - 1)]
-        return 0.5 * (left + right), np.where((_sizes(left) > _sizes(right))[:, None], left, right)
-    sizes = [math.factorial(k) * float(_sizes(rows).max()) for k, rows in enumerate(differences)]
+        return 0.5 * (left + right), np.where((row_norms(left) > row_norms(right))[:, None], left, right)
+    sizes = [math.factorial(k) * float(row_norms(rows).max()) for k, rows in enumerate(differences)]
     if sizes[-1] == 0:
         none = np.zeros((len(start), differences[0].shape[1]))
         return none, none
@@ -124,9 +130,9 @@ def _next(differences: list[Array], start: NDArray[np.intp], points: int) -> tup
 def _kinks(differences: list[Array], order: int, h: Array, reach: Array) -> Array:
     """How far each difference of an order stands out, times h^(order + 1), as far as higher ones grow upon it."""
     spikes = math.factorial(order) * _standing_out(differences[order])[_at(order, h)]
-    low = _widest(_sizes(spikes), 2) * reach**order
+    low = _widest(row_norms(spikes), 2) * reach**order
     middle, high = (
-        math.factorial(k) * _widest(_sizes(differences[k])[_at(k, h)], far) * reach**k
+        math.factorial(k) * _widest(row_norms(differences[k])[_at(k, h)], far) * reach**k
         for k, far in ((POINTS - 2, 2), (POINTS, 1))
     )
     weight = np.ones(len(h))
@@ -161,7 +167,3 @@ def _median(five: list[Array]) -> Array:
 def _widest(sizes: Array, far: int) -> Array:
     """The largest of the neighbours up to so far."""
     return np.asarray(sliding_window_view(np.pad(sizes, far, mode="edge"), 2 * far + 1).max(axis=-1))
-
-
-def _sizes(rows: Array) -> Array:
-    return np.asarray(np.sqrt((rows**2).sum(axis=-1)))

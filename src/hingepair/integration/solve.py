@@ -15,7 +15,7 @@ from hingepair.integration.euler_angles import euler_angles, quaternions_of_eule
 from hingepair.integration.integrals import Angle, Attitude, Integral
 from hingepair.integration.methods import RULES, quaternion_product
 from hingepair.integration.signals import Samples, Signal
-from hingepair.integration.step_selection import MOST_STEPS, selected_steps
+from hingepair.integration.step_selection import MOST_STEPS, SelectedSteps, selected_steps
 from hingepair.integration.stepping import Steps
 from hingepair.integration.trajectory import Later
 from hingepair.numeric.arrays import Float64Array as Array
@@ -97,20 +97,21 @@ def solve(course: Course, omega: Signal, psid: Signal, start: Array | float, psi
     hinge = Angle(course.names[1], psid, rule, course.how)
     if course.method in RULES:
         turning = Angle(course.names[0], omega, rule, course.how) if flat else attitude
-        steps = selected_steps((turning, hinge), course.t, course.tol)
-        turned = _integrated(turning, start if flat else matrix_to_quaternion(np.asarray(start)), steps)
+        selected = selected_steps((turning, hinge), course.t, course.tol)
+        turned = _integrated(turning, start if flat else matrix_to_quaternion(np.asarray(start)), selected)
     else:
         find = _by_euler_angles if course.method == "euler_angles" else _by_scipy
         turned = find(course, replace(attitude, rule=_BEST), np.asarray(start))
         tol = _SCIPY_TOLERANCE if course.tol is None and course.method == "dop853" else course.tol
-        steps = selected_steps((hinge,), course.t, tol)
-    swung = _integrated(hinge, psi_0, steps)
+        selected = selected_steps((hinge,), course.t, tol)
+    swung = _integrated(hinge, psi_0, selected)
     return Solution(turned.values, swung.values, turned.steps, turned.error, swung.error)
 
 
-def _integrated(integral: Integral, start: Any, steps: Steps) -> _Found:
-    values = integral.over(steps, start)
-    error = Later(lambda: min(estimated_error(integral, steps, values), integral.farthest))
+def _integrated(integral: Integral, start: Any, selected: SelectedSteps) -> _Found:
+    steps = selected.steps
+    values, known = integral.over(steps, start), selected.known.get(integral)
+    error = Later(lambda: min(estimated_error(integral, steps, values, known), integral.farthest))
     return _Found(steps.asked(values), steps.made, error)
 
 

@@ -79,23 +79,28 @@ class _OfState(Frozen, Result):
 
     @property
     def error_estimate(self) -> float:
-        """How far the attitude of body 1, or its angle phi, is off at the worst instant [rad], rounding included.
+        """Error of the attitude of body 1, or of its angle phi, at the worst instant [rad], rounding included.
 
-        Not psi, which has `psi_error_estimate`. Worked out when it is first asked for. Of a callable by steps of half
-        the length or less, and by how its values at the nodes and beside the instants may hide a jump or a kink
-        between two of them; of more than 2048 intervals these are those over which values change most abruptly and
-        the longest of each part of the time. What is narrower than a 509th of the time and leaves no trace in such
-        values is missed. Of samples by what interpolation misses: gaps, motion that the samples hardly follow, jumps
-        and kinks, which may be anywhere between two of them; and by the rounding of stamps, where the values are as
-        rough as that makes them. NaN of fewer than four samples. Not part of it: noise in what was given, stamps
-        whose rounding drifts too slowly to be seen in so few samples, and what happens in a gap or faster than two
-        samples a period and leaves no trace in the samples.
+        `psi_error_estimate` is that of psi. The estimate is computed when it is first asked for. It is within a few
+        per cent of the error where the rates are smooth and rounding is small; where a callable jumps or bends within
+        a step, chance makes it a third of the error at worst, or ten times as large.
+
+        Of a callable the errors of steps are measured by steps of half the length or less, and by how its values at
+        the nodes and beside the instants may hide a jump or a kink between two of them. All steps are measured, or,
+        of more than 65,536, those over which values change most abruptly and one of each part of the time. What is
+        narrower than a 509th of the time and leaves no trace in such values is missed.
+
+        Of samples the estimate counts what interpolation misses: gaps, motion that the samples hardly follow, jumps
+        and kinks, which may be anywhere between two of them; and the rounding of stamps, where the values are as
+        rough as that makes them. It is NaN of fewer than four samples. Noise in what was given is not part of it, nor
+        are stamps whose rounding drifts too slowly to be seen in so few samples, nor what happens in a gap or faster
+        than two samples a period and leaves no trace in the samples.
         """
         return self._error()
 
     @property
     def psi_error_estimate(self) -> float:
-        """How far the hinge angle psi is off at the worst instant [rad], which `error_estimate` leaves out."""
+        """Error of the hinge angle psi at the worst instant [rad], estimated in the same way."""
         return self._psi_error()
 
     def __getattr__(self, name: str) -> Any:

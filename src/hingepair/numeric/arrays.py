@@ -137,6 +137,11 @@ def _frozen(kind: type, values: dict[str, Any]) -> Any:
     return value
 
 
+def row_norms(rows: Float64Array) -> Float64Array:
+    """Return the Euclidean norms of vectors, shape (..., k), along the last axis; shape (...)."""
+    return np.asarray(np.sqrt((rows**2).sum(axis=-1)))
+
+
 def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
     """The common leading shape of named arguments.
 
