@@ -160,7 +160,7 @@ REFUSED = {
     "rates": (lambda r, q: r.forward_kinematics(q, outputs=("v",)), "qd: .*output v needs them"),
     "output": (lambda r, q: r.forward_kinematics(q, outputs=("tau",)), "outputs: expected one of R, S, d"),
     "base": (
-        lambda r, q: r.forward_kinematics(q, q, base_motion=hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))),
+        lambda r, q: r.forward_kinematics(q, q, base_motion=hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), a=(0, 0, 0))),
         r"base_motion\.v: expected a value",
     ),
     "base_kind": (lambda r, q: r.mass_matrix(q, base_motion=q), "base_motion: expected a BodyMotion"),
@@ -233,6 +233,18 @@ def test_a_prepared_call_takes_the_motion_of_the_base(robot, motion):
         step(q, qd, base.R, 2 * base.S, base.v, base.omega)
     with pytest.raises(hp.ArgumentError, match="expected 6 arguments"):
         step(q, qd)
+
+
+def test_a_base_given_by_its_pose_alone_is_at_rest(robot, motion):
+    rng = np.random.default_rng(10)
+    moving = base_motion(rng)
+    pose = hp.BodyMotion(R=moving.R, S=moving.S)
+    still = hp.BodyMotion(R=moving.R, S=moving.S, **dict.fromkeys(("v", "omega", "a", "alpha"), np.zeros(3)))
+    check_same(every(robot, *motion[:, 0], base_motion=pose), every(robot, *motion[:, 0], base_motion=still))
+    # gravity turned by the attitude of the base, on a base that is not turned
+    fall = moving.S.T @ (0, 0, -9.81)
+    turned = robot.gravity_forces(motion[0], base_motion=pose)
+    np.testing.assert_allclose(turned, robot.gravity_forces(motion[0], gravity=fall), atol=1e-13)
 
 
 def test_robots_states_and_calls_can_be_copied(robot, motion):

@@ -20,6 +20,8 @@ Coordinates: TypeAlias = ArrayLike | Mapping[str, Any]
 LETTERS: Final = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
 """What a BodyMotion calls the motion of the base."""
 
+_RATES: Final = ("v1", "omega1", "a1", "alpha1")
+
 AT_REST: Final[Mapping[str, tuple[float, ...]]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1"), (0.0, 0.0, 0.0)),
     "S1": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
@@ -66,7 +68,9 @@ def read_values(
         if value is None:
             raise ArgumentError(name, "values of the joints, since they are needed here", None)
     base = _base_arrays(base_motion, needed)
-    library = _library({**coordinates, **{f"base_motion.{LETTERS[name]}": value for name, value in base.items()}})
+    loads = {label: value for value, label in vectors_given.values() if is_foreign(value)}
+    motion = {f"base_motion.{LETTERS[name]}": value for name, value in base.items()}
+    library = _library({**coordinates, **motion, **loads})
     parts: dict[str, Any] = {}
     shapes: dict[str, tuple[int, ...]] = {}
     for name, value in coordinates.items():
@@ -133,14 +137,15 @@ def _shown(names: Sequence[str]) -> str:
 
 
 def _base_arrays(base_motion: BodyMotion | None, needed: Iterable[str]) -> dict[str, Any]:
-    """Return the arrays of the base's motion that are computed with."""
+    """Return the arrays of the base's motion that are computed with; without any rates, the base is at rest."""
     if base_motion is None:
         return {}
     if not isinstance(base_motion, BodyMotion):
         raise ArgumentError("base_motion", "a BodyMotion", quoted(base_motion))
     found = {}
+    at_rest = all(getattr(base_motion, letter) is None for letter in ("v", "omega", "a", "alpha"))
     for name in needed:
-        if name in LETTERS:
+        if name in LETTERS and not (at_rest and name in _RATES):
             letter = LETTERS[name]
             found[name] = getattr(base_motion, letter)
             if found[name] is None:
@@ -153,6 +158,9 @@ def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
     """Return a force or a torque; the number 0 says that there is none."""
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
         return (0.0, 0.0, 0.0), ()
+    if is_foreign(value):
+        check_tail(name, value, 3)
+        return value, tuple(value.shape[:-1])
     array = vectors(name, value, 3)
     return array, array.shape[:-1]
 

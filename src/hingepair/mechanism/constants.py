@@ -218,13 +218,18 @@ def _exact(array: NDArray[np.float64]) -> Exact:
 
 
 def _times(A: Exact, v: Exact) -> Exact:
-    return [sum((A[3 * i + k] * v[k] for k in range(3)), Fraction(0)) for i in range(3)]
+    return [_inner((A[3 * i + k], v[k]) for k in range(3)) for i in range(3)]
 
 
 def _conjugated(A: Exact, N: Exact) -> Exact:
     """A N A^T."""
-    T = [sum((A[3 * i + k] * N[3 * k + j] for k in range(3)), Fraction(0)) for i in range(3) for j in range(3)]
-    return [sum((T[3 * i + k] * A[3 * j + k] for k in range(3)), Fraction(0)) for i in range(3) for j in range(3)]
+    T = [_inner((A[3 * i + k], N[3 * k + j]) for k in range(3)) for i in range(3) for j in range(3)]
+    return [_inner((T[3 * i + k], A[3 * j + k]) for k in range(3)) for i in range(3) for j in range(3)]
+
+
+def _inner(pairs: Iterable[tuple[Fraction, Fraction]]) -> Fraction:
+    """The sum of products; most of them are 0."""
+    return sum((a * b for a, b in pairs if a and b), Fraction(0))
 
 
 def _mass_bounds(numbers: Sequence[float], oblique: bool) -> list[float]:

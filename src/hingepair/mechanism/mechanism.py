@@ -31,8 +31,8 @@ class Mechanism(MechanismMethods):
     stand in the order of `names`: depth-first, siblings by the joint's name, as in Pinocchio; hinges in rad, sliders
     in m. Wherever q, qd, qdd or tau is taken, it is one array of shape (..., dof), a table whose columns have the
     joints' names, or a dict of a number or an array for each joint, of which numbers are known constants.
-    `base_motion`, wherever it is taken, is where the base is and how it moves; it rests at the origin unless given.
-    World axes, classical accelerations.
+    `base_motion`, wherever it is taken, is where the base is and how it moves; it rests at the origin unless given,
+    and where it is given by position and attitude alone. World axes, classical accelerations.
 
     Args:
         pairs: HingePairs and Sliders, each named for its joint. Body 2 of a pair is the link of the pair's name, with
