@@ -42,7 +42,6 @@ from hingepair.rotations.matrices import (
 )
 
 if TYPE_CHECKING:
-    from hingepair.dynamics.loads import HingeLoad
     from hingepair.dynamics.simulate import SimulationError, simulate
     from hingepair.formats.model_writers import to_mjcf, to_urdf
     from hingepair.formats.robots import load_robot, load_robot_hinge
@@ -58,6 +57,7 @@ if TYPE_CHECKING:
     from hingepair.mechanism.states import MechanismAccelerations, MechanismForces, MechanismState
     from hingepair.numeric.instants import MeasurementWarning
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
+    from hingepair.pair.hinge_load import HingeLoad
     from hingepair.pictures.page import view
     from hingepair.pictures.plot import plot
     from hingepair.rotations.angular_velocity import angular_velocity, angular_velocity_from_samples
@@ -150,7 +150,7 @@ __all__ = [
 _LATER = {
     name: module
     for module, names in {
-        "dynamics.loads": "HingeLoad",
+        "pair.hinge_load": "HingeLoad",
         "dynamics.simulate": "SimulationError simulate",
         "formats.model_writers": "to_mjcf to_urdf",
         "formats.robots": "load_robot load_robot_hinge",

@@ -185,7 +185,7 @@ def test_a_fixed_base_stands_at_the_origin(write):
 def test_an_unknown_base_is_refused():
     with pytest.raises(hp.ArgumentError, match="base: expected one of free, floating, fixed, got"):
         hp.to_urdf(corner_pair(0), base="world")
-    with pytest.raises(hp.ArgumentError, match="base: expected one of free, fixed, got"):
+    with pytest.raises(hp.ArgumentError, match="base: expected one of free, pinned, fixed, got"):
         hp.to_mjcf(corner_pair(0), base="floating")
 
 

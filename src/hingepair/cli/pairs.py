@@ -11,7 +11,6 @@ from typing import Annotated, Final
 import typer
 
 from hingepair.cli.output import file_option, give
-from hingepair.dynamics.loads import HingeLoad
 from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.robots import robot_names, robot_urdf
@@ -19,6 +18,7 @@ from hingepair.formats.urdf_reader import from_urdf, hinge_pair
 from hingepair.formats.xml_text import commented
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.dynamics import GRAVITY
+from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.scenes.scene import Scene, load_pair, load_scene, load_setup, scene_files

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.bases import Course, PairMotion, Start
 from hingepair.dynamics.collocation import Array, Stepper, TooStiffError
-from hingepair.dynamics.loads import Base, HingeLoad, HingeTorque, Load, Loads, check_callable
+from hingepair.dynamics.loads import Base, Load, Loads
 from hingepair.engine.backend import choose
 from hingepair.errors import ArgumentError, HingePairError, quoted
 from hingepair.integration.trajectory import Later, PlanarTrajectory, Trajectory
@@ -24,6 +24,7 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.constants import check_one, check_pair
 from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.pair.forward_kinematics import Outputs
+from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 
