@@ -192,8 +192,9 @@ class MechanismMethods(Shown):
     ) -> dict[str, Float64Array]:
         """Bound how far rounding can have taken each output from the exact result, at every sample.
 
-        Exact is what the equations say of the coordinates and of the robot's joints and bodies as `tree` has them. The
-        bounds are rigorous, of either backend, as far as sines and cosines are right to 1.5 units in the last place.
+        Exact is what the equations say of the coordinates and of the robot's joints and bodies as `tree` has them.
+        The bounds are rigorous, of either backend, as far as sines and cosines are right to 1.5 units in the last
+        place.
 
         Args:
             q: coordinates.
