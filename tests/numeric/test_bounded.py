@@ -49,6 +49,20 @@ def test_the_bound_of_an_operation_holds_and_is_sharp(kind: type[Bounded], name:
 
 
 @KINDS
+@pytest.mark.parametrize("name", ["sum", "product", "quotient"])
+def test_wide_bounds_hold_at_their_worst_signs(kind: type[Bounded], name: str) -> None:
+    """Bounds of a third of the numbers, where products of bounds and what is left of a divisor count."""
+    for a, b in ((1.5, 2.0), (-3.0, 0.5), (0.25, -8.0)):
+        x, y = kind(a, abs(a) / 3), kind(b, abs(b) / 3)
+        found = {"sum": x + y, "product": x * y, "quotient": x / y}[name]
+        for i, j in ((i, j) for i in (-1, 1) for j in (-1, 1)):
+            p, q = Fraction(a) + i * Fraction(x.bound), Fraction(b) + j * Fraction(y.bound)
+            exact = {"sum": p + q, "product": p * q, "quotient": p / q}[name]
+            assert abs(Fraction(float(found.value)) - exact) <= Fraction(float(found.error))
+        assert found.error < 2 * abs(found.value) + 2
+
+
+@KINDS
 def test_products_with_0_and_1_and_sums_with_0_are_exact(kind: type[Bounded]) -> None:
     x = kind(0.7, 0.0)
     for one in (1.0, -1.0, 0.0):

@@ -213,8 +213,8 @@ def fit_anchor(
         gauge = np.eye(6) - np.outer(along, along)
     else:
         axis1, axis2 = (np.asarray(unit_axis(name, np.asarray(n))) for name, n in (("n1", n1), ("n2", n2)))
-        along = np.concatenate((axis1, axis2)) / np.sqrt(2)
-        gauge = np.eye(6) - np.outer(np.concatenate((axis1, axis2)), np.concatenate((axis1, np.zeros(3))))
+        along = np.concatenate((axis1, axis2))
+        gauge = np.eye(6) - np.outer(along, np.concatenate((axis1, np.zeros(3))))
     u = gauge @ u  # what is along both axes is not seen
     across = np.linalg.svd(along[None])[2][1:].T
     noise = np.zeros((6, 6))
