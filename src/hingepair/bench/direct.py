@@ -12,20 +12,18 @@ from pathlib import Path
 import numpy as np
 
 from hingepair.bench import peers
-from hingepair.bench.engines import CPP, PYTHON_LOOP, cpp_missing
+from hingepair.bench.engines import CPP, cpp_missing
 from hingepair.bench.measure import (
     Report,
     Row,
-    Target,
     Way,
     compared,
     interleaved,
     present,
-    reached,
     rows_of,
     tell,
 )
-from hingepair.bench.peers import CONSTANTS, FLOOR, FRESH, FRESH_FLOOR, LEVELS, OURS, PREPARED, task_of
+from hingepair.bench.peers import CONSTANTS, FLOOR, FRESH_FLOOR, LEVELS, OURS, task_of
 from hingepair.bench.plot import Curve, Panel
 from hingepair.bench.truth import DIGITS, Truth, hard_states, random_states
 from hingepair.pair.hinge_pair import HingePair
@@ -50,7 +48,7 @@ def direct(sizes: Sequence[int], levels: Sequence[str], repeats: int, cpp: bool,
     ways, left_out = present(peers.WAYS, {CPP: cpp_missing(cpp)})
     rows = batches(ways, sizes, levels, repeats) + singles(repeats)
     rows += starts(repeats) if cold else []
-    return Report(rows, "error", targets(rows), [*left_out, _NOTE], [panels(rows)])
+    return Report(rows, "error", [*left_out, _NOTE], [panels(rows)])
 
 
 def batches(ways: Sequence[Way], sizes: Sequence[int], levels: Sequence[str], repeats: int) -> list[Row]:
@@ -192,47 +190,3 @@ def _seconds_in(code: str, environment: dict[str, str]) -> float:
     """The seconds that a fresh process says last."""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     return float(done.stderr.split()[-1])
-
-
-def targets(rows: Sequence[Row]) -> list[Target]:
-    """What the rows say of each target, as far as they were measured."""
-    one, hundred, many = (case_of("velocity", size) for size in (1, 100, 1_000_000))
-    asked = [
-        Target("one state", one, OURS, 5.0, "us"),
-        Target("one state, prepared", one, PREPARED, 1.0, f"x {PYTHON_LOOP}"),
-        Target("one state with Jacobian and bias, prepared", CYCLE, OURS, 10.0, "us"),
-        Target("100 samples", hundred, FRESH, 12.0, "us"),
-        Target("100 samples, prepared", hundred, PREPARED, 12.0, "us"),
-        Target("10,000 samples", case_of("velocity", 10_000), OURS, 0.16, "ms"),
-    ]
-    for level in LEVELS:
-        million = f"{level} of a million", case_of(level, 1_000_000), OURS
-        asked += [
-            Target(*million, 1.3, f"x {FLOOR}"),
-            Target(*million, 180.0, f"x {PYTHON_LOOP}", least=True),
-            Target(*million, 12.0, f"x {CPP}", least=True),
-        ]
-    asked += [
-        Target("velocity of a million, fresh", many, FRESH, 90.0, f"x {PYTHON_LOOP}", least=True),
-        Target("velocity of a million, fresh", many, FRESH, 1.3, f"x {FRESH_FLOOR}"),
-    ]
-    last = [
-        Target("HingePair(...)", MADE, OURS, 60.0, "us"),
-        Target("import", IMPORT, "hingepair", 1.3, "x numpy"),
-        Target("hingepair run, reference scene", RUN, OURS, 1.0, "s"),
-    ]
-    return reached(rows, asked) + _of_backends(rows) + reached(rows, last)
-
-
-def _of_backends(rows: Sequence[Row]) -> list[Target]:
-    """How much longer calls take in a fresh process than by the backend that is better in hindsight."""
-    by = {(row.case, row.method): row.seconds for row in rows}
-    found = []
-    for name in SEQUENCES:
-        case = f"{STARTS}: {name}"
-        auto, numpy, compiled = (by.get((case, backend), np.nan) for backend in BACKENDS)
-        over = {f"calls {name}: over 2 x the better": auto - 2 * min(numpy, compiled)}
-        if name == FIRST_CALL:
-            over = {f"first call, {name}: over NumPy": auto - numpy} | over
-        found += [Target(what, case, "auto", 0.05, "s", reached=value) for what, value in over.items()]
-    return [target for target in found if not np.isnan(target.reached)]

@@ -32,12 +32,10 @@ from hingepair.bench.measure import (
     Job,
     Report,
     Row,
-    Target,
     Way,
     compared,
     interleaved,
     present,
-    reached,
     rows_of,
     tell,
 )
@@ -83,19 +81,7 @@ def dynamics(samples: int, repeats: int, cpp: bool) -> Report:
     if find_spec("scipy"):
         rows += simulation(pair, repeats)
     notes.append(f"error: largest of attitude and psi over 10 s [rad]; tolerances by which it is at most {GOAL:g}")
-    return Report(rows, "error [rad]", reached(rows, targets(samples)), notes)
-
-
-def targets(samples: int) -> list[Target]:
-    """What is aimed at."""
-    found = []
-    for case in (INVERSE, FORWARD):
-        many = case_of(case, samples)
-        found += [
-            Target(f"{case}, one state prepared", case_of(case, 1), PREPARED, 1.0, f"x {PYTHON_LOOP}"),
-            Target(many, many, OURS, 5.0, f"x {CPP}", least=True),
-        ]
-    return [*found, Target("a simulation", SIMULATION, OURS, 10.0, f"x {DOP853}", least=True)]
+    return Report(rows, "error [rad]", notes)
 
 
 class Task(NamedTuple):

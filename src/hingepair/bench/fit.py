@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.bench.measure import Report, Row, Target, interleaved, reached, rows_of, tell
+from hingepair.bench.measure import Report, Row, interleaved, rows_of, tell
 from hingepair.measured.hinge_fit import fit as fit_pair
 from hingepair.pair.body_motion import BodyMotion
 
@@ -46,8 +46,8 @@ class Line(NamedTuple):
 
 
 def fit(sizes: Sequence[int], repeats: int) -> Report:
-    """Recordings of several lengths, with noise, and with outliers; how much quicker, and a million in a second."""
-    rows, aims = list[Row](), list[Target]()
+    """Recordings of several lengths, with noise, and with outliers."""
+    rows: list[Row] = []
     for count in sizes:
         for outliers, loss in ((0.0, "linear"), (0.3, "cauchy")):
             case = f"{'30 % outliers, cauchy' if outliers else 'noise'}, N = {count:,}"
@@ -56,13 +56,10 @@ def fit(sizes: Sequence[int], repeats: int) -> Report:
             ways = {OURS: ours} | ({GENERIC: generic} if count < 10**5 else {})
             if count <= 10**3 and not outliers:
                 ways[RAW] = raw
-                aims.append(Target(case, case, OURS, 20.0, f"x {RAW}", least=True))
-            if count >= 10**6 and not outliers:
-                aims.append(Target(case, case, OURS, 1.0, "s"))
             times = interleaved({n: functools.partial(way, made[0], loss) for n, way in ways.items()}, repeats)
             errors = {n: np.sqrt(np.mean([error_of(way(p, loss)) ** 2 for p in made])) for n, way in ways.items()}
             rows += rows_of(case, times, count, {name: float(error) for name, error in errors.items()})
-    return Report(rows, "error [rad, m]", reached(rows, aims), [_NOTE])
+    return Report(rows, "error [rad, m]", [_NOTE])
 
 
 def recording(count: int, outliers: float, seed: int) -> Poses:

@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from math import nan
 from statistics import median
 from timeit import timeit
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -78,53 +77,16 @@ class Row:
         return self.seconds / self.count
 
 
-class Target(NamedTuple):
-    """What is aimed at on the reference machine (two cores, AVX2 or better), and what was reached."""
-
-    what: str  # is measured
-    case: str  # of the row that says it
-    method: str  # of the row
-    target: float  # what it should be
-    # of a call's time, such as "us", or of a sample's, such as "ns a step"; or "x" and the way of the same case
-    # beside which the row is: at most so many times its time, or, with `least`, so many times quicker
-    unit: str
-    least: bool = False  # whether it should be at least that, not at most
-    reached: float = nan  # the number
-
-    @property
-    def ok(self) -> bool:
-        """Whether it is reached."""
-        return self.reached >= self.target if self.least else self.reached <= self.target
-
-
-def reached(rows: Iterable[Row], targets: Iterable[Target]) -> list[Target]:
-    """What the rows say of the targets, as far as they were measured."""
-    by = {(row.case, row.method): row for row in rows}
-    found = []
-    for target in targets:
-        kind, _, other = target.unit.partition(" ")
-        row = by.get((target.case, target.method))
-        beside = by.get((target.case, other)) if kind == "x" else row
-        if row is None or beside is None:
-            continue
-        value = (row.each if other else row.seconds) / _UNITS.get(kind, 1.0)
-        if kind == "x":
-            value = beside.ratio / row.ratio if target.least else row.ratio / beside.ratio
-        found.append(target._replace(reached=value))
-    return found
-
-
 class Report(NamedTuple):
     """What a bench found."""
 
     rows: Sequence[Row]  # a block of them for each case
     unit: str = ""  # of their errors
-    targets: Sequence[Target] = ()  # as far as they were measured
     notes: Sequence[str] = ()  # lines to read the numbers by
     panels: Sequence[Sequence[Panel]] = ()  # of the picture, row by row
 
-    def tables(self, width: int | None = None) -> list[str]:
-        """Return the lines of two tables: the rows, in a block for each case, and the targets.
+    def table(self, width: int | None = None) -> list[str]:
+        """Return the lines of the table: a block of rows for each case.
 
         Args:
             width: of a line [characters]; None for lines of any length.
@@ -140,17 +102,11 @@ class Report(NamedTuple):
             cells = [f"{row.count:,}", duration(row.seconds), duration(row.each), digits(row.ratio)]
             cells += [_cell(number) for number in (*([row.error] if errors else []), *map(row.more.get, columns))]
             lines.append((f"  {row.method}", *cells))
-        aims: list[Sequence[str]] = [("aimed at, on the reference machine", "target", "reached", "", "")]
-        for target in self.targets:
-            aim, verdict = f"{'>=' if target.least else '<='} {target.target:g}", "ok" if target.ok else "missed"
-            aims.append((target.what, aim, digits(target.reached), target.unit, verdict))
-        return ["", *ruled_table(lines, 1, width), "", *([*ruled_table(aims, 1, width), ""] if self.targets else [])]
+        return ["", *ruled_table(lines, 1, width), ""]
 
     def to_json(self) -> str:
         """Everything but the picture, and the machine, as JSON; a number that is not finite is null."""
-        targets = [target._asdict() | {"ok": target.ok} for target in self.targets]
-        rows = [asdict(row) for row in self.rows]
-        return json_text({"facts": facts(), "rows": rows, "targets": targets, "notes": self.notes})
+        return json_text({"facts": facts(), "rows": [asdict(row) for row in self.rows], "notes": self.notes})
 
 
 def compared(

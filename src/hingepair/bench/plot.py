@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf, isfinite
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from hingepair.errors import ArgumentError, MissingDependencyError
+from hingepair.errors import MissingDependencyError
 
 # Colours that stay apart for colour-blind eyes (Okabe and Ito, grey for yellow), and marks that stay apart in grey.
 _COLOURS = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#888888")
@@ -35,28 +34,13 @@ class Panel(NamedTuple):
     falling: bool = False  # x falls to the right
 
 
-def check_picture(path: Path | None) -> None:
-    """Refuse, before minutes of measuring, a picture that could not be written.
+def drawn(rows: Sequence[Sequence[Panel]]) -> Any:
+    """Return a Matplotlib figure of rows of panels, with the names of all curves in one legend below.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.
-        ArgumentError: the ending is of no picture, or the file cannot be written.
     """
-    if path is None:
-        return
-    kinds = _figure((1, 1)).canvas.get_supported_filetypes()
-    if path.suffix[1:].lower() not in kinds:
-        raise ArgumentError("plot", f"a file that ends in one of .{', .'.join(sorted(kinds))}", str(path))
-    try:
-        with path.open("ab"):
-            pass
-    except OSError as error:
-        raise ArgumentError("plot", "a file that can be written", f"{path} ({error.strerror})") from None
-
-
-def draw(rows: Sequence[Sequence[Panel]], path: Path) -> None:
-    """Draw rows of panels with the names of all curves in one legend below."""
-    figure = _figure((4.1 * len(rows[0]) + 0.4, 3.4 * len(rows) + 0.8))
+    figure = new_figure((4.1 * len(rows[0]) + 0.4, 3.4 * len(rows) + 0.8))
     names = list(dict.fromkeys(c.name for panels in rows for panel in panels for c in panel.curves))
     styles = {name: (_COLOURS[i % len(_COLOURS)], _MARKS[i % len(_MARKS)]) for i, name in enumerate(names)}
     grid = figure.subplots(len(rows), len(rows[0]), squeeze=False)
@@ -68,7 +52,7 @@ def draw(rows: Sequence[Sequence[Panel]], path: Path) -> None:
             shown |= dict(zip(labels, handles, strict=True))
     columns = -(-len(shown) // 2) if len(shown) > 4 else len(shown)
     figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
-    figure.savefig(path, dpi=150)
+    return figure
 
 
 def _panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:
@@ -100,7 +84,12 @@ def _panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:
     axes.grid(visible=True, which="major", color="0.9")
 
 
-def _figure(size: tuple[float, float]) -> Any:
+def new_figure(size: tuple[float, float]) -> Any:
+    """Return an empty Matplotlib figure of a size [inch].
+
+    Raises:
+        MissingDependencyError: Matplotlib is not installed.
+    """
     try:
         from matplotlib.figure import Figure
     except ImportError as error:

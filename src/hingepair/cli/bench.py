@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hingepair.cli.options import naming_options
-from hingepair.cli.output import console, line_width
+from hingepair.cli.output import check_picture, console, line_width
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
+from hingepair.numeric.whole_file import whole_file
 
 if TYPE_CHECKING:
     from hingepair.bench.measure import Report
@@ -26,21 +29,41 @@ Plot = Annotated[Path | None, typer.Option(metavar="FILE", help="Draw error agai
 Sizes = Annotated[str, typer.Option(help="Numbers of samples.")]
 
 
-def _report(found: Report, show_json: bool, plot: Path | None = None) -> None:
-    """Print rows, targets, notes and the machine, and draw them where a file is named."""
-    from hingepair.bench.measure import facts, tell
-    from hingepair.bench.plot import draw
+def _report(measure: Callable[[], Report], show_json: bool, plot: Path | None = None) -> None:
+    """Measure, print rows, notes and the machine, and draw them where a file is named.
 
-    if plot is not None:
-        draw(found.panels, plot)
-        tell(f"written: {plot}")
+    The file is opened before, so that no minutes of measuring end in a picture that cannot be written.
+    """
+    from hingepair.bench.measure import facts, tell
+
+    with contextlib.ExitStack() as opened:
+        draw = None if plot is None else opened.enter_context(_picture(plot))
+        found = measure()
+        if draw is not None:
+            draw(found)
+            tell(f"written: {plot}")
     if show_json:
         print(found.to_json())
         return
     screen = console()
     machine = ", ".join(f"{key} {value}" for key, value in facts().items())
-    for line in (*found.tables(line_width(screen)), *found.notes, machine):
+    for line in (*found.table(line_width(screen)), *found.notes, machine):
         screen.print(line)
+
+
+@contextlib.contextmanager
+def _picture(path: Path) -> Iterator[Callable[[Report], None]]:
+    """Open the file of a picture; return what draws a report into it."""
+    from hingepair.bench.plot import drawn, new_figure
+
+    check_picture("--plot", path)
+    new_figure((1, 1))  # refused where Matplotlib is not installed
+    with contextlib.ExitStack() as opened:
+        try:
+            file = opened.enter_context(whole_file(path))
+        except ArgumentError as error:
+            raise ArgumentError("--plot", error.expected, error.got) from None
+        yield lambda report: drawn(report.panels).savefig(file, format=path.suffix.lower()[1:], dpi=150)
 
 
 def _counts(sizes: str) -> list[int]:
@@ -66,13 +89,11 @@ def direct(
     """Run time against error: this library, Pinocchio, MuJoCo, JAX, SciPy, NumPy, in one run."""
     from hingepair.bench import direct as bench
     from hingepair.bench.peers import LEVELS
-    from hingepair.bench.plot import check_picture
 
     counts, chosen = _counts(sizes), [level.strip() for level in levels.split(",")]
     for level in chosen:
         check_choice("levels", level, tuple(LEVELS))
-    check_picture(plot)
-    _report(bench.direct(counts, chosen, repeats, cpp, cold), show_json, plot)
+    _report(lambda: bench.direct(counts, chosen, repeats, cpp, cold), show_json, plot)
 
 
 @app.command()
@@ -87,10 +108,8 @@ def integrate(
 ) -> None:
     """Error against step and run time: attitudes from angular velocity by all methods, and by SciPy's solvers."""
     from hingepair.bench import integrate as bench
-    from hingepair.bench.plot import check_picture
 
-    check_picture(plot)
-    _report(bench.integrate(repeats, steps), show_json, plot)
+    _report(lambda: bench.integrate(repeats, steps), show_json, plot)
 
 
 @app.command()
@@ -99,7 +118,7 @@ def fit(sizes: Sizes = "1000,10000,1000000", repeats: Repeats = 5, show_json: Js
     """The hinge from recordings: time and error, beside SciPy's least_squares on the constraints as they are."""
     from hingepair.bench import fit as bench
 
-    _report(bench.fit(_counts(sizes), repeats), show_json)
+    _report(lambda: bench.fit(_counts(sizes), repeats), show_json)
 
 
 @app.command()
@@ -112,7 +131,7 @@ def skip(
     """What it is worth to leave out what a scene does not need."""
     from hingepair.bench import skip as bench
 
-    _report(bench.skip(samples, repeats), show_json)
+    _report(lambda: bench.skip(samples, repeats), show_json)
 
 
 @app.command()
@@ -126,7 +145,7 @@ def dynamics(
     """Forces from motion, motion from forces, and a simulation: beside Pinocchio, MuJoCo and SciPy."""
     from hingepair.bench import dynamics as bench
 
-    _report(bench.dynamics(samples, repeats, cpp), show_json)
+    _report(lambda: bench.dynamics(samples, repeats, cpp), show_json)
 
 
 @app.command()
@@ -143,8 +162,6 @@ def robots(
 ) -> None:
     """Poses, Jacobians and dynamics of whole robots: beside Pinocchio, its own batches, MuJoCo and frax (JAX)."""
     from hingepair.bench import robots as bench
-    from hingepair.bench.plot import check_picture
 
-    check_picture(plot)
     chosen = [name.strip() for name in names.split(",")]
-    _report(bench.robots(chosen, _counts(sizes), repeats, cpp), show_json, plot)
+    _report(lambda: bench.robots(chosen, _counts(sizes), repeats, cpp), show_json, plot)
