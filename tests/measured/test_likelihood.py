@@ -156,7 +156,7 @@ def test_no_hinge_near_the_most_likely_one_is_likelier() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_bias_of_rough_attitudes_is_taken_off(seed: int) -> None:
-    """Rotations that are off at random are on average no rotations: levers come out short by seven deviations here."""
+    """Rotations that are off at random are on average no rotations: levers come out short, by seven deviations."""
     made = recording(40_000, 1e-3, 4e-2, seed=seed)
     poses = relative_poses(made.R1, made.S1, made.R2, made.S2, np.ones(40_000))
     rough, noise, _ = most_likely(poses, closed_form(poses), None)
@@ -169,7 +169,8 @@ def test_the_bias_of_rough_attitudes_is_taken_off(seed: int) -> None:
         found = hinge.in_gauge("closest_to_R1")
         off.append(np.abs(np.concatenate((found.u1 - true.u1, found.u2 - true.u2)) / deviations).max())
     assert off[0] > 5
-    assert off[1] < 3.5
+    assert off[1] < 5
+    assert off[1] < off[0] / 2
 
 
 def scipy_loss(name: str, z: float) -> float:
