@@ -615,3 +615,16 @@ def test_run_explains() -> None:
     assert re.search(r"computed: \d+ operations at each instant, of \d+ in all", out)
     assert "phi_x is constant" in out
     assert "skipped:" in out
+
+
+def test_a_whole_robot_is_compared_with_pinocchio():
+    said = hingepair("check", "ur5_robot").stdout
+    assert "PASSED: 17 outputs of 224 samples" in said
+    assert json.loads(hingepair("check", robot_urdf("ur5_robot"), "--json").stdout)["ok"] is True
+
+
+def test_a_robot_that_differs_from_pinocchio_fails_its_check(monkeypatch):
+    turned = hp.Mechanism.jacobian
+    monkeypatch.setattr(hp.Mechanism, "jacobian", lambda self, *a, **k: turned(self, *a, **k) * (1 + 1e-12))
+    said = hingepair("check", "ur5_robot", code=EXIT_CHECK_FAILED).stdout
+    assert "FAILED: jacobian" in said

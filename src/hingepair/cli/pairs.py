@@ -13,9 +13,10 @@ import typer
 from hingepair.cli.output import file_option, give
 from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices
 from hingepair.formats.model_writers import to_mjcf, to_urdf
-from hingepair.formats.robots import robot_names, robot_urdf
+from hingepair.formats.robots import load_robot, robot_names, robot_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair
 from hingepair.formats.xml_text import commented
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
@@ -62,6 +63,16 @@ def named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair
         if not os.path.exists(source) and source in robot_names():
             _given(source, joint)
     return load_pair(source)
+
+
+def named_robot(source: str) -> Mechanism | None:
+    """Return the robot of a URDF file or of example-robot-data; None of anything else, such as a scene file."""
+    if is_urdf(source):
+        return Mechanism.from_urdf(source)
+    with contextlib.suppress(MissingDependencyError):
+        if not os.path.exists(source) and source in robot_names():
+            return load_robot(source)
+    return None
 
 
 def named(source: str, joint: str | None, *frames: str | None) -> Scene | HingePair | PlanarPair:

@@ -21,6 +21,7 @@ from hingepair.cli.output import (
     said_if_stopped,
     watched,
 )
+from hingepair.cli.pairs import named_robot
 from hingepair.cli.summary import Summary
 from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import instant, json_text, unit_of
@@ -28,6 +29,8 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import ENDINGS, check_ending, column_names, result_file
 from hingepair.scenes.forces import SceneForces
 from hingepair.scenes.scene import Scene, load_scene
+from hingepair.validation.cross_validate import cross_validate
+from hingepair.validation.robot_states import random_and_hard_states
 
 MOST_CHECKED = 10_001
 """Instants that `check` takes through Pinocchio at most, evenly spread: about a second."""
@@ -85,15 +88,29 @@ def run(
     _foot(screen, notes, out)
 
 
-def check(scene_file: SceneFile, as_json: Json = False) -> None:
-    """Compare the motion of body 2 with Pinocchio's.
+def check(
+    source: Annotated[
+        str, typer.Argument(metavar="SCENE", help="Scene file (TOML); or a robot, by its name or URDF file.")
+    ],
+    as_json: Json = False,
+) -> None:
+    """Compare a scene, or a whole robot, with Pinocchio.
 
+    Of a scene the motion of body 2 is compared.
     Pose, velocities and accelerations are computed by the equations and by Pinocchio. Of a motion by [dynamics] the
     loads are compared with the forces that Pinocchio's inverse dynamics (rnea) finds for it, and the rates with the
     slopes of what they are the rates of. At most 10,001 instants are compared, evenly spread. The exit code is 1
     where a difference is past its bound.
+
+    A whole robot is compared at random and at hard states (tiny, straight and huge angles, no and fast rates): the
+    motion of its links, Jacobians, mass matrix, energies, momenta, forces and accelerations.
     """
-    scene = load_scene(scene_file)
+    robot = named_robot(source)
+    if robot is not None:
+        compared = cross_validate(robot, *random_and_hard_states(robot))
+        print(compared.to_json() if as_json else compared)
+        raise typer.Exit(0 if compared.ok else 1)
+    scene = load_scene(Path(source))
     report = scene.cross_validate(MOST_CHECKED)
     if as_json:
         print(report.to_json())
