@@ -1,7 +1,8 @@
-"""A seven-joint arm against sixty digits: differences in time of a product of rotations, and virtual work."""
+"""Seven joints against 60-digit arithmetic: no error is beyond its bound, nor beyond a few u times the scale."""
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import mpmath
@@ -9,19 +10,38 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.validation.robot_scales import MOTION, RobotScales
+from support import states
+from support.reference import DIGITS
+from support.robot_reference import LETTERS, RobotReference, errors
 from support.trees import Robot, random_model, record_of
 
-DIGITS = 120
-STEP = mpmath.mpf(10) ** -25  # s: differences are off by its square, and by 10^-DIGITS / STEP^2
-STATES = 4
-GRAVITY = (0.0, 0.0, -9.81)
+U = 2.0**-53
+SEEN = 2.0
+"""Largest error in units of u * scale, in which the roundings of all joints add up."""
+LINKS = {"panda": ("panda_link3", "panda_link7", "panda_link8"), "oblique": ("link_2", "link_6")}
+GRAVITY = (1.5, -2.0, -9.0)
+HARD = {
+    "ordinary": (3, 1, 1),
+    "angles past 2^53": (1e17, 1, 1),
+    "angles of 1e300": (1e300, 1, 1),
+    "tiny": (1e-9, 1e-9, 1e-9),
+    "nothing but tiny": (1e-160, 1e-160, 1e-160),
+    "quick": (3, 1e4, 1e8),
+    "sudden": (3, 1e-6, 1e6),
+    "still": (3, 0, 0),
+}
 
 
-@pytest.fixture(scope="module", params=["panda", "oblique"])
-def robot(request):
-    if request.param == "panda":
-        return hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
-    return Robot(exactly_turned(record_of(random_model(4, 7))))
+@functools.cache
+def robot_of(name, base):
+    """Panda, its fingers held, or joints along any axes; every placement is a rotation to the last bit."""
+    if name == "panda":
+        robot = hp.load_robot("panda", base=base, locked={"panda_finger_joint1": 0.02}, snap=1e-6)
+    else:
+        robot = Robot(exactly_turned(record_of(random_model(4, 7))), base)
+    assert all(np.isin(joint.S, (-1.0, 0.0, 1.0)).all() for joint in robot.tree.joints)
+    return robot
 
 
 def exactly_turned(tree):
@@ -32,110 +52,133 @@ def exactly_turned(tree):
     return replace(tree, joints=tuple(replace(j, S=S) for j, S in zip(tree.joints, turns, strict=True)))
 
 
-def matrix(array):
-    return mpmath.matrix(np.asarray(array, float).tolist())
+@functools.cache
+def case(name, base, sizes, count=2):
+    """The robot, its coordinates, the motion of its base, and the truth; sliders shift by a metre at most."""
+    robot, rng = robot_of(name, base), states.generator(800, count)
+    slides = np.array([joint.kind == "slider" for joint in robot.tree.joints])
+    coordinates = [rng.uniform(-1, 1, (count, len(slides))) * size for size in sizes]
+    coordinates[0][:, slides] = rng.uniform(-1, 1, (count, slides.sum()))
+    given = dict(zip(LETTERS, states.body1(rng, count), strict=True))
+    given["S"] = np.stack([np.array(((0, 0, 1), (1, 0, 0), (0, 1, 0)), float)] * count)  # a rotation to the last bit
+    motion = hp.BodyMotion(**given)
+    parts = [getattr(motion, letter) for letter in LETTERS]
+    return robot, coordinates, motion, RobotReference(robot.tree, parts, *coordinates, GRAVITY)
 
 
-def turn(axis, angle):
-    """The rotation about an axis by the exponential of its matrix, summed in sines."""
-    x, y, z = axis
-    K = mpmath.matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return mpmath.eye(3) + mpmath.sin(angle) * K + (1 - mpmath.cos(angle)) * K * K
+def check(name, got, truth, axes, bound, scale):
+    """Hold errors against the rigorous bounds, and against u * scale."""
+    found = errors(got, truth, axes)
+    assert (found <= bound + 1e-50 * scale).all(), (name, found, bound)  # the truth itself has sixty digits
+    assert (found <= SEEN * U * scale).all(), (name, found, U * scale)
 
 
-def poses(tree, q):
-    """Attitude and reference point of every body, of coordinates of as many digits."""
-    found = [(mpmath.eye(3), mpmath.zeros(3, 1))]
-    for joint, angle in zip(tree.joints, q, strict=True):
-        S, R = found[joint.parent]
-        own, axis = S * matrix(joint.S), matrix(joint.n[:, None])
-        if joint.kind == "slider":
-            found.append((own, R + S * matrix(joint.u[:, None]) + own * axis * angle))
+def scales_of(robot, coordinates, motion):
+    return RobotScales(robot.tree, coordinates, motion, np.array(GRAVITY))
+
+
+@pytest.mark.parametrize("sizes", HARD.values(), ids=HARD)
+@pytest.mark.parametrize("backend", ["numpy", pytest.param("compiled", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("arm", LINKS)
+def test_motion_is_within_its_bounds(arm, sizes, backend):
+    robot, coordinates, motion, truth = case(arm, "fixed", sizes)
+    state = robot.forward_kinematics(*coordinates, frames=LINKS[arm], base_motion=motion, backend=backend)
+    bounds = robot.error_bounds(*coordinates, frames=LINKS[arm], base_motion=motion)
+    scales = scales_of(robot, coordinates, motion)
+    for k, link in enumerate(LINKS[arm]):
+        frame = robot.tree.links[link]
+        exact, scale = truth.motion(frame), scales.motion(frame)
+        for name in (*MOTION, "d"):
+            got, own = getattr(state, name)[:, k], scale.get(name, scale["R"])
+            check(name, got, exact[name], 2 if name == "S" else 1, bounds[name][:, k], own)
+
+
+@pytest.mark.parametrize("sizes", HARD.values(), ids=HARD)
+@pytest.mark.parametrize("base", ["fixed", "free"])
+@pytest.mark.parametrize("backend", ["numpy", pytest.param("compiled", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("arm", LINKS)
+def test_forces_are_within_their_bounds(arm, sizes, base, backend):
+    robot, coordinates, motion, truth = case(arm, base, sizes)
+    found = robot.inverse_dynamics(*coordinates, base_motion=motion, gravity=GRAVITY, backend=backend)
+    names = ("force1", "torque1", "tau")
+    bounds = robot.error_bounds(*coordinates, outputs=names, base_motion=motion, gravity=GRAVITY)
+    force, torque = scales_of(robot, coordinates, motion).forces()
+    scales = {"force1": force[:, 0], "torque1": torque[:, 0], "tau": torque[:, 1:].max(axis=1)}
+    for name, exact in zip(names, truth.forces(base_counts=base == "free"), strict=True):
+        check(name, getattr(found, name), exact, 1, bounds[name], scales[name])
+
+
+@pytest.mark.parametrize("base", ["fixed", "free"])
+@pytest.mark.parametrize("arm", LINKS)
+def test_the_mass_matrix_is_what_unit_accelerations_take(arm, base):
+    robot, (q, *_), motion, _ = case(arm, base, HARD["ordinary"], 1)
+    rest = {"v": 0 * motion.v, "omega": 0 * motion.v, "a": 0 * motion.v, "alpha": 0 * motion.v}
+    columns = []
+    for column in range(6 * (base == "free") + q.shape[1]):
+        at = {name: value.copy() for name, value in rest.items()}
+        qdd = np.zeros_like(q)
+        if base == "free" and column < 6:
+            at["a" if column < 3 else "alpha"][:, column % 3] = 1
         else:
-            length = mpmath.sqrt(sum(x * x for x in axis))
-            found.append((own * turn([x / length for x in axis], angle), R + S * matrix(joint.u[:, None])))
-    return found
+            qdd[:, column - 6 * (base == "free")] = 1
+        parts = [motion.R, motion.S, at["v"], at["omega"], at["a"], at["alpha"]]
+        force1, torque1, tau = RobotReference(robot.tree, parts, q, 0 * q, qdd, (0, 0, 0)).forces(base_counts=True)
+        columns.append(np.concatenate((force1, torque1, tau), axis=-1) if base == "free" else tau)
+    exact = np.stack(columns, axis=-1)
+    found = robot.mass_matrix(q, base_motion=motion)
+    scale = scales_of(robot, [q], motion).mass_matrix()
+    scale = (scale if base == "free" else scale[:, 6:, 6:]).max(axis=(1, 2))
+    bound = robot.error_bounds(q, outputs=("mass_matrix",), base_motion=motion)["mass_matrix"]
+    check("mass_matrix", found, exact, 2, bound, scale)
 
 
-def vector_of(W):
-    return mpmath.matrix([W[2, 1] - W[1, 2], W[0, 2] - W[2, 0], W[1, 0] - W[0, 1]]) / 2
+@pytest.mark.parametrize("arm", LINKS)
+def test_the_jacobian_is_what_unit_rates_give(arm):
+    robot, (q, *_), motion, _ = case(arm, "free", HARD["ordinary"], 1)
+    link, columns = LINKS[arm][-1], []
+    frame = robot.tree.links[link]
+    for column in range(6 + q.shape[1]):
+        v, omega, qd = 0 * motion.v, 0 * motion.v, np.zeros_like(q)
+        (v, omega, qd)[min(column // 3, 2)][:, column - 3 * min(column // 3, 2)] = 1
+        parts = [motion.R, motion.S, v, omega, 0 * v, 0 * v]
+        exact = RobotReference(robot.tree, parts, q, qd, 0 * qd).motion(frame)
+        columns.append(np.concatenate((exact["v"], exact["omega"]), axis=-1))
+    found = robot.jacobian(q, link, base_motion=motion)
+    bound = robot.error_bounds(q, frames=link, outputs=("jacobian",), base_motion=motion)["jacobian"]
+    scale = scales_of(robot, [q], motion).jacobian(frame).max(axis=(1, 2))
+    check("jacobian", found, np.stack(columns, axis=-1), 2, bound, scale)
 
 
-def cross(a, b):
-    return mpmath.matrix([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+@pytest.mark.parametrize("sizes", HARD.values(), ids=HARD)
+@pytest.mark.parametrize("base", ["fixed", "free"])
+@pytest.mark.parametrize("arm", LINKS)
+def test_accelerations_leave_nothing_over(arm, sizes, base):
+    """The forces that our accelerations take, in sixty digits, are those that act."""
+    robot, (q, qd, _), motion, _ = case(arm, base, sizes)
+    rng = states.generator(801)
+    tau, force1, torque1 = (rng.normal(size=(2, n)) * 10 for n in (q.shape[1], 3, 3))
+    loads = {"force1": force1, "torque1": torque1} if base == "free" else {}
+    moves = robot.forward_dynamics(q, qd, tau, base_motion=motion, gravity=GRAVITY, **loads)
+    a, alpha = (moves.a1, moves.alpha1) if base == "free" else (motion.a, motion.alpha)
+    parts = [motion.R, motion.S, motion.v, motion.omega, a, alpha]
+    exact = RobotReference(robot.tree, parts, q, qd, moves.qdd, GRAVITY).forces(base_counts=base == "free")
+    reached = hp.BodyMotion(**dict(zip(LETTERS, parts, strict=True)))
+    force, torque = scales_of(robot, [q, qd, moves.qdd], reached).forces()
+    wanted = {"tau": (tau, exact[2], torque.max(axis=1))}
+    if base == "free":
+        wanted |= {"force1": (force1, exact[0], force[:, 0]), "torque1": (torque1, exact[1], torque[:, 0])}
+    for name, (acts, takes, scale) in wanted.items():
+        left = errors(acts, takes, 1)
+        assert (left <= SEEN * U * scale).all(), (name, (left / (U * scale)).max())
 
 
-class Exact:
-    """Motion and torques of one state, from positions alone."""
-
-    def __init__(self, tree, q, qd, qdd):
-        q, qd, qdd = ([mpmath.mpf(x) for x in part.tolist()] for part in (q, qd, qdd))
-        self.tree = tree
-
-        def at(t):
-            return poses(tree, [x + t * (v + t * a / 2) for x, v, a in zip(q, qd, qdd, strict=True)])
-
-        self.before, self.now, self.after = at(-STEP), at(0), at(STEP)
-        self.moved = []
-        for k in range(len(q)):
-            shifted = [poses(tree, [x + sign * STEP * (j == k) for j, x in enumerate(q)]) for sign in (-1, 1)]
-            self.moved.append(shifted)
-
-    def point(self, body, r):
-        """Position, velocity and acceleration of a body's point."""
-        r = matrix(np.asarray(r)[:, None])
-        before, now, after = (R + S * r for S, R in (self.before[body], self.now[body], self.after[body]))
-        return now, (after - before) / (2 * STEP), (after - 2 * now + before) / STEP**2
-
-    def turning(self, body):
-        """Angular velocity and acceleration of a body."""
-        (S0, _), (S, _), (S1, _) = self.before[body], self.now[body], self.after[body]
-        first, second = (S1 - S0) / (2 * STEP), (S1 - 2 * S + S0) / STEP**2
-        return vector_of(first * S.T), vector_of(second * S.T + first * first.T)
-
-    def efforts(self):
-        """Tau by virtual work: what moves every mass, along what each coordinate moves it."""
-        tau = [mpmath.mpf(0)] * len(self.tree.joints)
-        g = matrix(np.array(GRAVITY)[:, None])
-        for body, joint in enumerate(self.tree.joints, 1):
-            own, S = joint.body, self.now[body][0]
-            force = own.mass * (self.point(body, own.center_of_mass)[2] - g)
-            inertia = S * matrix(own.inertia) * S.T
-            omega, alpha = self.turning(body)
-            torque = inertia * alpha + cross(omega, inertia * omega)
-            c = matrix(own.center_of_mass[:, None])
-            for k, (low, high) in enumerate(self.moved):
-                (S0, R0), (S1, R1) = low[body], high[body]
-                push = (R1 + S1 * c - R0 - S0 * c) / (2 * STEP)
-                spin = vector_of((S1 - S0) * S.T) / (2 * STEP)
-                tau[k] += (force.T * push)[0] + (torque.T * spin)[0]
-        return tau
-
-
-def off(found, exact):
-    """The largest difference of numbers from those of many digits."""
-    return max(abs(mpmath.mpf(float(x)) - y) for x, y in zip(np.ravel(found), exact, strict=True))
-
-
-def test_motion_and_torques_are_as_near_as_their_bounds_say(robot):
-    tree = robot.tree
-    q, qd, qdd = np.random.default_rng(12).uniform(-3, 3, (3, STATES, robot.dof))
-    q[1], qd[2] = 1e-9 * q[1], 1e3 * qd[2]
-    frames = robot.tips[:2]
-    state = robot.forward_kinematics(q, qd, qdd, frames=frames)
-    bounds = robot.error_bounds(q, qd, qdd, frames=frames)
-    tau = robot.inverse_dynamics(q, qd, qdd, gravity=GRAVITY).tau
-    allowed = robot.error_bounds(q, qd, qdd, outputs=("tau",))["tau"]
+def test_the_reference_conserves_what_it_must():
+    """The oracle itself: force1 is the weight and the rate of momentum, whatever the joints do."""
+    robot, coordinates, motion, truth = case("panda", "free", HARD["ordinary"])
     with mpmath.workdps(DIGITS):
-        for k in range(STATES):
-            exact = Exact(tree, q[k], qd[k], qdd[k])
-            for j, name in enumerate(frames):
-                frame = tree.frame(name)
-                R, v, a = exact.point(frame.body, frame.R)
-                omega, alpha = exact.turning(frame.body)
-                S = exact.now[frame.body][0] * matrix(frame.S)
-                expected = {"R": R, "d": R, "S": S, "v": v, "a": a, "omega": omega, "alpha": alpha}
-                for output, value in expected.items():
-                    assert off(state[name].arrays()[output][k], value) <= bounds[output][k, j], (name, output, k)
-            assert off(tau[k], exact.efforts()) <= allowed[k], k
-        assert allowed[0] < 1e-11 * max(map(abs, tau[0]))
+        force1, _, tau = truth.forces(base_counts=True)
+        still = RobotReference(robot.tree, [getattr(motion, k) for k in LETTERS], *coordinates, (0, 0, 0))
+        mass = sum([robot.tree.base.mass, *(joint.body.mass for joint in robot.tree.joints)])
+        weight = force1 - still.forces(base_counts=True)[0]
+        assert np.abs(weight + mass * np.array(GRAVITY)).max() < 1e-13
+        assert tau.shape == (2, 7)

@@ -7,7 +7,8 @@ those of angular velocity and acceleration, and a rate q' of hinges (of sliders 
     a += (A + W^2) l + (W + W2) v + W W2 l
 
 as those of a pair do, Pinocchio's terms included. Roundings add up as well: the scale of a frame is the sum of these
-sizes over the joints before it. Forces are the masses times these, summed over what a joint carries.
+sizes over the joints before it. A joint that follows another counts as often as its angle has radians, since that
+angle rounds. Forces are the masses times these, summed over what a joint carries.
 """
 
 from __future__ import annotations
@@ -56,14 +57,15 @@ class RobotScales:
             length = float(norm(joint.u)) + (self._shift[:, k] if slides else 0.0)
             size = _grown(self._sizes[joint.parent], length, self._rates[:, k], self._changes[:, k], slides)
             self._sizes.append(size)
-            self._sums.append(_added(self._sums[joint.parent], size))
+            turns = 1.0 if joint.mimic is None or slides else 1.0 + self._shift[:, k]
+            self._sums.append(_added(self._sums[joint.parent], size, turns))
             self._lengths.append(length + np.zeros(count))
         self._distances = self._between()
 
     def motion(self, frame: Frame) -> dict[str, Float64Array]:
         """Return the scales of R, S, v, omega, a and alpha of a frame; shape (N,) each."""
         size = _grown(self._sizes[frame.body], float(norm(frame.R)), 0.0, 0.0, slides=False)
-        total = _added(self._sums[frame.body], size)
+        total = _added(self._sums[frame.body], size, 1.0)
         return {"S": total["S"], **{name: total[letter] for name, letter in _LETTERS.items()}}
 
     def jacobian(self, frame: Frame) -> Float64Array:
@@ -175,5 +177,7 @@ def _grown(size: dict[str, Any], length: Any, rate: Any, change: Any, slides: bo
     return found
 
 
-def _added(sums: dict[str, Any], size: dict[str, Any]) -> dict[str, Any]:
-    return {"S": sums["S"] + 1.0, **{letter: sums[letter] + value for letter, value in size.items()}}
+def _added(sums: dict[str, Any], size: dict[str, Any], weight: Any) -> dict[str, Any]:
+    """Return the sums of sizes with those of a further joint."""
+    more = {letter: sums[letter] + weight * value for letter, value in size.items()}
+    return {**more, "S": sums["S"] + weight}
