@@ -80,8 +80,11 @@ def test_a_trajectory_and_a_pair_are_shown():
     moved = hp.integrate(pair, t, omega1=(0, 0, 1), psid=np.cos, R1=np.stack([t, 0 * t, 0 * t], axis=-1))
     placements = np.array(motion_of(hp.view(moved))["body1"]["placements"]).reshape(-1, 4, 4)
     np.testing.assert_array_equal(placements[:, 0, 3], t)
-    motion = motion_of(hp.view(pair))
-    assert (min(motion["psi"]), max(motion["psi"])) == (-0.5, 1)
+    psi = motion_of(hp.view(pair))["psi"]
+    assert (psi[0], psi[90], psi[-1]) == (-0.5, 1, -0.5)
+    assert (min(psi), max(psi)) == (-0.5, 1)
+    psi = motion_of(hp.view(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))))["psi"]
+    np.testing.assert_allclose(psi, np.linspace(-np.pi, np.pi, 181), atol=1e-15)
 
 
 SHAPES = {  # of body 1 or 2, and how far they go from its reference point

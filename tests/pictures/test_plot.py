@@ -117,7 +117,16 @@ def test_a_gap_is_shaded(tmp_path):
     rows = [(i / 10, "nan" if i == 3 else "inf" if i == 4 else i, i) for i in range(9)]
     axes, lines = lines_of(hp.plot(log_scene(tmp_path, rows)), "position of body 2, R2")
     assert not np.isfinite(lines[0][3:5]).any()
-    assert [patch.get_extents().width > 0 for patch in axes.patches] == [True]
+    (patch,) = axes.patches
+    assert (patch.get_x(), patch.get_x() + patch.get_width()) == pytest.approx((0.2, 0.5))
+
+
+@pytest.mark.parametrize(("lost", "ends"), [((0, 1), (0.0, 0.2)), ((7, 8), (0.6, 0.8))])
+def test_a_gap_at_an_end_is_shaded_to_the_end(tmp_path, lost, ends):
+    rows = [(i / 10, "nan" if i in lost else i, i) for i in range(9)]
+    axes, _ = lines_of(hp.plot(log_scene(tmp_path, rows)), "position of body 2, R2")
+    (patch,) = axes.patches
+    assert (patch.get_x(), patch.get_x() + patch.get_width()) == pytest.approx(ends)
 
 
 def test_angles_go_on_after_a_gap(tmp_path):

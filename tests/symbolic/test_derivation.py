@@ -15,7 +15,7 @@ import sympy
 import hingepair as hp
 from hingepair.cli.main import main
 from hingepair.symbolic.kinks import Side, Smaller, Where
-from hingepair.symbolic.printers import LATEX, PYTHON, SYMPY, TEXT
+from hingepair.symbolic.printers import LATEX, PYTHON, SYMPY, TEXT, latex_name
 from support.sparse import sparse
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -157,6 +157,24 @@ def test_long_lines_go_on_in_the_next():
     latex = forms.to_latex(["v2"])
     assert latex.count("&\\quad") >= 3
     assert latex.count("&=") == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "latex"),
+    [
+        ("x", "x"),
+        ("x'", r"\dot{x}"),
+        ("phi_x''", r"\ddot{\phi}_{x}"),
+        ("u1_x", "u_{1,x}"),
+        ("R2", "R_{2}"),
+        ("omega2", r"\omega_{2}"),
+        ("omega2_z", r"\omega_{2,z}"),
+        ("speed", r"\mathrm{speed}"),
+        ("c_12", "c_{12}"),
+    ],
+)
+def test_names_are_latex(name, latex):
+    assert latex_name(name) == latex
 
 
 def test_latex_has_fractions_before_what_they_multiply():
