@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.engine import binding
 from hingepair.engine.backend import How
 from hingepair.engine.llvm_ir import LANES
 from hingepair.engine.loops import Loop
@@ -126,25 +125,6 @@ def test_any_layout():
         both(one, change(q), change(qd), change(qdd))
     both(one, q.astype(np.float32), qd)
     both(one, q, qd[0], qdd[:1])
-
-
-@pytest.mark.parametrize("dtype", sparse([np.float64, np.float32], 2))
-@pytest.mark.parametrize("shift", [0, 1, 2], ids=["aligned", "one_off", "two_off"])
-def test_outputs_past_the_caches_are_the_same(monkeypatch, shift, dtype):
-    rng = generator(66)
-    one, motion = pair_of(rng), [c.astype(dtype) for c in coordinates(rng, 5 * LANES + 3)]
-    near = one.forward_kinematics(*motion, outputs=NAMES, backend="compiled").arrays()
-    monkeypatch.setattr(binding, "_TOO_MUCH_FOR_CACHES", 0)
-    out = {}
-    for name, array in near.items():
-        room = np.full(array.size + 32, np.nan, dtype)
-        start = -room.ctypes.data // room.itemsize % (64 // room.itemsize) + shift
-        out[name] = room[start : start + array.size].reshape(array.shape)
-    monkeypatch.setattr(binding, "FEWEST_A_WORKER", 8)
-    for workers in (1, 2):
-        far = one.forward_kinematics(*motion, outputs=NAMES, out=out, backend="compiled", workers=workers).arrays()
-        for name in NAMES:
-            np.testing.assert_array_equal(far[name], near[name])
 
 
 def test_batched_pairs():

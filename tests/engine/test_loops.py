@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import platform
 
 import numpy as np
 import pytest
 
-from hingepair.engine import array_heads, binding, native
+from hingepair.engine import array_heads, native
 from hingepair.engine.backend import Account, How
 from hingepair.engine.llvm_ir import LANES
 from hingepair.engine.loops import Loop
@@ -143,29 +142,6 @@ def test_outputs_of_any_stride():
     square = np.zeros((21, 5, 5))
     out = {"r": room[:, 1, 3:0:-1], "length": room[:, 0, 0], "m": square[:, ::4, 1::3]}
     agree(run(MAP, values, (21,), how=NUMPY), run(MAP, values, (21,), out=out))
-
-
-@functools.cache
-def doubled(count):
-    return Loop("double", lambda v: {"b": tuple(2 * x for x in v["a"])}, {"a": (count,)}, {"b": (count,)})
-
-
-@pytest.mark.parametrize("dtype", [F8, F4], ids=str)
-@pytest.mark.parametrize("count", sparse([1, 2, 3, 7, 8, 9, 21], 3))
-@pytest.mark.parametrize("shift", sparse([0, 8, 16, 48], 3))
-def test_outputs_past_the_caches_start_anywhere(shift, count, dtype, monkeypatch):
-    """Rows of a cut array start off the pieces that are stored, wherever its first row starts."""
-    monkeypatch.setattr(binding, "_TOO_MUCH_FOR_CACHES", 0)
-    room = np.full(9 * 8 * 17 * count + 32, 7.0, dtype)
-    first = (-room.ctypes.data % 64 + shift) // dtype.itemsize
-    whole = room[first : first + 9 * 8 * 17 * count].reshape(9, 8, 17, count)
-    for cut in (whole, whole[:, :7, :16], whole[:, :, :16], whole[::2]):
-        room[:] = 7.0
-        a = np.random.default_rng(5).normal(size=cut.shape).astype(dtype)
-        run(doubled(count), {"a": a}, cut.shape[:-1], dtype, out={"b": cut})
-        np.testing.assert_array_equal(cut, 2 * a)
-        cut[:] = 7.0
-        assert (room == 7.0).all()
 
 
 def test_addresses_are_those_that_numpy_says(monkeypatch):

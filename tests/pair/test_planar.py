@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.engine import binding
-from hingepair.engine.llvm_ir import LANES
 from hingepair.pair.accuracy import output_scales
 from support.sparse import sparse
 from support.states import generator
@@ -231,17 +229,3 @@ def test_a_hinge_that_is_not_upright_is_not_flat(n, home):
     unproven = pair.forward_kinematics((0.0, 0.0, 0.0, np.zeros(7), 0.0, 0.5, psi))
     np.testing.assert_allclose(proven.S2, unproven.S2, rtol=0, atol=8 * 2.0**-53)
     np.testing.assert_allclose(proven.d, unproven.d, rtol=0, atol=64 * 2.0**-53)
-
-
-@pytest.mark.parametrize("shift", [0, 1], ids=["aligned", "one_off"])
-def test_outputs_past_the_caches_are_the_same(monkeypatch, shift):
-    rng = generator(907)
-    pair, motion = random_pair(rng), random_motion(rng, 5 * LANES + 3)
-    near = pair.forward_kinematics(*motion, backend="compiled").arrays()
-    monkeypatch.setattr(binding, "_TOO_MUCH_FOR_CACHES", 0)
-    rooms = {name: np.full(array.size + 16, np.nan) for name, array in near.items()}
-    starts = {name: -(room.ctypes.data // 8) % 8 + shift for name, room in rooms.items()}
-    out = {name: rooms[name][starts[name] :][: array.size].reshape(array.shape) for name, array in near.items()}
-    pair.forward_kinematics(*motion, out=out, backend="compiled")
-    for name, array in near.items():
-        np.testing.assert_array_equal(out[name], array)

@@ -270,7 +270,7 @@ def test_the_code_can_be_read():
     assert "def state(" in fk.source
     assert "S1_xx = " in fk.source
     assert "define void @kernel" in fk.llvm
-    assert "%S1_xx = " in fk.llvm
+    assert "; S1_xx" in fk.llvm
     assert repr(fk) == "Prepared(given=('q', 'qd'), outputs=('R2',))"
 
 

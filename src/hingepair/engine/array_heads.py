@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.llvm_ir import FIELDS, SCATTERED, SIDE_BY_SIDE
+from hingepair.engine.llvm_ir import FIELDS
 
 # Offsets in bytes from the start of an object of CPython 3.11 to 3.14 with the interpreter's lock, on 64 bits.
 _TYPE_OFFSET: Final = 8
@@ -156,8 +156,6 @@ first:
   store i64 0, ptr %table2
   %table3 = getelementptr i64, ptr %table, i64 3
   store i64 8, ptr %table3
-  %table4 = getelementptr i64, ptr %table, i64 4
-  store i64 {SCATTERED}, ptr %table4
   br label %read
 read:
   %length = call i64 @read_arguments(
@@ -359,12 +357,6 @@ placed:
   %taken = icmp sge i64 %row, 0
   br i1 %taken, label %write, label %next
 write:
-  %bytes = mul i64 %components, 8
-  %joined = icmp eq i64 %stride, %bytes
-  %dense = icmp eq i64 %part, 8
-  %side_by_side = and i1 %joined, %dense
-  %stored = and i1 %side_by_side, %output
-  %mode = select i1 %stored, i64 {SIDE_BY_SIDE}, i64 {SCATTERED}
   %row.place = mul i64 %row, {FIELDS}
   %row.at = getelementptr i64, ptr %table, i64 %row.place
   store i64 %at, ptr %row.at
@@ -374,8 +366,6 @@ write:
   store i64 %stride, ptr %row.inner
   %row.step = getelementptr i64, ptr %row.at, i64 3
   store i64 %part, ptr %row.step
-  %row.mode = getelementptr i64, ptr %row.at, i64 4
-  store i64 %mode, ptr %row.mode
   br label %next
 next:
   %a.next = add i64 %a, 1

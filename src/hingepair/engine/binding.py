@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.array_heads import address
-from hingepair.engine.llvm_ir import FIELDS, LANES, OFF_LINES, ON_LINES, PIECE, SCATTERED, SIDE_BY_SIDE
+from hingepair.engine.llvm_ir import FIELDS
+from hingepair.engine.llvm_writer import LANES
 
 Tail: TypeAlias = tuple[int, ...]
 Spec: TypeAlias = tuple[tuple[str, Tail], ...]
@@ -29,7 +30,6 @@ FEWEST_A_WORKER: Final = 8192
 """Samples that are worth a thread: a tenth of a millisecond of work, which is what starting one takes."""
 
 _KNOWN: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
-_TOO_MUCH_FOR_CACHES: Final = 2**21  # bytes of output, past which they are stored past the caches
 
 
 class Bound(NamedTuple):
@@ -185,23 +185,12 @@ def walk(
 ) -> None:
     """Call a kernel for all samples, in threads along the inner axis of a map or the outer axis of chains."""
     itemsize = outputs[0].itemsize
-    heavy = sum(array.nbytes for array in outputs) >= _TOO_MUCH_FOR_CACHES
     table: list[int] = []
     if constants is not None:
-        table += (address(constants), 0, 0, itemsize, 0)
+        table += (address(constants), 0, 0, itemsize)
     first = len(table) // FIELDS
     for array, (outer, inner, step) in zip((*inputs, *outputs), layout.lines, strict=True):
-        table += (address(array), outer, inner, step, 0)
-    for k in range(first + len(inputs), first + len(layout.lines)):
-        count = outputs[k - first - len(inputs)].shape[-1]
-        at, outer, inner, step, _ = table[k * FIELDS : (k + 1) * FIELDS]
-        dense = (step == itemsize or count == 1) and inner == count * itemsize
-        mode = SIDE_BY_SIDE if dense else SCATTERED
-        if dense and heavy:
-            steps = (outer if layout.outer > 1 else 0, *(offsets[k - first] for offsets in layout.offsets))
-            if not any(step % (LANES * itemsize) for step in steps):
-                mode = {0: ON_LINES, PIECE: OFF_LINES}.get(at % (LANES * itemsize), mode)
-        table[k * FIELDS + 4] = mode
+        table += (address(array), outer, inner, step)
     kind = ctypes.c_int64 * len(table)
     shared, column = (layout.outer, 1) if chained else (layout.inner, 2)
     workers = max(1, min(workers, layout.outer * layout.inner // FEWEST_A_WORKER, shared // LANES))

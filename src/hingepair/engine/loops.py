@@ -32,7 +32,9 @@ from hingepair.engine.binding import (
     rows_of,
     walk,
 )
-from hingepair.engine.llvm_ir import Carry, Group, kernel_ir
+from hingepair.engine.llvm_ir import kernel_ir
+from hingepair.engine.llvm_parts import Carry, Group
+from hingepair.engine.llvm_writer import number_type
 from hingepair.engine.trace import (
     FUNCTIONS,
     Operand,
@@ -257,7 +259,7 @@ class Program:
                 kernel = self._kernels.get(key)
                 if kernel is None:
                     ir = self.llvm(*key, fuse=can_fuse() and not self.loop.exact)
-                    kernel = self._kernels[key] = Kernel(self.loop.name, ir)
+                    kernel = self._kernels[key] = Kernel(self.loop.name, ir, number_type(key.char == "f"))
         return kernel
 
     def llvm(self, still: tuple[bool, ...], parts: tuple[int, ...], char: str, fuse: bool) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 
 from hingepair.engine.array_heads import call_ir
 from hingepair.engine.backend import give_up
+from hingepair.engine.llvm_shared import shared_ir, shared_symbols
 from hingepair.errors import CompilationError, MissingDependencyError
 
 compiler_lock = threading.RLock()
@@ -30,6 +31,7 @@ class Kernel:
     Args:
         name: what messages call it.
         ir: its LLVM code.
+        number: the type of the numbers it computes with, "double" or "float".
 
     Attributes:
         ir: its LLVM code as it was written.
@@ -41,9 +43,11 @@ class Kernel:
         CompilationError: LLVM does not compile the code; says why.
     """
 
-    def __init__(self, name: str, ir: str) -> None:
+    def __init__(self, name: str, ir: str, number: str = "double") -> None:
         self.ir = ir
-        self._engine = _compile(name, ir)
+        with compiler_lock:
+            _link_shared_functions(number)
+            self._engine = _compile(name, ir)
         self.address: int = self._engine.get_function_address("kernel")
         self.run: Callable[[Any, int, int], None] = _RUN(self.address)
 
@@ -106,6 +110,20 @@ def _compile(name: str, ir: str) -> Any:
         except Exception as error:
             raise CompilationError(name, f"{type(error).__name__}: {error}") from error
         return engine
+
+
+def _link_shared_functions(number: str) -> None:
+    """Let the functions that all kernels share be found under their names by what is compiled next."""
+    llvm = llvmlite()
+    for symbol, address in _shared_functions(number, cpu(llvm))[1].items():
+        llvm.add_symbol(symbol, address)
+
+
+@functools.cache
+def _shared_functions(number: str, processor: tuple[str, str]) -> tuple[Any, dict[str, int]]:  # noqa: ARG001
+    """Compile the functions that all kernels share for a processor; return their engine, and addresses by name."""
+    engine = _compile("shared functions", shared_ir(number))
+    return engine, {symbol: engine.get_function_address(symbol) for symbol in shared_symbols(number)}
 
 
 @functools.cache
