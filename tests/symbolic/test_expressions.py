@@ -163,6 +163,46 @@ def test_refused_in_one_line_and_with_little_work(text: str) -> None:
     assert len(str(caught.value)) < 400
 
 
+AT_LIMITS = {  # the last that is taken, and the first that is not
+    "characters": ("t" + " " * 9_999, "t" + " " * 10_000),
+    "levels": ("sin(" * 50 + "t" + ")" * 50, "sin(" * 51 + "t" + ")" * 51),
+    "parts": ("+".join(["t"] * 1_500), "+".join(["t"] * 1_501)),
+    "exponent": ("t**1000", "t**1001"),
+    "negative exponent": ("t**-1000", "t**-1001"),
+    "root": ("t**0.9999", "t**0.99999"),
+    "power of ten": ("1e-1000*t", "1e-1001*t"),
+    "bits of a number": ("(2**-818)**5*t", "(2**-819)**5*t"),
+}
+
+
+@pytest.mark.parametrize(("taken", "refused"), AT_LIMITS.values(), ids=AT_LIMITS)
+def test_limits_are_those_that_are_said(taken: str, refused: str) -> None:
+    assert parse("x", taken).free_symbols == {time_symbol()}
+    with pytest.raises(ArgumentError):
+        parse("x", refused)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault", "column"),
+    [
+        ("1 + )", "unmatched ')'", 5),
+        ("  1 + )", "unmatched ')'", 7),
+        ("1 +", "an end where something is missing", 4),
+        ("2 * * t", "invalid syntax", 5),
+        ("1 + $", "character '$'", 5),
+        ("sin(t) + foo", "unknown name 'foo'", 10),
+        ("1 + sin(t, 2)", "sin(t, 2)", 5),
+        (" 2*9**9**9", "9**9**9", 4),
+    ],
+)
+def test_a_caret_stands_below_what_is_wrong(text: str, fault: str, column: int) -> None:
+    with pytest.raises(ArgumentError) as caught:
+        parse("x", text)
+    assert f"{fault} at column {column}" in str(caught.value)
+    (note,) = caught.value.__notes__
+    assert note == f"  {text}\n  {' ' * (column - 1)}^"
+
+
 def test_unknown_name_says_where_and_what_is_known() -> None:
     with pytest.raises(ArgumentError) as caught:
         parse("motion.psi", "1 + sine(t)")
