@@ -163,6 +163,20 @@ def test_large_outputs_go_past_the_caches_and_workers_share():
         np.testing.assert_array_equal(array, alone[name])
 
 
+@pytest.mark.parametrize("how", [NUMPY, COMPILED], ids=["numpy", "compiled"])
+def test_names_may_be_any_text(how):
+    names = ['a-b.c d"e', "a_b.c d'e", "%0\n; ret void", "entry", "frame"]
+
+    def function(values):
+        return {name + "'": values[name] * values[names[0]] for name in names}
+
+    loop = Loop(names[0], function, dict.fromkeys(names, ()), {f"{name}'": () for name in names})
+    values = {name: np.arange(9.0) + k for k, name in enumerate(names)}
+    found = run(loop, values, (9,), how=how)
+    for name in names:
+        np.testing.assert_array_equal(found[f"{name}'"], values[name] * values[names[0]])
+
+
 def summed(v):
     return {"total": v["total"] * v["keep"] + v["x"], "seen": (v["x"], v["total"])}
 

@@ -139,3 +139,35 @@ def test_names_of_results_are_names_in_the_code():
     product.name = "S1_xx"
     text = python_source.source_of("f", [x, y], [product + 1.0])
     assert "S1_xx = phi_x * phi_y" in text
+
+
+ODD_NAMES = ['a-b.c d"e', "a_b_c_d_e", "2nd", "lambda", "sin", "nan", "t1", "t", "", "\u03c6 \u2032\n", "f", "None"]
+
+
+def test_names_may_be_any_text():
+    """Of inputs, results and the function itself; two that look alike stay two."""
+    trace = Trace()
+    inputs = [trace.input(name) for name in ODD_NAMES]
+    shared = inputs[0] * inputs[1] + inputs[2]
+    results = [(value + shared).sine() * 2.0 for value in inputs]
+    for value, name in zip(results, ODD_NAMES, strict=True):
+        value.name = name
+    for name in ODD_NAMES:
+        text = python_source.source_of(name, inputs, results)
+        numbers = [0.1 * k for k in range(len(inputs))]
+        expected = tuple(math.sin(x + (numbers[0] * numbers[1] + numbers[2])) * 2.0 for x in numbers)
+        assert python_source.for_floats(name, text)(*numbers) == expected
+
+
+def test_long_expressions_are_cut():
+    """Python nests 200 brackets at most."""
+    trace = Trace()
+    x, y = trace.input("x"), trace.input("y")
+    value = x
+    for _ in range(1000):
+        value = y - (value * 0.5 + 1.0) / 2.0
+    text = python_source.source_of("f", [x, y], [value])
+    plain = 0.3
+    for _ in range(1000):
+        plain = 0.7 - (plain * 0.5 + 1.0) / 2.0
+    assert python_source.for_floats("f", text)(0.3, 0.7) == (plain,)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import keyword
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -12,7 +14,8 @@ import numpy as np
 from hingepair.engine.trace import Operand, Value, needed_lines
 from hingepair.numeric.blocks import versine, versines
 
-_WIDTH = 110
+_WIDTH = 110  # characters of a line of arguments or results
+_MAX_EXPRESSION = 300  # characters past which an expression gets a name: Python nests 200 brackets at most
 _INFIX = {"+": 1, "-": 1, "*": 2, "/": 2}
 _NEGATIVE, _ATOM = 3, 4
 
@@ -20,7 +23,8 @@ _NEGATIVE, _ATOM = 3, 4
 def source_of(name: str, inputs: Sequence[Value], results: Sequence[Operand]) -> str:
     """Return the source of a function of the inputs that returns the results as one flat tuple.
 
-    What is used once stands where it is used, unless it has a name of its own.
+    What is used once stands where it is used, unless it is long or has a name of its own. Names may be any text: what
+    no identifier of Python can hold is replaced by underscores.
     """
     lines = needed_lines(results)
     uses = Counter(id(one) for value in lines for one in value.operands)
@@ -33,12 +37,12 @@ def source_of(name: str, inputs: Sequence[Value], results: Sequence[Operand]) ->
         if value.operation == "input":
             continue
         written = _expression(value, text)
-        if value.name or uses[id(value)] > 1:
-            own = names.of(value.name or "t")
-            body.append(f"    {own} = {written[0]}")
-            written = own, _ATOM
+        if value.name or uses[id(value)] > 1 or len(written[0]) > _MAX_EXPRESSION:
+            variable = names.of(value.name or "t")
+            body.append(f"    {variable} = {written[0]}")
+            written = variable, _ATOM
         text[id(value)] = written
-    arguments = _list(f"def {name}(", [text[id(value)][0] for value in inputs], "):")
+    arguments = _list(f"def {identifier(name)}(", [text[id(value)][0] for value in inputs], "):")
     returned = [_text(result, text)[0] for result in results]
     return (
         "\n".join([*arguments, *body, *_list("    return (", returned, ",)" if len(returned) == 1 else ")")]) + "\n"
@@ -70,20 +74,37 @@ def for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
 def _compile(name: str, source: str, functions: dict[str, Any]) -> Callable[..., tuple[Any, ...]]:
     scope: dict[str, Any] = {"nan": math.nan, "inf": math.inf, **functions}
     exec(compile(source, f"<hingepair: {name}>", "exec"), scope)
-    function: Callable[..., tuple[Any, ...]] = scope[name]
+    function: Callable[..., tuple[Any, ...]] = scope[identifier(name)]
     return function
 
 
+def identifier(name: str) -> str:
+    """Return an identifier of Python that is like a name, and none that generated code uses itself.
+
+    >>> identifier("arm-left.c d"), identifier("2nd"), identifier("lambda"), identifier("sin")
+    ('arm_left_c_d', '_2nd', '_lambda', '_sin')
+    """
+    stem = re.sub(r"\W", "_", name, flags=re.ASCII)
+    own = stem in _OF_FLOATS or stem in {"nan", "inf"}
+    return f"_{stem}" if own or not stem.isidentifier() or keyword.iskeyword(stem) else stem
+
+
 class _Names:
-    """A dispenser of names that no two values share."""
+    """A dispenser of identifiers that no two values share."""
 
     def __init__(self) -> None:
-        self._taken: Counter[str] = Counter()
+        self._taken: set[str] = set()
+        self._uses: Counter[str] = Counter()
 
     def of(self, wish: str) -> str:
-        self._taken[wish] += 1
-        count = self._taken[wish]
-        return f"{wish}{count}" if wish == "t" else wish if count == 1 else self.of(f"{wish}_{count}")
+        """Return an identifier made of a name: the name itself, or with a number."""
+        stem = identifier(wish)
+        name = f"{stem}1" if stem == "t" else stem
+        while name in self._taken:
+            self._uses[stem] += 1
+            name = f"{stem}{'' if stem == 't' else '_'}{self._uses[stem] + 1}"
+        self._taken.add(name)
+        return name
 
 
 def _text(one: Operand, text: dict[int, tuple[str, int]]) -> tuple[str, int]:
@@ -121,7 +142,7 @@ def _list(opening: str, parts: Iterable[str], closing: str) -> list[str]:
     for i, part in enumerate(parts):
         piece = f", {part}" if i else part
         if len(lines[-1]) + len(piece) > _WIDTH:
-            lines[-1] += ","
+            lines[-1] += "," if i else ""
             lines.append(indent + part)
         else:
             lines[-1] += piece
