@@ -268,7 +268,7 @@ def test_a_model_that_is_not_depth_first_is_refused_by_name():
 # ---------------------------------------------------------------- pairs
 
 BOOM = hp.HingePair(u1=(1, 0, 2), u2=(-0.5, 0, 0), n=(0, 1, 0), name="boom", limits=(-1, 1), torque_limit=3)
-STICK = hp.HingePair(u1=(2, 0, 0), u2=(-1, 0, 0.25), n=(0, -2, 0), home=rodrigues((0, 1, 0), 0.5), name="stick")
+STICK = hp.HingePair(u1=(2, 0, 0), u2=(-1, 0, 0.25), n=(0, -2, 0), home=rodrigues((1, 2, 3), 0.5), name="stick")
 LIFT = Slider(u1=(0, 0, 1), u2=(0, 0.5, 0), n=(3, 0, 4), name="lift", rate_limit=2, torque_limit=9)
 
 

@@ -34,7 +34,7 @@ class RobotScales:
         tree: the robot.
         joints: position, rate and acceleration of each joint that moves, those that follow others too; as many as
             are known, shape (N, joints) each.
-        base: motion of the base; shape (N,), with as many derivatives.
+        base: motion of the base; shape (N,) or (), with as many derivatives.
         gravity: acceleration of free fall [m/s^2]; shape (3,).
     """
 
@@ -44,9 +44,8 @@ class RobotScales:
         zero = np.zeros((count, number))
         self._shift, self._rates, self._changes = (np.abs(one) for one in (*joints, zero, zero)[:3])
         self._gravity = float(norm(gravity))
-        still = np.zeros((count, 3))
         parts = {letter: getattr(base, letter, None) for letter in ("R", "v", "omega", "a", "alpha")}
-        own = {letter: norm(still if part is None else part) for letter, part in parts.items()}
+        own = {letter: np.zeros(count) + (0.0 if part is None else norm(part)) for letter, part in parts.items()}
         size = {"R": own["R"], "v": own["v"], "W": own["omega"], "A": own["alpha"]}
         size["a"] = own["a"] + own["omega"] * own["v"]
         self._sizes = [size]
