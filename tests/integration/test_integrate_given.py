@@ -365,3 +365,13 @@ def test_ten_million_steps_do_not_drift(name):
             exact = mpmath.mpf(0.1) + mpmath.mpf(t[i]) + mpmath.mpf(3) / 10 * mpmath.sin(mpmath.mpf(t[i]))
             assert abs(motion.psi[i] - exact) <= 2 * U * abs(exact)
     assert motion.error_estimate <= 2e-14
+
+
+@pytest.mark.parametrize("method", ["dop853", "magnus6"])
+def test_psi_is_as_accurate_as_its_method_says_between_far_instants(method):
+    """Of dop853 it has a tolerance too; of a rule with steps it has the steps of the instants, unless told."""
+    pair, t = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)), np.linspace(0, 3, 4)
+    moved = hp.integrate(pair, t, omega1=(0, 0, 0.1), psid=lambda t: np.cos(7 * t), method=method)
+    error = np.abs(moved.psi - np.sin(7 * t) / 7).max()
+    assert moved.psi_error_estimate == pytest.approx(error, rel=0.01, abs=1e-12)
+    assert (error < 1e-11) == (method == "dop853")
