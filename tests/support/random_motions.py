@@ -128,9 +128,9 @@ class Motion(NamedTuple):
         cb, sb, cc, sc = np.cos(b), np.sin(b), np.cos(c), np.sin(c)
         return np.stack(np.broadcast_arrays(dc - sb * da, db * cc + cb * sc * da, -db * sc + cb * cc * da), axis=-1)
 
-    def errors(self, motion):
-        """How far attitude and psi of a trajectory are off [rad], at the worst of up to 800 instants."""
-        t = motion.t
+    def errors(self, motion, t=None):
+        """How far attitude and psi of a trajectory are off [rad] at the worst of up to 800 instants, or times t."""
+        t = motion.t if t is None else t
         picked = np.unique(np.linspace(0, len(t) - 1, 800).astype(int))
         w, x, y, z = motion.quat_wxyz[picked].astype(np.longdouble).T
         S = self.attitude(t[picked])

@@ -10,8 +10,7 @@ the interpolant that is integrated so; what this misses is added (`interpolation
 Rounding: a step that turns by an angle a is rounded by about u a. Its nodes are rounded by about u t where a callable
 is given, which adds u t times the change of the rate over the step. Each step is rounded in its own way, so that the
 squares add up: over many steps this is far less than u times all that is turned, over few fast ones about that. The
-stamps of samples may be rounded too: u times 1.7e9 s is 1e-7 s. Values that belong to the stamps as they are lie on a
-smooth curve over them; over rounded stamps they are as rough as their slope times that.
+stamps of samples may be rounded too (`stamp_rounding`).
 """
 
 from __future__ import annotations
@@ -43,9 +42,6 @@ What is narrower than one of these, and than half a step, may lie between their 
 
 _U = 2.0**-53
 _NODES = 0.4  # measured; a step's outer nodes are rounded in opposite senses, the middle one counts 4/9
-_WINDOW = 11  # samples whose highest divided difference tells roughness; of a smooth motion it is as good as none
-_WINDOWS = 2048
-_ROUGH = 0.02  # of the roughness that rounded stamps make, in the mean of squares: they go like a saw, of few teeth
 _OUTER = RULES["magnus6"].nodes[0], RULES["magnus6"].nodes[-1]
 _SURE = 2.0  # times the noise of rounding: what is larger has another cause
 _EDGE = 1e-4  # of a step: how near to its ends a callable is looked at, since it may jump at the instants themselves
@@ -158,13 +154,16 @@ def joined(parts: Iterable[StepErrors]) -> StepErrors:
 def estimated_error(
     integral: Integral, steps: Steps, values: Array, known: tuple[Measured, StepErrors] | None = None
 ) -> float:
-    """Estimate the error of an integral at the worst instant [rad]; NaN where it cannot be told.
+    """Estimate the error of an integral at the worst instant [rad], but for that of stamps.
 
     Args:
         integral: what was integrated.
         steps: the steps that were made.
         values: attitudes or angles at the ends of the steps.
         known: errors of the steps, if these were measured already.
+
+    Returns:
+        The error; NaN where it cannot be told.
     """
     rate, rule = integral.rate, integral.rule
     if not steps.made or (isinstance(integral, Angle) and integral.exact):
@@ -183,7 +182,7 @@ def estimated_error(
     at_samples = steps.asked(values)
     between = _between_samples(steps, measured.steps, seen[:, None] * errors.errors)
     missed = largest_error(rate, between, lambda a, b, e: integral.added_up(at_samples[a + 1 : b + 1], e))
-    return rounded + stamp_rounding(rate) + missed
+    return rounded + missed
 
 
 def rounding_error(integral: Integral, values: Array, measured: Measured, rounding: Rounding) -> float:
@@ -354,32 +353,3 @@ def interval_rounding(signal: Signal, start: Array, stop: Array) -> Rounding:
     size = 0.5 * h * (row_norms(rates[:, 0]) + row_norms(rates[:, 1]))
     moved = 0.0 if isinstance(signal, Samples) else _NODES * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
     return Rounding(size, _U * np.sqrt(size**2 + moved**2))
-
-
-def stamp_rounding(samples: Samples) -> float:
-    """What the rounding of the stamps adds to an integral over samples; 0 where values show that none took place.
-
-    At an instant that is off by some time the integral is off by the rate times that, and a random walk of the
-    changes of the rate times that comes to it on the way there.
-    """
-    t, columns = samples.t, samples.values.reshape(len(samples.t), -1)
-    sigma = np.spacing(np.abs(t)) / math.sqrt(12)
-    h, slopes = np.diff(t), row_norms(np.diff(columns, axis=0)) / np.diff(t)
-    if not _stamps_are_rounded(t, columns, sigma):
-        return 0.0
-    walk = math.sqrt(float(((slopes * h * sigma[1:]) ** 2).sum()))
-    return 2 * float((row_norms(columns) * sigma).max()) + walk
-
-
-def _stamps_are_rounded(t: Array, columns: Array, sigma: Array) -> bool:
-    if len(t) < _WINDOW + 1:
-        return True
-    first = np.unique(np.linspace(0, len(t) - _WINDOW, _WINDOWS).astype(np.intp))
-    near = first[:, None] + np.arange(_WINDOW)
-    x = (t[near] - t[first, None]) / (t[first + _WINDOW - 1] - t[first])[:, None]
-    apart = x[:, :, None] - x[:, None, :] + np.eye(_WINDOW)
-    weights = 1 / apart.prod(axis=2)
-    rough = row_norms(np.einsum("wi,wik->wk", weights, columns[near]))
-    slopes = row_norms(np.gradient(columns, t, axis=0))[near]
-    expected = ((weights * slopes * sigma[near]) ** 2).sum(axis=1)
-    return bool((rough**2).sum() > _ROUGH**2 * expected.sum())

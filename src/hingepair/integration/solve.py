@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
@@ -15,6 +16,7 @@ from hingepair.integration.euler_angles import euler_angles, quaternions_of_eule
 from hingepair.integration.integrals import Angle, Attitude, Integral
 from hingepair.integration.methods import RULES, quaternion_product
 from hingepair.integration.signals import Samples, Signal
+from hingepair.integration.stamp_rounding import stamp_deviations, stamp_error
 from hingepair.integration.step_selection import MOST_STEPS, SelectedSteps, selected_steps
 from hingepair.integration.stepping import Steps
 from hingepair.integration.trajectory import Later
@@ -105,7 +107,22 @@ def solve(course: Course, omega: Signal, psid: Signal, start: Array | float, psi
         tol = _SCIPY_TOLERANCE if course.tol is None and course.method == "dop853" else course.tol
         selected = selected_steps((hinge,), course.t, tol)
     swung = _integrated(hinge, psi_0, selected)
-    return Solution(turned.values, swung.values, turned.steps, turned.error, swung.error)
+    sampled = [rate for rate in (omega, psid) if isinstance(rate, Samples)]
+
+    @functools.cache
+    def deviations() -> Array:
+        return stamp_deviations(sampled)
+
+    def with_stamps(error: Later, rate: Signal, farthest: float) -> Later:
+        if not isinstance(rate, Samples):
+            return error
+        return Later(lambda: min(error() + stamp_error(rate, deviations()), farthest))
+
+    errors = (
+        with_stamps(turned.error, omega, math.inf if flat else math.pi),
+        with_stamps(swung.error, psid, math.inf),
+    )
+    return Solution(turned.values, swung.values, turned.steps, *errors)
 
 
 def _integrated(integral: Integral, start: Any, selected: SelectedSteps) -> _Found:

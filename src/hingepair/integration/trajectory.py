@@ -91,10 +91,10 @@ class _OfState(Frozen, Result):
         narrower than a 509th of the time and leaves no trace in such values is missed.
 
         Of samples the estimate counts what interpolation misses: gaps, motion that the samples hardly follow, jumps
-        and kinks, which may be anywhere between two of them; and the rounding of stamps, where the values are as
-        rough as that makes them. It is NaN of fewer than four samples. Noise in what was given is not part of it, nor
-        are stamps whose rounding drifts too slowly to be seen in so few samples, nor what happens in a gap or faster
-        than two samples a period and leaves no trace in the samples.
+        and kinks, which may be anywhere between two of them. It counts the rounding of stamps to doubles, single
+        floats or decimals as far as the values are as rough as that makes them. It is NaN of fewer than four samples.
+        Noise in what was given is not part of it, nor are stamps whose rounding drifts too slowly to be seen in so
+        few samples, nor what happens in a gap or faster than two samples a period and leaves no trace in the samples.
         """
         return self._error()
 
