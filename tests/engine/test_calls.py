@@ -305,3 +305,27 @@ def test_results_that_nobody_holds_can_be_written_to(lead, backend):
     for array in one.run(values, dict.fromkeys(GIVEN, lead)).writable_arrays().values():
         array[...] = 3.0
         assert (array == 3).all()
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+@pytest.mark.parametrize("lead", [(), (9,), (2, 3)])
+def test_one_output_alone_is_returned_itself(lead, backend):
+    loop = Loop("product", product, dict(LIMITED.inputs), {"y": (3,), "checked": ()})
+    one = Call(loop, GIVEN, CONSTANTS, None, backend=backend, limits={"checked": {8: 1.0}}, refuse=refuse)
+    given = arrays([lead] * 3)
+    given[2][...] = -1.0
+    wanted = expected(*given)[0]
+    shapes = dict.fromkeys(GIVEN, lead)
+    for _ in range(2):  # not the same array again
+        found = one.run(dict(zip(GIVEN, given, strict=True)), shapes)
+        np.testing.assert_allclose(found, wanted, rtol=1e-14)
+        found[...] = 0.0
+    quick = one.quick(*given)
+    if quick is not None:
+        np.testing.assert_allclose(quick, wanted, rtol=1e-14)
+        quick[...] = 0.0
+    out = np.empty((*lead, 3))
+    assert np.shares_memory(one.run(dict(zip(GIVEN, given, strict=True)), shapes, {"y": out}), out)
+    np.testing.assert_allclose(out, wanted, rtol=1e-14)
+    with pytest.raises(RefusedError):
+        one.run(dict(zip(GIVEN, (*given[:2], given[2] + 3.0), strict=True)), shapes)

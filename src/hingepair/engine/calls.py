@@ -52,7 +52,8 @@ class Call:
         given: shape of one sample of each argument, by name and in order; also of those that the loop does not need,
             which are checked and broadcast all the same.
         constants: the loop's other inputs by name: numbers, or tuples of numbers; arrays where they have samples.
-        result: the class of what is returned.
+        result: the class of what is returned; None where the one output is returned itself, as an array that can be
+            written to.
         shape: leading shape of the constants; () where they are the same at all samples.
         backend: one of `backend.BACKENDS`.
         limits: outputs that are not returned, but compared: where one is larger than its limit at a sample, the call
@@ -71,7 +72,7 @@ class Call:
         loop: Loop,
         given: Mapping[str, Extent],
         constants: Mapping[str, Any],
-        result: type[Results],
+        result: type[Results] | None,
         *,
         shape: Extent = (),
         backend: str = "auto",
@@ -150,7 +151,9 @@ class Call:
             source += [f"def {'many' if length else 'one'}({length}{arguments}):"]
             for out, (_, tail) in zip(outs, self.loop.outputs, strict=True):
                 source += [f"    {out} = empty(({length}{''.join(f'{n}, ' for n in tail)}))"]
-            source += [f"    ran = run({arguments}, {', '.join(outs)}, constants, True)", "    if ran is not True:"]
+            read_only = self.result is not None
+            call = f"run({arguments}, {', '.join(outs)}, constants, {read_only})"
+            source += [f"    ran = {call}", "    if ran is not True:"]
             if length:
                 source += ["        return None"]
             else:
@@ -174,10 +177,8 @@ class Call:
         if self._backend == "auto" and self._readable:
             source += ["    if pays(key, 0) is not None:", f"        return switch({arguments})"]
         taken = ", ".join(numbers[place] for place in self._places)
-        source += [
-            f"    components = array(program.floats_function(*numbers, {taken}))",
-            "    components.setflags(write=False)",
-        ]
+        source += [f"    components = array(program.floats_function(*numbers, {taken}))"]
+        source += ["    components.setflags(write=False)"] if self.result is not None else []
         begin = 0
         for k, (_, tail) in enumerate(self.loop.outputs):
             end = begin + math.prod(tail)
@@ -196,6 +197,8 @@ class Call:
                 passed = f"{out} > {self._limits[name][8]!r}"
                 source += [f"    if ({passed}).any():", f"        refuse({arguments})"]
         visible = [(out, name) for out, name in named if name in self.outputs]
+        if self.result is None:
+            return [*source, f"    return {visible[0][0]}"]
         values = "".join(f"{out}, " for out, _ in visible)
         source += ["    result = new(Result)", f"    set_content(result, (names, ({values}), ({length})))"]
         slots = self.result.__slots__
@@ -203,10 +206,11 @@ class Call:
         return [*source, "    return result"]
 
     def _compiled_source(self, source: list[str], name: str, **more: Any) -> Callable[..., Any]:
-        slots = {f"set_{n}": self.result.__dict__[n].__set__ for n in self.outputs if n in self.result.__slots__}
+        result = self.result or Results
+        slots = {f"set_{n}": result.__dict__[n].__set__ for n in self.outputs if n in result.__slots__}
         scope: dict[str, Any] = {
             "empty": np.empty, "array": np.array, "ndarray": np.ndarray, "float64": _FLOAT64,
-            "constants": self._constant_array, "new": self.result.__new__, "Result": self.result,
+            "constants": self._constant_array, "new": result.__new__, "Result": result,
             "set_content": Results.__dict__["_content"].__set__, "names": self.outputs, "refuse": self._refused,
             "max_samples": self._max_samples, "pays": self.program.kernel_if_paid, "key": self._key,
             "switch": self._switch, **slots, **more,
@@ -254,6 +258,12 @@ class Call:
         inputs = {**self._constants, **values}
         self.loop.run(inputs, arrays, shape, dtype, How(self._backend, workers))
         self._check_limits(arrays, lambda: values)
+        return self._returned(arrays, shape)
+
+    def _returned(self, arrays: Mapping[str, Any], shape: Extent) -> Any:
+        """Return the outputs among these arrays as the result, or the one output itself."""
+        if self.result is None:
+            return arrays[self.outputs[0]]
         return self.result({name: arrays[name] for name in self.outputs}, shape)
 
     def _run_quickly(
@@ -298,18 +308,17 @@ class Call:
         arrays = [out[name] if name in out else np.empty((*lead, *tail)) for name, tail in self.loop.outputs]
         if self._into(*given, *arrays, self._constant_array, False) is not True:
             return None
-        named = zip((name for name, _ in self.loop.outputs), arrays, strict=True)
-        return self.result({name: array for name, array in named if name in self.outputs}, lead)
+        return self._returned(dict(zip((name for name, _ in self.loop.outputs), arrays, strict=True)), lead)
 
     def _copied(self, result: Any, out: Mapping[str, NDArray[Any]]) -> Any:
         """Return the results of one state, copied into arrays."""
-        arrays = result.arrays()
+        arrays = {self.outputs[0]: result} if self.result is None else result.arrays()
         for name, array in out.items():
             _check_buffer(name, array, np.shape(arrays[name]), _FLOAT64)
         _check_apart(out, {})
         for name, array in out.items():
             array[...] = arrays[name]
-        return self.result({**arrays, **out}, ())
+        return self._returned({**arrays, **out}, ())
 
     def run_foreign(
         self, values: Mapping[str, Any], shapes: Mapping[str, Extent], library: Library, out: Out, workers: int
@@ -337,15 +346,15 @@ class Call:
         computed = self.loop.function(
             {name: _foreign_parts(name, inputs[name], tail, library) for name, tail in self.loop.inputs}
         )
-        result: Any = self.result
-        if library.name == "jax":
+        if library.name == "jax" and self.result is not None:
+            result: Any = self.result
             _register_for_jax(result)
         arrays = {}
         for name, tail in self.loop.outputs:
             if name in self.outputs:
                 components = computed[name] if isinstance(computed[name], tuple) else (computed[name],)
                 arrays[name] = library.joined(components, shape, tail)
-        return result(arrays, shape)
+        return self._returned(arrays, shape)
 
     # ---- limits
 

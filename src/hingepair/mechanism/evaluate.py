@@ -13,6 +13,7 @@ from hingepair.engine.backend import How
 from hingepair.engine.binding import bind
 from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import Operations
+from hingepair.engine.results import Results
 from hingepair.mechanism.arguments import AT_REST, LETTERS, NO_LOADS, Values, read_out
 from hingepair.mechanism.constants import Constants, frame_numbers, known_and_parameters
 from hingepair.mechanism.tree import Frame
@@ -38,7 +39,7 @@ class Problem:
         free: whether the base moves as forces have it.
         frames: whose motion is computed, and those that wrenches act on.
         loaded: places among the frames of the latter.
-        result: the class of what is returned.
+        result: the class of what is returned; None where the one output is returned itself.
 
     Attributes:
         form: the robot's build.
@@ -56,7 +57,7 @@ class Problem:
         free: bool,
         frames: tuple[Frame, ...],
         loaded: tuple[int, ...],
-        result: Any,
+        result: type[Results] | None,
     ) -> None:
         numbers = [number for frame in frames for number in frame_numbers(constants, frame)]
         known, parameters = known_and_parameters(numbers)

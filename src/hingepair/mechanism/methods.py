@@ -19,8 +19,8 @@ from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.arguments import Coordinates, read_values, read_wrenches
 from hingepair.mechanism.constants import Constants, constants_of
 from hingepair.mechanism.evaluate import Problem
-from hingepair.mechanism.prepare import ARRAYS, PreparedMechanism, array_of, checked_given
-from hingepair.mechanism.states import ArrayResult, MechanismAccelerations, MechanismForces, MechanismState, state_of
+from hingepair.mechanism.prepare import ARRAYS, PreparedMechanism, checked_given
+from hingepair.mechanism.states import MechanismAccelerations, MechanismForces, MechanismState, state_of
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant
 from hingepair.numeric.tables import Shown
@@ -41,9 +41,10 @@ _FORCES = ("tau", "force1", "torque1")
 _RESULTS: Final[Mapping[str, type[Results]]] = {
     **dict.fromkeys(_FORCES, MechanismForces),
     **dict.fromkeys(("qdd", "a1", "alpha1"), MechanismAccelerations),
-    **dict.fromkeys(ArrayResult.__slots__, ArrayResult),
 }
 """What is returned, by the first output; of motion a MechanismState."""
+_ALONE: Final = (*ARRAYS, "centre_of_mass", "centre_of_mass_jacobian", "centre_of_mass_bias")
+"""The outputs that are returned themselves, as arrays, where nothing else is computed."""
 
 
 class MechanismMethods(Shown):
@@ -642,7 +643,11 @@ class MechanismMethods(Shown):
         key = outputs, names, loaded
         found: Problem | None = self._constants.prepared.get(key)
         if found is None:
-            kind = state_of(names) if outputs[0] in _MOTION else _RESULTS.get(outputs[0], Results)
+            kind: type[Results] | None = _RESULTS.get(outputs[0], Results)
+            if outputs[0] in _MOTION:
+                kind = state_of(names)
+            elif len(outputs) == 1 and outputs[0] in _ALONE:
+                kind = None
             bodies = tuple((frames or {}).values())
             found = Problem(self._constants, outputs, self.base == "free", bodies, tuple(range(loaded)), kind)
             self._constants.prepared[key] = found
@@ -710,12 +715,11 @@ class MechanismMethods(Shown):
         (name,) = problem.request.outputs
         arrays = None if out is None else {name: out}
         try:
-            state = self._run(problem, coordinates, base_motion, arrays, workers, backend, gravity)
+            found: FloatArray = self._run(problem, coordinates, base_motion, arrays, workers, backend, gravity)
         except ArgumentError as error:
             if error.name != f"out[{name!r}]":
                 raise
             raise type(error)("out", error.expected, error.got) from None
-        found: FloatArray = array_of(state, name)
         return found
 
     def _say_doubts(self) -> None:

@@ -57,7 +57,6 @@ class PreparedMechanism:
         self._call: Call = problem.call(given, gravity, how.backend, checked=True)
         if how.backend == "auto":
             self._call.compile()
-        self._single = self.outputs[0] if self.outputs[0] in ARRAYS else None
 
     def __repr__(self) -> str:
         return f"PreparedMechanism(given={self.given}, outputs={self.outputs})"
@@ -90,24 +89,23 @@ class PreparedMechanism:
         Raises:
             ArgumentError: an argument cannot be used; names it.
         """
-        if len(given) != len(self.given):
-            raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
-        single = self._single
         if out is None:
-            result = self._call.quick(*given)
-            if single is None:
-                return self._general(given, None) if result is None else result
-        elif single is not None:
-            result = self._call.write(given, {single: out})
-        else:
-            result = self._call.write(given, out) if type(out) is dict and out.keys() <= {*self.outputs} else None
-            return self._general(given, out) if result is None else result
-        if result is None:
-            result = self._general(given, None if out is None else {single: out})
-        return array_of(result, single)
+            try:
+                result = self._call.quick(*given)
+            except TypeError:
+                result = None  # perhaps another number of arguments
+            return self._general(given, None) if result is None else result
+        arrays = {self.outputs[0]: out} if self._problem.result is None else out
+        if type(arrays) is dict and arrays.keys() <= {*self.outputs} and len(given) == len(self.given):
+            result = self._call.write(given, arrays)
+            if result is not None:
+                return result
+        return self._general(given, arrays)
 
     def _general(self, given: Sequence[Any], out: Out) -> Any:
         """Return the results for anything that can be used; refuse the rest."""
+        if len(given) != len(self.given):
+            raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
         read_out(out, self.outputs)
         named = dict(zip(self.given, given, strict=True))
         library = library_of(named)
@@ -120,17 +118,6 @@ class PreparedMechanism:
             parts[name] = value if library is not None else vectors(name, value, *tails[name])
             shapes[name] = tuple(np.shape(value)[: np.ndim(value) - len(tails[name])])
         return self._problem.run(Values(parts, shapes, library), self._gravity, out, self._how, checked=True)
-
-
-def array_of(result: Any, name: str) -> Any:
-    """Return the one array of a result, as one that can be written to."""
-    array = getattr(result, name)
-    if type(array) is np.ndarray:
-        try:
-            array.setflags(write=True)
-        except ValueError:  # a view of an array that is read-only
-            array = result.writable_arrays()[name]
-    return array
 
 
 def _called(function: Callable[[], Any]) -> Any:

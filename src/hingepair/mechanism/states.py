@@ -68,7 +68,8 @@ class MechanismState(Results):
         if name not in self.frames:
             raise ArgumentError("frame", choices(self.frames) + nearest(str(name), self.frames), quoted(name))
         place, axis = self.frames.index(name), len(self.shape)
-        arrays = {output: array[(slice(None),) * axis + (place,)] for output, array in self.arrays().items()}
+        moving = {output: array for output, array in self.arrays().items() if output in _MOTION}
+        arrays = {output: array[(slice(None),) * axis + (place,)] for output, array in moving.items()}
         return FrameState(arrays, self.shape)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -112,12 +113,3 @@ class MechanismAccelerations(Results):
     qdd: FloatArray
     a1: FloatArray
     alpha1: FloatArray
-
-
-class ArrayResult(Results):
-    """One array, of a method that returns it alone."""
-
-    __slots__ = (
-        *("jacobian", "acceleration_bias", "mass_matrix", "bias_forces", "gravity_forces"),
-        *("centre_of_mass", "centre_of_mass_jacobian", "centre_of_mass_bias"),
-    )
