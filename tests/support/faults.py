@@ -1226,4 +1226,52 @@ FAULTS = {
         "    if True:\n        model.append",
         "validation/test_robot_twin.py::test_a_robot_is_compared_output_by_output[fixed-3]",
     ),
+    "an inertia is assumed where it equals the default": Fault(
+        "pair/body.py",
+        "computed = {name: own for name, own in values.items() if arguments[name] is None}",
+        "computed = {n: own for n, own in values.items() if arguments[n] is None or np.ndim(own) == 2}",
+        "pair/test_body.py::test_a_value_is_assumed_where_it_is_not_given_and_not_where_it_equals_the_default",
+    ),
+    "a friction that is left out of the torque": Fault(
+        "pair/hinge_load.py",
+        'terms["friction"] = -self.friction',
+        'terms["friction"] = 0 * self.friction',
+        "pair/test_hinge_load.py::test_the_parts_of_a_load_are_those_of_its_formula_and_sum_to_it",
+    ),
+    "loads on body 2 are not those of the motion": Fault(
+        "validation/simulated.py",
+        "given[i] += jacobian.T @ on_body2[i]",
+        "given[i] -= jacobian.T @ on_body2[i]",
+        "validation/test_simulated.py::test_a_simulated_motion_is_compared_with_inverse_dynamics[free-space]",
+    ),
+    "a torque that is compared with itself": Fault(
+        "validation/simulated.py",
+        "given[:, held] = taken[:, held]",
+        "given[:] = taken",
+        "validation/test_simulated.py::test_loads_of_another_pair_are_no_loads_of_this_motion[u2]",
+    ),
+    "a rate that no slope is compared with": Fault(
+        "validation/simulated.py",
+        "resolved = off <= _RESOLVED",
+        "resolved = off < 0 * _RESOLVED",
+        "validation/test_simulated.py::test_a_motion_that_does_not_follow_from_its_loads_fails[fixed-space-psid]",
+    ),
+    "noise of a log that goes through no differences": Fault(
+        "scenes/log_noise.py",
+        "slopes = [np.stack(columns, axis=-1) for columns in zip(*pairs, strict=True)]",
+        "slopes = []",
+        "cli/test_forces.py::test_the_noise_of_a_log_is_estimated_and_what_it_makes_of_the_forces[psi]",
+    ),
+    "residuals of a local fit that are not scaled": Fault(
+        "numeric/finite_differences.py",
+        "weights /= np.linalg.norm(weights, axis=-1, keepdims=True)",
+        "weights /= np.abs(weights).max(axis=-1, keepdims=True)",
+        "numeric/test_finite_differences.py::test_the_residuals_of_noise_are_as_large_as_the_noise[0.0]",
+    ),
+    "a spring that MJCF holds slack at zero": Fault(
+        "formats/model_writers.py",
+        '"springref": load.rest}',
+        '"springref": 0.0}',
+        "formats/test_dynamics_exports.py::test_mujoco_moves_the_model_as_the_scene_moves[fixed]",
+    ),
 }

@@ -124,7 +124,10 @@ CHANGES = {
 
 @pytest.mark.parametrize(
     ("base", "text", "change"),
-    [(base, SPACE, change) for base in BASES for change in CHANGES] + [(base, PLANE, "all") for base in BASES],
+    [
+        *(pytest.param(base, SPACE, change, id=f"{base}-space-{change}") for base in BASES for change in CHANGES),
+        *(pytest.param(base, PLANE, "all", id=f"{base}-plane-all") for base in BASES),
+    ],
 )
 def test_a_motion_that_does_not_follow_from_its_loads_fails(scenes, base, text, change):
     report = with_hinge(scenes(text, base), CHANGES[change]).cross_validate()
