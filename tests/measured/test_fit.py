@@ -280,6 +280,16 @@ def test_what_is_no_hinge_is_said_in_a_sentence(name: str, noise: float) -> None
     assert words in str(found)
 
 
+def test_two_hinges_are_named_by_their_axes() -> None:
+    """About N1 in body 1 and about e_z in body 2, where HOME and the second turn leave it."""
+    kind, _ = OTHERS["two hinges"]
+    found = hp.fit(*bodies(recording(2000, 1e-3, 2e-3, **kind)))
+    named = re.search(r"about \((.*?)\) in body 1 and \((.*?)\) in body 2", " ".join(found.findings))
+    a, b = (np.array([float(c) for c in axis.split(",")]) for axis in named.groups())
+    assert abs(a @ N1) == pytest.approx(1, abs=1e-3)
+    assert abs(b[2]) == pytest.approx(1, abs=1e-3)
+
+
 @pytest.mark.parametrize("noise", [0.0, 1e-3], ids=["exact", "noisy"])
 @pytest.mark.parametrize(
     ("slip", "words"), [(0.0, "a fixed pair"), (0.2 * SLOW[:, None] * N1, "a sliding joint")], ids=["fixed", "slides"]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.numeric.finite_differences import differentiate
 from support.recorded import HOME, N1, U1, U2
 
 T = np.arange(1000) / 100
@@ -142,6 +143,36 @@ def test_a_point_that_is_hardly_shown_is_known_to_so_much() -> None:
     assert 0.1 < std < 1
     assert not found.ok
     assert found.findings[0].startswith(f"The hinge point is known to {std:.2g} m only")
+
+
+@pytest.mark.parametrize("moving", [1.0, 0.25, 0.2])
+def test_a_point_is_good_if_it_is_known_to_a_tenth_of_the_levers(moving: float) -> None:
+    found = hp.fit_anchor(T, *felt(moving, noise=1e-2), N1, N2)
+    share = np.sqrt(np.diagonal(found.covariance).max()) / max(np.linalg.norm(found.u1), np.linalg.norm(found.u2))
+    assert found.ok == (share <= 0.1)
+    low, high = {1.0: (0, 0.04), 0.25: (0.055, 0.095), 0.2: (0.105, 0.2)}[moving]
+    assert low < share < high
+
+
+@pytest.mark.parametrize("scale", [0.05, 40.0])
+def test_points_far_from_the_starts_are_found(scale: float) -> None:
+    """Levers of centimetres and of tens of metres; the starts are some decimetres long."""
+    omega1, f1, omega2, f2 = felt()
+    forces = [
+        f + (scale - 1) * np.einsum("nij,j->ni", accelerations(omega), -u)
+        for f, omega, u in ((f1, omega1, U1), (f2, omega2, U2))
+    ]
+    found = hp.fit_anchor(T, omega1, forces[0], omega2, forces[1], N1, N2)
+    slide = -scale * (U1 @ N1)
+    assert np.abs(found.u1 - (scale * U1 + slide * N1)).max() < 2e-4 * scale
+    assert np.abs(found.u2 - (scale * U2 + slide * N2)).max() < 2e-4 * scale
+
+
+def accelerations(omega: np.ndarray) -> np.ndarray:
+    """What takes a lever to the acceleration of its end, omega by differences; (N, 3, 3)."""
+    alpha = np.stack([differentiate(T, column)[0] for column in omega.T], axis=-1)
+    W = hp.skew(omega)
+    return W @ W + hp.skew(alpha)
 
 
 def test_a_point_that_is_not_shown_is_not_told() -> None:
