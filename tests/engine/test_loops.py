@@ -7,7 +7,7 @@ import platform
 import numpy as np
 import pytest
 
-from hingepair.engine import array_heads, native
+from hingepair.engine import array_heads, backend, native
 from hingepair.engine.backend import Account, How
 from hingepair.engine.llvm_ir import LANES
 from hingepair.engine.loops import Loop
@@ -247,9 +247,35 @@ def test_other_processors(monkeypatch, kind):
         native.can_fuse.cache_clear()
 
 
-def test_an_account_pays_when_the_rent_has_come_to_the_price():
+@pytest.fixture
+def fresh(monkeypatch):
+    """As in a process that has compiled nothing yet."""
+    monkeypatch.setattr(backend, "_started", False)
+    monkeypatch.setattr(backend, "_broken", False)
+
+
+@pytest.mark.usefixtures("fresh")
+@pytest.mark.parametrize("operations", [50, 200, 10_000])
+def test_a_kernel_pays_when_the_rent_has_come_to_its_price(operations):
+    """However the samples come, and not before."""
+    for samples in (1, 100, 10_000, 1_000_000):
+        account = Account(operations)
+        while not account.pays(samples):
+            assert account.owed < account.price
+        last = operations * (samples * 7.5e-10 + 4.5e-7)
+        assert account.price <= account.owed <= account.price + last * (1 + 1e-9)
+
+
+@pytest.mark.usefixtures("fresh")
+def test_the_first_kernel_of_a_process_costs_more():
     account = Account(200)
-    calls = next(k for k in range(1, 10_000) if account.pays(100))
-    assert 100 < calls < 3000
-    assert Account(200).pays(10**7)
-    assert not Account(200).pays(100_000)
+    first = account.price
+    backend.started()
+    assert account.price < first / 2
+
+
+@pytest.mark.usefixtures("fresh")
+def test_states_in_python_pay_for_a_kernel_too():
+    account = Account(300)
+    calls = next(k for k in range(1, 10**6) if account.pays_one())
+    assert 10_000 < calls < 30_000

@@ -1,4 +1,4 @@
-"""Which backend, how many threads: NumPy for few samples, compiled kernels once they pay."""
+"""The choice of a backend and of threads: NumPy for few samples, compiled kernels once they pay."""
 
 from __future__ import annotations
 
@@ -12,12 +12,17 @@ from hingepair.numeric.arrays import check_choice
 
 BACKENDS = ("auto", "numpy", "compiled")
 
-_IMPORTING = 0.035  # seconds that llvmlite takes
-_COMPILING, _A_LINE = 0.02, 0.0002  # seconds for a kernel, and for each of its operations
-_A_CALL, _A_SAMPLE = 1.0e-6, 1.0e-9  # seconds that NumPy takes for each operation, beyond what a kernel does
-_A_STATE = 1.2e-8  # seconds that Python takes for each operation on one state, likewise
+# What is paid, measured on one machine; on others all of it takes longer or shorter by about the same factor.
+_START_SECONDS = 0.07  # once in a process: llvmlite is imported, and what all kernels share is compiled
+_KERNEL_SECONDS = 0.025  # for a kernel
+_KERNEL_OPERATION_SECONDS = 5e-5  # and for each of its operations
+# What an operation takes without a kernel, beyond what it takes with one.
+_NUMPY_CALL_SECONDS = 4.5e-7  # in a call by NumPy
+_NUMPY_SAMPLE_SECONDS = 7.5e-10  # and for each of its samples
+_PYTHON_STATE_SECONDS = 1.5e-8  # for one state in Python
 
 _broken = False
+_started = False
 
 
 class How(NamedTuple):
@@ -33,7 +38,7 @@ class How(NamedTuple):
 
 
 def choose(backend: str, workers: int) -> How:
-    """The choice that two arguments make.
+    """Return the choice that two arguments make.
 
     Raises:
         ArgumentError: an unknown backend, or a number of workers that is neither -1 nor positive.
@@ -55,36 +60,46 @@ def _choice(backend: str, workers: int) -> How:
 
 
 def _cores() -> int:
-    """The cores that this process may use; all of them where the system does not say."""
+    """Return the number of cores that this process may use; of all of them where the system does not say."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Account:
-    """Whether a kernel pays: what NumPy has cost so far beyond it, against what compiling costs.
+    """A record of what calls have cost without a kernel, which says when a kernel pays.
 
     Skis are rented until the rent has come to their price, then bought: whatever calls come, their time is at most
     twice that of the better backend in hindsight, and no call waits for a kernel that it does not pay for. The costs
-    are estimates by the number of operations, so that what runs does not depend on how busy the machine is.
+    are estimated from the number of operations, so that what runs does not depend on how busy the machine is.
     """
 
     def __init__(self, operations: int) -> None:
         self.operations = operations
-        self.owed = 0.0
-        self.price = _IMPORTING + _COMPILING + _A_LINE * operations
+        self.owed = 0.0  # seconds
+
+    @property
+    def price(self) -> float:
+        """Seconds until the kernel is there."""
+        return _KERNEL_SECONDS + _KERNEL_OPERATION_SECONDS * self.operations + (0.0 if _started else _START_SECONDS)
 
     def pays(self, samples: int, links: int = 1) -> bool:
-        """Count a call over so many samples, in chains of so many links, and say whether a kernel pays now."""
-        self.owed += self.operations * (links * _A_CALL + samples * _A_SAMPLE)
+        """Count a call over so many samples, in chains of so many links, and return whether a kernel pays now."""
+        self.owed += self.operations * (links * _NUMPY_CALL_SECONDS + samples * _NUMPY_SAMPLE_SECONDS)
         return self.owed >= self.price and not _broken
 
     def pays_one(self) -> bool:
-        """The same for one state, in Python."""
-        self.owed += self.operations * _A_STATE
+        """Count a call of one state in Python, and return whether a kernel pays now."""
+        self.owed += self.operations * _PYTHON_STATE_SECONDS
         return self.owed >= self.price and not _broken
 
 
+def started() -> None:
+    """Note that kernels share what was compiled for the first of them: the next ones cost less."""
+    global _started  # noqa: PLW0603 (there is one process)
+    _started = True
+
+
 def give_up(error: Exception) -> None:
-    """Say once that kernels cannot be had, and ask for none again."""
+    """Warn once that kernels cannot be had, and ask for none again."""
     global _broken  # noqa: PLW0603 (what cannot be loaded once is not tried at every call)
     if not _broken:
         _broken = True
