@@ -235,11 +235,13 @@ def test_a_stop_that_is_hardly_touched_is_felt():
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:psi passes the stops")
-def test_a_free_pair_keeps_momentum_and_energy_through_its_stops():
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_a_free_pair_keeps_momentum_and_energy_through_its_stops(backend):
     rng = generator(31)
     pair, start = heavy(rng), thrown(rng)
     stops = hp.HingeLoad(stops=(0.0, 0.5))
-    free = hp.simulate(pair, np.linspace(0, 2, 41), start, 0.3, 3.0, hinge_torque=stops, gravity=WEIGHTLESS, tol=1e-9)
+    given = {"hinge_torque": stops, "gravity": WEIGHTLESS, "tol": 1e-9, "backend": backend}
+    free = hp.simulate(pair, np.linspace(0, 2, 41), start, 0.3, 3.0, **given)
     momentum = free.momentum()
     beyond = free.psi - np.clip(free.psi, 0.0, 0.5)
     assert np.abs(beyond).max() > 1e-3

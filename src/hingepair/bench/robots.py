@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import warnings
 import weakref
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -282,7 +283,9 @@ def frax_batch(task: Task) -> Job:
     from hingepair.formats.model_writers import to_urdf
 
     jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
-    from frax.core.robot import Robot
+    with warnings.catch_warnings():  # frax recommends settings of its own
+        warnings.simplefilter("ignore")
+        from frax.core.robot import Robot
 
     with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
         file.write(to_urdf(task.robot))
