@@ -67,13 +67,13 @@ def plot(source: Source, outputs: Iterable[str] | None = None) -> Figure:
     >>> [axes.get_title() for axes in figure.axes][:2]
     ['position of body 2, R2', 'attitude of body 2, Euler angles XYZ']
     """
+    title, curves = _curves(source, outputs)
     try:
         from matplotlib.figure import Figure
     except ImportError:
         raise MissingDependencyError(
             "plot", "the package matplotlib: pip install 'hingepair[plot]'", "none"
         ) from None
-    title, curves = _curves(source, outputs)
     figure = _whole(Figure, curves) if outputs is None else _several(Figure, curves)
     figure.suptitle(title)
     for axes in figure.axes:
