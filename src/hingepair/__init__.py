@@ -180,7 +180,7 @@ _LATER = {
 
 
 def __getattr__(name: str) -> Any:
-    """What most users of the kinematics never need is imported when it is first asked for."""
+    """Import a public name that most users of the kinematics never need, when it is first asked for."""
     if name not in _LATER:
         raise AttributeError(f"module 'hingepair' has no attribute {name!r}")
     value = globals()[name] = getattr(import_module(f"hingepair.{_LATER[name]}"), name)

@@ -99,7 +99,7 @@ class CompilationError(HingePairError, RuntimeError):
 
 
 def shorten(got: object) -> str:
-    """What came, in one line that a person can read; no more work however much came."""
+    """Return a value as one short line of text for a message; the work is bounded however large the value is."""
     if getattr(got, "size", 0) > _LONGEST and hasattr(got, "shape"):  # more numbers than a line has characters
         return f"an array of shape {got.shape}"
     value = got.tolist() if hasattr(got, "tolist") else got
@@ -108,7 +108,7 @@ def shorten(got: object) -> str:
 
 
 def _brief(value: object) -> str:
-    """The repr of a value, of long lists their beginnings."""
+    """Return the repr of a value, shortened to its first items where it is a long list."""
     brief = reprlib.Repr()
     brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = _LONGEST // 4
     brief.maxlong = brief.maxstring = brief.maxother = 2 * _LONGEST
@@ -119,12 +119,12 @@ def _brief(value: object) -> str:
 
 
 def quoted(value: object) -> object:
-    """A value that came in, for `got`: of a text its repr, since '2' is not 2."""
+    """Return a value for the `got` of a message: a text as its repr, since '2' is not 2, all else as it is."""
     return repr(value[: 2 * _LONGEST]) if isinstance(value, str) else value
 
 
 def nearest(name: str, known: Collection[str]) -> str:
-    """` (nearest: name)` for a name that was probably misspelt, for messages; nothing where none is near."""
+    """Return ` (nearest: name)` for a name that was probably misspelt, or an empty text where none is near."""
     import difflib
 
     near = difflib.get_close_matches(name[:40], known, 1, cutoff=0.5) if len(known) <= _COMPARED else ()
@@ -132,14 +132,14 @@ def nearest(name: str, known: Collection[str]) -> str:
 
 
 def choices(names: Sequence[str]) -> str:
-    """`one of a, b, c`, for messages; of very many the first."""
+    """Return `one of a, b, c` for messages; of more than 64 names only the first 32 are listed."""
     if len(names) <= _MOST:
         return "one of " + ", ".join(names)
     return f"one of {len(names)} names: {', '.join(names[: _MOST // 2])}, ..."
 
 
 def pointed(line: str, column: int) -> str:
-    """A line with a caret under one of its columns, counted from 1; of a long line the part around it.
+    """Return a line with a caret under one of its columns, counted from 1; of a long line the part around the column.
 
     >>> print(pointed("psi = 2*", 9))
       psi = 2*
@@ -151,7 +151,7 @@ def pointed(line: str, column: int) -> str:
 
 
 def printable(text: str) -> str:
-    """The text without what a terminal would obey: control characters and the like are spelled out.
+    """Return the text with control characters escaped, which a terminal would obey.
 
     >>> print(printable("arm" + chr(27) + "[2J").replace(chr(92), "/"))
     arm/x1b[2J

@@ -18,12 +18,12 @@ Two = tuple[Scalar, Scalar]
 
 
 def tilt(f1: Vector, f2: Vector, h2: Vector) -> Two:
-    """The components of h1 x h2 along f1 and f2: -f2 . h2 and f1 . h2 (E5), zero where the axes are one line."""
+    """Return the components of h1 x h2 along f1 and f2, -f2 . h2 and f1 . h2 (E5); 0 where the axes are parallel."""
     return -eq.dot(f2, h2), eq.dot(f1, h2)
 
 
 def tilt_axes(f1: Vector, f2: Vector, h2: Vector) -> tuple[Vector, Vector]:
-    """The axes c with tilt' = c . (omega2 - omega1): f1 and f2 themselves where the hinge is not tilted."""
+    """Return the axes c with tilt' = c . (omega2 - omega1): f1 and f2 themselves where the hinge is not tilted."""
     return eq.cross(f2, h2), eq.cross(h2, f1)
 
 
@@ -33,12 +33,12 @@ def relative_turn(omega1: Vector, omega2: Vector) -> Vector:
 
 
 def tilt_rate(axes: tuple[Vector, Vector], spin: Vector) -> Two:
-    """The tilt's rate c . (omega2 - omega1) (E2); spin = omega2 - omega1."""
+    """Return the tilt's rate c . (omega2 - omega1) (E2); spin = omega2 - omega1."""
     return eq.dot(axes[0], spin), eq.dot(axes[1], spin)
 
 
 def tilt_bias(f: tuple[Vector, Vector], h2: Vector, omega1: Vector, omega2: Vector, spin: Vector) -> Two:
-    """What of the tilt's second derivative does not depend on alpha: c' . (omega2 - omega1)."""
+    """Return the part of the tilt's second derivative that is free of alpha: c' . (omega2 - omega1)."""
     h2_rate = eq.cross(omega2, h2)
     c1_rate = eq.add(eq.cross(eq.cross(omega1, f[1]), h2), eq.cross(f[1], h2_rate))
     c2_rate = eq.add(eq.cross(h2_rate, f[0]), eq.cross(h2, eq.cross(omega1, f[0])))
@@ -46,27 +46,27 @@ def tilt_bias(f: tuple[Vector, Vector], h2: Vector, omega1: Vector, omega2: Vect
 
 
 def tilt_acceleration(axes: tuple[Vector, Vector], turn: Vector, bias: Two) -> Two:
-    """The tilt's second derivative (E2 differentiated); turn = alpha2 - alpha1."""
+    """Return the tilt's second derivative (E2 differentiated); turn = alpha2 - alpha1."""
     return eq.dot(axes[0], turn) + bias[0], eq.dot(axes[1], turn) + bias[1]
 
 
 def slip(omega1: Vector, omega2: Vector, h2: Vector, psid: Scalar) -> Vector:
-    """The residual of E2 where psi' is known: omega2 - omega1 - S2 C^T n psi'."""
+    """Return the residual of E2 where psi' is known: omega2 - omega1 - S2 C^T n psi'."""
     return eq.subtract(omega2, eq.angular_velocity2(omega1, h2, psid))
 
 
 def gap_rate(v1: Vector, omega1: Vector, r1: Vector, v2: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """The residual of E1, differentiated: (R1 + r1)' - (R2 + r2)'."""
+    """Return the residual of E1, differentiated: (R1 + r1)' - (R2 + r2)'."""
     return eq.subtract(eq.add(v1, eq.cross(omega1, r1)), eq.add(v2, eq.cross(omega2, r2)))
 
 
 def gap_acceleration(a1: Vector, turned1: Vector, a2: Vector, turned2: Vector) -> Vector:
-    """The residual of E1, differentiated twice; turned_i = r_i''."""
+    """Return the residual of E1, differentiated twice; turned_i = r_i''."""
     return eq.subtract(eq.add(a1, turned1), eq.add(a2, turned2))
 
 
 def gap_bias(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """What of the gap's second derivative does not depend on a and alpha."""
+    """Return the part of the gap's second derivative that is free of a and alpha."""
     return eq.subtract(eq.cross(omega1, eq.cross(omega1, r1)), eq.cross(omega2, eq.cross(omega2, r2)))
 
 

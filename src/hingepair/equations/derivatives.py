@@ -21,7 +21,7 @@ _ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 def beside(*columns: Entries) -> Entries:
-    """The entries of a matrix, row by row, from its columns."""
+    """Return the entries of a matrix, row by row, from its columns."""
     return tuple(entry for row in zip(*columns, strict=True) for entry in row)
 
 
@@ -36,12 +36,12 @@ def jacobian(turns: Axes, d: Vector, r2: Vector, axis: Vector) -> Entries:
 
 
 def difference_rate(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """The rate of d, v2 - v1 (E8)."""
+    """Return the rate of d, v2 - v1 (E8)."""
     return eq.subtract(eq.cross(omega1, r1), eq.cross(omega2, r2))
 
 
 def jacobian_rate(turns: Axes, turn_rates: Axes, d: tuple[Vector, Vector], r2: Vector, spin: Axes) -> Entries:
-    """The time derivative of `jacobian`, 6 x 7; d = (d, d'), spin = (omega1, omega2, S1 n)."""
+    """Return the time derivative of `jacobian`, 6 x 7; d = (d, d'), spin = (omega1, omega2, S1 n)."""
     omega1, omega2, axis = spin
     axis_rate = eq.cross(omega1, axis)
     lever_rate = eq.add(eq.cross(eq.cross(omega2, r2), axis), eq.cross(r2, axis_rate))
@@ -54,7 +54,7 @@ def jacobian_rate(turns: Axes, turn_rates: Axes, d: tuple[Vector, Vector], r2: V
 
 
 def across(n: Vector) -> Axes:
-    """The columns of I - n n^T: what is left of a change of n's components when n is kept at unit length."""
+    """Return the columns of I - n n^T, the projection of a change of n that keeps n at unit length."""
     x, y, z = (eq.subtract(unit, eq.scale(n, part)) for unit, part in zip(WORLD, n, strict=True))
     return x, y, z
 
@@ -78,7 +78,7 @@ def attitude_by_turns(turns: Axes, S2: Matrix) -> Entries:
 
 
 def difference_by_turns(turns: Axes, r2: Vector) -> Entries:
-    """The change of d = r1 - r2 where body 2 turns: r2 x turn, 3 x 3."""
+    """Return the derivative of d = r1 - r2 by a rotation of body 2, r2 x turn; 3 x 3."""
     return beside(*(eq.cross(r2, turn) for turn in turns))
 
 
@@ -104,7 +104,7 @@ def velocity_by_psi(omega2: Vector, r2: Vector, axis: Vector) -> Vector:
 
 
 def negative(A: Entries) -> Entries:
-    """The matrix or vector -A."""
+    """Return the matrix or vector -A."""
     return tuple(-entry for entry in A)
 
 

@@ -36,12 +36,12 @@ from hingepair.equations.spatial import (
 
 
 def inertial_force(mass: Scalar, a: Vector, omega: Vector, alpha: Vector, r: Vector, g: Vector) -> Vector:
-    """The force that moves a body's centre of mass as it moves, against gravity g (D1)."""
+    """Return the force that moves a body's centre of mass as it moves, against gravity g (D1)."""
     return scale(subtract(add(a, point_acceleration(omega, alpha, r)), g), mass)
 
 
 def inertial_torque(S: Matrix, inertia: Matrix, omega: Vector, alpha: Vector) -> Vector:
-    """The torque that turns a body about its centre of mass as it turns (D2)."""
+    """Return the torque that turns a body about its centre of mass as it turns (D2)."""
     back = transpose(S)
     spin = rotate(back, omega)
     momentum = rotate(inertia, spin)
@@ -49,12 +49,12 @@ def inertial_torque(S: Matrix, inertia: Matrix, omega: Vector, alpha: Vector) ->
 
 
 def torque_about(torque: Vector, lever: Vector, force: Vector) -> Vector:
-    """A torque about one point, from that about another, to which the lever leads, and the force there (D3, D5)."""
+    """Return a torque about a point from that about another, where the force acts, at the lever (D3, D5)."""
     return add(torque, cross(lever, force))
 
 
 def torque_from(torque: Vector, lever: Vector, force: Vector) -> Vector:
-    """A torque about the point to which the lever leads, from that about its start, where the force acts."""
+    """Return a torque about the point to which the lever leads, from that about its start, where the force acts."""
     return subtract(torque, cross(lever, force))
 
 
@@ -72,7 +72,7 @@ def spread(mass: Scalar, r: Vector) -> Matrix:
 
 
 def matrix_sum(A: Matrix, B: Matrix) -> Matrix:
-    """The sum A + B."""
+    """Return the sum A + B."""
     a, b, c, d, e, f, g, h, i = (x + y for x, y in zip(A, B, strict=True))
     return a, b, c, d, e, f, g, h, i
 
@@ -82,7 +82,7 @@ Resistance: TypeAlias = tuple[Matrix, Vector, Scalar]
 
 
 def resistance(J: Matrix, J2: Matrix, axis: Vector, push: Vector, mass: Scalar, lever: Vector) -> Resistance:
-    """What resists, about a point: inertia J, and a mass at a lever from there, which psi' moves by push.
+    """Return the resistance of a body about a point: its inertia J, and a mass at a lever that psi' moves by push.
 
     About R1, that is body 2's mass at e, J with body 1's at r1; about the common centre, where no term cancels, the
     reduced mass m1 m2 / (m1 + m2) at e - r1.
@@ -165,7 +165,7 @@ def angular_momentum(mass: Scalar, R: Vector, velocity: Vector, inertia: Matrix,
 
 
 def hinge_torque_of(axis: Vector, torque2: Vector, r2: Vector, force2: Vector) -> Scalar:
-    """What a force and a torque on body 2, about its reference point, turn about the hinge; r2 = S2 u2 (D4)."""
+    """Return the part of a force and torque on body 2 that turns it about the hinge; r2 = S2 u2 (D4)."""
     return dot(axis, subtract(torque2, cross(r2, force2)))
 
 
@@ -193,7 +193,7 @@ def cayley_attitude(g: Vector, S: Matrix) -> Matrix:
 
 
 def cayley_rate(g: Vector, omega: Vector) -> Vector:
-    """The rate of g where `cayley_attitude` turns with omega, world axes."""
+    """Return the rate of g where `cayley_attitude` turns with omega, world axes."""
     return add(subtract(omega, scale(cross(g, omega), 0.5)), scale(g, dot(g, omega) * 0.25))
 
 
@@ -205,11 +205,11 @@ def spin_of_momentum(about: Resistance, momentum: Vector, psid: Scalar) -> Vecto
 
 
 def momentum_about(about: Resistance, omega1: Vector, psid: Scalar) -> Vector:
-    """The angular momentum about a point that moves with the common centre, or rests in body 1 and the world (D8)."""
+    """Return the angular momentum about a point at rest, or moving with the common centre (D8)."""
     J, turn, _ = about
     return add(rotate(J, omega1), scale(turn, psid))
 
 
 def from_centre(at_centre: Vector, turn: Vector, centre: Vector, push: Vector, drift: Scalar) -> Vector:
-    """What R1 does, by what the common centre does, as body 1 turns and the hinge pushes the centre by a drift."""
+    """Return the acceleration of R1 from that of the common centre, while body 1 turns and the hinge moves it."""
     return subtract(at_centre, add(cross(turn, centre), scale(push, drift)))

@@ -26,44 +26,44 @@ Matrix: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar, Scalar
 
 
 def add(a: Vector, b: Vector) -> Vector:
-    """The sum a + b."""
+    """Return the sum a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def subtract(a: Vector, b: Vector) -> Vector:
-    """The difference a - b."""
+    """Return the difference a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 def scale(a: Vector, factor: Scalar) -> Vector:
-    """The vector a times a scalar."""
+    """Return the vector a times a scalar."""
     return a[0] * factor, a[1] * factor, a[2] * factor
 
 
 def dot(a: Vector, b: Vector) -> Scalar:
-    """The inner product a . b."""
+    """Return the inner product a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """The vector product a x b = [a]x b."""
+    """Return the vector product a x b = [a]x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def rotate(S: Matrix, u: Vector) -> Vector:
-    """The product S u: a body vector in world axes."""
+    """Return the product S u: a body vector in world axes."""
     a, b, c, d, e, f, g, h, i = S
     x, y, z = u
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
 def transpose(A: Matrix) -> Matrix:
-    """The transpose of A."""
+    """Return the transpose of A."""
     return A[0], A[3], A[6], A[1], A[4], A[7], A[2], A[5], A[8]
 
 
 def compose(A: Matrix, B: Matrix) -> Matrix:
-    """The product A B."""
+    """Return the product A B."""
     a, b, c, d, e, f, g, h, i = A
     j, k, l, m, n, o, p, q, r = B  # noqa: E741
     return (
@@ -93,17 +93,17 @@ def attitude2(S1: Matrix, Sh: Matrix, home: Matrix) -> Matrix:
 
 
 def cosine(hinge: Hinge) -> Scalar:
-    """The cosine of psi; hinge = (sin psi, 1 - cos psi)."""
+    """Return the cosine of psi; hinge = (sin psi, 1 - cos psi)."""
     return 1 - hinge[1]
 
 
 def along(u1: Vector, arm: Vector, across: Vector) -> Vector:
-    """What the hinge does not move of u1 - Sh C u2: u1 minus the part of arm = C u2 along the axis, body-1 axes."""
+    """Return the part of u1 - Sh C u2 that psi does not move: u1 minus the axial part of arm = C u2; body-1 axes."""
     return subtract(u1, subtract(arm, across))
 
 
 def swing(across: Vector, around: Vector, hinge: Hinge, cosine: Scalar) -> Vector:
-    """The part of Sh C u2 across the axis (E6), body-1 axes: across cos(psi) + around sin(psi).
+    """Return the part of Sh C u2 perpendicular to the axis (E6), body-1 axes: across cos(psi) + around sin(psi).
 
     around = n x C u2 and across = around x n: Rodrigues' rotation of one vector, the axis left out.
     """
@@ -111,7 +111,7 @@ def swing(across: Vector, around: Vector, hinge: Hinge, cosine: Scalar) -> Vecto
 
 
 def offset(S1: Matrix, along: Vector, swing: Vector) -> Vector:
-    """The offset d = S1 u1 - S2 u2 = S1 (u1 - Sh C u2), subtracted in body 1's axes and turned once (E5, E7)."""
+    """Return d = S1 u1 - S2 u2 = S1 (u1 - Sh C u2), subtracted in body 1's axes and rotated once (E5, E7)."""
     return rotate(S1, subtract(along, swing))
 
 
@@ -146,7 +146,7 @@ def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
 
 
 def relative_acceleration(slide: Vector, pull: Vector, psid: Scalar, psidd: Scalar) -> Vector:
-    """What the hinge alone adds to a2: pull psi'^2 - slide psi''; pull = S1 swing = slide x S1 n.
+    """Return the hinge's share of a2: pull psi'^2 - slide psi''; pull = S1 swing = slide x S1 n.
 
     psi'^2 is never formed: it may overflow or vanish where its product with a lever does not.
     """
@@ -163,18 +163,18 @@ def acceleration2(
 
 
 def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:
-    """The residual of E1: R1 + S1 u1 - (R2 + S2 u2), zero when both bodies share the hinge point."""
+    """Return the residual of E1: R1 + S1 u1 - (R2 + S2 u2), zero when both bodies share the hinge point."""
     return subtract(add(R1, r1), add(R2, r2))
 
 
 def skew(w: Vector) -> Matrix:
-    """The matrix [w]x with [w]x u = w x u."""
+    """Return the matrix [w]x with [w]x u = w x u."""
     zero = 0 * w[0]
     return zero, -w[2], w[1], w[2], zero, -w[0], -w[1], w[0], zero
 
 
 def unskew(W: Matrix) -> Vector:
-    """The vector w of the antisymmetric part of W = [w]x."""
+    """Return the vector w of the antisymmetric part of W = [w]x."""
     return (W[7] - W[5]) * 0.5, (W[2] - W[6]) * 0.5, (W[3] - W[1]) * 0.5
 
 
@@ -184,7 +184,7 @@ def angular_velocity_of(S: Matrix, S_dot: Matrix) -> Matrix:
 
 
 def quaternion_attitude(quat: tuple[Scalar, ...]) -> Matrix:
-    """The rotation of the unit quaternion (w, x, y, z)."""
+    """Return the rotation of the unit quaternion (w, x, y, z)."""
     w, x, y, z = quat
     w2, x2, y2, z2 = 2 * w, 2 * x, 2 * y, 2 * z
     return (
@@ -195,7 +195,7 @@ def quaternion_attitude(quat: tuple[Scalar, ...]) -> Matrix:
 
 
 def orthonormality(S: Matrix) -> tuple[Scalar, ...]:
-    """The six different elements of S S^T - I, and the determinant of S."""
+    """Return the six different elements of S S^T - I, and the determinant of S."""
     x, y, z = S[0:3], S[3:6], S[6:9]
     lengths = (dot(row, row) - 1.0 for row in (x, y, z))
     return *lengths, dot(x, y), dot(y, z), dot(z, x), dot(x, cross(y, z))
@@ -242,12 +242,12 @@ def angular_velocity1(axes: tuple[Scalar, ...], phid: Vector) -> Vector:
 
 
 def euler_rate_along(axes: tuple[Scalar, ...], omega: Vector) -> Scalar:
-    """What phi_z' times cos phi_y (or -sin phi_y where the first axis comes back) is: omega across e_x and b (E4)."""
+    """Return phi_z' times cos phi_y (times -sin phi_y in proper sequences): omega across e_x and b (E4)."""
     return axes[0] * omega[2] - axes[1] * omega[1]
 
 
 def euler_rates1(axes: tuple[Scalar, ...], omega: Vector, third: Scalar) -> Vector:
-    """The rates phi' = J^-1 omega (E4), where phi_z' is known: what is along b gives phi_y', the rest phi_x'."""
+    """Return the rates phi' = J^-1 omega (E4) where phi_z' is known: b gives phi_y', the rest gives phi_x'."""
     return omega[0] - axes[2] * third, axes[0] * omega[1] + axes[1] * omega[2], third
 
 
@@ -265,13 +265,13 @@ def angular_acceleration1(axes: tuple[Scalar, ...], phid: Vector, phidd: Vector)
 
 
 def euler_axes(axes: tuple[Scalar, ...]) -> tuple[Vector, Vector, Vector]:
-    """The columns of J as vectors (E4): the axes that the three angles turn about."""
+    """Return the columns of J as vectors (E4): the axes that the three angles turn about."""
     by, bz, cx, cy, cz = axes
     return (1.0, 0.0, 0.0), (0.0, by, bz), (cx, cy, cz)
 
 
 def euler_axes_rates(axes: tuple[Scalar, ...], phid: Vector) -> tuple[Vector, Vector, Vector]:
-    """The columns of J' (E4 differentiated): b turns with phi_x' e_x, c with phi_x' e_x + phi_y' b."""
+    """Return the columns of J' (E4 differentiated): b turns with phi_x' e_x, c with phi_x' e_x + phi_y' b."""
     by, bz, cx, cy, cz = axes
     turn_c = cross((phid[0], by * phid[1], bz * phid[1]), (cx, cy, cz))
     return (0.0, 0.0, 0.0), (0.0, -(bz * phid[0]), by * phid[0]), turn_c

@@ -61,7 +61,7 @@ def to_urdf(
     hinge_torque: HingeLoad | None = None,
     body1: BodyMotion | None = None,
 ) -> str:
-    """The pair as URDF text: the same text for the same pair.
+    """Return the pair as URDF text; equal pairs give equal texts.
 
     Of a `Mechanism` it has the links and joints, with masses, limits and the rules of joints that follow others; read
     back, by Pinocchio too, q has the same order. A fixed or locked joint is a fixed joint; the links that it holds to
@@ -229,7 +229,7 @@ def _standing(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
 
 
 def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-    """The shapes of body 1 and body 2, each in its own axes from its reference point: those given, else drawn ones.
+    """Return the shapes of body 1 and body 2, each in its body's axes: the bodies' own, else simple drawn ones.
 
     A body without shapes is a box at the reference point and a rod from there to the hinge, with a pin (body 1) or a
     sleeve (body 2) along the hinge axis.
@@ -279,7 +279,7 @@ def _part(link: str, colour: str, given: Body | None, drawn: tuple[Shape, ...], 
 
 
 def _axis2(pair: HingePair) -> Float64Array:
-    """The hinge axis in body 2's axes, C^T n."""
+    """Return the hinge axis in the axes of body 2, C^T n."""
     axis: Float64Array = pair.home.T @ pair.n
     return axis
 
@@ -295,7 +295,7 @@ def _readable(inertia: Float64Array) -> Float64Array:
 
 
 def _arm(u: Float64Array, size: float) -> tuple[Shape, ...]:
-    """A box at the reference point, and a rod from there to the hinge unless that is too short to be seen."""
+    """Return a box at the reference point, and a rod to the hinge unless the rod is too short to be seen."""
     box = Box(np.full(3, _short(0.12 * size)))
     length = math.hypot(*u)
     if not 0.01 * size < length < _DRAWABLE[1]:
@@ -304,12 +304,12 @@ def _arm(u: Float64Array, size: float) -> tuple[Shape, ...]:
 
 
 def _short(length: float) -> float:
-    """Two digits are enough for a drawing."""
+    """Return a length rounded to the two digits that a drawing needs."""
     return float(f"{length:.2g}")
 
 
 def _limit(pair: HingePair, limits: tuple[float, float] | None) -> dict[str, float]:
-    """What URDF says of a joint's limits: effort and velocity, both, where it says anything."""
+    """Return the attributes of URDF's `limit`: effort and velocity are always both written, where it is written."""
     given = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
     if limits is None and set(given.values()) == {None}:
         return {}
@@ -332,7 +332,7 @@ def _add_urdf_link(robot: ET.Element, part: _Part) -> None:
 
 
 def _geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
-    """Kind, sizes, and roll, pitch and yaw: of a cylinder those that take z, the axis of URDF's, to its own."""
+    """Return kind, sizes and (roll, pitch, yaw) of a shape; a cylinder's angles turn URDF's z axis to its own."""
     if isinstance(shape, Box):
         return "box", {"size": shape.size}, matrix_to_euler(shape.axes, "xyz")
     if isinstance(shape, Cylinder):
@@ -350,7 +350,7 @@ def _add_mjcf_body(body: ET.Element, part: _Part) -> None:
 
 
 def _geom(shape: Shape) -> dict[str, Any]:
-    """Type and size; MuJoCo counts from the centre, in half lengths."""
+    """Return type and size of a shape for MuJoCo, which takes half lengths from the centre."""
     if isinstance(shape, Box):
         turn = {"quat": matrix_to_quaternion(shape.axes)} if (shape.axes != np.eye(3)).any() else {}
         return {"type": "box", "size": shape.size / 2, **turn}

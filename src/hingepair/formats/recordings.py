@@ -52,7 +52,7 @@ class _Body(NamedTuple):
 
 
 def read_recording(paths: Sequence[Path], ignore: Sequence[str] = (), gaps: float = 0.05) -> Recording:
-    """The poses of two bodies, from one file or from one for each.
+    """Read the poses of two bodies from one file, or from one file for each body.
 
     Bodies of different instants are brought to those of the slower recording. Columns to ignore may have a `*` for
     anything; `gaps` is the longest time without a sample that is bridged [s].
@@ -122,7 +122,7 @@ def _has(columns: Columns, names: tuple[str, ...]) -> bool:
 
 
 def _motion(path: Path, columns: Columns, digit: str) -> BodyMotion:
-    """A body; the attitude of a sample that lacks any of its parts, or is 0, is NaN."""
+    """Return the motion of a body; an attitude is NaN where a part of it is missing or its quaternion is 0."""
     R = _together(path, columns, _places(digit))
     attitude = _together(path, columns, _attitudes(digit))
     attitude[~np.isfinite(attitude).all(axis=-1) | (attitude == 0).all(axis=-1)] = np.nan
@@ -136,7 +136,7 @@ def _motion(path: Path, columns: Columns, digit: str) -> BodyMotion:
 
 
 def _together(path: Path, columns: Columns, choices: tuple[tuple[str, ...], ...]) -> Float64Array:
-    """The columns of the first choice of which any is there, side by side."""
+    """Return the columns of the first choice of which any is present, stacked along the last axis."""
     own = next((names for names in choices if _has(columns, names)), choices[-1])
     for name in own:
         if name not in columns:
@@ -145,7 +145,7 @@ def _together(path: Path, columns: Columns, choices: tuple[tuple[str, ...], ...]
 
 
 def _columns(path: Path, ignore: Sequence[str]) -> Columns:
-    """The columns that a recording is made of, by name."""
+    """Return the columns that a recording is made of, by name."""
     try:
         columns = read_columns(path, Wanted(lambda names: _known(names, ignore), _names_of, exact="t"))
     except ArgumentError as error:
@@ -159,7 +159,7 @@ def _names_of(name: str, tail: tuple[int, ...]) -> ArrayLike:
 
 
 def _known(names: Sequence[str], ignore: Sequence[str]) -> list[str]:
-    """Which of the columns to read; one that comes twice or is not known is refused."""
+    """Return the columns to read; refuse a column that is unknown or comes twice."""
     known = [
         "t",
         *(name for digit in ("1", "2", "") for own in (*_places(digit), *_attitudes(digit)) for name in own),

@@ -74,7 +74,7 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
 
 
 def robot_names() -> tuple[str, ...]:
-    """The robots' names, sorted: the stem where it is unique, else `folder/stem`.
+    """Return the robots' names, sorted: the stem of the file where it is unique, else `folder/stem`.
 
     Raises:
         MissingDependencyError: example-robot-data is not installed.
@@ -85,7 +85,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot_urdf(robot: str) -> Path:
-    """The path of a robot's URDF.
+    """Return the path of a robot's URDF file.
 
     Raises:
         ArgumentError: no such robot, or more than one.

@@ -66,7 +66,7 @@ def hinge_pair(
     name: str,
     warn: bool = False,
 ) -> HingePair:
-    """The pair of `from_urdf`, of a robot already read; warnings are for those who can mend the URDF.
+    """Return the pair of `from_urdf` from a robot that was read before; warnings point to the URDF's author.
 
     Raises:
         URDFError: no such hinge or frame, or what belongs to it is malformed.
@@ -121,7 +121,7 @@ def _chosen(poses: Mapping[str, Pose], link: str, frame: str | None, argument: s
 
 
 def _combined_body(robot: Robot, poses: Mapping[str, Pose], warn: bool) -> Body | None:
-    """The mass properties of links taken together, in the frame that their poses are given in.
+    """Return the combined mass properties of links, in the frame in which their poses are given.
 
     Links without mass count for nothing. None where no link has mass; and, with a warning, where one has a mass below
     zero or the sum is nothing that a rigid body can have: not a few robots carry made-up inertias.

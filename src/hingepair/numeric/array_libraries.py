@@ -34,19 +34,19 @@ class Library(NamedTuple):
     device: Any
 
     def array(self, value: Any) -> ForeignArray:
-        """A number or a NumPy array as an array of the library; one of its own as it is."""
+        """Return a number or a NumPy array as an array of the library, and an array of the library as it is."""
         if is_foreign(value):
             return value
         return self.namespace.asarray(value, dtype=self.dtype, device=self.device)
 
     def joined(self, components: tuple[Any, ...], shape: tuple[int, ...], tail: tuple[int, ...]) -> ForeignArray:
-        """One array of all samples, the components last, from components that broadcast to the samples."""
+        """Return one array of all samples with the components last, from components that broadcast to the samples."""
         parts = [self.namespace.broadcast_to(self.array(c), shape) for c in components]
         return self.namespace.reshape(self.namespace.stack(parts, axis=-1), (*shape, *tail)) if tail else parts[0]
 
 
 def is_foreign(value: Any) -> bool:
-    """Whether a value is an array of another library than NumPy."""
+    """Return whether a value is an array of another library than NumPy."""
     if isinstance(value, _OWN) or not (hasattr(value, "__array_namespace__") or hasattr(value, "__dlpack__")):
         return False
     from array_api_compat import is_array_api_obj
@@ -55,7 +55,7 @@ def is_foreign(value: Any) -> bool:
 
 
 def library_of(given: Mapping[str, Any]) -> Library | None:
-    """The library that arguments by name are arrays of; None where they are NumPy's, or plain numbers.
+    """Return the library that arguments by name are arrays of, or None where all are NumPy arrays or numbers.
 
     Raises:
         ArgumentError: they are arrays of two libraries, NumPy among them.
@@ -88,7 +88,7 @@ def library_of(given: Mapping[str, Any]) -> Library | None:
 
 
 def foreign_components(name: str, value: Any, *tail: int) -> tuple[Any, ...]:
-    """The components of an array of shape (..., *tail), row by row, or of a tuple of so many."""
+    """Return the components of an array of shape (..., *tail), row by row, or those of a tuple, as a tuple."""
     count = math.prod(tail)
     if isinstance(value, tuple):
         if len(value) != count:
@@ -108,7 +108,7 @@ def check_tail(name: str, array: ForeignArray, *tail: int) -> None:
 
 
 def apply(function: str, x: ForeignArray) -> ForeignArray:
-    """The sine, cosine, versine or square root of an array of another library.
+    """Return the sine, cosine, versine or square root of an array of another library.
 
     The versine, 1 - cos x, is 2 sin^2(x/2): all its digits where x is small, and derivatives everywhere.
     """

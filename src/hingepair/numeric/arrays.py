@@ -22,7 +22,7 @@ _ACCEPTED = "real numbers (float64, float32 or integers)"
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """The value as an array of float64, float32 or integers, not copied where it is one already.
+    """Return the value as an array of float64, float32 or integers, without a copy where it is one already.
 
     Raises:
         DtypeError: complex, object, float16, longdouble, bool or text; a masked array; a table with named columns.
@@ -58,7 +58,7 @@ def vectors(name: str, value: ArrayLike, *tail: int) -> NDArray[Any]:
 
 
 def is_table(value: object) -> TypeGuard[Any]:
-    """Whether the columns of a value have names: a data frame, of whichever package."""
+    """Return whether a value is a data frame, of any package: whether its columns have names."""
     return hasattr(value, "columns") and hasattr(value, "to_numpy")
 
 
@@ -96,7 +96,7 @@ def columns_by_name(
 
 
 def constant(name: str, value: ArrayLike, *tail: int) -> NDArray[np.float64]:
-    """A copy of the value as a finite, read-only float64 array of shape (..., *tail)."""
+    """Return a read-only float64 copy of a value of shape (..., *tail); refuse numbers that are not finite."""
     array = np.array(vectors(name, value, *tail), dtype=np.float64, order="C")
     if not np.isfinite(array).all():
         raise ArgumentError(name, "finite numbers", value)
@@ -104,7 +104,7 @@ def constant(name: str, value: ArrayLike, *tail: int) -> NDArray[np.float64]:
 
 
 def one_constant(name: str, value: ArrayLike, *tail: int) -> NDArray[np.float64]:
-    """A copy of the value as a finite, read-only float64 array of shape `tail`, without leading axes."""
+    """Return a read-only float64 copy of a value of exactly the shape `tail`; refuse numbers that are not finite."""
     array = real_array(name, value)
     if array.shape != tail:
         raise ShapeError(name, f"shape {tail}", f"shape {array.shape}")
@@ -112,7 +112,7 @@ def one_constant(name: str, value: ArrayLike, *tail: int) -> NDArray[np.float64]
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """A view of the array that cannot be written to."""
+    """Return a view of the array that cannot be written to."""
     view = array.view()
     view.flags.writeable = False
     return view
@@ -143,7 +143,7 @@ def row_norms(rows: Float64Array) -> Float64Array:
 
 
 def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
-    """The common leading shape of named arguments.
+    """Return the common leading shape of named arguments.
 
     Raises:
         ShapeError: they do not broadcast; names the first that does not fit those before it.
@@ -160,7 +160,7 @@ def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
 
 
 def result_dtype(components: Iterable[Component]) -> np.dtype[Any]:
-    """The dtype to compute in: float32 where every array is float32, else float64.
+    """Return the dtype to compute in: float32 where every array is float32, else float64.
 
     Python numbers are weak, as they are in NumPy: they follow the arrays beside them.
     """
@@ -171,7 +171,7 @@ def result_dtype(components: Iterable[Component]) -> np.dtype[Any]:
 
 
 def split(shape: tuple[int, ...], size: int) -> Iterator[Block]:
-    """Slices that cover an array of this shape in pieces of about `size` elements, last axes whole.
+    """Yield slices that cover an array of this shape in blocks of about `size` elements, last axes whole.
 
     >>> [tuple((s.start, s.stop) for s in block) for block in split((2, 3), 4)]
     [((0, 1), (0, 3)), ((1, 2), (0, 3))]
@@ -196,7 +196,7 @@ def split(shape: tuple[int, ...], size: int) -> Iterator[Block]:
 
 
 def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
-    """The part of a component that belongs to a block: contiguous, of the dtype computed in; scalars as they are."""
+    """Return a block of a component as a contiguous array of a dtype; a scalar is returned as it is."""
     if not isinstance(component, np.ndarray):
         return component
     fitting = zip(block[len(block) - component.ndim :], component.shape, strict=True)
@@ -205,13 +205,13 @@ def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
 
 
 def check_choice(name: str, value: object, known: Iterable[str]) -> None:
-    """Refuse what is not one of the names that are known, and say which are."""
+    """Refuse a value that is not one of the known names, and list these."""
     if not isinstance(value, str) or value not in known:
         raise ArgumentError(name, choices(tuple(known)), quoted(value))
 
 
 def finite_number(name: str, value: object) -> float:
-    """The value as a finite float; bool and text are refused."""
+    """Return the value as a finite float; refuse bool and text."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise ArgumentError(name, "a finite number", quoted(value))
     try:
@@ -224,7 +224,7 @@ def finite_number(name: str, value: object) -> float:
 
 
 def number_not_below_0(name: str, value: object) -> float:
-    """The value as a finite float of at least 0."""
+    """Return the value as a finite float of at least 0."""
     number = finite_number(name, value)
     if number < 0:
         raise ArgumentError(name, "a number not below 0", value)

@@ -24,7 +24,7 @@ BLOCK = 4096
 
 
 def components_of(array: NDArray[Any], rank: int = 1) -> Components:
-    """The components of vectors (rank 1) or matrices (rank 2, row by row), as views."""
+    """Return the components of vectors (rank 1) or matrices (rank 2, row by row) as views."""
     if rank == 2:
         rows, columns = array.shape[-2:]
         return tuple(array[..., i, j] for i in range(rows) for j in range(columns))
@@ -32,7 +32,7 @@ def components_of(array: NDArray[Any], rank: int = 1) -> Components:
 
 
 def numbers(array: NDArray[Any], rank: int = 1) -> Components:
-    """The same, of a single vector or matrix as Python floats."""
+    """Return the components of one vector or matrix as Python floats, and of several as `components_of` does."""
     return tuple(array.ravel().tolist()) if array.ndim == rank else components_of(array, rank)
 
 
@@ -43,7 +43,7 @@ def tabulate(
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
 ) -> dict[str, NDArray[Any]]:
-    """New arrays of what function(inputs) holds, for all samples; `tails` are the results' own shapes, by name.
+    """Run a function of components over all samples, and return its results as new arrays by name.
 
     `function` takes and returns components by name. A component of one element reaches it as a number, so that
     what depends on such alone costs nothing per sample, and a single sample costs no array at all.
@@ -63,7 +63,7 @@ def tabulate(
 def tabulate_one(
     function: Callable[[Named], Any], inputs: Named, tail: tuple[int, ...], dtype: np.dtype[Any]
 ) -> NDArray[Any]:
-    """One new array of function(inputs), for all samples; `tail` is the result's own shape.
+    """Run a function of components over all samples, and return its only result as a new array.
 
     Raises:
         ShapeError: the inputs do not broadcast.
@@ -74,31 +74,31 @@ def tabulate_one(
 
 
 def sine(x: Component) -> Component:
-    """The sine of a float, a NumPy scalar or an array; NaN where x is infinite. Other numbers bring their own."""
+    """Return the sine of a float, a NumPy scalar, an array or other number; NaN where x is infinite."""
     if type(x) is float:
         return math.sin(x) if math.isfinite(x) else math.nan
     return np.sin(x) if isinstance(x, np.ndarray | np.generic) else _own(x, "sine")
 
 
 def cosine(x: Component) -> Component:
-    """The cosine, likewise."""
+    """Return the cosine of a float, a NumPy scalar, an array or other number; NaN where x is infinite."""
     if type(x) is float:
         return math.cos(x) if math.isfinite(x) else math.nan
     return np.cos(x) if isinstance(x, np.ndarray | np.generic) else _own(x, "cosine")
 
 
 def angle_terms(phi: Components) -> Components:
-    """(sin, cos) of each of some angles, one after the other."""
+    """Return (sin, cos) of several angles, one after the other, as one tuple."""
     return tuple(function(angle) for angle in phi for function in (sine, cosine))
 
 
 def turn_terms(phi1: Component) -> Components:
-    """(sin, cos) of one angle."""
+    """Return (sin, cos) of one angle."""
     return sine(phi1), cosine(phi1)
 
 
 def hinge_terms(psi: Component) -> Components:
-    """(sin psi, 1 - cos psi, cos psi); 1 - cos psi as sin^2 / (1 + cos) where that keeps its digits, at small psi."""
+    """Return (sin psi, 1 - cos psi, cos psi); at small psi 1 - cos psi comes from the sine and keeps its digits."""
     s, c = sine(psi), cosine(psi)
     if not isinstance(psi, float | np.ndarray | np.generic):
         return s, _own(psi, "versine"), c
@@ -106,22 +106,22 @@ def hinge_terms(psi: Component) -> Components:
 
 
 def versine(sine: float, cosine: float) -> float:
-    """1 - cos of an angle, from its sine and cosine."""
+    """Return 1 - cos of an angle as a float, from the sine and cosine of the angle."""
     return sine * sine / (1 + cosine) if cosine > SMALL else 1 - cosine
 
 
 def versines(sine: Component, cosine: Component) -> Component:
-    """The same for arrays."""
+    """Return 1 - cos of angles as an array, from the sines and cosines of the angles."""
     return np.where(cosine > SMALL, sine * sine / (1 + cosine), 1 - cosine)
 
 
 def hinge_cosine(hinge: Components) -> Component:
-    """The cosine out of `hinge_terms`."""
+    """Return the cosine out of what `hinge_terms` returns."""
     return hinge[2]
 
 
 def _own(x: Component, function: str) -> Component:
-    """A function that numbers bring along, or that their library has."""
+    """Return a function of a value by the value's own method, or by the library that the value is an array of."""
     method = getattr(x, function, None)
     return array_libraries.apply(function, x) if method is None else method()
 
@@ -135,7 +135,7 @@ def _holds_array(group: Any) -> bool:
 
 
 def _number_or_array(component: Component, dtype: np.dtype[Any]) -> Component:
-    """Of one element a number: a Python float in float64, else a NumPy scalar of the dtype."""
+    """Return a component of one element as a number of the dtype (a Python float for float64), else as it is."""
     if isinstance(component, np.ndarray):
         if component.size != 1:
             return component
@@ -144,7 +144,7 @@ def _number_or_array(component: Component, dtype: np.dtype[Any]) -> Component:
 
 
 def _flat(array: NDArray[Any], sample_axes: int) -> Any:
-    """The output array as the equations return it: one array, or a tuple of component views."""
+    """Return an output array in the form that equations return: the array, or a tuple of views of its components."""
     rank = array.ndim - sample_axes
     return components_of(array, rank) if rank else array
 

@@ -45,13 +45,13 @@ class Bounded:
 
     @classmethod
     def rounded(cls, value: Component, bound: Component = 0.0) -> Self:
-        """A float64 rounded to the precision computed in; `bound` says how far it was from the exact number."""
+        """Return a float64 rounded to this precision, with the bound that the float64 already has."""
         number = np.asarray(value, cls.dtype).astype(np.float64)
         return cls(number, np.abs(number - value) + bound)
 
     @property
     def error(self) -> Component:
-        """The bound, with the roundings of the bound itself; infinite where nothing is known."""
+        """Return the bound with the roundings of its own arithmetic; infinite where nothing is known."""
         bound = self.bound * (1 + _STEPS * self.u)
         return np.where(np.isnan(bound), np.inf, bound)
 
@@ -91,13 +91,13 @@ class Bounded:
         return type(self)(ratio, carried + self._rounding(ratio, carried) + 4 * self.smallest)
 
     def sine(self) -> Self:
-        """The sine, right to SINE_ULPS of the angle that is computed with; that of 0 is exact."""
+        """Return the sine, with a rounding of SINE_ULPS units in the last place; the sine of an exact 0 is exact."""
         s = np.sin(self.value)
         rounding = self._of_sine(np.abs(s) + 2 * self.bound) + self.smallest
         return type(self)(s, np.where(self._is_exact_zero(), 0.0, self.bound + rounding))
 
     def cosine(self) -> Self:
-        """The cosine, right to SINE_ULPS of the angle that is computed with; that of 0 is exact."""
+        """Return the cosine, with a rounding of SINE_ULPS units in the last place; that of an exact 0 is exact."""
         c, half = np.cos(self.value), np.abs(np.sin(0.5 * self.value)) + self.bound
         # The cosine of a small angle is 1, rounded: it is off by no more than a few times what it lacks of 1.
         near_one = 6 * half * half + self.smallest
@@ -108,7 +108,7 @@ class Bounded:
         return (self.value == 0) & (self.bound == 0)
 
     def versine(self) -> Self:
-        """1 - cosine, as the NumPy backend makes it of the two, or as the compiled one has it from the sines."""
+        """Return 1 - cosine with a bound that covers both formulas: by the NumPy backend, and by the compiled one."""
         s, c = self.sine(), self.cosine()
         near, far = s * s / (1 + c), 1 - c
         value = np.where(c.value > 0.7, near.value, far.value)
@@ -122,13 +122,13 @@ class Bounded:
 
     @classmethod
     def _rounding(cls, value: Component, carried: Component) -> Component:
-        """Half a unit in the last place of a number in the normal range, whatever evaluation it comes from."""
+        """Return half a unit in the last place of a number in the normal range, whichever evaluation gave it."""
         size = np.abs(value) + 2 * carried
         return np.where(size <= cls.largest, in_last_places(0.5, size, cls.u), np.inf)
 
     @classmethod
     def _of_sine(cls, value: Component) -> Component:
-        """SINE_ULPS units in the last place of a number between -1 and 1."""
+        """Return SINE_ULPS units in the last place of a number between -1 and 1."""
         size = np.minimum(np.abs(value) * (1 + 4 * cls.u), 1 - cls.u)
         return in_last_places(SINE_ULPS, size, cls.u)
 
@@ -150,16 +150,16 @@ class Single(Bounded):
 
 
 def kind_of(dtype: np.dtype[Any]) -> type[Bounded]:
-    """The numbers that stand for those of a dtype."""
+    """Return the class of bounded numbers for a dtype."""
     return Single if dtype == np.float32 else Double
 
 
 def in_last_places(count: float, size: Component, u: float) -> Component:
-    """So many units in the last place of a positive number in the normal range; 0 at 0."""
+    """Return `count` units in the last place of a positive number in the normal range, and 0 at 0."""
     _, exponent = np.frexp(size)
     return np.where(size == 0, 0.0, np.ldexp(count * u, exponent))
 
 
 def _is_simple(x: Bounded) -> Any:
-    """Whether it is exactly 0, 1 or -1: then a product with it is not rounded."""
+    """Return whether a number is exactly 0, 1 or -1, so that a product with it is not rounded."""
     return (x.bound == 0) & ((x.value == 0) | (np.abs(x.value) == 1))

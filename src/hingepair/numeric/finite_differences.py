@@ -31,7 +31,7 @@ _NO_SECONDS = 1e11  # whole numbers from here on, 3,000 years, are stamps in mil
 
 
 def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
-    """Instants that can be differentiated at, as float64.
+    """Check instants that samples are to be differentiated at, and return them as float64.
 
     Raises:
         ShapeError: not one axis, or fewer than order + 1.
@@ -58,7 +58,7 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
 
 
 def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
-    """The neighbours of all samples and their weights, block by block; instants as `check_instants` returns them."""
+    """Yield the neighbours of all samples and their weights, block by block, at instants from `check_instants`."""
     half, wide = order // 2, min(order + 5, t.size)
     for start in range(half, t.size - half, _BLOCK):
         rows = slice(start, min(start + _BLOCK, t.size - half))
@@ -96,7 +96,7 @@ def _weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
 
 
 def _nearest_weights(x: Float64Array, degree: int) -> tuple[Float64Array, Float64Array]:
-    """The same of the polynomial nearest to values at increasing nodes, more than its degree; (rows, m)."""
+    """Return weights of least-squares polynomials through values at increasing nodes; shape (rows, m)."""
     from numpy.polynomial.legendre import legder, legval, legvander
 
     slopes = legder(np.eye(degree + 1))

@@ -37,39 +37,39 @@ class Twofold:
 
 
 def pair_sum(a: HighLow, b: HighLow) -> HighLow:
-    """The sum of two pairs."""
+    """Return the sum of two numbers of twice the precision."""
     total, lost = exact_sum(a[0], b[0])
     return normal(total, lost + (a[1] + b[1]))
 
 
 def pair_product(a: HighLow, b: HighLow) -> HighLow:
-    """The product of two pairs."""
+    """Return the product of two numbers of twice the precision."""
     high, lost = exact_product(a[0], b[0])
     return normal(high, lost + (a[0] * b[1] + a[1] * b[0]))
 
 
 def pair_quotient(a: HighLow, divisor: Component) -> HighLow:
-    """A pair divided by a number."""
+    """Return a number of twice the precision divided by a plain one."""
     quotient = a[0] / divisor
     high, lost = exact_product(quotient, divisor)
     return normal(quotient, (((a[0] - high) - lost) + a[1]) / divisor)
 
 
 def normal(high: Component, low: Component) -> HighLow:
-    """The sum of two numbers of which the second is much smaller."""
+    """Return the exact sum of two numbers of which the second is much smaller, as (high, low)."""
     total = high + low
     return total, (high - total) + low
 
 
 def exact_sum(a: Component, b: Component) -> HighLow:
-    """Knuth: a + b, exactly."""
+    """Return a + b exactly, as (high, low), by Knuth's algorithm."""
     total = a + b
     shadow = total - a
     return total, (a - (total - shadow)) + (b - shadow)
 
 
 def exact_product(a: Component, b: Component) -> HighLow:
-    """Dekker: a b, exactly; a and b split into halves of 26 bits each (Veltkamp)."""
+    """Return a b exactly, as (high, low), by Dekker's algorithm with Veltkamp's split into halves of 26 bits."""
     high = a * b
     carried = 134217729.0 * a
     ah = carried - (carried - a)

@@ -21,7 +21,7 @@ _MODERATE: Final = 2.0**-10, 2.0**10  # sizes that need no scaling: metres, and 
 
 
 def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
-    """The axis n at unit length in float64, each component rounded once; shape (..., 3).
+    """Return the axis n at unit length in float64, each component rounded once; shape (..., 3).
 
     Raises:
         AxisError: n is zero or not finite.
@@ -31,7 +31,7 @@ def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
 
 
 def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
-    """The axis n as an array of shape (..., 3).
+    """Return the axis n as an array of shape (..., 3).
 
     Raises:
         AxisError: n is zero or not finite.
@@ -45,12 +45,12 @@ def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
 
 
 def direction(v: Components) -> Components:
-    """The vector at unit length, each component rounded once; of zero: zero."""
+    """Return the vector at unit length, each component rounded once; the direction of zero is zero."""
     return tuple(unit.high for unit in polar(v)[0])
 
 
 def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
-    """Direction and length of a vector, in twice the precision of a double; the direction of zero is zero."""
+    """Return direction and length of a vector in twice the precision of a double; the direction of zero is zero."""
     w, exponent = by_power_of_two(v)
     total: Component = 0.0
     lost: Component = 0.0
@@ -73,7 +73,7 @@ def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
 
 
 def by_power_of_two(v: Components) -> tuple[Components, Component]:
-    """The vector scaled exactly so that its largest component is about one, and the exponent taken out."""
+    """Return the vector scaled exactly so that its largest component is about one, and the exponent taken out."""
     if all(type(component) is float for component in v):
         size = max(map(abs, v))
         if _MODERATE[0] < size < _MODERATE[1]:
@@ -86,7 +86,7 @@ def by_power_of_two(v: Components) -> tuple[Components, Component]:
 
 
 def by_two_to(x: Component, exponent: Component) -> Component:
-    """The product x 2^exponent."""
+    """Return the product x 2^exponent."""
     if type(x) is float and type(exponent) is int:
         if exponent == 0:
             return x
@@ -98,7 +98,7 @@ def by_two_to(x: Component, exponent: Component) -> Component:
 
 
 def _quotient(a: Component, high: Component, low: Component) -> Twofold:
-    """The quotient a / (high + low)."""
+    """Return the quotient a / (high + low) in twice the precision."""
     ratio = a / high
     again, error = exact_product(ratio, high)
     return Twofold(*normal(ratio, ((a - again) - error - ratio * low) / high))

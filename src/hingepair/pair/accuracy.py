@@ -120,7 +120,7 @@ def output_scales(
     psidd: ArrayLike | None = None,
     pinocchio: bool = False,
 ) -> dict[str, Float64Array]:
-    """The scale of every output that the arguments allow, sample by sample (the formulas of `PROMISES`).
+    """Return the scale of every output that the arguments allow, sample by sample (the formulas of `PROMISES`).
 
     Args:
         u1: hinge point in body 1's axes [m]; shape (..., 3).
@@ -153,7 +153,7 @@ def output_scales(
 
 
 def _formulas(U1: Any, U2: Any, R1: Any, V1: Any, a1: Any, W1: Any, A1: Any, W: Any, A: Any, pinocchio: bool) -> Any:
-    """The formulas of `PROMISES` on sizes, of which any but U1 and U2 may be None; W, A are those of the hinge."""
+    """Evaluate the formulas of `PROMISES` on sizes, of which any but U1 and U2 may be None; W, A are the hinge's."""
     W2 = None if W1 is None or W is None else W1 + W
     A2 = None if A1 is None or A is None or W1 is None or W is None else A1 + A + W1 * W
     alpha2, a2 = A2, None
@@ -238,7 +238,7 @@ _MADE_OF = {"n": ("n",), "along": ("u1", "u2"), "across": ("u2",), "around": ("u
 def error_bounds(
     kind: Kind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: kinematics.Outputs, sequence: str | None
 ) -> Bounds:
-    """The bounds of what forward_kinematics gives for coordinates."""
+    """Return the bounds of the outputs of forward_kinematics for coordinates."""
     plan, given = kinematics.plan_from_coordinates(kind, pair, q, qd, qdd, outputs, None, sequence)
     return _bounds(pair, plan, given.parts, given.shapes)
 
@@ -246,7 +246,7 @@ def error_bounds(
 def error_bounds_from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: kinematics.Outputs
 ) -> Bounds:
-    """The bounds of what forward_kinematics_from_body1 gives."""
+    """Return the bounds of the outputs of forward_kinematics_from_body1."""
     plan, values, shapes = kinematics.plan_from_body1(pair, body1, psi, psid, psidd, outputs, None)
     own = {name: np.asarray(value) if is_foreign(value) else value for name, value in values.items()}
     return _bounds(pair, plan, own, shapes)
@@ -274,7 +274,7 @@ def _bounds(pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapp
 
 
 def _components(group: Any, tail: tuple[int, ...]) -> Any:
-    """A group as the equations take it: a component, or a tuple of components."""
+    """Return a group in the form that equations take: a component, or a tuple of components."""
     if not isinstance(group, np.ndarray) or tail == ():
         return group
     if group.ndim == len(tail) and group.dtype.char == "d":
@@ -283,7 +283,7 @@ def _components(group: Any, tail: tuple[int, ...]) -> Any:
 
 
 def _known(group: Any, made_of: tuple[str, ...], numbers: Named, kind: type[Bounded]) -> Any:
-    """What a plan is given, as bounded numbers: exact, or rounded from what it was made of."""
+    """Return the inputs of a plan as bounded numbers: exact, or rounded from what they were computed of."""
     if not isinstance(group, tuple):
         return kind.rounded(group)
     if not made_of:
@@ -293,6 +293,6 @@ def _known(group: Any, made_of: tuple[str, ...], numbers: Named, kind: type[Boun
 
 
 def _largest(group: Any) -> Any:
-    """The largest bound of some components; what is a plain number is exact."""
+    """Return the largest bound of several components; a plain number is exact."""
     errors = [c.error if isinstance(c, Bounded) else 0.0 for c in (group if isinstance(group, tuple) else (group,))]
     return functools.reduce(np.maximum, errors)

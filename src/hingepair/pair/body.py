@@ -236,7 +236,7 @@ def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
 
 
 def _tensor(inertia: ArrayLike) -> NDArray[np.float64]:
-    """The matrix, of three principal moments that of these."""
+    """Return the inertia matrix; three principal moments give a diagonal one."""
     if np.ndim(inertia) == 1:
         return np.diag(one_constant("inertia", inertia, 3))
     return one_constant("inertia", inertia, 3, 3)

@@ -81,7 +81,7 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """The motion with the attitude of quaternions, scalar last (Pinocchio, SciPy, ROS).
+        """Return the motion with the attitude of quaternions, scalar last (Pinocchio, SciPy, ROS).
 
         quat_xyzw: body to world, any length but zero; shape (..., 4). S is right to 6 u; the rest as in `BodyMotion`.
 
@@ -108,7 +108,7 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """The motion with the attitude of quaternions, scalar first (MuJoCo).
+        """Return the motion with the attitude of quaternions, scalar first (MuJoCo).
 
         quat_wxyz: body to world, any length but zero; shape (..., 4). S is right to 6 u; the rest as in `BodyMotion`.
 
@@ -135,7 +135,7 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """The motion with the attitude of rotation vectors, axis times angle.
+        """Return the motion with the attitude of rotation vectors, axis times angle.
 
         rotvec: body to world [rad]; shape (..., 3). S is right to 6 u up to an angle of 1e15; the rest as in
         `BodyMotion`.
@@ -175,7 +175,7 @@ def _fill(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
 
 
 def _read(name: str, value: Any, *tail: int) -> Any:
-    """A view of an array that cannot be written to; an array of another library as it is."""
+    """Return a view of an array that cannot be written to; an array of another library as it is."""
     if not is_foreign(value):
         try:
             return read_only(vectors(name, value, *tail))
@@ -188,7 +188,7 @@ def _read(name: str, value: Any, *tail: int) -> Any:
 
 
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
-    """Some arrays of a body, by its argument's name: of "body1", R is R1. Those of other libraries become NumPy's.
+    """Return some arrays of a body by its argument's name: R of "body1" is R1. Foreign arrays become NumPy's.
 
     Raises:
         ArgumentError: it is no BodyMotion, or lacks one of them; names the argument.

@@ -24,7 +24,7 @@ def jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
 
 
 def acceleration_bias(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
-    """What velocities alone add to body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9)."""
+    """Compute the velocity part of body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9)."""
     name = "acceleration_bias"
     return _from_body1(pair, (name,), body1, "S", "omega", psi=psi, psid=psid)[name]
 
@@ -44,7 +44,7 @@ def coordinate_jacobian(pair: Constants, q: Rows, sequence: str) -> FloatArray:
 
 
 def coordinate_jacobian_rate(pair: Constants, q: Rows, qd: Rows, sequence: str) -> FloatArray:
-    """The time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9)."""
+    """Compute the time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9)."""
     if qd is None:
         raise ArgumentError("qd", "the coordinates' rates", None)
     return _by_coordinates(pair, "coordinate_jacobian_rate", q, qd, sequence)
@@ -57,12 +57,12 @@ def _by_coordinates(pair: Constants, name: str, q: Any, qd: Any, sequence: str) 
 
 
 def constraint_jacobian(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-    """The constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2)."""
+    """Compute the constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2)."""
     return _of_both(pair, "constraint_jacobian", body1, body2, "S")
 
 
 def constraint_bias(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-    """What velocities alone add to the constraints' second derivative (E1, E2)."""
+    """Compute the velocity part of the constraints' second derivative (E1, E2)."""
     return _of_both(pair, "constraint_bias", body1, body2, "S", "omega")
 
 
@@ -113,7 +113,7 @@ RATE_SENSITIVITIES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by
 
 
 def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None) -> Sensitivities:
-    """Derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d."""
+    """Compute derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d."""
     if psid is None:
         found = _from_body1(pair, POSE_SENSITIVITIES, body1, "S", psi=psi)
     else:

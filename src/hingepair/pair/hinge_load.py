@@ -91,7 +91,7 @@ class HingeLoad:
         return lower, upper
 
     def __call__(self, t: Any, psi: Any, psid: Any) -> Any:
-        """The torque [N m] at instants [s], hinge angles [rad] and rates [rad/s]; of floats or arrays."""
+        """Compute the torque [N m] at instants [s], hinge angles [rad] and rates [rad/s]; of floats or arrays."""
         return self.smooth(psi, t, psi, psid)
 
     def smooth(self, side: Any, t: Any, psi: Any, psid: Any) -> Any:

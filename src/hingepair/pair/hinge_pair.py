@@ -311,7 +311,7 @@ class HingePair(Shown):
         return accuracy.error_bounds_from_body1(self.constants, body1, psi, psid, psidd, outputs)
 
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-        """The mass matrix M of M (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (D6).
+        """Compute the mass matrix M of M (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (D6).
 
         Of body1, S is used; psi [rad], shape (...,), broadcasts against it. M is symmetric, in world axes and about
         R1 [kg, kg m, kg m^2]; shape (..., 7, 7).
@@ -337,7 +337,7 @@ class HingePair(Shown):
         psidd: ArrayLike,
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> Forces:
-        """What must act on body 1 and at the hinge for the pair to move as it does (D1-D5).
+        """Compute the forces and torques on body 1 and at the hinge that move the pair as given (D1-D5).
 
         Args:
             body1: of it, S, omega, a and alpha are used.
@@ -422,7 +422,7 @@ class HingePair(Shown):
         psidd: ArrayLike,
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> HingeWrench:
-        """What body 1 exerts on body 2 at the hinge point (D3, D4); body 2 alone needs mass properties.
+        """Compute the wrench of body 1 on body 2 at the hinge point (D3, D4); body 2 alone needs mass properties.
 
         Arguments are those of `inverse_dynamics`. Gives force [N], torque about the hinge point [N m] and the
         torque's two parts: hinge_torque, bearing_torque.
@@ -530,7 +530,7 @@ class HingePair(Shown):
         return derivatives.jacobian(self.constants, body1, psi)
 
     def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
-        """What velocities alone add to body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9).
+        """Compute the velocity part of body 2's acceleration: (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9).
 
         Of body1, S and omega are used; psi [rad] and psid [rad/s], shape (...,), broadcast against it. The bias is in
         world axes; shape (..., 6).
@@ -558,7 +558,7 @@ class HingePair(Shown):
         return derivatives.coordinate_jacobian(self.constants, q, sequence)
 
     def coordinate_jacobian_rate(self, q: Rows, qd: Rows, *, sequence: str = "XYZ") -> FloatArray:
-        """The time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9).
+        """Compute the time derivative of coordinate_jacobian: (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9).
 
         The coordinates and the sequence are those of `forward_kinematics`. Jq' is in world axes; shape (..., 6, 7).
 
@@ -572,7 +572,7 @@ class HingePair(Shown):
         return derivatives.coordinate_jacobian_rate(self.constants, q, qd, sequence)
 
     def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
-        """Derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d.
+        """Compute derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d.
 
         Of body1, S is used, and with psid omega; psi [rad] and psid [rad/s], shape (...,), broadcast against it.
         Without psid, v2 and omega2 have none. The `Sensitivities` say the shape and unit of each, such as `.d_by_u1`
@@ -587,7 +587,7 @@ class HingePair(Shown):
         return derivatives.sensitivities(self.constants, body1, psi, psid)
 
     def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """The constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2).
+        """Compute the constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2).
 
         The constraints are gap (E1, world axes) and tilt, the components of S1 n x S2 C^-1 n along S1 e1 and S1 e2,
         where e1 is the axis of body 1 furthest from n, made perpendicular to it, and e2 = n x e1. G is their exact
@@ -604,7 +604,7 @@ class HingePair(Shown):
         return derivatives.constraint_jacobian(self.constants, body1, body2)
 
     def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-        """What velocities alone add to the constraints' second derivative (E1, E2).
+        """Compute the velocity part of the constraints' second derivative (E1, E2).
 
         (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, world axes, shape (..., 5); zero for motions of the
         pair. Of both bodies, S and omega are used.
@@ -630,7 +630,7 @@ def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
 
 
 def checked_body(name: str, body: Body | None) -> Body | None:
-    """A body or None; refuses all else."""
+    """Return a body, or None for None; refuse all else."""
     if body is None:
         return None
     if not isinstance(body, Body):

@@ -137,7 +137,7 @@ class PlanarPair(Shown):
         return accuracy.error_bounds(PLANAR, self.constants, q, qd, qdd, outputs, None)
 
     def to_spatial(self) -> HingePair:
-        """The same pair in space: n = e_z, and the plane is z = 0, so that gravity in the plane is (0, -9.81, 0).
+        """Return the same pair in space: n = e_z; the plane is z = 0, so that gravity in the plane is (0, -9.81, 0).
 
         >>> import hingepair as hp
         >>> hp.PlanarPair(u1=(1, 0), u2=(-1, 0)).to_spatial().n
@@ -146,7 +146,7 @@ class PlanarPair(Shown):
         return self._in_space(self.body1, self.body2)
 
     def massive(self) -> HingePair:
-        """The same pair in space, of bodies that stay in the plane: centres in it, inertias alike about all axes.
+        """Return the same pair in space with bodies that stay in the plane: centres in it, equal principal moments.
 
         What moves in the plane moves as the pair's bodies do, whatever these have across it.
 
@@ -166,7 +166,7 @@ class PlanarPair(Shown):
         return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name, body1=body1, body2=body2)
 
     def mass_matrix(self, q: Rows) -> FloatArray:
-        """The mass matrix M of M (a1_x, a1_y, phi'', psi'') + bias = (force1, torque1, hinge_torque) (D6).
+        """Compute the mass matrix M of M (a1_x, a1_y, phi'', psi'') + bias = (force1, torque1, hinge_torque) (D6).
 
         Of coordinates as for `forward_kinematics`.
 
@@ -185,7 +185,7 @@ class PlanarPair(Shown):
         return M[..., _IN_PLANE[:, None], _IN_PLANE]
 
     def inverse_dynamics(self, q: Rows, qd: Rows, qdd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> Forces:
-        """What must act on body 1 and at the hinge for the pair to move as it does (D1-D5).
+        """Compute the forces and torques on body 1 and at the pin that move the pair as given (D1-D5).
 
         As `HingePair`'s, of coordinates as for `forward_kinematics`; gravity [m/s^2] has shape (2,).
 
@@ -206,7 +206,7 @@ class PlanarPair(Shown):
         return Forces(force1[..., :2], torque1[..., 2], hinge_torque)
 
     def hinge_wrench(self, q: Rows, qd: Rows, qdd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> HingeWrench:
-        """What body 1 exerts on body 2 at the pin (D3, D4); body 2 alone needs mass properties.
+        """Compute the wrench of body 1 on body 2 at the pin (D3, D4); body 2 alone needs mass properties.
 
         Arguments are those of `inverse_dynamics`.
 
@@ -307,7 +307,7 @@ class PlanarPair(Shown):
         gravity: ArrayLike = PLANAR_GRAVITY,
         **loads: ArrayLike,
     ) -> Iterable[FloatArray]:
-        """A quantity in space, of coordinates and loads in the plane."""
+        """Compute a quantity in space from coordinates and loads in the plane."""
         for name, row in rows.items():
             if row is None:
                 raise ArgumentError(
@@ -354,7 +354,7 @@ def motion_in_space(q: Rows, qd: Rows | None = None, qdd: Rows | None = None) ->
 
 
 def _load(name: str, value: ArrayLike) -> Any:
-    """What acts in the plane, in space; the number 0 says that there is no force."""
+    """Return a load in the plane as one in space; the number 0 stands for no force."""
     if name == "hinge_torque":
         return kinematics.component(name, value)
     if name.startswith("torque"):

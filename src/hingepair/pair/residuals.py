@@ -137,7 +137,7 @@ class Residuals(Frozen, Shown):
         return f"PASSED: {len(self.rows)} residuals of {count} within tolerance{beside}"
 
     def unwrapped_psi(self, axis: int = -1) -> Float64Array:
-        """The hinge angle without jumps of 2 pi along an axis of the samples, such as time; (...,) rad.
+        """Return the hinge angle without jumps of 2 pi along an axis of the samples, such as time; (...,) rad.
 
         Right where psi changes by less than pi from one finite sample to the next; samples that are not finite are
         stepped over.
@@ -171,7 +171,7 @@ class Residuals(Frozen, Shown):
         return Sheet(self.name, (_HEADER, *(row._cells() for row in self.rows)), (self.verdict,))
 
     def to_json(self) -> str:
-        """The report, without the arrays, as JSON; a number that is not finite is null."""
+        """Return the report, without the arrays, as JSON; a number that is not finite is null."""
         rows = [{**row._asdict(), "ok": row.ok} for row in self.rows]
         facts = {"name": self.name, "ok": self.ok, "verdict": self.verdict, "samples": math.prod(self.shape)}
         return json_text({**facts, "skipped": self.skipped, "u": self.u, "rows": rows})
@@ -318,7 +318,7 @@ def _check(
 
 
 def _scales(pair: Constants, given: dict[str, NDArray[Any]], kinds: list[str]) -> dict[str, Float64Array]:
-    """The scale of each residual, sample by sample (the formulas of KINDS); not finite where an input is not."""
+    """Return the scale of each residual, sample by sample (the formulas of KINDS); NaN or inf where an input is."""
     lever1, lever2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
 
     def both(letter: str) -> Float64Array:
@@ -351,7 +351,7 @@ def _check_given(kind: str, given: Mapping[str, NDArray[Any]]) -> None:
 
 
 def _checked(tolerances: Mapping[str, float] | None) -> dict[str, float]:
-    """The tolerances that a user gives, by the residual's name."""
+    """Return a user's tolerances by the residual's name, checked."""
     if tolerances is None:
         return {}
     if not isinstance(tolerances, Mapping):

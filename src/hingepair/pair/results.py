@@ -60,7 +60,7 @@ class Result(Shown):
         return sorted({*own, *self._named()})
 
     def _named(self) -> Iterable[str]:
-        """The attributes that it has beside those of its class."""
+        """Return the attributes that a result has beside those of its class."""
         raise NotImplementedError
 
     def _sheet(self) -> Sheet:
@@ -69,7 +69,7 @@ class Result(Shown):
         return Sheet(title, (("", "shape of one", "unit"), ("t", "", "s"), *rows))
 
     def to_dataframe(self) -> Any:
-        """A pandas DataFrame, one column a component: t, R2_x, R2_y, ..., S2_xx, ..., psi; units in its `attrs`.
+        """Return a pandas DataFrame, one column a component: t, R2_x, ..., S2_xx, ..., psi; units in its `attrs`.
 
         Raises:
             MissingDependencyError: pandas is not installed.
@@ -81,7 +81,7 @@ class Result(Shown):
         return frame
 
     def to_xarray(self) -> Any:
-        """An xarray Dataset over `time`, vectors also over `xyz`, with units and descriptions as attributes.
+        """Return an xarray Dataset over `time`, vectors also over `xyz`, with units and descriptions as attributes.
 
         Matrices have the axes of the body as a third dimension, `body_xyz`.
 
@@ -151,7 +151,7 @@ class Record(Result):
         self._arrays = dict(arrays)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """The arrays."""
+        """Return the arrays that were collected, by name."""
         return self._arrays
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -173,7 +173,7 @@ class Record(Result):
 def result_file(
     path: str | os.PathLike[str], samples: int, described: str = "", inputs: Iterable[str | os.PathLike[str]] = ()
 ) -> Iterator[Add]:
-    """A file that results go to, block after block: there whole when the block is left without an error, or not.
+    """Open a file for results that are written block by block; it appears only if the block is left without an error.
 
     .csv and .parquet are written as the blocks come; of .npz and .nc all that came is held until the end.
 
@@ -218,7 +218,7 @@ def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
 
 
 def _endings(tail: tuple[int, ...]) -> list[str]:
-    """What is behind the name of each component; tail: () for a number, (3,) or (2,) for a vector, (3, 3)."""
+    """Return the suffix of each component's name for a shape: () for a number, (3,) or (2,) for a vector, (3, 3)."""
     letters = ["".join(_AXES[i] for i in index) for index in np.ndindex(tail)]
     return [f"_{c}" if c else "" for c in letters]
 

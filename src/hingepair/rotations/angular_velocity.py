@@ -146,12 +146,12 @@ def _local_derivatives(t: Float64Array, S: Float64Array, order: int, count: int)
 
 
 def _rotation_between(start: Float64Array, stop: Float64Array) -> Float64Array:
-    """The rotation vector that takes one attitude to another, world axes."""
+    """Return the rotation vectors that take attitudes to other ones; world axes."""
     return rotation_vector(stop @ np.swapaxes(start, -1, -2))
 
 
 def _path(S: Float64Array) -> Float64Array:
-    """The angle turned up to each sample, step by step [rad]; steps that are not finite count 0."""
+    """Return the angle turned up to each sample, step by step [rad]; steps that are not finite count 0."""
     path = np.zeros(S.shape[:-2])
     with np.errstate(all="ignore"):
         steps = _rotation_between(S[..., :-1, :, :], S[..., 1:, :, :])

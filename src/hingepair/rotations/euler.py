@@ -113,7 +113,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
 
 
 def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """The matrix J of omega = J phi' (E4), omega in world axes.
+    """Return the matrix J of omega = J phi' (E4), omega in world axes.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -132,7 +132,7 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
 
 
 def _matrix(phi: ArrayLike, sequence: str, function: Callable[[Sequence, tuple[Any, ...]], Any]) -> FloatArray:
-    """A matrix of the sines and cosines of the canonical angles."""
+    """Return a matrix-valued function of the sines and cosines of the canonical angles, for all samples."""
     order, angles = find_sequence(sequence), vectors("phi", phi, 3)
 
     def matrix(values: Named) -> Any:

@@ -20,7 +20,7 @@ TOLERANCE = {4: 1e-5, 8: 1e-9}
 
 
 def skew(w: ArrayLike) -> FloatArray:
-    """The matrix [w]x, for which [w]x u = w x u.
+    """Return the matrix [w]x, for which [w]x u = w x u.
 
     Args:
         w: vectors; shape (..., 3).
@@ -43,7 +43,7 @@ def skew(w: ArrayLike) -> FloatArray:
 
 
 def unskew(W: ArrayLike) -> FloatArray:
-    """The vector w of a matrix [w]x.
+    """Return the vector w of a matrix [w]x.
 
     Args:
         W: antisymmetric matrices; shape (..., 3, 3).
@@ -97,7 +97,7 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
 
 
 def rotation_exp(rotvec: ArrayLike) -> FloatArray:
-    """The rotation of a rotation vector, axis times angle (E6), to 6 u in every component up to an angle of 1e15.
+    """Return the rotation of a rotation vector, axis times angle (E6), to 6 u a component up to an angle of 1e15.
 
     Args:
         rotvec: rotation vectors [rad]; shape (..., 3).
@@ -128,7 +128,7 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
 
 
 def _rest(n: eq.Vector, axis: tuple[Twofold, ...], hinge: eq.Hinge, low: eq.Hinge) -> tuple[Any, ...]:
-    """What E6 lacks of the parts of the axis, of sin and of 1 - cos that one double cannot hold."""
+    """Return the correction of E6 for the low parts of the axis, of the sine and of 1 - cosine."""
     (s, k), (s_low, k_low) = hinge, low
     x, y, z = n
     a, b, c = (unit.low for unit in axis)
@@ -141,7 +141,7 @@ def _rest(n: eq.Vector, axis: tuple[Twofold, ...], hinge: eq.Hinge, low: eq.Hing
 
 
 def rotation_log(S: ArrayLike) -> FloatArray:
-    """The rotation vector of a rotation, axis times angle, the angle in [0, pi] (E6 solved for n psi).
+    """Return the rotation vector of a rotation, axis times angle, the angle in [0, pi] (E6 solved for n psi).
 
     To 6 u times the angle, for all angles: what `rotation_exp` made of a rotation vector comes back to this.
 
@@ -165,7 +165,7 @@ def rotation_log(S: ArrayLike) -> FloatArray:
 
 
 def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rotation vectors of matrices that are known to be rotations."""
+    """Return the rotation vectors of matrices that are known to be rotations."""
     quat = _quaternion(S)
     vector = quat[..., 1:]
     with np.errstate(all="ignore"):
@@ -175,12 +175,12 @@ def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def matrix_to_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit quaternions (w, x, y, z) of rotations, w >= 0; shape (..., 4)."""
+    """Return the unit quaternions (w, x, y, z) of rotations, w >= 0; shape (..., 4)."""
     return unit_quaternion(_quaternion(S))
 
 
 def unit_quaternion(quat: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The quaternions at unit length; NaN of what is not finite."""
+    """Return the quaternions at unit length; NaN where one is not finite."""
     with np.errstate(invalid="ignore"):
         return np.stack(direction(components_of(quat)), axis=-1)
 
@@ -222,7 +222,7 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
 
 
 def project_to_rotation(M: ArrayLike) -> FloatArray:
-    """The rotation nearest to a matrix (the orthogonal factor of its polar decomposition).
+    """Return the rotation nearest to a matrix (the orthogonal factor of its polar decomposition).
 
     To 6 u where M is within 1e-2 of a rotation; else the error grows with the largest singular value over the sum of
     the two smallest.
@@ -297,7 +297,7 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
 
 
 def _orthonormality(values: Named) -> Named:
-    """The largest element of S^T S - I, and the determinant."""
+    """Return the largest element of S^T S - I, and the determinant."""
     *products, volume = eq.orthonormality(values["S"])
     errors = list(map(abs, products))
     return {"error": max(errors) if type(volume) is float else functools.reduce(np.maximum, errors), "volume": volume}

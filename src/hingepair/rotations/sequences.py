@@ -33,35 +33,35 @@ class Sequence(NamedTuple):
     sign: int  # of the canonical angles, +1 or -1
 
     def angles(self, phi: eq.Vector) -> eq.Vector:
-        """The canonical angles (or their rates) of angles (or rates) in the order of the letters, and back."""
+        """Return canonical angles or rates for those in the order of the letters; the same call converts back."""
         x, y, z = phi
         if self.backward:
             x, z = z, x
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
     def attitude(self, trig: tuple[Any, ...]) -> eq.Matrix:
-        """S of the sines and cosines of the canonical angles (E10)."""
+        """Return S from the sines and cosines of the canonical angles (E10)."""
         S = eq.proper_euler_attitude(trig) if self.proper else eq.tait_bryan_attitude(trig)
         return nine(S[3 * i + j] for i in self.place for j in self.place)
 
     def axes(self, trig: tuple[Any, ...]) -> tuple[Any, ...]:
-        """The columns of the canonical J (E4)."""
+        """Return the columns of the canonical J (E4)."""
         return eq.proper_euler_axes(trig) if self.proper else eq.tait_bryan_axes(trig)
 
     def angular_velocity(self, axes: tuple[Any, ...], phid: eq.Vector) -> eq.Vector:
-        """Omega = J phi' (E4), of the canonical columns of J and the rates in the order of the letters."""
+        """Return omega = J phi' (E4) from the canonical columns of J and the rates in the order of the letters."""
         return self.vector(eq.angular_velocity1(axes, self.angles(phid)))
 
     def angular_acceleration(self, axes: tuple[Any, ...], phid: eq.Vector, phidd: eq.Vector) -> eq.Vector:
-        """Alpha = J phi'' + J' phi' (E4 differentiated), likewise."""
+        """Return alpha = J phi'' + J' phi' (E4 differentiated); arguments as for `angular_velocity`."""
         return self.vector(eq.angular_acceleration1(axes, self.angles(phid), self.angles(phidd)))
 
     def columns(self, axes: tuple[Any, ...]) -> tuple[eq.Vector, ...]:
-        """The columns of J, world axes, in the order of the letters."""
+        """Return the columns of J in world axes, in the order of the letters."""
         return self._in_order(eq.euler_axes(axes))
 
     def column_rates(self, axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
-        """The columns of J', likewise, of the rates in the order of the letters."""
+        """Return the columns of J' in world axes, from the rates in the order of the letters."""
         # A renaming that changes the handedness turns J(phi) into J(-phi), and with it the sign of the rates only.
         return self._in_order(eq.euler_axes_rates(axes, self.angles(phid)))
 
@@ -70,13 +70,13 @@ class Sequence(NamedTuple):
         return tuple((c[self.place[0]], c[self.place[1]], c[self.place[2]]) for c in columns)
 
     def vector(self, canonical: eq.Vector) -> eq.Vector:
-        """An angular velocity or acceleration in world axes, from canonical axes."""
+        """Return an angular velocity or acceleration in world axes, from canonical axes."""
         x, y, z = (canonical[i] for i in self.place)
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
 
 def find_sequence(name: str) -> Sequence:
-    """The sequence of this name.
+    """Return the sequence of this name.
 
     Raises:
         ArgumentError: no such sequence.
@@ -103,6 +103,6 @@ def _sequence(name: str) -> Sequence:
 
 
 def nine(entries: Any) -> eq.Matrix:
-    """Entries as a matrix."""
+    """Return nine entries as a matrix."""
     a, b, c, d, e, f, g, h, i = entries
     return a, b, c, d, e, f, g, h, i

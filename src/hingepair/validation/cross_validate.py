@@ -163,7 +163,7 @@ def cross_validate_from_body1(
 
 
 def _samples(given: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
-    """The arguments at every sample as float64, shape (N, ...); all NaN where one of them is not finite."""
+    """Return the arguments at every sample as float64, shape (N, ...); all NaN where one of them is not finite."""
     found: dict[str, Float64Array] = {}
     for name, value in given.items():
         array = np.stack(np.broadcast_arrays(*value), axis=-1) if isinstance(value, tuple) else np.asarray(value)
@@ -185,7 +185,7 @@ def _compared(
     sizes: tuple[Float64Array | None, Float64Array | None],
     sequence: str | None,
 ) -> CrossValidation:
-    """The state against Pinocchio's, of motion as `_samples` gives it."""
+    """Return the comparison of the state with Pinocchio's, for a motion from `_samples`."""
     _, psid, psidd = (*hinge, None, None)[:3]
     scales = output_scales(
         u1=pair.u1, u2=pair.u2, R1=body1.R, v1=body1.v, a1=body1.a,
@@ -217,7 +217,7 @@ def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Floa
 
 
 def _in_the_plane(truths: dict[str, Float64Array], phi2: Float64Array) -> dict[str, Float64Array]:
-    """What is in the plane z = 0, and the angle about z that is nearest to phi2 in place of the rotation."""
+    """Return the part in the plane z = 0, and instead of the rotation the angle about z that is nearest to phi2."""
     found = {}
     for name, truth in truths.items():
         if name == "S2":

@@ -13,7 +13,7 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 
 
 def import_pinocchio(wanted_by: str) -> Any:
-    """The module pinocchio, imported now.
+    """Import the module pinocchio and return it.
 
     Raises:
         MissingDependencyError: it is not installed, or another package has its name.

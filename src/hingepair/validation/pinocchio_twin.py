@@ -125,7 +125,7 @@ class PinocchioTwin:
         return BodyMotion(**{name: c.reshape(*shape, *c.shape[1:]) for name, c in found.items()})
 
     def motion(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> Motion:
-        """The way back: body 1's motion and the hinge's, of Pinocchio's coordinates.
+        """Return body 1's motion and the hinge's from Pinocchio's coordinates.
 
         Args:
             q: configuration; shape (..., 8); its quaternion may have any length but zero.
@@ -164,7 +164,7 @@ def to_pinocchio(pair: Mechanism) -> RobotTwin: ...
 
 
 def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
-    """The pair as a Pinocchio model: a free-flyer, a revolute joint about n at u1, body 2's frame at (C, -C u2).
+    """Build the pair in Pinocchio: a free-flyer, a revolute joint about n at u1, body 2's frame at (C, -C u2).
 
     Of a `Mechanism` a `RobotTwin` (hingepair.validation.robot_twin): `.model` with every joint that moves, those that
     follow others too, and all links; `.configuration(q)`, `.velocity(q, qd)`, `.acceleration(q, qd, qdd)`.

@@ -196,7 +196,7 @@ class CrossValidation(Shown):
         return Sheet(title, rows, (*self.notes, self.verdict))
 
     def to_json(self) -> str:
-        """The report as JSON; a number that is not finite is null."""
+        """Return the report as JSON; a number that is not finite is null."""
         facts = {name: getattr(self, name) for name in ("name", "ok", "verdict", "samples", "compared", "skipped")}
         facts |= {"sequence": self.sequence, "u": self.u, "notes": list(self.notes)}
         for name, rows in (("rows", self.rows), ("forces", self.forces)):
