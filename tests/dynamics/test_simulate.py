@@ -245,7 +245,9 @@ def test_a_free_pair_keeps_momentum_and_energy_through_its_stops(backend):
     momentum = free.momentum()
     beyond = free.psi - np.clip(free.psi, 0.0, 0.5)
     assert np.abs(beyond).max() > 1e-3
-    np.testing.assert_allclose(momentum.angular, momentum.angular[:1].repeat(41, 0), rtol=0, atol=1e-13)
+    # L sums R x P: its terms are rounded at this size, at every instant anew (of either backend 2.6 units were seen)
+    size = np.abs(free.body1.R).max() * np.abs(momentum.linear).max() + np.abs(momentum.angular).max()
+    np.testing.assert_allclose(momentum.angular, momentum.angular[:1].repeat(41, 0), rtol=0, atol=size * 2.0**-49)
     energy = free.energy().kinetic + 5e3 * beyond**2
     np.testing.assert_allclose(energy, energy[0], rtol=1e-9)
 
