@@ -944,6 +944,48 @@ FAULTS = {
         "return c * v[0] - s * v[1], c * v[1] + s * v[0], v[2]",
         "mechanism/test_against_pinocchio.py::test_forces_are_those_of_pinocchio[random]",
     ),
+    "tau without what the rotor takes": Fault(
+        "equations/trees.py",
+        "return [load + link.armature * change for",
+        "return [load for",
+        "mechanism/test_armature.py::test_rotors_count_in_forces_and_motion_as_in_pinocchio",
+    ),
+    "M without the rotors": Fault(
+        "equations/trees.py",
+        "        row[-1] = row[-1] + link.armature\n",
+        "",
+        "mechanism/test_armature.py::test_rotors_count_in_forces_and_motion_as_in_pinocchio",
+    ),
+    "D of a hinge without its rotor": Fault(
+        "equations/trees.py",
+        "(H[6], H[7], H[8]), J[5] + armature",
+        "(H[6], H[7], H[8]), J[5]",
+        "mechanism/test_armature.py::test_rotors_count_in_forces_and_motion_as_in_pinocchio",
+    ),
+    "D of a slider without its rotor": Fault(
+        "equations/trees.py",
+        "(M[2], M[4], M[5]), M[5] + armature",
+        "(M[2], M[4], M[5]), M[5]",
+        "mechanism/test_armature.py::test_rotors_count_in_forces_and_motion_as_in_pinocchio",
+    ),
+    "a body that gives way along its axis although its rotor holds it": Fault(
+        "equations/trees.py",
+        "return 0.0 if type(armature) is float and armature == 0 else armature * share",
+        "return 0.0",
+        "mechanism/test_armature.py::test_rotors_count_in_forces_and_motion_as_in_pinocchio",
+    ),
+    "kinetic energy without the rotors": Fault(
+        "equations/trees.py",
+        "    doubles += [link.armature * rate * rate for link, rate in zip(links, qd, strict=True)]\n",
+        "",
+        "mechanism/test_armature.py::test_rotors_count_in_forces_and_motion_as_in_pinocchio",
+    ),
+    "a rotor that a twin has not": Fault(
+        "validation/robot_twin.py",
+        "        model.armature[model.joints[number].idx_v] = joint.armature\n",
+        "",
+        "mechanism/test_armature.py::test_the_twin_has_the_rotors[fixed]",
+    ),
     "a slider's shift from the wrong end": Fault(
         "equations/trees.py",
         "add(link.u, scale(link.S[2::3], shift))",

@@ -1,4 +1,4 @@
-"""Trees of hinges and sliders, T1-T9, as plain arithmetic on tuples of scalars: each body in its own axes.
+"""Trees of hinges and sliders, T1-T10, as plain arithmetic on tuples of scalars: each body in its own axes.
 
 Body 0 is the base, body k >= 1 is what joint k moves, p is its parent. The z axis of body k is the axis of joint k,
 and its reference point lies on it. Q = S Sz(q) turns the axes of body k into those of its parent, r leads from the
@@ -21,6 +21,8 @@ T7  kinetic energy m v^2 / 2 + v . (omega x h) + omega . J omega / 2, potential 
 T8  P = m v + omega x h, L = h x v + J omega, about the reference point; inward as in T3     (D8)
 T9  matter on a hinge's axis moves with both bodies: it is counted with the parent, so that m = 0, h . e_z = 0 and
     N_zz = 0 beyond a hinge; of a slider N is the parent's. Nothing above changes by it.
+T10 a geared rotor turns with its joint only, with the inertia I (armature) referred to the joint: it adds I q_k'' to
+    tau_k, I to M_kk and to D, I q_k'^2 / 2 to the kinetic energy. The body's own motion is not felt by it.
 
 T1-T3: Luh, Walker, Paul, On-line computational scheme for mechanical manipulators, 1980; T4-T6: Featherstone, Rigid
 Body Dynamics Algorithms, 2008; T9: Gautier, Khalil, Direct calculation of minimum set of inertial parameters, 1990.
@@ -65,6 +67,7 @@ class Link(NamedTuple):
         mass: m of its body.
         first: h of its body.
         second: N of its body.
+        armature: I of its motor's rotor (T10).
     """
 
     parent: int
@@ -74,6 +77,7 @@ class Link(NamedTuple):
     mass: Scalar
     first: Vector
     second: Symmetric
+    armature: Scalar
 
 
 class Base(NamedTuple):
@@ -389,6 +393,12 @@ def along_axes(links: Sequence[Link], wrenches: Sequence[Wrench]) -> list[Scalar
     return [force[2] if link.slides else torque[2] for link, (force, torque) in zip(links, wrenches[1:], strict=True)]
 
 
+def driving_efforts(links: Sequence[Link], wrenches: Sequence[Wrench], qdd: Sequence[Scalar]) -> list[Scalar]:
+    """What each motor must give: along the joint's axis, and for its own rotor (T3, T10)."""
+    loads = along_axes(links, wrenches)
+    return [load + link.armature * change for link, load, change in zip(links, loads, qdd, strict=True)]
+
+
 def inertial_wrenches(base: Base, links: Sequence[Link], feels: Sequence[Acceleration]) -> list[Wrench]:
     """What moves the matter of each body, the base first (T2)."""
     return [
@@ -454,6 +464,7 @@ def mass_matrix(
             force = to_parent(joint, force)
             torque = add(to_parent(joint, torque), cross(joint.r, force))
             at = links[at - 1].parent
+        row[-1] = row[-1] + link.armature
         rows.append(row)
         on_base.append((force, torque))
     return rows, on_base
@@ -538,13 +549,14 @@ def _sum(A: Matrix, B: Matrix) -> Matrix:
 
 
 def eliminated(
-    slides: bool, own: Resistance, reciprocal: Callable[[Scalar], Scalar]
+    slides: bool, armature: Scalar, own: Resistance, reciprocal: Callable[[Scalar], Scalar]
 ) -> tuple[Elimination, Resistance]:
-    """A body whose joint gives way: U and D, and what still resists, nothing along the axis (T5)."""
+    """A body whose joint gives way: U and D, and what still resists, along the axis only by the rotor (T5, T10)."""
     J, H, M = own
     if slides:
-        torque, force, pivot = (H[2], H[5], H[8]), (M[2], M[4], M[5]), M[5]
+        torque, force, pivot = (H[2], H[5], H[8]), (M[2], M[4], M[5]), M[5] + armature
         share = reciprocal(pivot)
+        held = _held(armature, share)
         (a, b, c), (x, y) = scale(torque, share), (force[0] * share, force[1] * share)
         left = Resistance(
             (
@@ -552,22 +564,29 @@ def eliminated(
                 J[3] - torque[1] * b, J[4] - torque[1] * c, J[5] - torque[2] * c,
             ),
             (
-                H[0] - torque[0] * x, H[1] - torque[0] * y, 0.0,
-                H[3] - torque[1] * x, H[4] - torque[1] * y, 0.0,
-                H[6] - torque[2] * x, H[7] - torque[2] * y, 0.0,
+                H[0] - torque[0] * x, H[1] - torque[0] * y, torque[0] * held,
+                H[3] - torque[1] * x, H[4] - torque[1] * y, torque[1] * held,
+                H[6] - torque[2] * x, H[7] - torque[2] * y, torque[2] * held,
             ),
-            (M[0] - force[0] * x, M[1] - force[0] * y, 0.0, M[3] - force[1] * y, 0.0, 0.0),
+            (
+                M[0] - force[0] * x, M[1] - force[0] * y, force[0] * held,
+                M[3] - force[1] * y, force[1] * held, force[2] * held,
+            ),
         )  # fmt: skip
         return Elimination(torque, force, share, pivot), left
-    torque, force, pivot = (J[2], J[4], J[5]), (H[6], H[7], H[8]), J[5]
+    torque, force, pivot = (J[2], J[4], J[5]), (H[6], H[7], H[8]), J[5] + armature
     share = reciprocal(pivot)
+    held = _held(armature, share)
     (a, b), (x, y, z) = (torque[0] * share, torque[1] * share), scale(force, share)
     left = Resistance(
-        (J[0] - torque[0] * a, J[1] - torque[0] * b, 0.0, J[3] - torque[1] * b, 0.0, 0.0),
+        (
+            J[0] - torque[0] * a, J[1] - torque[0] * b, torque[0] * held,
+            J[3] - torque[1] * b, torque[1] * held, torque[2] * held,
+        ),
         (
             H[0] - torque[0] * x, H[1] - torque[0] * y, H[2] - torque[0] * z,
             H[3] - torque[1] * x, H[4] - torque[1] * y, H[5] - torque[1] * z,
-            0.0, 0.0, 0.0,
+            force[0] * held, force[1] * held, force[2] * held,
         ),
         (
             M[0] - force[0] * x, M[1] - force[0] * y, M[2] - force[0] * z,
@@ -575,6 +594,11 @@ def eliminated(
         ),
     )  # fmt: skip
     return Elimination(torque, force, share, pivot), left
+
+
+def _held(armature: Scalar, share: Scalar) -> Scalar:
+    """The share I / D of an acceleration along the axis that the rotor keeps the body from giving way to."""
+    return 0.0 if type(armature) is float and armature == 0 else armature * share
 
 
 def articulated(
@@ -585,7 +609,7 @@ def articulated(
     steps: list[Elimination] = []
     for number in range(len(links), 0, -1):
         link, joint = links[number - 1], joints[number - 1]
-        step, left = eliminated(link.slides, sums[number], reciprocal)
+        step, left = eliminated(link.slides, link.armature, sums[number], reciprocal)
         steps.append(step)
         J, H, M = resistance_to_parent(joint, left)
         p = sums[link.parent]
@@ -661,9 +685,12 @@ def momenta(base: Base, links: Sequence[Link], bodies: Sequence[tuple[Vector, Ve
     return found
 
 
-def kinetic_energy(bodies: Sequence[tuple[Vector, Vector]], own: Sequence[Wrench]) -> Scalar:
-    """The kinetic energy, half of v . P + omega . L of each body (T7)."""
+def kinetic_energy(
+    links: Sequence[Link], bodies: Sequence[tuple[Vector, Vector]], own: Sequence[Wrench], qd: Sequence[Scalar]
+) -> Scalar:
+    """The kinetic energy, half of v . P + omega . L of each body and of I q'^2 of each rotor (T7, T10)."""
     doubles = [dot(v, P) + dot(omega, L) for (v, omega), (P, L) in zip(bodies, own, strict=True)]
+    doubles += [link.armature * rate * rate for link, rate in zip(links, qd, strict=True)]
     total = doubles[0]
     for double in doubles[1:]:
         total = total + double

@@ -65,7 +65,8 @@ def to_urdf(
 
     Of a `Mechanism` it has the links and joints, with masses, limits and the rules of joints that follow others; read
     back, by Pinocchio too, q has the same order. A fixed or locked joint is a fixed joint; the links that it holds to
-    each other have one mass together. Shapes are not written.
+    each other have one mass together. Shapes are not written, nor are inertias of rotors, of which a DynamicsWarning
+    tells.
 
     The link `body1` has the frame (R1, S1). The joint `hinge`, revolute where the pair has limits, else continuous,
     leads from it to the link `body2_at_hinge`, which has body 2's mass and shapes and its origin at the hinge point;

@@ -8,6 +8,7 @@ they hang on links of their own, whose fixed joints have numbers for names.
 from __future__ import annotations
 
 import math
+import warnings
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from hingepair.formats.xml_text import BEYOND, add, add_joint, check_text, document, long_axis
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
+from hingepair.pair.body import DynamicsWarning
 from hingepair.rotations.euler import matrix_to_euler
 
 
@@ -27,6 +29,9 @@ def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
     tree = robot.tree
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_text("name", name)
+    if geared := [joint.name for joint in tree.joints if joint.armature]:
+        told = f"{tree.name}: URDF has no inertias of rotors; not written are the armatures of {', '.join(geared)}"
+        warnings.warn(told, DynamicsWarning, stacklevel=3)
     return document(_Writer(tree).robot(base))
 
 

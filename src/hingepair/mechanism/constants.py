@@ -1,4 +1,4 @@
-"""From a robot's record to the constants of its programs (T1-T9): each body in axes whose z axis is its joint's axis.
+"""The constants of a robot's programs (T1-T10), from its record: each body in axes whose z axis is its joint's axis.
 
 Where an axis lies along x, y or z of the body, the axes change by exact permutations; masses are added up and shifted
 in exact arithmetic (T9), and rounded once.
@@ -75,10 +75,10 @@ def constants_of(tree: Tree, free: bool) -> Constants:
         S, u = _product(back, _product(joint.S, axes[k])), _product(back, joint.u)
         multiplier, offset = (1.0, 0.0) if joint.mimic is None else joint.mimic[1:]
         place, masses = [*S.ravel().tolist(), *u.tolist()], _rounded(matter[k])
-        numbers += [*place, *masses, multiplier, offset, smallest[k]]
+        numbers += [*place, *masses, joint.armature, multiplier, offset, smallest[k]]
         turned = oblique[k] or oblique[joint.parent]
         bounds += [_PRODUCT_ROUND_OFF * max(1.0, float(np.abs(joint.u).max())) if turned else 0.0] * len(place)
-        bounds += [*_mass_bounds(masses, any(oblique)), 0.0, 0.0, 0.0]
+        bounds += [*_mass_bounds(masses, any(oblique)), 0.0, 0.0, 0.0, 0.0]
     known, parameters = known_and_parameters(numbers)
     kept = tuple(bound for bound, one in zip(bounds, known, strict=True) if one is None)
     form = Form(
@@ -241,7 +241,7 @@ def _mass_bounds(numbers: Sequence[float], oblique: bool) -> list[float]:
 def _smallest_pivots(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[float]:
     """Of every joint, the size below which a pivot D is rounding (T5); 0 where it cannot be as small.
 
-    What resists is at most all matter beyond the joint, stretched out, and at least that of its own body.
+    What resists is at most all matter beyond the joint, stretched out, and at least that of its own body and rotor.
     """
     count = len(tree.joints) + 1
     mass, moment, spread = ([0.0] * count for _ in range(3))
@@ -259,7 +259,7 @@ def _smallest_pivots(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[fl
             reach += float(np.abs(joint.position_limits).max())
         smallest = _ROUND_OFF * (mass[k] if slides else spread[k])
         own = joint.body.mass if slides else _resistance(joint.body, axes[k][:, 2])
-        found[k] = 0.0 if own > smallest else max(smallest, _TINY)
+        found[k] = 0.0 if own + joint.armature > smallest else max(smallest, _TINY)
         mass[p] += mass[k]
         moment[p] += moment[k] + mass[k] * reach
         spread[p] += spread[k] + 2 * reach * moment[k] + mass[k] * reach * reach

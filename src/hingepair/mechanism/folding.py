@@ -41,6 +41,7 @@ class Part:
         limits: least and greatest position; None where there are none.
         effort_limit: the largest torque or force; None where there is none.
         rate_limit: the largest rate; None where there is none.
+        armature: inertia of the motor's rotor, referred to the joint [kg m^2 or kg].
         mimic: how it follows another joint; None where it does not.
         notes: sentences on assumed masses.
     """
@@ -57,6 +58,7 @@ class Part:
     limits: tuple[float, float] | None = None
     effort_limit: float | None = None
     rate_limit: float | None = None
+    armature: float = 0.0
     mimic: records.Mimic | None = None
     notes: Sequence[str] = ()
 
@@ -183,6 +185,7 @@ def _joint(
         position_limits=part.limits or (-np.inf, np.inf),
         rate_limit=np.inf if part.rate_limit is None else part.rate_limit,
         effort_limit=np.inf if part.effort_limit is None else part.effort_limit,
+        armature=part.armature,
         mimic=Mimic(numbers[motion.leader], *motion[1:]) if isinstance(motion, records.Mimic) else None,
     )
 

@@ -20,6 +20,7 @@ from hingepair.numeric.tables import Sheet, aligned, cell
 from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
 
+_ARMATURE = "armature"
 _HEADINGS = ("joint", "kind", "carried by", "axis", "least", "greatest", "rate", "effort", "mass [kg]", "follows")
 
 
@@ -112,6 +113,13 @@ class Mechanism(MechanismMethods):
     ) -> Mechanism:
         """Return the robot of a Pinocchio model, such as Pinocchio's reader of MJCF makes it.
 
+        Inertias of rotors (`model.armature`) count as they do in Pinocchio: in forces, the mass matrix, forward
+        dynamics and kinetic energy (where Pinocchio 4.1 leaves out those of oblique hinges). As in Pinocchio's own
+        algorithms, `rotorInertia` and `rotorGearRatio` count only where they are part of `armature`, and damping and
+        dry friction nowhere. Limits are the upper ones of effort and velocity; reference configurations and margins
+        of limits are not taken. Gravity is an argument of the methods: a DynamicsWarning tells where that of the
+        model is another than theirs.
+
         Args:
             model: of Pinocchio: revolute, continuous, prismatic, mimic and composite joints depth-first, and a
                 free-flyer at its root. Its q is that of the robot where nq is nv: a continuous joint has cos and sin
@@ -120,7 +128,8 @@ class Mechanism(MechanismMethods):
             locked: as for `from_urdf`.
 
         Raises:
-            ArgumentError: a joint of another kind, or not depth-first; names it.
+            ArgumentError: a joint of another kind, or not depth-first, or with an armature that is negative, not
+                finite or that of the free base; names it.
 
         >>> import pinocchio
         >>> import hingepair as hp
@@ -171,6 +180,21 @@ class Mechanism(MechanismMethods):
         """Largest torques [N m] and forces [N] of the motors, infinite where there is none; shape (dof,)."""
         return self._limits("effort_limit")
 
+    @property
+    def armature(self) -> Float64Array:
+        """Inertias of the motors' rotors, by which they add to the diagonal of the mass matrix; shape (dof,).
+
+        kg m^2 of hinges, kg of sliders, referred to the coordinate by the square of the gear ratio; 0 unless a model
+        of Pinocchio has them.
+        """
+        sums = dict.fromkeys((joint.name for joint in self.tree.coordinates), 0.0)
+        for joint in self.tree.joints:
+            leader, ratio = joint.name, 1.0
+            if joint.mimic is not None:
+                leader, ratio = self.tree.joints[joint.mimic.leader - 1].name, joint.mimic.multiplier
+            sums[leader] += joint.armature * ratio * ratio
+        return read_only(np.array([*sums.values()], dtype=np.float64))
+
     def _limits(self, field: str, *tail: int) -> Float64Array:
         values = [getattr(joint, field) for joint in self.tree.coordinates]
         return read_only(np.array(values, dtype=np.float64).reshape(self.dof, *tail))
@@ -179,7 +203,7 @@ class Mechanism(MechanismMethods):
         """Return a joint that moves as a pair between the frames of the two bodies that it joins.
 
         A body's frame is that of the link behind its joint; its mass properties are in the pair where a rigid body
-        can have them.
+        can have them. A pair has no armature.
 
         Raises:
             ArgumentError: no such joint; lists those that move.
@@ -246,18 +270,20 @@ class Mechanism(MechanismMethods):
 
     def __str__(self) -> str:
         title, rows, notes = self._sheet()
-        return "\n".join((title, *aligned(rows, {4, 5, 6, 7, 8}), *notes))
+        return "\n".join((title, *aligned(rows, {4, 5, 6, 7, 8, 10}), *notes))
 
     def _sheet(self) -> Sheet:
         joints = self.tree.joints
-        rows: list[tuple[str, ...]] = [_HEADINGS]
+        geared = any(joint.armature for joint in joints)
+        rows: list[tuple[str, ...]] = [(*_HEADINGS, _ARMATURE) if geared else _HEADINGS]
         for joint in joints:
             leader = "" if joint.mimic is None else joints[joint.mimic.leader - 1].name
             carrier = "base" if joint.parent == 0 else joints[joint.parent - 1].name
             limits = (*joint.position_limits, joint.rate_limit, joint.effort_limit)
             shown = ("" if np.isinf(limit) else cell(limit) for limit in limits)
             axis = " ".join(f"{round(component, 3) + 0.0:g}" for component in joint.n.tolist())
-            rows.append((joint.name, joint.kind, carrier, axis, *shown, cell(joint.body.mass), leader))
+            rotor = (cell(joint.armature),) if geared else ()
+            rows.append((joint.name, joint.kind, carrier, axis, *shown, cell(joint.body.mass), leader, *rotor))
         title = f"{self.name}: {self.dof} degrees of freedom, {len(self.links)} links, {self.base} base"
         return Sheet(title, rows, self.tree.notes)
 

@@ -481,7 +481,8 @@ class MechanismMethods(Shown):
     ) -> Energy:
         """Compute kinetic and potential energy [J], the latter zero at the world's origin; shape (...) each (T7).
 
-        A fixed base's own mass does not count. Of base_motion, R, S, v and omega are used.
+        A fixed base's own mass does not count; rotors count in the kinetic energy. Of base_motion, R, S, v and omega
+        are used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -505,7 +506,7 @@ class MechanismMethods(Shown):
         """Compute linear and angular momentum, world axes [kg m/s, kg m^2/s]; shape (..., 3) each (T8).
 
         `about` is the point of the angular momentum: the world's "origin", or the "centre" of mass. A fixed base's
-        own mass does not count. Of base_motion, R, S, v and omega are used.
+        own mass does not count, and rotors do not. Of base_motion, R, S, v and omega are used.
 
         >>> import numpy as np
         >>> import hingepair as hp

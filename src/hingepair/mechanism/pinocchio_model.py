@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+import warnings
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.folding import Part
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
+from hingepair.pair.body import DynamicsWarning
+from hingepair.pair.dynamics import GRAVITY
 from hingepair.urdf.records import Mimic
 from hingepair.urdf.rigid import HERE, Inertia, Pose
 
@@ -19,6 +22,8 @@ _HINGES |= {"JointModelRevoluteUnaligned", "JointModelRevoluteUnboundedUnaligned
 _SLIDERS = {*(f"JointModelP{axis}" for axis in _AXES), "JointModelPrismaticUnaligned"}
 _ROUNDING = 2.0**-50  # Pinocchio makes rotations of quaternions: entries of a quarter turn are off by 2^-52 at most
 
+_LARGEST: Final = float(np.finfo(np.float64).max)  # Pinocchio has it where no limit is given
+
 
 def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Part]]:
     """Return how the base of a model moves, and its parts: the base, then the joints as they stand.
@@ -27,12 +32,19 @@ def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Part]
     composed of others, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
 
     Raises:
-        ArgumentError: no model, a joint of a kind that has no part, or joints that do not stand depth-first.
+        ArgumentError: no model, a joint of a kind that has no part, joints that do not stand depth-first, or an
+            armature that no rotor has.
     """
     if not all(hasattr(model, name) for name in ("jointPlacements", "inertias", "frames", "parents")):
         raise ArgumentError("model", "a model of Pinocchio", quoted(model))
     free = model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
     root = 1 if free else 0
+    if free and np.any(model.armature[:6]):
+        expected = "0: the base has no motor (model.armature[:6] = 0 leaves it out)"
+        raise ArgumentError(f"joint {model.names[root]!r}, armature", expected, model.armature[:6].tolist())
+    if not np.array_equal(model.gravity.linear, GRAVITY):
+        told = f"the model's gravity {model.gravity.linear.tolist()} is not the robot's: methods take gravity="
+        warnings.warn(told, DynamicsWarning, stacklevel=4)
     bodies = _Bodies(model, root)
     numbers = {root: 0}  # of the part whose body a joint's body is
     parts = [Part("", "fixed", -1, **bodies.content(root))]
@@ -93,11 +105,20 @@ def _part(
         )  # fmt: skip
     limits = None
     if joint.nq == 1 and model.lowerPositionLimit[idx_q] < model.upperPositionLimit[idx_q]:
-        limits = float(model.lowerPositionLimit[idx_q]), float(model.upperPositionLimit[idx_q])
+        limits = _limit(model.lowerPositionLimit[idx_q]), _limit(model.upperPositionLimit[idx_q])
+    armature = float(model.armature[idx_v])
+    if not 0 <= armature < np.inf:
+        raise ArgumentError(f"joint {name!r}, armature", "a finite number that is not below 0", armature)
     return Part(
         name, "hinge" if kind in _HINGES else "slider", parent, pose, _axis(motion), **content, limits=limits,
-        effort_limit=float(model.upperEffortLimit[idx_v]), rate_limit=float(model.upperVelocityLimit[idx_v]),
+        effort_limit=_limit(model.upperEffortLimit[idx_v]), rate_limit=_limit(model.upperVelocityLimit[idx_v]),
+        armature=armature,
     )  # fmt: skip
+
+
+def _limit(value: float) -> float:
+    """Return a limit, infinite where Pinocchio has the largest number for none."""
+    return float(np.copysign(np.inf, value)) if abs(value) >= _LARGEST else float(value)
 
 
 def _leads(model: Any, number: int, mimic: Any) -> bool:

@@ -79,6 +79,7 @@ class Joint(Frozen):
         position_limits: least and greatest q [rad or m]; infinite where there is none.
         rate_limit: largest rate [rad/s or m/s]; infinite where there is none.
         effort_limit: largest torque or force of its motor [N m or N]; infinite where there is none.
+        armature: inertia of its motor's rotor, referred to the joint by the square of the gear ratio [kg m^2 or kg].
         mimic: the joint that it follows; None of a joint with a coordinate of its own.
     """
 
@@ -92,6 +93,7 @@ class Joint(Frozen):
     position_limits: tuple[float, float] = (-np.inf, np.inf)
     rate_limit: float = np.inf
     effort_limit: float = np.inf
+    armature: float = 0.0
     mimic: Mimic | None = None
 
 

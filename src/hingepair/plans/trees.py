@@ -1,4 +1,4 @@
-"""What to compute of a tree of joints: which recursions (T1-T9) lead from coordinates to the outputs asked for.
+"""What to compute of a tree of joints: which recursions (T1-T10) lead from coordinates to the outputs asked for.
 
 The constants of a robot are one vector of numbers. Those that are 0, 1 or -1 are part of the program, which folds
 them; all others are parameters, so that one program serves every robot of the same build and every payload.
@@ -33,7 +33,7 @@ from hingepair.plans.steps import ATTITUDE_STEPS
 Tail: TypeAlias = tuple[int, ...]
 
 OF_BASE: Final = {"mass": (), "first": (3,), "second": (6,)}
-OF_JOINT: Final = {"S": (9,), "u": (3,), **OF_BASE, "multiplier": (), "offset": (), "smallest": ()}
+OF_JOINT: Final = {"S": (9,), "u": (3,), **OF_BASE, "armature": (), "multiplier": (), "offset": (), "smallest": ()}
 OF_FRAME: Final = {"R": (3,), "S": (9,)}
 """The constants of the base, of each joint and of each frame, in the order in which they stand in the vector."""
 
@@ -297,7 +297,7 @@ class Computation:
 
     def efforts(self) -> tuple[Scalar, ...]:
         """Tau along every coordinate."""
-        return self.by_coordinates(eq.along_axes(self.links, self.transmitted))
+        return self.by_coordinates(eq.driving_efforts(self.links, self.transmitted, self.qdd))
 
     def base_wrench(self, kind: int) -> Vector:
         """force1 (0) or torque1 (1) on the base, world axes."""
@@ -469,7 +469,7 @@ class Computation:
 
     def kinetic(self) -> Scalar:
         """The kinetic energy."""
-        return eq.kinetic_energy(self.body_rates, self.momenta)
+        return eq.kinetic_energy(self.links, self.body_rates, self.momenta, self.qd)
 
     def potential(self) -> Scalar:
         """The potential energy, zero at the world's origin."""

@@ -228,13 +228,22 @@ def _masses(
     upper = np.triu(pin.crba(model, data, state[0]))
     found["mass_matrix"] = columns.T @ (upper + np.triu(upper, 1).T) @ columns
     if len(state) > 1:
-        found["kinetic"] = pin.computeKineticEnergy(model, data, *state[:2])
+        found["kinetic"] = _kinetic_energy(pin, twin, *state[:2])
         found["potential"] = pin.computePotentialEnergy(model, data, state[0])
         if sum(inertia.mass for inertia in model.inertias):
             momentum = pin.computeCentroidalMomentum(model, data, *state[:2])
             about_origin = momentum.angular + np.cross(data.com[0], momentum.linear)
             found |= {"linear": momentum.linear.copy(), "angular": about_origin}
     return found
+
+
+def _kinetic_energy(pin: Any, twin: RobotTwin, q: Float64Array, v: Float64Array) -> float:
+    """Return the kinetic energy of links and rotors at one state."""
+    armature = twin.model.armature.copy()
+    twin.model.armature = np.zeros_like(armature)  # Pinocchio 4.1 counts rotors here, but for those of oblique hinges
+    links: float = pin.computeKineticEnergy(twin.model, twin.data, q, v)
+    twin.model.armature = armature
+    return links + 0.5 * float(armature @ (v * v))
 
 
 def _left_over(
@@ -302,7 +311,7 @@ def _scales(
     found |= {name: one[:, None] for name, one in scales.energy_and_momentum().items()}
     found |= {name: found[name][:, 0] for name in ("kinetic", "potential")}
     force, torque = scales.forces()
-    found |= {"force1": force[:, :1], "torque1": torque[:, :1], "tau": _generalized(robot, force, torque, columns)}
+    found |= {"force1": force[:, :1], "torque1": torque[:, :1], "tau": _generalized(robot, scales, columns)}
     if robot.base == "free":
         found["tau"] = found["tau"][:, 6:]
     if "forward_dynamics" in ours:
@@ -310,15 +319,15 @@ def _scales(
         base = samples.base
         if robot.base == "free":
             base = replace(base, a=ours["a1"], alpha=ours["alpha1"])
-        forces = RobotScales(robot.tree, reached, base, gravity).forces()
-        found["forward_dynamics"] = _generalized(robot, *forces, columns)
+        found["forward_dynamics"] = _generalized(robot, RobotScales(robot.tree, reached, base, gravity), columns)
     return found
 
 
-def _generalized(robot: Mechanism, force: Float64Array, torque: Float64Array, columns: Float64Array) -> Float64Array:
-    """Return the scales of generalized forces of those of forces and torques on each body; shape (N, columns)."""
+def _generalized(robot: Mechanism, scales: RobotScales, columns: Float64Array) -> Float64Array:
+    """Return the scales of generalized forces of those of forces, torques and rotors; shape (N, columns)."""
+    force, torque = scales.forces()
     slides = np.array([joint.kind == "slider" for joint in robot.tree.joints], dtype=bool)
-    along = np.where(slides, force[:, 1:], torque[:, 1:])
+    along = np.where(slides, force[:, 1:], torque[:, 1:]) + scales.rotor_efforts()
     base = [np.repeat(force[:, :1], 3, axis=1), np.repeat(torque[:, :1], 3, axis=1)]
     return np.concatenate((*base, along), axis=1) @ columns
 

@@ -106,6 +106,10 @@ class RobotScales:
                 torque[:, parent] += torque[:, k] + self._lengths[k] * force[:, k]
         return force, torque
 
+    def rotor_efforts(self) -> Float64Array:
+        """Return what each joint's rotor adds to its effort; shape (N, joints)."""
+        return np.asarray(self._changes * [joint.armature for joint in self._tree.joints])
+
     def mass_matrix(self) -> Float64Array:
         """Return the scales of the mass matrix in the base's six velocities and the rates of all joints.
 
@@ -124,6 +128,8 @@ class RobotScales:
             both = abs(masses.mass) * arms[:, :, None] * arms[:, None, :]
             both += inertia * (~slides[:, None] & ~slides[None, :])
             found[:, place[:, None], place[None, :]] += steps[:, None, None] * both
+        for k, joint in enumerate(self._tree.joints):
+            found[:, k + 6, k + 6] += joint.armature
         return found
 
     def energy_and_momentum(self) -> dict[str, Float64Array]:
@@ -140,6 +146,8 @@ class RobotScales:
             found["linear"] += mass * rate
             found["angular"] += mass * (rate * (size["R"] + lever) + place * (size["v"] + size["W"] * lever))
             found["angular"] += inertia * sums["W"]
+        for k, joint in enumerate(self._tree.joints):
+            found["kinetic"] += joint.armature * self._rates[:, k] ** 2
         return found
 
     def _masses(self, body: int) -> MassProperties:

@@ -122,6 +122,7 @@ def robot_twin(robot: Mechanism, *, flies: bool | None = None) -> RobotTwin:
         number = model.addJoint(root + joint.parent, kinds[joint.kind](axis), placement, joint.name, *limits)
         model.appendBodyToJoint(number, _inertia(pin, joint.body), pin.SE3.Identity())
         model.addJointFrame(number)
+        model.armature[model.joints[number].idx_v] = joint.armature
     for kind, frames in ((pin.FrameType.BODY, tree.links), (pin.FrameType.OP_FRAME, tree.frames)):
         for name, frame in frames.items():
             placement = pin.SE3(np.array(frame.S), np.array(frame.R))

@@ -1,0 +1,215 @@
+"""Inertias of rotors (T10): from Pinocchio's models and its reader of MJCF, in everything that they count in."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hingepair as hp
+from support.trees import Robot, on_free_base, random_model, record_of, with_mimics
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*no rigid body:hingepair.DynamicsWarning")
+
+SAMPLES = 4
+SPREAD = (0.0, 0.3, 1e-3, 40.0)  # kg m^2 or kg, by turns; the first joint has none
+
+MJCF = """
+<mujoco>
+  <default><joint damping="2" frictionloss="0.1"/></default>
+  <worldbody>
+    <body name="column">
+      <inertial pos="0 0 0.1" mass="1" diaginertia="1 1 1"/>
+      <joint name="turn" type="hinge" axis="0 0 2" armature="0.5"/>
+      <body name="arm">
+        <inertial pos="0 0.2 0.1" mass="1" diaginertia="1 1 1"/>
+        <joint name="lift" type="slide" axis="0 0 1" armature="0.25"/>
+        <joint name="bend" type="hinge" axis="0 1 0"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def geared(seed=1, count=7):
+    """A model of hinges and sliders, of which most have rotors."""
+    model = random_model(seed, count)
+    model.armature = np.array([SPREAD[k % len(SPREAD)] for k in range(model.nv)])
+    return model
+
+
+def samples(dof, seed=3):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-1, 1, (4, SAMPLES, dof))
+
+
+def full(matrix):
+    upper = np.triu(matrix)
+    return upper + np.triu(upper, 1).T
+
+
+@pytest.fixture
+def model():
+    return geared()
+
+
+def test_rotors_count_in_forces_and_motion_as_in_pinocchio(model):
+    q, qd, qdd, tau = samples(model.nv)
+    robot, data = hp.Mechanism.from_pinocchio(model), model.createData()
+    np.testing.assert_array_equal(robot.armature, model.armature)
+    forces, moves = robot.inverse_dynamics(q, qd, qdd), robot.forward_dynamics(q, qd, tau)
+    matrix, bias, energy = robot.mass_matrix(q), robot.bias_forces(q, qd), robot.energy(q, qd)
+    bounds = robot.error_bounds(q, qd, qdd, outputs=("tau", "mass_matrix"))
+    for k in range(SAMPLES):
+        expected = pin.rnea(model, data, q[k], qd[k], qdd[k])
+        assert np.abs(forces.tau[k] - expected).max() <= 4 * bounds["tau"][k]
+        M = full(pin.crba(model, data, q[k]))
+        assert np.abs(matrix[k] - M).max() <= 4 * bounds["mass_matrix"][k]
+        expected = pin.aba(model, data, q[k], qd[k], tau[k])
+        np.testing.assert_allclose(moves.qdd[k], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+        np.testing.assert_allclose(bias[k], pin.nonLinearEffects(model, data, q[k], qd[k]), atol=1e-12)
+        np.testing.assert_allclose(energy.kinetic[k], qd[k] @ M @ qd[k] / 2, rtol=1e-13)
+
+
+def test_rotors_count_on_a_free_base(model):
+    q, qd, qdd, _ = samples(model.nv)
+    flying = on_free_base(model)
+    flying.armature = np.concatenate((np.zeros(6), model.armature))
+    robot, data = hp.Mechanism.from_pinocchio(flying), flying.createData()
+    assert robot.base == "free"
+    forces = robot.inverse_dynamics(q, qd, qdd)
+    moves = robot.forward_dynamics(q, qd, forces.tau, force1=forces.force1, torque1=forces.torque1)
+    rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    for k in range(SAMPLES):
+        M = full(pin.crba(flying, data, np.array([*rest, *q[k]])))
+        np.testing.assert_allclose(robot.mass_matrix(q[k]), M, rtol=0, atol=1e-13 * np.abs(M).max())
+    size = np.abs(qdd).max()
+    np.testing.assert_allclose(moves.qdd, qdd, rtol=0, atol=1e-9 * size)
+    np.testing.assert_allclose(moves.alpha1, 0.0, atol=1e-9 * size)
+
+
+@pytest.mark.parametrize("mode", ["fixed", "free"])
+def test_a_follower_hands_the_effort_of_its_rotor_to_its_leader(mode):
+    tree = record_of(random_model(3, 6))
+    rotors = [SPREAD[k % len(SPREAD)] for k in range(len(tree.joints))]
+    tree = replace(
+        tree, joints=tuple(replace(joint, armature=own) for joint, own in zip(tree.joints, rotors, strict=True))
+    )
+    names = [joint.name for joint in tree.joints]
+    rules = {names[1]: (names[4], -0.5, 0.25), names[3]: (names[2], 2.0, -0.1)}
+    robot, alone = Robot(with_mimics(tree, rules), mode), Robot(tree, mode)
+    own = [name for name in names if name not in rules]
+    P = np.zeros((len(names), len(own)))
+    for k, name in enumerate(names):
+        leader, ratio, _ = rules.get(name, (name, 1.0, 0.0))
+        P[k, own.index(leader)] = ratio
+    shift = np.array([rules.get(name, (0, 0, 0.0))[2] for name in names])
+    q, qd, qdd, _ = samples(len(own))
+    every = q @ P.T + shift, qd @ P.T, qdd @ P.T
+    forces, each = robot.inverse_dynamics(q, qd, qdd), alone.inverse_dynamics(*every)
+    np.testing.assert_allclose(forces.tau, each.tau @ P, rtol=0, atol=1e-13 * np.abs(forces.tau).max())
+    base = 6 * (mode == "free")
+    M, N = robot.mass_matrix(q)[:, base:, base:], alone.mass_matrix(every[0])[:, base:, base:]
+    np.testing.assert_allclose(M, P.T @ N @ P, rtol=0, atol=1e-13 * np.abs(M).max())
+    np.testing.assert_allclose(robot.energy(q, qd).kinetic, alone.energy(*every[:2]).kinetic, rtol=1e-12)
+    loads = {"force1": forces.force1, "torque1": forces.torque1} if base else {}
+    np.testing.assert_allclose(robot.forward_dynamics(q, qd, forces.tau, **loads).qdd, qdd, atol=1e-9)
+    coordinates = hp.Mechanism.__dict__["armature"].fget(robot)
+    np.testing.assert_allclose(coordinates, np.array(rotors) @ (P * P))
+
+
+def test_a_joint_without_mass_is_held_by_its_rotor():
+    """Its acceleration is the rest of its torque divided by its rotor's inertia."""
+    model = pin.Model()
+    for name in ("first", "last"):
+        model.addJoint(model.njoints - 1, pin.JointModelRY(), pin.SE3.Identity(), name)
+    model.appendBodyToJoint(1, pin.Inertia(1.0, np.array((0.3, 0, 0)), np.eye(3)), pin.SE3.Identity())
+    model.armature = np.array((0.0, 0.02))
+    robot = hp.Mechanism.from_pinocchio(model)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = robot.forward_dynamics((0.1, 0.2), (0.3, 0.4), (0.0, 0.5)).qdd
+    assert found[1] == pytest.approx(0.5 / 0.02)
+
+
+def test_rotors_come_from_mjcf_by_pinocchios_reader_and_are_shown(tmp_path):
+    path = tmp_path / "robot.xml"
+    path.write_text(MJCF)
+    robot = hp.Mechanism.from_pinocchio(pin.buildModelFromMJCF(str(path)))
+    assert robot.armature.tolist() == [0.5, 0.25, 0.0]
+    assert not robot.armature.flags.writeable
+    heading, first, *_ = str(robot).splitlines()[1:]
+    assert heading.split()[-1] == "armature"
+    assert first.split()[-1] == "0.5"
+    report = hp.cross_validate(robot, *samples(3)[:3])
+    assert report.ok, report
+
+
+def test_what_is_made_of_a_robot_keeps_its_rotors(model):
+    names = list(model.names)[1:]
+    robot = hp.Mechanism.from_pinocchio(model, locked={names[1]: 0.1})
+    np.testing.assert_array_equal(robot.armature, np.delete(model.armature, 1))
+    tip = robot.tips[0]
+    loaded = robot.with_payload(tip, hp.Body(1, inertia=(1, 1, 1))).with_frame("tool", link=tip)
+    np.testing.assert_array_equal(loaded.armature, robot.armature)
+
+
+@pytest.mark.parametrize("base", ["fixed", "free"])
+def test_the_twin_has_the_rotors(model, base):
+    robot = hp.Mechanism.from_pinocchio(model, base=base)
+    np.testing.assert_array_equal(hp.to_pinocchio(robot).model.armature[-model.nv :], model.armature)
+    report = hp.cross_validate(robot, *samples(model.nv)[:3])
+    assert report.ok, report
+
+
+def test_without_rotors_nothing_is_computed_for_them():
+    """A rotor takes a product and a sum in inverse dynamics; of none there is nothing left."""
+    model = random_model(1, 7)
+    plain = hp.Mechanism.from_pinocchio(model)
+    model.armature = np.full(model.nv, 0.3)
+    moved = hp.Mechanism.from_pinocchio(model)
+    counts = [
+        robot.prepare("inverse_dynamics", outputs=("tau",), backend="numpy").operations for robot in (plain, moved)
+    ]
+    assert sum(counts[1][:2]) - sum(counts[0][:2]) == 2 * model.nv
+    assert "armature" not in str(plain)
+
+
+def test_urdf_says_which_rotors_it_leaves_out(model):
+    robot = hp.Mechanism.from_pinocchio(model)
+    names = [name for name, own in zip(robot.names, robot.armature, strict=True) if own]
+    with pytest.warns(hp.DynamicsWarning, match=f"not written are the armatures of {', '.join(names)}$"):
+        text = hp.to_urdf(robot)
+    assert not hp.Mechanism.from_urdf(text).armature.any()
+
+
+@pytest.mark.parametrize("own", [-1.0, np.nan, np.inf])
+def test_an_armature_that_no_rotor_has_is_refused(model, own):
+    model.armature[2] = own
+    with pytest.raises(hp.ArgumentError, match=f"joint '{model.names[3]}', armature: expected a finite number"):
+        hp.Mechanism.from_pinocchio(model)
+
+
+def test_an_armature_of_the_free_base_is_refused(model):
+    flying = on_free_base(model)
+    flying.armature[:6] = 0.5
+    with pytest.raises(hp.ArgumentError, match="joint 'root', armature: expected 0"):
+        hp.Mechanism.from_pinocchio(flying)
+
+
+def test_gravity_of_the_model_is_not_dropped_without_a_word(model):
+    model.gravity.linear = np.array((0.0, 0.0, -1.62))
+    with pytest.warns(hp.DynamicsWarning, match=r"gravity \[0.0, 0.0, -1.62\] is not the robot's: methods take grav"):
+        hp.Mechanism.from_pinocchio(model)
+
+
+def test_limits_that_pinocchio_has_not_are_infinite():
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "joint")
+    robot = hp.Mechanism.from_pinocchio(model)
+    assert robot.position_limits.tolist() == [[-np.inf, np.inf]]
+    assert robot.effort_limits.tolist() == robot.rate_limits.tolist() == [np.inf]
