@@ -532,59 +532,6 @@ def test_help_explains(command: str) -> None:
     assert "Usage" in hingepair(*command.split(), "--help").stdout
 
 
-def test_robots_are_listed_with_the_numbers_of_their_hinges(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hingepair.cli.robots.robot_names", lambda: ("go1", "talos_reduced"))
-    assert invoke("robots").splitlines() == [
-        "robot          hinges",
-        "go1                12",
-        "talos_reduced      32",
-    ]
-
-
-@pytest.mark.slow
-def test_robots_are_listed_with_their_hinges() -> None:
-    robots = json.loads(hingepair("robots", "--json").stdout)
-    assert {"robot": "talos_reduced", "hinges": 32} in robots
-    assert sum(robot["hinges"] for robot in robots) >= 1200
-    hinges = json.loads(hingepair("robots", "talos_reduced", "--json").stdout)
-    assert "arm_left_4_joint" in [hinge["joint"] for hinge in hinges]
-    assert "arm_left_4_joint" in hingepair("robots", "talos_reduced").stdout
-    assert "ur5_robot" in hingepair("robots", "ur5", code=EXIT_BAD_INPUT).stderr
-
-
-def test_the_hinges_of_a_robot_come_with_axis_limits_and_masses(tmp_path: Path) -> None:
-    row = next(row for row in json.loads(invoke("robots", "go1", "--json")) if row["joint"] == "FL_calf_joint")
-    pair = hp.load_robot_hinge("go1", "FL_calf_joint")
-    assert (row["n"], row["u1"], tuple(row["limits"])) == (pair.n.tolist(), pair.u1.tolist(), pair.limits)
-    assert (row["torque_limit"], row["rate_limit"]) == (pair.torque_limit, pair.rate_limit) == (35.55, 20.06)
-    assert (row["mass1"], row["mass2"]) == (pair.body1.mass, pair.body2.mass)
-    line = next(line for line in invoke("robots", "go1").splitlines() if line.startswith("FL_calf_joint"))
-    assert line.split() == [
-        "FL_calf_joint",
-        "FL_thigh",
-        "FL_calf",
-        "0",
-        "1",
-        "0",
-        "-2.818",
-        "to",
-        "-0.888",
-        "35.55",
-        "20.06",
-        "1.009",
-        "0.1959",
-    ]
-    head, *lines = invoke("robots", "go1").splitlines()
-    for heading in ("limits [rad]", "[N m]", "[rad/s]", "m1 [kg]", "m2 [kg]"):
-        end = head.index(heading) + len(heading)
-        assert {(line[end - 1].isspace(), line[end : end + 2].strip()) for line in lines} == {(False, "")}, heading
-    assert {line.index("FL_") for line in lines if line.startswith("FL_")} == {0}
-    damaged = (MODELS / "talos_elbow.urdf").read_text().replace('lower="-', 'lower="${pi}')
-    path = tmp_path / "damaged.urdf"
-    path.write_text(damaged.replace('name="hinge"', 'name="knee"'))
-    assert "joint 'knee', limit lower: expected a finite number" in invoke("robots", path)
-
-
 def test_a_scene_without_a_finite_instant_shows_no_residuals(short_scene: Path) -> None:
     short_scene.write_text(re.sub(r"(?m)^psi = .*$", 'psi = "sqrt(-1 - t)"', short_scene.read_text()))
     out = hingepair("run", short_scene).stdout

@@ -25,6 +25,9 @@ from hingepair.urdf.rigid import Inertia, Pose
 HINGES = ("revolute", "continuous")
 """Joint types that turn about one axis."""
 
+SLIDERS = ("prismatic",)
+"""Joint types that shift along one axis."""
+
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _NONE = (0.0, 0.0, 0.0)
 SIZES: Mapping[str, Mapping[str, tuple[float, ...]]] = {

@@ -1,0 +1,142 @@
+"""`hingepair robots`: the robots, and the joints of one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import hingepair as hp
+from hingepair.cli.main import app, main
+
+MODELS = Path(__file__).parents[2] / "models"
+
+
+def robots(*arguments: object) -> str:
+    done = CliRunner().invoke(app, ["robots", *map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def joints_of(name: object) -> dict[str, dict[str, object]]:
+    return {row["joint"]: row for row in json.loads(robots(name, "--json"))["joints"]}
+
+
+def test_robots_are_listed_with_the_numbers_of_their_joints(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("go1", "panda", "talos_full_v2")
+    monkeypatch.setattr("hingepair.cli.robots.robot_names", lambda: names)
+    assert robots().splitlines() == [
+        "robot          dof  hinges  sliders  following",
+        "go1             12      12        0          0",
+        "panda            8       7        2          1",
+        "talos_full_v2   32      44        0         12",
+    ]
+    assert [row["dof"] for row in json.loads(robots("--json"))] == [hp.load_robot(name).dof for name in names]
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:joint .* follows:UserWarning")
+def test_all_robots_are_listed() -> None:
+    rows = json.loads(robots("--json"))
+    assert {"robot": "talos_reduced", "dof": 32, "hinges": 32, "sliders": 0, "following": 0} in rows
+    assert sum(row["hinges"] for row in rows) >= 1200
+    whole = [row for row in rows if row["robot"] != "ur3"]  # a URDF without a link
+    assert [row["dof"] for row in whole] == [hp.load_robot(row["robot"]).dof for row in whole]
+
+
+@pytest.mark.parametrize("name", ["panda", "talos_full_v2", "romeo", "kinova"])
+def test_the_joints_of_a_robot_are_those_of_its_mechanism(name: str) -> None:
+    robot, rows = hp.load_robot(name), joints_of(name)
+    leading = [row for row in rows.values() if row["index"] is not None]
+    assert tuple(row["joint"] for row in leading) == robot.names
+    assert [row["index"] for row in leading] == list(range(robot.dof))
+    for row, limits, rate, effort in zip(
+        leading, robot.position_limits, robot.rate_limits, robot.effort_limits, strict=True
+    ):
+        assert np.array_equal(limits, row["limits"] or (-np.inf, np.inf))
+        assert rate == (np.inf if row["rate_limit"] is None else row["rate_limit"])
+        assert effort == (np.inf if row["effort_limit"] is None else row["effort_limit"])
+    for joint, row in rows.items():
+        pair = robot[joint]
+        assert row["kind"] == ("slider" if isinstance(pair, hp.Slider) else "hinge")
+        assert (row["mimic"] is None) == (row["index"] is not None)
+    report = json.loads(robots(name, "--json"))
+    assert report["dof"] == robot.dof
+    assert report["notes"] == list(robot.tree.notes)
+
+
+def test_masses_are_those_of_what_a_joint_moves() -> None:
+    rows, robot = joints_of("panda"), hp.load_robot("panda")
+    bodies = [joint.body.mass for joint in robot.tree.joints]
+    assert [row["mass2"] for row in rows.values()] == bodies
+    assert rows["panda_joint1"]["mass_moved"] == pytest.approx(sum(bodies), rel=1e-15)
+    assert rows["panda_finger_joint2"]["mass_moved"] == bodies[-1]
+    assert rows["panda_joint7"]["mass_moved"] == pytest.approx(sum(bodies[6:]), rel=1e-15)
+
+
+def test_a_joint_that_follows_says_how(tmp_path: Path) -> None:
+    line = next(line for line in robots("panda").splitlines() if "panda_finger_joint2" in line)
+    assert line.split()[0] == "panda_finger_joint2"
+    assert line.split()[-1] == "panda_finger_joint1"
+    upper = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="upper")
+    lower = hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="lower")
+    text = hp.to_urdf(hp.Mechanism([upper, lower]))
+    followed = '<joint name="lower" type="continuous"><mimic joint="upper" multiplier="-0.5" offset="0.25"/>'
+    assert text.count('<joint name="lower" type="continuous">') == 1
+    path = tmp_path / "arm.urdf"
+    path.write_text(text.replace('<joint name="lower" type="continuous">', followed))
+    assert joints_of(path)["lower"]["mimic"] == {"joint": "upper", "multiplier": -0.5, "offset": 0.25}
+    assert next(line for line in robots(path).splitlines() if " lower " in line).endswith("-0.5 upper + 0.25")
+
+
+def test_folded_joints_and_pairs_are_named_below() -> None:
+    *_, coordinates, folded, pairs = robots("panda").splitlines()
+    assert coordinates == "panda: q has 8 coordinates."
+    assert folded.endswith("carry them: panda_joint8, panda_hand_joint, panda_hand_tcp_joint.")
+    assert pairs.endswith("hingepair view panda panda_joint1")
+
+
+def test_the_hinges_of_a_robot_are_its_pairs() -> None:
+    row, pair = joints_of("go1")["FL_calf_joint"], hp.load_robot_hinge("go1", "FL_calf_joint")
+    assert (row["n"], row["u1"], row["home"]) == (pair.n.tolist(), pair.u1.tolist(), pair.home.tolist())
+    assert (tuple(row["limits"]), row["effort_limit"], row["rate_limit"]) == (pair.limits, 35.55, 20.06)
+    assert (row["mass1"], row["mass2"]) == (pair.body1.mass, pair.body2.mass)
+    head, *lines = robots("go1").splitlines()
+    line = next(line for line in lines if " FL_calf_joint " in line)
+    cells = "2 FL_calf_joint hinge FL_thigh FL_calf 0 1 0 -2.818 to -0.888 35.55 20.06 0.1959 0.1959"
+    assert " ".join(line.split()) == cells
+    for heading in ("q", "limits [rad, m]", "effort [N m, N]", "rate [rad/s, m/s]", "body 2 [kg]", "moves [kg]"):
+        end = head.index(heading) + len(heading)
+        cells = {(line[end - 1].isspace(), line[end : end + 2].strip()) for line in lines[:12]}
+        assert cells == {(False, "")}, heading
+    assert {line.index("F") for line in lines[:6]} == {head.index("joint")}
+
+
+def test_hinges_of_what_is_no_whole_robot_are_listed(tmp_path: Path) -> None:
+    text = (MODELS / "talos_elbow.urdf").read_text().replace('name="hinge"', 'name="knee"')
+    path = tmp_path / "damaged.urdf"
+    path.write_text(text.replace('lower="-', 'lower="${pi}'))
+    assert robots(path).count("joint 'knee', limit lower: expected a finite number") == 2
+    planar = '<link name="sled"/><joint name="sled" type="planar"><parent link="body1"/><child link="sled"/></joint>'
+    path.write_text(text.replace("</robot>", planar + "</robot>"))
+    report = json.loads(robots(path, "--json"))
+    assert (report["dof"], [row["joint"] for row in report["joints"]]) == (None, ["knee"])
+    assert report["joints"][0]["n"] == [0, 1, 0]
+    assert report["notes"] == [
+        "These joints make no whole robot: joint 'sled': expected a type out of revolute, continuous, prismatic, "
+        "fixed, got 'planar'"
+    ]
+    assert "q has" not in robots(path)
+
+
+def test_an_unknown_robot_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("sys.argv", ["hingepair", "robots", "ur5"])
+    monkeypatch.setattr("hingepair.cli.main.behave", lambda: None)
+    with pytest.raises(SystemExit) as done:
+        main()
+    assert done.value.code == 2
+    assert "hingepair: NAME: expected one of the " in (said := capsys.readouterr().err)
+    assert "ur5_robot" in said
