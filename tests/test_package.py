@@ -8,6 +8,7 @@ import doctest
 import functools
 import graphlib
 import inspect
+import itertools
 import re
 import subprocess
 import sys
@@ -135,6 +136,25 @@ def test_no_module_reads_private_names_of_another() -> None:
     for module in MODULES:
         own = facts_of(module)
         assert not (own.read & somewhere) - own.made, module
+
+
+@pytest.mark.parametrize("wing", ["equations", "errors.py", "formats", "numeric", "pair", "rotations", "urdf"])
+def test_every_constant_says_what_it_is(wing: str) -> None:
+    """A comment on its line or above it, or a docstring below it."""
+    unexplained = []
+    for path in (p for p in SOURCES if p.relative_to(PACKAGE).parts[0] == wing and p.name != "trees.py"):
+        text = path.read_text()
+        lines, body = text.splitlines(), ast.parse(text).body
+        for statement, after in itertools.zip_longest(body, body[1:]):
+            if not isinstance(statement, ast.Assign | ast.AnnAssign):
+                continue
+            target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
+            described = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+            own_lines = lines[statement.lineno - 1 : statement.end_lineno]
+            commented = lines[statement.lineno - 2].startswith("#") or any("#" in line for line in own_lines)
+            if isinstance(target, ast.Name) and target.id.isupper() and not described and not commented:
+                unexplained.append(f"{path.relative_to(PACKAGE)}:{statement.lineno} {target.id}")
+    assert unexplained == []
 
 
 def test_no_assert() -> None:

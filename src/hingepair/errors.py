@@ -5,9 +5,9 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Collection, Sequence
 
-_LONGEST = 120
-_MOST = 64
-_COMPARED = 2000
+_MAX_TEXT_LENGTH = 120  # characters of a value in a message
+_MAX_CHOICES = 64  # names that a message lists in full
+_MAX_COMPARED_NAMES = 2000  # names that a misspelt one is compared with; of more none is
 
 
 class HingePairError(Exception):
@@ -100,18 +100,18 @@ class CompilationError(HingePairError, RuntimeError):
 
 def shorten(got: object) -> str:
     """Return a value as one short line of text for a message; the work is bounded however large the value is."""
-    if getattr(got, "size", 0) > _LONGEST and hasattr(got, "shape"):  # more numbers than a line has characters
+    if getattr(got, "size", 0) > _MAX_TEXT_LENGTH and hasattr(got, "shape"):  # its text would be cut
         return f"an array of shape {got.shape}"
     value = got.tolist() if hasattr(got, "tolist") else got
-    text = " ".join((value[: 2 * _LONGEST] if isinstance(value, str) else _brief(value)).split())
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+    text = " ".join((value[: 2 * _MAX_TEXT_LENGTH] if isinstance(value, str) else _brief(value)).split())
+    return text if len(text) <= _MAX_TEXT_LENGTH else text[: _MAX_TEXT_LENGTH - 3] + "..."
 
 
 def _brief(value: object) -> str:
     """Return the repr of a value, shortened to its first items where it is a long list."""
     brief = reprlib.Repr()
-    brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = _LONGEST // 4
-    brief.maxlong = brief.maxstring = brief.maxother = 2 * _LONGEST
+    brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = _MAX_TEXT_LENGTH // 4
+    brief.maxlong = brief.maxstring = brief.maxother = 2 * _MAX_TEXT_LENGTH
     try:
         return brief.repr(value)
     except ValueError:  # an integer with too many digits to be written
@@ -120,22 +120,22 @@ def _brief(value: object) -> str:
 
 def quoted(value: object) -> object:
     """Return a value for the `got` of a message: a text as its repr, since '2' is not 2, all else as it is."""
-    return repr(value[: 2 * _LONGEST]) if isinstance(value, str) else value
+    return repr(value[: 2 * _MAX_TEXT_LENGTH]) if isinstance(value, str) else value
 
 
 def nearest(name: str, known: Collection[str]) -> str:
     """Return ` (nearest: name)` for a name that was probably misspelt, or an empty text where none is near."""
     import difflib
 
-    near = difflib.get_close_matches(name[:40], known, 1, cutoff=0.5) if len(known) <= _COMPARED else ()
+    near = difflib.get_close_matches(name[:40], known, 1, cutoff=0.5) if len(known) <= _MAX_COMPARED_NAMES else ()
     return f" (nearest: {near[0]})" if near else ""
 
 
 def choices(names: Sequence[str]) -> str:
     """Return `one of a, b, c` for messages; of more than 64 names only the first 32 are listed."""
-    if len(names) <= _MOST:
+    if len(names) <= _MAX_CHOICES:
         return "one of " + ", ".join(names)
-    return f"one of {len(names)} names: {', '.join(names[: _MOST // 2])}, ..."
+    return f"one of {len(names)} names: {', '.join(names[: _MAX_CHOICES // 2])}, ..."
 
 
 def pointed(line: str, column: int) -> str:
@@ -145,8 +145,8 @@ def pointed(line: str, column: int) -> str:
       psi = 2*
               ^
     """
-    start = max(0, column - 1 - _LONGEST // 2)
-    before, behind = printable(line[start : column - 1]), printable(line[column - 1 : column + _LONGEST // 2])
+    start = max(0, column - 1 - _MAX_TEXT_LENGTH // 2)
+    before, behind = printable(line[start : column - 1]), printable(line[column - 1 : column + _MAX_TEXT_LENGTH // 2])
     return f"  {before}{behind}".rstrip() + f"\n  {' ' * len(before)}^"
 
 

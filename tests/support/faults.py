@@ -256,8 +256,8 @@ FAULTS = {
     ),
     "one threshold of lock for all types": Fault(
         "rotations/euler.py",
-        "_LOCK = {4: 5e-4,",
-        "_LOCK = {4: 1e-12,",
+        "_LOCK_LIMITS = {4: 5e-4,",
+        "_LOCK_LIMITS = {4: 1e-12,",
         "rotations/test_rotation_bounds.py::test_lock_is_told[XYX-float32]",
     ),
     "angular velocity of samples backwards": Fault(

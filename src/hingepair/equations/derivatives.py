@@ -17,7 +17,7 @@ Axes: TypeAlias = tuple[Vector, Vector, Vector]
 WORLD: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """The world's axes."""
 
-_ZERO: Vector = (0.0, 0.0, 0.0)
+_ZERO: Vector = (0.0, 0.0, 0.0)  # a derivative that is none
 
 
 def beside(*columns: Entries) -> Entries:

@@ -35,7 +35,7 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 BODY1, BODY2, BODY2_AT_HINGE, HINGE, BASE, WORLD = "body1", "body2", "body2_at_hinge", "hinge", "base", "world"
 """Names of the links and of the joints."""
 
-_STILL = (0.0, 0.0, 0.0)
+_NO_ROTATION = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
 _DRAWABLE = (1e-9, 1e9)  # m: beyond, a viewer shows nothing, and what is drawn has the size of one metre
 _LIFT = 2.0**-46
 """Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
@@ -127,7 +127,7 @@ def to_urdf(
         add(hinge, "limit", **limit)
     if load.damping or load.friction:
         add(hinge, "dynamics", damping=load.damping, friction=load.friction)
-    add(add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), "origin", xyz=-pair.u2, rpy=_STILL)
+    add(add_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE, BODY2), "origin", xyz=-pair.u2, rpy=_NO_ROTATION)
     return document(robot)
 
 
@@ -321,7 +321,7 @@ def _limit(pair: HingePair, limits: tuple[float, float] | None) -> dict[str, flo
 def _add_urdf_link(robot: ET.Element, part: _Part) -> None:
     link = add(robot, "link", name=part.link)
     inertial = add(link, "inertial")
-    add(inertial, "origin", xyz=part.center, rpy=_STILL)
+    add(inertial, "origin", xyz=part.center, rpy=_NO_ROTATION)
     add(inertial, "mass", value=part.mass)
     add(inertial, "inertia", **dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), part.moments, strict=True)))
     for shape in part.shapes:
@@ -340,7 +340,7 @@ def _geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
         x, y, z = map(float, shape.axis)
         rpy = math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0
         return "cylinder", {"radius": shape.radius, "length": shape.length}, rpy
-    return "sphere", {"radius": shape.radius}, _STILL
+    return "sphere", {"radius": shape.radius}, _NO_ROTATION
 
 
 def _add_mjcf_body(body: ET.Element, part: _Part) -> None:

@@ -32,6 +32,7 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.results import column_names
 from hingepair.rotations.matrices import project_to_rotation
 
+# Columns that results have and a recording of poses does not need.
 _PASSED_OVER = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
 
 

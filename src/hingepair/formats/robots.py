@@ -19,7 +19,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
 
-PACKAGE = "example-robot-data"
+PACKAGE = "example-robot-data"  # the distribution that holds the robots' URDF files
 
 
 def load_robot(

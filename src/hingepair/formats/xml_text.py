@@ -14,7 +14,7 @@ from hingepair.numeric.arrays import Float64Array
 BEYOND = {"effort": 1000.0, "velocity": 100.0}
 """What a joint of URDF with any limit must say, where it is not given: N m (N) and rad/s (m/s) that stop nothing."""
 
-_ASIDE = (2.0**-53, 2.0**-39)
+_BLURRED_SIZES = (2.0**-53, 2.0**-39)  # second largest components of an axis that readers may take for zero
 _NOT_XML = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"  # compiled when used: that takes milliseconds
 
 
@@ -60,7 +60,11 @@ def long_axis(axis: Float64Array) -> Float64Array:
 
     Pinocchio takes what is within 1e-12 of x for x; an axis that is longer by more than that it normalises.
     """
-    return axis * (1 + 2 * _ASIDE[1]) if _ASIDE[0] < np.sort(np.abs(axis))[1] < _ASIDE[1] else axis
+    return (
+        axis * (1 + 2 * _BLURRED_SIZES[1])
+        if _BLURRED_SIZES[0] < np.sort(np.abs(axis))[1] < _BLURRED_SIZES[1]
+        else axis
+    )
 
 
 def commented(text: str, comment: str) -> str:

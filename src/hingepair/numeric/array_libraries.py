@@ -15,7 +15,8 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 
 ForeignArray: TypeAlias = Any
 
-_OWN = (np.ndarray, np.generic, float, int, complex, str, bytes, list, tuple, dict, type(None))
+# Types that need no look at array libraries: of NumPy and of Python.
+_NATIVE_TYPES = (np.ndarray, np.generic, float, int, complex, str, bytes, list, tuple, dict, type(None))
 
 
 class Library(NamedTuple):
@@ -47,7 +48,9 @@ class Library(NamedTuple):
 
 def is_foreign(value: Any) -> bool:
     """Return whether a value is an array of another library than NumPy."""
-    if isinstance(value, _OWN) or not (hasattr(value, "__array_namespace__") or hasattr(value, "__dlpack__")):
+    if isinstance(value, _NATIVE_TYPES) or not (
+        hasattr(value, "__array_namespace__") or hasattr(value, "__dlpack__")
+    ):
         return False
     from array_api_compat import is_array_api_obj
 

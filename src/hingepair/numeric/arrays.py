@@ -18,7 +18,8 @@ Float64Array: TypeAlias = NDArray[np.float64]
 Component: TypeAlias = Any  # a float, a NumPy scalar, or an array that broadcasts against the samples
 Block: TypeAlias = tuple[slice, ...]
 
-_ACCEPTED = "real numbers (float64, float32 or integers)"
+# What messages say of the dtypes that are accepted.
+_ACCEPTED_DTYPES = "real numbers (float64, float32 or integers)"
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
@@ -41,7 +42,7 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     dtype = array.dtype
     if dtype.kind in "iu" or (dtype.kind == "f" and dtype.itemsize in {4, 8}):
         return array
-    raise DtypeError(name, _ACCEPTED, _describe(array))
+    raise DtypeError(name, _ACCEPTED_DTYPES, _describe(array))
 
 
 def vectors(name: str, value: ArrayLike, *tail: int) -> NDArray[Any]:

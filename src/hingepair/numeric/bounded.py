@@ -19,8 +19,8 @@ SINE_ULPS = 1.5
 """What a sine or cosine may be off, in units of its last place: NumPy's and the C library's are within 0.52 (float32:
 1.48), the compiled ones within 1.4, for which their derivation allows 1.5."""
 
-_STEPS = 1024
-"""More than all roundings that a bound goes through: of the numbers that it is made of, and of its own arithmetic."""
+_SAFETY_STEPS = 1024
+"""Roundings that the safety factor of a bound covers: those of its own arithmetic are fewer."""
 
 
 class Bounded:
@@ -52,7 +52,7 @@ class Bounded:
     @property
     def error(self) -> Component:
         """Return the bound with the roundings of its own arithmetic; infinite where nothing is known."""
-        bound = self.bound * (1 + _STEPS * self.u)
+        bound = self.bound * (1 + _SAFETY_STEPS * self.u)
         return np.where(np.isnan(bound), np.inf, bound)
 
     def __add__(self, other: Self | float) -> Self:

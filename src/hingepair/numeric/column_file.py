@@ -23,11 +23,12 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.numeric.arrays import real_array
 
-MAX_ROWS: Final = 10_000_000
-MAX_BYTES: Final = 2_000_000_000
-_MAX_LINE: Final = 100_000
+MAX_ROWS: Final = 10_000_000  # samples of a file that is read
+MAX_BYTES: Final = 2_000_000_000  # size of a file that is read
+_MAX_LINE: Final = 100_000  # characters of the heading of a .csv
 _MAX_EXACT_FLOAT: Final = 1e14  # larger numbers of an exact column are integers: nanoseconds, which a float rounds
-_MAX_HEADER: Final = 10_000
+_MAX_HEADER: Final = 10_000  # bytes of the heading of an array in a .npz
+# The heading of an array in a .npz: its dtype, its order in memory, its shape.
 _ARRAY_HEADER: Final = re.compile(
     r"\{'descr': '([<>|=]?[A-Za-z]\d{0,9}(?:\[\w{1,9}\])?)', 'fortran_order': (True|False), "
     r"'shape': \(((?:\d{1,18},? ?){0,9})\),? ?\}\s*"
@@ -250,6 +251,7 @@ def _check_rows(count: int) -> None:
         raise ArgumentError("", f"at most {MAX_ROWS} samples", count)
 
 
+# The readers, by the ending of the file.
 _READERS: Final[dict[str, Callable[[Path, Wanted], Columns]]] = {
     ".csv": _read_csv,
     ".npz": _read_npz,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.numeric.arrays import Float64Array
 
-_BLOCK = 16384
+_BLOCK_SIZE = 16384  # samples whose stencils are held at a time
 
 
 Stencil: TypeAlias = tuple[slice, NDArray[np.intp], Float64Array, Float64Array]
@@ -60,8 +60,8 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
 def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
     """Yield the neighbours of all samples and their weights, block by block, at instants from `check_instants`."""
     half, wide = order // 2, min(order + 5, t.size)
-    for start in range(half, t.size - half, _BLOCK):
-        rows = slice(start, min(start + _BLOCK, t.size - half))
+    for start in range(half, t.size - half, _BLOCK_SIZE):
+        rows = slice(start, min(start + _BLOCK_SIZE, t.size - half))
         lowest = np.arange(rows.start, rows.stop) - half
         yield _weighted(t, rows, lowest[:, None] + np.arange(order + 1), order)
     for rows, first in ((slice(0, half), 0), (slice(t.size - half, t.size), t.size - wide)):
@@ -133,7 +133,7 @@ def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tupl
 
 
 _FIT_DEGREE = 5  # of the polynomial that samples are judged by; higher ones follow more of the noise
-_FIT_SAMPLES = _FIT_DEGREE + 2
+_FIT_SAMPLES = _FIT_DEGREE + 2  # one degree of freedom is left
 
 
 def local_fit_residuals(

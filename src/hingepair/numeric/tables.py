@@ -108,6 +108,7 @@ def _finite(value: Any) -> Any:
     return finite_or_none(value) if isinstance(value, float) else value
 
 
+# Units of outputs, by their names without the number of the body and the component.
 _UNITS = {
     "t": "s",
     **dict.fromkeys(("R", "d", "u", "x", "y", "z", "gap"), "m"),

@@ -232,7 +232,8 @@ Bounds = dict[str, NDArray[np.float64]]
 _BEYOND = 2.0**-90
 """What the axis and the levers may be off beyond their last rounding, in units of what they are made of."""
 
-_MADE_OF = {"n": ("n",), "along": ("u1", "u2"), "across": ("u2",), "around": ("u2",)}
+# The levers that each constant of a pair was computed of, which carry its errors.
+_LEVERS_OF_CONSTANTS = {"n": ("n",), "along": ("u1", "u2"), "across": ("u2",), "around": ("u2",)}
 
 
 def error_bounds(
@@ -256,7 +257,7 @@ def _bounds(pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapp
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
     kind = kind_of(dtype)
     aligned = pair.axis is not None and pair.single and np.count_nonzero(pair.axis) == 1  # and so exactly 1 or -1
-    made_of = {name: parts for name, parts in _MADE_OF.items() if name != "n" or not aligned}
+    made_of = {name: parts for name, parts in _LEVERS_OF_CONSTANTS.items() if name != "n" or not aligned}
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
         found = {name: _known(group, made_of.get(name, ()), numbers, kind) for name, group in numbers.items()}

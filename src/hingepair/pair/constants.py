@@ -16,7 +16,7 @@ from hingepair.numeric.unit_vectors import by_power_of_two, by_two_to, finite_ax
 from hingepair.plans.steps import LEVER_STEPS
 from hingepair.rotations.matrices import check_rotation
 
-_IDENTITY = read_only(np.eye(3))
+_IDENTITY = read_only(np.eye(3))  # the home attitude C unless given
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -108,7 +108,9 @@ class Sensitivities(Frozen):
     omega2_by_n: FloatArray | None = None
 
 
+# The sensitivities that the pose alone gives.
 POSE_SENSITIVITIES = ("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi")
+# Those that velocities give.
 RATE_SENSITIVITIES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n")
 
 

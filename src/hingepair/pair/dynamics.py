@@ -27,10 +27,11 @@ GRAVITY = (0.0, 0.0, -9.81)
 """Gravity unless given, world axes [m/s^2]."""
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
-_ZERO: Vector = (0.0, 0.0, 0.0)
+_ZERO: Vector = (0.0, 0.0, 0.0)  # a load or a lever that is none
 _FALL, _NONE = np.array(GRAVITY), np.zeros(3)
+# The loads that are vectors: forces and torques on the bodies.
 _FORCES = tuple(name for name in LOADS if name != "hinge_torque")
-_MASSLESS = {"m1": 0.0, "c1": _ZERO, "I1": (0.0,) * 9}
+_MASSLESS = {"m1": 0.0, "c1": _ZERO, "I1": (0.0,) * 9}  # constants of a body 1 without mass
 SINGULAR = 64 * 2.0**-53
 """Of the inertias: a pivot below is made of their round-off."""
 
@@ -184,12 +185,14 @@ class Quantity:
     bodies: tuple[str, ...] = ("body1", "body2")  # whose masses it needs
 
 
-MASS_MATRIX = Quantity(("mass_matrix",), ("S",))
-FORCES = Quantity(REQUIRED, ("S", "omega", "a", "alpha"))
+MASS_MATRIX = Quantity(("mass_matrix",), ("S",))  # D6
+FORCES = Quantity(REQUIRED, ("S", "omega", "a", "alpha"))  # inverse dynamics, D1-D5
+# The wrench of body 1 on body 2, D3, D4.
 HINGE_WRENCH = Quantity(("f2", "moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",))
-ACCELERATIONS = Quantity((*MOVES, "kept"), ("S", "omega"))
+ACCELERATIONS = Quantity((*MOVES, "kept"), ("S", "omega"))  # forward dynamics, D6
+# D7.
 ENERGY = Quantity(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
-MOMENTUM = Quantity(("linear", "angular"), ("R", "S", "v", "omega"))
+MOMENTUM = Quantity(("linear", "angular"), ("R", "S", "v", "omega"))  # D8
 
 
 def compute(

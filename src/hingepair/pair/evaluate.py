@@ -22,12 +22,13 @@ from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import PLANAR, SPATIAL, Plan, loop_of, make_plan
 from hingepair.rotations.matrices import TOLERANCE, check_rotation
 
-AUTO: Final = How("auto", 1)
+AUTO: Final = How("auto", 1)  # how a call is run unless told
 STATES: Mapping[Any, type[PairState | PlanarState]] = {SPATIAL: PairState, PLANAR: PlanarState}
 """The class of the results, by the kind of plan."""
 
-QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")
+QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that may stand for S1
 
+# By the size of a number: how far S^T S - I and the determinant may be off before an attitude is refused.
 _ROTATION_LIMITS: Final = {size: 2 * tolerance for size, tolerance in TOLERANCE.items()}
 _QUATERNION_LIMITS: Final = {8: 1.0, 4: 1.0}  # the check of a zero quaternion gives 2
 

@@ -25,11 +25,13 @@ Rows: TypeAlias = ArrayLike | tuple[Any, ...]
 """q, qd or qdd: an array with the coordinates last, or a tuple of coordinates that broadcast."""
 Outputs: TypeAlias = Iterable[str] | None
 
-_COUNTS = {4: "four", 7: "seven"}
+_COUNT_WORDS = {4: "four", 7: "seven"}  # the numbers of coordinates, in messages
 _DOUBLES = "dbhilqBHILQ"  # dtypes that are computed in float64, by their characters
 _SEQUENCES, _NUMBERS = {tuple, list}, {float, int, np.float64, np.int64, np.int32}
-_LETTERS = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
-_OF_BODY1 = {name: f"body1.{letter}" for name, letter in _LETTERS.items()}
+# The attributes of BodyMotion by the names of inputs.
+_BODY1_LETTERS = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
+# What messages call these inputs.
+_BODY1_ARGUMENTS = {name: f"body1.{letter}" for name, letter in _BODY1_LETTERS.items()}
 
 
 class Coordinates(NamedTuple):
@@ -76,7 +78,7 @@ def _leading_shape(name: str, part: Components | NDArray[Any]) -> tuple[int, ...
 def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | NDArray[Any]:
     """Return coordinates as a tuple of components, or as one array with the coordinates last."""
     count = len(names)
-    several = f"{_COUNTS[count]} coordinates"
+    several = f"{_COUNT_WORDS[count]} coordinates"
     if isinstance(value, tuple) and len(value) == count:
         if all(isinstance(part, list | tuple) and len(part) == count for part in value):
             expected = f"an array of states (numpy.array(...)), or a tuple of arrays of {several}"
@@ -168,7 +170,7 @@ def from_body1(
 ) -> Any:
     """Return the pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
     plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
-    library = library_of({_OF_BODY1.get(name, name): value for name, value in values.items()})
+    library = library_of({_BODY1_ARGUMENTS.get(name, name): value for name, value in values.items()})
     call = call_of(pair, plan, tuple(values), how.backend)
     if library is not None:
         return call.run_foreign(values, shapes, library, out, how.workers)
@@ -187,7 +189,7 @@ def plan_from_body1(
         raise ArgumentError("psi", "hinge angles", None)
     angles = {name: v for name, v in {"psi": psi, "psid": psid, "psidd": psidd}.items() if v is not None}
     hinge = {name: v if is_foreign(v) else component(name, v) for name, v in angles.items()}
-    arrays = {name: array for name, letter in _LETTERS.items() if (array := getattr(body1, letter)) is not None}
+    arrays = {name: array for name, letter in _BODY1_LETTERS.items() if (array := getattr(body1, letter)) is not None}
     names = _wanted(outputs, out, len(hinge) - 1, SPATIAL)
     plan = _plan_for(names, pair, (*arrays, *hinge), None, SPATIAL)
     shapes = {"body1": body1.shape, **{name: np.shape(value) for name, value in hinge.items()}}
@@ -230,6 +232,6 @@ def _plan_for(
         return plan
     for name in names:
         for missing in sorted(make_plan((name,), sequence, home, kind=kind, given=given).inputs - known):
-            argument = missing if "q" in given else _OF_BODY1.get(missing, missing)
+            argument = missing if "q" in given else _BODY1_ARGUMENTS.get(missing, missing)
             raise ArgumentError(argument, f"a value, since output {name} needs it", None)
     return plan

@@ -182,7 +182,7 @@ class PlanarPair(Shown):
         [4.0, 4.0, 10.0, 3.0]
         """
         (M,) = self._computed(dynamics.MASS_MATRIX, {"q": q})
-        return M[..., _IN_PLANE[:, None], _IN_PLANE]
+        return M[..., _PLANAR_COORDINATES[:, None], _PLANAR_COORDINATES]
 
     def inverse_dynamics(self, q: Rows, qd: Rows, qdd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> Forces:
         """Compute the forces and torques on body 1 and at the pin that move the pair as given (D1-D5).
@@ -326,7 +326,7 @@ class PlanarPair(Shown):
         return arrays_of(massive, what.outputs, values, shapes, sequence="XYZ").values()
 
 
-_IN_PLANE = np.array([0, 1, 5, 6])
+_PLANAR_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and psi among the seven in space
 
 
 def _level(body: Body) -> Body:

@@ -24,28 +24,30 @@ from hingepair.plans.plan import SPATIAL, Plan, check_outputs, default_outputs, 
 from hingepair.plans.steps import ATTITUDE_STEPS
 from hingepair.rotations.sequences import find_sequence
 
-_KINDS: Final = {
+# The inputs that a name such as "velocity" stands for.
+_INPUTS_BY_KIND: Final = {
     "pose": ("q",),
     "velocity": ("q", "qd"),
     "acceleration": ("q", "qd", "qdd"),
     "inverse_dynamics": ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd"),
     "forward_dynamics": ("S1", "omega1", "psi", "psid", *REQUIRED),
 }
-_GIVEN: Final = (
+# All inputs that a prepared call can take.
+_INPUTS: Final = (
     *("q", "qd", "qdd", "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
     *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *LOADS),
 )
-_OF_BOTH: Final = (
+_TWO_BODY_OUTPUTS: Final = (
     *("gap", "tilt", "tilt_angle", "psi", "gap_rate", "tilt_rate", "slip", "psid", "gap_acceleration"),
     *("tilt_acceleration", "psidd", "constraint_jacobian", "constraint_bias"),
 )
-"""What can be had of two motions."""
+"""Outputs that need the motions of both bodies."""
 _OUTPUTS: Final = (
     *SPATIAL.levels,
     *("jacobian", "coordinate_jacobian", "coordinate_jacobian_rate", "acceleration_bias"),
     *POSE_SENSITIVITIES,
     *RATE_SENSITIVITIES,
-    *_OF_BOTH,
+    *_TWO_BODY_OUTPUTS,
     *REQUIRED,
     *("bearing_torque", "mass_matrix", "kinetic", "potential", "linear", "angular"),
 )
@@ -164,7 +166,7 @@ def prepare(
         constants = with_hinge_frames(constants)
     known = {*names, *constants.values}
     for name in wanted:
-        of_both = names if forward or name not in _OF_BOTH else (*names, "S2")
+        of_both = names if forward or name not in _TWO_BODY_OUTPUTS else (*names, "S2")
         missing = sorted(plan_of((name,), given=of_both).inputs - known - HINGE_FRAMES)
         if missing:
             raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
@@ -176,12 +178,14 @@ def prepare(
 
 def _checked_given(given: str | Iterable[str]) -> tuple[str, ...]:
     try:
-        names = _KINDS[given] if isinstance(given, str) else tuple(given)
+        names = _INPUTS_BY_KIND[given] if isinstance(given, str) else tuple(given)
     except (KeyError, TypeError):
-        raise ArgumentError("given", f"{choices(tuple(_KINDS))}, or a tuple of names", quoted(given)) from None
+        raise ArgumentError(
+            "given", f"{choices(tuple(_INPUTS_BY_KIND))}, or a tuple of names", quoted(given)
+        ) from None
     for name in names:
-        if name not in _GIVEN:
-            raise ArgumentError("given", choices(tuple(_GIVEN)), quoted(name))
+        if name not in _INPUTS:
+            raise ArgumentError("given", choices(tuple(_INPUTS)), quoted(name))
     attitudes = [name for name in names if name in {"q", *ATTITUDE_STEPS}]
     if len(attitudes) != 1 or len({*names}) != len(names):
         raise ArgumentError("given", "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz", quoted(names))

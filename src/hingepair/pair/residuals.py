@@ -19,7 +19,8 @@ from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.pair.evaluate import arrays_of
 from hingepair.plans.plan import make_plan
 
-_HEADER = (
+# The heading of the printed table.
+_TABLE_HEADING = (
     *("residual", "", "rms", "largest", "worst", "unit", "tolerance", "worst/tolerance", "at sample", "at t"),
     *("compared", ""),
 )
@@ -158,7 +159,7 @@ class Residuals(Frozen, Shown):
         return psi
 
     def __str__(self) -> str:
-        table = aligned([_HEADER, *(row._cells() for row in self.rows)], {2, 3, 4, 6, 7, 8, 9, 10})
+        table = aligned([_TABLE_HEADING, *(row._cells() for row in self.rows)], {2, 3, 4, 6, 7, 8, 9, 10})
         title = f"{self.name}: two motions against the constraints, u = {self.u:.3g}"
         angle = {"tilt": " (the angle, tilt_angle)"}
         bases = [f"tolerance of {row.residual}{angle.get(row.residual, '')}: {row.basis}" for row in self.rows]
@@ -168,7 +169,7 @@ class Residuals(Frozen, Shown):
         return f"Residuals(shape={self.shape}, {self.verdict})"
 
     def _sheet(self) -> Sheet:
-        return Sheet(self.name, (_HEADER, *(row._cells() for row in self.rows)), (self.verdict,))
+        return Sheet(self.name, (_TABLE_HEADING, *(row._cells() for row in self.rows)), (self.verdict,))
 
     def to_json(self) -> str:
         """Return the report, without the arrays, as JSON; a number that is not finite is null."""
@@ -217,7 +218,8 @@ KINDS = {
 }
 """What is judged; W_i = abs(omega_i), A_i = abs(alpha_i), max abs over the components of both bodies."""
 
-_ARRAYS = (
+# The arrays of a report, sample by sample.
+_ARRAY_NAMES = (
     *("gap", "tilt", "tilt_angle", "psi"),
     *("gap_rate", "tilt_rate", "psid", "gap_acceleration", "tilt_acceleration", "psidd"),
 )
@@ -244,7 +246,7 @@ def residuals(
     shape = broadcast_shape({**shapes, "pair": pair.shape})
     pair = with_hinge_frames(pair)
     home, there = "home" in pair.values, {*given, *pair.values}
-    names = [name for name in _ARRAYS if make_plan((name,), None, home, given=tuple(given)).inputs <= there]
+    names = [name for name in _ARRAY_NAMES if make_plan((name,), None, home, given=tuple(given)).inputs <= there]
     arrays = arrays_of(pair, names, given, shapes, np.dtype(np.float64))
     u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in given.values())
     scales = _scales(pair, given, [kind for kind in KINDS if kind in names])
@@ -257,7 +259,7 @@ def residuals(
         size = size if size.ndim == len(shape) else norm(size)
         rows.append(_check(kind, size, scale, known, u, allowed, instants))
         left_out |= ~known
-    values: dict[str, Any] = {key: read_only(arrays[key]) if key in arrays else None for key in _ARRAYS}
+    values: dict[str, Any] = {key: read_only(arrays[key]) if key in arrays else None for key in _ARRAY_NAMES}
     facts: dict[str, Any] = {"shape": shape, "skipped": int(left_out.sum()), "u": u, "rows": tuple(rows)}
     return Residuals(name=name, t=instants, **facts, **values)
 

@@ -24,9 +24,10 @@ ROWS: Final = 131072
 MOST_HELD: Final = 10_000_000
 """Instants that are held in memory at most."""
 
-_AXES = "xyz"
-_MEANINGS: Final[dict[str, str]] = {**PlanarState.__slots__, **PairState.__slots__}
-_TEXT_ROWS = 8192
+_COMPONENT_LETTERS = "xyz"  # that a component's name ends with
+# Descriptions of the outputs, for files that describe themselves.
+_DESCRIPTIONS: Final[dict[str, str]] = {**PlanarState.__slots__, **PairState.__slots__}
+_TEXT_ROWS = 8192  # rows of a .csv that are turned into text at a time
 
 Add: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None]
 """Takes some instants, and what was found at them by name."""
@@ -96,7 +97,7 @@ class Result(Shown):
             own = "xyz" if 3 in array.shape[1:] else "xy"
             dims = ("time", own, f"body_{own}")[: array.ndim]
             letters |= {dim: list(own) for dim in dims[1:]}
-            facts = {"units": unit_of(name), "long_name": _MEANINGS.get(name, "").partition(";")[0]}
+            facts = {"units": unit_of(name), "long_name": _DESCRIPTIONS.get(name, "").partition(";")[0]}
             facts |= {"axes": "world"} if array.ndim > 1 else {}
             variables[name] = dims, array, {key: text for key, text in facts.items() if text}
         time = ("time", self.t, {"units": "s"})
@@ -191,7 +192,7 @@ def result_file(
     target = Path(path)
     check_ending(target)
     kind = target.suffix.lower()
-    if samples > MOST_HELD and kind in _WHOLE:
+    if samples > MOST_HELD and kind in _WHOLE_WRITERS:
         expected = f"a name that ends in .csv or .parquet for more than {MOST_HELD} instants, which go block by block"
         raise ArgumentError("path", expected, quoted(str(target)))
     with whole_file(target, inputs) as file, _WRITERS[kind](file, samples, described) as add:
@@ -219,7 +220,7 @@ def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
 
 def _endings(tail: tuple[int, ...]) -> list[str]:
     """Return the suffix of each component's name for a shape: () for a number, (3,) or (2,) for a vector, (3, 3)."""
-    letters = ["".join(_AXES[i] for i in index) for index in np.ndindex(tail)]
+    letters = ["".join(_COMPONENT_LETTERS[i] for i in index) for index in np.ndindex(tail)]
     return [f"_{c}" if c else "" for c in letters]
 
 
@@ -299,11 +300,13 @@ def _needed(package: str, caller: str) -> Any:
         raise MissingDependencyError(caller, expected, "none") from None
 
 
-_WHOLE: Final = {".npz": _write_npz, ".nc": _write_netcdf}
+# Writers of files that need all arrays at once, by the ending of the file.
+_WHOLE_WRITERS: Final = {".npz": _write_npz, ".nc": _write_netcdf}
+# All writers, by the ending of the file.
 _WRITERS: Final[dict[str, Callable[..., contextlib.AbstractContextManager[Add]]]] = {
     ".csv": _csv,
     ".parquet": _parquet,
-    **{kind: functools.partial(_held, write=write) for kind, write in _WHOLE.items()},
+    **{kind: functools.partial(_held, write=write) for kind, write in _WHOLE_WRITERS.items()},
 }
 ENDINGS: Final = tuple(_WRITERS)
 """Endings of files that results are written to."""

@@ -15,7 +15,7 @@ from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.finite_differences import check_instants, stencils
 from hingepair.rotations.matrices import check_rotation, rotation_vector
 
-ORDERS = (2, 4, 6, 8)
+ORDERS = (2, 4, 6, 8)  # of the error of numerical derivatives
 
 
 @overload

@@ -25,7 +25,7 @@ from hingepair.numeric.blocks import Named, angle_terms, components_of, tabulate
 from hingepair.rotations.matrices import check_rotation
 from hingepair.rotations.sequences import Sequence, find_sequence, nine
 
-_LOCK = {4: 5e-4, 8: 1e-12}
+_LOCK_LIMITS = {4: 5e-4, 8: 1e-12}  # by the size of a number: abs(cos phi_y) below which angles are lost
 
 AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
@@ -35,7 +35,7 @@ def _lock_limit(angles: NDArray[Any]) -> float:
 
     There, the rounding of the angles (or of the matrix) themselves leaves fewer than four digits of the rates.
     """
-    return _LOCK[result_dtype((angles,)).itemsize]
+    return _LOCK_LIMITS[result_dtype((angles,)).itemsize]
 
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:

@@ -14,9 +14,11 @@ from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import check_choice
 
+# The twelve intrinsic Euler sequences, in capitals.
 _INTRINSIC = tuple(
     "".join(letters) for letters in itertools.product("XYZ", repeat=3) if letters[0] != letters[1] != letters[2]
 )
+# Capitals for intrinsic sequences, small letters for extrinsic ones.
 SEQUENCES = (*_INTRINSIC, *(name.lower() for name in _INTRINSIC))
 
 

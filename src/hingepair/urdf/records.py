@@ -28,13 +28,15 @@ HINGES = ("revolute", "continuous")
 SLIDERS = ("prismatic",)
 """Joint types that shift along one axis."""
 
+# A number as URDF writes it.
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-_NONE = (0.0, 0.0, 0.0)
+_ZERO_VECTOR = (0.0, 0.0, 0.0)  # a position or angles that are not given
 SIZES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
-    "box": {"size": _NONE}, "cylinder": {"radius": (0.0,), "length": (0.0,)}, "sphere": {"radius": (0.0,)}
+    "box": {"size": _ZERO_VECTOR}, "cylinder": {"radius": (0.0,), "length": (0.0,)}, "sphere": {"radius": (0.0,)}
 }  # fmt: skip
 """Attributes that give the sizes of a shape, by its kind, and what they are where they are not given."""
 
+# The attributes of URDF's inertia.
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _HALF_PI = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
 _MOST_TURNS = 2**20  # quarter turns; where an angle has few digits behind the point, every one is near a multiple
@@ -299,7 +301,7 @@ class Robot:
 
 def _pose(origin: ET.Element | None, where: str, snap: float) -> Pose:
     """Return what the element <origin> says: xyz [m] and rpy, fixed-axis XYZ [rad]; nothing is moved without one."""
-    xyz, rpy = (_numbers(origin, key, f"{where}, origin", _NONE) for key in ("xyz", "rpy"))
+    xyz, rpy = (_numbers(origin, key, f"{where}, origin", _ZERO_VECTOR) for key in ("xyz", "rpy"))
     order = find_sequence("xyz")
     roll, pitch, yaw = order.angles(rpy)
     trig = tuple(part for angle in (roll, pitch, yaw) for part in sine_and_cosine(angle, snap))

@@ -14,18 +14,21 @@ from hingepair.errors import printable
 from hingepair.numeric.tables import Sheet, Shown, aligned, json_text, left_out
 from hingepair.pair.accuracy import PINOCCHIO_BOUND, PINOCCHIO_TERMS, PLANAR_SCALES, PROMISES
 
-_RATE_HEADER = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
+# The heading of the table of rates.
+_RATE_HEADING = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
 FORCE_BOUND: Final = 64
 """Largest difference of a load from Pinocchio's inverse dynamics that passes, in units of u * scale.
 
 It sums some thirty terms, and the accelerations were found by solving for them; 11 was the most in 1,000 motions.
 """
+# The scale of a load's difference, in words, by the load.
 _FORCE_SCALES: Final[Mapping[str, str]] = {
     "force1": "masses times the sizes of all terms of their accelerations and of gravity, and the loads",
     "torque1": "inertias times the sizes of all terms of alpha and omega^2, forces times levers, and the loads",
     "hinge_torque": "as of torque1, of body 2 alone",
 }
-_HEADER = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
+# The heading of the table of outputs.
+_OUTPUT_HEADING = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,13 +181,13 @@ class CrossValidation(Shown):
         attitude = given if self.sequence is None else f"Euler sequence {self.sequence}"
         title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel (in full: .rows, --json)"
-        lines = [title, *aligned([_HEADER, *map(_cells, self.rows)], {1, 2, 3, 4, 5}), unit]
+        lines = [title, *aligned([_OUTPUT_HEADING, *map(_cells, self.rows)], {1, 2, 3, 4, 5}), unit]
         if self.forces:
             lines += ["the loads against the forces that the motion takes by Pinocchio's rnea, in body 1's axes"]
-            lines += aligned([_HEADER, *map(_cells, self.forces)], {1, 2, 3, 4, 5})
+            lines += aligned([_OUTPUT_HEADING, *map(_cells, self.forces)], {1, 2, 3, 4, 5})
         if self.rates:
             lines += ["the rates against slopes by finite differences, where the instants are close enough for them"]
-            lines += aligned([_RATE_HEADER, *map(_rate_cells, self.rates)], {2, 3, 4, 5})
+            lines += aligned([_RATE_HEADING, *map(_rate_cells, self.rates)], {2, 3, 4, 5})
         return "\n".join((*lines, *(f"note: {note}" for note in self.notes), self.verdict))
 
     def __repr__(self) -> str:
@@ -192,7 +195,7 @@ class CrossValidation(Shown):
 
     def _sheet(self) -> Sheet:
         title = f"{self.name}: the equations against Pinocchio"
-        rows = (_HEADER, *map(_cells, (*self.rows, *self.forces)), *map(_rate_cells, self.rates))
+        rows = (_OUTPUT_HEADING, *map(_cells, (*self.rows, *self.forces)), *map(_rate_cells, self.rates))
         return Sheet(title, rows, (*self.notes, self.verdict))
 
     def to_json(self) -> str:

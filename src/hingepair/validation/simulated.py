@@ -25,7 +25,8 @@ _BALANCED: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
 }
 """Components of Pinocchio's generalized force (force and torque on body 1, torque of the hinge) that nothing but
 loads gives, by the base and by whether the motion is in the plane; the hinge's alone if body 1 is held or carried."""
-_OUTPUTS: Final = {"force1": slice(0, 3), "torque1": slice(3, 6), "hinge_torque": slice(6, 7)}
+# Where the loads stand in Pinocchio's generalized force.
+_LOAD_SLICES: Final = {"force1": slice(0, 3), "torque1": slice(3, 6), "hinge_torque": slice(6, 7)}
 
 _ORDERS: Final = (6, 4)  # of the slopes, and of those that show how far they are off
 _REACH: Final = 3  # samples to either side whose slopes are off alike
@@ -82,7 +83,7 @@ def compare_forces(
     given[:, held] = taken[:, held]
     scales = _force_scales(pair, body1, psid, psidd, loads, float(norm([*gravity])))
     rows = []
-    for name, columns in _OUTPUTS.items():
+    for name, columns in _LOAD_SLICES.items():
         if {*range(*columns.indices(7))} & {*balanced}:
             errors = error_ratios(name, given[:, columns], taken[:, columns], scales[name])
             rows.append(Comparison.worst_of(name, *errors, psi.shape, FORCE_BOUND))
