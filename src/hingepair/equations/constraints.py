@@ -28,7 +28,7 @@ def tilt_axes(f1: Vector, f2: Vector, h2: Vector) -> tuple[Vector, Vector]:
 
 
 def relative_turn(omega1: Vector, omega2: Vector) -> Vector:
-    """How body 2 turns against body 1: omega2 - omega1, or alpha2 - alpha1."""
+    """Return omega2 - omega1, or alpha2 - alpha1: the turning of body 2 against body 1."""
     return eq.subtract(omega2, omega1)
 
 
@@ -71,7 +71,7 @@ def gap_bias(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
 
 
 def constraint_jacobian(r1: Vector, r2: Vector, axes: tuple[Vector, Vector]) -> Entries:
-    """(gap', tilt') by (v1, omega1, v2, omega2), 5 x 12."""
+    """Return the derivative of (gap', tilt') by (v1, omega1, v2, omega2), 5 x 12."""
     lever1, lever2 = eq.skew((-r1[0], -r1[1], -r1[2])), eq.skew(r2)
     gap_rows = [
         (*unit, *lever1[3 * i : 3 * i + 3], *eq.scale(unit, -1.0), *lever2[3 * i : 3 * i + 3])
@@ -83,7 +83,7 @@ def constraint_jacobian(r1: Vector, r2: Vector, axes: tuple[Vector, Vector]) -> 
 
 
 def hinge_turn(f: tuple[Vector, Vector], g1: Vector, g2: Vector) -> Two:
-    """(sin psi, cos psi) times one positive factor, from Sh = S1^T S2 C^-1 (E5, E6).
+    """Return (sin psi, cos psi) times one positive factor, from Sh = S1^T S2 C^-1 (E5, E6).
 
     The factor is 1 + h1 . h2, 2 on a hinge: of a tilted one, psi is the twist about the axis.
     """
@@ -92,14 +92,14 @@ def hinge_turn(f: tuple[Vector, Vector], g1: Vector, g2: Vector) -> Two:
 
 
 def hinge_rate(h1: Vector, h2: Vector, spin: Vector) -> Two:
-    """Numerator and denominator of psi', of tilted hinges too: (omega2 - omega1) . (h1 + h2) / (1 + h1 . h2)."""
+    """Return psi' of tilted hinges too, as a fraction: (omega2 - omega1) . (h1 + h2) over 1 + h1 . h2."""
     return eq.dot(spin, eq.add(h1, h2)), 1.0 + eq.dot(h1, h2)
 
 
 def hinge_acceleration(
     h: tuple[Vector, Vector], omega: tuple[Vector, Vector], spin: Vector, turn: Vector, psid: Scalar
 ) -> Two:
-    """Numerator and denominator of psi'': `hinge_rate` differentiated; turn = alpha2 - alpha1."""
+    """Return psi'' as a fraction: `hinge_rate` differentiated; turn = alpha2 - alpha1."""
     h1, h2 = h
     middle_rate = eq.add(eq.cross(omega[0], h1), eq.cross(omega[1], h2))
     numerator = eq.dot(turn, eq.add(h1, h2)) + eq.dot(spin, middle_rate)

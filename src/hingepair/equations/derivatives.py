@@ -26,7 +26,7 @@ def beside(*columns: Entries) -> Entries:
 
 
 def jacobian(turns: Axes, d: Vector, r2: Vector, axis: Vector) -> Entries:
-    """(v2, omega2) by (v1, body 1's turning, psi') (E8, E2), 6 x 7.
+    """Return the derivative of (v2, omega2) by (v1, omega1 or other rates of body 1, psi') (E8, E2); 6 x 7.
 
     v2 = v1 + omega1 x d + (r2 x S1 n) psi' and omega2 = omega1 + S1 n psi'; d = r1 - r2, axis = S1 n.
     """
@@ -60,7 +60,7 @@ def across(n: Vector) -> Axes:
 
 
 def turns_by_n(S1: Matrix, n: Vector, hinge: Hinge) -> Axes:
-    """How body 2 turns, world axes, when a component of n changes (E6).
+    """Return the rotation of body 2, world axes, by a change of each component of n (E6).
 
     The columns of S1 (sin(psi) (I - n n^T) + (1 - cos psi) [n]x); hinge = (sin psi, 1 - cos psi).
     """
@@ -73,7 +73,7 @@ def turns_by_n(S1: Matrix, n: Vector, hinge: Hinge) -> Axes:
 
 
 def attitude_by_turns(turns: Axes, S2: Matrix) -> Entries:
-    """S2 by what makes body 2 turn: [turn]x S2 for each, 9 x 3."""
+    """Return the derivative of S2 by quantities that rotate body 2: [turn]x S2 for each, 9 x 3."""
     return beside(*(eq.compose(eq.skew(turn), S2) for turn in turns))
 
 
@@ -83,13 +83,13 @@ def difference_by_turns(turns: Axes, r2: Vector) -> Entries:
 
 
 def spins_by_n(S1: Matrix, n: Vector, psid: Scalar) -> Axes:
-    """omega2 by the components of n (E2): the columns of S1 (I - n n^T) psi'."""
+    """Return the derivative of omega2 by n (E2): the columns of S1 (I - n n^T) psi'."""
     x, y, z = (eq.scale(eq.rotate(S1, part), psid) for part in across(n))
     return x, y, z
 
 
 def velocity_by_n(spins: Axes, turns: Axes, omega2: Vector, r2: Vector) -> Entries:
-    """v2 by the components of n (E8): r2 x spin + omega2 x (r2 x turn), 3 x 3."""
+    """Return the derivative of v2 by n (E8): r2 x spin + omega2 x (r2 x turn), 3 x 3."""
     return beside(
         *(
             eq.add(eq.cross(r2, spin), eq.cross(omega2, eq.cross(r2, turn)))
@@ -99,7 +99,7 @@ def velocity_by_n(spins: Axes, turns: Axes, omega2: Vector, r2: Vector) -> Entri
 
 
 def velocity_by_psi(omega2: Vector, r2: Vector, axis: Vector) -> Vector:
-    """v2 by psi (E8): omega2 x (r2 x S1 n)."""
+    """Return the derivative of v2 by psi (E8): omega2 x (r2 x S1 n)."""
     return eq.cross(omega2, eq.cross(r2, axis))
 
 
@@ -109,5 +109,5 @@ def negative(A: Entries) -> Entries:
 
 
 def spun(omega: Vector, S: Matrix) -> Matrix:
-    """S' = [omega]x S (E3)."""
+    """Return S' = [omega]x S (E3)."""
     return eq.compose(eq.skew(omega), S)

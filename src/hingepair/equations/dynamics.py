@@ -59,12 +59,12 @@ def torque_from(torque: Vector, lever: Vector, force: Vector) -> Vector:
 
 
 def world_inertia(S: Matrix, inertia: Matrix) -> Matrix:
-    """S I S^T: a body's inertia in world axes."""
+    """Return S I S^T, a body's inertia in world axes."""
     return compose(compose(S, inertia), transpose(S))
 
 
 def spread(mass: Scalar, r: Vector) -> Matrix:
-    """-m [r]x [r]x: the inertia of a mass at r."""
+    """Return -m [r]x [r]x, the inertia of a mass at r."""
     x, y, z = r
     xx, yy, zz = mass * (x * x), mass * (y * y), mass * (z * z)
     xy, yz, zx = -(mass * (x * y)), -(mass * (y * z)), -(mass * (z * x))
@@ -92,7 +92,7 @@ def resistance(J: Matrix, J2: Matrix, axis: Vector, push: Vector, mass: Scalar, 
 
 
 def mass_matrix(m1: Scalar, m2: Scalar, r1: Vector, e: Vector, push: Vector, about: Resistance) -> Entries:
-    """M of D6, 7 x 7, row by row; push = k x h, the velocity of body 2's centre by psi'; about R1."""
+    """Return M of D6 about R1, 7 x 7, row by row; push = k x h is the velocity of body 2's centre for psi' = 1."""
     zero = 0 * m1
     total = m1 + m2
     x, y, z = add(scale(r1, m1), scale(e, m2))
@@ -110,7 +110,7 @@ def mass_matrix(m1: Scalar, m2: Scalar, r1: Vector, e: Vector, push: Vector, abo
 
 
 def turning(about: Resistance, J2: Matrix, torque: Vector, hinge_torque: Scalar) -> tuple[Vector, Scalar, Entries]:
-    """alpha1 and psi'' by what acts about a point, and how much of the inertias is left as pivots (D6).
+    """Return alpha1 and psi'' from the loads about a point, and the shares of the inertias left as pivots (D6).
 
     4 x 4, symmetric and positive definite, factored as L D L^T.
     """
@@ -150,17 +150,17 @@ def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
 
 
 def kinetic_energy(mass: Scalar, velocity: Vector, spin: Vector, inertia: Matrix) -> Scalar:
-    """T of one body (D7): of its centre's velocity, and of its spin and inertia in the same axes."""
+    """Return T of one body (D7), from its centre's velocity and from its spin and inertia in the same axes."""
     return (mass * dot(velocity, velocity) + dot(spin, rotate(inertia, spin))) * 0.5
 
 
 def point_velocity(v: Vector, omega: Vector, r: Vector) -> Vector:
-    """Velocity of a body's point: v + omega x r."""
+    """Return the velocity of a body's point, v + omega x r."""
     return add(v, cross(omega, r))
 
 
 def angular_momentum(mass: Scalar, R: Vector, velocity: Vector, inertia: Matrix, omega: Vector) -> Vector:
-    """L of one body about the origin (D8): R leads to its centre of mass, whose velocity it is."""
+    """Return L of one body about the origin (D8); R leads to its centre of mass, whose velocity is given."""
     return add(cross(R, scale(velocity, mass)), rotate(inertia, omega))
 
 
@@ -170,17 +170,17 @@ def hinge_torque_of(axis: Vector, torque2: Vector, r2: Vector, force2: Vector) -
 
 
 def potential_energy(m1: Scalar, at1: Vector, m2: Scalar, at2: Vector, gravity: Vector) -> Scalar:
-    """U (D7); at1, at2 lead from the origin to the centres of mass."""
+    """Return U (D7); at1, at2 lead from the origin to the centres of mass."""
     return -(m1 * dot(gravity, at1) + m2 * dot(gravity, at2))
 
 
 def linear_momentum(m1: Scalar, v1: Vector, m2: Scalar, v2: Vector) -> Vector:
-    """P (D8), of the centres' velocities."""
+    """Return P from the centres' velocities (D8)."""
     return add(scale(v1, m1), scale(v2, m2))
 
 
 def cayley_attitude(g: Vector, S: Matrix) -> Matrix:
-    """S turned by 2 atan(|g| / 2) about g, world axes (Cayley's map): near 0, g is the rotation vector."""
+    """Return S turned by 2 atan(|g| / 2) about g, world axes (Cayley's map); near 0, g is the rotation vector."""
     x, y, z = scale(g, 0.5)
     share = 2 / (1 + (x * x + y * y + z * z))
     sx, sy, sz = share * x, share * y, share * z
@@ -198,7 +198,7 @@ def cayley_rate(g: Vector, omega: Vector) -> Vector:
 
 
 def spin_of_momentum(about: Resistance, momentum: Vector, psid: Scalar) -> Vector:
-    """omega1 from the angular momentum about a point (D8 solved)."""
+    """Return omega1 from the angular momentum about a point (D8 solved)."""
     J, turn, _ = about
     (x, y, z), _ = solve_symmetric((J[0], J[3], J[4], *J[6:9]), subtract(momentum, scale(turn, psid)))
     return x, y, z

@@ -74,7 +74,7 @@ def compose(A: Matrix, B: Matrix) -> Matrix:
 
 
 def hinge_rotation(n: Vector, hinge: Hinge) -> Matrix:
-    """Rodrigues' rotation Sh about the unit axis n (E6); hinge = (sin psi, 1 - cos psi)."""
+    """Return Rodrigues' rotation Sh about the unit axis n (E6); hinge = (sin psi, 1 - cos psi)."""
     s, k = hinge[0], hinge[1]
     x, y, z = n
     sx, sy, sz = s * x, s * y, s * z
@@ -88,7 +88,7 @@ def hinge_rotation(n: Vector, hinge: Hinge) -> Matrix:
 
 
 def attitude2(S1: Matrix, Sh: Matrix, home: Matrix) -> Matrix:
-    """S2 = S1 Sh C (E5)."""
+    """Return S2 = S1 Sh C (E5)."""
     return compose(compose(S1, Sh), home)
 
 
@@ -116,32 +116,32 @@ def offset(S1: Matrix, along: Vector, swing: Vector) -> Vector:
 
 
 def slide(S1: Matrix, across: Vector, around: Vector, hinge: Hinge, cosine: Scalar) -> Vector:
-    """S1 n x S2 u2, the change of S2 u2 with psi: that of `swing`, in world axes."""
+    """Return S1 n x S2 u2, the derivative of S2 u2 by psi: that of `swing`, in world axes."""
     return rotate(S1, subtract(scale(around, cosine), scale(across, hinge[0])))
 
 
 def position2(R1: Vector, d: Vector) -> Vector:
-    """R2 = R1 + d with d = S1 u1 - S2 u2 (E7, which is E1 solved for R2)."""
+    """Return R2 = R1 + d with d = S1 u1 - S2 u2 (E7, which is E1 solved for R2)."""
     return add(R1, d)
 
 
 def angular_velocity2(omega1: Vector, axis: Vector, psid: Scalar) -> Vector:
-    """omega2 = omega1 + S1 n psi' (E2); axis = S1 n."""
+    """Return omega2 = omega1 + S1 n psi' (E2); axis = S1 n."""
     return add(omega1, scale(axis, psid))
 
 
 def velocity2(v1: Vector, omega1: Vector, d: Vector, slide: Vector, psid: Scalar) -> Vector:
-    """v2 = v1 + omega1 x d - slide psi' (E8 with E2, E3); slide = S1 n x S2 u2."""
+    """Return v2 = v1 + omega1 x d - slide psi' (E8 with E2, E3); slide = S1 n x S2 u2."""
     return add(v1, subtract(cross(omega1, d), scale(slide, psid)))
 
 
 def angular_acceleration2(alpha1: Vector, omega1: Vector, axis: Vector, psid: Scalar, psidd: Scalar) -> Vector:
-    """alpha2 = alpha1 + S1 n psi'' + (omega1 x S1 n) psi' (E9: E2 differentiated)."""
+    """Return alpha2 = alpha1 + S1 n psi'' + (omega1 x S1 n) psi' (E9: E2 differentiated)."""
     return add(alpha1, add(scale(axis, psidd), scale(cross(omega1, axis), psid)))
 
 
 def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
-    """Acceleration of a body's point against its reference point: alpha x r + omega x (omega x r)."""
+    """Return the acceleration of a body's point from its reference point: alpha x r + omega x (omega x r)."""
     return add(cross(alpha, r), cross(omega, cross(omega, r)))
 
 
@@ -156,7 +156,7 @@ def relative_acceleration(slide: Vector, pull: Vector, psid: Scalar, psidd: Scal
 def acceleration2(
     a1: Vector, omega1: Vector, alpha1: Vector, d: Vector, slide: Vector, psid: Scalar, relative: Vector
 ) -> Vector:
-    """a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 slide psi') + relative (E9: E8 differentiated)."""
+    """Return a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 slide psi') + relative (E9: E8 differentiated)."""
     half = scale(slide, psid)
     turn = subtract(cross(omega1, d), add(half, half))
     return add(a1, add(add(cross(alpha1, d), cross(omega1, turn)), relative))
@@ -179,7 +179,7 @@ def unskew(W: Matrix) -> Vector:
 
 
 def angular_velocity_of(S: Matrix, S_dot: Matrix) -> Matrix:
-    """[omega]x = S' S^T (E3)."""
+    """Return [omega]x = S' S^T (E3)."""
     return compose(S_dot, transpose(S))
 
 
@@ -202,7 +202,7 @@ def orthonormality(S: Matrix) -> tuple[Scalar, ...]:
 
 
 def tait_bryan_attitude(trig: tuple[Scalar, ...]) -> Matrix:
-    """Sx Sy Sz (E10); trig = (sin, cos) of the first, second, third angle."""
+    """Return Sx Sy Sz (E10); trig = (sin, cos) of the first, second, third angle."""
     sx, cx, sy, cy, sz, cz = trig
     ss, cs = sx * sy, cx * sy
     return (
@@ -213,7 +213,7 @@ def tait_bryan_attitude(trig: tuple[Scalar, ...]) -> Matrix:
 
 
 def proper_euler_attitude(trig: tuple[Scalar, ...]) -> Matrix:
-    """Sx(first) Sy(second) Sx(third): E10 for sequences that come back to their first axis."""
+    """Return Sx(first) Sy(second) Sx(third): E10 for sequences that repeat their first axis."""
     sx, cx, sy, cy, sz, cz = trig
     sc, cc = sx * cy, cx * cy
     return (
@@ -224,19 +224,19 @@ def proper_euler_attitude(trig: tuple[Scalar, ...]) -> Matrix:
 
 
 def tait_bryan_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-    """Columns of J for Sx Sy Sz (E4): J = (e_x, b, c), b = (0, b_y, b_z), returned as (b_y, b_z, c_x, c_y, c_z)."""
+    """Return J = (e_x, b, c) of Sx Sy Sz (E4) as (b_y, b_z, c_x, c_y, c_z), where b = (0, b_y, b_z)."""
     sx, cx, sy, cy = trig[0:4]
     return cx, sx, sy, -(sx * cy), cx * cy
 
 
 def proper_euler_axes(trig: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-    """Columns of J for Sx Sy Sx (E4), as in `tait_bryan_axes`."""
+    """Return J of Sx Sy Sx (E4) as `tait_bryan_axes` does."""
     sx, cx, sy, cy = trig[0:4]
     return cx, sx, cy, sx * sy, -(cx * sy)
 
 
 def angular_velocity1(axes: tuple[Scalar, ...], phid: Vector) -> Vector:
-    """omega1 = J phi' (E4)."""
+    """Return omega1 = J phi' (E4)."""
     by, bz, cx, cy, cz = axes
     return phid[0] + cx * phid[2], by * phid[1] + cy * phid[2], bz * phid[1] + cz * phid[2]
 
@@ -252,7 +252,7 @@ def euler_rates1(axes: tuple[Scalar, ...], omega: Vector, third: Scalar) -> Vect
 
 
 def angular_acceleration1(axes: tuple[Scalar, ...], phid: Vector, phidd: Vector) -> Vector:
-    """alpha1 = J phi'' + J' phi' (E4 differentiated).
+    """Return alpha1 = J phi'' + J' phi' (E4 differentiated).
 
     The axis b turns with phi_x' e_x, the axis c with phi_x' e_x + phi_y' b, so
     J' phi' = (phi_x' e_x) x b phi_y' + (phi_x' e_x + phi_y' b) x c phi_z'.

@@ -265,7 +265,7 @@ class _Part(NamedTuple):
 
 
 def _parts(pair: HingePair) -> tuple[_Part, _Part]:
-    """Body 1 in the frame (R1, S1), and body 2 at the hinge point, in its own axes."""
+    """Return body 1 in the frame (R1, S1), and body 2 at the hinge point, in its own axes."""
     one, two = drawn_shapes(pair)
     check_text("name", pair.name)
     blue, orange = "0.30 0.50 0.75 1", "0.85 0.60 0.30 1"  # of the README's figure

@@ -47,7 +47,7 @@ def load_robot(
 
 
 def load_robot_hinge(robot: str, joint: str) -> HingePair:
-    """One hinge of a robot of example-robot-data as a pair.
+    """Return one hinge of a robot of example-robot-data as a pair.
 
     Parent link is body 1, child link body 2; u1 and home are the joint's origin, u2 = 0.
 
@@ -120,7 +120,7 @@ def _stem(name: str) -> str:
 
 @functools.cache
 def _files() -> Mapping[str, Path]:
-    """`folder/stem` -> path of every URDF below robots/ of the installed package.
+    """Return the path of every URDF below robots/ of the installed package, by `folder/stem`.
 
     The package holds data only, and where its installer put them is for its own list of files to say.
     """

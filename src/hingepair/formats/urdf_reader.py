@@ -25,7 +25,7 @@ from hingepair.urdf.rigid import HERE, Pose, combined
 def from_urdf(
     path_or_text: str | os.PathLike[str], joint: str, body1_frame: str | None = None, body2_frame: str | None = None
 ) -> HingePair:
-    """One hinge of a URDF as a pair.
+    """Return one hinge of a URDF as a pair.
 
     Args:
         path_or_text: a file's path, or the URDF itself (text that starts with "<").
@@ -94,7 +94,7 @@ def hinge_pair(
 
 
 def _fixed_to(robot: Robot, hinge: Joint, link: str) -> dict[str, Pose]:
-    """Rotation and origin of every link that is rigidly fixed to a link of a hinge, in the axes of that link."""
+    """Return rotation and origin of every link rigidly fixed to a hinge's link, in the axes of that link."""
     robot.check_link(link, hinge)
     poses = {link: HERE}
     waiting: list[tuple[str, Joint]] = [(link, hinge)]

@@ -122,7 +122,7 @@ def apply(function: str, x: ForeignArray) -> ForeignArray:
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> ForeignArray:
-    """`then` where a < b, `otherwise` elsewhere; one of a and b is an array of another library."""
+    """Return `then` where a < b and `otherwise` elsewhere; a or b is an array of another library."""
     return _namespace(a if is_foreign(a) else b).where(a < b, then, otherwise)
 
 

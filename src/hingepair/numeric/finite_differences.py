@@ -77,7 +77,7 @@ def _weighted(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], order:
 
 
 def _weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Weights of the first and second derivative at 0 of the polynomial through nodes, no two alike; (..., m)."""
+    """Return weights of first and second derivatives at 0 of the polynomial through distinct nodes; (..., m)."""
     nodes = [x[..., i] for i in range(x.shape[-1])]
     zero = np.zeros(x.shape[:-1])
     found = [(zero + 1, zero, zero)]
@@ -111,7 +111,7 @@ def _nearest_weights(x: Float64Array, degree: int) -> tuple[Float64Array, Float6
 
 
 def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tuple[Float64Array, Float64Array]:
-    """First and second derivatives of samples.
+    """Return first and second derivatives of samples.
 
     Args:
         t: instants as `check_instants` returns them; shape (N,) s.

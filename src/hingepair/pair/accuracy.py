@@ -74,7 +74,7 @@ from classical ones by omega2 x v2."""
 
 
 def unit_roundoff(dtype: DTypeLike) -> float:
-    """Half the distance from 1 to the next number: 2^-53 in float64, 2^-24 in float32.
+    """Return half the distance from 1 to the next number: 2^-53 in float64, 2^-24 in float32.
 
     >>> unit_roundoff(np.float32) == 2.0**-24
     True
@@ -85,7 +85,7 @@ def unit_roundoff(dtype: DTypeLike) -> float:
 def euler_rate_sizes(
     phid: ArrayLike | None, phidd: ArrayLike | None = None
 ) -> tuple[Float64Array | None, Float64Array | None]:
-    """W1 and A1 of motion that is given by Euler angles; shape (..., 3) each, None where not given.
+    """Return W1 and A1 of a motion given by Euler angles; shape (..., 3) each, None where not given.
 
     >>> W1, A1 = euler_rate_sizes((1, -2, 0), (0, 0, 3))
     >>> float(W1), float(A1)
@@ -103,7 +103,7 @@ def euler_rate_sizes(
 def given_rate_sizes(
     omega1: ArrayLike | None, alpha1: ArrayLike | None = None
 ) -> tuple[Float64Array | None, Float64Array | None]:
-    """W1 and A1 of motion whose attitude is given: the norms of omega1 and alpha1, shape (..., 3) each."""
+    """Return W1 and A1 of a motion whose attitude is given: the norms of omega1 and alpha1, shape (..., 3) each."""
     return (None if omega1 is None else norm(omega1)), (None if alpha1 is None else norm(alpha1))
 
 
@@ -179,7 +179,7 @@ def _formulas(U1: Any, U2: Any, R1: Any, V1: Any, a1: Any, W1: Any, A1: Any, W: 
 def error_ratios(
     output: str, got: ArrayLike, expected: ArrayLike, scale: ArrayLike, dtype: DTypeLike = np.float64
 ) -> tuple[Float64Array, Float64Array]:
-    """Per sample: the error of an output (its largest component), and the error in units of u * scale.
+    """Return the largest error of an output's components at each sample, plain and in units of u * scale.
 
     Numbers that are expected and not finite, or whose scale is not finite, cannot be compared: their error and
     ratio are NaN. A result that is not finite where a finite one is expected has the error inf. A scale of 0 (a
@@ -209,7 +209,7 @@ def error_ratios(
 
 
 def norm(vector: ArrayLike) -> Float64Array:
-    """Euclidean norm over the last axis, without overflow or underflow on the way; shape (...,).
+    """Return the Euclidean norm over the last axis, without overflow or underflow on the way; shape (...,).
 
     >>> f"{norm((3e200, 4e200, 0.0)):.6g}"
     '5e+200'
@@ -219,7 +219,7 @@ def norm(vector: ArrayLike) -> Float64Array:
 
 
 def largest(vector: ArrayLike) -> Float64Array:
-    """Largest absolute component over the last axis; shape (...,)."""
+    """Return the largest absolute component over the last axis; shape (...,)."""
     return np.asarray(np.abs(np.asarray(vector, dtype=np.float64)).max(axis=-1))
 
 

@@ -213,7 +213,7 @@ class Body(Frozen):
 
 
 def _of_shapes(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centre of mass of shapes of one density, and inertia about it for each kilogram."""
+    """Return the centre of mass of shapes of one density, and the inertia about it for each kilogram."""
     if not shapes:
         return read_only(np.zeros(3)), _GYRATION_SQUARED * np.eye(3)
     volumes, moments = zip(*map(_volume_and_moments, shapes), strict=True)
@@ -225,7 +225,7 @@ def _of_shapes(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[
 
 
 def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
-    """Volume, and the mean of x x^T about the centre, body axes."""
+    """Return the volume, and the mean of x x^T about the centre, body axes."""
     if isinstance(shape, Box):
         return float(shape.size.prod()), (shape.axes * shape.size**2) @ shape.axes.T / 12
     square = shape.radius**2

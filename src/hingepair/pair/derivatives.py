@@ -19,7 +19,7 @@ from hingepair.rotations.sequences import find_sequence
 
 
 def jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-    """Body 2's velocity by the velocities of the equations: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2)."""
+    """Compute Jac of (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2)."""
     return _from_body1(pair, ("jacobian",), body1, "S", psi=psi)["jacobian"]
 
 
@@ -39,7 +39,7 @@ def _from_body1(
 
 
 def coordinate_jacobian(pair: Constants, q: Rows, sequence: str) -> FloatArray:
-    """Body 2's velocity by the rates of the seven coordinates: (v2, omega2) = Jq @ qd (E8, E2, E4)."""
+    """Compute Jq of (v2, omega2) = Jq @ qd, qd the rates of the seven coordinates (E8, E2, E4)."""
     return _by_coordinates(pair, "coordinate_jacobian", q, None, sequence)
 
 

@@ -144,7 +144,7 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PairState:
-        """Body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi) (E1-E10).
+        """Compute body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi) (E1-E10).
 
         The level follows the inputs: q alone gives the pose, qd adds velocities, qdd accelerations.
 
@@ -243,7 +243,7 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PairState:
-        """Body 2 from the motion of body 1 and the hinge angle (E1, E2, E5-E9): no Euler angles.
+        """Compute body 2 from the motion of body 1 and the hinge angle, without Euler angles (E1, E2, E5-E9).
 
         The level follows psi, psid, psidd [rad, rad/s, rad/s^2]: shape (...,), right hand about n; they broadcast
         against body1, which has as many derivatives as the outputs need. All else is as for `forward_kinematics`.
@@ -267,7 +267,7 @@ class HingePair(Shown):
         *,
         sequence: str = "XYZ",
     ) -> dict[str, NDArray[np.float64]]:
-        """How far rounding can have taken each output of forward_kinematics from the exact result, at every sample.
+        """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample.
 
         Exact is what the equations say of the coordinates and of u1, u2, n (of any length) and home, all as they were
         given. The bounds are rigorous, of either backend, as far as sines and cosines are right to 1.5 units in the
@@ -296,7 +296,7 @@ class HingePair(Shown):
         psidd: ArrayLike | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """How far rounding can have taken each output of forward_kinematics_from_body1 from the exact result.
+        """Compute the largest error that rounding can cause in each output of forward_kinematics_from_body1.
 
         As `error_bounds`, of the arguments of `forward_kinematics_from_body1`. Exact is what E1, E2 and E5 to E9 say
         of this motion as it stands in body1: what was rounded before, in making S from a quaternion, say, is not
@@ -377,7 +377,7 @@ class HingePair(Shown):
         torque2: ArrayLike = 0,
         gravity: ArrayLike = dynamics.GRAVITY,
     ) -> Accelerations:
-        """How the pair moves under what acts on it (D6).
+        """Compute the accelerations of the pair under its loads (D6).
 
         Args:
             body1: of it, S and omega are used.
@@ -442,7 +442,7 @@ class HingePair(Shown):
     def energy(
         self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.GRAVITY
     ) -> Energy:
-        """Kinetic and potential energy of the pair (D7); body 1 counts where it has mass properties.
+        """Compute kinetic and potential energy of the pair (D7); body 1 counts where it has mass properties.
 
         Of body1, R, S, v and omega are used; psi [rad] and psid [rad/s], shape (...,), broadcast against it; gravity
         as for `inverse_dynamics`. Gives kinetic and potential [J].
@@ -462,7 +462,7 @@ class HingePair(Shown):
         return Energy(*dynamics.compute(dynamics.ENERGY, self.constants, self._bodies, body1, gravity, **hinge))
 
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
-        """Linear momentum of the pair, and angular momentum about the world's origin (D8).
+        """Compute linear momentum of the pair, and angular momentum about the world's origin (D8).
 
         Arguments are those of `energy`. Gives linear [kg m/s] and angular [kg m^2/s].
 
@@ -484,7 +484,7 @@ class HingePair(Shown):
         tolerances: Mapping[str, float] | None = None,
         t: ArrayLike | None = None,
     ) -> Residuals:
-        """How far any two motions, measured ones included, are from this hinge (E1, E2 and their derivatives).
+        """Compute how far two motions, measured ones included, violate this hinge (E1, E2 and their derivatives).
 
         Args:
             body1: the motion of body 1.
@@ -516,7 +516,7 @@ class HingePair(Shown):
         return residuals.residuals(self.constants, self.name, body1, body2, tolerances, t)
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
-        """From body1 and psi, body 2's velocity by theirs: (v2, omega2) = Jac @ (v1, omega1, psi') (E8, E2).
+        """Compute Jac of (v2, omega2) = Jac @ (v1, omega1, psi') from body1 and psi (E8, E2).
 
         Of body1, S is used; psi [rad], shape (...,), broadcasts against it. Jac is in world axes; shape (..., 6, 7).
         By the rates of q it is `coordinate_jacobian(q)`.
@@ -545,7 +545,7 @@ class HingePair(Shown):
         return derivatives.acceleration_bias(self.constants, body1, psi, psid)
 
     def coordinate_jacobian(self, q: Rows, *, sequence: str = "XYZ") -> FloatArray:
-        """Body 2's velocity by the rates of the seven coordinates: (v2, omega2) = Jq @ qd (E8, E2, E4).
+        """Compute Jq of (v2, omega2) = Jq @ qd, qd the rates of the seven coordinates (E8, E2, E4).
 
         The coordinates and the sequence are those of `forward_kinematics`. Jq is in world axes; shape (..., 6, 7).
 

@@ -106,7 +106,7 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PlanarState:
-        """Body 2 from the four coordinates q = (x, y, phi, psi) (E11).
+        """Compute body 2 from the four coordinates q = (x, y, phi, psi) (E11).
 
         As `HingePair.forward_kinematics`, without a sequence: q, qd and qdd are arrays of shape (..., 4), or tuples
         of four that broadcast [m, rad]; the outputs are R2, d, v2, a2 (..., 2) and phi2, omega2, alpha2 (...,).
@@ -125,7 +125,7 @@ class PlanarPair(Shown):
     def error_bounds(
         self, q: Rows, qd: Rows | None = None, qdd: Rows | None = None, outputs: Outputs = None
     ) -> dict[str, NDArray[np.float64]]:
-        """How far rounding can have taken each output of forward_kinematics from the exact result, at every sample.
+        """Compute the largest error that rounding can cause in each output of forward_kinematics, at every sample.
 
         As `HingePair.error_bounds`.
 
@@ -238,7 +238,7 @@ class PlanarPair(Shown):
         torque2: ArrayLike = 0.0,
         gravity: ArrayLike = PLANAR_GRAVITY,
     ) -> FloatArray:
-        """How the pair moves under what acts on it (D6).
+        """Compute the accelerations of the pair under its loads (D6).
 
         Args:
             q: coordinates (x, y, phi, psi), as for `forward_kinematics`.
@@ -270,7 +270,7 @@ class PlanarPair(Shown):
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
     def energy(self, q: Rows, qd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> Energy:
-        """Kinetic and potential energy (D7); body 1 counts where it has mass properties.
+        """Compute kinetic and potential energy (D7); body 1 counts where it has mass properties.
 
         As `HingePair`'s, of coordinates as for `forward_kinematics`; gravity [m/s^2] has shape (2,).
 
@@ -285,7 +285,7 @@ class PlanarPair(Shown):
         return Energy(*self._computed(dynamics.ENERGY, {"q": q, "qd": qd}, gravity))
 
     def momentum(self, q: Rows, qd: Rows) -> Momentum:
-        """Linear momentum, shape (..., 2), and angular momentum about the origin, shape (...) (D8).
+        """Compute linear momentum, shape (..., 2), and angular momentum about the origin, shape (...) (D8).
 
         Of coordinates as for `forward_kinematics`.
 
@@ -338,7 +338,7 @@ def _level(body: Body) -> Body:
 
 
 def motion_in_space(q: Rows, qd: Rows | None = None, qdd: Rows | None = None) -> tuple[Any, ...]:
-    """Body 1 in space, and psi and its derivatives, from q, qd, qdd as far as they go."""
+    """Return body 1 in space, and psi and its derivatives, from q, qd, qdd as far as they are given."""
     given = kinematics.read_coordinates(PLANAR, q, qd, qdd)
     shape = broadcast_shape(given.shapes)
     zero = np.zeros(shape)

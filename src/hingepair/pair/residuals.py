@@ -233,7 +233,7 @@ def residuals(
     tolerances: Mapping[str, float] | None,
     t: ArrayLike | None,
 ) -> Residuals:
-    """How far any two motions, measured ones included, are from this hinge (E1, E2 and their derivatives)."""
+    """Compute how far two motions, measured ones included, violate this hinge (E1, E2 and their derivatives)."""
     given: dict[str, NDArray[Any]] = {}
     for argument, body in (("body1", body1), ("body2", body2)):
         motion_arrays(argument, body)
@@ -265,7 +265,7 @@ def residuals(
 
 
 def _instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """One instant for each sample."""
+    """Return the instants, one for each sample."""
     given = np.asarray(t)
     array = given if given.dtype.kind in "mM" else real_array("t", t)
     try:
@@ -284,7 +284,7 @@ def _check(
     allowed: dict[str, float],
     t: NDArray[Any] | None,
 ) -> ResidualCheck:
-    """One residual judged: its worst sample is the one with the largest part of its tolerance."""
+    """Judge one residual by its worst sample, the one with the largest part of its tolerance."""
     label, unit, _, formula, _ = KINDS[kind]
     given = kind in allowed
     if given:

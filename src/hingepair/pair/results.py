@@ -53,7 +53,7 @@ class Result(Shown):
         return ()
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Everything that is kept, by name; shape (N, ...)."""
+        """Return everything that is kept, by name; shape (N, ...)."""
         raise NotImplementedError
 
     def __dir__(self) -> list[str]:
@@ -210,7 +210,7 @@ def check_ending(path: Path) -> None:
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
-    """One name for each component: R2_x, S2_xy and so on; a number at each instant has its own name.
+    """Return one name for each component: R2_x, S2_xy and so on; a number at each instant keeps its own name.
 
     >>> column_names({"d": np.zeros((1, 3))})
     ['d_x', 'd_y', 'd_z']

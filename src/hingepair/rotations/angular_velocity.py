@@ -1,4 +1,4 @@
-"""Angular velocity of a moving attitude (E3): from its derivative, or from samples of it."""
+"""Return the angular velocity of a moving attitude (E3): from its derivative, or from samples of it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def angular_velocity(S: ArrayLike, S_dot: ArrayLike, with_defect: Literal[True])
 def angular_velocity(
     S: ArrayLike, S_dot: ArrayLike, with_defect: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Angular velocity of a moving attitude: [omega]x = S' S^T (E3).
+    """Return the angular velocity of a moving attitude: [omega]x = S' S^T (E3).
 
     Args:
         S: rotations, body to world; shape (..., 3, 3).
@@ -77,7 +77,7 @@ def angular_velocity_from_samples(
 def angular_velocity_from_samples(
     t: ArrayLike, S: ArrayLike, order: int = 6, with_alpha: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Angular velocity of samples of an attitude (E3), at each sample.
+    """Return the angular velocity of samples of an attitude (E3), at each sample.
 
     Around sample i, `S_k = exp([theta_k]x) S_i` defines a rotation vector theta for each neighbour k. There theta is
     0, so that omega = theta' and alpha = theta'' exactly; these are the derivatives of a polynomial of degree
@@ -130,7 +130,7 @@ def angular_velocity_from_samples(
 
 
 def _local_derivatives(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
-    """First and, if `count` is 2, second derivatives of the rotation vectors about each sample."""
+    """Return first and, if `count` is 2, second derivatives of the rotation vectors about each sample."""
     path = _path(S)
     found = [np.zeros(S.shape[:-1]) for _ in range(count)]
     with np.errstate(all="ignore"):

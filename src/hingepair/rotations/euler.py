@@ -31,7 +31,7 @@ AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 
 def _lock_limit(angles: NDArray[Any]) -> float:
-    """Gimbal lock is nearer than this: of abs(cos phi_y), or abs(sin phi_y) where the first axis comes back.
+    """Return the limit of gimbal lock, of abs(cos phi_y), or of abs(sin phi_y) in proper Euler sequences.
 
     There, the rounding of the angles (or of the matrix) themselves leaves fewer than four digits of the rates.
     """
@@ -39,7 +39,7 @@ def _lock_limit(angles: NDArray[Any]) -> float:
 
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """Rotation matrices of Euler angles (E10), to 6 u in every component.
+    """Return the rotation matrices of Euler angles (E10), to 6 u in every component.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -70,7 +70,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[T
 
 
 def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
-    """Euler angles of rotation matrices (E10 solved for phi).
+    """Return the Euler angles of rotation matrices (E10 solved for phi).
 
     The middle angle lies in [-pi/2, pi/2], or in [0, pi] where the first axis comes back; the others in [-pi, pi].
     At gimbal lock only a sum or difference of the outer angles is defined, and there is no convention for either:
@@ -142,7 +142,7 @@ def _matrix(phi: ArrayLike, sequence: str, function: Callable[[Sequence, tuple[A
 
 
 def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_lock: str = "raise") -> FloatArray:
-    """Euler-angle rates of an angular velocity: phi' = J^-1 omega (E4).
+    """Return the Euler-angle rates of an angular velocity: phi' = J^-1 omega (E4).
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -191,7 +191,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
 
 def _canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
-    """J^-1 omega in canonical angles (E4)."""
+    """Return J^-1 omega in canonical angles (E4)."""
     axes = order.axes(trig)
     x, y, z = (omega[order.place.index(i)] for i in range(3))
     if order.sign < 0:
@@ -202,7 +202,7 @@ def _canonical_rates(order: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -
 
 
 def _canonical_angles(order: Sequence, S: eq.Matrix) -> eq.Vector:
-    """Angles of Sx Sy Sz or Sx Sy Sx: the outer first angle, then the others with it turned back out of S.
+    """Return the angles of Sx Sy Sz or Sx Sy Sx: the first, then the others with the first turned back out of S.
 
     Of the two first angles of Sx Sy Sx, half a turn apart, the sign of the sequence picks the one that makes the
     middle angle positive in the order of the letters.
@@ -237,7 +237,7 @@ class EulerKinematics(Frozen):
 
 
 def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
-    """J, J^-1, J' and the distance from gimbal lock (E4), for a body of which the Euler angles are known.
+    """Return J, J^-1, J' and the distance from gimbal lock (E4) for a body whose Euler angles are known.
 
     The middle axis is perpendicular to the outer two, so with g the cosine between those the singular values of J are
     sqrt(1 + abs(g)), 1 and sqrt(1 - abs(g)), and the condition number is (1 + abs(g)) / sqrt(1 - g^2).

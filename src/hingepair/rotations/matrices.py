@@ -71,7 +71,7 @@ def unskew(W: ArrayLike) -> FloatArray:
 
 
 def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
-    """Rotation about an axis (E6): of body 2 against body 1 about the hinge axis.
+    """Return the rotation by an angle about an axis (E6), as of body 2 against body 1 about the hinge axis.
 
     Args:
         n: axis, body-1 axes; shape (..., 3); any non-zero length.
@@ -186,7 +186,7 @@ def unit_quaternion(quat: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Quaternions (w, x, y, z) of rotations, w >= 0, of a length between 2 and 4: not normalised.
+    """Return quaternions (w, x, y, z) of rotations, w >= 0, of a length between 2 and 4: not normalised.
 
     Four times the outer product of the unit quaternion with itself is linear in S. Its row with the largest diagonal
     element is the quaternion times a number that is never small, so nothing cancels, near 0 and pi included.
@@ -207,7 +207,7 @@ def _quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> FloatArray:
-    """Rotations of quaternions of any length but zero; NaN where a quaternion is not finite.
+    """Return the rotations of quaternions of any length but zero; NaN where a quaternion is not finite.
 
     Raises:
         RotationError: a quaternion is zero.
@@ -260,7 +260,7 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
 
 
 def _nearer(S: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
-    """S turned so that S^T M is symmetric, which it is for the nearest rotation: mends what the SVD rounds."""
+    """Return S turned so that S^T M is symmetric, as for the nearest rotation: this mends the SVD's rounding."""
     A = np.swapaxes(S, -1, -2) @ M
     w = np.stack([A[..., k, j] - A[..., j, k] for _, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))], axis=-1)
     inertia = np.trace(A, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - (A + np.swapaxes(A, -1, -2)) / 2

@@ -205,7 +205,7 @@ def _compared(
 
 
 def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Float64Array]) -> dict[str, Float64Array]:
-    """Body 2 by Pinocchio, d by the twin at R1 = 0; motion of shape (N,)."""
+    """Compute body 2 by Pinocchio, d by the twin at R1 = 0; motion of shape (N,)."""
     q = twin.configuration(body1, hinge[0])
     v = twin.velocity(body1, *hinge[:2]) if len(hinge) > 1 else None
     a = twin.acceleration(body1, *hinge) if len(hinge) > 2 else None
@@ -229,7 +229,7 @@ def _in_the_plane(truths: dict[str, Float64Array], phi2: Float64Array) -> dict[s
 
 
 def _body1_by_pinocchio(coordinates: list[Float64Array], sequence: str) -> BodyMotion:
-    """Body 1's motion, by a chain of three Pinocchio joints that turn by its Euler angles (extrinsic: last first)."""
+    """Compute body 1's motion by three Pinocchio joints that turn by its Euler angles (extrinsic: last first)."""
     pin = import_pinocchio("cross_validate")
     order = -1 if sequence.islower() else 1
     model, joint, here = pin.Model(), 0, pin.SE3.Identity()

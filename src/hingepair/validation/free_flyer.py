@@ -73,19 +73,19 @@ def _given(body1: BodyMotion, name: str) -> Float64Array:
 
 
 def to_body(S: Float64Array, vector: Float64Array) -> Float64Array:
-    """S^T times the vector."""
+    """Return S^T times the vector."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray((S * vector[..., None]).sum(axis=-2))
 
 
 def to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
-    """S times the vector."""
+    """Return S times the vector."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray((S * vector[..., None, :]).sum(axis=-1))
 
 
 def frame_motion(model: Any, data: Any, frame: int, coordinates: list[Float64Array]) -> dict[str, Float64Array]:
-    """R, S, and as far as there are coordinates v, omega, a, alpha of a frame; world axes, classical accelerations.
+    """Return R, S, v, omega, a, alpha of a frame, as far as coordinates are given; world axes; a is classical.
 
     Args:
         model: of Pinocchio.

@@ -53,7 +53,7 @@ class PinocchioTwin:
     body2_frame: int
 
     def configuration(self, body1: BodyMotion, psi: ArrayLike) -> Float64Array:
-        """Pinocchio's q; shape (..., 8).
+        """Return Pinocchio's q; shape (..., 8).
 
         Args:
             body1: its R [m] and S; leading shape (...,).
@@ -65,7 +65,7 @@ class PinocchioTwin:
         return _joined(flyer_configuration(body1), psi=psi)
 
     def velocity(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Float64Array:
-        """Pinocchio's v; shape (..., 7).
+        """Return Pinocchio's v; shape (..., 7).
 
         Args:
             body1: its S, v [m/s] and omega [rad/s], world axes; leading shape (...,).
@@ -78,7 +78,7 @@ class PinocchioTwin:
         return _joined(flyer_velocity(body1), psi=psi, psid=psid)
 
     def acceleration(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike) -> Float64Array:
-        """Pinocchio's a, which is the spatial acceleration; shape (..., 7).
+        """Return Pinocchio's a, which is the spatial acceleration; shape (..., 7).
 
         Args:
             body1: its S, v [m/s], omega [rad/s], a [m/s^2] and alpha [rad/s^2], world axes; leading shape (...,).
@@ -92,7 +92,7 @@ class PinocchioTwin:
         return _joined(flyer_acceleration(body1), psi=psi, psid=psid, psidd=psidd)
 
     def body2(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> BodyMotion:
-        """Body 2 as Pinocchio moves it, one sample after another.
+        """Compute body 2 by Pinocchio, one sample after another.
 
         Args:
             q: configuration; shape (..., 8); its quaternion may have any length but zero.
@@ -221,7 +221,7 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
 
 
 def _joined(parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:
-    """Parts and the last of the hinge's numbers side by side, broadcast over the leading axes of all."""
+    """Join parts and the last of the hinge's numbers along the last axis, broadcast over the leading axes of all."""
     numbers = {name: real_array(name, value).astype(np.float64)[..., None] for name, value in hinge.items()}
     shape = broadcast_shape({name: part.shape[:-1] for name, part in (parts | numbers).items()})
     found = [*parts.values(), list(numbers.values())[-1]]
