@@ -165,8 +165,8 @@ FAULTS = {
     ),
     "a copy of a pair made anew from its unit axis": Fault(
         "pair/hinge_pair.py",
-        '**given | {"n": self.constants.axis}',
-        "**given",
+        '**arguments | {"n": self.constants.axis}',
+        "**arguments",
         "pair/test_pair.py::test_what_is_not_replaced_keeps_its_last_bits[0]",
     ),
     "the hinge turns the lever backwards": Fault(

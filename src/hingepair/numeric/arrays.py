@@ -131,10 +131,10 @@ class Frozen:
 
 def _frozen(kind: type, values: dict[str, Any]) -> Any:
     value: Any = object.__new__(kind)
-    for name, own in values.items():
-        if isinstance(own, np.ndarray):
-            own.flags.writeable = False  # of the array itself: what refers to it elsewhere refers to it still
-        object.__setattr__(value, name, own)
+    for name, attribute in values.items():
+        if isinstance(attribute, np.ndarray):
+            attribute.flags.writeable = False  # of the array itself: what refers to it elsewhere refers to it still
+        object.__setattr__(value, name, attribute)
     return value
 
 

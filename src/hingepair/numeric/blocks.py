@@ -55,8 +55,8 @@ def tabulate(
     with np.errstate(all="ignore"):
         for block in split(shape, BLOCK) if moving else [()]:
             part = functools.partial(load, block=block, dtype=dtype)
-            own = {name: _each(group, part) for name, group in moving.items()}
-            _store(function({**values, **own}), targets, block)
+            loaded = {name: _each(group, part) for name, group in moving.items()}
+            _store(function({**values, **loaded}), targets, block)
     return out
 
 

@@ -108,8 +108,8 @@ def _read_csv(path: Path, wanted: Wanted) -> Columns:
         chosen = wanted.choose(names)
         if not chosen:
             return {}
-        own = [names.index(name) for name in chosen]
-        used = own if len(own) < len(names) else None  # all: then rows of more fields are found
+        positions = [names.index(name) for name in chosen]
+        used = positions if len(positions) < len(names) else None  # all: then rows of more fields are found
         start = stream.tell()
         try:
             try:
@@ -118,11 +118,13 @@ def _read_csv(path: Path, wanted: Wanted) -> Columns:
                 stream.seek(start)
                 rows = _csv_rows(stream, used, converters=_number)
         except ValueError as error:
-            _fail_at_row(path, names, own, str(error))
-    if rows.size and rows.shape[1] != len(own):
-        _fail_at_row(path, names, own, f"{rows.shape[1]} fields")
+            _fail_at_row(path, names, positions, str(error))
+    if rows.size and rows.shape[1] != len(positions):
+        _fail_at_row(path, names, positions, f"{rows.shape[1]} fields")
     _check_rows(len(rows))
-    columns = dict(zip(chosen, np.ascontiguousarray(rows.T) if rows.size else np.empty((len(own), 0)), strict=True))
+    columns = dict(
+        zip(chosen, np.ascontiguousarray(rows.T) if rows.size else np.empty((len(positions), 0)), strict=True)
+    )
     if wanted.exact in columns and np.abs(columns[wanted.exact]).max(initial=0.0) > _MAX_EXACT_FLOAT:
         columns[wanted.exact] = csv_column(path, wanted.exact, np.int64)
     return columns
@@ -185,12 +187,12 @@ def _read_npz(path: Path, wanted: Wanted) -> Columns:
             arrays.append((member, name, np.array(wanted.names_of(name, shape[1:]))))
         chosen = set(wanted.choose([column for *_, names in arrays for column in names.ravel().tolist()]))
         for member, name, names in arrays:
-            own = names.ravel().tolist()
-            if chosen.intersection(own):
+            columns_of_array = names.ravel().tolist()
+            if chosen.intersection(columns_of_array):
                 with archive.open(member) as stream:
                     array = _read_array(stream, name, names.shape, name == wanted.exact)
                 kind = array.dtype if name == wanted.exact else np.float64
-                parts = zip(own, array.reshape(len(array), names.size).T, strict=True)
+                parts = zip(columns_of_array, array.reshape(len(array), names.size).T, strict=True)
                 columns |= {column: np.ascontiguousarray(part, kind) for column, part in parts if column in chosen}
     return columns
 

@@ -59,8 +59,8 @@ def angle_suspicions(name: str, angles: Float64Array) -> list[str]:
     >>> angle_suspicions("psi", np.array([-90.0, 20.0, 90.0]))
     ['psi spans 180 rad, 28.6 turns: is it in radians? Degrees become radians by numpy.radians(psi).']
     """
-    known = angles[np.isfinite(angles)]
-    span = float(np.ptp(known)) if known.size else 0.0
+    finite = angles[np.isfinite(angles)]
+    span = float(np.ptp(finite)) if finite.size else 0.0
     if not _MIN_SUSPICIOUS_SPAN < span <= _MAX_SUSPICIOUS_SPAN:
         return []
     turns = f"{name} spans {span:.3g} rad, {span / (2 * np.pi):.3g} turns"
@@ -77,8 +77,8 @@ def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
     >>> distance_suspicions("R2 - R1", np.array([480.0, 510.0, 520.0]))
     ['R2 - R1 is 510 m long: is it in metres? Millimetres become metres by the factor 1e-3.']
     """
-    known = distances[np.isfinite(distances)]
-    middle = float(np.median(known)) if known.size else 0.0
+    finite = distances[np.isfinite(distances)]
+    middle = float(np.median(finite)) if finite.size else 0.0
     if middle < _MIN_SUSPICIOUS_DISTANCE:
         return []
     return [f"{name} is {middle:.3g} m long: is it in metres? Millimetres become metres by the factor 1e-3."]

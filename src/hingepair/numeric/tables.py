@@ -53,12 +53,12 @@ def ruled_table(lines: Sequence[Sequence[str]], keys: int = 1, width: int | None
         if not parts or (width is not None and sum(sizes[i] for i in (*range(keys), *parts[-1], column)) - 2 > width):
             parts.append([])
         parts[-1].append(column)
-    found: list[str] = []
+    text_lines: list[str] = []
     for part in parts:
         rows = iter(aligned([[line[i] for i in (*range(keys), *part)] for line in full], range(1, keys + len(part))))
         drawn = [next(rows) if line else "" for line in lines]
-        found += ["", drawn[0], "-" * max(map(len, drawn)), *drawn[1:]]
-    return found[1:]
+        text_lines += ["", drawn[0], "-" * max(map(len, drawn)), *drawn[1:]]
+    return text_lines[1:]
 
 
 def left_out(skipped: int, samples: int) -> str:
@@ -102,9 +102,9 @@ def json_text(report: Any) -> str:
 
 def _finite(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _finite(own) for key, own in value.items()}
+        return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(own) for own in value]
+        return [_finite(item) for item in value]
     return finite_or_none(value) if isinstance(value, float) else value
 
 

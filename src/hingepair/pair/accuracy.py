@@ -240,8 +240,8 @@ def error_bounds(
     kind: Kind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: kinematics.Outputs, sequence: str | None
 ) -> Bounds:
     """Return the bounds of the outputs of forward_kinematics for coordinates."""
-    plan, given = kinematics.plan_from_coordinates(kind, pair, q, qd, qdd, outputs, None, sequence)
-    return _bounds(pair, plan, given.parts, given.shapes)
+    plan, coordinates = kinematics.plan_from_coordinates(kind, pair, q, qd, qdd, outputs, None, sequence)
+    return _bounds(pair, plan, coordinates.parts, coordinates.shapes)
 
 
 def error_bounds_from_body1(
@@ -249,8 +249,8 @@ def error_bounds_from_body1(
 ) -> Bounds:
     """Return the bounds of the outputs of forward_kinematics_from_body1."""
     plan, values, shapes = kinematics.plan_from_body1(pair, body1, psi, psid, psidd, outputs, None)
-    own = {name: np.asarray(value) if is_foreign(value) else value for name, value in values.items()}
-    return _bounds(pair, plan, own, shapes)
+    arrays = {name: np.asarray(value) if is_foreign(value) else value for name, value in values.items()}
+    return _bounds(pair, plan, arrays, shapes)
 
 
 def _bounds(pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> Bounds:
@@ -260,9 +260,9 @@ def _bounds(pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapp
     made_of = {name: parts for name, parts in _LEVERS_OF_CONSTANTS.items() if name != "n" or not aligned}
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
-        found = {name: _known(group, made_of.get(name, ()), numbers, kind) for name, group in numbers.items()}
-        plan.run(found)
-        return {name: _largest(found[name]) for name in plan.outputs}
+        bounded = {name: _known(group, made_of.get(name, ()), numbers, kind) for name, group in numbers.items()}
+        plan.run(bounded)
+        return {name: _largest(bounded[name]) for name in plan.outputs}
 
     wanted = plan.inputs | {"u1", "u2"}
     groups = {

@@ -72,24 +72,24 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
 
     Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.
     """
-    own, exponent2 = by_power_of_two(values["u2"])
+    lever2, exponent2 = by_power_of_two(values["u2"])
     both, exponent = by_power_of_two((*values["u1"], *values["u2"]))
     n, _ = polar(axis)
-    known: dict[str, Any] = {"arm": tuple(map(Twofold, own)), "n": n}
+    values_by_name: dict[str, Any] = {"arm": tuple(map(Twofold, lever2)), "n": n}
     *of_u2, along = LEVER_STEPS if "home" in values else LEVER_STEPS[1:]
     if "home" in values:
-        known |= {"u2": known["arm"], "home": tuple(map(Twofold, values["home"]))}
+        values_by_name |= {"u2": values_by_name["arm"], "home": tuple(map(Twofold, values["home"]))}
     for result, function, arguments in of_u2:
-        known[result] = function(*[known[name] for name in arguments])
+        values_by_name[result] = function(*[values_by_name[name] for name in arguments])
     # Only `along` holds both levers, and the shorter one may vanish beside the longer.
     shift = exponent2 - exponent
     beside = (
-        tuple(Twofold(by_two_to(c.high, shift), by_two_to(c.low, shift)) for c in known[name])
+        tuple(Twofold(by_two_to(c.high, shift), by_two_to(c.low, shift)) for c in values_by_name[name])
         for name in along.arguments[1:]
     )
-    known["along"] = along.function(tuple(map(Twofold, both[:3])), *beside)
+    values_by_name["along"] = along.function(tuple(map(Twofold, both[:3])), *beside)
     exponents = {"along": exponent, "across": exponent2, "around": exponent2}
-    levers = {name: tuple(by_two_to(c.high, e) for c in known[name]) for name, e in exponents.items()}
+    levers = {name: tuple(by_two_to(c.high, e) for c in values_by_name[name]) for name, e in exponents.items()}
     return {"n": tuple(c.high for c in n), **levers}
 
 
@@ -109,23 +109,23 @@ def with_hinge_frames(pair: Constants) -> Constants:
     e1 is the axis of body 1 that is furthest from n, made perpendicular to it; e2 = n x e1. Body 2 has them turned by
     C^-1: by C^T a home that is a rotation to nine digits only would be seen as a tilt.
     """
-    found: Constants | None = pair.prepared.get(HINGE_FRAMES)
-    if found is None:
+    constants: Constants | None = pair.prepared.get(HINGE_FRAMES)
+    if constants is None:
         frames = _frames(pair.arrays["n"], pair.arrays["home"] if "home" in pair.values else None)
-        found = Constants({**pair.values, **frames}, {**pair.arrays, **frames}, pair.shape)
-        pair.prepared[HINGE_FRAMES] = found
-    return found
+        constants = Constants({**pair.values, **frames}, {**pair.arrays, **frames}, pair.shape)
+        pair.prepared[HINGE_FRAMES] = constants
+    return constants
 
 
 def _frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
     first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
     first = first - n * (n * first).sum(axis=-1, keepdims=True)
     first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))
-    own = other = {"e1": first, "e2": np.cross(n, first), "n": n}
+    in_body1 = in_body2 = {"e1": first, "e2": np.cross(n, first), "n": n}
     if home is not None:
         back = np.linalg.inv(home.reshape(*home.shape[:-1], 3, 3))
-        other = {name: (back @ vector[..., None])[..., 0] for name, vector in own.items()}
-    named = {**own, **{f"{name}_in_2": vector for name, vector in other.items()}}
+        in_body2 = {name: (back @ vector[..., None])[..., 0] for name, vector in in_body1.items()}
+    named = {**in_body1, **{f"{name}_in_2": vector for name, vector in in_body2.items()}}
     return {name: numbers(vector) for name, vector in named.items()}
 
 

@@ -117,8 +117,8 @@ RATE_SENSITIVITIES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by
 def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None) -> Sensitivities:
     """Compute derivatives of (d, S2, v2, omega2) by u1, u2, n and psi (E2, E5-E8); those of R2 are those of d."""
     if psid is None:
-        found = _from_body1(pair, POSE_SENSITIVITIES, body1, "S", psi=psi)
+        outputs = _from_body1(pair, POSE_SENSITIVITIES, body1, "S", psi=psi)
     else:
         names = (*POSE_SENSITIVITIES, *RATE_SENSITIVITIES)
-        found = _from_body1(pair, names, body1, "S", "omega", psi=psi, psid=psid)
-    return Sensitivities(**{name: read_only(array) for name, array in found.items()})
+        outputs = _from_body1(pair, names, body1, "S", "omega", psi=psi, psid=psid)
+    return Sensitivities(**{name: read_only(array) for name, array in outputs.items()})

@@ -158,10 +158,10 @@ def for_calls(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: 
     Raises:
         ArgumentError: a body that is needed has no mass properties, or gravity cannot be used; names it.
     """
-    own = {name: body for name, body in _named(bodies) if {f"{c}{name[-1]}" for c in "mcI"} & {*needed}}
+    needed_bodies = {name: body for name, body in _named(bodies) if {f"{c}{name[-1]}" for c in "mcI"} & {*needed}}
     none = {name: 0.0 if name == "hinge_torque" else _ZERO for name in LOADS}
     fall = one_constant("gravity", gravity, 3).tolist()
-    return _with(constants, {"gravity": tuple(fall), **none, **mass_constants(own)})
+    return _with(constants, {"gravity": tuple(fall), **none, **mass_constants(needed_bodies)})
 
 
 def _named(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
@@ -214,8 +214,8 @@ def compute(
     if call is not None and type(body1) is BodyMotion:
         state = call.quick(*(getattr(body1, letter) for letter in what.letters), fall, *loads.values())
         if state is not None:
-            found: Iterable[FloatArray] = state.writable_arrays().values()
-            return found
+            outputs: Iterable[FloatArray] = state.writable_arrays().values()
+            return outputs
     massive = with_masses(what, constants, bodies)
     values: dict[str, Any] = motion_arrays("body1", body1, *what.letters)
     for name, value in loads.items():
@@ -240,18 +240,18 @@ def with_masses(what: Quantity, constants: Constants, bodies: Bodies) -> Constan
     """
     present = {name: body for name, body in _named(bodies) if body is not None or name in what.bodies}
     masses = _MASSLESS | mass_constants(present)  # the same whatever is asked of a pair
-    found: Constants = constants.prepared.get("masses") or _with(constants, masses)
-    constants.prepared["masses"] = found
-    return found
+    extended: Constants = constants.prepared.get("masses") or _with(constants, masses)
+    constants.prepared["masses"] = extended
+    return extended
 
 
-def accelerations(bodies: Bodies, found: Iterable[FloatArray]) -> Accelerations:
+def accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Accelerations:
     """Return the accelerations (D6) out of the outputs of ACCELERATIONS.
 
     Raises:
         ArgumentError: the masses leave a motion without resistance.
     """
-    *moves, kept = found
+    *moves, kept = outputs
     if (kept <= SINGULAR).any():
         expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
         raise ArgumentError("pair.body2", f"{expected} body's inertia vanishes beside the other's", bodies[1])
@@ -266,8 +266,8 @@ def check_resistance(constants: Constants, bodies: Bodies) -> None:
     """
     still = BodyMotion(R=_ZERO, S=np.eye(3), omega=_ZERO)
     loads = dict.fromkeys(LOADS, 0.0)
-    found = compute(ACCELERATIONS, constants, bodies, still, gravity=_ZERO, psi=0.0, psid=0.0, **loads)
-    accelerations(bodies, found)
+    outputs = compute(ACCELERATIONS, constants, bodies, still, gravity=_ZERO, psi=0.0, psid=0.0, **loads)
+    accelerations(bodies, outputs)
 
 
 def _load(name: str, value: ArrayLike) -> NDArray[Any]:

@@ -114,13 +114,13 @@ class HingePair(Shown):
             object.__setattr__(self, key, value)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        given = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "constants"}
-        return partial(type(self), **given | {"n": self.constants.axis}), ()
+        arguments = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "constants"}
+        return partial(type(self), **arguments | {"n": self.constants.axis}), ()
 
     def __repr__(self) -> str:
         parts = (f"{key}={getattr(self, key).tolist()}" for key in ("u1", "u2", "n", "home"))
-        given = ((key, getattr(self, key)) for key in ("limits", "torque_limit", "rate_limit", "body1", "body2"))
-        extras = "".join(f", {key}={value!r}" for key, value in given if value is not None)
+        options = ((key, getattr(self, key)) for key in ("limits", "torque_limit", "rate_limit", "body1", "body2"))
+        extras = "".join(f", {key}={value!r}" for key, value in options if value is not None)
         return f"HingePair({', '.join(parts)}, name={self.name!r}{extras})"
 
     def _sheet(self) -> Sheet:
@@ -409,10 +409,10 @@ class HingePair(Shown):
         """
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
-        found = dynamics.compute(
+        outputs = dynamics.compute(
             dynamics.ACCELERATIONS, self.constants, self._bodies, body1, gravity=gravity, **loads, **hinge
         )
-        return dynamics.accelerations(self._bodies, found)
+        return dynamics.accelerations(self._bodies, outputs)
 
     def hinge_wrench(
         self,
@@ -436,8 +436,8 @@ class HingePair(Shown):
         [0.0, 0.0, 19.62]
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
-        found = dynamics.compute(dynamics.HINGE_WRENCH, self.constants, self._bodies, body1, gravity, **hinge)
-        return HingeWrench(*found)
+        outputs = dynamics.compute(dynamics.HINGE_WRENCH, self.constants, self._bodies, body1, gravity, **hinge)
+        return HingeWrench(*outputs)
 
     def energy(
         self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.GRAVITY

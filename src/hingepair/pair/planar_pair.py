@@ -155,11 +155,11 @@ class PlanarPair(Shown):
         >>> pair.massive().body2
         Body(mass=2.0, center_of_mass=[0.0, 0.0, 0.0], inertia=[[3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]])
         """
-        found: HingePair | None = self.constants.prepared.get("massive")
-        if found is None:
-            found = self._in_space(*(None if body is None else _level(body) for body in (self.body1, self.body2)))
-            self.constants.prepared["massive"] = found
-        return found
+        pair: HingePair | None = self.constants.prepared.get("massive")
+        if pair is None:
+            pair = self._in_space(*(None if body is None else _level(body) for body in (self.body1, self.body2)))
+            self.constants.prepared["massive"] = pair
+        return pair
 
     def _in_space(self, body1: Body | None, body2: Body | None) -> HingePair:
         u1, u2 = (np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1) for u in (self.u1, self.u2))

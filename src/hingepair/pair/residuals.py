@@ -234,23 +234,23 @@ def residuals(
     t: ArrayLike | None,
 ) -> Residuals:
     """Compute how far two motions, measured ones included, violate this hinge (E1, E2 and their derivatives)."""
-    given: dict[str, NDArray[Any]] = {}
+    motions: dict[str, NDArray[Any]] = {}
     for argument, body in (("body1", body1), ("body2", body2)):
         motion_arrays(argument, body)
         letters = (letter for letter in ("R", "S", "v", "omega", "a", "alpha") if getattr(body, letter) is not None)
-        given |= motion_arrays(argument, body, *letters)
+        motions |= motion_arrays(argument, body, *letters)
     allowed = _checked(tolerances)
     for kind in allowed:
-        _check_given(kind, given)
+        _check_given(kind, motions)
     shapes = {"body1": body1.shape, "body2": body2.shape}
     shape = broadcast_shape({**shapes, "pair": pair.shape})
     pair = with_hinge_frames(pair)
-    home, there = "home" in pair.values, {*given, *pair.values}
-    names = [name for name in _ARRAY_NAMES if make_plan((name,), None, home, given=tuple(given)).inputs <= there]
-    arrays = arrays_of(pair, names, given, shapes, np.dtype(np.float64))
-    u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in given.values())
-    scales = _scales(pair, given, [kind for kind in KINDS if kind in names])
-    attitudes = np.isfinite(given["S1"]).all(axis=(-2, -1)) & np.isfinite(given["S2"]).all(axis=(-2, -1))
+    home, there = "home" in pair.values, {*motions, *pair.values}
+    names = [name for name in _ARRAY_NAMES if make_plan((name,), None, home, given=tuple(motions)).inputs <= there]
+    arrays = arrays_of(pair, names, motions, shapes, np.dtype(np.float64))
+    u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in motions.values())
+    scales = _scales(pair, motions, [kind for kind in KINDS if kind in names])
+    attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
     instants = None if t is None else _instants(t, shape)
     rows, left_out = [], np.zeros(shape, dtype=bool)
     for kind, scale in scales.items():
@@ -266,8 +266,8 @@ def residuals(
 
 def _instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
     """Return the instants, one for each sample."""
-    given = np.asarray(t)
-    array = given if given.dtype.kind in "mM" else real_array("t", t)
+    stamps = np.asarray(t)
+    array = stamps if stamps.dtype.kind in "mM" else real_array("t", t)
     try:
         return read_only(np.broadcast_to(array, shape))
     except ValueError:
@@ -286,22 +286,22 @@ def _check(
 ) -> ResidualCheck:
     """Judge one residual by its worst sample, the one with the largest part of its tolerance."""
     label, unit, _, formula, _ = KINDS[kind]
-    given = kind in allowed
-    if given:
+    is_given = kind in allowed
+    if is_given:
         tolerance = np.broadcast_to(allowed[kind], size.shape)
     else:
         with np.errstate(all="ignore"):
             tolerance = ROUNDOFF * np.maximum(np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny)
-    basis = "given" if given else f"{ROUNDOFF} u * ({formula})"
+    basis = "given" if is_given else f"{ROUNDOFF} u * ({formula})"
     if not known.any():
         return ResidualCheck(kind, label, unit, 0.0, 0.0, 0.0, math.nan, 0.0, None, None, 0, basis)
-    found = np.where(known, np.where(np.isfinite(size), size, np.inf), -np.inf)
+    sizes = np.where(known, np.where(np.isfinite(size), size, np.inf), -np.inf)
     with np.errstate(all="ignore"):
-        ratio = np.where(known, found / tolerance, -np.inf)
+        ratio = np.where(known, sizes / tolerance, -np.inf)
     worst = np.unravel_index(int(np.argmax(ratio)), size.shape)
     where = tuple(int(i) for i in worst)
-    highest = float(found.max())
-    relative = np.where(known, found, 0.0) / (highest if 0 < highest < np.inf else 1.0)  # squares stay in range
+    highest = float(sizes.max())
+    relative = np.where(known, sizes, 0.0) / (highest if 0 < highest < np.inf else 1.0)  # squares stay in range
     rms = highest if highest == np.inf else highest * math.sqrt(float(np.square(relative).sum()) / int(known.sum()))
     return ResidualCheck(
         kind,
@@ -309,7 +309,7 @@ def _check(
         unit,
         highest,
         rms,
-        float(found[worst]),
+        float(sizes[worst]),
         float(tolerance[worst]),
         float(ratio[worst]),
         where,

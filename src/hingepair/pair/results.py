@@ -57,8 +57,8 @@ class Result(Shown):
         raise NotImplementedError
 
     def __dir__(self) -> list[str]:
-        own = (name for name in object.__dir__(self) if not name.startswith("_") and name not in self._inner)
-        return sorted({*own, *self._named()})
+        attributes = (name for name in object.__dir__(self) if not name.startswith("_") and name not in self._inner)
+        return sorted({*attributes, *self._named()})
 
     def _named(self) -> Iterable[str]:
         """Return the attributes that a result has beside those of its class."""
@@ -94,9 +94,9 @@ class Result(Shown):
         variables: dict[str, Any] = {}
         letters: dict[str, list[str]] = {}
         for name, array in arrays.items():
-            own = "xyz" if 3 in array.shape[1:] else "xy"
-            dims = ("time", own, f"body_{own}")[: array.ndim]
-            letters |= {dim: list(own) for dim in dims[1:]}
+            axes = "xyz" if 3 in array.shape[1:] else "xy"
+            dims = ("time", axes, f"body_{axes}")[: array.ndim]
+            letters |= {dim: list(axes) for dim in dims[1:]}
             facts = {"units": unit_of(name), "long_name": _DESCRIPTIONS.get(name, "").partition(";")[0]}
             facts |= {"axes": "world"} if array.ndim > 1 else {}
             variables[name] = dims, array, {key: text for key, text in facts.items() if text}
@@ -267,29 +267,29 @@ def _parquet(file: IO[bytes], _: int, described: str) -> Iterator[Add]:
 
 @contextlib.contextmanager
 def _held(file: IO[bytes], samples: int, described: str, write: Callable[..., None]) -> Iterator[Add]:
-    found: dict[str, Any] = {}
+    kept: dict[str, Any] = {}
     count = 0
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
         nonlocal count
         for name, array in {"t": t, **arrays}.items():
             if len(t) == samples:
-                found[name] = array
+                kept[name] = array
             else:
-                found.setdefault(name, np.empty((samples, *array.shape[1:]), array.dtype))[count:][: len(t)] = array
+                kept.setdefault(name, np.empty((samples, *array.shape[1:]), array.dtype))[count:][: len(t)] = array
         count += len(t)
 
     yield add
-    write(file, found, described)
+    write(file, kept, described)
 
 
-def _write_npz(file: IO[bytes], found: dict[str, Any], _: str) -> None:
-    np.savez(file, **found)  # no other keyword: NumPy 2.1 takes each for an array
+def _write_npz(file: IO[bytes], kept: dict[str, Any], _: str) -> None:
+    np.savez(file, **kept)  # no other keyword: NumPy 2.1 takes each for an array
 
 
-def _write_netcdf(file: IO[bytes], found: dict[str, Any], described: str) -> None:
+def _write_netcdf(file: IO[bytes], kept: dict[str, Any], described: str) -> None:
     _needed("scipy", "save")
-    file.write(Record(found.pop("t"), found, described).to_xarray().to_netcdf(engine="scipy"))
+    file.write(Record(kept.pop("t"), kept, described).to_xarray().to_netcdf(engine="scipy"))
 
 
 def _needed(package: str, caller: str) -> Any:

@@ -132,17 +132,17 @@ def angular_velocity_from_samples(
 def _local_derivatives(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
     """Return first and, if `count` is 2, second derivatives of the rotation vectors about each sample."""
     path = _path(S)
-    found = [np.zeros(S.shape[:-1]) for _ in range(count)]
+    derivatives = [np.zeros(S.shape[:-1]) for _ in range(count)]
     with np.errstate(all="ignore"):
         for rows, neighbours, *weights in stencils(t, order):
-            own = np.arange(rows.start, rows.stop)
-            _check_turns(np.abs(path[..., neighbours] - path[..., own, None]).max(axis=-1, initial=0.0), own)
+            samples = np.arange(rows.start, rows.stop)
+            _check_turns(np.abs(path[..., neighbours] - path[..., samples, None]).max(axis=-1, initial=0.0), samples)
             for k, others in enumerate(neighbours.T):
                 theta = _rotation_between(S[..., rows, :, :], S[..., others, :, :])
-                theta[..., others == own, :] *= 0.0  # round-off; NaN where S is
-                for derivative, weight in zip(found, weights, strict=False):
+                theta[..., others == samples, :] *= 0.0  # round-off; NaN where S is
+                for derivative, weight in zip(derivatives, weights, strict=False):
                     derivative[..., rows, :] += weight[:, k, None] * theta
-    return found
+    return derivatives
 
 
 def _rotation_between(start: Float64Array, stop: Float64Array) -> Float64Array:

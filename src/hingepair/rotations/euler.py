@@ -185,8 +185,8 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
             expected = "angles away from gimbal lock, or at_lock='least_squares'"
             raise GimbalLockError("phi", expected, f"lock of {sequence}, middle angle {middle:.6g}{where}")
         J = euler_rate_matrix(np.broadcast_to(angles, (*shape, 3))[locked], sequence).astype(np.float64)
-        given = np.broadcast_to(velocity, (*shape, 3))[locked]
-        out["phid"][locked] = (np.linalg.pinv(J, rcond=limit) @ given[..., None])[..., 0]
+        velocities = np.broadcast_to(velocity, (*shape, 3))[locked]
+        out["phid"][locked] = (np.linalg.pinv(J, rcond=limit) @ velocities[..., None])[..., 0]
     return out["phid"]
 
 
@@ -269,14 +269,14 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
     True
     """
     order = find_sequence(sequence)
-    given = {"phi": vectors("phi", phi, 3)}
+    arguments = {"phi": vectors("phi", phi, 3)}
     tails: dict[str, tuple[int, ...]] = {"J": (3, 3), "J_inverse": (3, 3), "condition": (), "lock_distance": ()}
     if phid is not None:
-        given["phid"] = vectors("phid", phid, 3)
+        arguments["phid"] = vectors("phid", phid, 3)
         tails["J_dot"] = (3, 3)
-    shape = broadcast_shape({name: array.shape[:-1] for name, array in given.items()})
-    inputs = {name: components_of(array) for name, array in given.items()}
-    limit = _lock_limit(given["phi"])
+    shape = broadcast_shape({name: array.shape[:-1] for name, array in arguments.items()})
+    inputs = {name: components_of(array) for name, array in arguments.items()}
+    limit = _lock_limit(arguments["phi"])
 
     def function(values: Named) -> Named:
         trig = angle_terms(order.angles(values["phi"]))
@@ -292,5 +292,5 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
         found["lock_distance"] = np.arctan2(lock, common)
         return found
 
-    found = tabulate(function, inputs, tails, shape, result_dtype(given.values()))
+    found = tabulate(function, inputs, tails, shape, result_dtype(arguments.values()))
     return EulerKinematics(**{name: read_only(array) for name, array in found.items()})

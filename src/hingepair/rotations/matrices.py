@@ -212,13 +212,13 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
     Raises:
         RotationError: a quaternion is zero.
     """
-    given = vectors(name, quat, 4)
-    if np.any((given == 0).all(axis=-1)):
+    quaternions = vectors(name, quat, 4)
+    if np.any((quaternions == 0).all(axis=-1)):
         raise RotationError(name, "non-zero quaternions", "a zero quaternion")
-    parts = components_of(given)
+    parts = components_of(quaternions)
     order = parts if scalar_first else (parts[3], *parts[:3])
     S = tabulate_one(lambda v: eq.quaternion_attitude(direction(v["q"])), {"q": order}, (3, 3), np.dtype(np.float64))
-    return S.astype(result_dtype((given,)), copy=False)
+    return S.astype(result_dtype((quaternions,)), copy=False)
 
 
 def project_to_rotation(M: ArrayLike) -> FloatArray:

@@ -222,16 +222,16 @@ class Robot:
         Raises:
             URDFError: no such joint, two, or one that is no hinge; lists those that would do.
         """
-        found = [joint for joint in self.joints if joint.name == name and name]
-        if len(found) > 1:
+        joints = [joint for joint in self.joints if joint.name == name and name]
+        if len(joints) > 1:
             raise URDFError("joint", "each name once", f"{name!r} twice")
-        if found and found[0].type in HINGES:
-            return found[0]
+        if joints and joints[0].type in HINGES:
+            return joints[0]
         known = [hinge.name for hinge in self.hinges()]
         if not known:
             raise URDFError("joint", "a robot with a revolute or continuous joint", quoted(name))
-        if found:
-            raise URDFError("joint", choices(known), f"{name!r}, which is {found[0].type or 'of no type'}")
+        if joints:
+            raise URDFError("joint", choices(known), f"{name!r}, which is {joints[0].type or 'of no type'}")
         raise URDFError("joint", choices(known) + nearest(str(name), known), quoted(name))
 
     def check_declared(self, name: str, joint: Joint) -> None:
