@@ -108,6 +108,28 @@ def test_forces_are_within_their_bounds(arm, sizes, base, backend):
         check(name, getattr(found, name), exact, 1, bounds[name], scales[name])
 
 
+def test_forces_of_followers_are_within_their_bounds():
+    """Two hands whose fingers follow, on a lift that carries all: Pinocchio's own torques are past these bounds."""
+    robot = hp.load_robot("tiago_pro")
+    ratios = {joint.mimic.multiplier for joint in robot.tree.joints if joint.mimic}
+    assert ratios == {1.0, -1.0}  # so that the positions of followers are exact
+    rng, count = states.generator(802), 2
+    sizes = np.array((3.0, 2.0, 5.0))[:, None, None]
+    coordinates = rng.uniform(-1, 1, (3, count, robot.dof)) * sizes
+    twin = hp.to_pinocchio(robot)
+    assert not twin.offsets.any()
+    free = replace(robot.tree, joints=tuple(replace(joint, mimic=None) for joint in robot.tree.joints))
+    still = np.zeros((count, 3))
+    parts = [still, np.stack([np.eye(3)] * count), still, still, still, still]
+    with mpmath.workdps(DIGITS):
+        _, _, each = RobotReference(free, parts, *(part @ twin.ratios.T for part in coordinates)).forces(
+            base_counts=False
+        )
+        exact = each @ twin.ratios
+    off = errors(robot.inverse_dynamics(*coordinates).tau, exact, 1)
+    assert (off <= robot.error_bounds(*coordinates, outputs=("tau",))["tau"]).all()
+
+
 @pytest.mark.parametrize("base", ["fixed", "free"])
 @pytest.mark.parametrize("arm", LINKS)
 def test_the_mass_matrix_is_what_unit_accelerations_take(arm, base):

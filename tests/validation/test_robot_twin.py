@@ -91,6 +91,15 @@ def test_the_twin_has_masses_that_no_rigid_body_has():
     assert masses == [inertia.mass for inertia in list(model.inertias)[1:]]
 
 
+@pytest.mark.parametrize("name", ["iris_simple", "ur5_robot"])
+def test_the_twin_has_the_masses_to_the_last_bit(name):
+    """However many links a body has: with each that it adds, Pinocchio rounds the masses."""
+    robot = hp.load_robot(name, base="free")
+    bodies = [robot.tree.base, *(joint.body for joint in robot.tree.joints)]
+    for own, inertia in zip(bodies, list(hp.to_pinocchio(robot).model.inertias)[1:], strict=True):
+        assert (inertia.mass, inertia.lever.tolist()) == (own.mass, own.center_of_mass.tolist())
+
+
 # ---------------------------------------------------------------- the report
 
 MASS = '><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -205,3 +214,45 @@ def test_a_robot_without_joints_is_compared():
         empty = np.zeros((3, 0))
         report = hp.cross_validate(robot, empty, empty, empty, base_motion=base_motion(rng, 3))
         assert (report.ok, len(report.rows)) == (True, outputs), str(report)
+
+
+def pendulum(*masses):
+    """Two hinges about y in series with point masses a metre behind each; a mass of 0 is none."""
+    model = pin.Model()
+    for name, reach, mass in zip(("upper", "lower"), (0.0, 1.0), masses, strict=True):
+        place = pin.SE3(np.eye(3), np.array((reach, 0, 0)))
+        number = model.addJoint(model.njoints - 1, pin.JointModelRY(), place, name)
+        model.appendBodyToJoint(
+            number, pin.Inertia(mass, np.array((1.0, 0, 0)), np.zeros((3, 3))), pin.SE3.Identity()
+        )
+    return hp.Mechanism.from_pinocchio(model)
+
+
+@pytest.mark.filterwarnings("ignore::hingepair.DynamicsWarning")
+def test_what_a_singular_mass_matrix_leaves_is_said():
+    """Nothing resists a joint without mass; nothing resists folding an arm whose one mass is at its straight tip."""
+    q = np.array(((0.3, 0.4), (0.3, 0.0), (0.1, 1.0)))
+    report = hp.cross_validate(pendulum(2, 0), q, q, q)
+    row = report.rows[-1]
+    assert (row.output, row.samples, row.singular) == ("forward_dynamics", 0, 3)
+    assert report.ok, str(report)
+    assert report.verdict.endswith("; not compared: forward_dynamics")
+    where = "not compared at 3 of 3 samples, where the mass matrix is singular: nothing resists joint 'lower'"
+    assert where in str(report)
+    assert json.loads(report.to_json())["rows"][-1]["singular"] == 3
+    report = hp.cross_validate(pendulum(0, 2), q, q, q)
+    assert (report.rows[-1].samples, report.rows[-1].singular) == (2, 1), str(report)
+    assert "forward_dynamics is not compared at 1 of 3 samples" in str(report)
+    assert report.verdict == "PASSED: 17 outputs of 3 samples within 16 u*scale of Pinocchio"
+
+
+def test_accelerations_that_are_missing_fail(monkeypatch):
+    """What the mass matrix does not excuse."""
+    robot, q = hp.load_robot("ur5_robot"), np.linspace(-2, 2, 24).reshape(4, 6)
+    by_equations = robot_check._by_equations
+
+    def harmed(*given):
+        return by_equations(*given) | {"qdd": np.full((4, 6), np.nan)}
+
+    monkeypatch.setattr(robot_check, "_by_equations", harmed)
+    assert hp.cross_validate(robot, q, q, q).verdict == "FAILED: forward_dynamics"

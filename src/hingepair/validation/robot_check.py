@@ -49,8 +49,11 @@ def cross_validate_robot(
     twin = robot_twin(robot, flies=True)
     twin.model.gravity = import_pinocchio("cross_validate").Motion(fall, np.zeros(3))
     theirs = _by_pinocchio(robot, twin, samples, names, tips)
+    singular: list[str] = []
     if "tau" in theirs:
-        ours["forward_dynamics"], theirs["forward_dynamics"] = _left_over(robot, twin, samples, ours, theirs)
+        ours["forward_dynamics"], theirs["forward_dynamics"], singular = _left_over(
+            robot, twin, samples, ours, theirs
+        )
     scales = _scales(robot, twin, samples, places, tips, fall, ours)
     labels = dict.fromkeys((*MOTION, "d"), names) | {"jacobian": tips, "tau": robot.names}
     labels["forward_dynamics"] = (*_BASE, *robot.names) if robot.base == "free" else robot.names
@@ -60,6 +63,8 @@ def cross_validate_robot(
         if expected.size or not samples.finite.size:  # a robot without joints has neither tau nor mass matrix
             error, ratio = _errors(ours[name], expected, scales[name], samples.u, len(parts))
             rows.append(RobotComparison.worst_of(name, error, ratio, samples.shape, parts))
+            if name == "forward_dynamics" and singular:
+                rows[-1] = replace(rows[-1], singular=len(singular), unresisted=singular[0])
     return RobotValidation(
         robot.name, robot.base, len(places), samples.shape, samples.skipped, samples.u, tuple(rows)
     )
@@ -252,10 +257,11 @@ def _left_over(
     samples: _Samples,
     ours: Mapping[str, Float64Array],
     theirs: Mapping[str, Float64Array],
-) -> tuple[Float64Array, Float64Array]:
+) -> tuple[Float64Array, Float64Array, list[str]]:
     """Return what acts by Pinocchio's rnea where the robot accelerates as we say, and where it does as it was given.
 
-    Not compared, NaN, where we give none since the mass matrix is singular.
+    Where we give no accelerations since Pinocchio's mass matrix is singular, the latter is NaN: nothing is compared.
+    The third result says, for each of these samples, which joint nothing resists.
     """
     pin = import_pinocchio("cross_validate")
     base = samples.base
@@ -269,17 +275,27 @@ def _left_over(
         expected = np.concatenate((theirs["force1"], theirs["torque1"], expected), axis=-1)
     expected = expected.copy()
     got = np.full_like(expected, np.nan)
+    singular: list[str] = []
     for i in np.flatnonzero(samples.finite):
         if np.isfinite(a[i]).all():
             got[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i]) @ columns[i]
-        elif _is_singular(theirs["mass_matrix"][i]):
+        elif joint := _unresisted(robot, theirs["mass_matrix"][i]):
             expected[i] = np.nan
-    return got, expected
+            singular.append(joint)
+    return got, expected, singular
 
 
-def _is_singular(matrix: Float64Array) -> bool:
+def _unresisted(robot: Mechanism, matrix: Float64Array) -> str:
+    """Return a phrase on the joint that moves most where a singular mass matrix resists nothing; else nothing."""
     size = np.sqrt(np.abs(np.diagonal(matrix)))
-    return not size.all() or bool(np.linalg.eigvalsh(matrix / size / size[:, None])[0] < _REGULAR)
+    motion = (size == 0).astype(float)
+    if size.all():
+        least, motions = np.linalg.eigh(matrix / size / size[:, None])
+        motion = motions[:, 0] if least[0] < _REGULAR else motion
+    if not motion.any():
+        return ""
+    names = ("the base",) * (len(size) - robot.dof) + tuple(f"joint {name!r}" for name in robot.names)
+    return f"nothing resists {names[int(np.argmax(np.abs(motion)))]}"
 
 
 def _scales(

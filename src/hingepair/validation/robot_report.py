@@ -28,6 +28,8 @@ class RobotComparison:
         worst_part: the link or joint that has the largest ratio; "" of what the robot has as a whole.
         samples: how many samples were compared.
         bound: the ratio that passes.
+        singular: how many samples were left out because the mass matrix is singular there.
+        unresisted: the joint that nothing resists at the first of these samples; "" where there are none.
     """
 
     output: str
@@ -37,11 +39,21 @@ class RobotComparison:
     worst_part: str
     samples: int
     bound: float = PINOCCHIO_BOUND
+    singular: int = 0
+    unresisted: str = ""
 
     @property
     def ok(self) -> bool:
-        """Something was compared, and every sample is within the bound."""
-        return self.samples > 0 and self.max_ratio <= self.bound
+        """Every sample that can be compared is within the bound; there are some, or all were found to be singular."""
+        return (self.samples > 0 or self.singular > 0) and self.max_ratio <= self.bound
+
+    @property
+    def note(self) -> str:
+        """A sentence on the samples that were left out; empty where there are none."""
+        if not self.singular:
+            return ""
+        where = f"{self.singular} of {self.samples + self.singular} samples"
+        return f"{self.output} is not compared at {where}, where the mass matrix is singular: {self.unresisted}"
 
     @classmethod
     def worst_of(
@@ -100,7 +112,7 @@ class RobotValidation(Shown):
     @property
     def ok(self) -> bool:
         """Every output of every finite sample is within its bound, and there was something to compare."""
-        return bool(self.rows) and all(row.ok for row in self.rows)
+        return any(row.samples for row in self.rows) and all(row.ok for row in self.rows)
 
     @property
     def verdict(self) -> str:
@@ -111,8 +123,10 @@ class RobotValidation(Shown):
         failed = [row.output for row in self.rows if not row.ok]
         if failed:
             return f"FAILED: {', '.join(failed)}{beside}"
-        outputs = f"{len(self.rows)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
-        return f"PASSED: {outputs} within {PINOCCHIO_BOUND} u*scale of Pinocchio{beside}"
+        left = [row.output for row in self.rows if not row.samples]
+        outputs = f"{len(self.rows) - len(left)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
+        without = f"; not compared: {', '.join(left)}" if left else ""
+        return f"PASSED: {outputs} within {PINOCCHIO_BOUND} u*scale of Pinocchio{without}{beside}"
 
     def __str__(self) -> str:
         title, lines, notes = self._sheet()
@@ -124,18 +138,20 @@ class RobotValidation(Shown):
     def _sheet(self) -> Sheet:
         title = f"{self.name}: the equations against Pinocchio, {self.base} base, {self.frames} frames"
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel, summed over the joints"
-        return Sheet(title, (_HEADER, *map(_cells, self.rows)), (unit, self.verdict))
+        notes = [row.note for row in self.rows if row.note]
+        return Sheet(title, (_HEADER, *map(_cells, self.rows)), (unit, *notes, self.verdict))
 
     def to_json(self) -> str:
         """Return the report as JSON; a number that is not finite is null."""
         names = ("name", "base", "frames", "ok", "verdict", "samples", "compared", "skipped", "u")
-        rows = [{**asdict(row), "ok": row.ok} for row in self.rows]
+        rows = [{**asdict(row), "ok": row.ok, "note": row.note} for row in self.rows]
         return json_text({**{name: getattr(self, name) for name in names}, "rows": rows})
 
 
 def _cells(row: RobotComparison) -> tuple[str, ...]:
     if row.worst_sample is None:
-        return row.output, "-", "-", f"{row.bound:g}", "-", "-", "0", "nothing compared"
+        verdict = "not compared" if row.singular else "nothing compared"
+        return row.output, "-", "-", f"{row.bound:g}", "-", "-", "0", verdict
     where = ",".join(map(str, row.worst_sample)) or "-"
     ratio = f"{row.max_ratio:.2f}" if row.max_ratio < 1e6 else f"{row.max_ratio:.1e}"
     part, verdict = printable(row.worst_part) or "-", "ok" if row.ok else "FAILED"

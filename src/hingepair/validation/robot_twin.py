@@ -113,20 +113,21 @@ def robot_twin(robot: Mechanism, *, flies: bool | None = None) -> RobotTwin:
     known = {joint.name for joint in tree.joints}
     flyer = "root_joint" if "root_joint" not in known else max(known, key=len) + "_root"
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), flyer) if flying else 0
-    if robot.base == "free":
-        model.appendBodyToJoint(root, _inertia(pin, tree.base), pin.SE3.Identity())
     kinds = {"hinge": pin.JointModelRevoluteUnaligned, "slider": pin.JointModelPrismaticUnaligned}
     for joint in tree.joints:
         axis, placement = np.array(joint.n), pin.SE3(np.array(joint.S), np.array(joint.u))
         limits = [np.array([value]) for value in (joint.effort_limit, joint.rate_limit, *joint.position_limits)]
         number = model.addJoint(root + joint.parent, kinds[joint.kind](axis), placement, joint.name, *limits)
-        model.appendBodyToJoint(number, _inertia(pin, joint.body), pin.SE3.Identity())
         model.addJointFrame(number)
         model.armature[model.joints[number].idx_v] = joint.armature
     for kind, frames in ((pin.FrameType.BODY, tree.links), (pin.FrameType.OP_FRAME, tree.frames)):
         for name, frame in frames.items():
             placement = pin.SE3(np.array(frame.S), np.array(frame.R))
             model.addFrame(pin.Frame(name, root + frame.body, placement, kind))
+    if robot.base == "free":
+        model.inertias[root] = _inertia(pin, tree.base)
+    for number, joint in enumerate(tree.joints, root + 1):  # after all frames: adding one rounds the masses
+        model.inertias[number] = _inertia(pin, joint.body)
     columns = {joint.name: column for column, joint in enumerate(tree.coordinates)}
     ratios, offsets = np.zeros((len(tree.joints), len(columns))), np.zeros(len(tree.joints))
     for row, joint in enumerate(tree.joints):
