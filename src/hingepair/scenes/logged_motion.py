@@ -6,9 +6,10 @@ models/SCENES.md tells the columns. Others are refused: a misspelt one would be 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,11 +47,40 @@ ARRAYS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Array -> its columns."""
 COLUMNS: Final = tuple(dict.fromkeys(("t", *(column for own in ARRAYS.values() for column in own))))
-_RESULTS: Final = frozenset({*SPATIAL.levels, *PLANAR.levels})
 
 Part: TypeAlias = dict[str, Float64Array]
 """A quantity and its derivatives by name, as far as they are known; shape (N, k) each."""
 
+
+class Layout(NamedTuple):
+    """What the columns of a log may be.
+
+    Attributes:
+        arrays: columns of each array, by name; what is in no array is a column by itself.
+        columns: all of them.
+        angles: the arrays and columns that hold angles.
+        results: what the names of columns of results begin with, up to the first `_`.
+        written: how `hingepair run` writes such a log, for messages.
+    """
+
+    arrays: Mapping[str, tuple[str, ...]]
+    columns: tuple[str, ...]
+    angles: frozenset[str]
+    results: frozenset[str]
+    written: str
+
+    def columns_of(self, name: str) -> tuple[str, ...]:
+        """Return the names of the columns of an array; what is no array is a column itself."""
+        return self.arrays.get(name, (name,))
+
+
+_OF_A_PAIR: Final = Layout(
+    ARRAYS,
+    COLUMNS,
+    frozenset({"phi", "psi"}),
+    frozenset({*SPATIAL.levels, *PLANAR.levels}),
+    "run --outputs q,qd,qdd --out FILE writes what is read here",
+)
 _POSITION = ("R1", "v1", "a1")
 _HINGE = ("psi", "psid", "psidd")
 _EULER = ("phi", "phid", "phidd")
@@ -71,14 +101,19 @@ def read_log(table: Table, folder: Path) -> Motion:
         table.fail("unwrap", f"{wanted} beside it, or no such key: it decides how angles are differentiated")
     keys = start if integrated else ("sequence", "unwrap")
     table.check_keys(("file", "differentiate", "integrate", "frame", *keys))
-    file = folder / table.text("file")
-    if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
-        table.refuse("file", "a file of samples that can be read", f"no such file: {file}")
-    log = _Log(file, completed, unwrap)
+    log = Log(log_file(table, folder), _OF_A_PAIR, completed, unwrap)
     return _integrated(table, log) if integrated else _stated(table, log)
 
 
-def _frame(table: Table, log: _Log) -> str:
+def log_file(table: Table, folder: Path) -> Path:
+    """Return the path of the file that the table [motion] names, relative to a folder; refuse one that is not there."""
+    file = folder / table.text("file")
+    if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
+        table.refuse("file", "a file of samples that can be read", f"no such file: {file}")
+    return file
+
+
+def _frame(table: Table, log: Log) -> str:
     """Return the axes of a log's angular velocities, which the table must name; "world" where the log has none."""
     rates = [column for name in _QUATERNION[1:] for column in ARRAYS[name] if column in log.columns]
     if "frame" in table.values and not rates:
@@ -89,29 +124,33 @@ def _frame(table: Table, log: _Log) -> str:
     return table.choice("frame", FRAMES)
 
 
-def _columns_of(name: str) -> tuple[str, ...]:
-    """Return the names of the columns of an array; what is no array is a column itself."""
-    return ARRAYS.get(name, (name,))
-
-
-class _Log(Place):
+class Log(Place):
     """The columns of a file, and derivatives of them.
+
+    Args:
+        path: the file.
+        layout: what its columns may be.
+        completed: whether derivatives that the file lacks are found by finite differences.
+        unwrap: whether angles are unwrapped before; None where they are if they jump by whole turns.
 
     Attributes:
         derived: names of the derivatives that were found by finite differences.
         notes: sentences on instants, on angles that were unwrapped or may have to be, and on units.
     """
 
-    def __init__(self, path: Path, completed: bool, unwrap: bool | None) -> None:
+    def __init__(self, path: Path, layout: Layout, completed: bool, unwrap: bool | None) -> None:
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
+        self.layout = layout
         self.completed = completed
         self.unwrap = unwrap
         self.hint = "" if completed else "; motion.differentiate = true gives the others"
         self.derived: list[str] = []
         self.notes: list[str] = []
         kind = path.suffix.lower()
-        known = (*ARRAYS, *COLUMNS) if kind == ".npz" else COLUMNS
-        wanted = Wanted(lambda names: self._checked(names, known), lambda name, _: ARRAYS.get(name, name), exact="t")
+        known = (*layout.arrays, *layout.columns) if kind == ".npz" else layout.columns
+        wanted = Wanted(
+            lambda names: self._checked(names, known), lambda name, _: layout.arrays.get(name, name), exact="t"
+        )
         with self.naming():
             self.columns = read_columns(path, wanted)
             if "t" not in self.columns:
@@ -132,9 +171,8 @@ class _Log(Place):
         for i, name in enumerate(names):
             if name not in known:
                 got = f"an unknown column{nearest(name, known)}"
-                if name.partition("_")[0] in _RESULTS:
-                    way = "run --outputs q,qd,qdd --out FILE writes what is read here"
-                    got = f"a column of results, which are no motion ({way})"
+                if name.partition("_")[0] in self.layout.results:
+                    got = f"a column of results, which are no motion ({self.layout.written})"
                 self.refuse(repr(name[:40]), choices(known), got)
             if name in names[:i]:
                 self.refuse(name, "a column once", "a second one")
@@ -159,11 +197,11 @@ class _Log(Place):
                         if key not in found:
                             found[key] = derivative
                             self.derived.append(key)
-        return {name: array if name in ARRAYS else array[:, 0] for name, array in found.items()}
+        return {name: array if name in self.layout.arrays else array[:, 0] for name, array in found.items()}
 
     def _together(self, name: str, required: bool) -> NDArray[np.float64] | None:
         """Return the columns of an array side by side; None where none of them is there and none need be."""
-        own = _columns_of(name)
+        own = self.layout.columns_of(name)
         there = [column for column in own if column in self.columns]
         if not there and not required:
             return None
@@ -177,7 +215,7 @@ class _Log(Place):
         columns = array.reshape(len(array), -1)
         for sample, i in np.argwhere(~np.isfinite(columns))[:1]:
             got = f"{columns[sample, i]} at sample {sample}"
-            self.refuse(_columns_of(name)[i], f"finite numbers, to be {use}", got)
+            self.refuse(self.layout.columns_of(name)[i], f"finite numbers, to be {use}", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
         """Return the rotation matrices of quaternions; refuse one that is zero."""
@@ -196,8 +234,9 @@ class _Log(Place):
                 )
             return np.asarray(omega), np.asarray(alpha)
         columns = list(array.T)
-        if name in {"phi", "psi"}:
-            columns = [self._continuous(*own) for own in zip(_columns_of(name), columns, strict=True)]
+        if name in self.layout.angles:
+            named = zip(self.layout.columns_of(name), columns, strict=True)
+            columns = [self._continuous(*own) for own in named]
         found = [differentiate(self.since, column, ORDER) for column in columns]
         return np.stack([first for first, _ in found], axis=-1), np.stack([second for _, second in found], axis=-1)
 
@@ -229,7 +268,7 @@ class _Log(Place):
         return f"{', '.join(self.derived)} {be} found by finite differences; how far off is not known"
 
 
-def _stated(table: Table, log: _Log) -> Motion:
+def _stated(table: Table, log: Log) -> Motion:
     """Return the motion that the file states: position, attitude, hinge angle."""
     attitude = _attitude(log)
     if attitude is _QUATERNION and "sequence" in table.values:
@@ -256,10 +295,10 @@ def _stated(table: Table, log: _Log) -> Motion:
     return Motion(log.t, given, "samples in a file", how, {}, doubt, log.hint, notes=notes, derived=derived)
 
 
-def _integrated(table: Table, log: _Log) -> Motion:
+def _integrated(table: Table, log: Log) -> Motion:
     """Return the motion whose rates the file states, integrated (E12)."""
     rates = (_QUATERNION[1:], _HINGE[1:])
-    read = {"t", *(column for names in (_POSITION, *rates) for name in names for column in _columns_of(name))}
+    read = {"t", *(column for names in (_POSITION, *rates) for name in names for column in log.layout.columns_of(name))}
     for column in log.columns:
         if column not in read:
             log.refuse(column, "columns of rates and of R1, since motion.integrate is true", "a column")
@@ -281,7 +320,7 @@ def _integrated(table: Table, log: _Log) -> Motion:
     )
 
 
-def _attitude(log: _Log) -> tuple[str, ...]:
+def _attitude(log: Log) -> tuple[str, ...]:
     """Return the names of the attitude and its rates, angles or quaternions; refuse columns of the other kind."""
     euler = any(column in log.columns for column in ARRAYS["phi"])
     own, other = (_EULER, _QUATERNION) if euler else (_QUATERNION, _EULER)
@@ -294,13 +333,13 @@ def _attitude(log: _Log) -> tuple[str, ...]:
     return own
 
 
-def _level(log: _Log, parts: dict[tuple[str, ...], Part]) -> int:
+def _level(log: Log, parts: dict[tuple[str, ...], Part]) -> int:
     """Return the highest derivative of the motion; refuse derivatives of some parts without those of the others."""
     level = max(i for names, part in parts.items() for i in range(3) if names[i] in part)
     for names, part in parts.items():
         for name in names[: level + 1]:
             if name not in part:
-                column = _columns_of(name)[0]
+                column = log.layout.columns_of(name)[0]
                 log.refuse(column, "a column, beside rates of others (or differentiate = true)", "no such column")
     return level
 
