@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hingepair.cli.output import give, listed
-from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, TextFile, inputs_of, is_urdf, named
+from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, TextFile, inputs_of, is_urdf, named, of_a_pair
 from hingepair.errors import HingePairError
 from hingepair.scenes.scene import SCENE_OUTPUTS, Scene
 
@@ -50,7 +50,8 @@ def derive(
     from hingepair.scenes.derive import derive as closed_forms
     from hingepair.scenes.derive import derive_any_motion
 
-    found, letters = named(source, joint, body1_frame, body2_frame), listed("--symbolic", symbolic) or ()
+    found = of_a_pair(named(source, joint, body1_frame, body2_frame))
+    letters = listed("--symbolic", symbolic) or ()
     if isinstance(found, Scene) and found.motion.simulated:
         found = found.pair
     if isinstance(found, Scene) or joint is not None or is_urdf(source):

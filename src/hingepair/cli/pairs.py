@@ -6,7 +6,7 @@ import contextlib
 import os
 import warnings
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -26,6 +26,9 @@ from hingepair.scenes.scene import Scene, load_pair, load_scene, load_setup, sce
 from hingepair.scenes.simulated_motion import PRESCRIBED, DynamicsSetup
 from hingepair.scenes.tables import read_tables
 from hingepair.urdf.reader import read_urdf
+
+if TYPE_CHECKING:
+    from hingepair.scenes.mechanisms.scene import MechanismScene
 
 Source = Annotated[
     str,
@@ -75,12 +78,23 @@ def named_robot(source: str) -> Mechanism | None:
     return None
 
 
-def named(source: str, joint: str | None, *frames: str | None) -> Scene | HingePair | PlanarPair:
+def named(source: str, joint: str | None, *frames: str | None) -> Scene | MechanismScene | HingePair | PlanarPair:
     """Return the scene of a file that has a motion, or else the pair."""
     scene = joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
     if scene and {"motion", "dynamics"} & read_tables(source).values.keys():
         return load_scene(source)
     return named_pair(source, joint, *frames)
+
+
+def of_a_pair(found: Scene | MechanismScene | HingePair | PlanarPair) -> Scene | HingePair | PlanarPair:
+    """Return the scene of a pair, or a pair; refuse the scene of a mechanism.
+
+    Raises:
+        ArgumentError: the scene is that of a mechanism.
+    """
+    if not isinstance(found, Scene | HingePair | PlanarPair):
+        raise ArgumentError("SCENE", "the scene of a pair, or a hinge", "the scene of a whole mechanism")
+    return found
 
 
 def inputs_of(source: str) -> tuple[Path, ...]:

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Annotated
 
 from hingepair.cli.output import PICTURES, Outputs, check_picture, console, file_option, listed, save_figure
-from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, inputs_of, named
+from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, inputs_of, named, of_a_pair
 from hingepair.cli.scenes import SceneFile
 from hingepair.errors import ArgumentError
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pictures.page import view as page_of
 from hingepair.pictures.plot import plot as figure_of
-from hingepair.scenes.scene import load_scene
+from hingepair.scenes.scene import Scene, load_scene
 
 _NAMED = "unless told, here and named as the scene is, where no such file exists."
 
@@ -29,6 +29,8 @@ def plot(
     out = out or _unused(f"{scene_file.stem}.png")
     check_picture("--out", out)
     scene = load_scene(scene_file)
+    if not isinstance(scene, Scene):
+        raise ArgumentError("SCENE", "the scene of a pair", "the scene of a mechanism")
     figure = figure_of(scene, listed("--outputs", outputs))
     save_figure(figure, out, scene.files, dpi=110)
     console().print(f"written: {out}")
@@ -46,7 +48,7 @@ def view(
     One HTML file for any browser, without a network. A scene moves as it says; without a motion, and of the
     joint of a robot or of a URDF file, the hinge turns through its limits.
     """
-    found = named(source, joint, body1_frame, body2_frame)
+    found = of_a_pair(named(source, joint, body1_frame, body2_frame))
     name = Path(source).stem if joint is None else f"{Path(source).stem}_{Path(joint).name}"
     out = out or _unused(f"{name}.html")
     page = page_of(found.to_spatial() if isinstance(found, PlanarPair) else found)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.console import Console
 
 from hingepair.cli.output import (
@@ -27,13 +29,20 @@ from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import instant, json_text, unit_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import ENDINGS, check_ending, column_names, result_file
-from hingepair.scenes.forces import SceneForces
-from hingepair.scenes.scene import Scene, load_scene
+from hingepair.scenes.explain import ScenePlan
+from hingepair.scenes.mechanisms.forces import load_rows
+from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
+from hingepair.scenes.scene import Scene, SceneResult, load_scene
 from hingepair.validation.cross_validate import cross_validate
+from hingepair.validation.report import CrossValidation
+from hingepair.validation.robot_report import RobotValidation
 from hingepair.validation.robot_states import random_and_hard_states
 
 MOST_CHECKED = 10_001
 """Instants that `check` takes through Pinocchio at most, evenly spread: about a second."""
+
+MOST_CHECKED_OF_MECHANISM = 501
+"""Instants of a mechanism that `check` takes through Pinocchio at most: some seconds of a humanoid."""
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 Results = Annotated[Path | None, file_option(f"Write all instants to FILE ({', '.join(ENDINGS)}).")]
@@ -48,7 +57,7 @@ def run(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Compute the motion of body 2 and show what came out.
+    """Compute the motion of body 2, or of a mechanism's frames, and show what came out.
 
     The table shows three instants and the range of each component; --out writes all of them. A .csv or .parquet is
     written as the motion is computed, however long it is.
@@ -57,13 +66,15 @@ def run(
         check_ending(out)
     scene = load_scene(scene_file)
     names = listed("--outputs", outputs)
+    plan = _plan(scene, names) if explain else None
     summary = Summary(scene)
     with contextlib.ExitStack() as opened:
         add = None
         if out is not None:
             opened.enter_context(said_if_stopped(out))
-            add = opened.enter_context(result_file(out, scene.samples, scene.title, scene.files))
-        for part in watched(scene.blocks(names), scene.samples):
+            add = opened.enter_context(result_file(out, scene.samples, scene.title, scene.files, scene.unit))
+        parts: Iterable[SceneResult | MechanismSceneResult] = scene.blocks(names)
+        for part in watched(parts, scene.samples):
             summary.add(part)
             if add is not None:
                 add(part.t, part.recorded())
@@ -72,12 +83,12 @@ def run(
         largest = {r.label: {"largest": r.largest, "in_u_scale": r.ratio} for r in residuals}
         found = {**_facts(scene), "not_finite": summary.lost, "outputs": summary.ranges(), "residuals": largest}
         found |= {"notes": notes, "file": None if out is None else str(out)}
-        print(json_text(found | ({"plan": asdict(scene.plan(names))} if explain else {})))
+        print(json_text(found | ({"plan": asdict(plan)} if plan else {})))
         return
     screen = console()
     _head(screen, scene)
-    if explain:
-        screen.print(str(scene.plan(names)))
+    if plan:
+        screen.print(str(plan))
     print_components(screen, summary.table())
     some = summary.lost < scene.samples
     if summary.lost:
@@ -99,7 +110,8 @@ def check(
     Of a scene the motion of body 2 is compared.
     Pose, velocities and accelerations are computed by the equations and by Pinocchio. Of a motion by [dynamics] the
     loads are compared with the forces that Pinocchio's inverse dynamics (rnea) finds for it, and the rates with the
-    slopes of what they are the rates of. At most 10,001 instants are compared, evenly spread. The exit code is 1
+    slopes of what they are the rates of. At most 10,001 instants are compared, evenly spread. Of a mechanism all
+    links, forces, the mass matrix and more are compared along the motion, at 501 instants at most. The exit code is 1
     where a difference is past its bound.
 
     A whole robot is compared at random and at hard states (tiny, straight and huge angles, no and fast rates): the
@@ -111,7 +123,11 @@ def check(
         print(compared.to_json() if as_json else compared)
         raise typer.Exit(0 if compared.ok else 1)
     scene = load_scene(Path(source))
-    report = scene.cross_validate(MOST_CHECKED)
+    report: CrossValidation | RobotValidation
+    if isinstance(scene, Scene):
+        report, notes = scene.cross_validate(MOST_CHECKED), scene.motion.notes
+    else:
+        report, notes = scene.cross_validate(MOST_CHECKED_OF_MECHANISM), scene.joint_motion.notes
     if as_json:
         print(report.to_json())
     else:
@@ -120,7 +136,7 @@ def check(
         if report.samples < scene.samples:
             screen.print(f"{report.samples} of the {scene.samples} instants are compared, evenly spread")
         print(report)
-        for note in scene.motion.notes:
+        for note in notes:
             screen.print(f"note: {note}")
     raise typer.Exit(0 if report.ok else 1)
 
@@ -143,13 +159,19 @@ def forces(
     it is split into motor, spring, damper, friction and stop. bearing_torque is what the bearing carries across the
     axis, hinge_force acts at the hinge point, all of them of body 1 on body 2; force1 and torque1 act on body 1 at
     R1. World axes. Of a log the table shows what the noise of its samples makes of each number.
+
+    Of a mechanism every motor's torque (of a slider force) stands beside its limit, the coordinates and rates of the
+    joints beside theirs; force1 and torque1 act on the base about its reference point: of a fixed base its reaction.
     """
     if out is not None:
         check_ending(out)
     scene = load_scene(scene_file)
+    if not isinstance(scene, Scene):
+        _forces_of_mechanism(scene, gravity, out, as_json)
+        return
     found = scene.forces(None if gravity is None else _vector(gravity, len(scene.pair.u1)))
     written = None if out is None else str(found.save(out))
-    rows = _ranges(found)
+    rows = _ranges(found.t, found.recorded(), found.noise)
     own_doubt = scene.motion.doubt if found.noise else ""  # the note on noise says more
     notes = (*found.notes, *(note for note in scene.notes() if note != own_doubt))
     if as_json:
@@ -158,23 +180,44 @@ def forces(
         return
     screen = console()
     _head(screen, scene)
-    screen.print(f"gravity = ({', '.join(f'{component:g}' for component in found.gravity)}) m/s^2")
-    headings = [
-        "",
-        "unit",
-        "first",
-        "smallest",
-        "largest",
-        "rms",
-        "max |.| at t",
-        *(["by noise"] if found.noise else []),
-    ]
-    lines = [
-        (name, unit_of(name), *(f"{value + 0.0:.5g}" for value in sizes), instant(t), *(f"{n:.2g}" for n in noise))
-        for name, (*sizes, t, noise) in ((name, _cells(row)) for name, row in rows.items())
-    ]
-    print_components(screen, [headings, *lines])
+    _print_gravity(screen, found.gravity)
+    print_components(screen, _component_rows(rows, noise=bool(found.noise)))
     _foot(screen, notes, out)
+
+
+def _forces_of_mechanism(scene: MechanismScene, gravity: str | None, out: Path | None, as_json: bool) -> None:
+    """Show what acts on a mechanism: on each joint beside its limits, and on the base."""
+    found = scene.forces(None if gravity is None else _vector(gravity, 3))
+    written = None if out is None else str(found.save(out))
+    notes = (*found.notes, *scene.notes())
+    base = _ranges(found.t, {name: found[name] for name in ("force1", "torque1")})
+    if as_json:
+        facts = {"scene": str(scene.path), "samples": scene.samples, "gravity": list(found.gravity), "file": written}
+        joints = {
+            load.joint: {key: value for key, value in asdict(load).items() if key != "joint"} for load in found.loads
+        }
+        print(json_text(facts | {"joints": joints, "outputs": base, "notes": notes}))
+        return
+    screen = console()
+    _head(screen, scene)
+    _print_gravity(screen, found.gravity)
+    print_components(screen, load_rows(found.loads))
+    print_components(screen, _component_rows(base))
+    _foot(screen, notes, out)
+
+
+def _print_gravity(screen: Console, gravity: tuple[float, ...]) -> None:
+    screen.print(f"gravity = ({', '.join(f'{component:g}' for component in gravity)}) m/s^2")
+
+
+def _component_rows(rows: dict[str, dict[str, float]], noise: bool = False) -> list[tuple[str, ...]]:
+    """Return the heading and the rows of a table of components over the instants; of a log with their noise."""
+    headings = ("", "unit", "first", "smallest", "largest", "rms", "max |.| at t", *(["by noise"] if noise else []))
+    lines: list[tuple[str, ...]] = [headings]
+    for name, (*sizes, t, own) in ((name, _cells(row)) for name, row in rows.items()):
+        numbers = (f"{value + 0.0:.5g}" for value in sizes)
+        lines.append((name, unit_of(name), *numbers, instant(t), *(f"{n:.2g}" for n in own)))
+    return lines
 
 
 def _cells(row: dict[str, float]) -> tuple[Any, ...]:
@@ -183,9 +226,10 @@ def _cells(row: dict[str, float]) -> tuple[Any, ...]:
     return *sizes, [row["noise"]] if "noise" in row else []
 
 
-def _ranges(found: SceneForces) -> dict[str, dict[str, float]]:
+def _ranges(
+    t: NDArray[Any], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, NDArray[Any]] | None = None
+) -> dict[str, dict[str, float]]:
     """Return what the table says of each component; NaN of what is finite at no instant."""
-    t, arrays = found.t, found.recorded()
     v = np.concatenate([array.reshape(len(t), -1) for array in arrays.values()], axis=1)
     v = np.where(np.isfinite(v), v, np.nan)
     known = np.isfinite(v).any(axis=0)
@@ -194,8 +238,8 @@ def _ranges(found: SceneForces) -> dict[str, dict[str, float]]:
     columns = {"first": v[0], "smallest": np.fmin.reduce(v), "largest": np.fmax.reduce(v)}
     columns |= {"rms": np.where(known, np.sqrt(squares / count), np.nan)}
     columns |= {"t_of_largest_size": np.where(known, t[largest], np.nan)}
-    if found.noise:
-        columns["noise"] = np.concatenate([np.ravel(found.noise[name]) for name in arrays])
+    if noise:
+        columns["noise"] = np.concatenate([np.ravel(noise[name]) for name in arrays])
     return {name: {key: float(own[i]) for key, own in columns.items()} for i, name in enumerate(column_names(arrays))}
 
 
@@ -209,30 +253,41 @@ def _vector(text: str, count: int) -> tuple[float, ...]:
     raise ArgumentError("--gravity", expected, repr(text))
 
 
-def _facts(scene: Scene) -> dict[str, Any]:
-    return {
-        "scene": str(scene.path),
-        "title": scene.title,
-        "samples": scene.samples,
-        "start": scene.start,
-        "stop": scene.stop,
-        "sequence": scene.sequence,
-        "error_estimate": scene.motion.error_estimate,
-        "pair": {key: getattr(scene.space, key).tolist() for key in ("u1", "u2", "n", "home")},
-    }
+def _plan(scene: Scene | MechanismScene, names: list[str] | None) -> ScenePlan:
+    """Return what is computed of a scene, and what is skipped; refuse the scene of a mechanism, which has no plan."""
+    if not isinstance(scene, Scene):
+        raise ArgumentError("--explain", "the scene of a pair", "the scene of a mechanism, which has no plan")
+    return scene.plan(names)
 
 
-def _head(screen: Console, scene: Scene) -> None:
+def _facts(scene: Scene | MechanismScene) -> dict[str, Any]:
+    facts: dict[str, Any] = {"scene": str(scene.path), "title": scene.title, "samples": scene.samples}
+    facts |= {"start": scene.start, "stop": scene.stop}
+    if isinstance(scene, Scene):
+        vectors = {key: getattr(scene.space, key).tolist() for key in ("u1", "u2", "n", "home")}
+        return {**facts, "sequence": scene.sequence, "error_estimate": scene.motion.error_estimate, "pair": vectors}
+    robot = scene.mechanism
+    own = {"name": robot.name, "base": robot.base, "joints": robot.names, "frames": scene.frames}
+    return {**facts, "mechanism": own, "moving": scene.joint_motion.moving}
+
+
+def _head(screen: Console, scene: Scene | MechanismScene) -> None:
     """Print what a scene is, in three lines."""
     if scene.title:
         screen.print(printable(scene.title), style="bold")
-    pair = scene.pair
-    own = ("u1", "u2", "n") if isinstance(pair, HingePair) else ("u1", "u2")
-    vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in own)
-    screen.print(f"{printable(pair.name)}: {vectors}")
+    if isinstance(scene, Scene):
+        pair, how = scene.pair, scene.motion.turning
+        own = ("u1", "u2", "n") if isinstance(pair, HingePair) else ("u1", "u2")
+        vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in own)
+        screen.print(f"{printable(pair.name)}: {vectors}")
+    else:
+        robot, moving, how = scene.mechanism, scene.joint_motion.moving, scene.joint_motion.origin
+        resting = f", {robot.dof - len(moving)} rest" if len(moving) < robot.dof else ""
+        names = printable(", ".join(moving)) or "none"
+        screen.print(f"{printable(robot.name)}: {robot.dof} joints, {robot.base} base; moving: {names}{resting}")
     plural = "s" * (scene.samples != 1)
     t = f"t = {instant(scene.start)} to {instant(scene.stop)} s"
-    screen.print(f"{scene.samples} instant{plural}, {t}; {scene.motion.turning}")
+    screen.print(f"{scene.samples} instant{plural}, {t}; {how}")
 
 
 def _foot(screen: Console, notes: tuple[str, ...], out: Path | None) -> None:

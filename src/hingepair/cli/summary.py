@@ -7,13 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.numeric.tables import instant, unit_of
+from hingepair.numeric.tables import instant
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.constants import with_hinge_frames
 from hingepair.pair.evaluate import arrays_of
 from hingepair.pair.results import column_names
 from hingepair.scenes.known_motion import KnownMotion
-from hingepair.scenes.scene import Notes, Scene, SceneResult
+from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
+from hingepair.scenes.scene import Scene, SceneResult
 
 _MEANINGS = (
     ("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m"),
@@ -32,25 +33,25 @@ class Residual(NamedTuple):
 
 
 class Summary:
-    """A scene's run, gathered from its pieces in order.
+    """A scene's run, gathered from its pieces in order; residuals are those of a pair.
 
     Attributes:
         lost: how many instants hold a number that is not finite.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene | MechanismScene) -> None:
         self._scene = scene
-        self._notes = Notes(scene)
+        self._notes: Any = scene.collected_notes()
         self._instants = sorted({0, (scene.samples - 1) // 2, scene.samples - 1})
         self._t: list[float] = []  # these, and each component then
         self._then: list[NDArray[np.float64]] = []
         self._names: list[str] = []
         self._least = self._most = np.array(np.nan)
-        self._meanings = _MEANINGS[: scene.motion.level + 1]
+        self._meanings = _MEANINGS[: scene.motion.level + 1] if isinstance(scene, Scene) else ()
         self._worst = np.full((len(self._meanings), 2), np.nan)
         self.lost = 0
 
-    def add(self, part: SceneResult) -> None:
+    def add(self, part: SceneResult | MechanismSceneResult) -> None:
         """Look at one piece."""
         arrays = part.chosen()
         self._names = column_names(arrays)
@@ -64,7 +65,8 @@ class Summary:
         values[lost] = np.nan
         self._least = np.fmin(self._least, np.fmin.reduce(values))
         self._most = np.fmax(self._most, np.fmax.reduce(values))
-        self._worst = np.fmax(self._worst, _worst(self._scene, part.known))
+        if isinstance(self._scene, Scene) and isinstance(part, SceneResult):
+            self._worst = np.fmax(self._worst, _worst(self._scene, part.known))
         self._notes.add(part)
 
     def residuals(self) -> tuple[Residual, ...]:
@@ -73,13 +75,14 @@ class Summary:
 
     def notes(self) -> tuple[str, ...]:
         """Return sentences that a reader should see."""
-        return self._notes.sentences()
+        sentences: tuple[str, ...] = self._notes.sentences()
+        return sentences
 
     def table(self) -> list[tuple[str, ...]]:
         """Return the heading and rows of a table: each component at three instants, and its range."""
         columns = [[f"{cell + 0.0:.6g}" for cell in own] for own in (*self._then, self._least, self._most)]
         heading = ("", "unit", *(f"t = {instant(t)}" for t in self._t), "smallest", "largest")
-        return [heading, *zip(self._names, map(unit_of, self._names), *columns, strict=True)]
+        return [heading, *zip(self._names, map(self._scene.unit, self._names), *columns, strict=True)]
 
     def ranges(self) -> dict[str, dict[str, float]]:
         """Return each component at the first and last instant, and its range, as numbers."""

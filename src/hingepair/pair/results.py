@@ -39,7 +39,7 @@ class Result(Shown):
     __slots__ = ()
 
     t: NDArray[np.float64]
-    _inner: ClassVar[frozenset[str]] = frozenset({"inputs", "recorded"})
+    _inner: ClassVar[frozenset[str]] = frozenset({"inputs", "recorded", "unit"})
     """What other rooms of the house call, and its readers do not."""
 
     @property
@@ -56,6 +56,10 @@ class Result(Shown):
         """Return everything that is kept, by name; shape (N, ...)."""
         raise NotImplementedError
 
+    def unit(self, name: str) -> str:
+        """Return the unit of what is kept by a name, or of one of its components."""
+        return unit_of(name)
+
     def __dir__(self) -> list[str]:
         attributes = (name for name in object.__dir__(self) if not name.startswith("_") and name not in self._inner)
         return sorted({*attributes, *self._named()})
@@ -65,7 +69,7 @@ class Result(Shown):
         raise NotImplementedError
 
     def _sheet(self) -> Sheet:
-        rows = [(name, str(array.shape[1:] or ""), unit_of(name)) for name, array in self.recorded().items()]
+        rows = [(name, str(array.shape[1:] or ""), self.unit(name)) for name, array in self.recorded().items()]
         title = f"{self.described}: {len(self.t)} instants"
         return Sheet(title, (("", "shape of one", "unit"), ("t", "", "s"), *rows))
 
@@ -78,7 +82,7 @@ class Result(Shown):
         pandas = _needed("pandas", "to_dataframe")
         arrays = self.recorded()
         frame = pandas.DataFrame(dict(zip(("t", *column_names(arrays)), _columns(self.t, arrays), strict=True)))
-        frame.attrs = {"description": self.described, "units": {"t": "s", **{n: unit_of(n) for n in arrays}}}
+        frame.attrs = {"description": self.described, "units": {"t": "s", **{n: self.unit(n) for n in arrays}}}
         return frame
 
     def to_xarray(self) -> Any:
@@ -97,7 +101,7 @@ class Result(Shown):
             axes = "xyz" if 3 in array.shape[1:] else "xy"
             dims = ("time", axes, f"body_{axes}")[: array.ndim]
             letters |= {dim: list(axes) for dim in dims[1:]}
-            facts = {"units": unit_of(name), "long_name": _DESCRIPTIONS.get(name, "").partition(";")[0]}
+            facts = {"units": self.unit(name), "long_name": _DESCRIPTIONS.get(name, "").partition(";")[0]}
             facts |= {"axes": "world"} if array.ndim > 1 else {}
             variables[name] = dims, array, {key: text for key, text in facts.items() if text}
         time = ("time", self.t, {"units": "s"})
@@ -116,7 +120,7 @@ class Result(Shown):
             ArgumentError: another ending, or the file cannot be written; what was there before stays.
             MissingDependencyError: the package for this kind of file is not installed.
         """
-        with result_file(path, len(self.t), self.described, (*self.inputs, *inputs)) as add:
+        with result_file(path, len(self.t), self.described, (*self.inputs, *inputs), self.unit) as add:
             add(self.t, self.recorded())
         return Path(path)
 
@@ -129,12 +133,13 @@ class Record(Result):
         arrays: by name; shape (N,), (N, 2), (N, 3) or (N, 3, 3).
         described: what they are, in a sentence.
         inputs: files that the arrays were computed from.
+        unit: gives the unit of each array, and of its components, by name.
 
     >>> Record(np.zeros(2), {"force1": np.ones((2, 3))}, "a push").force1.shape
     (2, 3)
     """
 
-    __slots__ = ("_arrays", "described", "inputs", "t")
+    __slots__ = ("_arrays", "_unit", "described", "inputs", "t")
 
     described: str
     inputs: tuple[Path, ...]
@@ -145,8 +150,10 @@ class Record(Result):
         arrays: Mapping[str, NDArray[Any]],
         described: str = "",
         inputs: tuple[Path, ...] = (),
+        unit: Callable[[str], str] = unit_of,
     ) -> None:
         self.t = t
+        self._unit = unit
         self.described = described
         self.inputs = inputs
         self._arrays = dict(arrays)
@@ -154,6 +161,10 @@ class Record(Result):
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that were collected, by name."""
         return self._arrays
+
+    def unit(self, name: str) -> str:
+        """Return the unit of an array, or of one of its components."""
+        return self._unit(name)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self._arrays[name]
@@ -172,7 +183,11 @@ class Record(Result):
 
 @contextlib.contextmanager
 def result_file(
-    path: str | os.PathLike[str], samples: int, described: str = "", inputs: Iterable[str | os.PathLike[str]] = ()
+    path: str | os.PathLike[str],
+    samples: int,
+    described: str = "",
+    inputs: Iterable[str | os.PathLike[str]] = (),
+    unit: Callable[[str], str] = unit_of,
 ) -> Iterator[Add]:
     """Open a file for results that are written block by block; it appears only if the block is left without an error.
 
@@ -183,6 +198,7 @@ def result_file(
         samples: how many instants will come.
         described: what they are, for files that describe themselves.
         inputs: files that are being read from, which the path must not be.
+        unit: gives the unit of each array by its name.
 
     Raises:
         ArgumentError: another ending, one that does not take so many, or the file cannot be written; what was there
@@ -195,7 +211,7 @@ def result_file(
     if samples > MOST_HELD and kind in _WHOLE_WRITERS:
         expected = f"a name that ends in .csv or .parquet for more than {MOST_HELD} instants, which go block by block"
         raise ArgumentError("path", expected, quoted(str(target)))
-    with whole_file(target, inputs) as file, _WRITERS[kind](file, samples, described) as add:
+    with whole_file(target, inputs) as file, _WRITERS[kind](file, samples, described, unit) as add:
         yield add
 
 
@@ -229,7 +245,7 @@ def _columns(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> list[NDArra
 
 
 @contextlib.contextmanager
-def _csv(file: IO[bytes], _: int, __: str) -> Iterator[Add]:
+def _csv(file: IO[bytes], *_: object) -> Iterator[Add]:
     begun = False
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -246,7 +262,7 @@ def _csv(file: IO[bytes], _: int, __: str) -> Iterator[Add]:
 
 
 @contextlib.contextmanager
-def _parquet(file: IO[bytes], _: int, described: str) -> Iterator[Add]:
+def _parquet(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[Add]:
     arrow, parquet = _needed("pyarrow", "save"), _needed("pyarrow.parquet", "save")
     writer: Any = None
 
@@ -256,7 +272,7 @@ def _parquet(file: IO[bytes], _: int, described: str) -> Iterator[Add]:
         columns = [
             arrow.Array.from_buffers(arrow.from_numpy_dtype(c.dtype), len(c), [None, arrow.py_buffer(c)]) for c in own
         ]
-        facts = {"description": described, "t": "s", **{name: unit_of(name) for name in arrays}}
+        facts = {"description": described, "t": "s", **{name: unit(name) for name in arrays}}
         table = arrow.table(columns, names=["t", *column_names(arrays)]).replace_schema_metadata(facts)
         writer = writer or opened.enter_context(parquet.ParquetWriter(file, table.schema, use_dictionary=False))
         writer.write_table(table, ROWS)
@@ -266,7 +282,9 @@ def _parquet(file: IO[bytes], _: int, described: str) -> Iterator[Add]:
 
 
 @contextlib.contextmanager
-def _held(file: IO[bytes], samples: int, described: str, write: Callable[..., None]) -> Iterator[Add]:
+def _held(
+    file: IO[bytes], samples: int, described: str, unit: Callable[[str], str], write: Callable[..., None]
+) -> Iterator[Add]:
     kept: dict[str, Any] = {}
     count = 0
 
@@ -280,16 +298,16 @@ def _held(file: IO[bytes], samples: int, described: str, write: Callable[..., No
         count += len(t)
 
     yield add
-    write(file, kept, described)
+    write(file, kept, described, unit)
 
 
-def _write_npz(file: IO[bytes], kept: dict[str, Any], _: str) -> None:
+def _write_npz(file: IO[bytes], kept: dict[str, Any], *_: object) -> None:
     np.savez(file, **kept)  # no other keyword: NumPy 2.1 takes each for an array
 
 
-def _write_netcdf(file: IO[bytes], kept: dict[str, Any], described: str) -> None:
+def _write_netcdf(file: IO[bytes], kept: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
     _needed("scipy", "save")
-    file.write(Record(kept.pop("t"), kept, described).to_xarray().to_netcdf(engine="scipy"))
+    file.write(Record(kept.pop("t"), kept, described, (), unit).to_xarray().to_netcdf(engine="scipy"))
 
 
 def _needed(package: str, caller: str) -> Any:
@@ -301,7 +319,7 @@ def _needed(package: str, caller: str) -> Any:
 
 
 # Writers of files that need all arrays at once, by the ending of the file.
-_WHOLE_WRITERS: Final = {".npz": _write_npz, ".nc": _write_netcdf}
+_WHOLE_WRITERS: Final[dict[str, Callable[..., None]]] = {".npz": _write_npz, ".nc": _write_netcdf}
 # All writers, by the ending of the file.
 _WRITERS: Final[dict[str, Callable[..., contextlib.AbstractContextManager[Add]]]] = {
     ".csv": _csv,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
@@ -9,7 +10,9 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, read_only
+from hingepair.numeric.tables import Shown, instant, unit_of
 from hingepair.pair.results import MOST_HELD
 from hingepair.scenes.tables import Key, Table
 
@@ -51,6 +54,58 @@ class Uniform:
 
 Instants: TypeAlias = Uniform | Float64Array
 """Increasing instants [s]."""
+
+
+class Sampled(Shown, abc.ABC):
+    """What is computed at instants: a scene of a pair or of a mechanism."""
+
+    __slots__ = ()
+
+    @property
+    @abc.abstractmethod
+    def instants(self) -> Instants:
+        """The instants, held in memory or not [s]."""
+
+    @property
+    def start(self) -> float:
+        """First instant [s]."""
+        return float(self.instants[0])
+
+    @property
+    def stop(self) -> float:
+        """Last instant [s]."""
+        return float(self.instants[-1])
+
+    @property
+    def span(self) -> str:
+        """First and last instant, in few characters."""
+        return f"{instant(self.start)}..{instant(self.stop)}"
+
+    @property
+    def samples(self) -> int:
+        """Number of instants."""
+        return len(self.instants)
+
+    def times(self) -> NDArray[np.float64]:
+        """Return the instants; shape (samples,) s.
+
+        Raises:
+            ArgumentError: there are too many to be held in memory.
+        """
+        if self.samples > MOST_HELD:
+            way = (
+                "hingepair run SCENE --out FILE.parquet (or .csv) computes any number, scene.blocks() piece by piece"
+            )
+            raise ArgumentError("samples", f"at most {MOST_HELD} instants to be held in memory; {way}", self.samples)
+        return np.asarray(read_only(self.instants[:]))
+
+    def unit(self, name: str) -> str:
+        """Return the unit of an output, or of one of its components."""
+        return unit_of(name)
+
+    def spread(self, most: int) -> Rows:
+        """Return the numbers of at most so many instants, evenly spread; of at least one."""
+        return np.unique(np.linspace(0, self.samples - 1, min(self.samples, most)).astype(np.intp))
 
 
 def read_instants(time: Table) -> Uniform:

@@ -106,7 +106,7 @@ def read_log(table: Table, folder: Path) -> Motion:
 
 
 def log_file(table: Table, folder: Path) -> Path:
-    """Return the path of the file that the table [motion] names, relative to a folder; refuse one that is not there."""
+    """Return the path of the file that [motion] names, relative to a folder; refuse one that is not there."""
     file = folder / table.text("file")
     if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
         table.refuse("file", "a file of samples that can be read", f"no such file: {file}")
@@ -298,7 +298,8 @@ def _stated(table: Table, log: Log) -> Motion:
 def _integrated(table: Table, log: Log) -> Motion:
     """Return the motion whose rates the file states, integrated (E12)."""
     rates = (_QUATERNION[1:], _HINGE[1:])
-    read = {"t", *(column for names in (_POSITION, *rates) for name in names for column in log.layout.columns_of(name))}
+    quantities = (name for names in (_POSITION, *rates) for name in names)
+    read = {"t", *(column for name in quantities for column in log.layout.columns_of(name))}
     for column in log.columns:
         if column not in read:
             log.refuse(column, "columns of rates and of R1, since motion.integrate is true", "a column")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -11,6 +11,8 @@ import numpy as np
 
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.integration.trajectory import Later
+from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.tables import instant
 from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
@@ -95,6 +97,53 @@ class Motion:
         if self.simulated:
             return self.simulated.gravity
         return (*PLANAR_GRAVITY, 0.0) if isinstance(pair, PlanarPair) else GRAVITY
+
+
+class LimitWatch:
+    """Counts the instants at which a coordinate or a rate is past its limits, piece by piece.
+
+    Args:
+        shown: name of it, for readers.
+        limits: least and greatest value; infinite where there is none.
+        unit: of both.
+    """
+
+    def __init__(self, shown: str, limits: tuple[float, float], unit: str) -> None:
+        self._shown, self._limits, self._unit = shown, limits, unit
+        self._outside, self._first = 0, ""
+        self.least, self.most = math.inf, -math.inf
+
+    def add(self, t: Float64Array, values: Float64Array) -> None:
+        """Look at the values at some instants; shape (N,) each."""
+        self.least = float(np.fmin.reduce(values, initial=self.least))
+        self.most = float(np.fmax.reduce(values, initial=self.most))
+        lower, upper = self._limits
+        outside = np.flatnonzero((values < lower) | (values > upper))
+        if outside.size:
+            self._first = self._first or f"first at t = {instant(t[outside[0]])} s ({values[outside[0]]:.6g})"
+            self._outside += outside.size
+
+    def sentences(self, samples: int) -> Iterator[str]:
+        """Yield a sentence if a value was past its limits; `samples` is the number of all instants."""
+        if self._outside:
+            lower, upper = self._limits
+            yield (
+                f"{self._shown} leaves its limits, {lower:g} to {upper:g} {self._unit}, "
+                f"at {self._outside} of {samples} instants, {self._first}"
+            )
+
+
+def degree_suspicions(name: str, angles: tuple[float, ...]) -> Iterator[str]:
+    """Yield a sentence if angles [rad] look like degrees: whole numbers, the largest of more than two turns."""
+    if angles and all(angle % 1 == 0 for angle in angles) and abs(largest := max(angles, key=abs)) > 4 * math.pi:
+        yield f'{name}: {largest:g} is taken for radians, as all angles are; for degrees write "{largest:g}*pi/180"'
+
+
+def kink_sentences(kinks: int) -> Iterator[str]:
+    """Yield a sentence if intervals hold kinks or jumps of functions of t."""
+    if kinks:
+        where = f"{kinks} interval{'s' * (kinks != 1)}"
+        yield f"kinks or jumps in {where}; derivatives there are those from the right"
 
 
 def turns_about(sequence: str) -> str:

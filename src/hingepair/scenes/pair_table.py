@@ -39,12 +39,13 @@ def _shape(table: Table) -> Shape:
     (kind,) = named
     make, size, keys = _SHAPES[kind]
     values = table.read(keys, required=[key for key in keys if key in {kind, "length"}])
-    return _made(table, make, {size: values.pop(kind), **values})
+    return made(table, make, {size: values.pop(kind), **values})
 
 
-def _body(table: Table, key: str) -> Body:
+def read_body(table: Table, key: str) -> Body:
+    """Read mass properties and shapes from the table below a key."""
     own = table.table(key)
-    return _made(own, Body, own.read(_BODY))
+    return made(own, Body, own.read(BODY_KEYS))
 
 
 _SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
@@ -56,37 +57,39 @@ _SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]
     ),
     "sphere": (Sphere, "radius", {"sphere": Table.number, "center": numbers(3)}),
 }
-_BODY: Final[Mapping[str, Key]] = {
+BODY_KEYS: Final[Mapping[str, Key]] = {
     "mass": Table.number,
     "center_of_mass": numbers(3),
     "inertia": _inertia,
     "shapes": _shapes,
 }
-_BODIES: Final[Mapping[str, Key]] = {"body1": _body, "body2": _body}
+"""Keys of a body and their readers."""
+_BODIES: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
 _ROBOT: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
 _PLANAR: Final[Mapping[str, Key]] = {"u1": numbers(2), "u2": numbers(2), "name": Table.text, **_BODIES}
-_SPATIAL: Final[Mapping[str, Key]] = {
+PAIR_KEYS: Final[Mapping[str, Key]] = {
     **{"u1": numbers(3), "u2": numbers(3), "n": numbers(3), "home": Table.rotation, "limits": numbers(2)},
     **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_BODIES},
 }
-KEYS: Final = (*_SPATIAL, *_ROBOT)
+"""Keys of a pair in space, given by its own geometry, and their readers."""
+KEYS: Final = (*PAIR_KEYS, *_ROBOT)
 
 
 def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
     """Return the pair of the table [pair], named as its file is unless it has a name."""
     name = {"name": " ".join(printable(Path(table.file).stem).split()) or None}
     if planar:
-        return _made(table, PlanarPair, name | table.read(_PLANAR, ("u1", "u2")))
+        return made(table, PlanarPair, name | table.read(_PLANAR, ("u1", "u2")))
     table.check_keys(KEYS)
     if not table.values.keys() & _ROBOT:
-        return _made(table, HingePair, name | table.read(_SPATIAL, ("u1", "u2", "n")))
+        return made(table, HingePair, name | table.read(PAIR_KEYS, ("u1", "u2", "n")))
     from hingepair.formats.robots import load_robot_hinge
 
     for key in table.values:
         if key not in {**_ROBOT, **_BODIES}:
             table.fail(key, "nothing beside robot, joint, body1 and body2")
     values = table.read({**_ROBOT, **_BODIES}, _ROBOT)
-    return replace(_made(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT}), **values)
+    return replace(made(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT}), **values)
 
 
 def pair_expressions(table: Table, planar: bool, letters: Collection[str] = ()) -> dict[str, tuple[Any, ...]]:
@@ -112,7 +115,7 @@ def pair_expressions(table: Table, planar: bool, letters: Collection[str] = ()) 
     return written
 
 
-def _made(table: Table, make: Callable[..., Made], values: Mapping[str, Any]) -> Made:
+def made(table: Table, make: Callable[..., Made], values: Mapping[str, Any]) -> Made:
     """Make something of the values of a table; errors name the key that a refused argument came from."""
     with table.naming():
         return make(**values)

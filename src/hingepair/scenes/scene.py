@@ -18,28 +18,30 @@ from hingepair.engine.results import lacking
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.integration.trajectory import span
 from hingepair.numeric.arrays import Frozen, read_only
-from hingepair.numeric.tables import Sheet, Shown, cell, instant, unit_of
+from hingepair.numeric.tables import Sheet, cell, unit_of
 from hingepair.pair.dynamics import Energy, Momentum
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.results import MOST_HELD, ROWS, Result
+from hingepair.pair.results import ROWS, Result
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, Kind, check_outputs
 from hingepair.scenes.explain import ScenePlan, explain
-from hingepair.scenes.instants import Rows
+from hingepair.scenes.instants import Instants, Rows, Sampled
 from hingepair.scenes.known_motion import ByBody1, Derivatives, KnownMotion, quaternion_columns
-from hingepair.scenes.motion import Motion, massive
+from hingepair.scenes.motion import LimitWatch, Motion, degree_suspicions, kink_sentences, massive
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
 if TYPE_CHECKING:
     from hingepair.scenes.expression_motion import FunctionsOfTime
     from hingepair.scenes.forces import SceneForces
+    from hingepair.scenes.mechanisms.scene import MechanismScene
     from hingepair.scenes.simulated_motion import DynamicsSetup
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
 _TABLES = ("title", "planar", "pair", "motion", "dynamics", "time", "outputs")
+_MECHANISM_TABLES = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
 _LEVELS = {
     **dict.fromkeys(("v", "omega", "qd", "psid"), VELOCITY),
     **dict.fromkeys(("a", "alpha", "qdd", "psidd"), ACCELERATION),
@@ -158,7 +160,7 @@ class SceneResult(Frozen, Result):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Scene(Shown):
+class Scene(Sampled):
     """A pair, its motion, and the instants to evaluate it at.
 
     Attributes:
@@ -182,17 +184,14 @@ class Scene(Shown):
     tables: Table
 
     def __repr__(self) -> str:
-        return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self._span()})"
-
-    def _span(self) -> str:
-        return f"{instant(self.start)}..{instant(self.stop)}"
+        return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self.span})"
 
     def _sheet(self) -> Sheet:
         rows = [
             ("pair", self.pair.name, ""),
             ("motion", f"{self.motion.origin}; {self.motion.turning}", ""),
             ("instants", str(self.samples), ""),
-            ("t", self._span(), "s"),
+            ("t", self.span, "s"),
             ("outputs", ", ".join(self.outputs or ("all of body 2",)), ""),
             *((name, cell(value), "") for name, value in self.constants.items()),
         ]
@@ -219,19 +218,9 @@ class Scene(Shown):
         return tuple(name for name in names if _level(name) <= level)
 
     @property
-    def start(self) -> float:
-        """First instant [s]."""
-        return float(self.motion.t[0])
-
-    @property
-    def stop(self) -> float:
-        """Last instant [s]."""
-        return float(self.motion.t[-1])
-
-    @property
-    def samples(self) -> int:
-        """Number of instants."""
-        return len(self.motion.t)
+    def instants(self) -> Instants:
+        """The instants, held in memory or not [s]."""
+        return self.motion.t
 
     @property
     def expressions(self) -> dict[str, Expr | None]:
@@ -257,19 +246,6 @@ class Scene(Shown):
             wanted = "a scene whose motion is coordinates as expressions in t"
             raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
         return given.functions
-
-    def times(self) -> NDArray[np.float64]:
-        """Return the instants; shape (samples,) s.
-
-        Raises:
-            ArgumentError: there are too many to be held in memory.
-        """
-        if self.samples > MOST_HELD:
-            way = (
-                "hingepair run SCENE --out FILE.parquet (or .csv) computes any number, scene.blocks() piece by piece"
-            )
-            raise ArgumentError("samples", f"at most {MOST_HELD} instants to be held in memory; {way}", self.samples)
-        return np.asarray(read_only(self.motion.t[:]))
 
     def coordinates(self, t: ArrayLike) -> Derivatives:
         """Compute the coordinates and their exact derivatives at any instants.
@@ -309,7 +285,7 @@ class Scene(Shown):
             most: how many.
             outputs: as for `evaluate`.
         """
-        return self._part(self._spread(most), self._names(outputs), self.motion.level)
+        return self._part(self.spread(most), self._names(outputs), self.motion.level)
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[SceneResult]:
         """Compute the pair's state in pieces of 131,072 instants, for motions longer than memory.
@@ -340,10 +316,6 @@ class Scene(Shown):
         first = (rows.start or 0) if isinstance(rows, slice) else 0
         return SceneResult(t, state, self, known, names, first)
 
-    def _spread(self, most: int) -> Rows:
-        """Return the numbers of at most so many instants, evenly spread."""
-        return np.unique(np.linspace(0, self.samples - 1, min(self.samples, most)).astype(np.intp))
-
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """Return what `evaluate` computes and what it leaves out, and why; print it.
 
@@ -372,7 +344,7 @@ class Scene(Shown):
         Raises:
             MissingDependencyError: Pinocchio is not installed.
         """
-        rows = slice(len(self.times())) if most is None else self._spread(most)
+        rows = slice(len(self.times())) if most is None else self.spread(most)
         report = self.motion.given.part(rows, self.motion.level).cross_validate(self.pair)
         report = replace(report, notes=self._error_notes(report.u))
         motion = self.motion.simulated
@@ -433,10 +405,14 @@ class Scene(Shown):
 
     def notes(self) -> tuple[str, ...]:
         """Return sentences that a reader of the results should see: psi past its limits, kinks, doubtful units."""
-        notes = Notes(self)
+        notes = self.collected_notes()
         for part in self.blocks(("psi",)):
             notes.add(part)
         return notes.sentences()
+
+    def collected_notes(self) -> Notes:
+        """Return what gathers the notes from pieces of the motion."""
+        return Notes(self)
 
     def _names(self, outputs: Iterable[str] | None) -> tuple[str, ...] | None:
         """Return the outputs that are asked for, all of which the motion has; None for all about body 2."""
@@ -464,65 +440,50 @@ class Notes:
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         rate = scene.space.rate_limit if scene.motion.level else None
-        limits = {"psi": scene.space.limits, "psid": None if rate is None else (-rate, rate)}
-        self._limits = {name: own for name, own in limits.items() if own is not None}
-        self._outside = dict.fromkeys(self._limits, 0)
-        self._first: dict[str, str] = {}
-        self._least, self._most = math.inf, -math.inf  # of psi
+        self._psi = LimitWatch("psi", scene.space.limits or (-math.inf, math.inf), unit_of("psi"))
+        self._psid = None if rate is None else LimitWatch("psi'", (-rate, rate), unit_of("psid"))
         self._kinks = 0
 
     def add(self, part: SceneResult) -> None:
         """Look at one piece."""
         self._kinks += self._scene.motion.kinks(part.first, part.first + len(part.t))
-        psi = part.known.psi
-        self._least = float(np.fmin.reduce(psi, initial=self._least))
-        self._most = float(np.fmax.reduce(psi, initial=self._most))
-        for name, (lower, upper) in self._limits.items():
-            values = part.known.hinge_angle(_level(name))
-            outside = np.flatnonzero((values < lower) | (values > upper))
-            self._outside[name] += outside.size
-            if outside.size:
-                first = f"first at t = {instant(part.t[outside[0]])} s ({values[outside[0]]:.6g})"
-                self._first.setdefault(name, first)
+        self._psi.add(part.t, part.known.psi)
+        if self._psid is not None:
+            self._psid.add(part.t, part.known.hinge_angle(1))
 
     def sentences(self) -> tuple[str, ...]:
         """Return the notes."""
         motion, samples = self._scene.motion, self._scene.samples
-        angles = {"limits of psi": self._limits.get("psi"), "psi": (self._most,) * (self._least == self._most)}
+        least, most = self._psi.least, self._psi.most
         found = [
-            f'{name}: {largest:g} is taken for radians, as all angles are; for degrees write "{largest:g}*pi/180"'
-            for name, own in angles.items()
-            if own
-            and all(angle % 1 == 0 for angle in own)  # whole ones of more than two turns are rare
-            and abs(largest := max(own, key=abs)) > 4 * math.pi
+            *degree_suspicions("limits of psi", self._scene.space.limits or ()),
+            *degree_suspicions("psi", (most,) * (least == most)),
+            *self._psi.sentences(samples),
+            *(self._psid.sentences(samples) if self._psid is not None else ()),
+            *kink_sentences(self._kinks),
         ]
-        found += [
-            f"{shown} leaves its limits, {self._limits[name][0]:g} to {self._limits[name][1]:g} {unit_of(name)}, "
-            f"at {self._outside[name]} of {samples} instants, {self._first[name]}"
-            for name, shown in (("psi", "psi"), ("psid", "psi'"))
-            if name in self._first
-        ]
-        if self._kinks:
-            where = f"{self._kinks} interval{'s' * (self._kinks != 1)}"
-            found.append(f"kinks or jumps in {where}; derivatives there are those from the right")
-        if soft := passed_stops(motion.stops, self._least, self._most):
+        if soft := passed_stops(motion.stops, least, most):
             found.append(f"{soft}; stop_stiffness hardens them")
         found += motion.notes
         return (*found, motion.doubt) if math.isnan(motion.error_estimate) else tuple(found)
 
 
-def load_scene(path: str | os.PathLike[str]) -> Scene:
-    """Read a scene from a TOML file; models/SCENES.md has the layout.
+def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
+    """Read a scene from a TOML file, of a pair or of a whole mechanism; models/SCENES.md has the layout.
 
     Raises:
         SceneError: the file cannot be read as a scene; names file, table and key, in one line.
-        MissingDependencyError: the pair is a robot's, and example-robot-data is not installed.
+        MissingDependencyError: the pair or the mechanism is a robot's, and example-robot-data is not installed.
     """
     tables = load_tables(path)
+    files = tuple(file.absolute() for file in _files(tables, Path(path)))
+    if _is_of_mechanism(tables):
+        from hingepair.scenes.mechanisms.scene import read_mechanism_scene
+
+        return read_mechanism_scene(tables, Path(path), files)
     pair, outputs = _pair(tables), tables.table("outputs", required=False)
     motion = _read_motion(tables, Path(path).parent, pair)
     constants = {key: float(value) for key, value in tables.constants.items()}
-    files = tuple(file.absolute() for file in _files(tables, Path(path)))
     scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, None, constants, files, tables)
     outputs.check_keys(("names",))
     if "names" not in outputs.values:
@@ -562,7 +523,13 @@ def load_tables(path: str | os.PathLike[str]) -> Table:
         SceneError: the file cannot be read, or has an unknown table or a constant that is none; names it.
     """
     tables = read_tables(path)
-    tables.check_keys(_TABLES)
+    if _is_of_mechanism(tables):
+        for key in tables.values:
+            if key in _TABLES and key not in _MECHANISM_TABLES:
+                tables.fail(key, "nothing of this name in the scene of a mechanism, by [mechanism] or [[joint]]")
+        tables.check_keys(_MECHANISM_TABLES)
+    else:
+        tables.check_keys((*_TABLES, "mechanism", "joint"))
     motion = tables.table("motion", required=False)
     constants = motion.table("constants", required=False)
     known: dict[str, Any] = {}
@@ -577,7 +544,14 @@ def load_tables(path: str | os.PathLike[str]) -> Table:
     return replace(tables, constants=known)
 
 
+def _is_of_mechanism(tables: Table) -> bool:
+    """Return whether a scene is that of a mechanism, and not of a pair."""
+    return not tables.values.keys().isdisjoint({"mechanism", "joint"})
+
+
 def _pair(tables: Table) -> HingePair | PlanarPair:
+    if _is_of_mechanism(tables):
+        tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
     return read_pair(tables.table("pair"), tables.flag("planar"))
 
 
@@ -606,7 +580,7 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> M
 
 
 def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Return the files that a scene is read from: its own, and the log of its motion where it has one.
+    """Return the files that a scene is read from: its own, and its URDF file and its log where it has them.
 
     Raises:
         SceneError: the file cannot be read.
@@ -615,8 +589,9 @@ def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
 
 
 def _files(tables: Table, path: Path) -> tuple[Path, ...]:
-    file = tables.table("motion", required=False).values.get("file")
-    return (path, path.parent / file) if isinstance(file, str) else (path,)
+    named = (("mechanism", "urdf"), ("motion", "file"))
+    files = [tables.table(table, required=False).values.get(key) for table, key in named]
+    return (path, *(path.parent / file for file in files if isinstance(file, str)))
 
 
 def _level(output: str) -> int:

@@ -1,0 +1,162 @@
+"""The tables [mechanism] and [[joint]] of a scene file: a robot or a tree of joints, with frames and payload."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from hingepair.errors import URDFError, choices, nearest, printable, quoted
+from hingepair.mechanism.building import BASES
+from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.slider import Slider
+from hingepair.pair.body import Body
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.scenes.pair_table import BODY_KEYS, PAIR_KEYS, made
+from hingepair.scenes.tables import Key, Place, Table, numbers
+
+_SOURCES: Final = ("robot", "urdf")
+MECHANISM_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "frames", "payload")
+"""What the table [mechanism] may hold."""
+KINDS: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
+"""Kinds of joints of [[joint]] tables."""
+JOINT_KEYS: Final = ("parent", "kind", *PAIR_KEYS)
+"""What a table [[joint]] may hold."""
+_FRAME: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbers(3), "S": Table.rotation}
+
+
+def read_mechanism(tables: Table, folder: Path) -> Mechanism:
+    """Return the mechanism of the tables [mechanism] and [[joint]], with its frames and payload.
+
+    Args:
+        tables: the file's own.
+        folder: what the path of a URDF file is relative to.
+
+    Raises:
+        SceneError: the tables describe no mechanism; names table and key.
+        MissingDependencyError: the robot is one of example-robot-data, which is not installed.
+    """
+    table = tables.table("mechanism", required=False)
+    table.check_keys(MECHANISM_KEYS)
+    sources = [key for key in _SOURCES if key in table.values]
+    if "joint" in tables.values:
+        for key in (*sources, "locked"):
+            if key in table.values:
+                table.fail(key, "no such key beside [[joint]] tables, which are the mechanism")
+    elif len(sources) != 1:
+        expected = 'a robot of example-robot-data, such as robot = "panda"; or urdf = "file"; or [[joint]] tables'
+        table.refuse("robot", expected, "both robot and urdf" if sources else "none of them")
+    base = table.choice("base", BASES)
+    if base == "free" and "base" not in tables.values:
+        table.fail("base", '"fixed", or a table [base] beside it with the motion of a free base')
+    robot = _from_joints(tables, table, base) if "joint" in tables.values else _from_model(table, folder, base)
+    return _with_payload(_with_frames(robot, table), table)
+
+
+def read_gravity(tables: Table) -> tuple[float, ...] | None:
+    """Return the acceleration of free fall that [mechanism] has [m/s^2]; None where it has none."""
+    table = tables.table("mechanism", required=False)
+    return tuple(table.numbers("gravity", 3)) if "gravity" in table.values else None
+
+
+def _from_model(table: Table, folder: Path, base: str) -> Mechanism:
+    """Return the robot of a URDF file, or of example-robot-data."""
+    if "name" in table.values:
+        table.fail("name", "no such key beside robot or urdf, which have a name")
+    held = table.table("locked", required=False)
+    locked = {joint: held.number(joint) for joint in held.values}
+    if "robot" in table.values:
+        from hingepair.formats.robots import load_robot
+
+        with table.naming():
+            return load_robot(table.text("robot"), base, locked)
+    file = folder / table.text("urdf")
+    if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
+        table.refuse("urdf", "a URDF file that can be read", f"no such file: {file}")
+    with table.naming():
+        try:
+            return Mechanism.from_urdf(file, base, locked)
+        except URDFError:
+            with Place(str(file), "").naming(path_or_text="URDF"):
+                raise
+
+
+def _from_joints(tables: Table, table: Table, base: str) -> Mechanism:
+    """Return the tree of the joints of [[joint]] tables, which may stand in any order."""
+    given = tables.values["joint"]
+    if not isinstance(given, list) or not given or not all(isinstance(own, dict) for own in given):
+        tables.fail("joint", "tables [[joint]], one for each joint")
+    joints: dict[str, Table] = {}
+    for i, own in enumerate(given):
+        numbered = replace(tables, name=f"joint[{i}]", values=own)
+        name = numbered.text("name")
+        if name in joints:
+            numbered.refuse("name", "a name of its own for each joint", f"{name!r} twice")
+        joints[name] = replace(numbered, name=f"joint.{name}")
+    carriers = {name: _carrier(own, joints) for name, own in joints.items()}
+    order = _depth_first(joints, carriers)
+    pairs = [_pair(name, joints[name]) for name in order]
+    above = [0 if carriers[name] is None else 1 + order.index(str(carriers[name])) for name in order]
+    title = table.text("name", " ".join(printable(Path(table.file).stem).split()) or "mechanism")
+    with Place(tables.file, "").naming(pairs="joint", parents="joint"):
+        return Mechanism(pairs, above, base, title)
+
+
+def _carrier(table: Table, joints: Mapping[str, Table]) -> str | None:
+    """Return the joint whose body carries a joint; None where the base does."""
+    table.check_keys(JOINT_KEYS)
+    if "parent" not in table.values:
+        return None
+    name = table.text("parent")
+    if name not in joints:
+        wanted = f"a joint whose body carries this one, {choices(tuple(joints))}, or no such key (the base does)"
+        table.refuse("parent", wanted + nearest(name, joints), quoted(name))
+    return name
+
+
+def _depth_first(joints: Mapping[str, Table], carriers: Mapping[str, str | None]) -> list[str]:
+    """Return the names of the joints depth-first, siblings by name; refuse a circle."""
+    order: list[str] = []
+    waiting: list[str | None] = [None]
+    while waiting:
+        here = waiting.pop()
+        if here is not None:
+            order.append(here)
+        waiting += sorted((name for name, carrier in carriers.items() if carrier == here), reverse=True)
+    for name, table in joints.items():
+        if name not in order:
+            table.refuse("parent", "joints that lead to the base, one without a parent", f"a circle through {name!r}")
+    return order
+
+
+def _pair(name: str, table: Table) -> HingePair | Slider:
+    kind: Any = KINDS[table.choice("kind", tuple(KINDS))]
+    own = replace(table, values={key: value for key, value in table.values.items() if key not in {"parent", "kind"}})
+    pair: HingePair | Slider = made(table, kind, {**own.read(PAIR_KEYS, ("u1", "u2", "n")), "name": name})
+    return pair
+
+
+def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
+    """Return the mechanism with the frames of [mechanism.frames], which may build on each other in their order."""
+    frames = table.table("frames", required=False)
+    for name in frames.values:
+        own = frames.table(name)
+        values: dict[str, Any] = own.read(_FRAME, ("link",))
+        with own.naming(name=""):
+            robot = robot.with_frame(name, values["link"], values.get("R", np.zeros(3)), values.get("S"))
+    return robot
+
+
+def _with_payload(robot: Mechanism, table: Table) -> Mechanism:
+    """Return the mechanism with the bodies of [mechanism.payload] fixed to its links, joints and frames."""
+    payload = table.table("payload", required=False)
+    for link in payload.values:
+        own = payload.table(link)
+        body = made(own, Body, own.read(BODY_KEYS, ("mass",)))
+        with payload.naming(link=link):
+            robot = robot.with_payload(link, body)
+    return robot
