@@ -141,7 +141,7 @@ def test_noise_does_not_decide_the_sign_of_usual_axes(axis: tuple[float, ...]) -
 def test_no_hinge_near_the_most_likely_one_is_likelier() -> None:
     made = recording(400, 1e-5, 2e-2)
     poses = relative_poses(made.R1, made.S1, made.R2, made.S2, np.ones(400))
-    best, noise, still = most_likely(poses, closed_form(poses), None)
+    best, noise, still, *_ = most_likely(poses, closed_form(poses), None)
     scatter = np.sqrt(np.diagonal(judged(poses, best, noise, None).covariance))
 
     def misfit(hinge: Hinge) -> float:
@@ -159,7 +159,7 @@ def test_the_bias_of_rough_attitudes_is_taken_off(seed: int) -> None:
     """Rotations that are off at random are on average no rotations: levers come out short, by seven deviations."""
     made = recording(40_000, 1e-3, 4e-2, seed=seed)
     poses = relative_poses(made.R1, made.S1, made.R2, made.S2, np.ones(40_000))
-    rough, noise, _ = most_likely(poses, closed_form(poses), None)
+    rough, noise, *_ = most_likely(poses, closed_form(poses), None)
     better = without_bias(poses, rough, noise)
     change = derivatives(rough, "closest_to_R1")
     deviations = np.sqrt(np.diagonal(change @ judged(poses, rough, noise, None).covariance @ change.T))[:6]

@@ -861,7 +861,7 @@ FAULTS = {
     ),
     "noise about the axis forgotten in the weights": Fault(
         "measured/likelihood.py",
-        "-b * (p * q + x * y)",
+        "-b * p * q - c * x * y",
         "-b * p * q",
         "measured/test_likelihood.py::test_sizes_are_those_of_the_covariance_that_the_module_names",
     ),
@@ -870,6 +870,18 @@ FAULTS = {
         "together = 1 if lag == 1 else",
         "together = 1 if lag else",
         "measured/test_fit.py::test_noise_that_is_correlated_in_time_widens_the_covariance[40]",
+    ),
+    "samples moved the wrong way between clocks": Fault(
+        "measured/clock.py",
+        "instants = self._t[rows] - offset",
+        "instants = self._t[rows] + offset",
+        "measured/test_clock.py::test_an_offset_is_found_with_the_hinge[0.05]",
+    ),
+    "noise in the rates taken for a sign of the clock offset": Fault(
+        "measured/likelihood.py",
+        "_MIN_OFFSET_SIGNAL = 10.0",
+        "_MIN_OFFSET_SIGNAL = 0.0",
+        "measured/test_clock.py::test_a_body_1_that_stands_still_does_not_determine_the_offset",
     ),
     "home turns the long way in the covariance": Fault(
         "measured/hinge.py",

@@ -4,21 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, FitError, MissingDependencyError, ShapeError
+from hingepair.errors import ArgumentError, FitError, MissingDependencyError
+from hingepair.measured.clock import ClockedPoses
 from hingepair.measured.findings import check_turning, findings, outlying
 from hingepair.measured.hinge import GAUGES, derivatives, home_of, offset
-from hingepair.measured.likelihood import LOSSES, judged, most_likely, without_bias
-from hingepair.measured.relative_poses import closed_form, closed_form_of_most, relative_poses
-from hingepair.numeric.arrays import Float64Array, broadcast_shape, check_choice, read_only, real_array
-from hingepair.numeric.instants import increasing_seconds
+from hingepair.measured.likelihood import (
+    LOSSES,
+    PARAMETERS,
+    Estimate,
+    Judged,
+    Line,
+    Loss,
+    Noise,
+    encoder_share,
+    judged,
+    line_from,
+    most_likely,
+    noise_deviations,
+    shows_offset,
+    without_bias,
+)
+from hingepair.measured.relative_poses import RelativePoses, closed_form, closed_form_of_most
+from hingepair.measured.samples import Samples, checked_samples
+from hingepair.numeric.arrays import Float64Array, check_choice, read_only
 from hingepair.numeric.suspicions import distance_suspicions, instant_suspicions
 from hingepair.numeric.tables import Sheet, Shown, cell, unit_of
-from hingepair.pair.body_motion import BodyMotion, motion_arrays
+from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import rotation_vector
 
@@ -30,7 +46,26 @@ if TYPE_CHECKING:
 
 _MAX_RESIDUAL = 5.0  # of a sample, in rms of all samples, that `HingeFit.residuals` passes
 _MIN_GOOD_WEIGHT = 0.1  # part of a sample's weight that the loss leaves to one that is no outlier
+_MAX_STARTED = 65536  # samples that a start in closed form, and what is known of the clock offset, are taken from
+_MIN_CERTAIN_OFFSET = 4.0  # in standard deviations, of the clock offset that a finding mentions
 _FEW_SAMPLES = 10  # below, standard deviations are no more than a hint
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class EncoderFit:
+    """The hinge angle as an encoder reads it: psi = zero + scale * reading.
+
+    Attributes:
+        zero: psi where the encoder reads 0 [rad].
+        scale: psi by the reading: 1 for an encoder in radians that turns with psi, -1 against it.
+        noise: standard deviation of the encoder, as a hinge angle [rad]; poorly known where attitudes are rougher.
+        std: standard deviations of zero and scale.
+    """
+
+    zero: float
+    scale: float
+    noise: float
+    std: Mapping[str, np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -44,12 +79,16 @@ class HingeFit(Shown):
         psi_range: smallest and largest psi of the samples that are no outliers [rad].
         covariance: of u1, u2 [m], n and the rotation vector of home in body 1's axes [rad], in this order; (12, 12).
             Its rank is 9: n keeps its length, the gauge keeps one of u1 and u2 across, home follows from both axes.
-        std: standard deviations by name, roots of its diagonal; (3,) each.
+        std: standard deviations by name: of u1, u2, n and home, roots of the diagonal of `covariance`, (3,) each; of
+            noise_position, noise_angle and, with `t`, clock_offset, a number each.
         rms_position: of abs(R1 + S1 u1 - R2 - S2 u2) [m]; of a robust loss each sample by its weight.
         rms_angle: of the angle between the axes of the two bodies [rad]; likewise.
         noise_position: standard deviation of a coordinate of R2 - R1 [m], which has the noise of both bodies; poorly
             known where the noise of angles, times the levers, is much larger.
         noise_angle: standard deviation of a component of the relative attitude, that of psi [rad].
+        clock_offset: by how much later body 2 was recorded than body 1 at equal stamps [s]; None without `t`. Where
+            the motion does not determine it, it is 0 and its standard deviation is inf.
+        encoder: zero, scale and noise of the encoder; None where none was given.
         ok: the motion shows a hinge and determines it.
         findings: in sentences: what was not seen, what is no hinge, what else to know.
         gauge: which point of the axis u1 and u2 name.
@@ -59,17 +98,20 @@ class HingeFit(Shown):
         gap: abs(R1 + S1 u1 - R2 - S2 u2) of each sample; (N,) m.
         tilt: angle between the axes of the two bodies; (N,) rad.
         samples: how many were used.
+        body2: the motion of body 2 at the instants of body 1, the clock offset taken out.
     """
 
     pair: HingePair
     psi: Float64Array
     psi_range: tuple[float, float]
     covariance: Float64Array
-    std: Mapping[str, Float64Array]
+    std: Mapping[str, Float64Array | np.float64]
     rms_position: float
     rms_angle: float
     noise_position: float
     noise_angle: float
+    clock_offset: float | None
+    encoder: EncoderFit | None
     ok: bool
     findings: tuple[str, ...]
     gauge: str
@@ -79,7 +121,8 @@ class HingeFit(Shown):
     gap: Float64Array
     tilt: Float64Array
     samples: int
-    _bodies: tuple[BodyMotion, BodyMotion] = field(repr=False)
+    body2: BodyMotion
+    _body1: BodyMotion = field(repr=False)
 
     @property
     def residuals(self) -> Residuals:
@@ -89,7 +132,7 @@ class HingeFit(Shown):
         """
         tolerances = {"gap": self.rms_position, "tilt": self.rms_angle}
         allowed = {name: _MAX_RESIDUAL * max(rms, 1e-300) for name, rms in tolerances.items()} if self.ok else None
-        first, second = (BodyMotion(R=body.R, S=body.S) for body in self._bodies)
+        first, second = (BodyMotion(R=body.R, S=body.S) for body in (self._body1, self.body2))
         return self.pair.residuals(first, second, allowed, self.t)
 
     def plot(self) -> Figure:
@@ -115,19 +158,32 @@ class HingeFit(Shown):
         figure.suptitle(self._left())
         return figure
 
+    def _clock(self) -> str:
+        offset, std = 1e3 * (self.clock_offset or 0.0), 1e3 * float(self.std["clock_offset"])
+        if not np.isfinite(std):
+            return "clock offset: not determined by this motion, taken as 0"
+        return f"clock offset: {offset:.4g} +- {std:.2g} ms; body 2 was recorded so much later than its stamps say"
+
     def _left(self) -> str:
         return f"left: {1e3 * self.rms_position:.3g} mm and {np.degrees(self.rms_angle):.3g} deg rms"
 
     def __str__(self) -> str:
         lines = [f"hinge of {self.samples} samples ({self.psi.size - self.samples} missing), loss {self.loss}"]
         for name, unit in (("u1", "m"), ("u2", "m"), ("n", "")):
-            value, std = getattr(self.pair, name), self.std[name]
+            value, std = getattr(self.pair, name), np.asarray(self.std[name])
             numbers = ", ".join(f"{v:.6g} +- {s:.2g}" for v, s in zip(value, std, strict=True))
             lines.append(f"{name} = ({numbers}) {unit}".rstrip())
         turn = np.degrees(rotation_vector(self.pair.home))
         lines.append(f"home turns by ({', '.join(f'{angle:.5g}' for angle in turn)}) deg")
         low, high = np.degrees(self.psi_range)
         lines.append(f"psi from {low:.4g} to {high:.4g} deg; {self._left()}")
+        if self.clock_offset is not None:
+            lines.append(self._clock())
+        if self.encoder is not None:
+            zero, scale = (
+                f"{getattr(self.encoder, key):.6g} +- {self.encoder.std[key]:.2g}" for key in ("zero", "scale")
+            )
+            lines.append(f"psi = ({zero}) rad + ({scale}) * encoder, whose noise is {self.encoder.noise:.2g} rad")
         lines.append(
             f"u1 and u2 name the point of the axis {self.gauge.replace('_', ' ')}; along the axis only their "
             "difference is seen"
@@ -138,8 +194,14 @@ class HingeFit(Shown):
         return f"HingeFit({self.samples} samples, {self._left()}, {'ok' if self.ok else 'not ok'})"
 
     def _sheet(self) -> Sheet:
-        rows = [(name, cell(getattr(self.pair, name)), cell(std), unit_of(name)) for name, std in self.std.items()]
+        names = ("u1", "u2", "n", "home")
+        rows = [(name, cell(getattr(self.pair, name)), cell(self.std[name]), unit_of(name)) for name in names]
         return Sheet(repr(self), (("", "value", "standard deviation", "unit"), *rows), self.findings)
+
+    @staticmethod
+    def _encoder_numbers(encoder: EncoderFit) -> dict[str, Any]:
+        numbers = {name: getattr(encoder, name) for name in ("zero", "scale", "noise")}
+        return numbers | {"std": {name: float(value) for name, value in encoder.std.items()}}
 
     def to_json(self) -> str:
         """Return the hinge, its standard deviations and the findings as JSON."""
@@ -152,11 +214,13 @@ class HingeFit(Shown):
             "loss": self.loss,
             "gauge": self.gauge,
             **{name: getattr(self.pair, name).tolist() for name in ("u1", "u2", "n", "home")},
-            "std": {name: value.tolist() for name, value in self.std.items()},
+            "std": {name: _finite(value.tolist()) for name, value in self.std.items()},
             "rms_position": self.rms_position,
             "rms_angle": self.rms_angle,
             "noise_position": self.noise_position,
             "noise_angle": self.noise_angle,
+            "clock_offset": self.clock_offset,
+            "encoder": None if self.encoder is None else self._encoder_numbers(self.encoder),
             "psi": list(self.psi_range),
             "findings": list(self.findings),
         }
@@ -170,6 +234,10 @@ def fit(
     gauge: str = "closest_to_R1",
     t: ArrayLike | None = None,
     weights: ArrayLike | None = None,
+    clock_offset: float | None = None,
+    encoder: ArrayLike | None = None,
+    noise1: tuple[ArrayLike, ArrayLike] | None = None,
+    noise2: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> HingeFit:
     """Fit the hinge that two recorded motions share: n, home, u1, u2 and psi(t) (E1, E5).
 
@@ -191,8 +259,16 @@ def fit(
             with, and what is thirty standard deviations off counts nothing. "cauchy" and "arctan" mind outliers
             least.
         gauge: "closest_to_R1" (u1 is across n) or "closest_to_R2".
-        t: instants [s], datetime64 or nanoseconds, for reports; shape (N,).
+        t: instants [s], datetime64 or nanoseconds; shape (N,). With them the offset between the clocks of both
+            bodies is estimated with the hinge (SciPy is needed), as far as the motion determines it.
         weights: of the samples, such as inverse variances; shape (N,); 0 leaves one out.
+        clock_offset: by how much later body 2 was recorded than body 1 at equal stamps, where that is known [s]: 0
+            where both have one clock. It needs `t`.
+        encoder: reading of a sensor of the hinge angle at the instants of body 1, NaN where there is none; (N,).
+            Its zero, its scale and its noise are estimated, and psi is made of both.
+        noise1: standard deviations of body 1's positions [m] and attitudes [rad], numbers or of shape (N,): what is
+            known of them beforehand, such as `smooth` says. The data still say by what factor all are off.
+        noise2: those of body 2; both or none are given.
 
     Returns:
         The fit. Look at `.ok` and `.findings` before its numbers.
@@ -213,49 +289,52 @@ def fit(
     """
     check_choice("loss", loss, LOSSES)
     check_choice("gauge", gauge, GAUGES)
-    arrays = motion_arrays("body1", body1, "R", "S") | motion_arrays("body2", body2, "R", "S")
-    shape = broadcast_shape({"body1": body1.shape, "body2": body2.shape})
-    if len(shape) != 1:
-        raise ShapeError("body1, body2", "motions of shape (N,), N instants", f"shape {shape}")
-    time = None if t is None else read_only(increasing_seconds("t", t)[0])
-    if time is not None and time.shape != shape:
-        raise ShapeError("t", f"shape {shape}, as the bodies", f"shape {time.shape}")
-    given = _checked_weights(weights, shape[0])
-    tails = {"R": (3,), "S": (3, 3)}
-    whole = {name: np.broadcast_to(array, (*shape, *tails[name[0]])) for name, array in arrays.items()}
-    used = given > 0
-    for array in whole.values():
-        if not np.isfinite(array.sum()):  # one pass where nothing is missing
-            used &= np.isfinite(array.reshape(shape[0], -1)).all(axis=-1)
+    samples = checked_samples(body1, body2, t, weights, clock_offset, encoder, noise1, noise2)
+    used = samples.known1 & samples.known2
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")
-    parts = whole if used.all() else {name: array[used] for name, array in whole.items()}
-    poses = relative_poses(parts["R1"], parts["S1"], parts["R2"], parts["S2"], given[used])
+    poses = samples.poses(used)
     check_turning(poses)
     penalty = LOSSES[loss]
-    start = closed_form(poses.thinned(65536)) if penalty is None else closed_form_of_most(poses)
-    hinge, noise, still = most_likely(poses, start, penalty)
-    hinge = without_bias(poses, hinge, noise).signed().in_gauge(gauge)
-    seen = judged(poses, hinge, noise, penalty)
+    estimate, clock = _estimate(samples, poses, penalty, clock_offset)
+    if clock is not None:
+        poses, used = clock.at(estimate.offset), np.zeros_like(used)
+        used[clock.rows(estimate.offset)] = True
+        if clock_offset is not None:
+            poses = poses._replace(rates=None)
+    noise = estimate.noise
+    hinge = without_bias(poses, estimate.hinge, noise).signed().in_gauge(gauge)
+    line = line_from(poses, hinge, estimate.line)
+    seen = judged(poses, hinge, noise, penalty, line)
     home = home_of(hinge)
     change = derivatives(hinge, gauge)
-    covariance = change @ seen.covariance @ change.T
-    std = dict(zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True))
+    covariance = change @ seen.covariance[:PARAMETERS, :PARAMETERS] @ change.T
+    std: dict[str, Any] = dict(
+        zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True)
+    )
     far = outlying(seen, poses)
-    found = findings(poses, hinge, noise, seen, far, still, std)
-    texts = [finding.text for finding in found]
-    ok = all(finding.harmless for finding in found)
+    listed = findings(poses, hinge, noise, seen, far, estimate.still, std)
+    texts = [finding.text for finding in listed]
+    ok = all(finding.harmless for finding in listed)
+    std = {name: read_only(value) for name, value in std.items()} | noise_deviations(poses, hinge, noise, penalty)
+    if samples.t is not None:
+        std["clock_offset"] = _offset_deviation(poses, seen, clock_offset)
+    if clock is not None and abs(estimate.offset) > _MIN_CERTAIN_OFFSET * std["clock_offset"] > 0:
+        texts += clock.offset_suspicions(estimate.offset)
     if not ok and penalty is None and 'loss="cauchy"' not in " ".join(texts):
         texts.append('Where some samples may be outliers, loss="cauchy" tells.')
     if not used.all():
-        texts.append(f"{int((~used).sum())} of {shape[0]} samples are missing or have no weight.")
+        ends = "" if clock is None else ", or have no sample of body 2 at the same time"
+        texts.append(f"{int((~used).sum())} of {used.size} samples are missing or have no weight{ends}.")
     if poses.samples < _FEW_SAMPLES:
         texts.append(f"Of {poses.samples} samples, the standard deviations are no more than a hint.")
-    if time is not None:
-        texts += instant_suspicions("t", time)
+    if samples.t is not None:
+        texts += instant_suspicions("t", samples.t)
     texts += distance_suspicions("R2 - R1", np.sqrt((poses.p * poses.p).sum(axis=0)))
-    good = ~far & (seen.weights >= _MIN_GOOD_WEIGHT * given[used])
-    psi = _unwrapped(seen.psi - offset(hinge, home), good)
+    texts += samples.noise_suspicions(noise)
+    good = ~far & (seen.weights >= _MIN_GOOD_WEIGHT * samples.weights[used])
+    zero = offset(hinge, home)
+    psi = _unwrapped(seen.psi - encoder_share(poses, noise, line) * seen.turn - zero, good)
     counted = psi[good] if good.any() else psi
     total = seen.weights.sum()
     gaps = np.sqrt((seen.gap * seen.gap).sum(axis=0))
@@ -264,33 +343,80 @@ def fit(
         psi=_spread(psi, used),
         psi_range=(float(counted.min()), float(counted.max())),
         covariance=read_only(covariance),
-        std={name: read_only(value) for name, value in std.items()},
+        std=std,
         rms_position=float(np.sqrt(seen.weights @ (gaps * gaps) / total)),
         rms_angle=float(np.sqrt(seen.weights @ (seen.tilt * seen.tilt) / total)),
         noise_position=float(np.sqrt(noise.place)),
         noise_angle=float(np.sqrt(noise.attitude)),
+        clock_offset=None if samples.t is None else estimate.offset,
+        encoder=None if line is None else _encoder_line(line, zero, seen, noise),
         ok=ok,
         findings=tuple(texts),
         gauge=gauge,
         loss=loss,
         weights=_spread(seen.weights, used, 0.0),
-        t=time,
+        t=samples.t,
         gap=_spread(gaps, used),
         tilt=_spread(seen.tilt, used),
         samples=int(used.sum()),
-        _bodies=(body1, body2),
+        body2=body2 if clock is None else clock.body2(estimate.offset),
+        _body1=body1,
     )
 
 
-def _checked_weights(weights: ArrayLike | None, count: int) -> Float64Array:
-    if weights is None:
-        return np.ones(count)
-    given = real_array("weights", weights).astype(np.float64)
-    if given.shape != (count,):
-        raise ShapeError("weights", f"shape ({count},), as the bodies", f"shape {given.shape}")
-    if not (np.isfinite(given) & (given >= 0)).all():
-        raise ArgumentError("weights", "finite numbers, none negative", given)
-    return given
+def _estimate(
+    samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
+) -> tuple[Estimate, ClockedPoses | None]:
+    """Return the most likely hinge, and the poses by clock offset where that is not 0 or not known to be.
+
+    An offset that the motion does not determine is taken as 0.
+    """
+    start = None if loss is None else closed_form_of_most(poses)
+    clock = None
+    if samples.t is not None and clock_offset != 0 and ClockedPoses.possible(samples.t, samples.known2):
+        clock = ClockedPoses(samples)
+    if clock is not None and clock_offset is not None:
+        there = clock.at(clock_offset)._replace(rates=None)
+        if there.samples < 2:
+            raise ArgumentError("clock_offset", "a time by which both recordings still overlap [s]", clock_offset)
+        estimate = most_likely(there, start or closed_form(there.thinned(_MAX_STARTED)), loss)
+        return estimate._replace(offset=clock_offset), clock
+    if clock is not None:
+        near = clock.likeliest(start)
+        first = start or closed_form(clock.at(near, _MAX_STARTED))
+        estimate = most_likely(poses, first, loss, clock.at, near)
+        real, noisy = (at(estimate.offset, _MAX_STARTED) for at in (clock.at, clock.noise_at))
+        if estimate.still and shows_offset(real, noisy, estimate, loss):
+            return estimate, clock
+    return most_likely(poses, start or closed_form(poses.thinned(_MAX_STARTED)), loss), None
+
+
+def _offset_deviation(poses: RelativePoses, seen: Judged, clock_offset: float | None) -> np.float64:
+    """Return the standard deviation of the clock offset: 0 of a known one, inf where the motion does not show it."""
+    if poses.rates is None:
+        return np.float64(np.inf if clock_offset is None else 0.0)
+    return np.float64(np.sqrt(seen.covariance[PARAMETERS, PARAMETERS]))
+
+
+def _encoder_line(line: Line, zero: float, seen: Judged, noise: Noise) -> EncoderFit:
+    """Return what psi is by the reading of an encoder, with standard deviations."""
+    covariance = seen.covariance[-2:, -2:]
+    back = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    off = line.zero - zero
+    off -= 2 * np.pi * np.rint(off / (2 * np.pi))
+    return EncoderFit(
+        zero=float(off),
+        scale=line.slope,
+        noise=float(np.sqrt(noise.encoder)),
+        std={"zero": back[0], "scale": back[1]},
+    )
+
+
+def _finite(value: Any) -> Any:
+    """Return a number for JSON, or a list of such; None in place of one that is not finite."""
+    if isinstance(value, list):
+        return [_finite(one) for one in value]
+    return value if np.isfinite(value) else None
 
 
 def _spread(values: Float64Array, used: NDArray[np.bool_], missing: float = np.nan) -> Float64Array:

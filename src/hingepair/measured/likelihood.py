@@ -7,16 +7,22 @@ equations with parameters, Helmert 1872; Förstner and Wrobel, Photogrammetric C
 written in axes along the hinge. There the tilt is seen free of the gap; half of the lever times the tilt is taken
 from the gap, after which it is
 
-    C = a + b (abs(p)^2 - p p^T) + b w w^T,   w = n x (S1 u1 + S2 u2),
+    C = a + b (abs(p)^2 - p p^T) + c w w^T,   w = n x (S1 u1 + S2 u2),
 
-a the variance of R2 - R1, b a quarter of that of the relative attitude. Samples are walked through in blocks; nothing
-of the size of a Jacobian of all samples is kept.
+a the variance of R2 - R1, b and c a quarter of that of the relative attitude s. Where it is told that the attitude of
+body 1 has the part k of that variance, b = k (1 - k) s and w = 2 n x (k S1 u1 + (1 - k) S2 u2).
+
+An unknown offset between the clocks of the bodies is one more parameter. An encoder that reads psi adds one residual,
+psi - zero - slope * reading; the part of the gap that goes with it is taken from the gap, which leaves
+c = (1 - g) s / 4, where g is the part of the residual's variance that the attitudes make.
+
+Samples are walked through in blocks; nothing of the size of a Jacobian of all samples is kept.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +32,12 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import rotation_exp
 
 PARAMETERS = 9
-"""Those of `Hinge.moved`."""
+"""Those of `Hinge.moved`, which come first; then the clock offset and the encoder's line, where they are sought."""
+_MAX_COMPONENT_SAMPLES, _MAX_SCORING_STEPS = 4096, 25  # of the variance components
+_MIN_VARIANCE_SHARE = 1e-3  # of the variance of a gap that is taken for noise of positions, at least
+_OFFSET_RATE = 5.0  # [rad/s] that takes steps of the clock offset to turns, where the length of a step is judged
+_ROUNDING_OFFSET = 1e-12  # [s]
+_MEDIAN_EFFICIENCY = 0.37  # of variances by medians, beside those by squares
 _BLOCK = 2048  # samples, that fit the caches
 _THIN = 16384  # samples that the first steps are taken with
 _MAX_SCORED, _STRETCH = 131072, 16  # samples that the covariance is taken from; blocks of them that follow each other
@@ -35,13 +46,17 @@ _MAX_STEPS, _MAX_TURN = 40, 0.3  # steps of a fit; turn of an axis in one of the
 _MAX_LAST_STEP, _MAX_NEXT_STEP = 0.02, 0.1  # at rest: standard deviations of a step, and of the next one
 _ROUNDING_STEP = 2.0**-50  # a step, of turns or in parts of the bodies' largest coordinate, that rounding makes
 _BIAS_SAMPLES, _MIN_BIAS = 300, 0.1  # samples that the bias is taken at; standard deviations from which it counts
+_MAX_FRAMED = 100  # samples that tell how the axes of `frame` turned
+_MAX_ENCODER_OUTLIER = 5.0  # of the median distance from the encoder's line, of samples that tell its zero
+_MIN_OFFSET_SIGNAL = 10.0  # of what noise adds to the normal matrix, from which the clock offset is shown
+_MAX_OFFSET_STD = 0.1  # [s]: an offset that is known less well is not shown
 _MIN_AXES_COSINE = -0.999999  # cosine of axes below which they point against each other
 _U = 2.0**-53
 _LOSS_SCALE = 11.07
 """Size of r^T C^-1 r at which losses other than "linear" bend: 95 % of good samples are below."""
 _MAX_NOISE_SIZE, _MAX_COUNTED_SIZE = 100.0, 900.0
 """Sizes from which samples tell nothing of the noise, and from which they count nothing in losses but "linear"."""
-_MEDIANS = {2: 1.3863, 3: 2.3660}  # of chi-squared, by degrees of freedom
+_MEDIANS = {1: 0.4549, 2: 1.3863, 3: 2.3660}  # of chi-squared, by degrees of freedom
 
 Loss = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 
@@ -56,10 +71,18 @@ LOSSES: dict[str, Loss | None] = {
 
 
 class Noise(NamedTuple):
-    """Variances of the noise."""
+    """Variances of the noise, or what multiplies those that are told."""
 
     place: float  # of a component of R2 - R1 [m^2]
     attitude: float  # of a component of the relative attitude [rad^2]
+    encoder: float = 0.0  # of an encoder's reading, as a hinge angle [rad^2]
+
+
+class Line(NamedTuple):
+    """The angle about the hinge, from one `frame` to the other, as an encoder reads it: zero + slope * reading."""
+
+    zero: float  # [rad]
+    slope: float  # [rad] in a unit of the reading
 
 
 class Residuals(NamedTuple):
@@ -70,50 +93,104 @@ class Residuals(NamedTuple):
     arms: Float64Array  # S1 u1 + S2 u2 [m]; shape (3, M)
     tilt: Float64Array  # of Q m - n the direction, its length the chord; shape (2, M)
     gap: Float64Array  # of E1, half of the tilt's share taken out [m]; shape (3, M)
+    delayed: Float64Array | None = None  # derivatives of tilt, gap and psi by the clock offset; shape (6, M)
+    told: Float64Array | None = None  # what is told of the noise; shape (3, M)
+    reading: Float64Array | None = None  # of the encoder, NaN where none; shape (M,)
+    turn: Float64Array | None = None  # psi less what the encoder says, 0 where it says nothing [rad]; shape (M,)
+    slope: float = 1.0  # of the encoder's line
+
+    @property
+    def psi(self) -> Float64Array:
+        """Return the angle about the hinge from one `frame` to the other, in [-pi, pi] [rad]; shape (M,)."""
+        return np.asarray(np.arctan2(self.q[3] - self.q[1], self.q[0] + self.q[4]))
+
+    def variances(self, noise: Noise) -> tuple[Any, Any, Any]:
+        """Return the variances of place and attitude, and body 1's share of the latter: numbers or shape (M,)."""
+        if self.told is None:
+            return noise.place, noise.attitude, 0.5
+        return noise.place * self.told[0], noise.attitude * self.told[1], self.told[2]
 
     @property
     def spread(self) -> Float64Array:
         """Return what noise of attitude, of variance 1, adds to abs(gap)^2 [m^2]; shape (M,)."""
         x, y, _ = self.arms
-        return np.asarray((self.p * self.p).sum(axis=0) / 2 + (x * x + y * y) / 4)
+        _, scale, share = self.variances(Noise(1.0, 1.0))
+        return np.asarray(scale * (2 * share * (1 - share) * (self.p**2).sum(axis=0) + (x * x + y * y) / 4))
 
-    def whiten(self, noise: Noise, tilts: Float64Array, gaps: Float64Array) -> Float64Array:
-        """Return the tilts (k, 2, M) and gaps (k, 3, M) multiplied by L^-1, where L L^T is C; shape (k, 5, M).
+    def whiten(
+        self, noise: Noise, tilts: Float64Array, gaps: Float64Array, turns: Float64Array | None = None
+    ) -> Float64Array:
+        """Return tilts (k, 2, M), gaps (k, 3, M) and turns (k, M) multiplied by L^-1.
 
-        C = L L^T (Cholesky) with w = (-y, x, 0); no eigenvalue of C is below a.
+        C = L L^T (Cholesky) with w = (-y, x, 0); no eigenvalue of C is below a. The shape is (k, 5, M), with turns
+        (k, 6, M).
         """
-        a, b = noise.place, noise.attitude / 4
+        a, attitude, share = self.variances(noise)
+        b, c = attitude * share * (1 - share), attitude / 4
         (p, q, r), (x, y, _) = self.p, self.arms
-        xy, zx, yz = -b * (p * q + x * y), -b * r * p, -b * q * r
-        l1 = np.sqrt(a + b * (q * q + r * r + y * y))
+        rows = np.empty((tilts.shape[0], 5 if turns is None else 6, tilts.shape[2]))
+        if turns is not None and self.reading is not None:
+            total = attitude + noise.encoder
+            gain = np.where(np.isfinite(self.reading), attitude / total, 0.0)
+            c = c * (1 - gain)
+            gaps = gaps + 0.5 * gain * turns[:, None] * np.stack((-y, x, np.zeros_like(x)))
+            rows[:, 5] = turns / np.sqrt(total)
+        xy, zx, yz = -b * p * q - c * x * y, -b * r * p, -b * q * r
+        l1 = np.sqrt(a + b * (q * q + r * r) + c * y * y)
         l2, l3 = xy / l1, zx / l1
-        m2 = np.sqrt(np.maximum(a + b * (r * r + p * p + x * x) - l2 * l2, a))
+        m2 = np.sqrt(np.maximum(a + b * (r * r + p * p) + c * x * x - l2 * l2, a))
         m3 = (yz - l2 * l3) / m2
         n3 = np.sqrt(np.maximum(a + b * (p * p + q * q) - l3 * l3 - m3 * m3, a))
-        rows = np.empty((tilts.shape[0], 5, tilts.shape[2]))
-        rows[:, :2] = tilts / np.sqrt(noise.attitude)
+        rows[:, :2] = tilts / np.sqrt(attitude)
         rows[:, 2] = gaps[:, 0] / l1
         rows[:, 3] = (gaps[:, 1] - l2 * rows[:, 2]) / m2
         rows[:, 4] = (gaps[:, 2] - l3 * rows[:, 2] - m3 * rows[:, 3]) / n3
         return rows
 
     def sizes(self, noise: Noise) -> Float64Array:
-        """Return r^T C^-1 r, about 5 where noise is as supposed; shape (M,)."""
-        return np.asarray((self.whiten(noise, self.tilt[None], self.gap[None])[0] ** 2).sum(axis=0))
+        """Return r^T C^-1 r, about 5 where noise is as supposed, with an encoder 6; shape (M,)."""
+        turns = None if self.turn is None else self.turn[None]
+        return np.asarray((self.whiten(noise, self.tilt[None], self.gap[None], turns)[0] ** 2).sum(axis=0))
 
     def rows(self, noise: Noise) -> Float64Array:
-        """Return derivatives by the PARAMETERS, and the residual last, whitened; shape (10, 5, M)."""
+        """Return derivatives by the parameters, and the residual last, whitened; shape (10 to 13, 5 or 6, M)."""
         q, (x, y, z), count = self.q, self.arms, self.q.shape[1]
-        tilts, gaps = np.zeros((PARAMETERS + 1, 2, count)), np.zeros((PARAMETERS + 1, 3, count))
+        parameters = PARAMETERS + (self.delayed is not None) + (0 if self.turn is None else 2)
+        tilts, gaps = np.zeros((parameters + 1, 2, count)), np.zeros((parameters + 1, 3, count))
+        turns = None if self.turn is None else np.zeros((parameters + 1, count))
         tilts[0, 0] = tilts[1, 1] = -1.0
-        tilts[2], tilts[3], tilts[9] = q[0:6:3], q[1:6:3], self.tilt
+        tilts[2], tilts[3], tilts[-1] = q[0:6:3], q[1:6:3], self.tilt
         for k in range(4):
             gaps[k, :2] = 0.5 * z * tilts[k]
             gaps[k, 2] = -0.5 * (tilts[k, 0] * x + tilts[k, 1] * y)
         for k in range(3):
             gaps[4 + k, k] = 1.0
-        gaps[7], gaps[8], gaps[9] = -q[0::3], -q[1::3], self.gap
-        return self.whiten(noise, tilts, gaps)
+        gaps[7], gaps[8], gaps[-1] = -q[0::3], -q[1::3], self.gap
+        if self.delayed is not None:
+            tilts[PARAMETERS], gaps[PARAMETERS] = self.delayed[:2], self.delayed[2:5]
+        if turns is not None and self.reading is not None and self.turn is not None:
+            read = np.isfinite(self.reading)
+            # the reading without noise, as psi and the encoder have it together: else its noise makes the slope small
+            _, attitude, _ = self.variances(noise)
+            likeliest = self.reading + noise.encoder / (attitude + noise.encoder) * self.turn / self.slope
+            turns[-3], turns[-2], turns[-1] = np.where(read, -1.0, 0.0), np.where(read, -likeliest, 0.0), self.turn
+            if self.delayed is not None:
+                turns[PARAMETERS] = np.where(read, self.delayed[5], 0.0)
+        return self.whiten(noise, tilts, gaps, turns)
+
+
+class Estimate(NamedTuple):
+    """The most likely hinge and what was estimated with it."""
+
+    hinge: Hinge
+    noise: Noise
+    still: bool  # whether the steps came to rest
+    offset: float = 0.0  # by how much later body 2 was recorded than body 1 at equal stamps [s]
+    line: Line | None = None  # of the encoder
+
+
+PosesAt = Callable[[float, int], RelativePoses]
+"""Function of the clock offset [s] and of how many samples are needed at most, that returns relative poses."""
 
 
 class Judged(NamedTuple):
@@ -127,30 +204,136 @@ class Judged(NamedTuple):
     alike: tuple[float, float]  # correlations of neighbours, of tilts and of gaps
     covariance: Float64Array  # of the parameters
     unresolved_lag: int  # samples over which scores are still correlated at the longest sums; 0 where they are not
+    turn: Float64Array  # psi less what the encoder says, 0 where it says nothing [rad]; shape (N,)
 
 
-def most_likely(poses: RelativePoses, start: Hinge, loss: Loss | None) -> tuple[Hinge, Noise, bool]:
-    """Return the most likely hinge, its noise, and whether the steps came to rest."""
-    thin = poses.thinned(_THIN)
-    hinge, noise = start, _noise(thin, start, None, loss)
+def most_likely(
+    poses: RelativePoses, start: Hinge, loss: Loss | None, at: PosesAt | None = None, offset: float = 0.0
+) -> Estimate:
+    """Return the most likely hinge, its noise, and whether the steps came to rest.
+
+    Args:
+        poses: all samples.
+        start: the hinge that the steps begin with.
+        loss: of a sample; None counts squares.
+        at: what gives the poses at other clock offsets, where the offset is an unknown too.
+        offset: clock offset that the steps begin with [s].
+    """
+    at = at or (lambda _, most: poses.thinned(most))
+    some = at(offset, _THIN)
+    hinge, line = start, line_from(some, start)
+    noise = _noise(some, hinge, None, loss, line)
     still = False
-    for some in (thin, poses) if thin is not poses else (poses,):
+    for most in (_THIN, poses.samples) if poses.samples > _THIN else (poses.samples,):
+        some = at(offset, most)
         for _ in range(_MAX_STEPS):
-            normal, gradient = _normal_equations(some, hinge, noise, loss)
+            normal, gradient = _normal_equations(some, hinge, noise, loss, line)
             step = -_solved(normal, gradient)
-            turn = float(np.abs(step[:4]).max())
+            delay = float(step[PARAMETERS]) if some.rates is not None else 0.0
+            turn = max(float(np.abs(step[:4]).max()), _OFFSET_RATE * abs(delay))
             if turn > _MAX_TURN:
                 step *= _MAX_TURN / turn
-            hinge = hinge.moved(step).balanced()
-            noise = _noise(thin, hinge, noise, loss)
+            before, hinge = hinge, hinge.moved(step[:PARAMETERS]).balanced()
+            if line is not None:
+                zero = line.zero + float(step[-2]) + _turned_frames(some.thinned(_MAX_FRAMED), before, hinge)
+                line = Line(zero, line.slope + float(step[-1]))
+            if some.rates is not None:
+                offset += float(step[PARAMETERS])
+                some = at(offset, most)
+            noise = _noise(some.thinned(_THIN), hinge, noise, loss, line)
             # in standard deviations; without a loss the next step is about this one times the noise
             size = np.sqrt(step @ normal @ step)
             quick = loss is None and size * (turn + np.sqrt(noise.attitude)) < _MAX_NEXT_STEP
-            rounded = (np.abs(step) < _ROUNDING_STEP * np.repeat((1.0, poses.size), (4, 5))).all()
+            least = _ROUNDING_STEP * np.repeat((1.0, poses.size), (4, 5))
+            rounded = (np.abs(step[:PARAMETERS]) < least).all() and abs(delay) < _ROUNDING_OFFSET
             still = bool(size < _MAX_LAST_STEP or quick or rounded)
             if still:
                 break
-    return hinge, noise, still
+    return Estimate(hinge, noise, still, offset, line)
+
+
+def line_from(poses: RelativePoses, hinge: Hinge, before: Line | None = None) -> Line | None:
+    """Return the line of the encoder for a hinge: its zero, and its slope too unless there was one before.
+
+    Where the axis turned around since, the slope before has the other sign.
+    """
+    if poses.encoder is None:
+        return None
+    psi = np.concatenate([seen.psi for _, seen in seen_from(poses, hinge)])
+    read = np.isfinite(poses.encoder)
+    psi, reading, weights = psi[read], poses.encoder[read], poses.weights[read]
+    slopes = _encoder_slopes(psi, reading) if before is None else [before.slope, -before.slope]
+    lines = [_line_with(psi, reading, weights, slope) for slope in slopes]
+    return min(lines, key=lambda line: float(np.median(np.abs(_turn(psi, reading, line)))))
+
+
+def _turned_frames(poses: RelativePoses, before: Hinge, after: Hinge) -> float:
+    """Return by how much psi changes because the axes of `frame` turn with the hinge [rad]."""
+    first, second = (np.concatenate([seen.psi for _, seen in seen_from(poses, hinge)]) for hinge in (before, after))
+    turned = np.exp(1j * (second - first))
+    return float(np.angle(np.median(turned.real) + 1j * np.median(turned.imag)))
+
+
+def _encoder_slopes(psi: Float64Array, reading: Float64Array) -> list[float]:
+    """Return slopes that an encoder may have: a line through all angles without jumps, and the usual slopes."""
+    slopes = [1.0, -1.0]
+    steps, turned = np.diff(reading), np.angle(np.exp(1j * np.diff(psi)))
+    if np.ptp(reading) > 0:
+        slopes.append(float(np.polyfit(reading - np.median(reading), np.unwrap(psi), 1)[0]))
+        moved = steps != 0
+        slopes.append(float(np.median(turned[moved] / steps[moved])) if moved.any() else 1.0)
+    return slopes
+
+
+def _line_with(psi: Float64Array, reading: Float64Array, weights: Float64Array, slope: float) -> Line:
+    off = np.exp(1j * (psi - slope * reading))
+    middle = float(np.angle(np.median(off.real) + 1j * np.median(off.imag)))
+    rest = _turn(psi, reading, Line(middle, slope))
+    near = np.abs(rest) <= _MAX_ENCODER_OUTLIER * np.median(np.abs(rest)) + 1e-300
+    return Line(middle + float(weights[near] @ rest[near] / weights[near].sum()), slope)
+
+
+def _turn(psi: Float64Array, reading: Float64Array, line: Line) -> Float64Array:
+    """Return psi less what the encoder says, within half a turn; 0 where it says nothing [rad]."""
+    off = np.nan_to_num(psi - line.zero - line.slope * reading)
+    return np.asarray(off - 2 * np.pi * np.rint(off / (2 * np.pi)))
+
+
+def encoder_share(poses: RelativePoses, noise: Noise, line: Line | None) -> Float64Array | float:
+    """Return what part of psi less the encoder's angle is noise of the attitudes, so that psi is best without it."""
+    if line is None or poses.encoder is None:
+        return 0.0
+    attitude = noise.attitude * (1.0 if poses.told is None else poses.told[1])
+    return np.asarray(attitude / (attitude + noise.encoder) + 0 * poses.weights)
+
+
+def noise_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> dict[str, Any]:
+    """Return the standard deviations of noise_position and noise_angle by name."""
+    thin = poses.thinned(_MAX_COMPONENT_SAMPLES)
+    _, covariance = variance_components(thin, hinge, noise, noise, steps=0)
+    variances = np.diagonal(covariance) * thin.samples / poses.samples / (1.0 if loss is None else _MEDIAN_EFFICIENCY)
+    std = np.sqrt(variances) / (2 * np.sqrt(np.array(noise[:2])))
+    return dict(zip(("noise_position", "noise_angle"), std, strict=True))
+
+
+def shows_offset(poses: RelativePoses, noisy: RelativePoses, estimate: Estimate, loss: Loss | None) -> bool:
+    """Return whether the motion determines the clock offset beside all other parameters.
+
+    Args:
+        poses: relative poses with their derivatives by the offset.
+        noisy: poses whose derivatives are as large as the noise in those.
+        estimate: the most likely hinge.
+        loss: of a sample.
+    """
+    normals = [
+        _normal_equations(each, estimate.hinge, estimate.noise, loss, estimate.line)[0] for each in (poses, noisy)
+    ]
+    k = PARAMETERS
+    others = np.delete(np.arange(normals[0].shape[0]), k)
+    across = _solved(normals[0][np.ix_(others, others)], normals[0][others, k])
+    shown = normals[0][k, k] - normals[0][k, others] @ across
+    share = poses.weights.sum() / max(poses.samples, 1)
+    return bool(shown > _MIN_OFFSET_SIGNAL * normals[1][k, k] and shown * share * _MAX_OFFSET_STD**2 > 1)
 
 
 def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
@@ -184,7 +367,7 @@ def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
     return hinge.moved(_solved(normal / len(exact), gradient / 2)).balanced()
 
 
-def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> Judged:
+def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: Line | None = None) -> Judged:
     """Compute what the hinge leaves of every sample, and the covariance of its parameters.
 
     The covariance is the sandwich A^-1 B A^-1 (Huber, Robust Statistics, 1981, 6.3): A the derivative of the sum of
@@ -194,15 +377,18 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
     """
     count = poses.samples
     tilt, gap, psi = np.empty(count), np.empty((3, count)), np.empty(count)
-    sizes, weights = np.empty(count), np.empty(count)
-    slope, scores, left = np.zeros((PARAMETERS, PARAMETERS)), [], []
+    sizes, weights, turn = np.empty(count), np.empty(count), np.zeros(count)
+    slope: Float64Array = np.zeros(())
+    scores, left = [], []
     every = max(1, count // _MAX_SCORED)
-    for k, (own, seen) in enumerate(seen_from(poses, hinge)):
+    for k, (own, seen) in enumerate(seen_from(poses, hinge, line)):
         q, (x, y, z) = seen.q, seen.arms
         tilt[own] = np.arctan2(np.hypot(q[2], q[5]), q[8])
         gap[:2, own] = seen.gap[:2] - 0.5 * z * seen.tilt
         gap[2, own] = seen.gap[2] + 0.5 * (seen.tilt[0] * x + seen.tilt[1] * y)
-        psi[own] = np.arctan2(q[3] - q[1], q[0] + q[4])
+        psi[own] = seen.psi
+        if seen.turn is not None:
+            turn[own] = seen.turn
         given = poses.weights[own]
         if (k // _STRETCH) % every:
             sizes[own] = seen.sizes(noise)
@@ -213,20 +399,22 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) 
         first, second = (1.0, 0.0) if loss is None else _slopes(loss, given * sizes[own])
         weights[own] = given * first
         score = np.einsum("kri,ri->ki", rows[:-1], rows[-1])
-        slope += _gram(rows, weights[own])[:-1, :-1] + 2 / _LOSS_SCALE * (score * (second * given**2)) @ score.T
+        slope = (
+            slope + _gram(rows, weights[own])[:-1, :-1] + 2 / _LOSS_SCALE * (score * (second * given**2)) @ score.T
+        )
         scores.append(weights[own] * score)
         left.append(weights[own] * rows[-1])
     whole = np.concatenate(scores, axis=1)
     rest = np.concatenate(left, axis=1)
-    alike = _alike(rest[:2], 1), _alike(rest[2:], 1)
+    alike = _alike(rest[:2], 1), _alike(rest[2:5], 1)
     together, unresolved_lag = summed_neighbours(whole)
     added = np.add.reduceat(whole, np.arange(0, whole.shape[1], together), axis=1)
     share = whole.shape[1] / count
     # a sample tells less of itself than of others, by its part of the parameters
-    free = 5 * whole.shape[1] / max(5 * whole.shape[1] - PARAMETERS, 1)
-    inverse = _solved(slope, np.eye(PARAMETERS))
+    free = 5 * whole.shape[1] / max(5 * whole.shape[1] - slope.shape[0], 1)
+    inverse = _solved(slope, np.eye(slope.shape[0]))
     covariance = share * free * inverse @ (added @ added.T) @ inverse.T
-    return Judged(tilt, gap, psi, sizes, weights, alike, covariance, unresolved_lag)
+    return Judged(tilt, gap, psi, sizes, weights, alike, covariance, unresolved_lag, turn)
 
 
 def _alike(rows: Float64Array, lag: int) -> float:
@@ -255,8 +443,8 @@ def summed_neighbours(scores: Float64Array) -> tuple[int, int]:
     return together, lag if unresolved else 0
 
 
-def seen_from(poses: RelativePoses, hinge: Hinge) -> Iterator[tuple[slice, Residuals]]:
-    """Compute what the constraints leave of the samples, block by block."""
+def seen_from(poses: RelativePoses, hinge: Hinge, line: Line | None = None) -> Iterator[tuple[slice, Residuals]]:
+    """Compute what the constraints leave of the samples, and the encoder where its line is given, block by block."""
     first, second = frame(hinge.n), frame(hinge.m)
     turned = np.kron(first.T, second.T)
     lever1, lever2 = (first.T @ hinge.u1)[:, None], (second.T @ hinge.u2)[:, None]
@@ -264,26 +452,42 @@ def seen_from(poses: RelativePoses, hinge: Hinge) -> Iterator[tuple[slice, Resid
         own = slice(start, min(start + _BLOCK, poses.samples))
         q, p = turned @ poses.Q[:, own], first.T @ poses.p[:, own]
         arm = (q.reshape(3, 3, -1) * lever2).sum(axis=1)
-        arms = lever1 + arm
-        tilt = q[2:6:3] / np.sqrt(np.maximum((1 + q[8]) / 2, 1e-12))
+        told = None if poses.told is None else poses.told[:, own]
+        arms = lever1 + arm if told is None else 2 * (told[2] * lever1 + (1 - told[2]) * arm)
+        stretch = 1 / np.sqrt(np.maximum((1 + q[8]) / 2, 1e-12))
+        tilt = q[2:6:3] * stretch
         if q[8].min() < _MIN_AXES_COSINE:
             tilt[0] = np.where(q[8] < _MIN_AXES_COSINE, 2.0, tilt[0])
         gap = lever1 - p - arm
         gap[:2] += 0.5 * arms[2] * tilt
         gap[2] -= 0.5 * (tilt[0] * arms[0] + tilt[1] * arms[1])
-        yield own, Residuals(q, p, arms, tilt, gap)
+        seen = Residuals(q, p, arms, tilt, gap, told=told)
+        if poses.rates is not None:
+            dq, dp = turned @ poses.rates[:9, own], first.T @ poses.rates[9:, own]
+            delayed = np.empty((6, q.shape[1]))
+            delayed[:2] = dq[2:6:3] * stretch
+            delayed[2:5] = -dp - (dq.reshape(3, 3, -1) * lever2).sum(axis=1)
+            delayed[2:4] += 0.5 * arms[2] * delayed[:2]
+            delayed[4] -= 0.5 * (delayed[0] * arms[0] + delayed[1] * arms[1])
+            c, s = q[0] + q[4], q[3] - q[1]
+            delayed[5] = (c * (dq[3] - dq[1]) - s * (dq[0] + dq[4])) / np.maximum(c * c + s * s, 1e-12)
+            seen = seen._replace(delayed=delayed)
+        if poses.encoder is not None and line is not None:
+            reading = poses.encoder[own]
+            seen = seen._replace(reading=reading, turn=_turn(seen.psi, reading, line), slope=line.slope)
+        yield own, seen
 
 
 def _normal_equations(
-    poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None
+    poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: Line | None = None
 ) -> tuple[Float64Array, Float64Array]:
-    """Return J^T W J and J^T W r of one Gauss-Newton step; (9, 9), (9,)."""
-    total = np.zeros((PARAMETERS + 1, PARAMETERS + 1))
-    for own, seen in seen_from(poses, hinge):
+    """Return J^T W J and J^T W r of one Gauss-Newton step; (k, k), (k,) of k parameters."""
+    total: Float64Array = np.zeros(())
+    for own, seen in seen_from(poses, hinge, line):
         rows, weights = seen.rows(noise), poses.weights[own]
         if loss is not None:
             weights = weights * _slopes(loss, weights * (rows[-1] ** 2).sum(axis=0))[0]
-        total += _gram(rows, weights)
+        total = total + _gram(rows, weights)
     return total[:-1, :-1], total[:-1, -1]
 
 
@@ -299,16 +503,22 @@ def _gram(rows: Float64Array, weights: Float64Array) -> Float64Array:
     return np.asarray(rows @ rows.T)
 
 
-def _noise(poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss | None) -> Noise:
-    """Return variances by moments of the residuals, or by medians where there may be outliers; rounding at least.
+def _noise(
+    poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss | None, line: Line | None = None
+) -> Noise:
+    """Return variances that are most likely, or by medians where there may be outliers; rounding at least.
 
     The noise found before tells which samples are so far off that they are left out of the medians.
     """
     parts = []
-    for _, seen in seen_from(poses, hinge):
+    for own, seen in seen_from(poses, hinge, line):
         sizes = np.zeros(seen.q.shape[1]) if loss is None or before is None else seen.sizes(before)
-        parts.append((*((row * row).sum(axis=0) for row in (seen.tilt, seen.gap)), seen.spread, sizes))
-    tilt, gap, spread, sizes = (np.concatenate(own) for own in zip(*parts, strict=True))
+        place, attitude, _ = seen.variances(Noise(1.0, 1.0))
+        tilt, gap = (seen.tilt**2).sum(axis=0) / attitude, (seen.gap**2).sum(axis=0) / place
+        turn = np.full_like(tilt, np.nan) if poses.encoder is None or seen.turn is None else seen.turn**2
+        turn[~np.isfinite(np.nan if poses.encoder is None else poses.encoder[own])] = np.nan
+        parts.append((tilt, gap, seen.spread / place, turn, sizes))
+    tilt, gap, spread, turn, sizes = (np.concatenate(own) for own in zip(*parts, strict=True))
     weights = poses.weights
     near = np.ones(weights.size, dtype=bool)
     if loss is None:
@@ -319,8 +529,67 @@ def _noise(poses: RelativePoses, hinge: Hinge, before: Noise | None, loss: Loss 
         attitude, across = np.median(tilt[near]) / _MEDIANS[2], np.median(gap[near]) / _MEDIANS[3]
     attitude = max(float(attitude), (4 * _U) ** 2)
     lever = float(weights[near] @ spread[near] / weights[near].sum()) / 3
-    place = max(float(across) - attitude * lever, 1e-3 * float(across), (4 * _U * poses.size) ** 2, 1e-300)
-    return Noise(place, attitude)
+    rounding = max((4 * _U * poses.size) ** 2, 1e-300)
+    place = max(float(across) - attitude * lever, 1e-3 * float(across), rounding)
+    noise = Noise(place, attitude)
+    if loss is None:
+        least = Noise(max(_MIN_VARIANCE_SHARE * float(across), rounding), (4 * _U) ** 2)
+        noise, _ = variance_components(poses.thinned(_MAX_COMPONENT_SAMPLES), hinge, noise, least)
+    read = np.isfinite(turn) & near
+    if line is None or not read.any():
+        return noise
+    if loss is None:
+        total = float(weights[read] @ turn[read] / weights[read].sum())
+    else:
+        total = float(np.median(turn[read]) / _MEDIANS[1])
+    return noise._replace(encoder=max(total - noise.attitude, _MIN_VARIANCE_SHARE * total, (4 * _U) ** 2))
+
+
+def variance_components(
+    poses: RelativePoses, hinge: Hinge, start: Noise, least: Noise, steps: int = _MAX_SCORING_STEPS
+) -> tuple[Noise, Float64Array]:
+    """Return the most likely variances of place and attitude by Fisher scoring, and their covariance; (2, 2).
+
+    In the eigenvectors of what noise of attitudes adds to the covariance of a gap, residuals are independent, and
+    their squares have means that are linear in both variances (Searle, Casella and McCulloch, Variance Components,
+    1992, 8.3).
+
+    Args:
+        poses: samples.
+        hinge: the hinge that leaves the residuals.
+        start: variances to start from.
+        least: variances that are not fallen short of.
+        steps: of Fisher scoring, at most.
+    """
+    squares, places, attitudes = [], [], []
+    for own, seen in seen_from(poses, hinge):
+        place, attitude, share = (np.broadcast_to(x, seen.p.shape[1]) for x in seen.variances(Noise(1.0, 1.0)))
+        w = np.stack((-seen.arms[1], seen.arms[0], np.zeros_like(place)), axis=-1)
+        p, b = seen.p.T, (share * (1 - share))[:, None, None]
+        matrix = b * ((p * p).sum(axis=1)[:, None, None] * np.eye(3) - p[:, :, None] * p[:, None])
+        values, axes = np.linalg.eigh(matrix + w[:, :, None] * w[:, None] / 4)
+        gap = np.einsum("nij,in->jn", axes, seen.gap)
+        weights = poses.weights[own]
+        squares += [*(weights * gap**2), *(weights * seen.tilt**2)]
+        places += [*np.broadcast_to(place, gap.shape), *np.zeros((2, place.size))]
+        attitudes += [*(attitude * np.maximum(values.T, 0.0)), *np.broadcast_to(attitude, (2, attitude.size))]
+    square, design = np.concatenate(squares), np.stack((np.concatenate(places), np.concatenate(attitudes)))
+    square = square * (square.size / max(square.size - PARAMETERS, 1))
+    low = np.array(least[:2])
+    found = np.maximum(np.array(start[:2]), low)
+    for _ in range(steps):
+        scaled = design * found[:, None] / (found @ design)
+        right = scaled @ (square / (found @ design))
+        change = np.linalg.lstsq(scaled @ scaled.T, right)[0]
+        before, found = found, np.maximum(found * np.clip(change, 0.1, 10.0), low)
+        if (
+            np.abs(found - before).max(initial=0.0) <= 1e-4 * before.max()
+            and (np.abs(found / before - 1) < 1e-3).all()
+        ):
+            break
+    scaled = design * found[:, None] / (found @ design)
+    covariance = 2 * np.linalg.pinv(scaled @ scaled.T) * np.outer(found, found)
+    return Noise(*found.tolist()), covariance
 
 
 def _solved(matrix: Float64Array, right: Float64Array) -> Float64Array:

@@ -30,6 +30,9 @@ class RelativePoses(NamedTuple):
     p: Float64Array  # S1^T (R2 - R1) [m]; shape (3, N)
     weights: Float64Array  # of the samples, all positive; shape (N,)
     size: float  # largest coordinate of either body, for what rounding leaves [m]
+    rates: Float64Array | None = None  # derivatives of Q and p by the clock offset [1/s, m/s]; shape (12, N)
+    told: Float64Array | None = None  # what is told of the noise, rows of `TOLD`; shape (3, N)
+    encoder: Float64Array | None = None  # reading of an encoder [rad or its own unit], NaN where none; shape (N,)
 
     @property
     def samples(self) -> int:
@@ -42,8 +45,9 @@ class RelativePoses(NamedTuple):
         if step == 1:
             return self
         every = slice(None, None, step)
-        Q, p = np.ascontiguousarray(self.Q[:, every]), np.ascontiguousarray(self.p[:, every])
-        return RelativePoses(Q, p, self.weights[every], self.size)
+        parts = (self.Q, self.p, self.weights, self.rates, self.told, self.encoder)
+        Q, p, weights, *others = (None if part is None else np.ascontiguousarray(part[..., every]) for part in parts)
+        return RelativePoses(np.asarray(Q), np.asarray(p), np.asarray(weights), self.size, *others)
 
 
 def relative_poses(

@@ -145,6 +145,15 @@ def smooth(
 def _smooth_body(t: Float64Array, body: BodyMotion, bandwidth: float | None, gaps: float) -> SmoothedMotion:
     R = np.broadcast_to(body.R, (t.size, 3)).astype(np.float64)
     S = np.broadcast_to(body.S, (t.size, 3, 3)).astype(np.float64)
+    arrays, noise, hertz = smoothed_arrays(t, R, S, bandwidth, gaps)
+    _warn_of_noise(arrays, noise)
+    return SmoothedMotion(arrays, noise, hertz)
+
+
+def smoothed_arrays(
+    t: Float64Array, R: Float64Array, S: Float64Array, bandwidth: float | None, gaps: float
+) -> tuple[dict[str, Float64Array], dict[str, float], dict[str, float]]:
+    """Return R, v, a, S, omega and alpha of smoothed poses by name, their noise, and the bandwidths [Hz]."""
     where = _pieces("body.R", t, R, gaps)
     origin = R[where[0][0]]
     places = smooth_columns(t, R - origin, where, bandwidth)
@@ -152,10 +161,7 @@ def _smooth_body(t: Float64Array, body: BodyMotion, bandwidth: float | None, gap
     noise = _named(("R", "v", "a"), places)
     where = _pieces("body.S", t, S, gaps)
     turns, attitude, hertz = _smooth_attitudes(t, S, where, gaps, bandwidth)
-    arrays |= turns
-    noise |= attitude
-    _warn_of_noise(arrays, noise)
-    return SmoothedMotion(arrays, noise, {"R": places.bandwidth, "S": hertz})
+    return arrays | turns, noise | attitude, {"R": places.bandwidth, "S": hertz}
 
 
 def _smooth_attitudes(

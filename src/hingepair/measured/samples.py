@@ -1,0 +1,151 @@
+"""What a fit is made from, checked at the border: poses of two bodies, weights, noise that is known, an encoder."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError, ShapeError
+from hingepair.measured.likelihood import Noise
+from hingepair.measured.relative_poses import RelativePoses, relative_poses
+from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
+from hingepair.numeric.instants import increasing_seconds
+from hingepair.numeric.wrapped_angles import unwrap_if_wrapped
+from hingepair.pair.body_motion import BodyMotion, motion_arrays
+
+_MAX_NOISE_RATIO = 1.5  # of the noise that the data show to that which was told, or the other way round
+
+
+class Samples(NamedTuple):
+    """Samples of both bodies, and what is known of them."""
+
+    t: Float64Array | None  # instants since the first [s]; shape (N,)
+    R1: NDArray[np.floating]  # shape (N, 3)
+    S1: NDArray[np.floating]  # shape (N, 3, 3)
+    R2: NDArray[np.floating]
+    S2: NDArray[np.floating]
+    known1: NDArray[np.bool_]  # where body 1 was recorded and has weight; shape (N,)
+    known2: NDArray[np.bool_]
+    weights: Float64Array  # shape (N,)
+    told: Float64Array | None  # variances of places and attitudes in parts of their means, body 1's share; (3, N)
+    told_noise: Noise | None  # the means of these variances
+    encoder: Float64Array | None  # shape (N,)
+
+    def poses(self, used: NDArray[np.bool_]) -> RelativePoses:
+        """Return the relative poses of some of the samples, at equal stamps."""
+        rows = slice(None) if used.all() else used
+        R1, S1, R2, S2 = (array[rows] for array in (self.R1, self.S1, self.R2, self.S2))
+        poses = relative_poses(R1, S1, R2, S2, self.weights[rows])
+        return poses._replace(
+            told=None if self.told is None else self.told[:, rows],
+            encoder=None if self.encoder is None else self.encoder[rows],
+        )
+
+    def noise_suspicions(self, noise: Noise) -> list[str]:
+        """Return a sentence where the samples scatter otherwise than `noise1` and `noise2` say."""
+        if self.told_noise is None:
+            return []
+        ratios = {
+            "Positions": np.sqrt(noise.place / self.told_noise.place),
+            "Attitudes": np.sqrt(noise.attitude / self.told_noise.attitude),
+        }
+        return [
+            f"{name} scatter {ratio:.2g} times as much as noise1 and noise2 say."
+            for name, ratio in ratios.items()
+            if not 1 / _MAX_NOISE_RATIO < ratio < _MAX_NOISE_RATIO
+        ]
+
+
+def checked_samples(
+    body1: BodyMotion,
+    body2: BodyMotion,
+    t: ArrayLike | None,
+    weights: ArrayLike | None,
+    clock_offset: float | None,
+    encoder: ArrayLike | None,
+    noise1: tuple[ArrayLike, ArrayLike] | None,
+    noise2: tuple[ArrayLike, ArrayLike] | None,
+) -> Samples:
+    """Check the arguments of `fit` and return them as arrays of one length.
+
+    Raises:
+        ArgumentError: an argument cannot be used; names it.
+    """
+    arrays = motion_arrays("body1", body1, "R", "S") | motion_arrays("body2", body2, "R", "S")
+    shape = broadcast_shape({"body1": body1.shape, "body2": body2.shape})
+    if len(shape) != 1:
+        raise ShapeError("body1, body2", "motions of shape (N,), N instants", f"shape {shape}")
+    time = None if t is None else read_only(increasing_seconds("t", t)[0])
+    if time is not None and time.shape != shape:
+        raise ShapeError("t", f"shape {shape}, as the bodies", f"shape {time.shape}")
+    if clock_offset is not None:
+        finite_number("clock_offset", clock_offset)
+        if time is None:
+            raise ArgumentError("t", "instants beside clock_offset", None)
+    given = _checked_weights(weights, shape[0])
+    tails = {"R": (3,), "S": (3, 3)}
+    whole = {name: np.broadcast_to(array, (*shape, *tails[name[0]])) for name, array in arrays.items()}
+    known = {digit: np.ones(shape, dtype=bool) for digit in "12"}
+    known["1"] &= given > 0
+    for name, array in whole.items():
+        if not np.isfinite(array.sum()):  # one pass where nothing is missing
+            known[name[1]] &= np.isfinite(array.reshape(shape[0], -1)).all(axis=-1)
+    told, told_noise = _checked_noise(noise1, noise2, shape)
+    return Samples(
+        t=time,
+        **whole,
+        known1=known["1"],
+        known2=known["2"],
+        weights=given,
+        told=told,
+        told_noise=told_noise,
+        encoder=None if encoder is None else _checked_encoder(encoder, shape),
+    )
+
+
+def _checked_weights(weights: ArrayLike | None, count: int) -> Float64Array:
+    if weights is None:
+        return np.ones(count)
+    given = real_array("weights", weights).astype(np.float64)
+    if given.shape != (count,):
+        raise ShapeError("weights", f"shape ({count},), as the bodies", f"shape {given.shape}")
+    if not (np.isfinite(given) & (given >= 0)).all():
+        raise ArgumentError("weights", "finite numbers, none negative", given)
+    return given
+
+
+def _checked_encoder(encoder: ArrayLike, shape: tuple[int, ...]) -> Float64Array:
+    given = real_array("encoder", encoder).astype(np.float64)
+    if given.shape != shape:
+        raise ShapeError("encoder", f"shape {shape}, as the bodies", f"shape {given.shape}")
+    known = np.isfinite(given)
+    if known.sum() < 2 or np.ptp(given[known]) == 0:
+        raise ArgumentError("encoder", "at least two readings that differ", f"{int(known.sum())} finite ones")
+    return unwrap_if_wrapped(given)
+
+
+def _checked_noise(
+    noise1: tuple[ArrayLike, ArrayLike] | None, noise2: tuple[ArrayLike, ArrayLike] | None, shape: tuple[int, ...]
+) -> tuple[Float64Array | None, Noise | None]:
+    """Return the rows of `Samples.told`, and the means of both variances."""
+    if noise1 is None and noise2 is None:
+        return None, None
+    parts = []
+    for name, noise in (("noise1", noise1), ("noise2", noise2)):
+        expected = "two standard deviations, of positions [m] and of attitudes [rad]"
+        if not isinstance(noise, (tuple, list)) or len(noise) != 2:
+            raise ArgumentError(name, expected + (", beside those of the other body" if noise is None else ""), noise)
+        for part in noise:
+            deviation = real_array(name, part).astype(np.float64)
+            if deviation.shape not in {(), shape}:
+                raise ShapeError(name, f"numbers or shape {shape}, as the bodies", f"shape {deviation.shape}")
+            if not (np.isfinite(deviation) & (deviation >= 0)).all():
+                raise ArgumentError(name, "finite numbers, none negative", part)
+            parts.append(np.broadcast_to(deviation**2, shape))
+    place, attitude = parts[0] + parts[2], parts[1] + parts[3]
+    if not ((place > 0) & (attitude > 0)).all():
+        raise ArgumentError("noise1, noise2", "noise of one body at least, in every sample", "0 of both")
+    mean = Noise(float(place.mean()), float(attitude.mean()))
+    return np.stack((place / mean.place, attitude / mean.attitude, parts[1] / attitude)), mean

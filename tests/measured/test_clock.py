@@ -1,0 +1,153 @@
+"""Two clocks: the offset between them is found with the hinge, or known, or not determined, and always said."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.recorded import HOME, N1, U1, U2, turns
+
+
+def poses(t: np.ndarray, psi_rate: float = 2.0, moving: float = 1.0) -> tuple[np.ndarray, ...]:
+    """R1, S1, R2, S2 of a hinge at some instants."""
+    S1 = turns(moving * np.stack((np.sin(0.7 * t), np.cos(1.1 * t), 0.5 * np.sin(t)), axis=-1))
+    R1 = moving * np.stack((np.sin(t), np.cos(t), 0.1 * t), axis=-1)
+    psi = np.sin(psi_rate * t) + 0.3 * np.cos(2.5 * psi_rate * t)
+    S2 = S1 @ turns(psi[:, None] * N1) @ HOME
+    return R1, S1, R1 + S1 @ U1 - S2 @ U2, S2
+
+
+def recorded(
+    late: float, count: int = 2000, rate: float = 200.0, noise: float = 1.0, seed: int = 0, moving: float = 1.0
+) -> tuple[np.ndarray, hp.BodyMotion, hp.BodyMotion]:
+    """Two bodies with noise of 1 mm and 2 mrad each; body 2 is recorded later than its stamps say."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(count) / rate
+    found = []
+    for R, S in (poses(t, moving=moving)[:2], poses(t + late, moving=moving)[2:]):
+        off, turn = noise * rng.standard_normal((2, count, 3))
+        found.append(hp.BodyMotion(R=R + 1e-3 * off, S=S @ turns(2e-3 * turn)))
+    return t, *found
+
+
+def point_error(fit: hp.HingeFit) -> np.ndarray:
+    sign = np.sign(fit.pair.n @ N1)
+    return fit.pair.u1 - (U1 - (U1 @ N1) * N1), fit.pair.n - sign * N1
+
+
+@pytest.mark.parametrize("late", [2e-3, 10e-3, 33e-3, 50e-3, -50e-3, 0.4])
+def test_an_offset_is_found_with_the_hinge(late: float) -> None:
+    t, body1, body2 = recorded(late)
+    found = hp.fit(body1, body2, t=t)
+    assert found.clock_offset == pytest.approx(late, abs=4 * found.std["clock_offset"])
+    assert found.std["clock_offset"] < 0.15e-3
+    assert (np.abs(point_error(found)[0]) < 4 * found.std["u1"] + 1e-12).all()
+    assert found.std["u1"].max() < 0.2e-3
+    assert found.ok
+    order = "later" if late > 0 else "earlier"
+    assert f"ms {order} than its stamps say" in " ".join(found.findings)
+    lost = int(np.floor(abs(late) * 200 + 0.25))
+    assert found.samples == pytest.approx(2000 - lost, abs=1)
+
+
+def test_without_instants_an_offset_spoils_the_hinge() -> None:
+    t, body1, body2 = recorded(10e-3)
+    blind, seeing = hp.fit(body1, body2), hp.fit(body1, body2, t=t)
+    assert blind.clock_offset is None
+    assert "clock_offset" not in blind.std
+    assert np.abs(point_error(blind)[0]).max() > 20 * np.abs(point_error(seeing)[0]).max()
+
+
+@pytest.mark.parametrize("late", [0.0, 12.5e-3])
+def test_exact_recordings_give_the_offset_exactly(late: float) -> None:
+    t, body1, body2 = recorded(late, noise=0.0)
+    found = hp.fit(body1, body2, t=t)
+    assert found.clock_offset == pytest.approx(late, abs=1e-8)
+    assert np.abs(np.concatenate(point_error(found))).max() < 1e-8
+
+
+@pytest.mark.parametrize("late", [0.0, 2.5e-3, 5e-3, 7.5e-3])
+def test_moving_samples_leaves_their_noise_as_it_is(late: float) -> None:
+    """Interpolation would average the noise of neighbours: by a third in the middle between samples."""
+    t, body1, body2 = recorded(late, count=4000)
+    found = hp.fit(body1, body2, t=t)
+    assert found.noise_position == pytest.approx(np.sqrt(2) * 1e-3, rel=0.05)
+    assert found.noise_angle == pytest.approx(np.sqrt(2) * 2e-3, rel=0.05)
+
+
+def test_outliers_and_an_offset_at_once() -> None:
+    t, body1, body2 = recorded(20e-3)
+    off = np.random.default_rng(1).random(2000) < 0.1
+    R2, S2 = body2.R.copy(), body2.S.copy()
+    R2[off] += 0.3
+    S2[off] = S2[off] @ turns((0.0, 0.5, 1.0))
+    found = hp.fit(body1, hp.BodyMotion(R=R2, S=S2), loss="cauchy", t=t)
+    assert found.ok
+    assert found.clock_offset == pytest.approx(20e-3, abs=1e-3)
+    assert np.abs(point_error(found)[0]).max() < 2e-3
+
+
+def test_a_body_1_that_stands_still_does_not_determine_the_offset() -> None:
+    """Then a delay is a delay of psi, which the fit does not know."""
+    t, body1, body2 = recorded(10e-3, moving=0.0)
+    found = hp.fit(body1, body2, t=t)
+    assert found.ok
+    assert (found.clock_offset, found.std["clock_offset"]) == (0.0, np.inf)
+    assert "clock offset: not determined by this motion" in str(found)
+    assert json.loads(found.to_json())["std"]["clock_offset"] is None
+
+
+def test_a_known_offset_is_taken_as_it_is() -> None:
+    t, body1, body2 = recorded(10e-3)
+    known, sought, none = (hp.fit(body1, body2, t=t, clock_offset=offset) for offset in (10e-3, None, 0.0))
+    assert (known.clock_offset, known.std["clock_offset"]) == (10e-3, 0.0)
+    assert np.abs(known.pair.u1 - sought.pair.u1).max() < 3 * sought.std["u1"].max()
+    assert known.std["u1"].max() < sought.std["u1"].max()
+    assert none.pair.u1.tolist() == hp.fit(body1, body2).pair.u1.tolist()
+    with pytest.raises(hp.ArgumentError, match="t: expected instants beside clock_offset"):
+        hp.fit(body1, body2, clock_offset=0.01)
+    with pytest.raises(
+        hp.ArgumentError, match="clock_offset: expected a time by which both recordings still overlap"
+    ):
+        hp.fit(body1, body2, t=t, clock_offset=100.0)
+
+
+def test_what_is_left_of_samples_is_that_of_the_moved_ones() -> None:
+    t, body1, body2 = recorded(10e-3)
+    found = hp.fit(body1, body2, t=t)
+    assert found.residuals.ok
+    gap, _ = found.residuals.rows
+    assert gap.rms == pytest.approx(found.rms_position, rel=1e-9)
+    R2 = poses(t)[2]
+    inside = np.isfinite(found.psi)
+    assert np.sqrt(np.mean((found.body2.R - R2)[inside] ** 2)) < 1.2e-3
+
+
+def test_missing_samples_stay_missing() -> None:
+    t, body1, body2 = recorded(10e-3)
+    R2 = body2.R.copy()
+    R2[700:720] = np.nan
+    found = hp.fit(body1, hp.BodyMotion(R=R2, S=body2.S), t=t)
+    lost = np.flatnonzero(np.isnan(found.psi))
+    assert 702 in lost
+    assert 722 not in lost
+    assert found.samples == 2000 - 20 - 2
+    assert found.clock_offset == pytest.approx(10e-3, abs=1e-3)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("late", [0.0, 13e-3])
+def test_errors_are_within_the_intervals_in_hundreds_of_runs(late: float) -> None:
+    inside = np.zeros(7)
+    for seed in range(300):
+        t, body1, body2 = recorded(late, 400, 40.0, seed=seed)
+        found = hp.fit(body1, body2, t=t)
+        point, axis = point_error(found)
+        off = np.concatenate(([found.clock_offset - late], point, axis))
+        std = np.concatenate(([found.std["clock_offset"]], found.std["u1"], found.std["n"]))
+        inside += np.abs(off) < 1.96 * std
+    assert (inside / 300).min() >= 0.9
+    assert (inside / 300).max() <= 0.99
