@@ -119,24 +119,24 @@ def test_rates_of_euler_angles(pair):
 
 def levers(pair):
     arm = tuple(pair.home * column(pair.u2))
-    around = eq.cross(pair.n, arm)
-    return arm, eq.cross(around, pair.n), around
+    lever_sin = eq.cross(pair.n, arm)
+    return arm, eq.cross(lever_sin, pair.n), lever_sin
 
 
 def test_body2(pair):
     S1, (_, (psid,), (psidd,)) = tuple_of(pair.S()), pair.psi
-    arm, across, around = levers(pair)
-    swing = eq.swing(across, around, hinge(pair), eq.cosine(hinge(pair)))
-    d = eq.offset(S1, eq.along(pair.u1, arm, across), swing)
-    slide = eq.slide(S1, across, around, hinge(pair), eq.cosine(hinge(pair)))
+    arm, lever_cos, lever_sin = levers(pair)
+    lever_moving = eq.lever_moving(lever_cos, lever_sin, hinge(pair), eq.cosine(hinge(pair)))
+    d = eq.offset(S1, eq.lever_fixed(pair.u1, arm, lever_cos), lever_moving)
+    lever_by_psi = eq.lever_by_psi(S1, lever_cos, lever_sin, hinge(pair), eq.cosine(hinge(pair)))
     omega1, alpha1, axis = tuple(pair.omega()), tuple(pair.alpha), eq.rotate(S1, pair.n)
     same(eq.position2(tuple(pair.R()), d), pair.R2())
-    same(eq.velocity2(pair.points[1], omega1, d, slide, psid), rate(pair.R2))
+    same(eq.velocity2(pair.points[1], omega1, d, lever_by_psi, psid), rate(pair.R2))
     same(eq.angular_velocity2(omega1, axis, psid), pair.omega2())
     alpha2 = column(vee(rate(pair.S2, 2) * pair.S2().T))
     same(eq.angular_acceleration2(alpha1, omega1, axis, psid, psidd), alpha2)
-    relative = eq.relative_acceleration(slide, eq.rotate(S1, swing), psid, psidd)
-    same(eq.acceleration2(pair.points[2], omega1, alpha1, d, slide, psid, relative), rate(pair.R2, 2))
+    relative = eq.relative_acceleration(lever_by_psi, eq.rotate(S1, lever_moving), psid, psidd)
+    same(eq.acceleration2(pair.points[2], omega1, alpha1, d, lever_by_psi, psid, relative), rate(pair.R2, 2))
     r1, r2 = pair.S() * column(pair.u1), pair.S2() * column(pair.u2)
     same(eq.point_acceleration(omega1, alpha1, tuple(r1)), rate(lambda s: pair.S(s) * column(pair.u1), 2))
     same(eq.hinge_gap(pair.points[0], tuple(r1), vector(30), tuple(r2)), pair.R() + r1 - column(vector(30)) - r2)

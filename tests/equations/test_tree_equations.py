@@ -29,10 +29,13 @@ class Tree:
         self.S = [turn(unit(vector(301 + k)), mpf(k + 1)) for k in range(len(JOINTS))]
         self.u = [vector(311 + k) for k in range(len(JOINTS))]
         count = len(JOINTS)
+        self.rotors = [mpf(k) / 3 for k in range(1, count + 1)]  # the inertias of geared rotors (T10)
         self.q = [vector(321, count), vector(322, count), vector(323, count)]
         self.links = [
-            trees.Link(parent, slides, tuple_of(S), u, *moments(cloud))
-            for (parent, slides), S, u, cloud in zip(JOINTS, self.S, self.u, self.clouds[1:], strict=True)
+            trees.Link(parent, slides, tuple_of(S), u, *moments(cloud), rotor)
+            for (parent, slides), S, u, cloud, rotor in zip(
+                JOINTS, self.S, self.u, self.clouds[1:], self.rotors, strict=True
+            )
         ]
         self.root = trees.Base(*moments(self.clouds[0]))
         turns = [
@@ -148,6 +151,9 @@ def test_forces_are_those_of_the_points_beyond_each_joint(tree, truth):
     )  # fmt: skip
     wrenches = trees.inward(tree.links, tree.places, trees.inertial_wrenches(tree.root, tree.links, feels))
     along = trees.along_axes(tree.links, wrenches)
+    efforts = trees.driving_efforts(tree.links, wrenches, tree.q[2])
+    rotors = [rotor * change for rotor, change in zip(tree.rotors, tree.q[2], strict=True)]
+    same([effort - load for effort, load in zip(efforts, along, strict=True)], rotors)
     for joint in range(len(JOINTS) + 1):
         R, S = tree.poses()[joint]
         moved = [one for body in (tree.beyond(joint) if joint else range(len(points))) for one in points[body]]
@@ -181,12 +187,13 @@ def test_the_mass_matrix_is_that_of_the_kinetic_energy(tree, truth):
     M = whole_mass_matrix(tree)
     speeds = column([*velocities[0][0], *velocities[0][1], *tree.q[1]])
     energy = sum(m * mpmath.norm(v) ** 2 / 2 for own in points for m, _, v, _ in own)
+    energy += sum(rotor * rate**2 / 2 for rotor, rate in zip(tree.rotors, tree.q[1], strict=True))
     same([(speeds.T * M * speeds)[0] / 2], [energy])
     bodies = trees.velocities(
         tree.links, tree.places, tree.q[1], own_axes(tree, 0, velocities[0][0]), own_axes(tree, 0, velocities[0][1])
     )
     momenta = trees.momenta(tree.root, tree.links, bodies)
-    same([trees.kinetic_energy(bodies, momenta)], [energy])
+    same([trees.kinetic_energy(tree.links, bodies, momenta, tree.q[1])], [energy])
     for k, (R, S) in enumerate(tree.poses()):
         same(bodies[k][0], S.T * velocities[k][0])
         same(bodies[k][1], S.T * velocities[k][1])
@@ -226,7 +233,8 @@ def test_forward_dynamics_solve_the_mass_matrix(tree):
     torque = J * column(alpha) + H * column(a) + S * column(at_base[1])
     same([*force, *torque], whole[0:6])
     for step, link in zip(steps, tree.links, strict=True):
-        same([step.share * step.pivot, (step.force if link.slides else step.torque)[2]], [1, step.pivot])
+        along = (step.force if link.slides else step.torque)[2] + link.armature
+        same([step.share * step.pivot, along], [1, step.pivot])
 
 
 def matrix3(tree, entries):

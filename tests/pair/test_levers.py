@@ -31,11 +31,11 @@ def test_levers_are_rounded_once(case):
     with mpmath.workdps(DIGITS):
         axis, arm = unit(n), (exactly(home) @ exactly(u2)[..., None])[..., 0]
         dot = (axis * arm).sum(axis=-1, keepdims=True)
-        across = arm - axis * dot
-        around = np.cross(axis, arm)
-        exact = {"across": across, "around": around, "along": exactly(u1) - axis * dot}
+        lever_cos = arm - axis * dot
+        lever_sin = np.cross(axis, arm)
+        exact = {"lever_cos": lever_cos, "lever_sin": lever_sin, "lever_fixed": exactly(u1) - axis * dot}
         for name, value in exact.items():
-            size = max(sizes[:2]) if name == "along" else sizes[1]
+            size = max(sizes[:2]) if name == "lever_fixed" else sizes[1]
             rounding = np.spacing(abs(found[name])) * 0.5 + 1e-28 * size
             assert np.all(abs(exactly(found[name]) - value) <= rounding), name
 

@@ -32,8 +32,8 @@ FAULTS = {
     ),
     "centripetal acceleration dropped in E9": Fault(
         "equations/spatial.py",
-        "return subtract(scale(scale(pull, psid), psid), scale(slide, psidd))",
-        "return scale(slide, 0 - psidd)",
+        "return subtract(scale(scale(centripetal, psid), psid), scale(lever_by_psi, psidd))",
+        "return scale(lever_by_psi, 0 - psidd)",
         "pair/test_laws.py::test_hinge_point_moves_as_one[general]",
     ),
     "Coriolis acceleration halved in E9": Fault(
@@ -153,8 +153,8 @@ FAULTS = {
     # constants and numbers
     "u1 and u2 swapped": Fault(
         "pair/constants.py",
-        "for name in along.arguments[1:]",
-        "for name in along.arguments[:0:-1]",
+        "for name in lever_fixed.arguments[1:]",
+        "for name in lever_fixed.arguments[:0:-1]",
         "pair/test_levers.py::test_levers_are_rounded_once[ordinary]",
     ),
     "the shorter lever beside the longer one unscaled": Fault(
@@ -177,8 +177,9 @@ FAULTS = {
     ),
     "d computed as R2 - R1": Fault(
         "plans/steps.py",
-        'Step("d", eq.offset, ("S1", "along", "swing"))',
-        'Step("d", lambda *a: eq.subtract(eq.add(a[3], eq.offset(*a[:3])), a[3]), ("S1", "along", "swing", "R1"))',
+        'Step("d", eq.offset, ("S1", "lever_fixed", "lever_moving"))',
+        'Step("d", lambda a, b, c, R: eq.subtract(eq.add(R, eq.offset(a, b, c)), R), '
+        '("S1", "lever_fixed", "lever_moving", "R1"))',
         "pair/test_accuracy.py::test_hard_state[numpy-R1=1e+15]",
     ),
     "psi reduced modulo 2 pi in double": Fault(
@@ -1270,8 +1271,8 @@ FAULTS = {
     ),
     "a fixed base's mass in Pinocchio's free-flyer": Fault(
         "validation/robot_twin.py",
-        '    if robot.base == "free":\n        model.append',
-        "    if True:\n        model.append",
+        '    if robot.base == "free":\n        model.inertias[root]',
+        "    if flying:\n        model.inertias[root]",
         "validation/test_robot_twin.py::test_a_robot_is_compared_output_by_output[fixed-3]",
     ),
     "an inertia is assumed where it equals the default": Fault(

@@ -97,27 +97,27 @@ def cosine(hinge: Hinge) -> Scalar:
     return 1 - hinge[1]
 
 
-def along(u1: Vector, arm: Vector, across: Vector) -> Vector:
-    """Return the part of u1 - Sh C u2 that psi does not move: u1 minus the axial part of arm = C u2; body-1 axes."""
-    return subtract(u1, subtract(arm, across))
+def lever_fixed(u1: Vector, arm: Vector, lever_cos: Vector) -> Vector:
+    """Return the part of u1 - Sh C u2 that psi does not move: u1 less the axial part of arm = C u2; body-1 axes."""
+    return subtract(u1, subtract(arm, lever_cos))
 
 
-def swing(across: Vector, around: Vector, hinge: Hinge, cosine: Scalar) -> Vector:
-    """Return the part of Sh C u2 perpendicular to the axis (E6), body-1 axes: across cos(psi) + around sin(psi).
+def lever_moving(lever_cos: Vector, lever_sin: Vector, hinge: Hinge, cosine: Scalar) -> Vector:
+    """Return lever_cos cos(psi) + lever_sin sin(psi), the part of Sh C u2 that psi moves (E6); body-1 axes.
 
-    around = n x C u2 and across = around x n: Rodrigues' rotation of one vector, the axis left out.
+    lever_sin = n x C u2 and lever_cos = lever_sin x n: Rodrigues' rotation of one vector, the axis left out.
     """
-    return add(scale(across, cosine), scale(around, hinge[0]))
+    return add(scale(lever_cos, cosine), scale(lever_sin, hinge[0]))
 
 
-def offset(S1: Matrix, along: Vector, swing: Vector) -> Vector:
+def offset(S1: Matrix, lever_fixed: Vector, lever_moving: Vector) -> Vector:
     """Return d = S1 u1 - S2 u2 = S1 (u1 - Sh C u2), subtracted in body 1's axes and rotated once (E5, E7)."""
-    return rotate(S1, subtract(along, swing))
+    return rotate(S1, subtract(lever_fixed, lever_moving))
 
 
-def slide(S1: Matrix, across: Vector, around: Vector, hinge: Hinge, cosine: Scalar) -> Vector:
-    """Return S1 n x S2 u2, the derivative of S2 u2 by psi: that of `swing`, in world axes."""
-    return rotate(S1, subtract(scale(around, cosine), scale(across, hinge[0])))
+def lever_by_psi(S1: Matrix, lever_cos: Vector, lever_sin: Vector, hinge: Hinge, cosine: Scalar) -> Vector:
+    """Return S1 n x S2 u2, the derivative of S2 u2 by psi: that of `lever_moving`, in world axes."""
+    return rotate(S1, subtract(scale(lever_sin, cosine), scale(lever_cos, hinge[0])))
 
 
 def position2(R1: Vector, d: Vector) -> Vector:
@@ -130,9 +130,9 @@ def angular_velocity2(omega1: Vector, axis: Vector, psid: Scalar) -> Vector:
     return add(omega1, scale(axis, psid))
 
 
-def velocity2(v1: Vector, omega1: Vector, d: Vector, slide: Vector, psid: Scalar) -> Vector:
-    """Return v2 = v1 + omega1 x d - slide psi' (E8 with E2, E3); slide = S1 n x S2 u2."""
-    return add(v1, subtract(cross(omega1, d), scale(slide, psid)))
+def velocity2(v1: Vector, omega1: Vector, d: Vector, lever_by_psi: Vector, psid: Scalar) -> Vector:
+    """Return v2 = v1 + omega1 x d - lever_by_psi psi' (E8 with E2, E3); lever_by_psi = S1 n x S2 u2."""
+    return add(v1, subtract(cross(omega1, d), scale(lever_by_psi, psid)))
 
 
 def angular_acceleration2(alpha1: Vector, omega1: Vector, axis: Vector, psid: Scalar, psidd: Scalar) -> Vector:
@@ -145,19 +145,20 @@ def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
     return add(cross(alpha, r), cross(omega, cross(omega, r)))
 
 
-def relative_acceleration(slide: Vector, pull: Vector, psid: Scalar, psidd: Scalar) -> Vector:
-    """Return the hinge's share of a2: pull psi'^2 - slide psi''; pull = S1 swing = slide x S1 n.
+def relative_acceleration(lever_by_psi: Vector, centripetal: Vector, psid: Scalar, psidd: Scalar) -> Vector:
+    """Return the hinge's share of a2: centripetal psi'^2 - lever_by_psi psi''.
 
+    centripetal = S1 lever_moving = lever_by_psi x S1 n, which points away from the axis.
     psi'^2 is never formed: it may overflow or vanish where its product with a lever does not.
     """
-    return subtract(scale(scale(pull, psid), psid), scale(slide, psidd))
+    return subtract(scale(scale(centripetal, psid), psid), scale(lever_by_psi, psidd))
 
 
 def acceleration2(
-    a1: Vector, omega1: Vector, alpha1: Vector, d: Vector, slide: Vector, psid: Scalar, relative: Vector
+    a1: Vector, omega1: Vector, alpha1: Vector, d: Vector, lever_by_psi: Vector, psid: Scalar, relative: Vector
 ) -> Vector:
-    """Return a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 slide psi') + relative (E9: E8 differentiated)."""
-    half = scale(slide, psid)
+    """Return a2 = a1 + alpha1 x d + omega1 x (omega1 x d - 2 lever_by_psi psi') + relative (E9)."""
+    half = scale(lever_by_psi, psid)
     turn = subtract(cross(omega1, d), add(half, half))
     return add(a1, add(add(cross(alpha1, d), cross(omega1, turn)), relative))
 

@@ -233,7 +233,7 @@ _BEYOND = 2.0**-90
 """What the axis and the levers may be off beyond their last rounding, in units of what they are made of."""
 
 # The levers that each constant of a pair was computed of, which carry its errors.
-_LEVERS_OF_CONSTANTS = {"n": ("n",), "along": ("u1", "u2"), "across": ("u2",), "around": ("u2",)}
+_LEVERS_OF_CONSTANTS = {"n": ("n",), "lever_fixed": ("u1", "u2"), "lever_cos": ("u2",), "lever_sin": ("u2",)}
 
 
 def error_bounds(

@@ -62,13 +62,15 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
     if not (rotation == _IDENTITY).all():
         values["home"] = numbers(rotation, 2)
     values |= _axis_and_levers(values, numbers(axis))
-    computed = {name: read_only(_side_by_side(values[name])) for name in ("n", "along", "across", "around")}
+    computed = {
+        name: read_only(_side_by_side(values[name])) for name in ("n", "lever_fixed", "lever_cos", "lever_sin")
+    }
     arrays = {**vectors, **computed, "home": rotation.reshape(*rotation.shape[:-2], 9)}
     return Constants(values, arrays, shape, axis)
 
 
 def _axis_and_levers(values: Named, axis: Components) -> Named:
-    """Return the unit axis, and along, across and around of `plans.steps.LEVER_STEPS`, body-1 axes [m].
+    """Return the unit axis, and lever_fixed, lever_cos and lever_sin of `plans.steps.LEVER_STEPS`, body-1 axes [m].
 
     Each component is rounded once. The levers come from the axis as it was given: that at unit length is rounded.
     """
@@ -76,19 +78,19 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
     both, exponent = by_power_of_two((*values["u1"], *values["u2"]))
     n, _ = polar(axis)
     values_by_name: dict[str, Any] = {"arm": tuple(map(Twofold, lever2)), "n": n}
-    *of_u2, along = LEVER_STEPS if "home" in values else LEVER_STEPS[1:]
+    *of_u2, lever_fixed = LEVER_STEPS if "home" in values else LEVER_STEPS[1:]
     if "home" in values:
         values_by_name |= {"u2": values_by_name["arm"], "home": tuple(map(Twofold, values["home"]))}
     for result, function, arguments in of_u2:
         values_by_name[result] = function(*[values_by_name[name] for name in arguments])
-    # Only `along` holds both levers, and the shorter one may vanish beside the longer.
+    # Only `lever_fixed` holds both levers, and the shorter one may vanish beside the longer.
     shift = exponent2 - exponent
     beside = (
         tuple(Twofold(by_two_to(c.high, shift), by_two_to(c.low, shift)) for c in values_by_name[name])
-        for name in along.arguments[1:]
+        for name in lever_fixed.arguments[1:]
     )
-    values_by_name["along"] = along.function(tuple(map(Twofold, both[:3])), *beside)
-    exponents = {"along": exponent, "across": exponent2, "around": exponent2}
+    values_by_name["lever_fixed"] = lever_fixed.function(tuple(map(Twofold, both[:3])), *beside)
+    exponents = {"lever_fixed": exponent, "lever_cos": exponent2, "lever_sin": exponent2}
     levers = {name: tuple(by_two_to(c.high, e) for c in values_by_name[name]) for name, e in exponents.items()}
     return {"n": tuple(c.high for c in n), **levers}
 

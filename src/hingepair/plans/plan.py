@@ -47,7 +47,7 @@ POSE, VELOCITY, ACCELERATION = 0, 1, 2
 
 _SHAPES: Final[dict[str, Tail]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1", "R2", "v2", "omega2", "a2", "alpha2", "d"), (3,)),
-    **dict.fromkeys(("phi", "phid", "phidd", "u1", "u2", "n", "along", "across", "around"), (3,)),
+    **dict.fromkeys(("phi", "phid", "phidd", "u1", "u2", "n", "lever_fixed", "lever_cos", "lever_sin"), (3,)),
     **dict.fromkeys(("e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"), (3,)),
     **dict.fromkeys(("psi", "psid", "psidd", "phi1", "phi1d", "phi1dd", "psid_given"), ()),
     **dict.fromkeys(("S1", "S2"), (3, 3)),

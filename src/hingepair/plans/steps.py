@@ -102,17 +102,17 @@ ATTITUDE2_STEPS = (Step("attitude2_check", _orthonormality, ("S2",)),)
 HINGE_STEPS = (
     Step("Sh", eq.hinge_rotation, ("n", "hinge")),
     Step("S2", eq.attitude2, ("S1", "Sh", "home")),
-    Step("swing", eq.swing, ("across", "around", "hinge", "cosine")),
-    Step("d", eq.offset, ("S1", "along", "swing")),
+    Step("lever_moving", eq.lever_moving, ("lever_cos", "lever_sin", "hinge", "cosine")),
+    Step("d", eq.offset, ("S1", "lever_fixed", "lever_moving")),
     Step("R2", eq.position2, ("R1", "d")),
     Step("axis", eq.rotate, ("S1", "n")),
     Step("omega2", eq.angular_velocity2, ("omega1", "axis", "psid")),
-    Step("slide", eq.slide, ("S1", "across", "around", "hinge", "cosine")),
-    Step("v2", eq.velocity2, ("v1", "omega1", "d", "slide", "psid")),
+    Step("lever_by_psi", eq.lever_by_psi, ("S1", "lever_cos", "lever_sin", "hinge", "cosine")),
+    Step("v2", eq.velocity2, ("v1", "omega1", "d", "lever_by_psi", "psid")),
     Step("alpha2", eq.angular_acceleration2, ("alpha1", "omega1", "axis", "psid", "psidd")),
-    Step("pull", eq.rotate, ("S1", "swing")),
-    Step("relative", eq.relative_acceleration, ("slide", "pull", "psid", "psidd")),
-    Step("a2", eq.acceleration2, ("a1", "omega1", "alpha1", "d", "slide", "psid", "relative")),
+    Step("centripetal", eq.rotate, ("S1", "lever_moving")),
+    Step("relative", eq.relative_acceleration, ("lever_by_psi", "centripetal", "psid", "psidd")),
+    Step("a2", eq.acceleration2, ("a1", "omega1", "alpha1", "d", "lever_by_psi", "psid", "relative")),
 )
 """Body 2 from body 1 and the hinge (E1, E2, E5-E9)."""
 
@@ -121,9 +121,9 @@ ARM_STEPS = (Step("r1", eq.rotate, ("S1", "u1")), Step("r2", eq.rotate, ("S2", "
 
 LEVER_STEPS = (
     Step("arm", eq.rotate, ("home", "u2")),
-    Step("around", eq.cross, ("n", "arm")),
-    Step("across", eq.cross, ("around", "n")),
-    Step("along", eq.along, ("u1", "arm", "across")),
+    Step("lever_sin", eq.cross, ("n", "arm")),
+    Step("lever_cos", eq.cross, ("lever_sin", "n")),
+    Step("lever_fixed", eq.lever_fixed, ("u1", "arm", "lever_cos")),
 )
 """What the hinge turns of the levers u1 and u2, and what it leaves; a pair takes these steps once, in twice the
 precision, so that a plan in doubles starts from constants that are right to the last bit."""
@@ -131,8 +131,11 @@ precision, so that a plan in doubles starts from constants that are right to the
 WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))
 
 GIVEN_S1 = {
-    "slide": (Step("reach", eq.rotate, ("S1", "swing")), Step("slide", eq.cross, ("axis", "reach"))),
-    "pull": (Step("pull", eq.cross, ("slide", "axis")),),
+    "lever_by_psi": (
+        Step("lever_in_world", eq.rotate, ("S1", "lever_moving")),
+        Step("lever_by_psi", eq.cross, ("axis", "lever_in_world")),
+    ),
+    "centripetal": (Step("centripetal", eq.cross, ("lever_by_psi", "axis")),),
 }
 """A matrix from outside may be a rotation to nine digits only: there the cross products of E2 and E8, as they stand,
 keep the hinge point of both bodies together to the last digit."""
@@ -201,12 +204,12 @@ PLANAR_STEPS = (
     Step("cosine", hinge_cosine, ("hinge",)),
     Step("turn1", turn_terms, ("phi1",)),
     Step("S1", upright, ("turn1",)),
-    Step("along", in_space, ("u1",)),
-    Step("across", in_space, ("u2",)),
-    Step("around", quarter, ("u2",)),
-    Step("swing", eq.swing, ("across", "around", "hinge", "cosine")),
-    Step("r1", eq.rotate, ("S1", "along")),
-    Step("r2", eq.rotate, ("S1", "swing")),
+    Step("lever_fixed", in_space, ("u1",)),
+    Step("lever_cos", in_space, ("u2",)),
+    Step("lever_sin", quarter, ("u2",)),
+    Step("lever_moving", eq.lever_moving, ("lever_cos", "lever_sin", "hinge", "cosine")),
+    Step("r1", eq.rotate, ("S1", "lever_fixed")),
+    Step("r2", eq.rotate, ("S1", "lever_moving")),
     Step("d_in_space", eq.subtract, ("r1", "r2")),
     Step("d", in_plane, ("d_in_space",)),
     Step("R1_in_space", in_space, ("R1",)),
@@ -239,13 +242,13 @@ JACOBIAN_STEPS = (
     Step("jacobian", by.jacobian, ("turns", "d", "r2", "axis")),
     Step(
         "relative_bias",
-        lambda slide, pull, psid: eq.relative_acceleration(slide, pull, psid, 0.0),
-        ("slide", "pull", "psid"),
+        lambda lever_by_psi, centripetal, psid: eq.relative_acceleration(lever_by_psi, centripetal, psid, 0.0),
+        ("lever_by_psi", "centripetal", "psid"),
     ),
     Step(
         "a2_bias",
-        lambda omega1, d, slide, psid, own: eq.acceleration2(_ZERO, omega1, _ZERO, d, slide, psid, own),
-        ("omega1", "d", "slide", "psid", "relative_bias"),
+        lambda omega1, d, lever_by_psi, psid, own: eq.acceleration2(_ZERO, omega1, _ZERO, d, lever_by_psi, psid, own),
+        ("omega1", "d", "lever_by_psi", "psid", "relative_bias"),
     ),
     Step(
         "alpha2_bias",

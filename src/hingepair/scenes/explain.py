@@ -26,13 +26,13 @@ _MEANING = {
     "r1": "hinge point from body 1's reference point, S1 u1",
     "r2": "hinge point from body 2's reference point, S2 u2",
     "arm": "hinge point from body 2's reference point at psi = 0, C u2",
-    "around": "change of C u2 with psi",
-    "across": "what the hinge turns of C u2",
-    "along": "what the hinge leaves of u1 - C u2",
-    "swing": "what the hinge turns of C u2, in body 1's axes (E6)",
-    "slide": "change of S2 u2 with psi",
-    "reach": "swing in world axes",
-    "pull": "swing in world axes, which points away from the axis",
+    "lever_sin": "factor of sin psi in Sh C u2",
+    "lever_cos": "factor of cos psi in Sh C u2",
+    "lever_fixed": "part of u1 - Sh C u2 that psi does not move",
+    "lever_moving": "part of Sh C u2 that psi moves, body-1 axes (E6)",
+    "lever_by_psi": "derivative of S2 u2 by psi",
+    "lever_in_world": "lever_moving in world axes",
+    "centripetal": "lever_moving in world axes, away from the axis",
     "relative": "acceleration that the hinge alone makes (E9)",
     "d": "offset of the reference points (E7)",
     "R2": "position of body 2 (E7)",
@@ -84,7 +84,7 @@ def explain(
     plan, others = make_plan(names, *form, kind=kind), [step.result for step in steps_of(*form, kind=kind)]
     rows = dict(zip(PARTS, known.derivatives, strict=False))
     operations = count_operations(make_plan(names, *form, kind=kind, given=tuple(rows)), pair.constants, rows)
-    still, computed = {*constant} | {"u1", "u2", "n", "home", "along", "across", "around"}, []
+    still, computed = {*constant} | {"u1", "u2", "n", "home", "lever_fixed", "lever_cos", "lever_sin"}, []
     for step in plan.steps:
         once = still.issuperset(step.arguments)
         still |= {step.result} if once else set()
