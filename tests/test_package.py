@@ -57,7 +57,8 @@ def test_everything_exported_exists_once() -> None:
 
 WINGS = (
     *("errors", "numeric", "equations", "engine", "rotations", "urdf", "plans", "pair", "mechanism", "measured"),
-    *("integration", "dynamics", "symbolic", "formats", "validation", "scenes", "pictures", "bench", "cli"),
+    *("integration", "dynamics", "symbolic", "formats", "validation", "scenes", "pictures", "sweeps", "bench"),
+    "cli",
 )
 """From below."""
 

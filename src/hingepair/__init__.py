@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from hingepair.numeric.instants import MeasurementWarning
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
     from hingepair.pair.hinge_load import HingeLoad
+    from hingepair.pair.tolerances import sample_pairs
     from hingepair.pictures.page import view
     from hingepair.pictures.plot import plot
     from hingepair.rotations.angular_velocity import angular_velocity, angular_velocity_from_samples
@@ -137,6 +138,7 @@ __all__ = [
     "rodrigues",
     "rotation_exp",
     "rotation_log",
+    "sample_pairs",
     "simulate",
     "skew",
     "smooth",
@@ -166,6 +168,7 @@ _LATER = {
         "mechanism.slider": "Slider",
         "mechanism.states": "MechanismAccelerations MechanismForces MechanismState",
         "pair.body": "Body Box Cylinder Sphere",
+        "pair.tolerances": "sample_pairs",
         "pictures.page": "view",
         "pictures.plot": "plot",
         "rotations.angular_velocity": "angular_velocity angular_velocity_from_samples",

@@ -1323,4 +1323,17 @@ FAULTS = {
         '"springref": 0.0}',
         "formats/test_dynamics_exports.py::test_mujoco_moves_the_model_as_the_scene_moves[fixed]",
     ),
+    # tolerances
+    "the lever u2 turned the other way by home's tolerance": Fault(
+        "pair/derivatives.py",
+        "slopes[..., :3, 9:] = np.cross(arm",
+        "slopes[..., :3, 9:] = -np.cross(arm",
+        "pair/test_tolerances.py::test_slopes_are_those_of_the_pose[home]",
+    ),
+    "sampled axes tilted about another axis than the first order": Fault(
+        "pair/tolerances.py",
+        "rotation_exp(np.cross(n, tilt))",
+        "rotation_exp(tilt)",
+        "pair/test_tolerances.py::test_samples_scatter_as_the_first_order_says[covariance]",
+    ),
 }

@@ -108,6 +108,26 @@ class Sensitivities(Frozen):
     omega2_by_n: FloatArray | None = None
 
 
+def geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
+    """Compute derivatives of R2 and of body 2's attitude by u1, u2, n and home (E5, E7); shape (..., 6, 12).
+
+    The attitude is the rotation vector, world axes, that turns body 2; home changes by a rotation vector in body 1's
+    axes, from the left.
+    """
+    given = _from_body1(pair, ("S2", "d_by_u1", "d_by_u2", "d_by_n", "S2_by_n"), body1, "S", psi=psi)
+    S2 = given["S2"]
+    slopes = np.zeros((*S2.shape[:-2], 6, 12))
+    slopes[..., :3, 0:3], slopes[..., :3, 3:6], slopes[..., :3, 6:9] = (given[f"d_by_{x}"] for x in ("u1", "u2", "n"))
+    turn = np.einsum("...ijk,...lj->...ilk", given["S2_by_n"], S2)  # (dS2/dn_k) S2^T = [rotation vector]x
+    for row, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
+        slopes[..., 3 + row, 6:9] = (turn[..., i, j, :] - turn[..., j, i, :]) / 2
+    home = pair.arrays["home"]
+    slopes[..., 3:, 9:] = S2 @ np.swapaxes(home.reshape(*home.shape[:-1], 3, 3), -1, -2)
+    arm = (S2 @ pair.arrays["u2"][..., None])[..., 0]
+    slopes[..., :3, 9:] = np.cross(arm[..., None], slopes[..., 3:, 9:], axis=-2)  # -(turn x S2 u2)
+    return slopes
+
+
 # The sensitivities that the pose alone gives.
 POSE_SENSITIVITIES = ("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi")
 # Those that velocities give.

@@ -15,7 +15,7 @@ from hingepair.engine.calls import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
-from hingepair.pair import accuracy, derivatives, dynamics, residuals
+from hingepair.pair import accuracy, derivatives, dynamics, residuals, tolerances
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
@@ -26,6 +26,7 @@ from hingepair.pair.forward_kinematics import Outputs, Rows
 from hingepair.pair.prepare import Prepared, prepare
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
+from hingepair.pair.tolerances import PoseCovariance
 from hingepair.plans.plan import SPATIAL
 
 
@@ -585,6 +586,39 @@ class HingePair(Shown):
         array([0., 1., 0.])
         """
         return derivatives.sensitivities(self.constants, body1, psi, psid)
+
+    def propagate_covariance(
+        self,
+        body1: BodyMotion,
+        psi: ArrayLike,
+        *,
+        u1_std: ArrayLike = 0.0,
+        u2_std: ArrayLike = 0.0,
+        axis_std: float = 0.0,
+        home_std: ArrayLike = 0.0,
+        covariance: ArrayLike | None = None,
+    ) -> PoseCovariance:
+        """Compute what tolerances make of R2 and of body 2's attitude, to first order, at every sample (E5, E7).
+
+        Of body1, S is used; psi [rad], shape (...,), broadcasts against it. The standard deviations, or the
+        covariance of a fit, are those of `hingepair.sample_pairs`, which shows how far the first order holds.
+
+        Returns:
+            The `PoseCovariance`: `.R2_std` (..., 3) m, `.attitude_std` (..., 3) rad, the covariances `.R2` and
+            `.attitude` (..., 3, 3), and `.contributions()`: the variances by the dimension that causes them.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or nothing scatters; names it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair(u1=(0.5, 0, 0), u2=(-0.5, 0, 0), n=(0, 0, 1))
+        >>> still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+        >>> pair.propagate_covariance(still, 1.0, u1_std=0.001, axis_std=0.002).R2_std.round(6)
+        array([0.001   , 0.001   , 0.001109])
+        """
+        std = {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
+        return tolerances.propagate_covariance(self.constants, body1, psi, covariance, **std)
 
     def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
         """Compute the constraints' 5 x 12 Jacobian G, for solvers of differential-algebraic equations (E1, E2).

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
-_TABLES = ("title", "planar", "pair", "motion", "dynamics", "time", "outputs")
+_TABLES = ("title", "planar", "pair", "motion", "dynamics", "time", "outputs", "tolerances")
 _MECHANISM_TABLES = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
 _LEVELS = {
     **dict.fromkeys(("v", "omega", "qd", "psid"), VELOCITY),

@@ -1,0 +1,209 @@
+"""Tolerances of a pair's geometry: random pairs within them, and what they make of the pose of body 2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.numeric.arrays import Float64Array, Frozen, number_not_below_0, one_constant, read_only
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.constants import Constants, check_one, check_pair
+from hingepair.pair.derivatives import geometry_jacobian
+from hingepair.rotations.matrices import rotation_exp
+
+DIMENSIONS: Final = tuple(f"{vector}_{letter}" for vector in ("u1", "u2", "n", "home") for letter in "xyz")
+"""The twelve numbers of a pair's geometry, in the order of its covariance: u1 and u2 [m], n, and the rotation vector
+that turns home [rad], both in body 1's axes. `HingeFit.covariance` has the same order."""
+
+STANDARD_DEVIATIONS: Final = ("u1_std", "u2_std", "axis_std", "home_std")
+"""The arguments that say how far each part of the geometry scatters."""
+
+_COVARIANCE_ROUNDING = 1e-9  # part of the largest variance by which a covariance may be unsymmetric or negative
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PoseCovariance(Frozen):
+    """What tolerances of the geometry make of the pose of body 2, to first order, at every sample.
+
+    The pose is R2 and the attitude: the rotation vector, world axes, by which body 2 is turned away from where it
+    would be without tolerances. Arrays are read-only.
+
+    Attributes:
+        covariance: of R2 [m] and the attitude [rad], six numbers; (..., 6, 6).
+        jacobian: derivatives of the pose by u1, u2, n and the rotation vector of home; (..., 6, 12).
+        geometry: covariance of these twelve numbers; (12, 12).
+    """
+
+    covariance: Float64Array
+    jacobian: Float64Array
+    geometry: Float64Array
+
+    @property
+    def R2(self) -> Float64Array:
+        """Covariance of R2, world axes; (..., 3, 3) m^2."""
+        return self.covariance[..., :3, :3]
+
+    @property
+    def attitude(self) -> Float64Array:
+        """Covariance of the attitude of body 2, world axes; (..., 3, 3) rad^2."""
+        return self.covariance[..., 3:, 3:]
+
+    @property
+    def R2_std(self) -> Float64Array:
+        """Standard deviations of the components of R2; (..., 3) m."""
+        return self._std()[..., :3]
+
+    @property
+    def attitude_std(self) -> Float64Array:
+        """Standard deviations of the components of the attitude; (..., 3) rad."""
+        return self._std()[..., 3:]
+
+    def _std(self) -> Float64Array:
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0)))
+
+    def contributions(self) -> dict[str, Float64Array]:
+        """Return the variances of the pose that each dimension causes alone, by name; (..., 6) m^2 and rad^2.
+
+        The names are u1_x to u2_z, "axis" for all three components of n, and home_x to home_z. Where the dimensions
+        are independent, the contributions add up to the diagonal of `covariance`.
+        """
+        own = {name: [k] for k, name in enumerate(DIMENSIONS) if not name.startswith("n_")}
+        places = {**dict(list(own.items())[:6]), "axis": [6, 7, 8], **dict(list(own.items())[6:])}
+        found = {}
+        for name, columns in places.items():
+            part = self.jacobian[..., columns]
+            found[name] = ((part @ self.geometry[np.ix_(columns, columns)]) * part).sum(axis=-1)
+        return found
+
+
+def propagate_covariance(
+    pair: Constants, body1: BodyMotion, psi: ArrayLike, covariance: ArrayLike | None, **std: ArrayLike
+) -> PoseCovariance:
+    """Compute the covariance of R2 and of body 2's attitude that tolerances of the geometry cause, to first order."""
+    if not pair.single:
+        raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
+    own = geometry_covariance(pair.arrays["n"], covariance, **std)
+    slopes = geometry_jacobian(pair, body1, psi)
+    pose = (slopes @ own) @ np.swapaxes(slopes, -1, -2)
+    return PoseCovariance(covariance=read_only(pose), jacobian=read_only(slopes), geometry=read_only(own))
+
+
+def sample_pairs(
+    pair: Any,
+    samples: int = 10_000,
+    *,
+    u1_std: ArrayLike = 0.0,
+    u2_std: ArrayLike = 0.0,
+    axis_std: float = 0.0,
+    home_std: ArrayLike = 0.0,
+    covariance: ArrayLike | None = None,
+    seed: int | np.random.Generator | None = None,
+) -> Any:
+    """Return random pairs as manufacturing tolerances, or the covariance of a fit, make them.
+
+    All numbers are normally distributed about those of the pair. The axis keeps its length: it is tilted. Everything
+    that takes a pair takes the result, in which every sample has a pair of its own.
+
+    Args:
+        pair: the HingePair as it was designed, or fitted.
+        samples: number of pairs.
+        u1_std: standard deviation of u1, body-1 axes [m]; a number for all three components, or shape (3,).
+        u2_std: that of u2, body-2 axes [m]; likewise.
+        axis_std: standard deviation of the angle by which the axis is tilted, in each of the two directions across
+            it [rad].
+        home_std: that of the rotation vector, body-1 axes, by which body 2 is turned at psi = 0 [rad]; a number for
+            all three components, or shape (3,).
+        covariance: instead of standard deviations: of u1, u2, n and the rotation vector of home, such as
+            `HingeFit.covariance`; shape (12, 12).
+        seed: an integer for the same pairs every time, or a NumPy generator.
+
+    Returns:
+        A HingePair whose u1, u2, n and home have the leading shape (samples,), as far as they scatter.
+
+    Raises:
+        ArgumentError: an argument cannot be used, or nothing scatters; names it.
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> pair = hp.HingePair(u1=(0.5, 0, 0), u2=(-0.5, 0, 0), n=(0, 0, 1))
+    >>> made = hp.sample_pairs(pair, 20_000, u1_std=0.001, axis_std=0.002, seed=1)
+    >>> R2 = made.forward_kinematics((0, 0, 0, 0, 0, 0, 1.0)).R2
+    >>> R2.shape, R2.std(axis=0).round(4)
+    ((20000, 3), array([0.001 , 0.001 , 0.0011]))
+    """
+    check_pair(pair)
+    check_one(pair)
+    if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples < 1:
+        raise ArgumentError("samples", "a whole number from 1", quoted(samples))
+    try:
+        rng = np.random.default_rng(seed)
+    except (TypeError, ValueError):
+        raise ArgumentError("seed", "an integer from 0 or a numpy.random.Generator", quoted(seed)) from None
+    n = pair.n
+    own = geometry_covariance(n, covariance, u1_std=u1_std, u2_std=u2_std, axis_std=axis_std, home_std=home_std)
+    values, axes = np.linalg.eigh(own)
+    root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T  # the symmetric one, whatever the order of the axes
+    du1, du2, tilt, turn = np.split(rng.standard_normal((samples, 12)) @ root, 4, axis=1)
+    variances = np.diagonal(own)
+    changed: dict[str, Any] = {}
+    if variances[:3].any():
+        changed["u1"] = pair.u1 + du1
+    if variances[3:6].any():
+        changed["u2"] = pair.u2 + du2
+    if variances[6:9].any():
+        changed["n"] = (rotation_exp(np.cross(n, tilt)) @ n[:, None])[..., 0]
+    if variances[9:].any():
+        changed["home"] = rotation_exp(turn) @ pair.home
+    return replace(pair, **changed)
+
+
+def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: ArrayLike) -> Float64Array:
+    """Return the covariance of u1, u2, n and the rotation vector of home; shape (12, 12).
+
+    Args:
+        n: the hinge axis, of unit length; shape (3,).
+        covariance: as it was given; None where it follows from standard deviations.
+        **std: by the names of `STANDARD_DEVIATIONS`: numbers, or, but for the axis, three.
+
+    Raises:
+        ArgumentError: no number of these is positive, or one cannot be used; names it.
+    """
+    sizes = {name: _sizes(name, value) for name, value in std.items()}
+    scattered = [name for name, own in sizes.items() if own.any()]
+    if covariance is not None:
+        if scattered:
+            raise ArgumentError(scattered[0], "0 beside covariance, which says all of it", quoted(std[scattered[0]]))
+        return _checked_covariance(covariance)
+    if not scattered:
+        expected = f"a positive standard deviation: {', '.join(std)}, or a covariance"
+        raise ArgumentError("u1_std", expected, "0 for all of them")
+    own = np.zeros((12, 12))
+    for name, place in (("u1_std", 0), ("u2_std", 3), ("home_std", 9)):
+        own[place : place + 3, place : place + 3] = np.diag(sizes[name] ** 2)
+    own[6:9, 6:9] = sizes["axis_std"][0] ** 2 * (np.eye(3) - np.outer(n, n))
+    return own
+
+
+def _sizes(name: str, value: ArrayLike) -> Float64Array:
+    """Return three standard deviations; a number stands for three that are equal."""
+    if name == "axis_std" or np.ndim(value) == 0:
+        number = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
+        return np.full(3, number_not_below_0(name, number))
+    sizes = one_constant(name, value, 3)
+    if (sizes < 0).any():
+        raise ArgumentError(name, "numbers not below 0", value)
+    return sizes
+
+
+def _checked_covariance(value: ArrayLike) -> Float64Array:
+    own = one_constant("covariance", value, 12, 12)
+    largest = np.diagonal(own).max()
+    allowed = _COVARIANCE_ROUNDING * largest
+    if not largest > 0 or np.abs(own - own.T).max() > allowed or np.linalg.eigvalsh(own).min() < -allowed:
+        expected = "a covariance: a symmetric matrix whose eigenvalues are not negative and not all 0"
+        raise ArgumentError("covariance", expected, "another matrix")
+    return np.asarray((own + own.T) / 2)

@@ -1,0 +1,241 @@
+"""A tolerance study of a scene: the band of body 2's pose, to first order and by samples, and what causes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hingepair.errors import MissingDependencyError, SceneError
+from hingepair.numeric.arrays import Float64Array, Frozen
+from hingepair.numeric.tables import Sheet, Shown, instant, json_text
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.tolerances import STANDARD_DEVIATIONS, sample_pairs
+from hingepair.plans.plan import POSE
+from hingepair.rotations.matrices import rotation_log
+from hingepair.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from hingepair.scenes.mechanisms.scene import MechanismScene
+
+COMPONENTS: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
+"""What the columns of a study are: the position [m] and the rotation vector [rad] of body 2, world axes."""
+
+_MAX_INSTANTS: Final = 101  # of a scene, evenly spread
+_BLOCK_STATES: Final = 200_000  # states of sampled pairs that are computed at a time
+_QUANTILES: Final = (0.025, 0.975)  # ends of the band
+_BAND_WIDTH: Final = 1.96  # half the width of that band of a normal distribution, in standard deviations
+
+
+class Band(NamedTuple):
+    """The band of one component of the pose at one instant.
+
+    Attributes:
+        component: one of `COMPONENTS`.
+        unit: of the sizes.
+        first_order_std: standard deviation to first order.
+        sampled_std: that of the sampled pairs.
+        low: lower end of the middle 95 % of the sampled pairs.
+        high: upper end.
+        t: the instant [s].
+    """
+
+    component: str
+    unit: str
+    first_order_std: float
+    sampled_std: float
+    low: float
+    high: float
+    t: float
+
+    def cells(self) -> tuple[str, ...]:
+        """Return the cells of a printed row."""
+        return self.component, self.unit, *(f"{size:.4g}" for size in self[2:6]), instant(self.t)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ToleranceStudy(Frozen, Shown):
+    """What tolerances make of the pose of body 2 along a scene; columns are those of `COMPONENTS`.
+
+    Attributes:
+        title: of the scene.
+        t: instants [s]; (N,).
+        std: standard deviations to first order; (N, 6).
+        sampled_std: those of sampled pairs; (N, 6).
+        band: the middle 95 % of the sampled pairs, as deviations from the pair as designed; (N, 2, 6).
+        contributions: variances that each dimension causes alone, to first order, by name; (N, 6).
+        samples: number of sampled pairs.
+        tolerances: the standard deviations of the geometry, by argument.
+    """
+
+    title: str
+    t: Float64Array
+    std: Float64Array
+    sampled_std: Float64Array
+    band: Float64Array
+    contributions: Mapping[str, Float64Array]
+    samples: int
+    tolerances: Mapping[str, Any]
+
+    def shares(self) -> dict[str, tuple[float, float]]:
+        """Return the parts of the mean variance of R2 and of the attitude that each dimension causes.
+
+        The first has the largest part of either; dimensions that do not scatter are left out.
+        """
+        variances = {n: np.array((own[:, :3].sum(), own[:, 3:].sum())) for n, own in self.contributions.items()}
+        whole = np.maximum(np.sum([*variances.values()], axis=0), np.finfo(np.float64).tiny)
+        sums = {name: own / whole for name, own in variances.items()}
+        parts = {name: (float(own[0]), float(own[1])) for name, own in sums.items() if own.any()}
+        return dict(sorted(parts.items(), key=lambda item: -max(item[1])))
+
+    def bands(self) -> list[Band]:
+        """Return the band of each component where its first-order deviation is largest."""
+        rows = []
+        for k, name in enumerate(COMPONENTS):
+            i = int(np.argmax(self.std[:, k]))
+            sizes = (self.std[i, k], self.sampled_std[i, k], *self.band[i, :, k], self.t[i])
+            rows.append(Band(name, "m" if k < 3 else "rad", *map(float, sizes)))
+        return rows
+
+    @property
+    def verdict(self) -> str:
+        """Which dimension matters most, in a sentence."""
+        shares = self.shares()
+        leaders = [max(shares, key=lambda name: shares[name][k]) for k in (0, 1)]
+        texts = [
+            f"{name} matters most for {what} ({100 * shares[name][k]:.0f} % of its variance)"
+            for k, (name, what) in enumerate(zip(leaders, ("R2", "the attitude"), strict=True))
+            if shares[name][k]
+        ]
+        return "; ".join(texts)
+
+    def to_json(self) -> str:
+        """Return bands and shares as JSON."""
+        return json_text(
+            {
+                "title": self.title,
+                "samples": self.samples,
+                "instants": len(self.t),
+                "tolerances": {name: np.asarray(value).tolist() for name, value in self.tolerances.items()},
+                "bands": [band._asdict() for band in self.bands()],
+                "shares": {name: {"R2": a, "attitude": b} for name, (a, b) in self.shares().items()},
+                "verdict": self.verdict,
+            }
+        )
+
+    def plot(self) -> Figure:
+        """Draw the bands over time, first order and sampled, and the part that each dimension has in them.
+
+        Raises:
+            MissingDependencyError: Matplotlib is not installed.
+        """
+        try:
+            from matplotlib.figure import Figure
+        except ImportError as error:
+            raise MissingDependencyError("plot", "Matplotlib (pip install matplotlib)", str(error)) from None
+
+        figure = Figure(figsize=(10, 10), layout="constrained")
+        grid = figure.add_gridspec(4, 2)
+        for k, name in enumerate(COMPONENTS):
+            axes = figure.add_subplot(grid[k % 3, k // 3])
+            unit, scale = ("mm", 1e3) if k < 3 else ("mrad", 1e3)
+            low, high = scale * self.band[:, :, k].T
+            axes.fill_between(self.t, low, high, alpha=0.3, linewidth=0, label=f"95 % of {self.samples} pairs")
+            for sign in (-1, 1):
+                label = "first order" if sign > 0 else None
+                axes.plot(self.t, sign * scale * _BAND_WIDTH * self.std[:, k], "k--", linewidth=0.8, label=label)
+            axes.set_ylabel(f"{name} [{unit}]")
+            axes.grid(alpha=0.3)
+            if k % 3 == 2:
+                axes.set_xlabel("t [s]")
+            if k == 0:
+                axes.legend(loc="upper right", fontsize="small")
+        shares = self.shares()
+        axes, places = figure.add_subplot(grid[3, :]), np.arange(len(shares))
+        for k, what in enumerate(("R2", "attitude")):
+            axes.bar(places + 0.4 * k - 0.2, [100 * own[k] for own in shares.values()], 0.4, label=what)
+        axes.set_xticks(places, [*shares])
+        axes.set_ylabel("part of the variance [%]")
+        axes.legend(fontsize="small")
+        figure.suptitle(f"{self.title}\n{self.verdict}" if self.title else self.verdict)
+        return figure
+
+    def _sheet(self) -> Sheet:
+        bands, _ = self.tables()
+        return Sheet(f"tolerances of {self.title}: {self.samples} pairs", bands, (self.verdict,))
+
+    def tables(self) -> tuple[Sequence[Sequence[str]], Sequence[Sequence[str]]]:
+        """Return the printed tables, headings first: the bands, and the part of each dimension."""
+        heading = ("", "unit", "std, first order", "std, sampled", "2.5 %", "97.5 %", "at t")
+        bands = [heading, *(band.cells() for band in self.bands())]
+        shares = [("dimension", "of R2's variance", "of the attitude's")]
+        shares += [(name, f"{100 * a:.1f} %", f"{100 * b:.1f} %") for name, (a, b) in self.shares().items()]
+        return bands, shares
+
+
+def tolerances_of(scene: Scene) -> dict[str, Any]:
+    """Return the standard deviations in the table [tolerances] of a scene, by argument of `sample_pairs`.
+
+    Raises:
+        SceneError: an unknown key, or a value that is neither a number nor, but for the axis, three.
+    """
+    table = scene.tables.table("tolerances", required=False)
+    table.check_keys(STANDARD_DEVIATIONS)
+    return {
+        name: table.numbers(name, 3) if isinstance(value, list) and name != "axis_std" else table.number(name)
+        for name, value in table.values.items()
+    }
+
+
+def study_tolerances(
+    scene: Scene | MechanismScene, samples: int = 10_000, seed: int | None = 0, **std: ArrayLike
+) -> ToleranceStudy:
+    """Compute what tolerances make of the pose of body 2 along a scene, to first order and by sampled pairs.
+
+    Args:
+        scene: whose pair and motion of body 1 and psi are taken; at most 101 instants, evenly spread.
+        samples: number of pairs that are sampled.
+        seed: an integer for the same pairs every time.
+        **std: standard deviations by argument of `sample_pairs`; those not named are those of [tolerances].
+
+    Raises:
+        ArgumentError: nothing scatters, or a value cannot be used; names it.
+    """
+    if not isinstance(scene, Scene):
+        scene.tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
+    own = {**tolerances_of(scene), **std}
+    if not own:
+        expected = "standard deviations, such as [tolerances] u1_std = 0.001, or --u1-std 0.001"
+        raise SceneError(f"{scene.path}: tolerances", expected, "none")
+    rows = np.unique(np.linspace(0, scene.samples - 1, min(scene.samples, _MAX_INSTANTS)).astype(np.intp))
+    pair, t = scene.space, np.asarray(scene.motion.t[rows])
+    moved = scene.motion.given.part(rows, POSE).in_space(scene.pair)
+    body1, psi = BodyMotion(R=moved.body1.R, S=moved.body1.S), moved.psi
+    linear = pair.propagate_covariance(body1, psi, **own)
+    made = sample_pairs(pair, samples, seed=seed, **own)
+    mean = pair.forward_kinematics_from_body1(body1, psi, outputs=("d", "S2"))
+    sampled_std, band = np.empty((len(t), 6)), np.empty((len(t), 2, 6))
+    step = max(1, _BLOCK_STATES // samples)
+    for start in range(0, len(t), step):
+        part = slice(start, start + step)
+        some = BodyMotion(R=body1.R[part, None], S=body1.S[part, None])  # instants down, pairs across
+        found = made.forward_kinematics_from_body1(some, psi[part, None], outputs=("d", "S2"))
+        turn = rotation_log(found.S2 @ np.swapaxes(mean.S2[part, None], -1, -2))
+        pose = np.concatenate((found.d - mean.d[part, None], turn), axis=-1)
+        sampled_std[part] = pose.std(axis=1)
+        band[part] = np.moveaxis(np.quantile(pose, _QUANTILES, axis=1), 0, 1)
+    return ToleranceStudy(
+        title=scene.title,
+        t=t,
+        std=np.concatenate((linear.R2_std, linear.attitude_std), axis=-1),
+        sampled_std=sampled_std,
+        band=band,
+        contributions=linear.contributions(),
+        samples=samples,
+        tolerances=own,
+    )

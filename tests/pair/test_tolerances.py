@@ -1,0 +1,169 @@
+"""Tolerances of the geometry: their first order against differences, their samples against their covariance."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.pair.tolerances import DIMENSIONS
+from support.states import body1 as random_body
+from support.states import generator
+from support.states import pair as random_pair
+
+U = 2.0**-53
+STEP = 1e-3
+"""Of differences of order 6, which cut off some STEP^6 and round off some u / STEP."""
+WEIGHTS = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
+"""Of the central difference of order 6, by multiple of the step."""
+SAMPLES = 100_000
+STD = {"u1_std": 1e-3, "u2_std": (1e-3, 0, 2e-3), "axis_std": 1.5e-3, "home_std": 5e-4}
+
+
+def pair_and_states(seed: int, home: bool = True) -> tuple[hp.HingePair, hp.BodyMotion, np.ndarray]:
+    rng = generator(seed)
+    u1, u2, n, C = random_pair(rng)
+    R, S, *_ = random_body(rng, 5)
+    return hp.HingePair(u1, u2, n, C if home else None), hp.BodyMotion(R=R, S=S), rng.uniform(-3, 3, 5)
+
+
+def moved(pair: hp.HingePair, dimension: str, size: float) -> hp.HingePair:
+    """The pair with one number of its geometry changed."""
+    name, _, letter = dimension.partition("_")
+    step = size * np.eye(3)["xyz".index(letter)]
+    if name == "home":
+        return dataclasses.replace(pair, home=hp.rotation_exp(step) @ pair.home)
+    return dataclasses.replace(pair, **{name: getattr(pair, name) + step})
+
+
+@pytest.mark.parametrize("home", [True, False], ids=["home", "no_home"])
+def test_slopes_are_those_of_the_pose(home):
+    pair, body1, psi = pair_and_states(300, home)
+    slopes = pair.propagate_covariance(body1, psi, u1_std=1).jacobian
+    assert slopes.shape == (5, 6, 12)
+    lever = 1 + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
+    for k, dimension in enumerate(DIMENSIONS):
+        found = np.zeros((5, 6))
+        for multiple, weight in WEIGHTS.items():
+            ends = [
+                moved(pair, dimension, sign * multiple * STEP).forward_kinematics_from_body1(body1, psi)
+                for sign in (1, -1)
+            ]
+            found[:, :3] += weight * (ends[0].d - ends[1].d) / STEP
+            S2 = pair.forward_kinematics_from_body1(body1, psi).S2
+            turns = [hp.rotation_log(end.S2 @ np.swapaxes(S2, -1, -2)) for end in ends]
+            found[:, 3:] += weight * (turns[0] - turns[1]) / STEP
+        assert np.abs(found - slopes[..., k]).max() < 64 * U / STEP * lever, dimension
+
+
+def geometry_of_a_fit(pair: hp.HingePair) -> np.ndarray:
+    """A covariance with correlations in which the axis keeps its length."""
+    root = 1e-3 * generator(301).normal(size=(12, 12))
+    root[6:9] -= np.outer(pair.n, pair.n @ root[6:9])
+    return root @ root.T
+
+
+@pytest.mark.parametrize("kind", ["standard_deviations", "covariance"])
+def test_samples_scatter_as_the_first_order_says(kind):
+    pair, body1, psi = pair_and_states(302)
+    scatter = STD if kind == "standard_deviations" else {"covariance": geometry_of_a_fit(pair)}
+    expected = pair.propagate_covariance(body1, psi, **scatter)
+    made = hp.sample_pairs(pair, SAMPLES, **scatter, seed=3)
+    assert np.abs(np.linalg.norm(made.n, axis=-1) - 1).max() < 4 * U
+    for i in range(5):
+        one = hp.BodyMotion(R=body1.R[i], S=body1.S[i])
+        mean, found = (p.forward_kinematics_from_body1(one, psi[i]) for p in (pair, made))
+        pose = np.concatenate((found.R2 - mean.R2, hp.rotation_log(found.S2 @ mean.S2.T)), axis=1)
+        variances = np.diagonal(expected.covariance[i])
+        error = np.sqrt((np.outer(variances, variances) + expected.covariance[i] ** 2) / SAMPLES)
+        assert (np.abs(np.cov(pose.T) - expected.covariance[i]) < 5 * error).all()
+        assert np.array_equal(expected.R2_std[i], np.sqrt(variances[:3]))
+        assert np.array_equal(expected.attitude_std[i], np.sqrt(variances[3:]))
+
+
+def test_contributions_of_independent_dimensions_add_up():
+    pair, body1, psi = pair_and_states(303)
+    found = pair.propagate_covariance(body1, psi, **STD)
+    parts = found.contributions()
+    assert len(parts) == 10
+    assert not parts["u2_y"].any()
+    variances = np.diagonal(found.covariance, axis1=-2, axis2=-1)
+    assert np.allclose(sum(parts.values()), variances, rtol=64 * U, atol=0)
+    assert np.array_equal(found.R2, found.covariance[:, :3, :3])
+    assert np.array_equal(found.attitude, found.covariance[:, 3:, 3:])
+
+
+def test_covariance_of_a_fit_is_taken_as_it_is():
+    pair, body1, psi = pair_and_states(304)
+    rng = generator(305)
+    S1 = hp.rotation_exp(rng.normal(size=(400, 3)))
+    second = pair.forward_kinematics_from_body1(hp.BodyMotion(R=np.zeros(3), S=S1), rng.uniform(-1, 1, 400))
+    noise = hp.rotation_exp(1e-3 * rng.standard_normal((400, 3)))
+    measured = hp.BodyMotion(R=second.R2 + 1e-3 * rng.standard_normal((400, 3)), S=second.S2 @ noise)
+    fit = hp.fit(hp.BodyMotion(R=np.zeros((400, 3)), S=S1), measured)
+    found = fit.pair.propagate_covariance(body1, psi, covariance=fit.covariance)
+    assert np.allclose(found.geometry, fit.covariance, rtol=0, atol=8 * U * fit.covariance.max())
+    assert (found.R2_std > 0).all()
+    assert hp.sample_pairs(fit.pair, 10, covariance=fit.covariance, seed=1).u1.shape == (10, 3)
+
+
+def test_a_seed_gives_the_same_pairs_and_only_what_scatters_is_sampled():
+    pair = hp.HingePair((1, 2, 3), (0, 0, 1), (0, 0, 1), name="gate", limits=(0, 1), body2=hp.Body(3))
+    first, again = (hp.sample_pairs(pair, 7, u1_std=0.1, home_std=0.2, seed=4) for _ in range(2))
+    assert np.array_equal(first.u1, again.u1)
+    assert np.array_equal(first.home, again.home)
+    assert (first.u1.shape, first.home.shape, first.u2.shape, first.n.shape) == ((7, 3), (7, 3, 3), (3,), (3,))
+    assert (first.name, first.limits, first.body2) == ("gate", (0.0, 1.0), pair.body2)
+    rng = np.random.default_rng(4)
+    assert np.array_equal(hp.sample_pairs(pair, 7, u1_std=0.1, home_std=0.2, seed=rng).u1, first.u1)
+
+
+NEGATIVE = np.diag([1.0] * 11 + [-1.0])
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({}, "u1_std: expected a positive standard deviation: u1_std, u2_std, axis_std, home_std, or a covariance"),
+        ({"u1_std": -1}, "u1_std: expected a number not below 0"),
+        ({"u1_std": (1, 2)}, r"u1_std: expected shape \(3,\)"),
+        ({"u2_std": (1, 2, -3)}, "u2_std: expected numbers not below 0"),
+        ({"axis_std": (1, 2, 3)}, "axis_std: expected a finite number"),
+        ({"home_std": np.inf}, "home_std: expected a finite number"),
+        ({"covariance": np.eye(11)}, r"covariance: expected shape \(12, 12\)"),
+        ({"covariance": NEGATIVE}, "covariance: expected a covariance"),
+        ({"covariance": np.zeros((12, 12))}, "covariance: expected a covariance"),
+        ({"covariance": np.eye(12), "u2_std": 1}, "u2_std: expected 0 beside covariance"),
+    ],
+)
+def test_what_cannot_be_used_is_named(given, message):
+    pair, body1, psi = pair_and_states(306)
+    with pytest.raises(hp.ArgumentError, match=message):
+        hp.sample_pairs(pair, 10, **given)
+    with pytest.raises(hp.ArgumentError, match=message):
+        pair.propagate_covariance(body1, psi, **given)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"samples": 0}, "samples: expected a whole number from 1"),
+        ({"samples": 1.5}, "samples: expected a whole number from 1"),
+        ({"seed": -1}, "seed: expected an integer from 0"),
+        ({"pair": "gate"}, "pair: expected a HingePair"),
+    ],
+)
+def test_samples_seed_and_pair_are_checked(given, message):
+    own = {"pair": hp.HingePair((1, 0, 0), (0, 0, 1), (0, 0, 1)), "u1_std": 1} | given
+    with pytest.raises(hp.ArgumentError, match=message):
+        hp.sample_pairs(**own)
+
+
+def test_pairs_that_differ_from_sample_to_sample_are_refused():
+    many = hp.sample_pairs(hp.HingePair((1, 0, 0), (0, 0, 1), (0, 0, 1)), 3, u1_std=1)
+    with pytest.raises(hp.ShapeError, match="pair: expected one pair"):
+        hp.sample_pairs(many, u1_std=1)
+    with pytest.raises(hp.ShapeError, match="pair: expected one pair"):
+        many.propagate_covariance(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), 0.0, u1_std=1)

@@ -1,0 +1,143 @@
+"""`hingepair tolerance SCENE`: the band to first order beside sampled pairs, and the dimension that matters most."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import hingepair as hp
+from hingepair.cli.main import app, main
+from hingepair.sweeps.tolerance import study_tolerances
+
+MODELS = Path(__file__).parents[2] / "models"
+SAMPLES = 5_000
+SCENE = """
+[pair]
+u1 = [0.5, 0.2, 0.1]
+u2 = [-0.25, 0.1, 0.3]
+n = [1, 2, 0]
+[motion]
+x = 0
+y = 0
+z = 0
+phi_x = "sin(t)"
+phi_y = 0
+phi_z = 0
+psi = "t"
+[time]
+start = 0
+stop = 3
+samples = 31
+"""
+
+CRANE = """
+[[joint]]
+name = "boom"
+u1 = [0, 0, 1]
+u2 = [0, 0, 0]
+n = [0, 1, 0]
+[motion]
+boom = "t"
+[time]
+start = 0
+stop = 1
+samples = 3
+"""
+
+
+@pytest.fixture
+def scene_path(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.toml"
+    path.write_text(SCENE + "[tolerances]\nu1_std = [0.001, 0, 0]\naxis_std = 'pi/1800'\n")
+    return path
+
+
+@pytest.mark.parametrize("name", ["landing_gear", "reference_2d"])
+def test_first_order_and_samples_agree(name):
+    scene = hp.load_scene(MODELS / f"{name}.toml")
+    study = study_tolerances(scene, SAMPLES, u1_std=1e-4, u2_std=2e-4, axis_std=1e-4, home_std=1e-4)
+    assert study.std.shape == study.sampled_std.shape == (101, 6)
+    assert (study.t[0], study.t[-1]) == (scene.start, scene.stop)
+    assert np.abs(study.sampled_std / study.std - 1).max() < 5 / np.sqrt(2 * SAMPLES)
+    width = study.band[:, 1] - study.band[:, 0]
+    assert np.abs(width / (2 * 1.96 * study.std) - 1).max() < 0.15
+    assert np.allclose(sum(study.contributions.values()), study.std**2, rtol=1e-12, atol=0)
+
+
+def test_tolerances_of_the_scene_are_taken_unless_named(scene_path):
+    scene = hp.load_scene(scene_path)
+    study = study_tolerances(scene, 10)
+    assert study.tolerances == {"u1_std": [0.001, 0.0, 0.0], "axis_std": np.pi / 1800}
+    assert set(study.shares()) == {"u1_x", "axis"}
+    assert study_tolerances(scene, 10, u1_std=0.0, axis_std=1e-3).shares() == {"axis": (1.0, 1.0)}
+
+
+def test_the_dimension_that_matters_most_is_named(scene_path):
+    study = study_tolerances(hp.load_scene(scene_path), 10, u1_std=(0, 1e-2, 1e-3), axis_std=1e-5)
+    assert [*study.shares()][:2] == ["axis", "u1_y"]  # all of the attitude, most of the position
+    position, _ = study.verdict.split(";")
+    assert position == "u1_y matters most for R2 (99 % of its variance)"
+    assert study.shares()["u1_y"] == pytest.approx((100 / 101, 0.0), rel=1e-4)
+
+
+def test_large_tolerances_are_seen_by_the_samples_only(scene_path):
+    study = study_tolerances(hp.load_scene(scene_path), SAMPLES, u1_std=0.0, axis_std=1.0)
+    assert np.abs(study.sampled_std[1:] / study.std[1:] - 1).max() > 0.1  # psi is 0 at first
+
+
+def test_the_figure_has_a_band_for_each_component(scene_path):
+    figure = study_tolerances(hp.load_scene(scene_path), 10).plot()
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert labels[:3] == ["R2_x [mm]", "R2_y [mm]", "R2_z [mm]"]
+    assert labels[6] == "part of the variance [%]"
+    assert all(len(axes.lines) == 2 and len(axes.collections) == 1 for axes in figure.axes[:6])
+
+
+def test_the_command_prints_both_and_draws(scene_path, tmp_path):
+    picture = tmp_path / "bands.png"
+    ran = CliRunner().invoke(app, ["tolerance", str(scene_path), "--samples", "100", "--plot", str(picture)])
+    assert ran.exit_code == 0
+    assert "100 pairs at 31 instants" in ran.output
+    for word in ("std, first order", "std, sampled", "attitude_z", "axis", "u1_x", "matters most for R2"):
+        assert word in ran.output
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    shown = CliRunner().invoke(app, ["tolerance", str(scene_path), "--json", "--u1-std", "0,0.002,0"])
+    told = json.loads(shown.output)
+    assert told["tolerances"]["u1_std"] == [0, 0.002, 0]
+    assert [band["component"] for band in told["bands"]] == [
+        "R2_x",
+        "R2_y",
+        "R2_z",
+        *(f"attitude_{c}" for c in "xyz"),
+    ]
+    assert set(told["bands"][0]) == {"component", "unit", "first_order_std", "sampled_std", "low", "high", "t"}
+    assert set(told["shares"]) == {"u1_y", "axis"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["models", "--u1-std", "a"], "--u1-std: expected a number, or three separated by commas, got 'a'"),
+        (["models", "--u1-std", "1,2"], "--u1-std: expected shape (3,)"),
+        (["models", "--axis-std", "1,2,3"], "--axis-std: expected a finite number"),
+        (["models", "--home-std", "-1"], "--home-std: expected a number not below 0"),
+        (["models"], "tolerances: expected standard deviations, such as [tolerances] u1_std = 0.001"),
+        (["models", "--u1-std", "1", "--plot", "x.gif"], "--plot: expected a file name that ends in .png"),
+        (["crane"], "crane.toml: pair: expected the scene of a pair"),
+        (["bad"], "bad.toml: tolerances.u3_std: expected one of u1_std, u2_std, axis_std, home_std"),
+    ],
+)
+def test_what_cannot_be_used_is_named(arguments, message, tmp_path, monkeypatch, capsys):
+    paths = {"models": MODELS / "reference_3d.toml", "bad": tmp_path / "bad.toml", "crane": tmp_path / "crane.toml"}
+    paths["crane"].write_text(CRANE)
+    paths["bad"].write_text(SCENE + "[tolerances]\nu3_std = 1\n")
+    monkeypatch.setattr("sys.argv", ["hingepair", "tolerance", str(paths[arguments[0]]), *arguments[1:]])
+    monkeypatch.setattr("hingepair.cli.main.behave", lambda: None)
+    with pytest.raises(SystemExit) as done:
+        main()
+    assert done.value.code == 2
+    assert message in capsys.readouterr().err
