@@ -52,8 +52,8 @@ from hingepair.equations.spatial import (
 Symmetric: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar, Scalar, Scalar]
 Turn: TypeAlias = tuple[Scalar, Scalar]  # (sin q, cos q)
 
-ZERO: Vector = (0.0, 0.0, 0.0)
-IDENTITY: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+ZERO: Vector = (0.0, 0.0, 0.0)  # a vector that is none
+IDENTITY: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)  # no rotation
 
 
 class Link(NamedTuple):
@@ -100,19 +100,19 @@ class Place(NamedTuple):
 
 
 def turned(turn: Turn, v: Vector) -> Vector:
-    """The product Sz(q) v."""
+    """Return Sz(q) v."""
     s, c = turn
     return c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
 
 
 def turned_back(turn: Turn, v: Vector) -> Vector:
-    """The product Sz(q)^T v."""
+    """Return Sz(q)^T v."""
     s, c = turn
     return c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]
 
 
 def turned_columns(A: Matrix, turn: Turn) -> Matrix:
-    """The product A Sz(q)."""
+    """Return A Sz(q)."""
     s, c = turn
     return (
         c * A[0] + s * A[1], c * A[1] - s * A[0], A[2],
@@ -122,18 +122,18 @@ def turned_columns(A: Matrix, turn: Turn) -> Matrix:
 
 
 def to_parent(place: Place, v: Vector) -> Vector:
-    """The product Q v: a vector of the body in its parent's axes."""
+    """Return Q v, a vector of the body in its parent's axes."""
     return rotate(place.S, v if place.turn is None else turned(place.turn, v))
 
 
 def to_child(place: Place, v: Vector) -> Vector:
-    """The product Q^T v: a vector of the parent in the body's axes."""
+    """Return Q^T v, a vector of the parent in the body's axes."""
     back = rotate(transpose(place.S), v)
     return back if place.turn is None else turned_back(place.turn, back)
 
 
 def places(links: Sequence[Link], turns: Sequence[Turn | None], shifts: Sequence[Scalar | None]) -> list[Place]:
-    """Q and r of every joint; a turn (sin q, cos q) of each hinge, a shift q of each slider."""
+    """Return Q and r of every joint, from (sin q, cos q) of each hinge and the shift q of each slider."""
     return [
         Place(link.S, turn, add(link.u, scale(link.S[2::3], shift)) if link.slides else link.u)
         for link, turn, shift in zip(links, turns, shifts, strict=True)
@@ -152,12 +152,12 @@ class Pose(NamedTuple):
 
 
 def axis_of(pose: Pose) -> Vector:
-    """The axis of the joint that carries a body: its z axis."""
+    """Return the axis of the joint that carries a body, which is the body's z axis."""
     return pose.S[2], pose.S[5], pose.S[8]
 
 
 def poses(links: Sequence[Link], joints: Sequence[Place], S1: Matrix) -> list[Pose]:
-    """The pose of every body, the base first (E5, E7 with u2 = 0)."""
+    """Return the pose of every body, the base first (E5, E7 with u2 = 0)."""
     bodies = [Pose(S1, ZERO, ZERO)]
     for link, joint in zip(links, joints, strict=True):
         p = bodies[link.parent]
@@ -172,7 +172,7 @@ Rates: TypeAlias = tuple[Vector, Vector]
 
 
 def body_velocities(links: Sequence[Link], bodies: Sequence[Pose], qd: Sequence[Scalar], base: Rates) -> list[Rates]:
-    """(v, omega) of every body, the base first (E2, E8)."""
+    """Return (v, omega) of every body, the base first (E2, E8)."""
     rates = [base]
     for link, body, rate in zip(links, bodies[1:], qd, strict=True):
         v, omega = rates[link.parent]
@@ -190,7 +190,7 @@ def body_accelerations(
     rates: Sequence[Rates],
     base: Rates,
 ) -> list[Rates]:
-    """(a, alpha) of every body, the base first, classical (E9)."""
+    """Return (a, alpha) of every body, the base first, classical (E9)."""
     changes = [base]
     for link, body, rate, rate_change in zip(links, bodies[1:], qd, qdd, strict=True):
         (a, alpha), omega = changes[link.parent], rates[link.parent][1]
@@ -206,25 +206,25 @@ def body_accelerations(
 
 
 def frame_pose(body: Pose, R: Vector, S: Matrix) -> Pose:
-    """The pose of a frame that is fixed in a body at R with the axes S (E7)."""
+    """Return the pose of a frame that is fixed in a body at R with the axes S (E7)."""
     arm = rotate(body.S, R)
     return Pose(compose(body.S, S), add(body.d, arm), arm)
 
 
 def frame_velocity(frame: Pose, body: Rates) -> Rates:
-    """(v, omega) of a frame (E8)."""
+    """Return (v, omega) of a frame (E8)."""
     v, omega = body
     return add(v, cross(omega, frame.arm)), omega
 
 
 def frame_acceleration(frame: Pose, omega: Vector, body: Rates) -> Rates:
-    """(a, alpha) of a frame (E9)."""
+    """Return (a, alpha) of a frame (E9)."""
     a, alpha = body
     return add(a, point_acceleration(omega, alpha, frame.arm)), alpha
 
 
 def path(links: Sequence[Link], body: int) -> set[int]:
-    """The numbers of the joints between a body and the base."""
+    """Return the numbers of the joints between a body and the base."""
     numbers = set()
     while body:
         numbers.add(body)
@@ -233,7 +233,7 @@ def path(links: Sequence[Link], body: int) -> set[int]:
 
 
 def point_columns(links: Sequence[Link], bodies: Sequence[Pose], body: int, d: Vector) -> list[tuple[Vector, Vector]]:
-    """How each joint moves a point of a body: (v, omega) of it by q' (E2, E8); d leads to it from the base's R1."""
+    """Return (v, omega) of a body's point for q' = 1 of each joint (E2, E8); d leads to it from the base's R1."""
     on_path = path(links, body)
     columns = []
     for number, link in enumerate(links, 1):
@@ -248,7 +248,7 @@ def point_columns(links: Sequence[Link], bodies: Sequence[Pose], body: int, d: V
 
 
 def base_columns(d: Vector) -> list[tuple[Vector, Vector]]:
-    """How the base moves a point: (v, omega) of it by v1 and omega1 (E8)."""
+    """Return (v, omega) of a point for unit components of v1 and omega1 of the base (E8)."""
     x, y, z = d
     units = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     turning = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
@@ -259,24 +259,24 @@ def base_columns(d: Vector) -> list[tuple[Vector, Vector]]:
 
 
 def symmetric_sum(A: Symmetric, B: Symmetric) -> Symmetric:
-    """The sum A + B."""
+    """Return the sum A + B."""
     return A[0] + B[0], A[1] + B[1], A[2] + B[2], A[3] + B[3], A[4] + B[4], A[5] + B[5]
 
 
 def full(A: Symmetric) -> Matrix:
-    """All nine entries."""
+    """Return all nine entries."""
     xx, xy, xz, yy, yz, zz = A
     return xx, xy, xz, xy, yy, yz, xz, yz, zz
 
 
 def inertia_of(second: Symmetric) -> Symmetric:
-    """J = tr(N) - N."""
+    """Return J = tr(N) - N."""
     xx, xy, xz, yy, yz, zz = second
     return yy + zz, -xy, -xz, xx + zz, -yz, xx + yy
 
 
 def conjugate(S: Matrix, A: Symmetric) -> Symmetric:
-    """S A S^T."""
+    """Return S A S^T."""
     T = compose(S, full(A))
     rows, own = (T[0:3], T[3:6], T[6:9]), (S[0:3], S[3:6], S[6:9])
     xx, xy, xz, yy, yz, zz = (dot(rows[i], own[j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
@@ -284,7 +284,7 @@ def conjugate(S: Matrix, A: Symmetric) -> Symmetric:
 
 
 def turned_symmetric(turn: Turn, A: Symmetric) -> Symmetric:
-    """Sz(q) A Sz(q)^T."""
+    """Return Sz(q) A Sz(q)^T."""
     s, c = turn
     xx, xy, xz, yy, yz, zz = A
     cc, cs, ss = c * c, c * s, s * s
@@ -296,12 +296,12 @@ def turned_symmetric(turn: Turn, A: Symmetric) -> Symmetric:
 
 
 def symmetric_to_parent(place: Place, A: Symmetric) -> Symmetric:
-    """Q A Q^T."""
+    """Return Q A Q^T."""
     return conjugate(place.S, A if place.turn is None else turned_symmetric(place.turn, A))
 
 
 def outer_sum(a: Vector, b: Vector) -> Symmetric:
-    """The sum a b^T + b a^T."""
+    """Return the sum a b^T + b a^T."""
     xx, yy, zz = a[0] * b[0], a[1] * b[1], a[2] * b[2]
     return (
         xx + xx, a[0] * b[1] + a[1] * b[0], a[0] * b[2] + a[2] * b[0],
@@ -321,7 +321,7 @@ class Acceleration(NamedTuple):
 
 
 def velocity_gradient(omega: Vector, alpha: Vector) -> Matrix:
-    """B = [alpha]x + [omega]x^2: the acceleration of a body's points by their place (T1)."""
+    """Return B = [alpha]x + [omega]x^2, the derivative of a point's acceleration by its place (T1)."""
     x, y, z = omega
     u, v, w = alpha
     xx, yy, zz = x * x, y * y, z * z
@@ -341,7 +341,7 @@ def accelerations(
     alpha: Vector,
     a: Vector,
 ) -> list[Acceleration]:
-    """What the matter of every body feels, the base first, whose omega, alpha and a - g are given, own axes (T1)."""
+    """Return (omega, alpha, a - g) of every body in its own axes, the base, whose motion is given, first (T1)."""
     turning = [(omega, alpha)]
     bodies = [Acceleration(omega, a, velocity_gradient(omega, alpha))]
     for link, joint, rate, rate_change in zip(links, joints, qd, qdd, strict=True):
@@ -365,7 +365,7 @@ Wrench: TypeAlias = tuple[Vector, Vector]
 
 
 def matter_wrench(mass: Scalar, first: Vector, second: Symmetric, feels: Acceleration) -> Wrench:
-    """The wrench that moves a body's matter as it moves (T2)."""
+    """Return the wrench that moves a body's matter as it moves (T2)."""
     B, a = feels.B, feels.a
     xx, xy, xz, yy, yz, zz = second
     force = add(scale(a, mass), rotate(B, first))
@@ -378,7 +378,7 @@ def matter_wrench(mass: Scalar, first: Vector, second: Symmetric, feels: Acceler
 
 
 def inward(links: Sequence[Link], joints: Sequence[Place], own: Iterable[Wrench]) -> list[Wrench]:
-    """The wrench that each joint transmits, the base's own first, from what each body takes itself (T3)."""
+    """Return the wrench that each joint transmits, the base's first, from the wrenches on each body (T3)."""
     sums = list(own)
     for number in range(len(links), 0, -1):
         link, joint, (force, torque) = links[number - 1], joints[number - 1], sums[number]
@@ -389,18 +389,18 @@ def inward(links: Sequence[Link], joints: Sequence[Place], own: Iterable[Wrench]
 
 
 def along_axes(links: Sequence[Link], wrenches: Sequence[Wrench]) -> list[Scalar]:
-    """What acts along each joint's axis (T3)."""
+    """Return the component of each joint's wrench along its axis (T3)."""
     return [force[2] if link.slides else torque[2] for link, (force, torque) in zip(links, wrenches[1:], strict=True)]
 
 
 def driving_efforts(links: Sequence[Link], wrenches: Sequence[Wrench], qdd: Sequence[Scalar]) -> list[Scalar]:
-    """What each motor must give: along the joint's axis, and for its own rotor (T3, T10)."""
+    """Return the effort of each motor: along the joint's axis, and for its own rotor (T3, T10)."""
     loads = along_axes(links, wrenches)
     return [load + link.armature * change for link, load, change in zip(links, loads, qdd, strict=True)]
 
 
 def inertial_wrenches(base: Base, links: Sequence[Link], feels: Sequence[Acceleration]) -> list[Wrench]:
-    """What moves the matter of each body, the base first (T2)."""
+    """Return the wrench that moves the matter of each body, the base first (T2)."""
     return [
         matter_wrench(body.mass, body.first, body.second, own)
         for body, own in zip(_bodies(base, links), feels, strict=True)
@@ -423,7 +423,7 @@ class Matter(NamedTuple):
 
 
 def composites(base: Base, links: Sequence[Link], joints: Sequence[Place]) -> list[Matter]:
-    """The matter of each body and of all beyond it, the base first (T4)."""
+    """Return the matter of each body together with all bodies beyond it, the base first (T4)."""
     matter = [Matter(body.mass, body.first, body.second) for body in _bodies(base, links)]
     for number in range(len(links), 0, -1):
         link, joint, own = links[number - 1], joints[number - 1], matter[number]
@@ -440,7 +440,7 @@ def composites(base: Base, links: Sequence[Link], joints: Sequence[Place]) -> li
 
 
 def axis_wrench(slides: bool, matter: Matter) -> Wrench:
-    """The wrench that moves matter by q'' = 1 of its joint alone (T4)."""
+    """Return the wrench that moves matter by q'' = 1 of its joint alone (T4)."""
     x, y, _ = matter.first
     if slides:
         return (0.0, 0.0, matter.mass), (y, -x, 0.0)
@@ -451,7 +451,7 @@ def axis_wrench(slides: bool, matter: Matter) -> Wrench:
 def mass_matrix(
     links: Sequence[Link], joints: Sequence[Place], matter: Sequence[Matter]
 ) -> tuple[list[list[Scalar]], list[Wrench]]:
-    """The rows of M below and on its diagonal, and by joint the wrench on the base, base axes (T4)."""
+    """Return the rows of M up to the diagonal, and by joint the wrench on the base, base axes (T4)."""
     rows: list[list[Scalar]] = []
     on_base = []
     for number, link in enumerate(links, 1):
@@ -471,7 +471,7 @@ def mass_matrix(
 
 
 def base_block(S: Matrix, matter: Matter) -> list[list[Scalar]]:
-    """The six rows of M of a free base, below and on the diagonal, in (v1, omega1), world axes (T4)."""
+    """Return the six rows of M of a free base, up to the diagonal, in (v1, omega1), world axes (T4)."""
     x, y, z = rotate(S, matter.first)
     J = conjugate(S, inertia_of(matter.second))
     m = matter.mass
@@ -506,13 +506,13 @@ class Elimination(NamedTuple):
 
 
 def resistance_of(mass: Scalar, first: Vector, second: Symmetric) -> Resistance:
-    """What resists of one body (T5)."""
+    """Return the articulated inertia of one body alone (T5)."""
     x, y, z = first
     return Resistance(inertia_of(second), (0.0, -z, y, z, 0.0, -x, -y, x, 0.0), (mass, 0.0, 0.0, mass, 0.0, mass))
 
 
 def turned_pair(turn: Turn, A: Matrix) -> Matrix:
-    """Sz(q) A Sz(q)^T of any matrix."""
+    """Return Sz(q) A Sz(q)^T of a matrix that need not be symmetric."""
     s, c = turn
     cc, cs, ss = c * c, c * s, s * s
     both, apart = cs * (A[1] + A[3]), cs * (A[0] - A[4])
@@ -524,7 +524,7 @@ def turned_pair(turn: Turn, A: Matrix) -> Matrix:
 
 
 def resistance_to_parent(place: Place, own: Resistance) -> Resistance:
-    """What resists about the parent's reference point, in its axes (T5)."""
+    """Return an articulated inertia about the parent's reference point, in its axes (T5)."""
     J, H, M = own
     if place.turn is not None:
         J, H, M = turned_symmetric(place.turn, J), turned_pair(place.turn, H), turned_symmetric(place.turn, M)
@@ -551,7 +551,7 @@ def _sum(A: Matrix, B: Matrix) -> Matrix:
 def eliminated(
     slides: bool, armature: Scalar, own: Resistance, reciprocal: Callable[[Scalar], Scalar]
 ) -> tuple[Elimination, Resistance]:
-    """A body whose joint gives way: U and D, and what still resists, along the axis only by the rotor (T5, T10)."""
+    """Return U and D of a body's joint, and the articulated inertia that the free joint leaves (T5, T10)."""
     J, H, M = own
     if slides:
         torque, force, pivot = (H[2], H[5], H[8]), (M[2], M[4], M[5]), M[5] + armature
@@ -597,14 +597,14 @@ def eliminated(
 
 
 def _held(armature: Scalar, share: Scalar) -> Scalar:
-    """The share I / D of an acceleration along the axis that the rotor keeps the body from giving way to."""
+    """Return I / D, the share of an acceleration along the axis that the rotor makes the body resist (T10)."""
     return 0.0 if type(armature) is float and armature == 0 else armature * share
 
 
 def articulated(
     base: Base, links: Sequence[Link], joints: Sequence[Place], reciprocal: Callable[[Scalar], Scalar]
 ) -> tuple[list[Elimination], Resistance]:
-    """What T5 leaves of every joint, and what resists of the base."""
+    """Return U and D of every joint, and the articulated inertia of the base (T5)."""
     sums = [resistance_of(body.mass, body.first, body.second) for body in _bodies(base, links)]
     steps: list[Elimination] = []
     for number in range(len(links), 0, -1):
@@ -620,7 +620,7 @@ def articulated(
 def given_way(
     links: Sequence[Link], joints: Sequence[Place], steps: Sequence[Elimination], loads: Sequence[Scalar]
 ) -> tuple[list[Scalar], Wrench]:
-    """What each joint is left with of its load, and what comes to the base, base axes (T6, inward)."""
+    """Return q'' of each joint by its load where its parent rests, and the wrench on the base, base axes (T6)."""
     own: list[Wrench] = [(ZERO, ZERO)] * (len(links) + 1)
     left: list[Scalar] = [0.0] * len(links)
     for number in range(len(links), 0, -1):
@@ -643,7 +643,7 @@ def joint_accelerations(
     alpha: Vector,
     a: Vector,
 ) -> list[Scalar]:
-    """The q'' of every joint, from the base's own accelerations, base axes (T6, outward)."""
+    """Return q'' of every joint, from the base's own accelerations, base axes (T6, outward)."""
     bodies, qdd = [(alpha, a)], []
     for link, joint, step, rest in zip(links, joints, steps, left, strict=True):
         alpha_p, a_p = bodies[link.parent]
@@ -665,7 +665,7 @@ def joint_accelerations(
 def velocities(
     links: Sequence[Link], joints: Sequence[Place], qd: Sequence[Scalar], v: Vector, omega: Vector
 ) -> list[tuple[Vector, Vector]]:
-    """(v, omega) of every body in its own axes, the base first."""
+    """Return (v, omega) of every body in its own axes, the base first."""
     bodies = [(v, omega)]
     for link, joint, rate in zip(links, joints, qd, strict=True):
         v_p, omega_p = bodies[link.parent]
@@ -676,7 +676,7 @@ def velocities(
 
 
 def momenta(base: Base, links: Sequence[Link], bodies: Sequence[tuple[Vector, Vector]]) -> list[Wrench]:
-    """(P, L) of each body about its reference point, own axes (T8)."""
+    """Return (P, L) of each body about its reference point, own axes (T8)."""
     found = []
     for body, (v, omega) in zip(_bodies(base, links), bodies, strict=True):
         linear = add(scale(v, body.mass), cross(omega, body.first))
@@ -688,7 +688,7 @@ def momenta(base: Base, links: Sequence[Link], bodies: Sequence[tuple[Vector, Ve
 def kinetic_energy(
     links: Sequence[Link], bodies: Sequence[tuple[Vector, Vector]], own: Sequence[Wrench], qd: Sequence[Scalar]
 ) -> Scalar:
-    """The kinetic energy, half of v . P + omega . L of each body and of I q'^2 of each rotor (T7, T10)."""
+    """Return the kinetic energy, half of v . P + omega . L of each body and of I q'^2 of each rotor (T7, T10)."""
     doubles = [dot(v, P) + dot(omega, L) for (v, omega), (P, L) in zip(bodies, own, strict=True)]
     doubles += [link.armature * rate * rate for link, rate in zip(links, qd, strict=True)]
     total = doubles[0]

@@ -1,4 +1,4 @@
-"""The steps of forces and motion: which equation makes what of what, for what must act and for how the pair moves."""
+"""The steps of dynamics: which equation computes which quantity, for inverse and for forward dynamics."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _LEVERS = (
     Step("to_centre", eq.scale, ("apart", "share")),
     Step("centre", eq.add, ("centre1", "to_centre")),
 )
-"""Where the masses are, world axes, and what resists (D1-D6)."""
+"""Steps to the centres of mass, world axes, and to the inertias (D1-D6)."""
 
 _INVERSE = (
     Step("f1", dyn.inertial_force, ("m1", "a1", "omega1", "alpha1", "centre1", "gravity")),
@@ -53,7 +53,7 @@ _INVERSE = (
     Step("about2", dyn.torque_about, ("t2", "e", "f2")),
     Step("torque1", eq.add, ("about1", "about2")),
 )
-"""What must act (D1-D5)."""
+"""Steps of inverse dynamics (D1-D5)."""
 
 _ENERGIES = (
     Step("v_centre1", dyn.point_velocity, ("v1", "omega1", "centre1")),
@@ -69,7 +69,7 @@ _ENERGIES = (
     Step("angular2", dyn.angular_momentum, ("m2", "at2", "v_centre2", "J2", "omega2")),
     Step("angular", eq.add, ("angular1", "angular2")),
 )
-"""Energy and momentum (D7, D8)."""
+"""Steps to energy and momentum (D7, D8)."""
 
 MASS_STEPS = (
     *_LEVERS,
@@ -77,16 +77,16 @@ MASS_STEPS = (
     Step("mass_matrix", dyn.mass_matrix, ("m1", "m2", "centre1", "e", "push", "about_R1")),
     *_ENERGIES,
 )
-"""What is known of a motion: what must act, the mass matrix, energy and momentum."""
+"""All steps from a known motion: its forces, the mass matrix, energy and momentum."""
 
 LOADS = ("force1", "torque1", "force2", "torque2", "hinge_torque")
-"""What may act."""
+"""Names of the loads that forward dynamics take."""
 MASSES = ("m1", "m2", "c1", "c2", "I1", "I2", "gravity")
-"""What a pair brings for its dynamics."""
+"""Names of the constants that dynamics take: masses, centres of mass, inertias, gravity."""
 REQUIRED = ("force1", "torque1", "hinge_torque")
-"""What must act."""
+"""Names of the outputs of inverse dynamics."""
 MOVES = ("a1", "alpha1", "psidd")
-"""How the pair moves under what acts."""
+"""Names of the outputs of forward dynamics."""
 
 _LOADED = (
     Step("pushed", eq.add, ("force1", "force2")),
@@ -98,15 +98,16 @@ _LOADED = (
     Step("acting", operator.add, ("hinge_torque", "torque2_at_hinge")),
     Step("motor", operator.sub, ("acting", "hinge_torque_bias")),
 )
-"""What acts, less what it takes to move without accelerations."""
+"""Steps to the loads less the forces of a motion without accelerations."""
 
 _POINTS = {
     "free": (Step("point", same, ("centre",)), Step("about", same, ("about_centre",))),
     "pinned": (Step("point", _nothing, ()), Step("about", same, ("about_R1",))),
     "carried": (Step("about", dyn.resistance, ("J2", "J2", "axis", "push", "m2", "e")),),
 }
-"""About which point a pair turns, from R1, and what resists there."""
+"""Steps to the point about which a pair turns, from R1, and to the inertia there, by the base."""
 
+# Steps to the angular accelerations, from the loads about the point.
 _TURNING = (
     Step("solved", dyn.turning, ("about", "J2", "torque_there", "motor_there")),
     Step("alpha1", operator.itemgetter(0), ("solved",)),
@@ -131,8 +132,9 @@ _SOLVED = {
     ),
     "carried": (Step("psidd", lambda motor, about: motor / about[2], ("motor", "about")),),
 }  # fmt: skip
-"""The accelerations."""
-_SOUGHT = {"free": ("a1", "alpha1", "psidd"), "pinned": ("a1", "alpha1", "psidd"), "carried": ("psidd",)}
+"""Steps to the accelerations, by the base."""
+# The accelerations that are solved for, by the base.
+_SOLVED_OUTPUTS = {"free": ("a1", "alpha1", "psidd"), "pinned": ("a1", "alpha1", "psidd"), "carried": ("psidd",)}
 
 
 def lever_steps(base: str) -> tuple[Step, ...]:
@@ -148,7 +150,7 @@ def forward_steps(kinematics: tuple[Step, ...], base: str = "free") -> tuple[Ste
         kinematics: steps to S1, omega1 and what the hinge makes of them.
         base: what holds body 1: nothing ("free"), a ball joint at R1 ("pinned"), or its given motion ("carried").
     """
-    sought = _SOUGHT[base]
+    sought = _SOLVED_OUTPUTS[base]
     still = {"a1": "none", "alpha1": "none", "psidd": "zero"}
     bias = {name: still[name] for name in sought}
     fixed, follows = [], []

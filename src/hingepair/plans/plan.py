@@ -45,6 +45,7 @@ Terms: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]
 
 POSE, VELOCITY, ACCELERATION = 0, 1, 2
 
+# Shapes of one sample of everything that can be given or computed in space, by name.
 _SHAPES: Final[dict[str, Tail]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1", "R2", "v2", "omega2", "a2", "alpha2", "d"), (3,)),
     **dict.fromkeys(("phi", "phid", "phidd", "u1", "u2", "n", "lever_fixed", "lever_cos", "lever_sin"), (3,)),
@@ -95,6 +96,7 @@ class Kind:
     levels: Mapping[str, int | None]
 
 
+# The level at which an output of body 2 is a default output.
 _OF_BODY2 = {
     **dict.fromkeys(("R2", "S2", "d"), POSE),
     **dict.fromkeys(("v2", "omega2"), VELOCITY),
@@ -123,7 +125,7 @@ _LABELS = {
     "turn1": ("sin_phi", "cos_phi"),
     "axes": ("b_y", "b_z", "c_x", "c_y", "c_z"),
 }
-"""What components are called in generated code, where their step's name and a letter would say less."""
+"""Names of components in generated code, where the step's name and a letter would say less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,7 +153,7 @@ class Plan:
 
 
 NUMERIC: Final[Terms] = (angle_terms, hinge_terms)
-"""How floats and arrays make the sines and cosines of phi and of psi."""
+"""Functions by which floats and arrays make the sines and cosines of phi and of psi."""
 
 
 @functools.lru_cache(maxsize=1024)

@@ -1,4 +1,4 @@
-"""The steps of a plan: which equation makes what of what, for each kind of motion."""
+"""The steps of a plan: which equation computes which quantity, for each kind of motion."""
 
 from __future__ import annotations
 
@@ -24,11 +24,13 @@ class Step(NamedTuple):
     arguments: tuple[str, ...]
 
 
+# Names of the components of q in space.
 COORDINATES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
+# Names of the parts of the coordinates and their derivatives in space.
 PARTS = {"q": ("R1", "phi", "psi"), "qd": ("v1", "phid", "psid"), "qdd": ("a1", "phidd", "psidd")}
-PLANAR_COORDINATES = ("x", "y", "phi", "psi")
+PLANAR_COORDINATES = ("x", "y", "phi", "psi")  # names of the components of q in the plane
 PLANAR_PARTS = {"q": ("R1", "phi1", "psi"), "qd": ("v1", "phi1d", "psid"), "qdd": ("a1", "phi1dd", "psidd")}
-"""The coordinates and their derivatives, and what a plan calls their parts: position, angles, hinge angle."""
+"""Names of the parts of the coordinates and their derivatives in the plane."""
 COLUMN_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
     COORDINATES: {
         "q": COORDINATES,
@@ -43,6 +45,7 @@ COLUMN_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
 }
 """Names of the columns, in files and data frames, that hold the coordinates and their derivatives."""
 
+# Steps to the parts of q, qd, qdd in space.
 ROW_STEPS = tuple(
     Step(part, operator.itemgetter(place), (name,))
     for name, parts in PARTS.items()
@@ -53,7 +56,7 @@ PLANAR_ROW_STEPS = tuple(
     for name, parts in PLANAR_PARTS.items()
     for part, place in zip(parts, (slice(0, 2), 2, 3), strict=True)
 )
-"""The parts out of q, qd, qdd."""
+"""Steps to the parts of q, qd, qdd in the plane."""
 
 
 def _attitude_of(quat: tuple[Any, ...]) -> eq.Matrix:
@@ -97,7 +100,7 @@ ATTITUDE_STEPS = {
 refused: of a matrix, its distance from a rotation; of a quaternion, whether it is zero."""
 
 ATTITUDE2_STEPS = (Step("attitude2_check", _orthonormality, ("S2",)),)
-"""The distance of a given S2 from a rotation."""
+"""Step to the distance of a given S2 from a rotation."""
 
 HINGE_STEPS = (
     Step("Sh", eq.hinge_rotation, ("n", "hinge")),
@@ -114,10 +117,10 @@ HINGE_STEPS = (
     Step("relative", eq.relative_acceleration, ("lever_by_psi", "centripetal", "psid", "psidd")),
     Step("a2", eq.acceleration2, ("a1", "omega1", "alpha1", "d", "lever_by_psi", "psid", "relative")),
 )
-"""Body 2 from body 1 and the hinge (E1, E2, E5-E9)."""
+"""Steps to body 2 from body 1 and the hinge (E1, E2, E5-E9)."""
 
 ARM_STEPS = (Step("r1", eq.rotate, ("S1", "u1")), Step("r2", eq.rotate, ("S2", "u2")))
-"""The hinge point from either reference point, in world axes: no output needs it, Jacobians do."""
+"""Steps to the hinge point from either reference point, world axes; outputs do not need it, Jacobians do."""
 
 LEVER_STEPS = (
     Step("arm", eq.rotate, ("home", "u2")),
@@ -128,7 +131,7 @@ LEVER_STEPS = (
 """What the hinge turns of the levers u1 and u2, and what it leaves; a pair takes these steps once, in twice the
 precision, so that a plan in doubles starts from constants that are right to the last bit."""
 
-WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))
+WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))  # E5 where C is the identity
 
 GIVEN_S1 = {
     "lever_by_psi": (
@@ -235,7 +238,7 @@ PLANAR_STEPS = (
 """A planar pair: the equations of space with n = e_z, of which folding leaves what the plane needs (E11)."""
 
 
-_ZERO: Vector = (0.0, 0.0, 0.0)
+_ZERO: Vector = (0.0, 0.0, 0.0)  # an acceleration that is none
 
 JACOBIAN_STEPS = (
     Step("turns", lambda: by.WORLD, ()),
@@ -257,7 +260,7 @@ JACOBIAN_STEPS = (
     ),
     Step("acceleration_bias", joined, ("a2_bias", "alpha2_bias")),
 )
-"""By the world's axes; the bias is a2 and alpha2 where a1, alpha1 and psi'' are none."""
+"""Steps to Jacobians by the world's axes; the bias is a2 and alpha2 where a1, alpha1 and psi'' are 0."""
 
 
 @functools.lru_cache(maxsize=64)
@@ -293,7 +296,7 @@ SENSITIVITY_STEPS = (
     Step("v2_by_psi", by.velocity_by_psi, ("omega2", "r2", "axis")),
     Step("omega2_by_n", lambda spins: by.beside(*spins), ("spun_by_n",)),
 )
-"""What changes with the hinge: by u1, u2, n and psi (E2, E5-E8)."""
+"""Steps to the derivatives by u1, u2, n and psi (E2, E5-E8)."""
 
 
 def _twist(turn: Components) -> Any:
@@ -346,4 +349,4 @@ CONSTRAINT_STEPS = (
     Step("psidd_parts", ce.hinge_acceleration, ("h", "omegas", "spin", "relative_alpha", "psid")),
     Step("psidd", _quotient, ("psidd_parts",)),
 )
-"""The constraints and all that follows from them, in the order in which it is computed."""
+"""Steps to the constraints and to all that follows from them."""

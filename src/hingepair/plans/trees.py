@@ -32,7 +32,9 @@ from hingepair.plans.steps import ATTITUDE_STEPS
 
 Tail: TypeAlias = tuple[int, ...]
 
+# Shapes of the constants of the base.
 OF_BASE: Final = {"mass": (), "first": (3,), "second": (6,)}
+# Shapes of the constants of each joint.
 OF_JOINT: Final = {"S": (9,), "u": (3,), **OF_BASE, "armature": (), "multiplier": (), "offset": (), "smallest": ()}
 OF_FRAME: Final = {"R": (3,), "S": (9,)}
 """The constants of the base, of each joint and of each frame, in the order in which they stand in the vector."""
@@ -57,12 +59,12 @@ class Form(NamedTuple):
 
     @property
     def dof(self) -> int:
-        """The number of coordinates."""
+        """Return the number of coordinates."""
         return len(set(self.columns))
 
     @property
     def mimics(self) -> bool:
-        """Whether a joint follows another."""
+        """Return whether a joint follows another."""
         return self.dof < len(self.columns)
 
 
@@ -99,7 +101,7 @@ class Output(NamedTuple):
 
 
 def columns_of(form: Form, request: Request) -> int:
-    """The number of velocities: one for each coordinate, and six of a free base."""
+    """Return the number of velocities: one for each coordinate, and six of a free base."""
     return form.dof + 6 * request.free
 
 
@@ -131,7 +133,7 @@ class Computation:
     # ---- coordinates of joints, and what acts along them
 
     def _of_joints(self, name: str) -> list[Scalar]:
-        """The rate, or its change, of every joint."""
+        """Return a rate, or its derivative, of every joint from those of the coordinates."""
         row = self.values[name]
         return [row[column] * ratio for column, (ratio, _) in zip(self.form.columns, self.ratios, strict=True)]
 
@@ -157,7 +159,7 @@ class Computation:
         return [0.0] * len(self.links)
 
     def by_coordinates(self, efforts: Sequence[Scalar]) -> tuple[Scalar, ...]:
-        """The efforts along the coordinates of those along the joints: followers hand theirs to their leader."""
+        """Return the efforts by coordinate from those by joint: followers add theirs to their leader's."""
         sums: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), effort in zip(self.form.columns, self.ratios, efforts, strict=True):
             sums[column] = sums[column] + effort * ratio
@@ -224,11 +226,11 @@ class Computation:
         ]
 
     def frame_positions(self) -> tuple[Scalar, ...]:
-        """R of every frame."""
+        """Return R of every frame."""
         return _flat(add(self.values["R1"], pose.d) for pose in self.frame_poses)
 
     def _columns(self, own: Sequence[tuple[Vector, Vector]], base: Sequence[tuple[Vector, Vector]]) -> list[Any]:
-        """The columns of a Jacobian, six rows each, from those of the joints and of a free base."""
+        """Return the columns of a Jacobian, six rows each, from those of the joints and of a free base."""
         sums: list[Any] = [(0.0,) * 6] * self.form.dof
         for column, (ratio, _), (linear, angular) in zip(self.form.columns, self.ratios, own, strict=True):
             moved = (part * ratio for part in (*linear, *angular))
@@ -236,13 +238,13 @@ class Computation:
         return [*((*linear, *angular) for linear, angular in base), *sums]
 
     def jacobian(self) -> tuple[Scalar, ...]:
-        """(v, omega) of the first frame by the velocities, row by row."""
+        """Return the Jacobian of the first frame, (v, omega) by the velocities, row by row."""
         d, (body, _) = self.frame_poses[0].d, self.frames[0]
         own = eq.point_columns(self.links, self.poses, body, d)
         return _rows(self._columns(own, eq.base_columns(d) if self.request.free else ()))
 
     def acceleration_bias(self) -> tuple[Scalar, ...]:
-        """(a, alpha) of the first frame where the second derivatives, by which the Jacobian has columns, are none."""
+        """Return (a, alpha) of the first frame where the derivatives of the Jacobian's velocities are 0."""
         base = (eq.ZERO, eq.ZERO) if self.request.free else self._base_change
         a, alpha = self._frame_changes(self._changes(self.still, base))[0]
         return (*a, *alpha)
@@ -263,7 +265,7 @@ class Computation:
         a: Vector,
         loaded: bool = True,
     ) -> list[eq.Wrench]:
-        """What each joint transmits, the base first; omega, alpha and a - g of the base in its own axes (T1-T3)."""
+        """Return the wrench that each joint transmits, the base first, from the base's motion in its axes (T1-T3)."""
         feels = eq.accelerations(self.links, self.places, qd, qdd, omega, alpha, a)
         self._named(feels, ("omega", "a", "B"))
         own = eq.inertial_wrenches(self.base, self.links, feels)
@@ -296,15 +298,15 @@ class Computation:
         return self._wrenches(self.qd, self.still, omega, rotate(self.base_axes, values["alpha1"]), falling)
 
     def efforts(self) -> tuple[Scalar, ...]:
-        """Tau along every coordinate."""
+        """Return tau of every coordinate."""
         return self.by_coordinates(eq.driving_efforts(self.links, self.transmitted, self.qdd))
 
     def base_wrench(self, kind: int) -> Vector:
-        """force1 (0) or torque1 (1) on the base, world axes."""
+        """Return force1 (0) or torque1 (1) on the base, world axes."""
         return rotate(self.values["S1"], self.transmitted[0][kind])
 
     def bias_forces(self, moving: bool) -> tuple[Scalar, ...]:
-        """What M times the second derivatives leaves: of rates and gravity, or of gravity alone."""
+        """Return the forces that do not depend on second derivatives: of rates and gravity, or of gravity alone."""
         values, still = self.values, eq.ZERO
         if self.request.free:
             fall = rotate(self.base_axes, scale(values["gravity"], -1.0))
@@ -346,7 +348,7 @@ class Computation:
         return [*(eq.base_block(self.values["S1"], self.composites[0]) if shift else ()), *sums]
 
     def mass_matrix(self) -> tuple[Scalar, ...]:
-        """M, row by row."""
+        """Return M, row by row."""
         rows = self.mass_rows
         size = range(len(rows))
         return tuple(rows[max(i, j)][min(i, j)] for i in size for j in size)
@@ -398,7 +400,7 @@ class Computation:
         return tuple(step.pivot for step in self.articulated[0])
 
     def _judged(self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
-        """The accelerations, NaN where of a pivot nothing but rounding is left: there is M singular."""
+        """Return the accelerations, NaN where M is singular: where a pivot consists of rounding alone."""
         limits: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), own in zip(self.form.columns, self.ratios, self.smallest, strict=True):
             limits[column] = limits[column] + own * ratio * ratio
@@ -410,7 +412,7 @@ class Computation:
         return tuple(tuple(part + doubt for part in group) for group in groups)
 
     def _solved_densely(self) -> tuple[tuple[Scalar, ...], ...]:
-        """By M itself, eliminated from the tips inward, where entries between branches are none."""
+        """Solve by M itself, eliminated from the tips inward, where entries between branches are zero."""
         values, shift = self.values, 6 * self.request.free
         bias = self.by_coordinates(eq.along_axes(self.links, self.transmitted_bias))
         loads = [load - own for load, own in zip(values["tau"], bias, strict=True)]
@@ -422,7 +424,7 @@ class Computation:
         return self._judged(a, alpha, found[shift:])
 
     def _eliminated(self, loads: Sequence[Scalar]) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...]]:
-        """What M makes of loads, and the pivots of the coordinates."""
+        """Return the loads after the elimination of M, and the pivots of the coordinates."""
         rows, order = [*map(_diagonal_not_0, self.mass_rows)], range(len(loads) - 1, -1, -1)
         lower = tuple(rows[max(i, j)][min(i, j)] for i in order for j in order if j >= i)
         found, pivots = solve_symmetric(lower, tuple(loads[i] for i in order))
@@ -436,11 +438,11 @@ class Computation:
         return scale(rotate(self.values["S1"], self.composites[0].first), _reciprocal(self.composites[0].mass))
 
     def centre_of_mass(self) -> Vector:
-        """The centre of mass."""
+        """Return the centre of mass."""
         return add(self.values["R1"], self.centre_from_base)
 
     def centre_of_mass_jacobian(self) -> tuple[Scalar, ...]:
-        """Its velocity by the velocities, row by row."""
+        """Return the Jacobian of the centre of mass by the velocities, row by row."""
         own = []
         share = _reciprocal(self.composites[0].mass)
         for link, matter, pose in zip(self.links, self.composites[1:], self.poses[1:], strict=True):
@@ -450,7 +452,7 @@ class Computation:
         return _rows(self._columns(own, base))[: 3 * columns_of(self.form, self.request)]
 
     def centre_of_mass_bias(self) -> Vector:
-        """Its acceleration where the second derivatives are none."""
+        """Return the acceleration of the centre of mass where the second derivatives are 0."""
         turning = (self.values["omega1"], *((eq.ZERO, eq.ZERO) if self.request.free else self._base_change[::-1]))
         omega, alpha, a = (rotate(self.base_axes, part) for part in turning)
         force = self._wrenches(self.qd, self.still, omega, alpha, a, loaded=False)[0][0]
@@ -468,11 +470,11 @@ class Computation:
         return eq.momenta(self.base, self.links, self.body_rates)
 
     def kinetic(self) -> Scalar:
-        """The kinetic energy."""
+        """Return the kinetic energy."""
         return eq.kinetic_energy(self.links, self.body_rates, self.momenta, self.qd)
 
     def potential(self) -> Scalar:
-        """The potential energy, zero at the world's origin."""
+        """Return the potential energy, zero at the world's origin."""
         mass, first, _ = self.composites[0]
         return -dot(self.values["gravity"], add(scale(self.values["R1"], mass), rotate(self.values["S1"], first)))
 
@@ -483,12 +485,12 @@ class Computation:
         return rotate(self.values["S1"], P), rotate(self.values["S1"], L)
 
     def angular(self, about: Vector) -> Vector:
-        """L about a point from which `about` leads to the base's reference point."""
+        """Return L about a point; `about` leads from the point to the base's reference point."""
         P, L = self.momentum
         return add(L, cross(about, P))
 
     def _named(self, values: list[Any], letters: Iterable[str]) -> list[Any]:
-        """The values of every body, named in generated code by letter and joint."""
+        """Name the values of every body for generated code, by letter and joint."""
         for name, own in zip(("base", *self.form.names), values, strict=True):
             for letter, part in zip(letters, own, strict=False):
                 name_lines(f"{letter}_{name}", part)
@@ -496,17 +498,17 @@ class Computation:
 
 
 def _reciprocal(x: Scalar) -> Scalar:
-    """1 / x, also of a number that is known to be 0."""
+    """Return 1 / x, also of a number that is known to be 0."""
     return math.inf if type(x) is float and x == 0 else 1.0 / x
 
 
 def _diagonal_not_0(row: list[Scalar]) -> list[Scalar]:
-    """A row of M up to its diagonal, NaN there where it is known to be 0."""
+    """Return a row of M up to its diagonal, with NaN there where it is known to be 0."""
     return [*row[:-1], math.nan] if type(row[-1]) is float and row[-1] == 0 else row
 
 
 def _taken(numbers: Any, tails: Mapping[str, Tail]) -> dict[str, Any]:
-    """The next numbers, by name."""
+    """Take the next numbers, and return them by name."""
     return {
         name: tuple(next(numbers) for _ in range(tail[0])) if tail else next(numbers) for name, tail in tails.items()
     }
@@ -517,7 +519,7 @@ def _flat(vectors: Iterable[Sequence[Scalar]]) -> tuple[Scalar, ...]:
 
 
 def _rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
-    """The entries of a matrix, row by row, from its columns."""
+    """Return the entries of a matrix, row by row, from its columns."""
     return _flat(zip(*columns, strict=True))
 
 
@@ -537,46 +539,62 @@ def _velocities(*rows: int) -> Callable[[Form, Request], Tail]:
     return lambda form, request: (*rows, columns_of(form, request))
 
 
-_POSE = ("q", "S1")
-_RATES = ("q", "qd", "S1", "omega1")
-_CHANGES = ("q", "qd", "qdd", "S1", "omega1", "alpha1")
-_FORCES = (*_CHANGES, "a1", "gravity")
-_MOVES = ("q", "qd", "tau", "S1", "omega1", "a1", "alpha1", "gravity", "force1", "torque1")
-_BIAS = ("q", "qd", "S1", "omega1", "a1", "alpha1", "gravity")
+_POSE_INPUTS = ("q", "S1")  # of poses
+_VELOCITY_INPUTS = ("q", "qd", "S1", "omega1")  # of velocities
+_ACCELERATION_INPUTS = ("q", "qd", "qdd", "S1", "omega1", "alpha1")  # of accelerations
+_FORCE_INPUTS = (*_ACCELERATION_INPUTS, "a1", "gravity")  # of inverse dynamics
+_MOTION_INPUTS = (
+    "q",
+    "qd",
+    "tau",
+    "S1",
+    "omega1",
+    "a1",
+    "alpha1",
+    "gravity",
+    "force1",
+    "torque1",
+)  # of forward dynamics
+_BIAS_INPUTS = ("q", "qd", "S1", "omega1", "a1", "alpha1", "gravity")  # of bias forces
 
 OUTPUTS: Final[Mapping[str, Output]] = {
     "R": Output(_frames(3), ("q", "R1", "S1"), Computation.frame_positions),
-    "S": Output(_frames(3, 3), _POSE, lambda c: _flat(pose.S for pose in c.frame_poses)),
-    "d": Output(_frames(3), _POSE, lambda c: _flat(pose.d for pose in c.frame_poses)),
-    "v": Output(_frames(3), (*_RATES, "v1"), lambda c: _flat(v for v, _ in c.frame_rates)),
-    "omega": Output(_frames(3), _RATES, lambda c: _flat(omega for _, omega in c.frame_rates)),
-    "a": Output(_frames(3), (*_CHANGES, "a1"), lambda c: _flat(a for a, _ in c.frame_changes)),
-    "alpha": Output(_frames(3), _CHANGES, lambda c: _flat(alpha for _, alpha in c.frame_changes)),
-    "jacobian": Output(_velocities(6), _POSE, Computation.jacobian),
-    "acceleration_bias": Output(_fixed(6), (*_RATES, "a1", "alpha1"), Computation.acceleration_bias),
-    "tau": Output(_dof, _FORCES, Computation.efforts),
-    "force1": Output(_fixed(3), _FORCES, lambda c: c.base_wrench(0)),
-    "torque1": Output(_fixed(3), _FORCES, lambda c: c.base_wrench(1)),
-    "mass_matrix": Output(lambda form, request: (columns_of(form, request),) * 2, _POSE, Computation.mass_matrix),
-    "bias_forces": Output(_velocities(), _BIAS, lambda c: c.bias_forces(True)),
+    "S": Output(_frames(3, 3), _POSE_INPUTS, lambda c: _flat(pose.S for pose in c.frame_poses)),
+    "d": Output(_frames(3), _POSE_INPUTS, lambda c: _flat(pose.d for pose in c.frame_poses)),
+    "v": Output(_frames(3), (*_VELOCITY_INPUTS, "v1"), lambda c: _flat(v for v, _ in c.frame_rates)),
+    "omega": Output(_frames(3), _VELOCITY_INPUTS, lambda c: _flat(omega for _, omega in c.frame_rates)),
+    "a": Output(_frames(3), (*_ACCELERATION_INPUTS, "a1"), lambda c: _flat(a for a, _ in c.frame_changes)),
+    "alpha": Output(_frames(3), _ACCELERATION_INPUTS, lambda c: _flat(alpha for _, alpha in c.frame_changes)),
+    "jacobian": Output(_velocities(6), _POSE_INPUTS, Computation.jacobian),
+    "acceleration_bias": Output(_fixed(6), (*_VELOCITY_INPUTS, "a1", "alpha1"), Computation.acceleration_bias),
+    "tau": Output(_dof, _FORCE_INPUTS, Computation.efforts),
+    "force1": Output(_fixed(3), _FORCE_INPUTS, lambda c: c.base_wrench(0)),
+    "torque1": Output(_fixed(3), _FORCE_INPUTS, lambda c: c.base_wrench(1)),
+    "mass_matrix": Output(
+        lambda form, request: (columns_of(form, request),) * 2, _POSE_INPUTS, Computation.mass_matrix
+    ),
+    "bias_forces": Output(_velocities(), _BIAS_INPUTS, lambda c: c.bias_forces(True)),
     "gravity_forces": Output(_velocities(), ("q", "S1", "gravity"), lambda c: c.bias_forces(False)),
-    "qdd": Output(_dof, _MOVES, lambda c: c.solved[2]),
-    "a1": Output(_fixed(3), _MOVES, lambda c: c.solved[0]),
-    "alpha1": Output(_fixed(3), _MOVES, lambda c: c.solved[1]),
-    "pivots": Output(_dof, _POSE, lambda c: c.pivots),
+    "qdd": Output(_dof, _MOTION_INPUTS, lambda c: c.solved[2]),
+    "a1": Output(_fixed(3), _MOTION_INPUTS, lambda c: c.solved[0]),
+    "alpha1": Output(_fixed(3), _MOTION_INPUTS, lambda c: c.solved[1]),
+    "pivots": Output(_dof, _POSE_INPUTS, lambda c: c.pivots),
     "centre_of_mass": Output(_fixed(3), ("q", "R1", "S1"), Computation.centre_of_mass),
-    "centre_of_mass_jacobian": Output(_velocities(3), _POSE, Computation.centre_of_mass_jacobian),
-    "centre_of_mass_bias": Output(_fixed(3), (*_RATES, "a1", "alpha1"), Computation.centre_of_mass_bias),
+    "centre_of_mass_jacobian": Output(_velocities(3), _POSE_INPUTS, Computation.centre_of_mass_jacobian),
+    "centre_of_mass_bias": Output(_fixed(3), (*_VELOCITY_INPUTS, "a1", "alpha1"), Computation.centre_of_mass_bias),
     "attitude_check": Output(_fixed(), ("S1",), lambda c: ATTITUDE_STEPS["S1"][0].function(c.values["S1"])),
-    "kinetic": Output(_fixed(), (*_RATES, "v1"), Computation.kinetic),
+    "kinetic": Output(_fixed(), (*_VELOCITY_INPUTS, "v1"), Computation.kinetic),
     "potential": Output(_fixed(), ("q", "R1", "S1", "gravity"), Computation.potential),
-    "linear": Output(_fixed(3), (*_RATES, "v1"), lambda c: c.momentum[0]),
-    "angular_about_origin": Output(_fixed(3), (*_RATES, "v1", "R1"), lambda c: c.angular(c.values["R1"])),
-    "angular_about_centre": Output(_fixed(3), (*_RATES, "v1"), lambda c: c.angular(scale(c.centre_from_base, -1.0))),
+    "linear": Output(_fixed(3), (*_VELOCITY_INPUTS, "v1"), lambda c: c.momentum[0]),
+    "angular_about_origin": Output(_fixed(3), (*_VELOCITY_INPUTS, "v1", "R1"), lambda c: c.angular(c.values["R1"])),
+    "angular_about_centre": Output(
+        _fixed(3), (*_VELOCITY_INPUTS, "v1"), lambda c: c.angular(scale(c.centre_from_base, -1.0))
+    ),
 }
 """All that can be computed of a tree, by name."""
 
-_INPUTS: Final[Mapping[str, Tail]] = {
+# Shapes of the inputs that are no coordinates.
+_INPUT_SHAPES: Final[Mapping[str, Tail]] = {
     **dict.fromkeys(("gravity", "R1", "v1", "omega1", "a1", "alpha1", "force1", "torque1"), (3,)),
     "S1": (3, 3),
 }
@@ -584,25 +602,25 @@ _INPUTS: Final[Mapping[str, Tail]] = {
 
 @functools.lru_cache(maxsize=512)
 def inputs_of(form: Form, request: Request) -> dict[str, Tail]:
-    """The inputs that a request takes, and their own shapes; the constants first."""
+    """Return the inputs of a request with their shapes, the constants first."""
     names = {name for output in request.outputs for name in OUTPUTS[output].inputs}
     tails: dict[str, Tail] = {"constants": (sum(known is None for known in (*form.known, *request.known)),)}
     for name in ("q", "qd", "qdd", "tau"):
         if name in names:
             tails[name] = (form.dof,)
-    tails |= {name: tail for name, tail in _INPUTS.items() if name in names}
+    tails |= {name: tail for name, tail in _INPUT_SHAPES.items() if name in names}
     return tails | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
 
 
 def compute(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The outputs of a request, by name, of values of any kind of scalar."""
+    """Compute the outputs of a request, by name, of values of any kind of scalar."""
     computation = Computation(form, request, values)
     return {name: OUTPUTS[name].make(computation) for name in request.outputs}
 
 
 @functools.lru_cache(maxsize=512)
 def loop_of(form: Form, request: Request) -> Loop:
-    """The loop that runs a request over samples."""
+    """Return the loop that runs a request over samples."""
     outputs = {name: OUTPUTS[name].tail(form, request) for name in request.outputs}
     labels = {
         name: tuple(f"{name}_{form.names[form.columns.index(k)]}" for k in range(form.dof))
