@@ -22,7 +22,7 @@ from hingepair.pair.dynamics import GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
-from hingepair.scenes.scene import Scene, load_pair, load_scene, load_setup, scene_files
+from hingepair.scenes.scene import Scene, load_mechanism, load_pair, load_scene, load_setup, scene_files
 from hingepair.scenes.simulated_motion import PRESCRIBED, DynamicsSetup
 from hingepair.scenes.tables import read_tables
 from hingepair.urdf.reader import read_urdf
@@ -122,15 +122,18 @@ def urdf(
         bool, typer.Option("--floating-base", help="Body 1 hangs on a floating joint from a link `world`.")
     ] = False,
 ) -> None:
-    """Write the pair as a URDF robot.
+    """Write the pair, or the mechanism of a scene, as a URDF robot.
 
     Unless told otherwise its base is free: the loader gives it a root joint. Of a scene with [dynamics] its base,
     damping, friction and stops are written, too; a comment and a warning list what URDF has no place for.
     """
     if fixed_base and floating_base:
         raise HingePairError("--fixed-base and --floating-base exclude each other")
-    pair = _in_space(named_pair(source, joint, body1_frame, body2_frame))
     wanted = "fixed" if fixed_base else "floating" if floating_base else None
+    robot = load_mechanism(source) if _is_scene(source, joint, body1_frame, body2_frame) else None
+    if robot is not None:
+        return give(to_urdf(robot, base=wanted or "free"), out, inputs_of(source))
+    pair = _in_space(named_pair(source, joint, body1_frame, body2_frame))
     setup = _setup_of(source, joint, body1_frame, body2_frame)
     if setup is None:
         return give(to_urdf(pair, base=wanted or "free"), out, inputs_of(source))
@@ -174,8 +177,12 @@ _POSE: Final = ("R1_0", "S1_0", "phi_0")
 
 def _setup_of(source: str, joint: str | None, *frames: str | None) -> DynamicsSetup | None:
     """Return what the table [dynamics] of a scene file says; None of another source and of a scene without it."""
-    is_scene = joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
-    return load_setup(source) if is_scene else None
+    return load_setup(source) if _is_scene(source, joint, *frames) else None
+
+
+def _is_scene(source: str, joint: str | None, *frames: str | None) -> bool:
+    """Return whether the source alone is named, and is a scene file."""
+    return joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
 
 
 def _with_left_out(kind: str, text: str, setup: DynamicsSetup, written: set[str]) -> str:

@@ -29,7 +29,6 @@ from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import instant, json_text, unit_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import ENDINGS, check_ending, column_names, result_file
-from hingepair.scenes.explain import ScenePlan
 from hingepair.scenes.mechanisms.forces import load_rows
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult, load_scene
@@ -66,7 +65,7 @@ def run(
         check_ending(out)
     scene = load_scene(scene_file)
     names = listed("--outputs", outputs)
-    plan = _plan(scene, names) if explain else None
+    plan = scene.plan(names) if explain else None
     summary = Summary(scene)
     with contextlib.ExitStack() as opened:
         add = None
@@ -251,13 +250,6 @@ def _vector(text: str, count: int) -> tuple[float, ...]:
             return vector
     expected = "three finite numbers X,Y,Z" if count == 3 else "two finite numbers X,Y of a scene in the plane"
     raise ArgumentError("--gravity", expected, repr(text))
-
-
-def _plan(scene: Scene | MechanismScene, names: list[str] | None) -> ScenePlan:
-    """Return what is computed of a scene, and what is skipped; refuse the scene of a mechanism, which has no plan."""
-    if not isinstance(scene, Scene):
-        raise ArgumentError("--explain", "the scene of a pair", "the scene of a mechanism, which has no plan")
-    return scene.plan(names)
 
 
 def _facts(scene: Scene | MechanismScene) -> dict[str, Any]:

@@ -5,6 +5,7 @@ Everything of this wing that allocates outputs and runs loops stands here.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -108,8 +109,12 @@ class Problem:
             return call.run_foreign(values.parts, values.shapes, values.library, out, how.workers)
         return call.run(values.parts, values.shapes, out, how.workers)
 
-    def count_operations(self) -> Operations:
-        """Return how many operations are left of a program for arrays of samples, of those with nothing known."""
+    def count_operations(self, given: Mapping[str, Any] | None = None) -> Operations:
+        """Return how many operations are left of a program for arrays of samples, of those with nothing known.
+
+        Args:
+            given: arguments by input name, of which numbers are known; arrays of samples unless given.
+        """
         loop = loop_of(self.form, self.request)
         many = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
         full = loop.program(bind(loop.inputs, many).pattern)
@@ -117,5 +122,6 @@ class Problem:
             **many,
             **{name: value for name, value in AT_REST.items() if name in many},
             "constants": self.parameters,
+            **{name: value for name, value in (given or {}).items() if name in many},
         }
         return loop.program(bind(loop.inputs, known).pattern).count(full)

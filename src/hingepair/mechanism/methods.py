@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.engine.backend import choose
 from hingepair.engine.calls import Out
+from hingepair.engine.loops import Operations
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.accuracy import error_bounds
@@ -573,6 +574,43 @@ class MechanismMethods(Shown):
             backend=backend,
         )  # fmt: skip
         return PreparedMechanism(problem, names, _gravity(gravity), choose(backend, workers), remade)
+
+    def count_operations(
+        self,
+        *coordinates: Coordinates,
+        outputs: Iterable[str],
+        frames: str | Iterable[str] | None = None,
+        base_motion: BodyMotion | None = None,
+    ) -> Operations:
+        """Count the operations that these arguments take for each sample, and those with nothing known beforehand.
+
+        Numbers among the coordinates by joint are known constants; what follows from them is left out, or computed
+        once for all samples.
+
+        Args:
+            coordinates: q, q and qd, or q, qd and qdd.
+            outputs: those of `forward_kinematics`, or of `inverse_dynamics`.
+            frames: as for `forward_kinematics`.
+            base_motion: where the base is and how it moves.
+
+        Returns:
+            `.each` for each sample, `.once` for all samples together, `.full` where nothing is known.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> q = {name: 0.0 for name in robot.names} | {"elbow_joint": np.zeros(5)}
+        >>> counted = robot.count_operations(q, outputs=("R",), frames="tool0")
+        >>> counted.each < counted.full
+        True
+        """
+        named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
+        names = tuple(outputs)
+        moving = names and names[0] in _MOTION
+        problem = self._problem(names, self._frames("frames", frames) if moving else None)
+        self._require(problem, named, names)
+        values = read_values(self._constants.names, named, base_motion, problem.inputs, {})
+        return problem.count_operations(values.parts)
 
     def _prepared_outputs(
         self, given: str | Iterable[str], names: tuple[str, ...], outputs: Iterable[str] | None

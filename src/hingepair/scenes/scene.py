@@ -33,6 +33,7 @@ from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
 if TYPE_CHECKING:
+    from hingepair.mechanism.mechanism import Mechanism
     from hingepair.scenes.expression_motion import FunctionsOfTime
     from hingepair.scenes.forces import SceneForces
     from hingepair.scenes.mechanisms.scene import MechanismScene
@@ -502,6 +503,20 @@ def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
         SceneError, MissingDependencyError: as for `load_scene`.
     """
     return _pair(load_tables(path))
+
+
+def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
+    """Read the mechanism of a scene file, which needs no motion; None where the scene is that of a pair.
+
+    Raises:
+        SceneError, MissingDependencyError: as for `load_scene`.
+    """
+    tables = load_tables(path)
+    if not _is_of_mechanism(tables):
+        return None
+    from hingepair.scenes.mechanisms.mechanism_table import read_mechanism
+
+    return read_mechanism(tables, Path(path).parent)
 
 
 def load_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:

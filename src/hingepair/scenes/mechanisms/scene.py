@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.engine.loops import Operations
 from hingepair.engine.results import lacking
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.integration.trajectory import span
@@ -51,6 +52,7 @@ _COORDINATES: Final = ("q", "qd", "qdd")
 _JOINT_LEVELS: Final = {"q": POSE, "qd": VELOCITY, "qdd": ACCELERATION, "tau": ACCELERATION}
 _BASE_LEVELS: Final = dict.fromkeys(("force1", "torque1"), ACCELERATION)
 _LEVELS: Final = {**_FRAME_LEVELS, **_JOINT_LEVELS, **_BASE_LEVELS}
+_ORDINALS: Final = ("first", "second")
 OUTPUTS: Final = tuple(_LEVELS)
 """Quantities that a scene of a mechanism can be asked for."""
 
@@ -344,21 +346,43 @@ class MechanismScene(Sampled):
         # Of more than a block all are computed in one way, so that pieces and the whole are the same to the bit.
         backend = "auto" if self.samples <= ROWS else "compiled" if find_spec("llvmlite") else "numpy"
         how: dict[str, Any] = {"base_motion": known.base, "backend": backend}
-        frames = tuple(dict.fromkeys(frame for output in outputs for frame in output.frames))
+        frames, wanted, acting = _needed(outputs)
         state = forces = None
         if frames:
-            named = {"S" if output.quantity == "quat" else output.quantity for output in outputs if output.frames}
-            wanted = tuple(name for name in _FRAME_LEVELS if name in named)
             order = max(_FRAME_LEVELS[name] for name in wanted)
             state = self.mechanism.forward_kinematics(
                 *known.arguments()[: order + 1], frames=frames, outputs=wanted, **how
             )
-        acting = tuple(name for name in ("tau", *_BASE_LEVELS) if name in {output.quantity for output in outputs})
         if acting:
             forces = self.mechanism.inverse_dynamics(*known.arguments(), gravity=self.gravity, outputs=acting, **how)
         first = (rows.start or 0) if isinstance(rows, slice) else 0
         t = np.asarray(read_only(self.instants[rows]))
         return MechanismSceneResult(t, state, forces, self, known, outputs, first)
+
+    def plan(self, outputs: Iterable[str] | None = None) -> MechanismPlan:
+        """Return what `evaluate` computes and what it leaves out, and why; print it.
+
+        Args:
+            outputs: as for `evaluate`.
+
+        Raises:
+            ArgumentError: as for `evaluate`.
+        """
+        chosen = self.outputs_of(outputs)
+        order = max(_LEVELS[output.quantity] for output in chosen)
+        known = self.known(np.zeros(2, dtype=np.intp), order)  # a single sample would be a known constant
+        frames, of_frames, acting = _needed(chosen)
+        counted = {}
+        if frames:
+            own = known.arguments()[: 1 + max(_FRAME_LEVELS[name] for name in of_frames)]
+            how: dict[str, Any] = {"outputs": of_frames, "frames": frames, "base_motion": known.base}
+            counted[f"{', '.join(of_frames)} of {', '.join(frames)}"] = self.mechanism.count_operations(*own, **how)
+        if acting:
+            own = known.arguments()
+            how = {"outputs": acting, "base_motion": known.base}
+            counted[", ".join(acting)] = self.mechanism.count_operations(*own, **how)
+        still = [name for i, name in enumerate(self.mechanism.names) if not np.ndim(known.derivatives[0][i])]
+        return MechanismPlan(counted, tuple(still), order, self.joint_motion.level, known.base is None)
 
     def outputs_of(self, outputs: Iterable[str] | None) -> tuple[Output, ...]:
         """Return the outputs that are asked for; those of the file unless given, else the motion of what moves.
@@ -458,6 +482,46 @@ class MechanismScene(Sampled):
     def collected_notes(self) -> MechanismNotes:
         """Return what gathers the notes from pieces of the motion."""
         return MechanismNotes(self)
+
+
+def _needed(outputs: tuple[Output, ...]) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """Return the frames, what is computed of frames, and what is computed of forces, for some outputs."""
+    frames = tuple(dict.fromkeys(frame for output in outputs for frame in output.frames))
+    named = {"S" if output.quantity == "quat" else output.quantity for output in outputs}
+    of_frames = tuple(name for name in _FRAME_LEVELS if name in named)
+    return frames, of_frames, tuple(name for name in ("tau", *_BASE_LEVELS) if name in named)
+
+
+@dataclass(frozen=True, slots=True)
+class MechanismPlan:
+    """What a scene of a mechanism computes, and what it leaves out.
+
+    Attributes:
+        computed: operations by what is computed.
+        still: joints that do not move.
+        order: of the derivatives that are needed.
+        level: of those that the motion has.
+        base_rests: whether the base rests at the origin.
+    """
+
+    computed: Mapping[str, Operations]
+    still: tuple[str, ...]
+    order: int
+    level: int
+    base_rests: bool
+
+    def __str__(self) -> str:
+        lines = ["computed:"]
+        for what, operations in self.computed.items():
+            lines.append(f"  {what}: {operations.each} operations at each instant, of {operations.full} in all")
+            if operations.once:
+                lines.append(f"    and {operations.once} once, since they depend on constants only")
+        skipped = [f"joints that do not move, whose sines and cosines are constants: {', '.join(self.still)}"]
+        reasons = ["no output needs them" if i < self.level else "the motion does not give them" for i in range(2)]
+        skipped = skipped if self.still else []
+        skipped += [f"{_ORDINALS[i]} derivatives of the coordinates: {reasons[i]}" for i in range(self.order, 2)]
+        skipped += ["the motion of the base: it rests at the origin"] * self.base_rests
+        return "\n".join([*lines, *(["skipped:"] if skipped else []), *(f"  {own}" for own in skipped)])
 
 
 class MechanismNotes:
