@@ -110,6 +110,16 @@ def test_wide_outputs_of_constants_and_of_one_value_twice(stores):
     np.testing.assert_array_equal(y, np.stack([np.broadcast_to(c, 43) for c in filled({"x": x})["y"]], axis=-1))
 
 
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_few_components_of_many(order):
+    """Those that nothing needs are not read."""
+    loop = Loop("few", lambda v: {"y": (v["x"][3] - v["x"][4], 2 * v["x"][30])}, {"x": (32,)}, {"y": (2,)})
+    x = np.asarray(np.random.default_rng(3).normal(size=(43, 32)), order=order)
+    y = np.full((43, 2), GUARD)
+    loop.run({"x": x}, {"y": y}, (43,), F8, How("compiled", 1))
+    np.testing.assert_array_equal(y, np.stack([x[:, 3] - x[:, 4], 2 * x[:, 30]], axis=-1))
+
+
 def long_function(v):
     """Values that live long and short ones, sines of sines, inputs that are read late, still and moving."""
     *x, y, z = v["x"]

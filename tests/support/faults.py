@@ -647,15 +647,21 @@ FAULTS = {
     ),
     "what is left of a cache line lost between blocks": Fault(
         "engine/llvm_memory.py",
-        'f.do(f"store {_LINE_TYPE} {left}, ptr {stage}, align {LINE}")',
+        "f.do(f\"store {_LINE_TYPE} {bits}, ptr {f.step('%stage', -LINE)}, align {LINE}\")",
         "pass",
         "engine/test_stores.py::test_every_width_at_every_offset[streamed-17-float64]",
     ),
     "the whole line written where an output starts amid it": Fault(
         "engine/llvm_memory.py",
-        'first = f.put(f"select i1 {cut}, i64 {LINE}, i64 0")',
-        'first = "0"',
+        'start = f.put(f"select i1 {cut}, i64 {behind}, i64 {line}")',
+        "start = line",
         "engine/test_stores.py::test_every_width_at_every_offset[streamed-17-float64]",
+    ),
+    "constants of a stream left out from its first block on": Fault(
+        "engine/llvm_ir.py",
+        "f.put(f\"and i1 {self.streamed}, {f.put(f'icmp ne i64 {self.i}, 0')}\")",
+        "self.streamed",
+        "engine/test_stores.py::test_wide_outputs_of_constants_and_of_one_value_twice[streamed]",
     ),
     "a slot of the frame taken while its value is needed": Fault(
         "engine/llvm_parts.py",

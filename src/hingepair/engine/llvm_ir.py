@@ -19,6 +19,7 @@ result do not depend on what else is computed. Nothing is reordered, and NaN sta
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Final
 
@@ -83,13 +84,9 @@ class _Loops:
         self.tables.append(f"{name} = internal constant [{len(numbers)} x i32] [{listed}]")
         return name
 
-    def call(self, function: str, *arguments: str, result: str = "void") -> str:
+    def call(self, function: str, *arguments: str) -> None:
         """Write the call of a shared function."""
-        code = f"call {result} {shared_name(function, self.arithmetic.number)}({', '.join(arguments)})"
-        if result == "void":
-            self.f.do(code)
-            return ""
-        return self.f.put(code)
+        self.f.do(f"call void {shared_name(function, self.arithmetic.number)}({', '.join(arguments)})")
 
     def write(self) -> None:
         """Write the kernel."""
@@ -147,7 +144,7 @@ class _Loops:
             self.run(self.arithmetic.block)
             for writer in writers:
                 if not writer.group.narrow:
-                    writer.rows(writer.row(i))
+                    writer.rows(writer.row(i), "false")
         return stop
 
     def block(self, readers: Sequence[_Reader], writers: Sequence[_Writer], i: str, rest: str) -> None:
@@ -189,7 +186,7 @@ class _Reader:
         self.stride = self.outer if self.scan else self.inner if self.group.moves else "0"
         self.components, self.slot = loops.arithmetic.input_slots[g]
         self.word = 8 * loops.arithmetic.words[g]
-        self.in_registers = self.group.narrow and self.group.moves
+        self.in_registers = g in loops.arithmetic.loaded
         if self.in_registers:
             f.do(f"store i64 {self.step}, ptr {f.step('%places', self.word + 8 * LANES)}, align 8")
             if not self.scan:
@@ -198,15 +195,29 @@ class _Reader:
             self.components_table = loops.table(self.components)
 
     def lines_ahead(self) -> list[str]:
-        """Write how far behind a sample the cache lines are that are asked for with it: along rows, or columns."""
+        """Write how far behind a sample the cache lines are that are asked for with it.
+
+        Of rows, all lines of eight samples, or those in which needed components are, where these are fewer; of
+        columns, one of each needed component.
+        """
         f = self.f
+        starts = self.components[:1]
+        for c in self.components:
+            if (c - starts[-1]) * self.loops.size >= LINE or c == self.components[-1] > starts[-1]:
+                starts.append(c)
+        if LANES * len(starts) < self.count:
+            samples = [f.product(self.stride, k) for k in range(LANES)]
+            rows = [f.put(f"add i64 {sample}, {f.product(self.step, c)}") for sample in samples for c in starts]
+        else:
+            along = f.put(f"sdiv i64 {f.product(self.stride, LANES)}, {self.count}")
+            rows = [f.product(along, k) for k in range(self.count)]
+        columns = [f.product(self.step, c) for c in self.components]
         wide, far = (f.put(f"call i64 @llvm.abs.i64(i64 {x}, i1 false)") for x in (self.stride, self.step))
-        along = f.put(f"sdiv i64 {f.product(self.stride, LANES)}, {self.count}")
-        jump = f.put(f"select i1 {f.put(f'icmp sle i64 {far}, {wide}')}, i64 {along}, i64 {self.step}")
-        distances = [f.product(self.stride, PREFETCH_DISTANCE)]
-        while len(distances) < self.count:
-            distances.append(f.put(f"add i64 {distances[-1]}, {jump}"))
-        return distances
+        by_rows = f.put(f"icmp sle i64 {far}, {wide}")
+        both = itertools.zip_longest(rows, columns, fillvalue="0")
+        lines = [f.put(f"select i1 {by_rows}, i64 {row}, i64 {column}") for row, column in both]
+        ahead = f.product(self.stride, PREFETCH_DISTANCE)
+        return [f.put(f"add i64 {ahead}, {line}") for line in lines]
 
     def begin(self, o: str) -> None:
         """Begin with an outer sample: the first of eight chains, of a scan."""
@@ -289,16 +300,14 @@ class _Writer:
                 odd = f.put(f"and i64 {f.put(f'or i64 {self.at}, {self.outer}')}, {self.size - 1}")
                 aligned = f.put(f"icmp eq i64 {odd}, 0")
                 self.streamed = f.put(f"and i1 {self.dense}, {f.put(f'and i1 {large}, {aligned}')}")
-        self.stream = f.put(f"alloca [{LANES * staged * self.size + 3 * LINE} x i8], align {LINE}")
-        self.stage = f.step(self.stream, LINE)
+        carried = f.put(f"alloca [{LINE + LANES * staged * self.size} x i8], align {LINE}")
+        self.stage = f.step(carried, LINE)
 
     def begin(self, o: str) -> None:
         """Begin with an outer sample: the first of eight chains, of a scan."""
         f = self.f
         self.start = f.put(f"add i64 {self.at}, {f.product(o, self.outer)}")
         self.base = f.put(f"inttoptr i64 {self.start} to ptr")
-        if self.streamed != "false":
-            f.do(f"store i64 {self.start}, ptr {self.stream}, align 8")
 
     def row(self, i: str) -> str:
         """Write the address of an inner sample."""
@@ -311,17 +320,24 @@ class _Writer:
     def open(self, i: str, rest: str) -> None:
         """Choose where the rows of a block go: into the output, or into the stage."""
         f = self.f
-        self.to, self.rest = self.row(i), rest
+        self.i, self.to, self.rest = i, self.row(i), rest
         full = f.put(f"icmp sge i64 {rest}, {LANES}")
         self.direct = f.put(f"and i1 {self.dense}, {full}")
-        self.place(f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}"))
         if self.streamed != "false":
-            with f.when(self.streamed):
-                self.place(self.loops.call("advance", f"ptr {self.stream}, ptr {self.to}", result="ptr"))
+            self.direct = f.put(f"and i1 {self.direct}, {f.put(f'xor i1 {self.streamed}, true')}")
+        self.place(f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}"))
 
-    def rows(self, to: str) -> None:
-        """Write the rows of a block from the frame."""
-        self.loops.call("rows", f"ptr %frame, ptr {self.tiles}, i64 {self.count}, ptr {to}, i64 {self.pitch}")
+    def flush(self, i: str, samples: str, last: str) -> None:
+        """Stream the samples of the stage, of which the first is the i-th."""
+        f = self.f
+        at = f.put(f"add i64 {self.start}, {f.product(i, self.pitch)}")
+        block = f"ptr {self.stage}, i64 {at}, i64 {f.product(samples, self.pitch)}"
+        self.loops.call("flush", block, f"i64 {self.start}, i1 {last}")
+
+    def rows(self, to: str, filled: str) -> None:
+        """Write the rows of a block from the frame; where `filled`, the constants among them stand there already."""
+        target = f"ptr {to}, i64 {self.pitch}, i1 {filled}"
+        self.loops.call("rows", f"ptr %frame, ptr {self.tiles}, i64 {self.count}, {target}")
 
     def write(self) -> None:
         """Write the rows of a block from where the steps left them."""
@@ -329,13 +345,18 @@ class _Writer:
         target = f"ptr {self.to}, i64 {self.stride}, i64 {self.step}, i64 {self.rest}"
         if self.count > MAX_STREAMED:
             with f.choose(self.direct) as otherwise:
-                self.rows(self.to)
+                self.rows(self.to, "false")
                 otherwise()
                 source = f"ptr %frame, ptr {self.tiles}, i64 {self.count}, ptr {self.stage}"
                 self.loops.call("panels", source, target)
             return
         if not self.group.narrow:
-            self.rows(f.word("%places", self.word, "ptr"))
+            filled = "false"
+            if self.streamed != "false":
+                filled = f.put(f"and i1 {self.streamed}, {f.put(f'icmp ne i64 {self.i}, 0')}")
+                with f.when(filled):
+                    self.flush(f.put(f"sub i64 {self.i}, {LANES}"), str(LANES), "false")
+            self.rows(f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}"), filled)
         done = f.put(f"or i1 {self.direct}, {self.streamed}")
         with f.when(f.put(f"xor i1 {done}, true")):
             self.loops.call("scatter", f"ptr {self.stage}, i64 {self.count}", target)
@@ -345,5 +366,5 @@ class _Writer:
         f = self.f
         if self.streamed != "false":
             with f.when(self.streamed):
-                stop = f.put(f"add i64 {self.start}, {f.product('%inner', self.pitch)}")
-                self.loops.call("flush", f"ptr {self.stage}, i64 {f.word(self.stream, 0)}, i64 {stop}")
+                block = f.put(f"and i64 {f.put('sub i64 %inner, 1')}, -{LANES}")
+                self.flush(block, f.put(f"sub i64 %inner, {block}"), "true")

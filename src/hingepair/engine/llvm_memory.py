@@ -1,10 +1,11 @@
 """LLVM functions that all kernels share: they bring samples into vectors, and results to where they are wanted.
 
 A vector holds one component of eight samples. Results leave a block of eight samples as rows, sample after sample:
-straight into the output; or into a stage, memory of the kernel's own, from which they are scattered; or into a stage
-that is streamed. A stream writes whole cache lines past the caches wherever the output starts: what is left of a line
-stays in the stage until the next block fills it. Only the first and the last line of an output are written number by
-number, so that no byte beside the output is touched.
+straight into the output; or into a stage, memory of the kernel's own, from which they are scattered, or streamed.
+A stream writes whole cache lines past the caches wherever the output starts: what is left of a line stays in front of
+the stage until the next block fills it. Only the first and the last line of an output are written number by number,
+so that no byte beside the output is touched. A block is streamed just before the next one takes its place: lines that
+were stored a moment ago could not be loaded without waiting for them.
 """
 
 from __future__ import annotations
@@ -30,12 +31,11 @@ MEMORY_PARAMETERS: Final = {
     "gather": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %stride, i64 %step, i64 %rest",
     "columns": "ptr noalias %to, i64 %count, ptr %row, i64 %stride",
     "scatter": f"ptr noalias %from, i64 %count, {_OUTPUT}",
-    "rows": "ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %to, i64 %pitch",
+    "rows": "ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %to, i64 %pitch, i1 %filled",
     "panels": f"ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %stage, {_OUTPUT}",
-    "flush": "ptr noalias %stage, i64 %from, i64 %stop",
-    "advance": "ptr noalias %stream, ptr %row",
+    "flush": "ptr noalias %stage, i64 %at, i64 %bytes, i64 %first, i1 %last",
 }
-"""Parameters of the functions by name. `advance` returns a pointer, the others return nothing.
+"""Parameters of the functions by name; they return nothing.
 
 `row` is the first of eight samples, `stride` the bytes between samples, `step` those between components, `rest` the
 number of samples that are left, this one included.
@@ -47,13 +47,12 @@ declare i64 @llvm.umin.i64(i64, i64)"""
 
 def memory_functions(number: str) -> list[str]:
     """Return the functions for numbers of a type, "double" or "float"."""
-    makers = (_lanes, _gather, _columns, _scatter, _rows, _panels, _flush, _advance)
+    makers = (_lanes, _gather, _columns, _scatter, _rows, _panels, _flush)
     return [_DECLARED, *(make(number, 8 if number == "double" else 4) for make in makers)]
 
 
 def _begin(name: str, number: str) -> Function:
-    result = "ptr" if name == "advance" else "void"
-    return Function(f"{result} {shared_name(name, number)}({MEMORY_PARAMETERS[name]})")
+    return Function(f"void {shared_name(name, number)}({MEMORY_PARAMETERS[name]})")
 
 
 def _lanes(number: str, _: int) -> str:
@@ -141,8 +140,8 @@ def _rows(number: str, size: int) -> str:
     """Write `rows`: store eight rows of at least eight components, so many bytes apart as `pitch` says.
 
     Eight components are transposed at a time. How far into the frame their vectors are stands in `tiles`; of eight
-    that are one constant, the bits of the first number are flipped. The last eight overlap those before them where
-    the count is no multiple of eight.
+    that are one constant, the bits of the first number are flipped; where `filled`, they stand in the rows already.
+    The last eight overlap those before them where the count is no multiple of eight.
     """
     f = _begin("rows", number)
     vector = f"<{LANES} x {number}>"
@@ -153,10 +152,11 @@ def _rows(number: str, size: int) -> str:
         tile = f.step("%tiles", f.product(c, 4))
         lead = f.put(f"load i32, ptr {tile}, align 4")
         with f.choose(f.put(f"icmp slt i32 {lead}, 0")) as otherwise:
-            offset = f.put(f"zext i32 {f.put(f'xor i32 {lead}, -1')} to i64")
-            constant = f.put(f"load {vector}, ptr {f.step('%frame', offset)}, align {LANES * size}")
-            for place in targets:
-                f.do(f"store {vector} {constant}, ptr {place}, align 1")
+            with f.when(f.put("xor i1 %filled, true")):
+                offset = f.put(f"zext i32 {f.put(f'xor i32 {lead}, -1')} to i64")
+                constant = f.put(f"load {vector}, ptr {f.step('%frame', offset)}, align {LANES * size}")
+                for place in targets:
+                    f.do(f"store {vector} {constant}, ptr {place}, align 1")
             otherwise()
             places = [f.step("%frame", f.entry(tile, str(k))) for k in range(LANES)]
             columns = [f.put(f"load {vector}, ptr {place}, align {LANES * size}") for place in places]
@@ -174,7 +174,7 @@ def _panels(number: str, size: int) -> str:
         count = f.put(f"select i1 {f.put(f'icmp slt i64 {left}, {2 * PANEL}')}, i64 {left}, i64 {PANEL}")
         tiles, to = f.step("%tiles", f.product(c, 4)), f.step("%to", f.product(c, "%step"))
         stage = f"ptr %stage, i64 {f.product(count, size)}"
-        f.do(f"call void {shared_name('rows', number)}(ptr %frame, ptr {tiles}, i64 {count}, {stage})")
+        f.do(f"call void {shared_name('rows', number)}(ptr %frame, ptr {tiles}, i64 {count}, {stage}, i1 false)")
         target = f"ptr {to}, i64 %stride, i64 %step, i64 %rest"
         f.do(f"call void {shared_name('scatter', number)}(ptr %stage, i64 {count}, {target})")
     f.do("ret void")
@@ -182,49 +182,36 @@ def _panels(number: str, size: int) -> str:
 
 
 def _flush(number: str, size: int) -> str:
-    """Write `flush`: write the bytes of an output between two addresses, whole lines of them past the caches.
+    """Write `flush`: stream a block of `bytes` bytes from its stage to the address `at`.
 
-    The stage holds them from the line of the first on.
+    Whole lines are written; what is left behind them is carried to the line in front of the stage, or written number
+    by number where the block is the last one. The output begins at the address `first`.
     """
     f = _begin("flush", number)
-    start = f.put(f"and i64 %from, -{LINE}")
-    target = f.put(f"inttoptr i64 {start} to ptr")
+    off = f.put(f"and i64 %at, {LINE - 1}")
+    line, stop = f.put(f"sub i64 %at, {off}"), f.put("add i64 %at, %bytes")
+    whole = f.put(f"and i64 {stop}, -{LINE}")
+    to = f.put("inttoptr i64 %at to ptr")
 
-    def copy_numbers(first: str, stop: str) -> None:
-        with f.loop(stop, start=first, step=str(size)) as b:
+    def copy_numbers(start: str, end: str) -> None:
+        with f.loop(f.put(f"sub i64 {end}, %at"), start=f.put(f"sub i64 {start}, %at"), step=str(size)) as b:
             one = f.put(f"load {number}, ptr {f.step('%stage', b)}, align {size}")
-            f.do(f"store {number} {one}, ptr {f.step(target, b)}, align {size}")
+            f.do(f"store {number} {one}, ptr {f.step(to, b)}, align {size}")
 
-    total = f.put(f"sub i64 %stop, {start}")
-    cut = f.put(f"icmp ne i64 %from, {start}")
-    first = f.put(f"select i1 {cut}, i64 {LINE}, i64 0")
+    cut = f.put(f"icmp slt i64 {line}, %first")
+    behind = f.put(f"add i64 {line}, {LINE}")
     with f.when(cut):
-        copy_numbers(f.put(f"sub i64 %from, {start}"), f.put(f"call i64 @llvm.umin.i64(i64 {total}, i64 {LINE})"))
-    whole = f.put(f"and i64 {total}, -{LINE}")
-    with f.loop(whole, start=first, step=str(LINE)) as b:
-        line = f.put(f"load {_LINE_TYPE}, ptr {f.step('%stage', b)}, align {LINE}")
-        f.do(f"store {_LINE_TYPE} {line}, ptr {f.step(target, b)}, align {LINE}, !nontemporal !0")
-    with f.when(f.put(f"icmp sge i64 {whole}, {first}")):
-        copy_numbers(whole, total)
+        copy_numbers("%first", f.put(f"call i64 @llvm.umin.i64(i64 {behind}, i64 {stop})"))
+    start = f.put(f"select i1 {cut}, i64 {behind}, i64 {line}")
+    with f.loop(f.put(f"sub i64 {whole}, %at"), start=f.put(f"sub i64 {start}, %at"), step=str(LINE)) as b:
+        bits = f.put(f"load {_LINE_TYPE}, ptr {f.step('%stage', b)}, align {size}")
+        f.do(f"store {_LINE_TYPE} {bits}, ptr {f.step(to, b)}, align {LINE}, !nontemporal !0")
+    with f.choose("%last") as otherwise:
+        with f.when(f.put(f"icmp sge i64 {whole}, {start}")):
+            copy_numbers(whole, stop)
+        otherwise()
+        end = f.step("%stage", "%bytes")
+        bits = f.put(f"load {_LINE_TYPE}, ptr {f.step(end, -LINE)}, align {size}")
+        f.do(f"store {_LINE_TYPE} {bits}, ptr {f.step('%stage', -LINE)}, align {LINE}")
     f.do("ret void")
-    return f.text()
-
-
-def _advance(number: str, _: int) -> str:
-    """Write `advance`: make room in the stage of a stream for the rows of an address, and return where they go.
-
-    A stream is the address up to which its output is written, and a cache line further on a stage, in which rows lie
-    as far behind a line as in the output. Lines leave the stage a block after they came: one that was stored just
-    before could not be loaded without waiting for it.
-    """
-    f = _begin("advance", number)
-    stage, row = f.step("%stream", LINE), f.put("ptrtoint ptr %row to i64")
-    line, start = f.put(f"and i64 {row}, -{LINE}"), f.word("%stream", 0)
-    with f.when(f.put(f"icmp ult i64 {start}, {line}")):
-        f.do(f"call void {shared_name('flush', number)}(ptr {stage}, i64 {start}, i64 {line})")
-        written = f.put(f"sub i64 {line}, {f.put(f'and i64 {start}, -{LINE}')}")
-        left = f.put(f"load {_LINE_TYPE}, ptr {f.step(stage, written)}, align {LINE}")
-        f.do(f"store {_LINE_TYPE} {left}, ptr {stage}, align {LINE}")
-        f.do(f"store i64 {line}, ptr %stream, align 8")
-    f.do(f"ret ptr {f.step(stage, f.put(f'and i64 {row}, {LINE - 1}'))}")
     return f.text()

@@ -18,9 +18,9 @@ from hingepair.engine.llvm_writer import LANES, Function, hexadecimal
 from hingepair.engine.trace import Operand, Value, needed_lines
 
 MAX_NARROW: Final = 16
-"""Number of components up to which inputs and outputs are taken apart and put together in registers."""
+"""Number of components up to which outputs are put together in registers, and inputs loaded into them."""
 
-_STEP_LENGTH: Final = 300  # operations of a step
+_STEP_LENGTH: Final = 1000  # operations of a step
 _RELOAD_DISTANCE: Final = 40  # operations after which a value is loaded from the frame again instead of kept
 _OPERATORS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}
 
@@ -38,7 +38,7 @@ class Group(NamedTuple):
 
     @property
     def narrow(self) -> bool:
-        """Whether it is taken apart or put together in registers."""
+        """Whether it is an output that is put together in registers; others are taken from the frame."""
         return len(self.values) <= MAX_NARROW
 
 
@@ -61,7 +61,7 @@ class Step(NamedTuple):
         name: of its function.
         lines: in order.
         angles: where it is a step of sines; then it has no lines.
-        loads: components of narrow inputs that it loads, by the number of the input.
+        loads: components of inputs that it loads, by the number of the input.
     """
 
     name: str
@@ -85,8 +85,9 @@ class Arithmetic:
         block: steps of what does.
         slots: the slot of each value that has one, by its identity.
         frame_size: number of slots.
+        loaded: numbers of the inputs that steps load into registers; the others are gathered into the frame.
         input_slots: for each input the components that are needed, and the first slot of those that are gathered.
-        words: where the words of each narrow input begin among the places, and where those of the outputs do: of an
+        words: where the words of each loaded input begin among the places, and where those of the outputs do: of an
             input the address of its row, the distances of seven further samples, the bytes between components; of a
             narrow output the address to which its rows go.
     """
@@ -110,6 +111,8 @@ class Arithmetic:
         self._lanewise: set[str] = set()
         self.once = self._steps("once", (value for value in lines if not value.moves))
         self.block = self._steps("block", (value for value in lines if value.moves))
+        used = [sum(id(value) in self._needed for value in group.values) for group in inputs]
+        self.loaded = {g for g, group in enumerate(inputs) if group.moves and used[g] <= MAX_NARROW}
         self._finished = self._order_rows()
         self._order_loads()
         self._place_values()
@@ -182,7 +185,7 @@ class Arithmetic:
         return finished
 
     def _order_loads(self) -> None:
-        """Choose for each component of a narrow input the step that loads it.
+        """Choose for each component of a loaded input the step that loads it.
 
         It is the step that reads it first, but none behind a step that stores: an output may lie over an input.
         """
@@ -191,7 +194,7 @@ class Arithmetic:
         latest = stores.index(True) if any(stores) else len(self.block) - 1
         for g, group in enumerate(self.inputs):
             for c, value in enumerate(group.values):
-                if group.narrow and group.moves and id(value) in self._needed:
+                if g in self.loaded and id(value) in self._needed:
                     s = next((s for s in range(latest) if id(value) in reads[s]), latest)
                     while self.block[s].angles:
                         s -= 1
@@ -217,10 +220,10 @@ class Arithmetic:
         self.input_slots: list[tuple[list[int], int]] = []
         self.filled: dict[float, int] = {}
         size = 0
-        for group in self.inputs:
+        for g, group in enumerate(self.inputs):
             used = [c for c, value in enumerate(group.values) if id(value) in self._needed]
             self.input_slots.append((used, size))
-            if not (group.narrow and group.moves):
+            if g not in self.loaded:
                 self.slots |= {id(group.values[c]): size + k for k, c in enumerate(used)}
                 size += len(used)
         wide = [value for group in self.outputs if not group.narrow for value in group.values]
@@ -252,8 +255,8 @@ class Arithmetic:
                     size = max(size, self.slots[id(value)] + 1)
             free += [self.slots[value] for value in ending[s]]
         self.frame_size = size
-        narrow = [group.narrow and group.moves for group in self.inputs]
-        self.words = list(itertools.accumulate((LANES + 1 if one else 0 for one in narrow), initial=0))
+        words = (LANES + 1 if g in self.loaded else 0 for g in range(len(self.inputs)))
+        self.words = list(itertools.accumulate(words, initial=0))
 
     def _made_by(self, step: Step) -> list[Value]:
         """Return the values that a step of arithmetic loads or computes."""

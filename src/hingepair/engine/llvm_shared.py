@@ -23,8 +23,4 @@ def shared_symbols(number: str) -> list[str]:
 
 def declarations(number: str) -> list[str]:
     """Return the lines by which a kernel declares the functions."""
-    results = {name: "ptr" if name == "advance" else "void" for name in _PARAMETERS}
-    return [
-        f"declare {results[name]} {shared_name(name, number)}({parameters})"
-        for name, parameters in _PARAMETERS.items()
-    ]
+    return [f"declare void {shared_name(name, number)}({parameters})" for name, parameters in _PARAMETERS.items()]
