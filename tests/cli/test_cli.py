@@ -11,6 +11,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -315,6 +316,12 @@ def test_bad_input_is_one_line_and_exit_2(arguments: tuple[object, ...], words: 
         ("forces SCENE --gravity 1,2", "--gravity: expected three finite numbers X,Y,Z, got '1,2'"),
         ("forces FLAT --gravity 1,2,3", "--gravity: expected two finite numbers X,Y of a scene in the plane, got "),
         ("forces SCENE --gravity nan,0,0", "--gravity: expected three finite numbers X,Y,Z, got 'nan,0,0'"),
+        ("derive SCENE --frame tool0", "--frame needs a whole robot or its scene"),
+        ("derive ur5_robot", "--frame: expected the name of a link or joint: one of ee_link, tool0"),
+        ("derive ur5_robot --frame hand", "--frame: expected one of world"),
+        ("derive ur5_robot --frame tool0 --symbolic n", "--symbolic: expected ('u',)"),
+        ("derive ur5_robot --frame tool0 --outputs R2", "--outputs: expected one of R, S, jacobian"),
+        ("derive ur5", "expected one of the 69 robots of example-robot-data, such as ur5_gripper"),
         ("derive SCENE --symbolic u9", "--symbolic: expected names out of u1, u2, n"),
         ("derive SCENE --latex --python", "--unicode, --latex, --python and --json exclude each other"),
         ("urdf SCENE knee", "JOINT: expected nothing after a scene file, which describes its own pair, got 'knee'"),
@@ -527,6 +534,34 @@ def test_a_robots_hinge_is_exported_by_name_or_from_a_urdf() -> None:
     assert "v2_x" in invoke("derive", "go1", "FL_calf_joint", "--outputs", "v2")
     assert "JOINT: expected nothing after a scene file" in invoke("urdf", REFERENCE, "knee")
     assert "URDF: expected XML" in invoke("urdf", MODELS / "logged_arm.csv", "knee")
+
+
+def test_a_robots_frame_is_derived_by_name_or_from_a_urdf(tmp_path: Path) -> None:
+    robot = hp.load_robot("ur5_robot", snap=1e-6)
+    q = np.linspace(-2, 2, 6)
+    for source in ("ur5_robot", robot_urdf("ur5_robot")):
+        text = invoke("derive", source, "--frame", "tool0", "--python")
+        assert "up to 5e-12 rad from a multiple of pi/2 are taken for it (--snap)" in text
+        module: dict[str, Any] = {}
+        exec(compile(text, "generated", "exec"), module)
+        np.testing.assert_allclose(module["R"](q), robot.forward_kinematics(q, frames="tool0")["tool0"].R, atol=1e-15)
+        np.testing.assert_allclose(module["jacobian"](q), robot.jacobian(q, "tool0"), rtol=0, atol=1e-15)
+    as_written = invoke("derive", "ur5_robot", "--frame", "tool0", "--snap", "0", "--outputs", "R")
+    assert "c_2 = cos(1.57079632679 + q_2)" in as_written
+    assert "--snap" not in as_written
+    latex = invoke("derive", "ur5_robot", "--frame", "tool0", "--symbolic", "u", "--latex", "--outputs", "R")
+    assert "  p_{y} &= 0.0823 \\\\\n" in latex
+    assert json.loads(invoke("derive", "ur5_robot", "--frame", "world", "--json", "--outputs", "S"))["S_xx"] == "1"
+    full = invoke("derive", "ur5_robot", "--frame", "tool0", "--outputs", "R", "--full")
+    assert "sin" in full
+    assert "k_1" not in full
+    scene = tmp_path / "arm.toml"
+    scene.write_text('[mechanism]\nrobot = "ur5_robot"\n[motion]\nelbow_joint = "t"\n[time]\nstop = 1\nsamples = 3\n')
+    assert invoke("derive", scene, "--frame", "tool0", "--outputs", "R") == as_written
+    assert "--snap a robot's name or a URDF file" in invoke("derive", scene, "--frame", "tool0", "--snap", "1e-9")
+    out = tmp_path / "forms.txt"
+    invoke("derive", "ur5_robot", "--frame", "tool0", "--out", out)
+    assert out.read_text() == invoke("derive", "ur5_robot", "--frame", "tool0")
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,15 @@
-"""Closed forms of a scene's motion, or of any motion of a pair."""
+"""Closed forms of a scene's motion, of any motion of a pair, or of a robot's frame."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterable
+from typing import overload
 
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.pair_table import pair_expressions
@@ -15,11 +17,20 @@ from hingepair.scenes.scene import Scene, load_pair, load_tables
 from hingepair.scenes.tables import Table
 from hingepair.symbolic.closed_forms import SYMBOLIC
 from hingepair.symbolic.derivation import Derivation
+from hingepair.symbolic.frame_forms import FrameForms
 from hingepair.symbolic.kinks import Expr, constant_value
 
 
-def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str] = ()) -> Derivation:
-    r"""Return the closed forms of a scene's motion, or of any motion of a pair, as SymPy expressions (E1-E11).
+@overload
+def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str] = ()) -> Derivation: ...
+@overload
+def derive(scene_or_pair: Mechanism, symbolic: Iterable[str] = (), frame: str | None = None) -> FrameForms: ...
+def derive(
+    scene_or_pair: Scene | HingePair | PlanarPair | Mechanism,
+    symbolic: Iterable[str] = (),
+    frame: str | None = None,
+) -> Derivation | FrameForms:
+    r"""Return closed forms of a scene's motion, of any motion of a pair, or of a robot's frame (E1-E11), in SymPy.
 
     Of a bare pair the coordinates are functions of t: x(t), y(t), z(t), phi_x(t), phi_y(t), phi_z(t) (XYZ), psi(t);
     of a planar pair x(t), y(t), phi(t), psi(t); of a scene those that go through way points. Numbers are exact: what
@@ -28,14 +39,20 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
     to 1000 is that axis: (1, 1, 0) gives sqrt(2)/2. Products of sines and cosines become sums where that is no
     longer. Text, LaTeX and Python have a constant exactly unless its 17 digits are shorter.
 
+    Of a robot, whose base rests at the origin, these are position R and attitude S of a frame, its Jacobian, v and
+    omega. Joints whose axes are parallel make sums of angles, c_23 = cos(q_2 + q_3), and sums that come again are
+    named k_1, k_2. A robot whose URDF has right angles to a few digits is best loaded with snap=1e-6.
+
     Args:
-        scene_or_pair: a Scene, a HingePair or a PlanarPair.
+        scene_or_pair: a Scene, a HingePair, a PlanarPair or a Mechanism with a fixed base.
         symbolic: what stays a letter: of u1, u2 and n (u1_x, u1_y, u1_z and so on; n is taken to have length 1), and
-            of a scene's constants.
+            of a scene's constants. Of a robot: u, points of its joints (u_3x of the third, in the axes of the body
+            that carries it) and the frame's origin p.
+        frame: name of a robot's link, joint or other frame; that of the last link unless given.
 
     Returns:
-        The derivation; `.omega1`, `.R2` and so on are SymPy matrices in `.t`; `.to_text()`, `.to_latex()` and
-        `.to_python()` write them out.
+        The derivation; `.omega1`, `.R2` and so on are SymPy matrices in `.t`, of a robot `.R`, `.S`, `.jacobian`,
+        `.v` and `.omega` in `.q` and `.qd`; `.to_text()`, `.to_latex()` and `.to_python()` write them out.
 
     Raises:
         ArgumentError: an argument cannot be used, or an expression's derivatives are too long; names it.
@@ -51,7 +68,18 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
       \omega_{2} &= \dot{\phi} + \dot{\psi}
     \end{align*}
     <BLANKLINE>
+    >>> links = [hp.HingePair(u1=(2 * k, 0, 0), u2=(0, 0, 0), n=(0, 0, 1), name=f"joint{k}") for k in (0, 1)]
+    >>> arm = hp.Mechanism(links).with_frame("hand", link="joint1", R=(1, 0, 0))
+    >>> hp.derive(arm, frame="hand").R
+    Matrix([
+    [cos(q_1 + q_2) + 2*cos(q_1)],
+    [sin(q_1 + q_2) + 2*sin(q_1)],
+    [                          0]])
     """
+    if isinstance(scene_or_pair, Mechanism):
+        return FrameForms(scene_or_pair, frame, symbolic)
+    if frame is not None:
+        raise ArgumentError("frame", "a robot, whose frame it is", quoted(scene_or_pair))
     if isinstance(scene_or_pair, Scene):
         scene = scene_or_pair
         names = _letters(symbolic, scene.pair, scene.constants)
@@ -61,7 +89,7 @@ def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str
         return Derivation(scene.pair, motion, scene.sequence, names, written)
     pair = scene_or_pair
     if not isinstance(pair, HingePair | PlanarPair):
-        raise ArgumentError("scene_or_pair", "a Scene, a HingePair or a PlanarPair", quoted(pair))
+        raise ArgumentError("scene_or_pair", "a Scene, a HingePair, a PlanarPair or a Mechanism", quoted(pair))
     return Derivation(pair, symbolic=_letters(symbolic, pair, ()))
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import itertools
-import textwrap
 from collections import Counter
 from collections.abc import Iterable
-from typing import Final
 
 import sympy
 
@@ -14,6 +12,7 @@ from hingepair.numeric.tables import unit_of
 from hingepair.symbolic.closed_forms import ClosedForms, Terms
 from hingepair.symbolic.jets import time_symbol
 from hingepair.symbolic.kinks import Expr, Side
+from hingepair.symbolic.layout import align, heading, latex_lines, shape_text, wrapped
 from hingepair.symbolic.printers import (
     LATEX,
     PYTHON,
@@ -24,13 +23,8 @@ from hingepair.symbolic.printers import (
     joined,
     latex_name,
     lettered,
-    signed,
     with_short_constants,
 )
-
-_WIDE: Final = 90  # characters of terms, as text, in a line of LaTeX
-_INDENT = " " * 6
-_FIXED = "\N{NO-BREAK SPACE}"
 
 
 class Derivation(ClosedForms):
@@ -57,23 +51,15 @@ class Derivation(ClosedForms):
         told = [f"{name} = {TEXT(expr)}" for name, expr in meanings.items()]
         lines = ["; ".join(told)] if told else []
         lines += [f"{label} = {joined(terms, TEXT)}" for label, terms in rows]
-        return "".join(f"{_wrapped(line, width)}\n" for line in lines)
+        return "".join(f"{wrapped(line, width)}\n" for line in lines)
 
     def to_latex(self, names: Iterable[str] | None = None, *, short: bool = False) -> str:
         r"""An align* environment of the package amsmath; derivatives of x(t) are \dot{x}. As `to_text`."""
         rows, meanings = _rows(self._labelled(names), short)
         lines = [f"{latex_name(name)} &= {LATEX(expr)}" for name, expr in meanings.items()]
         for label, terms in rows:
-            line, filled = f"{latex_name(label)} &=", 0
-            for text, term in zip([joined(terms[:1], LATEX), *signed(terms[1:], LATEX)], terms, strict=True):
-                size = len(TEXT(term))
-                if filled + size > _WIDE and filled:
-                    lines.append(line)
-                    line, filled = "&\\quad", 0
-                line += f" {text}"
-                filled += size
-            lines.append(line)
-        return "\\begin{align*}  % \\usepackage{amsmath}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
+            lines += latex_lines(label, terms, LATEX)
+        return align(lines)
 
     def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
         """A Python module that needs only NumPy, one function an output, vectorised over its arguments.
@@ -81,8 +67,7 @@ class Derivation(ClosedForms):
         These are t and what stayed a letter; of coordinates that are letters x, phi_x, psi, their rates xd, phi_xd,
         psid, and so on. As `to_text`.
         """
-        heading = "".join(sign for sign in " ".join(title.split()) if sign.isprintable() and sign not in '"\\')
-        parts = [f'"""Closed forms{": " * bool(heading)}{heading}."""\n\nimport numpy\n']
+        parts = [f'"""Closed forms{heading(title)}."""\n\nimport numpy\n']
         for name in self.names if names is None else names:
             parts.append(_function(name, [sympy.Add(*terms) for terms in self.terms(name)]))
         return "\n\n".join(parts)
@@ -163,25 +148,6 @@ def _letter(name: str) -> Expr:
     return sympy.Symbol(name, real=True)
 
 
-def _wrapped(line: str, width: int) -> str:
-    """A line that goes on in the next one before a + or - or after a semicolon, or where it must before any blank."""
-    fixed = line.replace(" ", _FIXED).replace(f";{_FIXED}", "; ")
-    for sign in "+-":
-        fixed = fixed.replace(f"{_FIXED}{sign}{_FIXED}", f" {sign}{_FIXED}")
-    return "\n".join(part for whole in _folded(fixed, width) for part in _folded(whole.replace(_FIXED, " "), width))
-
-
-def _folded(line: str, width: int) -> list[str]:
-    return textwrap.wrap(
-        line.lstrip(),
-        width,
-        initial_indent=_INDENT if line.startswith(_INDENT) else "",
-        subsequent_indent=_INDENT,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-
-
 def _function(name: str, parts: list[Expr]) -> str:
     """The source of the function of one output."""
     t = time_symbol()
@@ -196,7 +162,7 @@ def _function(name: str, parts: list[Expr]) -> str:
     every = ", ".join(arguments)
     lines = [
         f"def {name}({every}):",
-        f'    """{name}{unit}; the arguments broadcast, shape (...) gives {_shape(tail)}."""',
+        f'    """{name}{unit}; the arguments broadcast, shape (...) gives {shape_text(tail)}."""',
         *(f"    {argument} = numpy.asarray({argument}, dtype=float)" for argument in arguments),
         *(f"    {symbol} = {PYTHON(step)}" for symbol, step in steps),
         "    parts = (",
@@ -206,7 +172,3 @@ def _function(name: str, parts: list[Expr]) -> str:
         f"    return numpy.stack(parts, axis=-1).reshape(parts[0].shape + {tail})",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _shape(tail: tuple[int, ...]) -> str:
-    return f"(..., {', '.join(map(str, tail))})" if tail else "(...)"

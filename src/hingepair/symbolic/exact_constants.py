@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Final
@@ -15,12 +16,48 @@ _DIGITS: Final = 50  # to which a squared length is computed that is not known t
 _MAX_DENOMINATOR: Final = 1_000  # of a rational number that such a squared length is recognised as
 _TOLERANCE: Final = sympy.Rational(1, 10**40)  # relative; two such numbers differ by more
 
+_MAX_SQUARE: Final = 1_000
+"""Denominators of the squares that entries of rotations are recognised by."""
+_ROUND_OFF: Final = 4 * 2.0**-53
+"""Of an entry of a rotation [1] and of an angle [rad]: what the arithmetic that computed it leaves."""
+_PARTS_OF_PI: Final = 12
+_DECIMALS: Final = 14
+
 _AXES: Final = tuple(tuple(map(sympy.Integer, axis)) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
 
 
 def exact(value: float) -> Expr:
     """Return the rational number that the shortest decimal form of a finite number writes: 0.1 is 1/10."""
     return sympy.Rational(Fraction(repr(value if isinstance(value, int) else float(value))))
+
+
+def exact_entry(value: float) -> Expr:
+    """Return an entry of a rotation exactly, as far as it is recognised within rounding.
+
+    These are 0, 1, -1 and roots of simple fractions; any other entry is the number that its shortest decimal writes.
+
+    >>> exact_entry(6e-17), exact_entry(0.7071067811865475), exact_entry(-0.25)
+    (0, sqrt(2)/2, -1/4)
+    """
+    nearest = float(round(value))
+    if abs(value - nearest) <= _ROUND_OFF:
+        return sympy.Integer(int(nearest))
+    square = Fraction(value * value).limit_denominator(_MAX_SQUARE)
+    root = sympy.sign(exact(value)) * sympy.sqrt(sympy.Rational(square))
+    return root if abs(float(root) - value) <= _ROUND_OFF * abs(value) else exact(value)
+
+
+def exact_angle(value: float) -> Expr:
+    """Return an angle [rad] that was computed exactly: a multiple of pi/12 or a short decimal within rounding.
+
+    >>> exact_angle(0.7853981633974484), exact_angle(0.30000000000000004)
+    (pi/4, 3/10)
+    """
+    step = math.pi / _PARTS_OF_PI
+    if abs(value - round(value / step) * step) <= _ROUND_OFF:
+        return sympy.pi * sympy.Rational(round(value / step), _PARTS_OF_PI)
+    short = next(number for k in range(_DECIMALS + 4) if abs((number := round(value, k)) - value) <= _ROUND_OFF)
+    return exact(short)
 
 
 def unnested(function: Callable[..., Expr], *arguments: Expr) -> Expr:

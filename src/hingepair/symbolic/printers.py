@@ -24,7 +24,9 @@ _LONGEST: Final = 10**6
 _EXACT: Final = 2**53  # integers below are floats without rounding
 _MAX_EXACT_LENGTH: Final = 18  # characters of a number that is no decimal: as many as a decimal of 17 digits has
 _MIN_SHARE: Final = 1e-60  # of the largest term of a sum of constants; a smaller sum is 0, computed to 100 digits
-_GREEK = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ"}  # noqa: RUF001
+_FEW: Final = 4  # the same among decimals, such as the lengths of a robot
+_GREEK = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # noqa: RUF001
+_IN_LATEX = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 Write: TypeAlias = Callable[[Expr], str]
@@ -63,15 +65,18 @@ def latex_name(name: str) -> str:
     letter, _, index = bare.partition("_")
     if letter[-1:].isdigit():
         letter, index = letter[:-1], ",".join(filter(None, (letter[-1], index)))
-    letter = f"\\{letter}" if letter in _GREEK else letter if len(letter) == 1 else f"\\mathrm{{{letter}}}"
+    if letter in _IN_LATEX:
+        letter = _IN_LATEX[letter]
+    else:
+        letter = f"\\{letter}" if letter in _GREEK else letter if len(letter) == 1 else f"\\mathrm{{{letter}}}"
     dots = len(name) - len(bare)
     dotted = f"\\{'d' * dots}ot{{{letter}}}" if dots else letter
     return f"{dotted}_{{{index}}}" if index else dotted
 
 
-def _decimal(value: Expr) -> str | None:
-    """A rational number as a decimal, where a fraction would be harder to read."""
-    if value.q <= _READABLE and abs(value.p) < _EXACT:
+def _decimal(value: Expr, readable: int = _READABLE) -> str | None:
+    """A rational number as a decimal, where a fraction would be harder to read: one with a denominator so large."""
+    if value.q <= readable and abs(value.p) < _EXACT:
         return None
     terminates = pow(10, int(value.q).bit_length(), int(value.q)) == 0
     return _rounded(value) if terminates or max(abs(value.p), value.q) > _LONGEST else None
@@ -161,11 +166,13 @@ class _SymPySource(StrPrinter):  # type: ignore[misc]
 class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
     r"""LaTeX with fractions before what they multiply: \frac{5}{2} \sin 2 t."""
 
+    readable = _READABLE
+
     def _print_Symbol(self, expr: Expr, **_: Any) -> str:
         return latex_name(expr.name)
 
     def _print_Rational(self, expr: Expr) -> str:
-        shown = _decimal(expr)
+        shown = _decimal(expr, self.readable)
         if shown is None:
             sign = "-" if expr.p < 0 else ""
             return f"{sign}\\frac{{{abs(expr.p)}}}{{{expr.q}}}" if expr.q != 1 else str(expr.p)
@@ -191,6 +198,7 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
 class _TextPrinter(StrPrinter):  # type: ignore[misc]
     """Plain text as a paper has it: `5/2 sin 3t cos t`, `t²`, `√2`, `x/(1 + t²)`."""
 
+    readable = _READABLE
     tight = False  # within powers and fractions, where functions need brackets
 
     def _print_Symbol(self, expr: Expr) -> str:
@@ -199,7 +207,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return f"{_GREEK.get(bare, bare)}{letter[len(bare) :]}{mark}{index}"
 
     def _print_Rational(self, expr: Expr) -> str:
-        return _decimal(expr) or (f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p))
+        return _decimal(expr, self.readable) or (f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p))
 
     _print_Integer = _print_Rational  # noqa: N815
 
@@ -244,7 +252,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
             close = size.is_Integer and size < _EXACT and over[0].is_Symbol and len(over[0].name) == 1
             number = "" if size == 1 else self._print(size) + " " * (not close)
             return sign + number + " ".join(self._factor(f) for f in over)
-        top, bottom = size.as_numer_denom() if _decimal(size) is None else (size, sympy.S.One)
+        top, bottom = size.as_numer_denom() if _decimal(size, self.readable) is None else (size, sympy.S.One)
         above = [self._print(top)] * (top != 1 or not over) + [self._part(f) for f in over]
         below = [self._print(bottom)] * (bottom != 1) + [self._part(f) for f in under]
         return f"{sign}{' '.join(above)}/{below[0] if len(below) == 1 else '(' + ' '.join(below) + ')'}"
@@ -300,12 +308,16 @@ def count_letters(expr: Expr) -> int:
     return sum(map(count_letters, expr.args))
 
 
-def in_order(expr: Expr) -> tuple[Expr, ...]:
-    """The terms of a sum: short ones first, then those that weigh less; none with a minus sign in front if may be."""
+def in_order(expr: Expr, by_letters: bool = False) -> tuple[Expr, ...]:
+    """The terms of a sum: short ones first, then those that weigh less; none with a minus sign in front if may be.
 
-    def key(term: Expr) -> tuple[int, Expr, Any]:
+    Among terms with as many letters the order is that of the letters instead, short names first, if `by_letters`.
+    """
+
+    def key(term: Expr) -> tuple[int, Any, Any]:
         coefficient, rest = term.as_coeff_Mul(rational=True)
-        return count_letters(term), abs(coefficient), rest.sort_key()
+        letters = sorted((len(letter.name), letter.name[1:], letter.name) for letter in term.free_symbols)
+        return count_letters(term), letters if by_letters else abs(coefficient), rest.sort_key()
 
     terms = sorted(sympy.Add.make_args(expr), key=key)
     first = next((i for i, term in enumerate(terms) if not term.as_coeff_Mul()[0].is_negative), 0)
@@ -318,7 +330,21 @@ def _rank(factor: Expr) -> tuple[bool, bool, Any]:
     return bool(base.is_Function), bool(base.is_Add), factor.sort_key()
 
 
+class _DecimalText(_TextPrinter):
+    """Plain text with decimals where a fraction has no small denominator."""
+
+    readable = _FEW
+
+
+class _DecimalLatex(_LatexPrinter):
+    """LaTeX with decimals where a fraction has no small denominator."""
+
+    readable = _FEW
+
+
 TEXT: Write = _TextPrinter().doprint
 LATEX: Write = _LatexPrinter({"order": "none"}).doprint
+DECIMAL_TEXT: Write = _DecimalText().doprint
+DECIMAL_LATEX: Write = _DecimalLatex({"order": "none"}).doprint
 PYTHON: Write = NumPySource().doprint
 SYMPY: Write = _SymPySource().doprint

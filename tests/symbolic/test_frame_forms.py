@@ -1,0 +1,317 @@
+"""Closed forms of a robot's frame: what is written out is what the robot computes, in the form that papers have."""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import sympy
+
+import hingepair as hp
+from hingepair.formats.robots import robot_urdf
+from hingepair.symbolic.exact_constants import exact_angle, exact_entry
+
+U = 2.0**-53
+SNAP = 1e-6
+
+
+def oblique_robot(seed):
+    """Hinges and sliders in series with oblique axes, some parallel to the one before, and a tool."""
+    rng = np.random.default_rng(seed)
+    pairs = []
+    n, home = rng.standard_normal(3), np.eye(3)
+    for k in range(6):
+        if rng.random() < 0.4:
+            n = home.T @ n * rng.choice((-1, 1))  # parallel to the joint before
+            home = hp.rodrigues(n, rng.choice((0.0, 0.3, np.pi / 2)))  # about its own axis
+        else:
+            n, home = rng.standard_normal(3), hp.rodrigues(rng.standard_normal(3), rng.uniform(-3, 3))
+        kind = hp.Slider if rng.random() < 0.3 else hp.HingePair
+        u1, u2 = rng.uniform(-1, 1, (2, 3))
+        pairs.append(kind(u1=u1, u2=u2 * (k % 2), n=n, home=home, name=f"joint{k}"))
+    turn = hp.rodrigues(rng.standard_normal(3), 0.5)
+    return hp.Mechanism(pairs, name="oblique").with_frame("tool", "joint5", R=rng.uniform(-1, 1, 3), S=turn)
+
+
+MIMIC = """<robot name="follower"><link name="a"/><link name="b"/><link name="c"/><link name="d"/><link name="e"/>
+<joint name="j1" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 1"/><axis xyz="0 1 0"/>
+<limit effort="1" velocity="1"/></joint>
+<joint name="j2" type="revolute"><parent link="b"/><child link="c"/><origin xyz="0.5 0 0" rpy="0.2 0 0"/>
+<axis xyz="0 1 0"/><mimic joint="j1" multiplier="-2" offset="0.25"/><limit effort="1" velocity="1"/></joint>
+<joint name="j3" type="prismatic"><parent link="c"/><child link="d"/><origin xyz="0 0.3 0"/><axis xyz="0 0 1"/>
+<mimic joint="j1" multiplier="0.1"/><limit effort="1" velocity="1"/></joint>
+<joint name="j4" type="continuous"><parent link="d"/><child link="e"/><origin xyz="0 0 .2" rpy="0 0 0.7"/>
+<axis xyz="0 0 -1"/></joint></robot>"""
+
+ROBOTS = {
+    "ur5": lambda: (hp.load_robot("ur5_robot", snap=SNAP), "tool0"),
+    "ur5 as written": lambda: (hp.load_robot("ur5_robot"), "tool0"),
+    "ur5, a joint locked": lambda: (hp.load_robot("ur5_robot", locked={"elbow_joint": 0.3}), "ee_link"),
+    "panda": lambda: (hp.load_robot("panda"), "panda_hand_tcp"),
+    "panda's finger": lambda: (hp.load_robot("panda"), "panda_leftfinger"),
+    "solo12": lambda: (hp.load_robot("solo12"), "FL_FOOT"),
+    "kinova": lambda: (hp.load_robot("kinova", snap=SNAP), "j2s6s200_end_effector"),
+    "the base": lambda: (hp.load_robot("ur5_robot"), "base"),
+    "followers": lambda: (hp.Mechanism.from_urdf(MIMIC), "e"),
+    "Pinocchio's numbers": lambda: (
+        hp.Mechanism.from_pinocchio(pin.buildModelFromUrdf(str(robot_urdf("ur5_robot")))),
+        "tool0",
+    ),
+    **{f"oblique {seed}": lambda seed=seed: (oblique_robot(seed), "tool") for seed in range(8)},
+}
+
+
+def functions(forms, **how):
+    """The functions of the generated module."""
+    module: dict = {}
+    exec(compile(forms.to_python(**how), "generated", "exec"), module)
+    return module
+
+
+def states(robot, count=40, seed=1):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-3, 3, (2, count, robot.dof))
+
+
+def reach(robot):
+    return 1 + sum(np.abs(joint.u).sum() + 3 * (joint.kind == "slider") for joint in robot.tree.joints)
+
+
+@pytest.mark.parametrize("which", ROBOTS)
+def test_the_generated_module_computes_what_the_robot_computes(which):
+    robot, frame = ROBOTS[which]()
+    module = functions(hp.derive(robot, frame=frame))
+    q, qd = states(robot)
+    state = robot.forward_kinematics(q, qd, frames=(frame,))[frame]
+    size, rate = reach(robot), 3 * len(robot.tree.joints)
+    for values, expected, scale in (
+        (module["R"](q), state.R, size),
+        (module["S"](q), state.S, 1),
+        (module["jacobian"](q), robot.jacobian(q, frame), size),
+        (module["v"](q, qd), state.v, size * rate),
+        (module["omega"](q, qd), state.omega, rate),
+    ):
+        assert values.shape == expected.shape
+        assert np.abs(values - expected).max() <= 64 * U * scale
+
+
+def test_the_generated_module_agrees_with_pinocchio():
+    robot = hp.load_robot("ur5_robot", snap=0.0)
+    module = functions(hp.derive(robot, frame="tool0"))
+    model = pin.buildModelFromUrdf(str(robot_urdf("ur5_robot")))
+    data, frame = model.createData(), model.getFrameId("tool0")
+    q, qd = states(robot)
+    for one, rates in zip(q, qd, strict=True):
+        pin.forwardKinematics(model, data, one, rates)
+        pose = pin.updateFramePlacement(model, data, frame)
+        velocity = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        J = pin.computeFrameJacobian(model, data, one, frame, pin.LOCAL_WORLD_ALIGNED)
+        for values, expected in (
+            (module["R"](one), pose.translation),
+            (module["S"](one), pose.rotation),
+            (module["jacobian"](one), J),
+            (module["v"](one, rates), velocity.linear),
+            (module["omega"](one, rates), velocity.angular),
+        ):
+            np.testing.assert_allclose(values, expected, rtol=0, atol=1e-14)
+
+
+def test_arguments_of_the_generated_module_broadcast():
+    module = functions(hp.derive(hp.load_robot("ur5_robot"), frame="tool0"))
+    assert module["S"](np.zeros((2, 5, 6))).shape == (2, 5, 3, 3)
+    assert module["jacobian"]([0, 0, 0, 0, 0, 0]).shape == (6, 6)
+    assert module["v"](np.zeros((4, 1, 6)), np.zeros((3, 6))).shape == (4, 3, 3)
+
+
+@pytest.mark.parametrize("which", ["solo12", "followers"])
+def test_the_jacobian_is_the_derivative_of_position_and_attitude(which):
+    """In thirty digits, with SymPy's own derivatives."""
+    robot, frame = ROBOTS[which]()
+    forms = hp.derive(robot, frame=frame)
+    q, _ = states(robot, 1)
+    at = {letter: sympy.Rational(float(value)) for letter, value in zip(forms.q, q[0], strict=True)}
+    rates = sympy.Matrix(forms.R).jacobian(forms.q)
+    assert abs(np.array((rates - forms.jacobian[:3, :]).subs(at).evalf(30), float)).max() < 1e-14
+    for column, letter in enumerate(forms.q):
+        W = (forms.S.diff(letter) * forms.S.T).subs(at).evalf(30)
+        spin = sympy.Matrix([W[2, 1], W[0, 2], W[1, 0]]) - forms.jacobian[3:, column].subs(at).evalf(30)
+        assert abs(np.array(spin, float)).max() < 1e-14
+    motion = sympy.Matrix(forms.jacobian) * sympy.Matrix(forms.qd)
+    both = sympy.Matrix.vstack(sympy.Matrix(forms.v), sympy.Matrix(forms.omega))
+    at |= {letter: sympy.Rational(k, 7) for k, letter in enumerate(forms.qd)}
+    assert abs(np.array((both - motion).subs(at).evalf(30), float)).max() < 1e-14
+
+
+def test_the_position_of_a_ur5_reads_as_a_person_writes_it():
+    forms = hp.derive(hp.load_robot("ur5_robot", snap=SNAP), frame="tool0")
+    assert forms.to_text(["R"]).splitlines() == [
+        "frame tool0 of ur5: q_1 shoulder_pan_joint; q_2 shoulder_lift_joint; q_3 elbow_joint;",
+        "      q_4 wrist_1_joint; q_5 wrist_2_joint; q_6 wrist_3_joint",
+        "c_1 = cos q_1; s_1 = sin q_1; c_2 = cos q_2; s_2 = sin q_2; c_5 = cos q_5; s_5 = sin q_5;",
+        "      c_23 = cos(q_2 + q_3); s_23 = sin(q_2 + q_3); c_234 = cos(q_2 + q_3 + q_4);",
+        "      s_234 = sin(q_2 + q_3 + q_4)",
+        "k_1 = 0.425 c_2 + 0.39225 c_23 - 0.09465 s_234 + 0.0823 c_234 s_5",
+        "k_2 = 0.10915 + 0.0823 c_5",
+        "R_x = c_1 k_1 - k_2 s_1",
+        "R_y = c_1 k_2 + k_1 s_1",
+        "R_z = 0.089159 - 0.425 s_2 - 0.39225 s_23 - 0.09465 c_234 - 0.0823 s_234 s_5",
+    ]
+    assert forms.to_text(["omega"]).splitlines()[-3:] == [
+        "ω_x = q_6' (c_1 c_234 s_5 - c_5 s_1) - c_1 q_5' s_234 - s_1 (q_2' + q_3' + q_4')",
+        "ω_y = c_1 (q_2' + q_3' + q_4') - q_5' s_1 s_234 + q_6' (c_1 c_5 + c_234 s_1 s_5)",
+        "ω_z = q_1' - c_234 q_5' - q_6' s_234 s_5",
+    ]
+
+
+def test_a_leg_has_its_textbook_jacobian_and_says_what_does_not_move_it():
+    text = hp.derive(hp.load_robot("solo12"), frame="FR_FOOT").to_text(["jacobian"])
+    assert "q_4 FR_HAA; q_5 FR_HFE; q_6 FR_KFE; the other joints do not move it" in text
+    assert text.splitlines()[-4:] == [
+        "Jω_x4 = 1",
+        "Jω_y5 = Jω_y6 = c_4",
+        "Jω_z5 = Jω_z6 = s_4",
+        "Jv_x4 = Jω_x5 = Jω_x6 = Jω_y4 = Jω_z4 = 0",
+    ]
+    assert "Jv_x6 = -0.16 c_56\n" in text
+
+
+def test_angles_of_antiparallel_axes_are_subtracted_and_indices_past_nine_have_commas():
+    text = hp.derive(hp.load_robot("kinova", snap=SNAP), frame="j2s6s200_end_effector").to_text(["R"])
+    assert "c_23 = cos(q_2 - q_3)" in text
+    assert "c_11,12 = cos(q_11 + q_12)" in hp.derive(hp.load_robot("solo12"), frame="HR_FOOT").to_text(["R"])
+
+
+@pytest.mark.parametrize("which", ["ur5", "panda's finger", "oblique 3"])
+@pytest.mark.parametrize("names", [None, ["R"], ["v", "jacobian"]])
+def test_lines_stand_after_what_they_need_and_names_are_used_again(which, names):
+    robot, frame = ROBOTS[which]()
+    lines = [line.split(" = ") for line in hp.derive(robot, frame=frame).to_text(names, width=10**6).splitlines()[1:]]
+    known: set[str] = set()
+    used: list[str] = []
+    for *labels, expr in lines[1:]:  # after the line of sines and cosines
+        letters = re.findall(r"\b(?:k_\d+|[RSv]_[xyz]+|J[vω]_[xyz]\d)", expr)
+        assert set(letters) <= known
+        used += letters
+        known |= set(labels)
+    assert all(used.count(name) > 1 for name in known if name.startswith("k_"))
+
+
+def test_points_stay_letters_where_asked():
+    robot = hp.load_robot("ur5_robot", snap=SNAP)
+    forms = hp.derive(robot, ("u",), "tool0")
+    assert [letter.name for letter in forms.numbers] == [
+        "u_1z",
+        "u_2y",
+        "u_3y",
+        "u_3z",
+        "u_4z",
+        "u_5y",
+        "u_6z",
+        "p_y",
+    ]
+    assert "u_1z = 0.089159; u_2y = 0.13585; u_3y = -0.1197;" in forms.to_text(["R"])
+    assert "R_z = u_1z - s_2 u_3z - s_23 u_4z - c_234 u_6z - p_y s_234 s_5\n" in forms.to_text(["R"])
+    module = functions(forms)
+    q, qd = states(robot)
+    longer = robot.with_frame("longer", "tool0", R=(0, 0, 0.1))
+    expected = longer.forward_kinematics(q, qd, frames=("longer",))["longer"]
+    np.testing.assert_allclose(module["R"](q, p_y=0.1823), expected.R, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(module["v"](q, qd, p_y=0.1823), expected.v, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(module["R"](q), robot.forward_kinematics(q, frames="tool0")["tool0"].R, atol=1e-15)
+
+
+@pytest.mark.parametrize("which", ["solo12", "the base", pytest.param("followers", marks=pytest.mark.slow(3))])
+def test_every_line_of_latex_can_be_set(which):
+    mathtext = pytest.importorskip("matplotlib.mathtext")
+    robot, frame = ROBOTS[which]()
+    text = hp.derive(robot, ("u",), frame).to_latex()
+    body = text.partition("amsmath}\n")[2].removesuffix("\n\\end{align*}\n")
+    assert "&=" in body
+    parser = mathtext.MathTextParser("path")
+    for line in body.split("\\\\\n"):
+        parser.parse(f"${line.strip().replace('&', '')}$")
+
+
+def test_latex_has_dots_and_superscripts():
+    text = hp.derive(hp.load_robot("solo12"), frame="FL_FOOT").to_latex(["omega", "jacobian"])
+    assert text.startswith("% frame FL_FOOT of solo: q_1 FL_HAA; ")
+    assert "  \\omega_{x} &= \\dot{q}_{1} \\\\\n" in text
+    assert "  J^{v}_{x3} &= -0.16 c_{23} \\\\\n" in text
+    assert "  J^{\\omega}_{y2} = J^{\\omega}_{y3} &= c_{1} \\\\\n" in text
+
+
+def test_sympy_reads_the_components_back():
+    forms = hp.derive(hp.load_robot("ur5_robot", snap=SNAP), frame="tool0")
+    source = json.loads(json.dumps(forms.to_sympy(["R", "jacobian"])))
+    assert len(source) == 3 + 36
+    plain = {letter: sympy.Symbol(letter.name) for letter in forms.q}
+    assert sympy.expand(sympy.sympify(source["R_x"]) - forms.R[0].subs(plain)) == 0
+    assert sympy.expand(sympy.sympify(source["Jomega_y6"]) - forms.jacobian[4, 5].subs(plain)) == 0
+
+
+def test_full_forms_have_no_names_and_long_lines_go_on():
+    text = hp.derive(hp.load_robot("ur5_robot", snap=SNAP), frame="tool0").to_text(["R"], short=False, width=80)
+    assert "k_1" not in text
+    assert "c_1" not in text
+    assert "0.425 cos q_2 + 0.39225 cos(q_2 + q_3)" in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_what_rounding_left_is_taken_for_zero_and_said():
+    pair = hp.HingePair(u1=(1, 1e-17, 0), u2=(0, 0, 0), n=(0, 0, 1), name="a")
+    forms = hp.derive(hp.Mechanism([pair]))
+    assert list(forms.R) == [1, 0, 0]
+    note = "lengths of at most 1e-17 m, which rounding left, are taken for 0"
+    for text in (forms.to_text(), forms.to_latex(), forms.to_python()):
+        assert note in text
+    small = hp.HingePair(u1=(1, 1e-14, 0), u2=(0, 0, 0), n=(0, 0, 1), name="a")
+    assert hp.derive(hp.Mechanism([small])).R[1] == sympy.Rational(1, 10**14)
+
+
+def test_entries_and_angles_are_recognised_within_rounding_only():
+    assert exact_entry(0.7071067811865476) == sympy.sqrt(2) / 2
+    assert exact_entry(-6.1e-17) == 0
+    assert exact_entry(1 - 2**-53) == 1
+    assert exact_entry(4.9e-12) == sympy.Rational(49, 10**13)
+    assert exact_entry(0.7071067811) == sympy.Rational(7071067811, 10**10)
+    assert exact_angle(-np.pi / 4) == -sympy.pi / 4
+    assert exact_angle(0.1 + 0.2) == sympy.Rational(3, 10)
+    assert exact_angle(1.57079632679) == sympy.Rational(157079632679, 10**11)
+
+
+def test_a_frame_on_the_base_does_not_move():
+    forms = hp.derive(hp.load_robot("ur5_robot"), frame="world")
+    assert forms.to_text().splitlines()[0] == "frame world of ur5: no joint moves it"
+    assert forms.jacobian == sympy.zeros(6, 6)
+    assert forms.v == sympy.zeros(3, 1)
+
+
+def test_forms_are_attributes_and_can_be_copied():
+    forms = hp.derive(hp.load_robot("solo12"), frame="FL_FOOT")
+    assert [str(letter) for letter in forms.q[:3]] == ["q_1", "q_2", "q_3"]
+    assert {"R", "S", "jacobian", "v", "omega", "to_text"} <= set(dir(forms))
+    assert "FL_FOOT of solo" in repr(forms)
+    assert copy.copy(forms).R == forms.R
+    with pytest.raises(AttributeError, match="it has q, qd, R, S, jacobian, v, omega"):
+        forms.R2  # noqa: B018
+
+
+def test_what_cannot_be_derived_is_refused_by_name():
+    robot = hp.load_robot("ur5_robot")
+    with pytest.raises(hp.ArgumentError, match="base='fixed'"):
+        hp.derive(hp.load_robot("solo12", base="free"), frame="FL_FOOT")
+    with pytest.raises(hp.ArgumentError, match="frame: expected the name of a link or joint: one of ee_link, tool0"):
+        hp.derive(robot)
+    with pytest.raises(hp.ArgumentError, match=r"frame: expected .*got 'tool'"):
+        hp.derive(robot, frame="tool")
+    for letters in ("u", ("n",), 3):
+        with pytest.raises(hp.ArgumentError, match="symbolic: expected"):
+            hp.derive(robot, letters, "tool0")
+    with pytest.raises(hp.ArgumentError, match="frame: expected a robot"):
+        hp.derive(hp.PlanarPair(u1=(1, 0), u2=(0, 0)), frame="tool0")
+    with pytest.raises(hp.ArgumentError, match="outputs: expected one of R, S"):
+        hp.derive(robot, frame="tool0").to_text(["R2"])
