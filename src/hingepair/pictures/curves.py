@@ -1,0 +1,221 @@
+"""What figures are made of: curves through all samples or through their extremes, paths in space.
+
+Curves are drawn through all samples. Where these are many more than a picture has columns of pixels, a curve goes
+through the first, the last, the smallest and the largest sample of each short interval, which looks the same: an
+oscillation that is faster than a column fills the band between its extremes, and a spike of one sample stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+
+from hingepair.errors import MissingDependencyError
+from hingepair.integration.trajectory import continuous
+from hingepair.pictures.frames import Array
+from hingepair.rotations.euler import matrix_to_euler
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")  # Okabe and Ito's blue, vermilion and green
+PATHS: Final = "paths"
+"""The name of the curve that holds paths in space."""
+_MAX_INTERVALS: Final = 2000
+"""Intervals of a curve over time; more than its panel has columns of pixels, in print and enlarged too."""
+_MAX_PATH_INTERVALS: Final = 20_000
+"""Intervals of a path in space, where the curve within an interval can be seen."""
+
+
+class Curve(NamedTuple):
+    """Samples that a curve goes through; t has shape (N,), values (N,) or (N, components)."""
+
+    t: Array
+    values: Array
+
+
+class Gathering:
+    """Curves, gathered from the pieces of a motion in order; attitudes as Euler angles XYZ."""
+
+    def __init__(self) -> None:
+        self._pieces: dict[str, list[tuple[Array, Array]]] = {}  # t and values of each curve
+        self._angles: dict[str, Array] = {}  # last Euler angles of each attitude, from which the next piece goes on
+
+    def add(self, t: Array, samples: int, arrays: Mapping[str, Array]) -> None:
+        """Take a piece.
+
+        Args:
+            t: its instants [s]; shape (N,).
+            samples: number of the instants of all pieces.
+            arrays: quantities by name; shape (N, ...).
+        """
+        for name, array in arrays.items():
+            values = array
+            if array.ndim == 3:
+                values = _euler_angles(array, self._angles.get(name, np.empty((0, 3))))
+                self._angles[name] = values[np.isfinite(values).all(axis=1)][-1:]
+            intervals = _MAX_PATH_INTERVALS if name == PATHS else _MAX_INTERVALS
+            rows = _envelope(values.reshape(len(t), -1), -(-samples // intervals))
+            self._pieces.setdefault(name, []).append((t[rows], values[rows]))
+
+    def curves(self) -> dict[str, Curve]:
+        """Return the curves by name."""
+        pieces = self._pieces.items()
+        return {name: Curve(*map(np.concatenate, zip(*parts, strict=True))) for name, parts in pieces}
+
+
+def figure_class() -> type[Figure]:
+    """Return matplotlib's class of figures.
+
+    Raises:
+        MissingDependencyError: matplotlib is not installed.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingDependencyError(
+            "plot", "the package matplotlib: pip install 'hingepair[plot]'", "none"
+        ) from None
+    return Figure
+
+
+def finished(figure: Figure, title: str) -> Figure:
+    """Return a figure with its title, small numbers, and a grid behind curves over time."""
+    figure.suptitle(title)
+    for axes in figure.axes:
+        axes.tick_params(labelsize=8)
+        axes.title.set_fontsize(9)
+        if axes.name != "3d":
+            axes.grid(alpha=0.3)
+    return figure
+
+
+def _euler_angles(S: Array, before: Array) -> Array:
+    """Return Euler angles XYZ of attitudes without jumps between neighbours; NaN where an attitude is not finite.
+
+    Args:
+        S: attitudes; shape (N, 3, 3).
+        before: angles that these continue [rad]; shape (1, 3), or (0, 3) at the start.
+
+    Returns:
+        Angles [rad], shape (N, 3).
+    """
+    with np.errstate(invalid="ignore"):
+        angles = np.array(matrix_to_euler(S))
+    finite = np.isfinite(angles).all(axis=1)
+    if finite.any():
+        angles[finite] = continuous(np.concatenate([before, angles[finite]]), proper=False)[len(before) :]
+    return angles
+
+
+def _envelope(values: Array, size: int) -> Array:
+    """Return the rows through which a curve looks as it does through all of them.
+
+    These are the first and the last row of each interval, those with the smallest and the largest value of each
+    component, and the first and the last with a value that is not finite.
+
+    Args:
+        values: samples of the curve's components; shape (N, components).
+        size: rows of an interval; up to two, all rows are kept.
+
+    Returns:
+        Numbers of rows, increasing; shape (M,).
+    """
+    count = len(values)
+    if size <= 2:
+        return np.arange(count)
+    start = np.arange(0, count, size)
+    padding = np.repeat(values[-1:], len(start) * size - count, axis=0)
+    parts = np.concatenate([values, padding]).reshape(len(start), size, -1)
+    lost = ~np.isfinite(parts)
+    places = [
+        np.where(lost, np.inf, parts).argmin(axis=1),
+        np.where(lost, -np.inf, parts).argmax(axis=1),
+        lost.argmax(axis=1),
+        size - 1 - lost[:, ::-1].argmax(axis=1),
+    ]
+    extremes = (start[:, None] + np.concatenate(places, axis=1)).ravel()
+    return np.unique(np.minimum(np.concatenate([start, start + size - 1, extremes]), count - 1))
+
+
+def several(make: type[Figure], curves: Mapping[str, Curve], labels: Callable[[str], tuple[str, str]]) -> Figure:
+    """Draw some outputs over time, side by side.
+
+    Args:
+        make: class of the figure.
+        curves: what to draw, by name.
+        labels: gives the title and the unit of each.
+    """
+    columns = min(3, len(curves))
+    rows = -(-len(curves) // columns)
+    figure = make(figsize=(max(4.2 * columns, 6), 2.6 * rows + 0.5), layout="constrained")
+    places = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+    for axes, (name, curve) in zip(places, curves.items(), strict=False):
+        over_time(axes, *labels(name), curve)
+    for axes in places[len(curves) :]:
+        axes.remove()
+    return figure
+
+
+def over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
+    """Draw the components of a quantity over time."""
+    t, values = curve
+    shade(axes, t, values)
+    axes.set(title=title, ylabel=unit, xlabel="t [s]")
+    axes.tick_params(labelbottom=True)
+    if values.ndim == 1:
+        axes.plot(t, values, color="#222222", lw=1.2)
+        return
+    for part, colour, letter, style in zip(values.T, COLOURS, "xyz", ("-", "--", "-."), strict=False):
+        axes.plot(t, part, style, color=colour, lw=1.2, label=letter)
+    if not axes.figure.legends:
+        handles, letters = axes.get_legend_handles_labels()
+        axes.figure.legend(handles, letters, fontsize=8, ncols=3, loc="outside upper right")
+
+
+def shade(axes: Axes, t: Array, values: Array) -> None:
+    """Shade the times at which a value is not finite."""
+    lost = ~np.isfinite(values.reshape(len(t), -1)).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(int)))
+    for start, stop in edges.reshape(-1, 2):
+        axes.axvspan(t[max(start - 1, 0)], t[min(stop, len(t) - 1)], color="0.85", lw=0)
+
+
+def draw_paths(figure: Figure, place: Any, points: Mapping[str, Array], colours: Sequence[str]) -> None:
+    """Draw the paths of points in space at one scale; from above where z stays.
+
+    Args:
+        figure: the figure.
+        place: where in its grid.
+        points: the paths by name, in world axes [m]; shape (N, 3) each.
+        colours: of the paths, in their order.
+    """
+    finite = [np.where(np.isfinite(path), path, np.nan) for path in points.values()]
+    far = np.nanmax(np.abs(finite[0]), initial=0.0) >= 1e4
+    paths = [path * (1e-3 if far else 1.0) for path in finite]
+    ends = np.array([(np.nanmin(path, 0), np.nanmax(path, 0)) for path in paths if not np.isnan(path).all(0).any()])
+    letters = "xy" if len(ends) and np.ptp(ends[..., 2]) == 0 else "xyz"
+    axes: Any = figure.add_subplot(place, projection="3d" if letters == "xyz" else None)
+    for name, colour, path in zip(points, colours, paths, strict=True):
+        shown = path.T[: len(letters)]
+        axes.plot(*shown, color=colour, lw=1.2, label=name)
+        axes.plot(*shown[:, :1], "o", color=colour, ms=3)
+    unit = "km" if far else "m"
+    axes.set(title=f"paths in space [{unit}], from the dots", **{f"{letter}label": letter for letter in letters})
+    if letters == "xy":
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.legend(fontsize=8)
+        return
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.35, 1))
+    if not len(ends):
+        return
+    middle, size = (ends[:, 1].max(0) + ends[:, 0].min(0)) / 2, ends[:, 1].max(0) - ends[:, 0].min(0)
+    size = 1.05 * np.maximum(size, 0.3 * size.max())  # room beside a long path, or the numbers there would be a blot
+    for letter, centre, extent in zip(letters, middle, size, strict=True):
+        getattr(axes, f"set_{letter}lim")(centre - extent / 2, centre + extent / 2)
+        axes.locator_params(axis=letter, nbins=max(1, round(4 * extent / size.max())))
+    long = max(0.0, 1 - max(size[2], size.min()) / size.max())  # there is more room to the sides than up and down
+    axes.set_box_aspect(size, zoom=0.7 + 0.6 * long)  # leaves room for the labels
