@@ -12,7 +12,7 @@ from hingepair.errors import ArgumentError
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pictures.page import view as page_of
 from hingepair.pictures.plot import plot as figure_of
-from hingepair.scenes.scene import Scene, load_scene
+from hingepair.scenes.scene import load_scene
 
 _NAMED = "unless told, here and named as the scene is, where no such file exists."
 
@@ -24,13 +24,12 @@ def plot(
 ) -> None:
     """Draw a scene over time and in space.
 
-    Position, attitude and rates over time, psi, paths in space, the residual of E1; or some outputs over time.
+    Position, attitude and rates over time, psi, paths in space, the residual of E1. Of a mechanism position, rate
+    and torque of each joint that moves, with their limits, and the paths of its frames. Or some outputs over time.
     """
     out = out or _unused(f"{scene_file.stem}.png")
     check_picture("--out", out)
     scene = load_scene(scene_file)
-    if not isinstance(scene, Scene):
-        raise ArgumentError("SCENE", "the scene of a pair", "the scene of a mechanism")
     figure = figure_of(scene, listed("--outputs", outputs))
     save_figure(figure, out, scene.files, dpi=110)
     console().print(f"written: {out}")

@@ -184,7 +184,9 @@ def shade(axes: Axes, t: Array, values: Array) -> None:
         axes.axvspan(t[max(start - 1, 0)], t[min(stop, len(t) - 1)], color="0.85", lw=0)
 
 
-def draw_paths(figure: Figure, place: Any, points: Mapping[str, Array], colours: Sequence[str]) -> None:
+def draw_paths(
+    figure: Figure, place: Any, points: Mapping[str, Array], colours: Sequence[str], zoom: float = 1.0
+) -> None:
     """Draw the paths of points in space at one scale; from above where z stays.
 
     Args:
@@ -192,6 +194,7 @@ def draw_paths(figure: Figure, place: Any, points: Mapping[str, Array], colours:
         place: where in its grid.
         points: the paths by name, in world axes [m]; shape (N, 3) each.
         colours: of the paths, in their order.
+        zoom: size of the paths, in units of that at which a wide panel has room for the labels.
     """
     finite = [np.where(np.isfinite(path), path, np.nan) for path in points.values()]
     far = np.nanmax(np.abs(finite[0]), initial=0.0) >= 1e4
@@ -218,4 +221,4 @@ def draw_paths(figure: Figure, place: Any, points: Mapping[str, Array], colours:
         getattr(axes, f"set_{letter}lim")(centre - extent / 2, centre + extent / 2)
         axes.locator_params(axis=letter, nbins=max(1, round(4 * extent / size.max())))
     long = max(0.0, 1 - max(size[2], size.min()) / size.max())  # there is more room to the sides than up and down
-    axes.set_box_aspect(size, zoom=0.7 + 0.6 * long)  # leaves room for the labels
+    axes.set_box_aspect(size, zoom=zoom * (0.7 + 0.6 * long))  # leaves room for the labels

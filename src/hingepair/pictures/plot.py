@@ -20,6 +20,8 @@ from hingepair.pictures.curves import (
     several,
 )
 from hingepair.pictures.frames import Array, Frames, Source, all_frames
+from hingepair.pictures.mechanism_plot import plot_of_mechanism
+from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,17 +42,19 @@ _TITLES: Final = {
 }
 
 
-def plot(source: Source, outputs: Iterable[str] | None = None) -> Figure:
+def plot(source: Source | MechanismScene | MechanismSceneResult, outputs: Iterable[str] | None = None) -> Figure:
     """Draw a motion: position, attitude and their rates over time, psi, paths in space, the residual of E1.
 
-    Or draw some outputs alone, each over time. Every sample counts: of more than 4,000 the curves go through the
-    extremes of 2,000 intervals, so that fast oscillations fill a band and short spikes stay.
+    Of a scene of a mechanism: position, rate and torque of each joint that moves, with its limits - those far from
+    the curve are written - and the paths of the scene's frames. Or draw some outputs alone, each over time. Every
+    sample counts: of more than 4,000 the curves go through the extremes of 2,000 intervals, so that fast oscillations
+    fill a band and short spikes stay.
 
     Args:
         source: a scene or its result, a trajectory of `integrate` or `simulate`, or a pair, which then turns through
             its limits.
-        outputs: what to draw instead, as for `Scene.evaluate`; of a trajectory what it has, of a pair R1, S1, R2, S2,
-            psi. Attitudes are drawn as Euler angles XYZ.
+        outputs: what to draw instead, as for the scene's `evaluate`; of a trajectory what it has, of a pair R1, S1,
+            R2, S2, psi. Attitudes are drawn as Euler angles XYZ.
 
     Returns:
         A matplotlib Figure; `.savefig(path)` writes it. World axes; what the motion does not have stays out. Where
@@ -65,6 +69,8 @@ def plot(source: Source, outputs: Iterable[str] | None = None) -> Figure:
     >>> [axes.get_title() for axes in figure.axes][:2]
     ['position of body 2, R2', 'attitude of body 2, Euler angles XYZ']
     """
+    if isinstance(source, MechanismScene | MechanismSceneResult):
+        return plot_of_mechanism(source, outputs)
     title, curves = _curves(source, outputs)
     make = figure_class()
     return finished(_whole(make, curves) if outputs is None else several(make, curves, _labels), title)
