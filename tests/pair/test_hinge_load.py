@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import mpmath
 import numpy as np
 import pytest
 
 import hingepair as hp
 
 T, PSI, PSID = np.linspace(0, 1, 3), np.array([-1.5, 0.3, 1.2]), np.array([0.5, -0.02, 2.0])
+"""Leaving a stop quicker than its spring follows, between the stops, and going into one."""
 WHOLE = {
     "stiffness": 2,
     "rest": 0.1,
@@ -23,7 +25,7 @@ PARTS = {
     "spring": -2 * (PSI - 0.1),
     "damper": -0.3 * PSID,
     "friction": -0.2 * np.tanh(PSID / 0.05),
-    "stop": np.array([50 - 1.5, 0, -20 - 6]),
+    "stop": np.array([0, 0, -20 * (1 + 3 * 2)]),
 }
 
 
@@ -45,6 +47,44 @@ def test_the_parts_of_a_load_that_is_the_motor_are_added_to_those_of_the_load():
     np.testing.assert_allclose(parts["spring"], -PSI)
     np.testing.assert_allclose(parts["damper"], -0.3 * PSID)
     np.testing.assert_allclose(parts["stop"], [50 + 3, 0, -20])
+
+
+def test_a_stop_pushes_until_the_hinge_leaves_it_quicker_than_its_spring():
+    load = hp.HingeLoad(stops=(-1, 1), stop_stiffness=100, stop_damping=0.5)
+    np.testing.assert_allclose(load(0.0, np.array([1.1, -1.1]), np.array([-1.9, 1.9])), [-0.5, 0.5], rtol=1e-12)
+    np.testing.assert_array_equal(load(0.0, np.array([1.1, -1.1]), np.array([-2.1, 2.1])), 0.0)
+
+
+@pytest.mark.parametrize("into", [1e-6, 9e-5, 1.1e-4, 0.3, 40.0, 1e5])
+def test_the_restitution_is_that_of_the_work_of_the_spring(into):
+    """The work in, c v - ln(1 + c v), is the work out, -c w - ln(1 - c w), of rates v in, w out; in fifty digits."""
+    with mpmath.workdps(50):
+        x = mpmath.mpf(into)
+        work = x - mpmath.log1p(x)
+        out = 1 + mpmath.lambertw(-mpmath.exp(-1 - work))
+        expected = float(out / x)
+    assert hp.HingeLoad(stops=(0, 1), stop_damping=into / 2).restitution(-2.0) == pytest.approx(expected, rel=1e-9)
+    assert hp.HingeLoad(stops=(0, 1), stop_restitution=0.3).restitution(into) == 0.3
+
+
+def test_dry_friction_has_the_sign_of_the_rate():
+    load = hp.HingeLoad(friction=2)
+    np.testing.assert_array_equal(load(0.0, np.zeros(3), np.array([-1e-9, 0, 3])), [2, 0, -2])
+    assert hp.HingeLoad(friction=2, motor=hp.HingeLoad(friction=1)).sticking_friction == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("stop_restitution", {"stop_restitution": 1.1}),
+        ("stop_restitution", {"stop_restitution": -0.1}),
+        ("stop_damping", {"stop_restitution": 0.5, "stop_damping": 1}),
+        ("friction_rate", {"friction_rate": 0}),
+    ],
+)
+def test_what_no_stop_or_friction_has_is_named(name, values):
+    with pytest.raises(hp.ArgumentError, match=rf"^{name}: expected "):
+        hp.HingeLoad(stops=(0, 1), **values)
 
 
 def test_what_does_not_act_is_no_part():

@@ -179,3 +179,14 @@ def test_what_cannot_be_used_is_named(tmp_path, text, message):
 def test_a_pair_without_masses_is_named(tmp_path):
     with pytest.raises(hp.SceneError, match=r"pair\.body1: expected mass properties"):
         scene_of(tmp_path, PAIR.replace("body1 =", "#") + "[dynamics]\n")
+
+
+def test_a_scene_has_rigid_stops_and_breaks(tmp_path):
+    motion = "[dynamics]\nbase = 'fixed'\ngravity = [0, 0, 0]\nhinge_torque = '{}*(1 + 3*step(t - 0.25))'\n"
+    keys = "stops = [-1, 1]\nstop_restitution = 0.0\nbreaks = [0.25]\n"
+    found = scene_of(tmp_path, PAIR + motion.format(1) + keys).motion.simulated
+    slow, quick = (float(found.psidd[found.t.searchsorted(t)]) for t in (0.2, 0.3))
+    assert quick == pytest.approx(4 * slow, rel=1e-12)
+    assert found.psi.max() <= 1
+    with pytest.raises(hp.SceneError, match=r"stop_damping: expected none beside stop_restitution"):
+        scene_of(tmp_path, PAIR + motion.format(1) + keys + "stop_damping = 2\n").evaluate()

@@ -187,7 +187,7 @@ def _is_scene(source: str, joint: str | None, *frames: str | None) -> bool:
 
 def _with_left_out(kind: str, text: str, setup: DynamicsSetup, written: set[str]) -> str:
     """Return the text with a comment on the keys of [dynamics] that it does not hold, and warn of them."""
-    keys = [key for key in setup.keys if key not in {*written, "tol"}]
+    keys = [key for key in setup.keys if key not in {*written, "tol", "breaks"}]
     if not keys:
         return text
     shown = ", ".join(f'base = "{setup.base}"' if key == "base" else key for key in keys)

@@ -14,9 +14,10 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hingepair.dynamics.collocation import Array
-from hingepair.dynamics.loads import Loads, Moving
+from hingepair.dynamics.loads import Loads, Moving, Side
 from hingepair.engine.backend import How
 from hingepair.engine.calls import Call
 from hingepair.equations import dynamics as dyn
@@ -80,12 +81,14 @@ _RATES: Final = ("v1", "omega1", "a1", "alpha1")
 class Course(NamedTuple):
     """What was found at the instants; phi, the angle of body 1, in the plane."""
 
+    t: Array
     quats: Array
     now: Moving
     a1: Array
     alpha1: Array
     psidd: Array
     phi: Array
+    loads: dict[str, Array]
     steps: int = 0
 
 
@@ -101,7 +104,9 @@ class PairMotion:
         self._carry = base if callable(base) else None
         self._turning = base in ("free", "pinned")
         masses = mass_constants(({"body1": pair.body1} if self._turning else {}) | {"body2": pair.body2})
-        self._loads, self._flat, self.levels = loads, flat, loads.levels
+        self.loads, self._flat = loads, flat
+        self.side: tuple[float, float] = (0.0, 0.0)  # of the kinks of the torque at the hinge
+        self.held = False  # whether the hinge is at rest: psi stays, by friction or against a stop
         R, S, v, omega, psi, psid = start
         self._still = {"R1": R, "S1": S, **dict.fromkeys(_RATES, np.zeros(3))} if base == "fixed" else {}
         still = {name: tuple(array.ravel().tolist()) for name, array in self._still.items()}
@@ -118,7 +123,7 @@ class PairMotion:
 
         if not self._turning:
             _check_hinge(pair)
-            self.state, self.sizes, self.moving, self.angle = np.array([psi, psid]), np.ones(2), _MOVING[-2:], 0
+            self.state, self.sizes, self.speeds, self.angle = np.array([psi, psid]), np.ones(2), _MOVING[-2:], 0
             self._rates = self._accelerations = program(None, "psidd")
             return
         check_resistance(pair.constants, (pair.body1, pair.body2))
@@ -134,7 +139,7 @@ class PairMotion:
         reach = sum(float(np.linalg.norm(x)) for x in (pair.u1, pair.u2, masses["c1"], masses["c2"])) or 1.0
         inertia = sum(sum(masses[name][0::4]) for name in ("I1", "I2")) + mass * reach**2
         self.sizes = np.repeat([reach, mass * reach, inertia, 1.0, 1.0], [3, 3, 3, 3, 2])
-        self.moving, self.angle = _MOVING, _PSI
+        self.speeds, self.angle = _MOVING, _PSI
 
     def first_step(self, t: float, span: float) -> float:
         """A length to begin with, in which nothing turns by more than a tenth of a radian."""
@@ -143,11 +148,51 @@ class PairMotion:
         fastest = float(np.abs(turns).max())
         return min(span, 0.1 / fastest) if 0 < fastest < np.inf else span / 100
 
-    def rates(self, t: Array, states: Array, side: int | None = None) -> Array:
-        """The derivatives of the state at some instants; of a side, as they go on smoothly from there."""
+    def rates(self, t: Array, states: Array) -> Array:
+        """Compute the derivatives of the state at some instants, as they go on smoothly from the present side."""
+        if self.held and not self._turning:
+            return np.zeros((len(t), 2))
         given = self._given(t, states, self._S0)
-        found = _run(self._rates, given | self._acting(t, given, side))
-        return found["slopes"] if self._turning else np.stack([given["psid"], found["psidd"]], axis=-1)
+        found = _run(self._rates, given | self._acting(t, given, self.side))
+        if not self._turning:
+            return np.stack([given["psid"], found["psidd"]], axis=-1)
+        slopes: Array = found["slopes"]
+        if self.held:
+            slopes = slopes.copy()
+            slopes[:, _PSI:] = 0.0
+        return slopes
+
+    def hinge_acceleration(self, t: float, state: Array) -> float:
+        """Compute psi'' of one state, on the present side, of a hinge that is not held."""
+        given = self._given(np.array([t]), state[None], self._S0)
+        return float(self._psidd(given, self._acting(np.array([t]), given, self.side))[0])
+
+    def holding_torque(self, t: Array, states: Array) -> Array:
+        """Compute the torque beside all loads that keeps psi' at some instants [N m]; shape (m,)."""
+        given = self._given(t, states, self._S0)
+        return self._holding(given, self._acting(t, given, self.side), 0.0)
+
+    def acting(self, t: Array, states: Array) -> dict[str, Array]:
+        """Compute the loads that change at some instants, on the present side, by name."""
+        return self._acting(t, self._given(t, states, self._S0), self.side)
+
+    def moving(self, t: Array, states: Array) -> Moving:
+        """Compute the motion of the pair at some instants of the present step."""
+        return self._now(self._given(t, states, self._S0))
+
+    def _psidd(self, given: dict[str, Any], acting: dict[str, Array]) -> Array:
+        return np.asarray(_run(self._accelerations, given | acting)["psidd"])
+
+    def _holding(self, given: dict[str, Any], acting: dict[str, Array], psidd: Array | float) -> Array:
+        """Compute the torque beside what acts that gives psi'': it depends on the torque by a straight line."""
+        torque = acting["hinge_torque"]
+        missing = psidd - self._psidd(given, acting)
+        slope = self._psidd(given, acting | {"hinge_torque": torque + 1.0}) - (psidd - missing)
+        found = missing / slope
+        for _ in range(2):  # what rounding leaves, and the slope too where 1 N m is little
+            left = psidd - self._psidd(given, acting | {"hinge_torque": torque + found})
+            found = found + left / slope
+        return np.asarray(found)
 
     def renew(self, state: Array) -> Array:
         """The state that the next step begins with: the turn of this one goes into the attitude."""
@@ -159,8 +204,16 @@ class PairMotion:
         state[_G] = 0.0
         return state
 
-    def read(self, t: Array, states: Array, quats: Array) -> Course:
-        """What is asked for at some instants; quats is the attitude that their steps began with."""
+    def read(self, t: Array, states: Array, quats: Array, side: Side, held: NDArray[np.bool_]) -> Course:
+        """Compute what is asked for at some instants.
+
+        Args:
+            t: instants; shape (n,).
+            states: the states there; shape (n, k).
+            quats: the attitudes that their steps began with; shape (n, 4).
+            side: the side of the kinks on which each lies; shape (n,) each.
+            held: whether the hinge is held there; shape (n,).
+        """
         S0 = self._S0
         if self._turning and not self._flat:
             quats = _turned(states[:, _G], quats)
@@ -168,7 +221,17 @@ class PairMotion:
             states[:, _G] = 0.0
         given = self._given(t, states, S0)
         now = self._now(given)
-        found = self._still | given | _run(self._accelerations, given | self._acting(t, given)).arrays()
+        acting = self._acting(t, given, side)
+        loads = self.loads.everything(t, now, side)
+        if held.any():
+            torque = np.where(held, self._holding(given, acting, 0.0), 0.0)
+            acting |= {"hinge_torque": acting["hinge_torque"] + torque}
+            loads |= {"hinge_torque": acting["hinge_torque"]}
+            friction = np.clip(torque, -self.loads.friction, self.loads.friction)
+            for name, part in (("friction_torque", friction), ("stop_torque", torque - friction)):
+                if name in loads:
+                    loads[name] = loads[name] + part
+        found = self._still | given | _run(self._accelerations, given | acting).arrays()
         if self._turning:
             phi = states[:, _G][:, 2]
         else:
@@ -177,7 +240,8 @@ class PairMotion:
         if self._turning and self._flat:
             quats = np.stack([np.cos(phi / 2), 0 * phi, 0 * phi, np.sin(phi / 2)], axis=-1)
         a1, alpha1 = (np.broadcast_to(found[name], now.R1.shape) for name in ("a1", "alpha1"))
-        return Course(quats, now, a1, alpha1, found["psidd"], phi)
+        psidd = np.where(held, 0.0, found["psidd"])
+        return Course(t, quats, now, a1, alpha1, psidd, phi, loads)
 
     def _given(self, t: Array, states: Array, S0: Array) -> dict[str, Any]:
         """What the programs start from at some instants: the state, and the motion of body 1 where it is given."""
@@ -194,10 +258,10 @@ class PairMotion:
             raise ArgumentError("base", expected, {name: array.shape for name, array in given.items()}) from None
         return hinge | wide
 
-    def _acting(self, t: Array, given: dict[str, Any], side: int | None = None) -> dict[str, Array]:
+    def _acting(self, t: Array, given: dict[str, Any], side: Side) -> dict[str, Array]:
         """What acts at some instants."""
-        now = self._now(given) if self._loads.look_at_motion else None
-        return self._loads.at(t, now, given["psi"], given["psid"], side)
+        now = self._now(given) if self.loads.look_at_motion else None
+        return self.loads.at(t, now, given["psi"], given["psid"], side)
 
     def _now(self, given: dict[str, Any]) -> Moving:
         """The motion where this is given."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
@@ -12,11 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import finite_number, one_constant
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_load import HingeTorque, check_callable, is_named
+from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable, is_named
 
 Array: TypeAlias = NDArray[np.float64]
 Load: TypeAlias = ArrayLike | Callable[[Array, "Moving"], ArrayLike]
 Base: TypeAlias = str | Callable[[Array], BodyMotion]
+Side: TypeAlias = tuple[Array | float, Array | float]
+"""An angle and a rate between kinks of the torque at the hinge: it goes on smoothly from there."""
 
 
 class Moving(NamedTuple):
@@ -64,14 +65,18 @@ class Loads:
         else:
             self.known["hinge_torque"] = finite_number("hinge_torque", hinge_torque)
         self.look_at_motion = bool(self._moving)
-        # values of psi, increasing, where what acts changes from one smooth function to another, and one between each
-        self.levels = hinge_torque.kinks if is_named(hinge_torque) else ()
-        self._sides = (-np.inf, *((a + b) / 2 for a, b in itertools.pairwise(self.levels)), np.inf)
+        named = hinge_torque if is_named(hinge_torque) else HingeLoad()
+        self.levels, self.rate_levels = named.kinks, named.rate_kinks
+        """Values of psi and psi', increasing, where what acts changes from one smooth function to another."""
+        self.friction = named.sticking_friction
+        self.rigid_stops, self.rigid_range = named.rigid_stops, named.rigid_range
+        self.callables = tuple(self._moving) + (("hinge_torque",) if _has_callable(hinge_torque) else ())
+        """Names of the loads of which nothing is known between the instants at which they are called."""
 
-    def at(self, t: Array, now: Moving | None, psi: Array, psid: Array, side: int | None = None) -> dict[str, Array]:
-        """What changes, by name: forces and torques on the bodies, (n, 3), and hinge_torque, (n,).
+    def at(self, t: Array, now: Moving | None, psi: Array, psid: Array, side: Side | None = None) -> dict[str, Array]:
+        """Compute the loads that change, by name: forces and torques on the bodies, (n, 3), and hinge_torque, (n,).
 
-        Where a side is given, how many of the levels lie below psi, it is the smooth function of that side.
+        With a side, what a HingeLoad gives is the smooth function of that side of its kinks.
         """
         found = {}
         for name, load in self._moving.items():
@@ -79,13 +84,13 @@ class Loads:
             found[name] = _lifted(own, len(self._tail(name))) if self._flat else own
         if self._hinge is not None:
             if is_named(self._hinge) and side is not None:
-                torque: Any = self._hinge.smooth(self._sides[side], t, psi, psid)
+                torque: Any = self._hinge.smooth(side, t, psi, psid)
             else:
                 torque = self._hinge(t, psi, psid)
             found["hinge_torque"] = self._answer("hinge_torque", torque, t.shape)
         return found
 
-    def everything(self, t: Array, now: Moving) -> dict[str, Array]:
+    def everything(self, t: Array, now: Moving, side: Side | None = None) -> dict[str, Array]:
         """Compute all loads but gravity by name, the parts of a HingeLoad beside it.
 
         Forces and torques on the bodies have shape (n, 3); hinge_torque, motor_torque, spring_torque, damper_torque,
@@ -93,9 +98,9 @@ class Loads:
         """
         still = {name: np.array(load) for name, load in self.known.items() if name != "gravity"}
         loads = {name: np.broadcast_to(load, (len(t), *load.shape)) for name, load in still.items()}
-        loads |= self.at(t, now, now.psi, now.psid)
+        loads |= self.at(t, now, now.psi, now.psid, side)
         if is_named(self._hinge):
-            parts = self._hinge.parts(t, now.psi, now.psid)
+            parts = self._hinge.parts(t, now.psi, now.psid, side)
             loads |= {f"{part}_torque": self._answer("hinge_torque", own, t.shape) for part, own in parts.items()}
         return loads
 
@@ -119,6 +124,11 @@ class Loads:
         except (TypeError, ValueError):
             expected = f"a callable that returns shape {shape}, or what broadcasts to it"
             raise ArgumentError(name, expected, value) from None
+
+
+def _has_callable(torque: object) -> bool:
+    """Return whether a torque at the hinge is a callable other than a HingeLoad, or has one as its motor."""
+    return _has_callable(torque.motor) if is_named(torque) else callable(torque)
 
 
 def _lifted(value: Array, rank: int) -> Array:

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.bases import Course, PairMotion, Start
-from hingepair.dynamics.collocation import Array, Stepper, TooStiffError
+from hingepair.dynamics.collocation import Array, Piece, Stepper, TooStiffError
 from hingepair.dynamics.loads import Base, Load, Loads
+from hingepair.dynamics.switches import HingeSwitches, Until
 from hingepair.engine.backend import choose
 from hingepair.errors import ArgumentError, HingePairError, quoted
 from hingepair.integration.trajectory import Later, PlanarTrajectory, Trajectory
-from hingepair.numeric.arrays import check_choice, finite_number, read_only
+from hingepair.numeric.arrays import check_choice, finite_number, read_only, real_array
 from hingepair.numeric.instants import instants_of
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
@@ -33,6 +35,11 @@ _TOLERANCES: Final = (1e-14, 1e-2)
 _PLANAR = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"
 _MIN_STOP_DEPTH = 0.02  # rad past a stop, from which on a warning or a note says so
 _FINER = 1e-3  # of the tolerance: the second run that the first is judged by
+_LOOKS: Final = (
+    509 * 17,
+    4.3,
+)  # at loads that are callables, over a whole motion; so many times as often in that run
+_WINDOW, _MAX_TRIALS = 1000, 1e6  # trial steps after which progress is looked at; more to come are refused
 
 
 class SimulationError(HingePairError, RuntimeError):
@@ -133,6 +140,8 @@ def simulate(
     torque2: Load = 0,
     gravity: ArrayLike | None = None,
     base: Base = "free",
+    breaks: ArrayLike = (),
+    until: Until | None = None,
     tol: float = 1e-10,
     outputs: Outputs = None,
     backend: str = "auto",
@@ -165,6 +174,11 @@ def simulate(
         base: "free"; "pinned", where R1 stays where it starts and body 1 turns about it (in space as in a ball
             joint); "fixed", where body 1 stays as it starts; or a callable of times (n,) that returns the
             BodyMotion of body 1, with v, omega, a and alpha.
+        breaks: instants at which loads jump [s]; shape (M,). Steps end there, and what a callable gives is asked for
+            beside them. Without them, pulses are found that are longer than 1/8000 of the motion, or at an instant.
+        until: ends the motion where its value passes 0: a callable of (t, now), as of a force, that returns (n,).
+            The instant is the last of the result. An attribute `direction` as of SciPy's events: 1, where it
+            rises; -1, where it falls; 0, both.
         tol: largest error of a step [rad], of positions in units of the pair's levers; from 1e-14 to 1e-2.
         outputs: as for `forward_kinematics`; all of body 2 unless given.
         backend: as for `forward_kinematics`.
@@ -198,20 +212,36 @@ def simulate(
         gravity = PLANAR_GRAVITY if flat else GRAVITY
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
     loads = Loads(forces, hinge_torque, gravity, flat=flat)
+    if until is not None:
+        check_callable("until", until, "t", "now")
+    jumps = np.sort(real_array("breaks", breaks).astype(np.float64))
+    if jumps.ndim != 1 or not np.isfinite(jumps).all():
+        raise ArgumentError("breaks", "instants at which loads jump [s], shape (M,)", quoted(breaks))
     start = _start_of(base, body1, flat, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
+    if not loads.rigid_range[0] <= start[4] <= loads.rigid_range[1]:
+        expected = f"an angle between the rigid stops, {loads.rigid_range[0]:g} to {loads.rigid_range[1]:g} rad"
+        raise ArgumentError("psi_0", expected, psi_0)
     how = choose(backend, 1)
 
-    def run(tolerance: float) -> Course:
-        return _follow(PairMotion(space, base, flat, start, loads, how), instants, tolerance)
+    def run(tolerance: float, looks: float, until: Until | None) -> Course:
+        motion = PairMotion(space, base, flat, start, loads, how)
+        begin, legs, ended = motion.state, list[_Leg](), None
+        if len(instants) > 1:
+            legs, ended = _follow(motion, instants, _Task(tolerance, looks, jumps, until))
+        read_at = instants
+        if ended is not None:
+            read_at = np.unique(np.hstack([instants[instants - instants[0] < ended], instants[0] + ended]))
+        return _read(motion, begin, legs, read_at)
 
-    found = run(tolerance)
+    found = run(tolerance, _LOOKS[0], until)
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
     if space.limits is not None:
-        _warn_of_limits(space.limits, stops, instants, found.now.psi)
+        _warn_of_limits(space.limits, stops, found.t, found.now.psi)
     least, most = found.now.psi.min(initial=np.inf), found.now.psi.max(initial=-np.inf)
     if soft := passed_stops(stops, float(least), float(most)):
         warnings.warn(f"{soft}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=2)
-    finer = functools.cache(lambda: run(max(tolerance * _FINER, 1e-15)))
+    instants = found.t
+    finer = functools.cache(lambda: run(max(tolerance * _FINER, 1e-15), _LOOKS[0] * _LOOKS[1], None))
     now = found.now
     moved = motion_of_rotations(R=now.R1, S=now.S1, v=now.v1, omega=now.omega1, a=found.a1, alpha=found.alpha1)
     common: dict[str, Any] = {
@@ -224,7 +254,7 @@ def simulate(
         "body1": moved,
         "psid": read_only(now.psid),
         "psidd": read_only(found.psidd),
-        "loads": {name: read_only(load) for name, load in loads.everything(instants, now).items()},
+        "loads": {name: read_only(np.array(load)) for name, load in found.loads.items()},
         "space": space,
         "gravity": loads.known["gravity"],
         "base": "prescribed" if callable(base) else base,
@@ -293,26 +323,112 @@ def passed_stops(stops: tuple[float, float], least: float, most: float) -> str:
     return f"psi passes the stops by {depth:.3g} rad, for they are springs" if depth > _MIN_STOP_DEPTH else ""
 
 
-def _follow(motion: PairMotion, t: Array, tol: float) -> Course:
-    """The motion from t[0] to t[-1], read out at the instants."""
-    states, quats = np.empty((len(t), len(motion.state))), np.empty((len(t), 4))
-    states[:1], quats[:1] = motion.state, motion.quat
-    steps, place, start, since = 0, 1, float(t[0]) if len(t) else 0.0, t - t[:1]
-    if len(t) > 1:
-        first = motion.first_step(start, float(since[-1]))
-        own = motion.sizes, motion.moving, tol, first, motion.levels, motion.angle
-        stepper = Stepper(lambda since, *given: motion.rates(start + since, *given), 0.0, motion.state, *own)
-    while place < len(t):
-        try:
-            piece = stepper.step(float(since[-1]))
-        except TooStiffError as error:
-            why = "steps became too short; a load jumps or has no value, or the motion has no bound"
-            raise SimulationError(start + error.t, why) from None
-        end = int(np.searchsorted(since, stepper.t, side="right"))
-        states[place:end], quats[place:end] = piece.at(since[place:end]), motion.quat
-        steps, place = steps + 1, end
-        stepper.turn(motion.renew(stepper.state))
-    return motion.read(t, states, quats)._replace(steps=steps)
+class _Task(NamedTuple):
+    """How a motion is followed."""
+
+    tol: float  # largest error of a step [rad]
+    looks: float  # how often a load that is a callable is looked at over the whole motion, at least
+    breaks: Array  # instants at which loads jump, increasing
+    until: Until | None  # the user's event
+
+
+class _Leg(NamedTuple):
+    """One step of a motion."""
+
+    piece: Piece
+    quat: Array  # the attitude with which it begins
+    side: tuple[float, float]  # of the kinks of the torque at the hinge
+    held: bool  # whether the hinge is
+
+
+def _follow(motion: PairMotion, t: Array, task: _Task) -> tuple[list[_Leg], float | None]:
+    """Follow the motion from t[0] to t[-1]: its steps, and after which time the user's event ended it, if it did."""
+    start, since = float(t[0]), t - t[0]
+    span = float(since[-1])
+    switches = HingeSwitches(motion, start, task.tol, task.until)
+    breaks = [float(x) for x in task.breaks - start if 0 <= x <= span]
+    beside, window = 8 * np.spacing(max(abs(start), abs(start + span))), np.zeros(2)
+    looked = bool(motion.loads.callables or task.until)
+    stepper = Stepper(
+        lambda since, states: motion.rates(start + np.clip(since, *window), states),
+        switches if switches.needed else None,
+        0.0,
+        motion.state,
+        motion.sizes,
+        motion.speeds,
+        motion.angle,
+        task.tol,
+        motion.first_step(start, span),
+        span / task.looks if looked else np.inf,
+        since if looked else np.empty(0),
+    )
+    legs, trials, reached = list[_Leg](), 0, 0.0
+    for begin, end in itertools.pairwise(sorted({0.0, *breaks, span})):
+        window[:] = begin + beside * (begin in breaks), end - beside * (end in breaks)  # loads jump at a break
+        while stepper.t < end:
+            quat = motion.quat
+            try:
+                piece = stepper.step(end)
+            except TooStiffError as error:
+                why = f"steps became too short; {_reason(motion, start, stepper)}"
+                raise SimulationError(start + error.t, why) from None
+            if piece is not None:
+                legs.append(_Leg(piece, quat, motion.side, motion.held))
+                stepper.switch()
+            if stepper.ended:
+                return legs, stepper.t
+            stepper.turn(motion.renew(stepper.state))
+            if stepper.trials >= trials + _WINDOW:
+                missing = (span - stepper.t) / (stepper.t - reached) * (stepper.trials - trials)
+                if missing > _MAX_TRIALS:
+                    why = f"some {missing:.0g} more steps would be needed; {_reason(motion, start, stepper)}"
+                    raise SimulationError(start + stepper.t, why)
+                trials, reached = stepper.trials, stepper.t
+    return legs, None
+
+
+def _read(motion: PairMotion, start: Array, legs: list[_Leg], t: Array) -> Course:
+    """Read a motion out at instants, the first of which is that of the start."""
+    states, quats, since = np.empty((len(t), len(start))), np.empty((len(t), 4)), t - t[:1]
+    sides, held, place = np.zeros((len(t), 2)), np.zeros(len(t), bool), 1
+    if legs:
+        states[:1], quats[:1], sides[:1], held[:1] = start, legs[0].quat, legs[0].side, legs[0].held
+    else:
+        states[:], quats[:], sides[:], held[:] = start, motion.quat, motion.side, motion.held
+    for leg in legs:
+        end = int(np.searchsorted(since, leg.piece.start + leg.piece.length, side="right"))
+        if leg is legs[-1]:
+            end = len(t)
+        states[place:end], quats[place:end] = leg.piece.at(since[place:end]), leg.quat
+        sides[place:end], held[place:end] = leg.side, leg.held
+        place = max(place, end)
+    return motion.read(t, states, quats, (sides[:, 0], sides[:, 1]), held)._replace(steps=len(legs))
+
+
+def _reason(motion: PairMotion, start: float, stepper: Stepper) -> str:
+    """Return which load changes most within rounding of where a motion cannot be followed, and what to do."""
+    nudges = {"t": 1e-9, "psi": 1e-9, "psi'": 1e-6}
+    worst = (1e-3, "a load has no value, or the motion has no bound")
+    t, states = np.full(2, start + stepper.t), np.stack([stepper.state] * 2)
+    for name, nudge in nudges.items():
+        times, moved = t.copy(), states.copy()
+        if name == "t":
+            times += np.array([-nudge, nudge]) * max(1.0, abs(t[0]))
+            at, remedy = t[0], "breaks= names the instants at which loads jump"
+        else:
+            column = motion.angle + (name == "psi'")
+            at, remedy = (
+                states[0, column],
+                "HingeLoad(friction=..., stops=...) has friction and stops that are followed",
+            )
+            moved[:, column] += np.array([-nudge, nudge]) * max(1.0, abs(at))
+        for load, values in motion.acting(times, moved).items():
+            low, high = values.reshape(2, -1)
+            k = int(np.abs(high - low).argmax())
+            change = float(abs(high[k] - low[k]) / max(abs(high[k]), abs(low[k]), 1e-300))
+            if not change <= worst[0]:
+                worst = change, f"{load} jumps from {low[k]:.6g} to {high[k]:.6g} at {name} = {at:.6g}; {remedy}"
+    return worst[1]
 
 
 def _angle_between(one: Array, other: Array) -> float:

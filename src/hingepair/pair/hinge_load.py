@@ -22,19 +22,22 @@ HINGE_PARTS: Final = ("motor", "spring", "damper", "friction", "stop")
 class HingeLoad:
     """Torque at the hinge from motor, spring, damper, friction and stops; a `hinge_torque` for `simulate`.
 
-    torque = motor - stiffness (psi - rest) - damping psi' - friction tanh(psi' / friction_rate), and beyond a stop
-    -stop_stiffness (psi - stop) - stop_damping psi'. A damped stop pulls at a hinge that leaves it quickly; friction
-    does not hold: what sticks creeps.
+    torque = motor - stiffness (psi - rest) - damping psi' - friction sign(psi'), and delta beyond a stop
+    stop_stiffness delta (1 + stop_damping delta') back, or 0 where that would pull (Hunt and Crossley). At psi' = 0
+    friction holds the hinge in `simulate` as long as no more than `friction` is needed for it.
 
     Args:
         stiffness: of the spring [N m/rad].
         rest: hinge angle where the spring is slack [rad].
         damping: of the damper [N m s/rad].
         friction: torque of dry friction [N m].
-        friction_rate: rate at which friction has reached three quarters of its torque [rad/s]; what sticks creeps.
+        friction_rate: None: friction sticks and slips. A rate [rad/s]: friction is friction tanh(psi' /
+            friction_rate) instead, which has no jump, and lets what it holds creep.
         stops: least and greatest hinge angle, such as `pair.limits` [rad]; none unless given.
         stop_stiffness: of the springs that the stops are [N m/rad].
-        stop_damping: beyond a stop [N m s/rad]; without it the hinge leaves a stop as fast as it came.
+        stop_damping: of these springs [s/rad]; 0: the hinge leaves a stop as fast as it came; see `restitution`.
+        stop_restitution: None: stops are springs. From 0 to 1: stops are rigid in `simulate`, and the hinge leaves
+            one with this share of the rate at which it came.
         motor: what is added [N m]: a number, or a callable of arrays (t, psi, psid).
 
     Raises:
@@ -50,22 +53,28 @@ class HingeLoad:
     rest: float = 0.0
     damping: float = 0.0
     friction: float = 0.0
-    friction_rate: float = 1e-2
+    friction_rate: float | None = None
     stops: tuple[float, float] | None = None
     stop_stiffness: float = 1e4
     stop_damping: float = 0.0
+    stop_restitution: float | None = None
     motor: HingeTorque = 0.0
 
     def __post_init__(self) -> None:
         if callable(self.motor):
             check_callable("motor", self.motor, "t", "psi", "psid")
-        numbers = ["stiffness", "rest", "damping", "friction", "friction_rate", "stop_stiffness", "stop_damping"]
+        numbers = ["stiffness", "rest", "damping", "friction", "stop_stiffness", "stop_damping"]
+        numbers += [name for name in ("friction_rate", "stop_restitution") if getattr(self, name) is not None]
         for name in numbers if callable(self.motor) else ["motor", *numbers]:
             value = getattr(self, name)
             number = finite_number(name, value)
             if name not in {"motor", "rest"} and (number < 0 or (number == 0 and name == "friction_rate")):
                 raise ArgumentError(name, "a number above 0" if name == "friction_rate" else "0 or above", value)
             object.__setattr__(self, name, number)
+        if self.stop_restitution is not None and self.stop_restitution > 1:
+            raise ArgumentError("stop_restitution", "a number from 0 to 1", self.stop_restitution)
+        if self.stop_restitution is not None and self.stop_damping:
+            raise ArgumentError("stop_damping", "none beside stop_restitution, of rigid stops", self.stop_damping)
         stops: Any = self.stops
         if stops is not None:
             if not isinstance(stops, tuple | list | np.ndarray) or len(stops) != 2:
@@ -78,33 +87,81 @@ class HingeLoad:
     @property
     def kinks(self) -> tuple[float, ...]:
         """Where in psi the torque changes from one smooth function to another, its motor's too, increasing."""
-        of_motor = self.motor.kinks if is_named(self.motor) else ()
-        return tuple(sorted({*(self.stops or ()), *of_motor}))
+        return tuple(sorted({angle for load in self._nested() for angle in load.stops or ()}))
+
+    @property
+    def rate_kinks(self) -> tuple[float, ...]:
+        """Where in psi' the torque changes from one smooth function to another, its motor's too, increasing."""
+        kinks = {0.0} if self.sticking_friction else set()
+        for load in self._nested():
+            if load.stops and load.stop_damping:
+                kinks |= {-1 / load.stop_damping, 1 / load.stop_damping}
+        return tuple(sorted(kinks))
+
+    @property
+    def sticking_friction(self) -> float:
+        """The friction that sticks and slips, its motor's included [N m]."""
+        return sum(load.friction for load in self._nested() if load.friction_rate is None)
+
+    @property
+    def rigid_stops(self) -> dict[float, float]:
+        """The coefficients of restitution of rigid stops, its motor's included, by their angles [rad]."""
+        stiff = [load for load in self._nested() if load.stops and load.stop_restitution is not None]
+        return {angle: float(load.stop_restitution or 0.0) for load in stiff for angle in load.stops or ()}
+
+    @property
+    def rigid_range(self) -> tuple[float, float]:
+        """The greatest lower and the least upper rigid stop [rad], its motor's among them; infinite without."""
+        stops = [load.stops for load in self._nested() if load.stops and load.stop_restitution is not None]
+        return max((lower for lower, _ in stops), default=-np.inf), min((upper for _, upper in stops), default=np.inf)
 
     @property
     def tightest_stops(self) -> tuple[float, float]:
         """The greatest lower and the least upper stop [rad], its motor's among them; infinite where none is."""
         lower, upper = self.stops or (-np.inf, np.inf)
         if isinstance(self.motor, HingeLoad):
-            own = self.motor.tightest_stops
-            lower, upper = max(lower, own[0]), min(upper, own[1])
+            of_motor = self.motor.tightest_stops
+            lower, upper = max(lower, of_motor[0]), min(upper, of_motor[1])
         return lower, upper
 
-    def __call__(self, t: Any, psi: Any, psid: Any) -> Any:
-        """Compute the torque [N m] at instants [s], hinge angles [rad] and rates [rad/s]; of floats or arrays."""
-        return self.smooth(psi, t, psi, psid)
+    def restitution(self, rate: float) -> float:
+        """Return at which share of its rate [rad/s] the hinge leaves a stop where nothing else acts on it.
 
-    def smooth(self, side: Any, t: Any, psi: Any, psid: Any) -> Any:
-        """Compute the torque [N m] as it goes on smoothly from the angle `side`, on one side of each kink."""
+        Of springs with damping it falls as the rate grows, whatever the inertia: the work of the spring in and out
+        gives c v - ln(1 + c v) = -c w - ln(1 - c w), c the stop_damping, for the rates v in and w out.
+
+        >>> import hingepair as hp
+        >>> round(hp.HingeLoad(stops=(0, 1), stop_damping=0.5).restitution(1.0), 4)
+        0.7452
+        """
+        speed = abs(finite_number("rate", rate))
+        if self.stop_restitution is not None:
+            return self.stop_restitution
+        into = self.stop_damping * speed
+        if into < 1e-4:
+            return 1 - into * (2 / 3 - into * 4 / 9)  # the next term of the series is below 1e-12
+        work = into - np.log1p(into)
+        path = work + 1  # -ln(1 - c w): path + exp(-path) - 1 = work, convex, met from above by Newton's method
+        for _ in range(50):
+            path -= (path + np.expm1(-path) - work) / -np.expm1(-path)
+        return float(-np.expm1(-path) / into)
+
+    def __call__(self, t: Any, psi: Any, psid: Any) -> Any:
+        """The torque [N m] at instants [s], hinge angles [rad] and rates [rad/s]; of floats or arrays."""
+        return self.smooth((psi, psid), t, psi, psid)
+
+    def smooth(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> Any:
+        """Compute the torque [N m] as it goes on smoothly from the angle and rate `side`, between kinks."""
         return sum(self._terms(side, t, psi, psid).values())
 
-    def parts(self, t: Any, psi: Any, psid: Any) -> dict[str, Any]:
+    def parts(self, t: Any, psi: Any, psid: Any, side: tuple[Any, Any] | None = None) -> dict[str, Any]:
         """Compute what the torque consists of [N m]: motor, and spring, damper, friction, stop where there are any.
 
         Args:
             t: instants [s]; shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).
+            side: angle and rate from which the torque goes on smoothly; psi and psid unless given.
 
         Returns:
             The torques by part, whose sum is the torque; those of a HingeLoad that is the motor are added to these.
@@ -113,8 +170,9 @@ class HingeLoad:
         >>> hp.HingeLoad(stiffness=10, damping=0.5, motor=3).parts(0.0, psi=0.2, psid=1.0)
         {'motor': 3.0, 'spring': -2.0, 'damper': -0.5}
         """
-        terms = self._terms(psi, t, psi, psid)
-        inner = self.motor.parts(t, psi, psid) if is_named(self.motor) else {"motor": terms["motor"]}
+        side = (psi, psid) if side is None else side
+        terms = self._terms(side, t, psi, psid)
+        inner = self.motor.parts(t, psi, psid, side) if is_named(self.motor) else {"motor": terms["motor"]}
         acting = {"spring": self.stiffness, "damper": self.damping, "friction": self.friction, "stop": self.stops}
         own = {name: terms[name] for name, coefficient in acting.items() if coefficient}
         return {
@@ -123,20 +181,31 @@ class HingeLoad:
             if name in own or name in inner
         }
 
-    def _terms(self, side: Any, t: Any, psi: Any, psid: Any) -> dict[str, Any]:
-        """Compute the terms of the torque [N m], beyond the stops as they go on smoothly from the angle `side`."""
+    def _terms(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> dict[str, Any]:
+        """Compute the terms of the torque [N m], as they go on smoothly from the angle and rate `side`."""
         terms = {"spring": -self.stiffness * (psi - self.rest), "damper": -self.damping * psid}
+        angle, rate = side
         if is_named(self.motor):
             terms["motor"] = self.motor.smooth(side, t, psi, psid)
         else:
             terms["motor"] = self.motor(t, psi, psid) if callable(self.motor) else self.motor
-        if self.friction:
+        if self.friction and self.friction_rate is None:
+            terms["friction"] = -self.friction * np.sign(rate)
+        elif self.friction:
             terms["friction"] = -self.friction * np.tanh(psid / self.friction_rate)
         if self.stops is not None:
-            held = np.clip(side, *self.stops)
-            beyond = -self.stop_stiffness * (psi - held) - self.stop_damping * psid
-            terms["stop"] = np.where(side == held, 0.0, beyond)
+            beyond = np.sign(angle - np.clip(angle, *self.stops))
+            held = np.where(beyond > 0, self.stops[1], self.stops[0])
+            push = -self.stop_stiffness * (psi - held) * (1 + self.stop_damping * beyond * psid)
+            pushes = (beyond != 0) & (self.stop_restitution is None)
+            if self.stop_damping:
+                pushes &= beyond * rate > -1 / self.stop_damping
+            terms["stop"] = np.where(pushes, push, 0.0)
         return terms
+
+    def _nested(self) -> tuple[HingeLoad, ...]:
+        """Return this load, and those that are its motor, and the motor of that."""
+        return (self, *(self.motor._nested() if is_named(self.motor) else ()))
 
 
 def is_named(torque: object) -> TypeGuard[HingeLoad]:

@@ -34,7 +34,8 @@ from hingepair.symbolic.time_functions import TimeFunctions
 PRESCRIBED: Final = "prescribed"
 
 _LETTERS: Final = ("psi", "psid")
-_HINGE: Final = ("stiffness", "rest", "damping", "friction", "friction_rate", "stop_stiffness", "stop_damping")
+_STOPS: Final = ("stop_stiffness", "stop_damping", "stop_restitution")
+_HINGE: Final = ("stiffness", "rest", "damping", "friction", "friction_rate", *_STOPS)
 _START: Final = ("phi_0", "S1_0", "R1_0", "v1_0", "omega1_0")
 _ARGUMENTS: Final = {"body1": "R1_0", "body1.v": "v1_0", "body1.omega": "omega1_0"}
 """Keys by the arguments of `simulate` that they become."""
@@ -79,6 +80,12 @@ def _stops(table: Table, key: str) -> Any:
     return table.values[key] is True or tuple(table.numbers(key, 2))
 
 
+def _instants(table: Table, key: str) -> list[Any]:
+    """Read instants, as many as there are."""
+    value = table.values[key]
+    return table.numbers(key, len(value) if isinstance(value, list) else 1)
+
+
 def _keys(size: int) -> dict[str, Key]:
     """Return the keys of [dynamics] and their readers, for vectors of so many components."""
     vector, turn = numbers(size), Table.number if size == 2 else numbers(3)
@@ -88,7 +95,11 @@ def _keys(size: int) -> dict[str, Key]:
         **{"R1_0": vector, "v1_0": vector, "omega1_0": turn, "psi_0": Table.number, "psid_0": Table.number},
         **{"hinge_torque": _torque, "stops": _stops, **dict.fromkeys(_HINGE, Table.number)},
         **{"force1": force, "torque1": torque, "force2": force, "torque2": torque, "gravity": vector},
-        **{"tol": Table.number, "base": lambda table, key: table.choice(key, (*BASES, PRESCRIBED))},
+        **{
+            "tol": Table.number,
+            "breaks": _instants,
+            "base": lambda table, key: table.choice(key, (*BASES, PRESCRIBED)),
+        },
     }
 
 

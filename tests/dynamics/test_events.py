@@ -1,0 +1,384 @@
+"""Events of a simulated motion: friction that sticks and slips, stops, jumps of loads in time, and the user's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import hingepair as hp
+from support.sparse import sparse
+from support.states import generator, rotations
+
+STILL = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+WEIGHTLESS = (0.0, 0.0, 0.0)
+
+
+def wheel(inertia=1.0):
+    return hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=inertia * np.eye(3)))
+
+
+def rod():
+    """A rod of 2 kg whose centre is 1 m from the hinge; gravity turns it by 19.62 cos(psi) N m."""
+    body = hp.Body(mass=2, inertia=np.diag([0.01, 1, 1]))
+    return hp.HingePair(u1=(0, 0, 0), u2=(-1, 0, 0), n=(0, 1, 0), body2=body)
+
+
+def turned(pair, t, psi, psid, torque, **options):
+    return hp.simulate(pair, t, STILL, psi, psid, base="fixed", hinge_torque=torque, **options)
+
+
+def heavy(rng):
+    bodies = [hp.Body(rng.uniform(1, 2), rng.normal(size=3), np.diag(rng.uniform(0.6, 1, 3))) for _ in range(2)]
+    return hp.HingePair(*rng.normal(size=(3, 3)), home=rotations(rng, 1)[0], body1=bodies[0], body2=bodies[1])
+
+
+# friction
+
+
+def test_friction_holds_a_rod_where_it_is():
+    held = turned(rod(), np.linspace(0, 20, 21), 0.0, 0.0, hp.HingeLoad(friction=30))
+    np.testing.assert_array_equal(held.psi, 0.0)
+    np.testing.assert_array_equal(held.psid, 0.0)
+    np.testing.assert_allclose(held.loads["friction_torque"], -19.62, rtol=1e-15)
+    np.testing.assert_array_equal(held.loads["hinge_torque"], held.loads["friction_torque"])
+    assert held.steps < 10
+
+
+@pytest.mark.parametrize("start", sparse([3.37, 1.0, 0.2, 7.77], 2))
+def test_a_swing_against_friction_loses_the_same_angle_each_time(start):
+    """Each half swing is half a period about a centre that friction shifts by F / k, to the side it comes from."""
+    J, k, friction, t = 2.0, 8.0, 1.0, np.linspace(0, 60, 1201)
+    found = turned(wheel(J), t, start, 0.0, hp.HingeLoad(stiffness=k, friction=friction), tol=1e-12)
+    half, shift, expected, end = np.pi / np.sqrt(k / J), friction / k, np.empty(1201), start
+    for i in range(50):
+        centre = np.sign(end) * shift
+        inside = (t >= i * half) & (t <= (i + 1) * half)
+        if abs(end) <= shift:
+            expected[t >= i * half] = end
+            break
+        expected[inside] = centre + (end - centre) * np.cos(np.sqrt(k / J) * (t[inside] - i * half))
+        end = 2 * centre - end
+    np.testing.assert_allclose(found.psi, expected, rtol=0, atol=2e-12)
+    assert found.psi[-1] == found.psi[-2]
+    assert found.psid[-1] == 0.0
+    assert found.loads["friction_torque"][-1] == pytest.approx(k * found.psi[-1], rel=1e-12)
+    assert found.steps < 500  # 13 for a half swing
+
+
+def test_a_wheel_sticks_and_slips_under_a_torque_that_swings():
+    """It lets go where A sin(t) passes F, and sticks where its rate is 0 again; once a half turn of the torque."""
+    J, A, F, t = 0.7, 2.0, 1.5, np.linspace(0, 9, 181)
+    found = turned(wheel(J), t, 0.3, 0.0, hp.HingeLoad(friction=F, motor=lambda t, *_: A * np.sin(t)), tol=1e-12)
+    loose = np.arcsin(F / A)
+    stuck = brentq(lambda x: A * (np.cos(loose) - np.cos(x)) - F * (x - loose), loose + 0.5, 3.2, xtol=1e-15)
+    assert stuck < np.pi
+
+    def moved(since):
+        x = np.clip(since, loose, stuck)
+        return (A * ((x - loose) * np.cos(loose) + np.sin(loose) - np.sin(x)) - F * (x - loose) ** 2 / 2) / J
+
+    expected = 0.3 + moved(t) - moved(t - np.pi) + moved(t - 2 * np.pi)
+    np.testing.assert_allclose(found.psi, expected, rtol=0, atol=1e-12)
+    held = found.psid == 0
+    np.testing.assert_array_equal(held, ((t % np.pi) <= loose) | ((t % np.pi) >= stuck))
+    torque = np.where(held, -A * np.sin(t), -F * np.sign(found.psid))
+    np.testing.assert_allclose(found.loads["friction_torque"], torque, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.psidd * J, A * np.sin(t) + torque, rtol=0, atol=1e-12)
+
+
+ROD1 = hp.Body(mass=1.3, center_of_mass=(0.5, 0, 0), inertia=(0.1, 0.1, 0.12))
+ROD2 = hp.Body(mass=0.7, center_of_mass=(0.4, 0, 0), inertia=(0.05, 0.08, 0.09))
+DOUBLE = hp.PlanarPair(u1=(1, 0), u2=(0, 0), body1=ROD1, body2=ROD2)
+
+
+def lagrange(y, friction=0.0):
+    """Accelerations of both rods' angles a, b from the x axis, as in textbooks, and the matrix M."""
+    a, b, da, db = y
+    off, turn = 0.7 * 0.4 * np.cos(a - b), 0.7 * 0.4 * np.sin(a - b)
+    M = np.array([[0.12 + 1.3 * 0.25 + 0.7, off], [off, 0.09 + 0.7 * 0.16]])
+    right = np.array([-turn * db**2 - 1.35 * 9.81 * np.cos(a), turn * da**2 - 0.28 * 9.81 * np.cos(b)])
+    return np.linalg.solve(M, right + friction * np.array([1, -1])), M, right
+
+
+def needed(y):
+    """The torque that the hinge of rods that turn as one must give."""
+    _, M, right = lagrange(y)
+    together = right.sum() / M.sum()
+    return M[1].sum() * together - right[1]
+
+
+@pytest.mark.slow
+def test_a_double_pendulum_whose_hinge_sticks_and_slips_is_that_of_scipy_with_events():
+    friction, y, now, end = 1.2, np.array([0.3, 0.7, 0.2, 0.1]), 0.0, 4.0
+    t = np.linspace(0, end, 81)
+    start = hp.BodyMotion(R=(0, 0, 0), S=hp.rotation_exp((0, 0, 0.3)), omega=(0, 0, 0.2))
+    load = hp.HingeLoad(friction=friction)
+    found = hp.simulate(DOUBLE, t, start, 0.4, -0.1, base="pinned", hinge_torque=load, tol=1e-12)
+    expected, phases, sense = np.empty((4, 81)), [], -1.0
+
+    def sliding(_, y):
+        return [y[2], y[3], *lagrange(y, sense * friction)[0]]
+
+    def sticking(_, y):
+        _, M, right = lagrange(y)
+        return [y[2], y[2], *[right.sum() / M.sum()] * 2]
+
+    def stop(_, y):
+        return sense * (y[3] - y[2])
+
+    def slip(_, y):
+        return friction - abs(needed(y))
+
+    stop.terminal = slip.terminal = True
+    stop.direction = slip.direction = -1
+    while now < end:
+        phases.append(sense)
+        rates, event = (sliding, stop) if sense else (sticking, slip)
+        part = solve_ivp(rates, (now, end), y, "DOP853", rtol=1e-12, atol=1e-13, events=event, dense_output=True)
+        inside = (t >= now) & (t <= part.t[-1])
+        expected[:, inside] = part.sol(t[inside])
+        now, y = part.t[-1], part.y[:, -1].copy()
+        if now < end and sense:
+            y[3] = y[2]
+            sense = 0.0 if abs(needed(y)) <= friction else -sense
+        elif now < end:
+            sense = -np.sign(needed(y))
+    assert {0.0, 1.0, -1.0} <= {*phases}
+    assert len(phases) > 4
+    np.testing.assert_allclose(found.phi, expected[0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.phi2, expected[1], rtol=0, atol=1e-9)
+
+
+def test_a_free_pair_keeps_its_momenta_while_its_hinge_sticks():
+    rng = generator(51)
+    pair, (v, omega) = heavy(rng), rng.normal(size=(2, 3))
+    start = hp.BodyMotion(R=rng.normal(size=3), S=rotations(rng, 1)[0], v=v, omega=omega)
+    load = hp.HingeLoad(friction=5.0)
+    found = hp.simulate(pair, np.linspace(0, 4, 41), start, 0.3, 3.0, gravity=WEIGHTLESS, hinge_torque=load)
+    momentum, energy = found.momentum(), found.energy().kinetic
+    size = np.abs(found.body1.R).max() * np.abs(momentum.linear).max() + np.abs(momentum.angular).max()
+    assert np.ptp(momentum.angular, axis=0).max() <= size * 2.0**-49
+    stuck = found.psid == 0
+    assert 5 < stuck.sum() < 40
+    assert stuck[-1]
+    np.testing.assert_allclose(energy[stuck], energy[-1], rtol=1e-9)  # a rigid body
+    assert np.abs(found.loads["friction_torque"]).max() <= 5 * (1 + 1e-9)
+    required = pair.inverse_dynamics(found.body1, found.psi, found.psid, found.psidd, WEIGHTLESS)
+    np.testing.assert_allclose(required.hinge_torque, found.loads["hinge_torque"], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(required.force1, 0, rtol=0, atol=1e-11)
+
+
+# stops
+
+
+@pytest.mark.parametrize("restitution", sparse([0.5, 0.0, 0.8], 2))
+def test_a_hinge_bounces_off_a_rigid_stop_and_comes_to_rest_there(restitution):
+    """Under a constant torque each bounce is a parabola; their times are a geometric series."""
+    t, fall = np.linspace(0, 12, 601), 2.0
+    load = hp.HingeLoad(stops=(-1, 1), stop_restitution=restitution, motor=fall)
+    found = turned(wheel(), t, 0.0, 0.0, load, tol=1e-12)
+    expected, speed, hit = np.minimum(fall / 2 * t**2, 1), 2.0, 1.0
+    expected[t > hit] = 1.0
+    while speed > 1e-9 and restitution:
+        speed *= restitution
+        since = t - hit
+        inside = (since >= 0) & (since <= 2 * speed / fall)
+        expected[inside] = 1 - speed * since[inside] + fall / 2 * since[inside] ** 2
+        hit += 2 * speed / fall
+    np.testing.assert_allclose(found.psi, expected, rtol=0, atol=1e-11)
+    assert found.psi[-1] == 1.0
+    assert found.psid[-1] == 0.0
+    assert found.loads["stop_torque"][-1] == pytest.approx(-fall, rel=1e-12)
+    assert found.loads["motor_torque"][-1] == fall
+
+
+def test_a_rigid_stop_lets_go_what_is_pulled_away():
+    load = hp.HingeLoad(stops=(-1, 1), stop_restitution=0.0, motor=lambda t, *_: np.cos(t))
+    found = turned(wheel(), np.linspace(0, 3, 31), 1.0, 0.0, load, tol=1e-12)
+    since = np.maximum(found.t - np.pi / 2, 0)
+    np.testing.assert_allclose(found.psi, 1 + np.sin(since) - since, rtol=0, atol=1e-12)
+    with pytest.raises(hp.ArgumentError, match=r"^psi_0: expected an angle between the rigid stops, -1 to 1 rad"):
+        turned(wheel(), [0, 1], 1.1, 0.0, load)
+
+
+@pytest.mark.parametrize("base", ["free", "pinned"])
+def test_impacts_keep_momenta_and_elastic_ones_energy(base):
+    rng = generator(52)
+    pair, (v, omega) = heavy(rng), rng.normal(size=(2, 3))
+    moving = {"v": v, "omega": omega} if base == "free" else {"omega": omega}
+    start = hp.BodyMotion(R=rng.normal(size=3), S=rotations(rng, 1)[0], **moving)
+    given = {"gravity": WEIGHTLESS, "base": base, "tol": 1e-11}
+    for restitution in (1.0, 0.6):
+        load = hp.HingeLoad(stops=(0, 0.5), stop_restitution=restitution)
+        found = hp.simulate(pair, np.linspace(0, 2, 41), start, 0.3, 3.0, hinge_torque=load, **given)
+        assert 0 <= found.psi.min() < 0.1
+        assert 0.4 < found.psi.max() <= 0.5
+        momentum, energy = found.momentum(), found.energy().kinetic
+        if base == "free":
+            size = np.abs(found.body1.R).max() * np.abs(momentum.linear).max() + np.abs(momentum.angular).max()
+            assert np.ptp(momentum.angular, axis=0).max() <= size * 2.0**-49
+        if restitution == 1:
+            np.testing.assert_allclose(energy, energy[0], rtol=1e-10)
+        else:
+            losses = -np.diff(energy)
+            assert losses.min() > -1e-9 * energy[0]
+            assert (losses > 1e-3 * energy[0]).sum() >= 3
+
+
+@pytest.mark.filterwarnings("ignore:psi passes the stops")
+@pytest.mark.parametrize("speed", sparse([1.0, 1e-3, 30.0], 3))
+def test_a_stop_that_is_a_damped_spring_takes_what_hunt_and_crossley_say(speed):
+    """Whatever its stiffness; and it never pulls."""
+    load = hp.HingeLoad(stops=(-5, 0), stop_stiffness=1e4, stop_damping=0.5)
+    given = {"gravity": WEIGHTLESS, "tol": 1e-12}
+    found = turned(wheel(), np.linspace(0, 1.5 / speed + 0.5, 101), -speed * 1e-3, speed, load, **given)
+    assert found.psid[-1] == pytest.approx(-speed * load.restitution(speed), rel=1e-9)
+    into, out = 0.5 * speed, -0.5 * found.psid[-1]
+    assert into - np.log1p(into) == pytest.approx(-out - np.log1p(-out), rel=1e-7)
+    assert found.loads["stop_torque"].max() <= 0.0
+
+
+@pytest.mark.filterwarnings("ignore:psi passes the stops")
+def test_a_stop_does_not_pull_at_what_is_torn_away():
+    """A motor that pulls the hinge out faster than the spring follows is alone there."""
+    load = hp.HingeLoad(stops=(-9, 0), stop_stiffness=100, stop_damping=10, motor=lambda t, *_: -50 * np.sin(20 * t))
+    t = np.linspace(0, 0.3, 301)
+    found = turned(wheel(), t, 0.2, 0.5, load, tol=1e-11)
+    stop = found.loads["stop_torque"]
+    free = (found.psi > 0) & (found.psid < -0.1)
+    assert free.sum() > 10
+    np.testing.assert_array_equal(stop[free], 0.0)
+    assert stop.max() <= 0.0
+
+    def rates(t, y):
+        push = 100 * max(y[0], 0) * max(1 + 10 * y[1], 0)
+        return [y[1], -50 * np.sin(20 * t) - push]
+
+    expected = solve_ivp(rates, (0, 0.3), [0.2, 0.5], "Radau", t, rtol=1e-10, atol=1e-12).y
+    np.testing.assert_allclose(found.psi, expected[0], rtol=0, atol=1e-8)
+
+
+# jumps of loads in time
+
+
+def pulse(t, _psi, _psid):
+    return np.where(np.abs(t - 35.003) < 0.15, 10.0, 0.0)
+
+
+def test_a_short_pulse_in_a_long_rest_is_not_missed():
+    t = np.linspace(0, 100, 11)
+    found = turned(wheel(3.0), t, 0.0, 0.0, pulse, gravity=WEIGHTLESS)
+    assert found.psid[-1] == pytest.approx(1.0, abs=1e-8)
+    assert abs(found.psi[-1] - (100 - 35.003)) <= 2 * found.psi_error_estimate
+    known = turned(wheel(3.0), t, 0.0, 0.0, pulse, gravity=WEIGHTLESS, breaks=(34.853, 35.153))
+    np.testing.assert_allclose(known.psi[-1], 100 - 35.003, rtol=0, atol=1e-11)
+    assert known.steps < 20
+
+
+def test_a_pulse_at_an_instant_alone_is_not_missed():
+    """One of the 3001 instants that are asked for lies in it; no step of its own would come near."""
+    t = np.linspace(0, 30, 3001)
+    found = turned(
+        wheel(), t, 0.0, 0.0, lambda t, *_: np.where(np.abs(t - 11.11) < 1e-4, 500.0, 0), gravity=WEIGHTLESS
+    )
+    assert found.psid[-1] == pytest.approx(0.1, abs=1e-8)
+
+
+def test_a_pulse_that_frees_what_is_held_is_not_missed():
+    load = hp.HingeLoad(friction=1.0, motor=lambda t, *_: np.where(np.abs(t - 35.003) < 0.15, 10.0, 0.0))
+    found = turned(wheel(3.0), np.linspace(0, 100, 11), 0.0, 0.0, load, gravity=WEIGHTLESS)
+    speed = 9 / 3 * 0.3  # reached after 0.3 s, lost after 2.7
+    assert found.psi[-1] == pytest.approx(speed * 0.3 / 2 + speed * 2.7 / 2, abs=1e-7)
+    assert found.psid[-1] == 0.0
+
+
+@pytest.mark.slow
+def test_a_pulse_on_a_swinging_rod_is_seen_by_the_estimate():
+    def kick(t, *_):
+        return np.where(np.abs(t - 1.0033) < 1e-3, 100.0, 0.0)
+
+    t = np.linspace(0, 2, 21)
+    known = turned(rod(), t, 0.0, 0.0, kick, breaks=(1.0023, 1.0043), tol=1e-13)
+    found = turned(rod(), t, 0.0, 0.0, kick)
+    error = np.abs(found.psi - known.psi).max()
+    assert error <= 1e-7
+    assert error / 3 <= found.psi_error_estimate <= 10 * error
+
+
+def test_a_jump_at_the_last_instant_ends_the_steps_before_it():
+    def torque(t, *_):
+        return np.where(t < 1, 1.0, 5.0)
+
+    for breaks in ((), (1.0,)):
+        found = turned(wheel(), np.linspace(0, 1, 5), 0.0, 0.0, torque, breaks=breaks)
+        np.testing.assert_allclose(found.psid[-1], 1.0, rtol=0, atol=1e-9)
+        assert found.steps < (8 if breaks else 60)
+
+
+@pytest.mark.parametrize("breaks", [[np.nan], [[1.0]], "now"])
+def test_breaks_that_are_no_instants_are_named(breaks):
+    with pytest.raises(hp.ArgumentError, match=r"^breaks: expected "):
+        turned(wheel(), [0, 1], 0.0, 0.0, pulse, breaks=breaks)
+
+
+# always ending
+
+
+@pytest.mark.slow
+def test_a_load_that_chatters_is_named_within_bounded_work():
+    calls = []
+
+    def rub(_t, _psi, psid):
+        calls.append(1)
+        return -0.5 * np.sign(psid)
+
+    with pytest.raises(
+        hp.SimulationError, match=r"hinge_torque jumps from 0\.5 to -0\.5 at psi' = .*friction"
+    ) as found:
+        turned(wheel(), [0, 4], 0.0, 1.0, rub)
+    assert found.value.t == pytest.approx(2.0, abs=0.01)
+    assert len(calls) < 150_000
+
+
+# the user's event
+
+
+def crossed(level, direction=0):
+    def event(_t, now):
+        return now.psi - level
+
+    event.direction = direction
+    return event
+
+
+def test_a_motion_ends_at_the_event_of_the_user():
+    t = np.linspace(0, 5, 51)
+    whole = turned(rod(), t, 0.0, 0.0, 0.0, tol=1e-12)
+    cut = turned(rod(), t, 0.0, 0.0, 0.0, tol=1e-12, until=crossed(1.0))
+    assert cut.psi[-1] == pytest.approx(1.0, abs=1e-13)
+    n = len(cut.t) - 1
+    assert t[n - 1] < cut.t[-1] < t[n]
+    np.testing.assert_allclose(cut.psi[:n], whole.psi[:n], rtol=0, atol=1e-11)
+    assert cut.R2.shape == (n + 1, 3)
+    assert cut.psi_error_estimate < 1e-9
+    back = turned(rod(), t, 0.0, 0.0, 0.0, tol=1e-12, until=crossed(1.0, -1))
+    assert back.psi[-1] == pytest.approx(1.0, abs=1e-13)
+    assert back.psid[-1] == pytest.approx(-cut.psid[-1], rel=1e-10)
+    np.testing.assert_array_equal(turned(rod(), t, 0.0, 0.0, 0.0, until=crossed(4.0)).t, t)
+
+
+def test_an_event_that_is_zero_at_the_start_waits_for_the_next():
+    swing = turned(rod(), np.linspace(0, 5, 51), 0.0, 0.0, 0.0, tol=1e-12, until=crossed(0.0, 0))
+    assert swing.t[-1] > 1
+
+
+def test_an_event_may_look_at_body_1():
+    start = hp.BodyMotion(R=(0, 0, 2), S=np.eye(3), v=(1, 0, 0), omega=(1, 2, 3))
+    body = hp.Body(1, inertia=(1, 1, 1))
+    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body1=body, body2=body)
+    fall = hp.simulate(pair, np.linspace(0, 3, 4), start, 0.0, 1.0, until=lambda _t, now: now.R1[:, 2])
+    assert fall.t[-1] == pytest.approx(np.sqrt(4 / 9.81), rel=1e-13)
+    with pytest.raises(hp.ArgumentError, match=r"^until: expected a callable"):
+        hp.simulate(pair, [0, 1], start, 0.0, 1.0, until=lambda _t, now: now.R1)

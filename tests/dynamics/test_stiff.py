@@ -1,0 +1,92 @@
+"""Loads that answer to psi and psi' far quicker than the motion goes on, in closed form and beside SciPy's Radau."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import hingepair as hp
+from support.sparse import sparse
+from support.states import generator, rotations
+
+STILL = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+
+
+def wheel(inertia):
+    return hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=inertia * np.eye(3)))
+
+
+@pytest.mark.parametrize("inertia", sparse([3e-5, 1.0, 1e-9], 2))
+def test_a_strong_damper_takes_no_short_steps(inertia):
+    """J psi'' = A sin(w t) - d psi'; d / J is up to 1e13 1/s."""
+    d, A, w, start, t = 1e4, 1e3, 50.0, 1.0, np.linspace(0, 0.2, 21)
+    load = hp.HingeLoad(damping=d, motor=lambda t, *_: A * np.sin(w * t))
+    found = hp.simulate(wheel(inertia), t, STILL, 0.0, start, base="fixed", hinge_torque=load)
+    decay, size = d / inertia, A / inertia / ((d / inertia) ** 2 + w**2)
+    left = start + size * w
+    rate = left * np.exp(-decay * t) + size * (decay * np.sin(w * t) - w * np.cos(w * t))
+    psi = left * -np.expm1(-decay * t) / decay + size * (decay * (1 - np.cos(w * t)) / w - np.sin(w * t))
+    np.testing.assert_allclose(found.psi, psi, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(found.psid, rate, rtol=0, atol=1e-7)
+    assert found.steps < 100
+    assert found.psi_error_estimate < 1e-10
+
+
+@pytest.mark.slow
+def test_a_stiff_spring_that_is_overdamped_takes_no_short_steps():
+    k, d, t = 1e6, 1e4, np.linspace(0, 0.5, 21)
+    load = hp.HingeLoad(stiffness=k, damping=d, motor=lambda t, *_: 1e3 * np.sin(5 * t))
+    found = hp.simulate(wheel(1e-2), t, STILL, 0.1, 0.0, base="fixed", hinge_torque=load)
+
+    def rates(t, y):
+        return [y[1], (1e3 * np.sin(5 * t) - k * y[0] - d * y[1]) / 1e-2]
+
+    expected = solve_ivp(rates, (0, 0.5), [0.1, 0.0], "Radau", t, rtol=1e-11, atol=1e-14).y
+    np.testing.assert_allclose(found.psi, expected[0], rtol=0, atol=1e-9)
+    assert found.steps < 150
+
+
+@pytest.mark.slow
+def test_smooth_friction_on_a_small_inertia_takes_no_short_steps():
+    J, friction, t = 3e-5, 0.05, np.linspace(0, 0.2, 21)
+
+    def motor(t, *_):
+        return 0.1 * np.sin(50 * t)
+
+    load = hp.HingeLoad(friction=friction, friction_rate=1e-2, motor=motor)
+    found = hp.simulate(wheel(J), t, STILL, 0.0, 1.0, base="fixed", hinge_torque=load)
+
+    def rates(t, y):
+        return [y[1], (motor(t) - friction * np.tanh(y[1] / 1e-2)) / J]
+
+    expected = solve_ivp(rates, (0, 0.2), [0.0, 1.0], "Radau", t, rtol=1e-11, atol=1e-13).y
+    np.testing.assert_allclose(found.psi, expected[0], rtol=0, atol=1e-8)
+    assert found.steps < 200
+
+
+@pytest.mark.slow
+def test_a_strong_damper_at_a_free_pair_leaves_one_rigid_body():
+    rng = generator(61)
+    bodies = [hp.Body(rng.uniform(1, 2), rng.normal(size=3), np.diag(rng.uniform(0.6, 1, 3))) for _ in range(2)]
+    pair = hp.HingePair(*rng.normal(size=(3, 3)), home=rotations(rng, 1)[0], body1=bodies[0], body2=bodies[1])
+    start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(1, 2, 3), omega=(1, -2, 0.5))
+    load, t = hp.HingeLoad(damping=1e8), np.linspace(0, 3, 31)
+    found = hp.simulate(pair, t, start, 0.3, 0.0, hinge_torque=load, gravity=(0, 0, 0))
+    np.testing.assert_allclose(found.psi, 0.3, rtol=0, atol=1e-6)
+    energy, momentum = found.energy().kinetic, found.momentum()
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-6)
+    size = np.abs(found.body1.R).max() * np.abs(momentum.linear).max() + np.abs(momentum.angular).max()
+    assert np.ptp(momentum.angular, axis=0).max() <= size * 2.0**-49
+    assert found.steps < 200
+
+
+@pytest.mark.slow
+def test_a_body_of_a_microgram_is_followed():
+    speck = hp.Body(1e-9, inertia=1e-9 * np.eye(3))
+    pair = hp.HingePair((0.1, 0, 0), (0.2, 0, 0), (0, 0, 1), body1=speck, body2=hp.Body(1.0, inertia=np.eye(3)))
+    start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0.1, 0.2, 0.3))
+    found = hp.simulate(pair, np.linspace(0, 1, 11), start, 0.1, 1.0)
+    assert found.steps < 2000
+    total = sum(found.energy())
+    np.testing.assert_allclose(total, total[0], rtol=1e-8)
