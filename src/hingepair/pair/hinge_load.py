@@ -147,7 +147,7 @@ class HingeLoad:
         return float(-np.expm1(-path) / into)
 
     def __call__(self, t: Any, psi: Any, psid: Any) -> Any:
-        """The torque [N m] at instants [s], hinge angles [rad] and rates [rad/s]; of floats or arrays."""
+        """Compute the torque [N m] at instants [s], hinge angles [rad] and rates [rad/s]; of floats or arrays."""
         return self.smooth((psi, psid), t, psi, psid)
 
     def smooth(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> Any:
