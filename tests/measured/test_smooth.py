@@ -142,7 +142,10 @@ def test_angles_that_truly_jump_are_left_as_they_are() -> None:
 def test_degrees_are_warned_of_and_stay_what_they_are() -> None:
     t = np.arange(400) / 20
     degrees = 90 * np.sin(3 * t)
-    with pytest.warns(hp.MeasurementWarning, match="body spans 180 rad, 28.6 turns: is it in radians"):
+    with (
+        pytest.warns(hp.MeasurementWarning, match="their noise cannot be told from motion"),  # they have none
+        pytest.warns(hp.MeasurementWarning, match="body spans 180 rad, 28.6 turns: is it in radians"),
+    ):
         found = hp.smooth(t, degrees)
     assert np.abs(found.psi - degrees).max() < 1e-3
     assert np.abs(found.psid - 270 * np.cos(3 * t))[40:-40].max() < 1e-2
@@ -213,3 +216,145 @@ def test_without_scipy_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setitem(sys.modules, "scipy.linalg", None)
     with pytest.raises(hp.MissingDependencyError, match="measured"):
         hp.smooth(np.arange(20) / 10, np.zeros(20))
+
+
+def correlated(share: float, count: int, seed: int) -> np.ndarray:
+    """Noise of variance 1 whose neighbours are correlated so much."""
+    from scipy.signal import lfilter
+
+    start = 500
+    white = np.random.default_rng(seed).standard_normal(count + start)
+    return lfilter([np.sqrt(1 - share * share)], [1, -share], white)[start:]
+
+
+def angle(t: np.ndarray) -> tuple[np.ndarray, ...]:
+    """An angle with its rates."""
+    return (
+        np.sin(t) + 0.3 * np.sin(7 * t + 1),
+        np.cos(t) + 2.1 * np.cos(7 * t + 1),
+        -np.sin(t) - 14.7 * np.sin(7 * t + 1),
+    )
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
+def test_noise_with_memory_is_not_followed(share: float) -> None:
+    """Taken for white it gives a bandwidth of 22 Hz and more, and psidd is 5 to 10 rad/s^2 off."""
+    t = np.arange(2000) / 200
+    psi, _, psidd = angle(t)
+    found = hp.smooth(t, psi + 1e-3 * correlated(share, 2000, 1))
+    assert found.correlation == pytest.approx(share, abs=0.12)
+    assert found.bandwidth < 4
+    assert rms(found.psidd - psidd) < 0.2
+    low, high = (0.5e-3, 2e-3) if share == 0.9 else (0.8e-3, 1.2e-3)  # slow noise is like motion
+    assert low < found.noise["psi"] < high
+
+
+@pytest.mark.parametrize("hertz", [6.0, 20.0])
+def test_samples_that_were_filtered_before_are_warned_of(hertz: float) -> None:
+    from scipy.signal import butter, filtfilt
+
+    t = np.arange(2000) / 200
+    raw = angle(t)[0] + 1e-3 * np.random.default_rng(0).standard_normal(2000)
+    with pytest.warns(hp.MeasurementWarning, match="as where samples were filtered before; what .noise and .std say"):
+        hp.smooth(t, filtfilt(*butter(2, hertz / 100), raw))
+
+
+def test_a_bandwidth_that_is_too_low_is_warned_of() -> None:
+    t = np.arange(2000) / 200
+    raw = angle(t)[0] + 1e-3 * np.random.default_rng(0).standard_normal(2000)
+    with pytest.warns(hp.MeasurementWarning, match=r"neighbouring samples is correlated .* bandwidth of 0.3 Hz"):
+        hp.smooth(t, raw, bandwidth=0.3)
+
+
+def scores_of_angles(seeds: int, share: float, loss: str = "linear", outliers: float = 0.0) -> np.ndarray:
+    """Errors of psi, psid, psidd in their standard deviations; (seeds, 3, N)."""
+    t = np.arange(600) / 100
+    truth = angle(t)
+    scores = []
+    for seed in range(seeds):
+        off = np.random.default_rng(seed).random(600) < outliers
+        found = hp.smooth(t, truth[0] + 2e-3 * correlated(share, 600, seed) + 0.2 * off, loss=loss)
+        names = ("psi", "psid", "psidd")
+        scores.append([(getattr(found, name) - x) / found.std[name] for name, x in zip(names, truth, strict=True)])
+    return np.array(scores)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_errors_of_every_sample_are_within_its_standard_deviation(share: float) -> None:
+    scores = scores_of_angles(12, share)
+    inside, ends = (np.sqrt((scores[..., rows] ** 2).mean(axis=(0, 2))) for rows in (slice(60, -60), [0, 1, -2, -1]))
+    assert (inside > 0.55).all()
+    assert (inside < 1.2).all()
+    assert (ends > 0.6).all()
+    assert (ends < 1.6).all()
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize(
+    ("share", "loss", "outliers"), [(0.0, "linear", 0.0), (0.5, "linear", 0.0), (0.0, "cauchy", 0.02)]
+)
+def test_errors_of_samples_are_within_the_intervals_in_a_hundred_runs(
+    share: float, loss: str, outliers: float
+) -> None:
+    inside = (np.abs(scores_of_angles(100, share, loss, outliers)) < 1.96).mean(axis=(0, 2))
+    assert inside.min() >= 0.9
+    assert inside.max() <= 0.999  # curves that the bandwidth follows closely are surer than they say
+
+
+def test_standard_deviations_grow_towards_ends_and_in_holes() -> None:
+    t = np.arange(1000) / 200
+    truth = motion(t)
+    body = noisy(truth, 1e-3, 2e-3, 4)
+    R = body.R.copy()
+    R[500:508] = np.nan
+    found = hp.smooth(t, hp.BodyMotion(R=R, S=body.S))
+    for name in ("R", "v", "a", "S", "omega", "alpha"):
+        assert found.std[name].shape == (1000, 3)
+        assert np.isfinite(found.std[name]).all()
+        assert found.std[name][0, 0] > 1.4 * np.median(found.std[name])
+    assert found.std["R"][504, 0] > 1.02 * found.std["R"][450, 0]
+    assert found.noise["R"] == pytest.approx(1e-3, rel=0.1)
+    assert found.std["S"][504, 0] < 1.01 * found.std["S"][450, 0]
+    z = (found.omega - truth.omega1) / found.std["omega"]
+    assert 0.5 < rms(z) < 1.6
+
+
+def test_outliers_are_warned_of_and_made_to_count_little() -> None:
+    t = np.arange(2000) / 200
+    psi, _, psidd = angle(t)
+    rng = np.random.default_rng(2)
+    raw = psi + 1e-3 * rng.standard_normal(2000) + 0.2 * (rng.random(2000) < 0.01)
+    with pytest.warns(hp.MeasurementWarning, match=r"% of the samples are outliers; loss=\"cauchy\""):
+        plain = hp.smooth(t, raw)
+    robust = hp.smooth(t, raw, loss="cauchy")
+    assert rms(plain.psidd - psidd) > 0.3
+    assert rms(robust.psidd - psidd) < 0.15
+    assert robust.noise["psi"] == pytest.approx(1e-3, rel=0.1)
+    with pytest.raises(hp.ArgumentError, match="loss"):
+        hp.smooth(t, raw, loss="tukey")
+
+
+def test_outliers_among_attitudes_count_little() -> None:
+    t = np.arange(1000) / 200
+    truth = motion(t)
+    body = noisy(truth, 1e-3, 2e-3, 4)
+    off = np.random.default_rng(3).random(1000) < 0.02
+    S = np.where(off[:, None, None], body.S @ hp.rotation_exp((0.5, -0.8, 0.3)), body.S)
+    found = hp.smooth(t, hp.BodyMotion(R=body.R, S=S), loss="cauchy")
+    good = hp.smooth(t, body)
+    assert rms(found.alpha - truth.alpha1) < 1.5 * rms(good.alpha - truth.alpha1)
+
+
+def test_the_inverse_of_bands_is_that_of_the_matrix() -> None:
+    from hingepair.measured.spline import Model, Spline
+
+    t = np.sort(np.random.default_rng(0).uniform(0, 3, 200))
+    spline = Spline([t[:90], t[90:] + 1], Model(3.0, 0.5), np.ones(200))
+    curves = spline.solve(np.eye(200))  # of samples that are 0 but for one
+    for order in range(3):
+        rows = spline.evaluate(curves, 1, t[90:] + 1, order)
+        smoother = rows @ np.linalg.inv((spline.whitener.T @ spline.whitener).toarray())
+        variances = spline.variances(1, t[90:] + 1, order)
+        if order == 0:
+            np.testing.assert_allclose(np.diagonal(smoother[:, 90:]), variances, rtol=1e-9)
+        assert (variances > 0).all()

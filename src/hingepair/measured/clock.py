@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.measured.hinge import Hinge
-from hingepair.measured.likelihood import PosesAt, seen_from
+from hingepair.measured.likelihood import Loss, PosesAt, seen_from
 from hingepair.measured.relative_poses import RelativePoses, closed_form, relative_poses
 from hingepair.measured.samples import Samples
 from hingepair.measured.smooth import smoothed_arrays
@@ -37,7 +37,7 @@ _MIN_GAIN = (
 class ClockedPoses:
     """Relative poses by clock offset: by how much later body 2 was recorded than body 1 at equal stamps."""
 
-    def __init__(self, samples: Samples) -> None:
+    def __init__(self, samples: Samples, loss: Loss | None) -> None:
         """Smooth the motion of body 2."""
         self._samples, self._t = samples, np.asarray(samples.t)
         self._rows = np.flatnonzero(samples.known1)
@@ -45,10 +45,10 @@ class ClockedPoses:
         hidden = ~known2
         R2, S2 = (array.astype(np.float64) for array in (samples.R2, samples.S2))
         R2[hidden], S2[hidden] = np.nan, np.nan
-        arrays, noise, _ = smoothed_arrays(t, R2, S2, None, _MAX_GAP)
+        arrays, parts = smoothed_arrays(t, R2, S2, None, _MAX_GAP, loss)
         self._rates = np.stack([np.nan_to_num(arrays[name]) for name in ("v", "omega", "a", "alpha")])
         self._smooth: NDArray[np.bool_] = np.asarray(np.isfinite(arrays["a"] + arrays["alpha"]).all(axis=1))
-        self._rate_noise = noise["v"], noise["omega"]
+        self._rate_noise = parts["R"].errors[1], parts["S"].errors[1]
         self._step = float(np.median(np.diff(t)))
 
     @staticmethod

@@ -374,7 +374,7 @@ def _estimate(
     start = None if loss is None else closed_form_of_most(poses)
     clock = None
     if samples.t is not None and clock_offset != 0 and ClockedPoses.possible(samples.t, samples.known2):
-        clock = ClockedPoses(samples)
+        clock = ClockedPoses(samples, loss)
     if clock is not None and clock_offset is not None:
         there = clock.at(clock_offset)._replace(rates=None)
         if there.samples < 2:

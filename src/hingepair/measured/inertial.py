@@ -221,7 +221,8 @@ def fit_anchor(
     for own, force, gamma, each in zip((slice(0, 3), slice(3, 6)), forces, gammas, smooth, strict=True):
         felt = force + gamma @ u[own]
         felt /= np.maximum(np.linalg.norm(felt, axis=-1, keepdims=True), 1e-300)
-        noise[own, own] = float(each.errors[1]) ** 2 * (used.size * np.eye(3) - felt.T @ felt)
+        variances = each.deviations[1, used] ** 2
+        noise[own, own] = variances.sum() * np.eye(3) - (felt * variances[:, None]).T @ felt
     inner, unseen = _covariance(across.T @ u, rest, change @ across, across.T @ noise @ across, _MIN_POINT_SIGNAL)
     covariance = gauge @ across @ inner @ across.T @ gauge.T
     hidden = (gauge @ across) ** 2 @ unseen > 1e-3

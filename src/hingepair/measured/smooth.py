@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError
+from hingepair.measured.likelihood import LOSSES, Loss
 from hingepair.measured.resample import interpolated
 from hingepair.measured.spline import FEWEST, Smoothed, smooth_columns
-from hingepair.numeric.arrays import Float64Array, Frozen, finite_number, read_only, real_array
+from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, finite_number, read_only, real_array
 from hingepair.numeric.instants import (
     checked_gaps,
     increasing_seconds,
@@ -35,6 +36,9 @@ from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
 _ROUNDS = 2  # of smoothing attitudes; the second starts from the smooth path of the first
 _ORDER = 6  # of the differences that make omega and alpha of smooth attitudes
+_LETTERS = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
+_MAX_LEFT = 0.2  # correlation of what is left of neighbouring samples, that is not warned of
+_ROUNDING = 1e-11  # noise, in parts of the largest sample, that is rounding
 _MAX_NOISE_SHARE = 0.5  # noise in a derivative that is not warned of, as a part of the derivative
 
 
@@ -46,18 +50,32 @@ class SmoothedMotion(BodyMotion):
         noise: standard deviations by letter, of one component: R, S the noise of the samples [m, rad]; v, omega, a,
             alpha what this noise leaves in the derivatives [m/s, rad/s, m/s^2, rad/s^2], away from ends and gaps: in
             the last 1 / bandwidth seconds before one, derivatives are ten to twenty times worse.
+        std: standard deviations of every sample by letter, component by component, ends and gaps reckoned with;
+            (N, 3) each, of S those of a rotation vector [rad].
         bandwidth: of the smoothing, of R and S [Hz]: a cosine of this frequency is halved.
+        correlation: of the noise of neighbouring samples, of R and S, as far as it is reckoned with.
+        t: instants since the first [s]; (N,).
     """
 
     noise: Mapping[str, float]
+    std: Mapping[str, Float64Array]
     bandwidth: Mapping[str, float]
+    correlation: Mapping[str, float]
+    t: Float64Array
 
-    def __init__(
-        self, arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float], bandwidth: Mapping[str, float]
-    ) -> None:
+    def __init__(self, t: Float64Array, arrays: Mapping[str, NDArray[Any]], parts: Mapping[str, Smoothed]) -> None:
         BodyMotion.__init__(self, **arrays)
+        noise: dict[str, float] = {}
+        std: dict[str, Float64Array] = {}
+        for names, letter in ((_LETTERS["R"], "R"), (_LETTERS["S"], "S")):
+            noise |= _named(names, parts[letter])
+            for name, deviations in zip(names, parts[letter].deviations, strict=True):
+                std[name] = read_only(np.broadcast_to(deviations[:, None], (t.size, 3)))
         object.__setattr__(self, "noise", noise)
-        object.__setattr__(self, "bandwidth", bandwidth)
+        object.__setattr__(self, "std", std)
+        object.__setattr__(self, "bandwidth", {letter: part.bandwidth for letter, part in parts.items()})
+        object.__setattr__(self, "correlation", {letter: part.correlation for letter, part in parts.items()})
+        object.__setattr__(self, "t", read_only(t))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,31 +88,47 @@ class SmoothedAngle(Frozen):
         psidd: its second time derivative [rad/s^2].
         noise: standard deviations: psi the noise of the samples; psid, psidd what it leaves in the derivatives away
             from ends and gaps, where they are ten to twenty times worse.
+        std: standard deviations of every sample of psi, psid, psidd by name, ends and gaps reckoned with; (N,) each.
         bandwidth: of the smoothing [Hz].
+        correlation: of the noise of neighbouring samples, as far as it is reckoned with.
+        t: instants since the first [s]; (N,).
     """
 
     psi: Float64Array
     psid: Float64Array
     psidd: Float64Array
     noise: Mapping[str, float]
+    std: Mapping[str, Float64Array]
     bandwidth: float
+    correlation: float
+    t: Float64Array
 
     def __iter__(self) -> Iterator[Float64Array]:
         return iter((self.psi, self.psid, self.psidd))
 
 
 @overload
-def smooth(t: ArrayLike, body: BodyMotion, bandwidth: float | None = None, gaps: float = 0.05) -> SmoothedMotion: ...
-@overload
-def smooth(t: ArrayLike, body: ArrayLike, bandwidth: float | None = None, gaps: float = 0.05) -> SmoothedAngle: ...
 def smooth(
-    t: ArrayLike, body: BodyMotion | ArrayLike, bandwidth: float | None = None, gaps: float = 0.05
+    t: ArrayLike, body: BodyMotion, bandwidth: float | None = None, gaps: float = 0.05, loss: str = "linear"
+) -> SmoothedMotion: ...
+@overload
+def smooth(
+    t: ArrayLike, body: ArrayLike, bandwidth: float | None = None, gaps: float = 0.05, loss: str = "linear"
+) -> SmoothedAngle: ...
+def smooth(
+    t: ArrayLike,
+    body: BodyMotion | ArrayLike,
+    bandwidth: float | None = None,
+    gaps: float = 0.05,
+    loss: str = "linear",
 ) -> SmoothedMotion | SmoothedAngle:
     """Smooth a recorded motion, or a recorded hinge angle, and differentiate it twice.
 
     Smoothing splines (`hingepair.measured.spline`), of attitudes on the rotation group: the bandwidth of each is what
-    the data ask for (generalised cross validation), or what is given. Nothing is delayed. What is further than `gaps`
-    from the samples beside it is a gap: NaN, and never differentiated across. Shorter ones are filled.
+    the data ask for (generalised cross validation), or what is given. Noise may be white, or correlated from sample
+    to sample; what was filtered before cannot be told from motion, and is warned of. Nothing is delayed. What is
+    further than `gaps` from the samples beside it is a gap: NaN, and never differentiated across. Shorter ones are
+    filled.
 
     Args:
         t: instants, increasing, not necessarily uniform: seconds, datetime64 or integer nanoseconds since 1970; (N,).
@@ -102,10 +136,11 @@ def smooth(
             they lie within one turn and jump by nearly 2 pi. NaN where nothing was recorded.
         bandwidth: frequency that is halved [Hz]; much lower ones pass, much higher ones do not.
         gaps: the longest time without a sample that is filled [s] (at least one and a half steps are).
+        loss: "linear", or one that makes outliers count little, as in `fit`: "soft_l1", "huber", "cauchy", "arctan".
 
     Returns:
-        Of a body a BodyMotion with v, omega, a, alpha, and `.noise`, `.bandwidth`; of angles a SmoothedAngle,
-        which unpacks as psi, psid, psidd and has the same two.
+        Of a body a BodyMotion with v, omega, a, alpha, `.std` of every sample, `.noise` and `.bandwidth`; of angles a
+        SmoothedAngle, which unpacks as psi, psid, psidd and has these three too.
 
     Raises:
         ArgumentError: an argument cannot be used; names it. Stamps that repeat or go back are named. Wrapped degrees
@@ -113,8 +148,8 @@ def smooth(
         MissingDependencyError: SciPy is not installed.
 
     Warns:
-        MeasurementWarning: noise is more than half of a derivative; stamps jitter; or instants are probably no
-            seconds, angles no radians.
+        MeasurementWarning: noise is more than half of a derivative; samples seem to have been filtered before; some
+            are outliers; stamps jitter; or instants are probably no seconds, angles no radians.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -126,6 +161,7 @@ def smooth(
     """
     time, _ = increasing_seconds("t", t)
     longest = checked_gaps(gaps)
+    check_choice("loss", loss, LOSSES)
     if bandwidth is not None and finite_number("bandwidth", bandwidth) <= 0:
         raise ArgumentError("bandwidth", "a positive frequency [Hz]", bandwidth)
     given = body if isinstance(body, BodyMotion) else real_array("body", body)
@@ -133,54 +169,70 @@ def smooth(
         raise ShapeError("body", f"a BodyMotion or angles of shape {time.shape}, as t", f"shape {given.shape}")
     warn_of_measurements([*instant_suspicions("t", time), *jitter_suspicions("t", time)])
     if isinstance(given, BodyMotion):
-        return _smooth_body(time, given, bandwidth, longest)
+        return _smooth_body(time, given, bandwidth, longest, LOSSES[loss])
     angles = given.astype(np.float64)
     if is_wrapped(angles, 360.0):
         raise ArgumentError("body", "angles in radians: numpy.radians(body)", "jumps by nearly 360, as of degrees")
     if not is_wrapped(angles):
         warn_of_measurements(angle_suspicions("body", angles))
-    return _smooth_angle(time, angles, bandwidth, longest)
+    return _smooth_angle(time, angles, bandwidth, longest, LOSSES[loss])
 
 
-def _smooth_body(t: Float64Array, body: BodyMotion, bandwidth: float | None, gaps: float) -> SmoothedMotion:
+def _smooth_body(
+    t: Float64Array, body: BodyMotion, bandwidth: float | None, gaps: float, loss: Loss | None
+) -> SmoothedMotion:
     R = np.broadcast_to(body.R, (t.size, 3)).astype(np.float64)
     S = np.broadcast_to(body.S, (t.size, 3, 3)).astype(np.float64)
-    arrays, noise, hertz = smoothed_arrays(t, R, S, bandwidth, gaps)
-    _warn_of_noise(arrays, noise)
-    return SmoothedMotion(arrays, noise, hertz)
+    arrays, parts = smoothed_arrays(t, R, S, bandwidth, gaps, loss)
+    motion = SmoothedMotion(t, arrays, parts)
+    sentences: list[str] = []
+    rates: tuple[str, ...] = ()
+    for letter, samples in (("R", R), ("S", S)):
+        if not _is_rounding(samples, parts[letter]):
+            sentences += _suspicions(f"body.{letter}", samples, parts[letter], loss)
+            rates += _LETTERS[letter][1:]
+    warn_of_measurements([*sentences, *_noise_suspicions(rates, arrays, motion.noise)], stacklevel=4)
+    return motion
 
 
 def smoothed_arrays(
-    t: Float64Array, R: Float64Array, S: Float64Array, bandwidth: float | None, gaps: float
-) -> tuple[dict[str, Float64Array], dict[str, float], dict[str, float]]:
-    """Return R, v, a, S, omega and alpha of smoothed poses by name, their noise, and the bandwidths [Hz]."""
+    t: Float64Array,
+    R: Float64Array,
+    S: Float64Array,
+    bandwidth: float | None,
+    gaps: float,
+    loss: Loss | None,
+) -> tuple[dict[str, Float64Array], dict[str, Smoothed]]:
+    """Return R, v, a, S, omega and alpha of smoothed poses by name, and how sure those of R and of S are."""
     where = _pieces("body.R", t, R, gaps)
     origin = R[where[0][0]]
-    places = smooth_columns(t, R - origin, where, bandwidth)
-    arrays = dict(zip(("R", "v", "a"), (places.values[0] + origin, *places.values[1:]), strict=True))
-    noise = _named(("R", "v", "a"), places)
-    where = _pieces("body.S", t, S, gaps)
-    turns, attitude, hertz = _smooth_attitudes(t, S, where, gaps, bandwidth)
-    return arrays | turns, noise | attitude, {"R": places.bandwidth, "S": hertz}
+    places = smooth_columns(t, R - origin, where, bandwidth, loss)
+    arrays = dict(zip(_LETTERS["R"], (places.values[0] + origin, *places.values[1:]), strict=True))
+    turns, attitudes = _smooth_attitudes(t, S, _pieces("body.S", t, S, gaps), gaps, bandwidth, loss)
+    return arrays | turns, {"R": places, "S": attitudes}
 
 
 def _smooth_attitudes(
-    t: Float64Array, S: Float64Array, where: Sequence[NDArray[np.intp]], gaps: float, bandwidth: float | None
-) -> tuple[dict[str, Float64Array], dict[str, float], float]:
-    """Return smooth attitudes with omega and alpha, their noise, and the bandwidth [Hz]."""
+    t: Float64Array,
+    S: Float64Array,
+    where: Sequence[NDArray[np.intp]],
+    gaps: float,
+    bandwidth: float | None,
+    loss: Loss | None,
+) -> tuple[dict[str, Float64Array], Smoothed]:
+    """Return smooth attitudes with omega and alpha, and how sure they are."""
     whole = [slice(piece[0], piece[-1] + 1) for piece in where]
     base = interpolated(t, S, t, gaps, rotations=True)
     for _ in range(_ROUNDS):
         flat, frames = _rolled_out(base, whole)
         off = rotation_vector(np.swapaxes(base, -1, -2) @ S)
-        found = smooth_columns(t, flat + np.einsum("nji,nj->ni", frames, off), where, bandwidth)
+        found = smooth_columns(t, flat + np.einsum("nji,nj->ni", frames, off), where, bandwidth, loss)
         bandwidth = found.bandwidth
         base = base @ rotation_exp(np.einsum("nij,nj->ni", frames, found.values[0] - flat))
     omega, alpha = np.full((2, t.size, 3), np.nan)
     for piece in whole:
         omega[piece], alpha[piece] = angular_velocity_from_samples(t[piece], base[piece], _ORDER, with_alpha=True)
-    noise = _named(("S", "omega", "alpha"), found)
-    return {"S": base, "omega": omega, "alpha": alpha}, noise, found.bandwidth
+    return {"S": base, "omega": omega, "alpha": alpha}, found
 
 
 def _rolled_out(S: Float64Array, whole: Sequence[slice]) -> tuple[Float64Array, Float64Array]:
@@ -207,14 +259,25 @@ def _products(turns: Float64Array) -> Float64Array:
     return product
 
 
-def _smooth_angle(t: Float64Array, psi: Float64Array, bandwidth: float | None, gaps: float) -> SmoothedAngle:
+def _smooth_angle(
+    t: Float64Array, psi: Float64Array, bandwidth: float | None, gaps: float, loss: Loss | None
+) -> SmoothedAngle:
     where = _pieces("body", t, psi, gaps)
-    found = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], where, bandwidth)
+    found = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], where, bandwidth, loss)
     names = ("psi", "psid", "psidd")
     arrays = {name: read_only(array[:, 0]) for name, array in zip(names, found.values, strict=True)}
     noise = _named(names, found)
-    _warn_of_noise(arrays, noise)
-    return SmoothedAngle(**arrays, noise=noise, bandwidth=found.bandwidth)
+    if not _is_rounding(psi, found):
+        sentences = [*_suspicions("body", psi, found, loss), *_noise_suspicions(names[1:], arrays, noise)]
+        warn_of_measurements(sentences, stacklevel=4)
+    return SmoothedAngle(
+        **arrays,
+        noise=noise,
+        std={name: read_only(std) for name, std in zip(names, found.deviations, strict=True)},
+        bandwidth=found.bandwidth,
+        correlation=found.correlation,
+        t=read_only(t),
+    )
 
 
 def _pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> list[NDArray[np.intp]]:
@@ -231,15 +294,40 @@ def _named(names: tuple[str, str, str], found: Smoothed) -> dict[str, float]:
     return dict(zip(names, (found.noise, *found.errors[1:].tolist()), strict=True))
 
 
-def _warn_of_noise(arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float]) -> None:
-    """Warn where a derivative is noise for the most part."""
+def _is_rounding(samples: Float64Array, found: Smoothed) -> bool:
+    """Return whether the noise of samples is no more than their rounding, so that there is nothing to say of it."""
+    return bool(found.noise <= _ROUNDING * float(np.nanmax(np.abs(samples))))
+
+
+def _suspicions(name: str, samples: Float64Array, found: Smoothed, loss: Loss | None) -> list[str]:
+    """Return sentences on samples that were filtered before, whose noise is correlated, or that are outliers."""
+    count = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1).sum()
+    too_small = "what .noise and .std say is too small"
+    sentences = []
+    if found.limited:
+        sentences.append(
+            f"{name}: the bandwidth is the highest that the samples allow, {found.bandwidth:.3g} Hz: their noise "
+            f"cannot be told from motion, as where samples were filtered before; {too_small}. Smooth the raw samples."
+        )
+    elif found.left > max(_MAX_LEFT, 4 / np.sqrt(count)):
+        sentences.append(
+            f"{name}: what smoothing leaves of neighbouring samples is correlated ({found.left:.2g}): motion that "
+            f"the bandwidth of {found.bandwidth:.3g} Hz leaves out, or noise with a long memory; {too_small}."
+        )
+    if found.outlying > 0 and loss is None and not found.limited:
+        share = f"{100 * found.outlying:.2g} % of the samples are outliers"
+        sentences.append(f'{name}: {share}; loss="cauchy" makes them count little.')
+    return sentences
+
+
+def _noise_suspicions(
+    names: tuple[str, ...], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float]
+) -> list[str]:
+    """Return a sentence where a derivative is noise for the most part."""
     drowned = []
-    for letter in ("v", "omega", "psid", "a", "alpha", "psidd"):
-        if letter in arrays:
-            size = float(np.sqrt(np.nanmean(np.square(arrays[letter]))))
-            if noise[letter] > _MAX_NOISE_SHARE * size:
-                unit = unit_of(letter)
-                drowned.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
-    if drowned:
-        message = f"{'; '.join(drowned)} (rms of a component): a lower bandwidth leaves less"
-        warn_of_measurements([message], stacklevel=5)
+    for letter in names:
+        size = float(np.sqrt(np.nanmean(np.square(arrays[letter]))))
+        if noise[letter] > _MAX_NOISE_SHARE * size:
+            unit = unit_of(letter)
+            drowned.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
+    return [f"{'; '.join(drowned)} (rms of a component): a lower bandwidth leaves less"] if drowned else []

@@ -10,19 +10,30 @@ the same motion.
 The bandwidth is that of the least generalised cross validation (Craven and Wahba, Numerische Mathematik 31 (1979),
 377-403), each degree of freedom counted 1.4 times, against its habit of following noise now and then (Kim and Gu,
 Journal of the Royal Statistical Society B 66 (2004), 337-356).
+
+Noise whose neighbours are correlated would be followed as if it were motion. So the spectrum of the samples tells
+first whether the correlation of their noise falls by a factor from step to step (an autoregressive process of order
+1; the likelihood is that of Whittle, Arkiv för Matematik 2 (1953), 423-434). By it samples are whitened (Kohn, Ansley
+and Wong, Biometrika 79 (1992), 335-346).
+
+The curve is the mean of a Gaussian process given the samples, so the inverse of the matrix that is solved is its
+covariance (Wahba, Journal of the Royal Statistical Society B 45 (1983), 133-150): the standard deviation of every
+sample and derivative, ends and gaps included.
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import MissingDependencyError
+from hingepair.measured.likelihood import Loss
 from hingepair.numeric.arrays import Float64Array
 
 FEWEST = 8
@@ -34,6 +45,20 @@ _COUNTED = 1.4  # how often generalised cross validation counts each degree of f
 _WIDER = 1.1
 """What the bandwidth of least cross validation is multiplied by: derivatives near the ends gain more by it than those
 in the middle lose."""
+_CORRELATIONS = np.concatenate((np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97)))  # that are tried
+_MIN_CORRELATION_GAIN = 12.0  # in the logarithm of the likelihood, from which noise is taken for correlated
+_LOWEST_TERM = 4  # of a tapered spectrum: slower ones are of the taper itself
+_MIN_SPECTRUM = 128  # samples of a piece whose spectrum is taken
+_TAPER = (0.35875, -0.48829, 0.14128, -0.01168)  # Blackman and Harris's: little of slow motion leaks into fast noise
+_TAPERED_SHARE = 0.5  # of the terms of a tapered spectrum that are independent
+_MAX_WINSORISED_WEIGHT = 0.3  # of samples that the curve replaces, where the correlation of noise is sought
+_MAX_CORRELATED_STEP = 1.5  # of the usual step, over which neighbours' noise is correlated
+_REWEIGHTINGS, _CHOICES = 6, 2  # of samples, by a loss; of the bandwidth meanwhile
+_GROSS_SIZE = 100.0  # in variances, from which a sample counts nothing in losses but "linear"
+_LOSS_SCALES = {1: 3.84, 3: 7.81}  # squares, in variances, at which losses bend: 95 % of good samples are below
+_MEDIANS = {1: 0.4549, 3: 2.3660}  # of chi-squared, by degrees of freedom
+_LEAST_WEIGHT = 1e-6  # of a sample that is far off
+_MORE_BANDS = 2  # by which neighbours that are correlated reach further
 _PROBES = 16  # vectors of signs that the degrees of freedom are estimated with
 _WINDOW, _WINDOWS = 4096, 8
 """Of long records the bandwidth is chosen on so many stretches of so many samples."""
@@ -43,17 +68,39 @@ class Smoothed(NamedTuple):
     """Smooth columns at the instants asked for, and how sure they are."""
 
     values: Float64Array  # and first and second derivative; shape (3, M, k); NaN outside the pieces
+    deviations: Float64Array  # standard deviations of a column of these; shape (3, M)
     bandwidth: float  # of the smoothing [Hz]
     noise: float  # standard deviation of the noise of one sample of one column
-    errors: Float64Array  # standard deviations that this leaves in values, first and second derivatives; shape (3,)
+    correlation: float  # of the noise of neighbours, as far as it is reckoned with
+    left: float  # correlation of what is left of neighbours, whitened by that
+    limited: bool  # whether the bandwidth is the highest that the samples allow
+    outlying: float  # part of the samples that are outliers
+
+    @property
+    def errors(self) -> Float64Array:
+        """Return the usual standard deviations of values, first and second derivatives; shape (3,)."""
+        return np.asarray(np.nanmedian(self.deviations, axis=1))
+
+
+class Model(NamedTuple):
+    """What a smoothing supposes: how fast the motion changes, and how the noise of neighbours is correlated."""
+
+    bandwidth: float  # [Hz]
+    correlation: float  # of the noise of samples one usual step apart
+    limited: bool = False  # whether the bandwidth is the highest that the samples allow
 
 
 def smooth_columns(
-    t: Float64Array, columns: Float64Array, pieces: Sequence[NDArray[np.intp]], bandwidth: float | None
+    t: Float64Array,
+    columns: Float64Array,
+    pieces: Sequence[NDArray[np.intp]],
+    bandwidth: float | None,
+    loss: Loss | None = None,
 ) -> Smoothed:
     """Smooth columns (N, k) piece by piece, with derivatives, at every instant between the ends of a piece.
 
-    A piece has FEWEST samples at least, all of them finite. A bandwidth of None is chosen by the data.
+    A piece has FEWEST samples at least, all of them finite. A bandwidth of None is chosen by the data. A loss makes
+    samples that are off count little, each as a whole.
 
     Raises:
         MissingDependencyError: SciPy is not installed.
@@ -64,45 +111,100 @@ def smooth_columns(
         wanted = "SciPy (pip install '.[measured]' in the project's folder)"
         raise MissingDependencyError("smooth", wanted, str(error)) from None
     used = np.concatenate(pieces)
-    if bandwidth is None:
-        bandwidth = _chosen_bandwidth(t, columns, pieces)
-    spline = Spline([t[piece] for piece in pieces], bandwidth)
-    probes = np.random.default_rng(0).standard_normal((used.size, 4))
-    fitted = spline.solve(np.concatenate((columns[used], probes), axis=-1))
-    k = columns.shape[1]
-    values = np.full((3, t.size, k + 4), np.nan)
+    k, weights, rest = columns.shape[1], np.ones(used.size), np.zeros((used.size, columns.shape[1]))
+    for turn in range(1 if loss is None else _REWEIGHTINGS):
+        if turn < _CHOICES:
+            clean, off = columns.copy(), weights < _MAX_WINSORISED_WEIGHT
+            clean[used[off]] -= rest[off]
+            model = _chosen_model(t, columns, clean, pieces, weights, bandwidth)
+        spline = Spline([t[piece] for piece in pieces], model, weights)
+        fitted = spline.solve(columns[used])
+        rest = columns[used] - spline.fitted(fitted)
+        freedom = max(used.size - spline.freedom(), 1.0)
+        squares = (rest * rest).sum(axis=1)
+        if loss is None:
+            white = spline.whitened(rest)
+            variance = float((white * white).sum() / (k * freedom))
+        else:
+            variance = float(np.median(squares)) / _MEDIANS[k] * used.size / freedom
+            sizes = squares / max(variance, 1e-300)
+            weights = np.where(sizes > _GROSS_SIZE, 0.0, loss(sizes / _LOSS_SCALES[k])[0])
+            weights = np.maximum(weights, _LEAST_WEIGHT)
+    white = spline.whitened(rest)
+    values, deviations = np.full((3, t.size, k), np.nan), np.full((3, t.size), np.nan)
     for i, piece in enumerate(pieces):
         own = slice(piece[0], piece[-1] + 1)
-        values[:, own] = [spline.evaluate(fitted, i, t[own], order) for order in range(3)]
-    rest = columns[used] - values[0, used, :k]
-    freedom = max(used.size - spline.freedom(), 1.0)
-    noise = float(np.sqrt((rest * rest).sum() / (k * freedom)))
-    errors = noise * np.sqrt(np.nanmean(values[:, :, k:] ** 2, axis=(1, 2)))
-    return Smoothed(values[:, :, :k], bandwidth, noise, errors)
+        for order in range(3):
+            values[order, own] = spline.evaluate(fitted, i, t[own], order)
+            deviations[order, own] = np.sqrt(variance * spline.variances(i, t[own], order))
+    power = (white * white).sum()
+    return Smoothed(
+        values=values,
+        deviations=deviations,
+        bandwidth=model.bandwidth,
+        noise=float(np.sqrt(variance)),
+        correlation=model.correlation,
+        left=float((white[1:] * white[:-1]).sum() / power) if power > 0 else 0.0,
+        limited=model.limited,
+        outlying=float(np.mean(squares > _GROSS_SIZE / 2 * max(float(np.median(squares)) / _MEDIANS[k], 1e-300))),
+    )
 
 
-def _chosen_bandwidth(t: Float64Array, columns: Float64Array, pieces: Sequence[NDArray[np.intp]]) -> float:
-    """Return the bandwidth [Hz] of least generalised cross validation."""
+def _chosen_model(
+    t: Float64Array,
+    columns: Float64Array,
+    clean: Float64Array,
+    pieces: Sequence[NDArray[np.intp]],
+    weights: Float64Array,
+    bandwidth: float | None,
+) -> Model:
+    """Return the bandwidth [Hz] of least generalised cross validation, and the correlation of the noise.
+
+    Args:
+        t: instants [s]; shape (N,).
+        columns: samples; shape (N, k).
+        clean: the same without outliers, which tell the correlation.
+        pieces: which samples are smoothed together.
+        weights: of the samples of all pieces.
+        bandwidth: the bandwidth, where it is known.
+    """
+    whole = np.full(t.size, np.nan)
+    whole[np.concatenate(pieces)] = weights
     if sum(piece.size for piece in pieces) > _WINDOW * _WINDOWS:
         pieces = _stretches(pieces)
     times = [t[piece] - t[piece[0]] for piece in pieces]
-    values = np.concatenate([columns[piece] for piece in pieces])
+    used = np.concatenate(pieces)
+    values, weights = columns[used], whole[used]
+    correlation = _noise_correlation([clean[run] for piece in pieces for run in _even_runs(t, piece)])
+    if bandwidth is not None:
+        return Model(bandwidth, correlation)
+
+    model = _of_least_cross_validation(times, values, weights, correlation)
+    # of samples without noise the spectrum tells nothing of it
+    return _of_least_cross_validation(times, values, weights, 0.0) if model.limited and correlation else model
+
+
+def _of_least_cross_validation(
+    times: Sequence[Float64Array], values: Float64Array, weights: Float64Array, correlation: float
+) -> Model:
+    """Return the bandwidth [Hz] of least generalised cross validation for a correlation of neighbours' noise."""
     count = values.shape[0]
     longest, step = max(time[-1] for time in times), sum(time[-1] for time in times) / count
 
     def score(logarithm: float) -> float:
-        spline = Spline(times, float(np.exp(logarithm)))
+        spline = Spline(times, Model(float(np.exp(logarithm)), correlation), weights)
         share = 1 - _COUNTED * spline.freedom() / count
         if share <= 0:
             return np.inf
-        rest = values - spline.fitted(spline.solve(values))
+        rest = spline.whitened(values - spline.fitted(spline.solve(values)))
         return float((rest * rest).sum() / share**2)
 
     scan = np.arange(np.log(0.1 / longest), np.log(0.5 / step), np.log(2) / 2)
     scores = np.array([score(x) for x in scan])
     if not np.isfinite(scores).any():
-        return float(np.exp(scan[0]))
+        return Model(float(np.exp(scan[0])), correlation)
     best = int(np.argmin(scores))
+    limited = bool(best >= np.flatnonzero(np.isfinite(scores))[-1] - 1)
     found, width = float(scan[best]), np.log(2) / 4
     lowest = scores[best]
     for _ in range(3):
@@ -110,7 +212,51 @@ def _chosen_bandwidth(t: Float64Array, columns: Float64Array, pieces: Sequence[N
             if (value := score(x)) < lowest:
                 found, lowest = x, value
         width /= 2
-    return _WIDER * float(np.exp(found))
+    return Model(_WIDER * float(np.exp(found)), correlation, limited)
+
+
+def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Return the parts of a piece without holes, since a spectrum supposes even steps."""
+    steps = np.diff(t[piece])
+    return np.split(piece, np.flatnonzero(steps > _MAX_CORRELATED_STEP * np.median(steps)) + 1)
+
+
+def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
+    """Return the correlation of neighbours' noise that the spectrum of columns tells; 0 where it may be white.
+
+    The spectrum is taken for that of a motion that falls with the tenth power of the frequency, and of noise.
+    """
+    frequencies, powers = [], []
+    for values in pieces:
+        count = values.shape[0]
+        if count < _MIN_SPECTRUM:
+            continue
+        place = np.arange(count)
+        angle = 2 * np.pi * place / count
+        taper = sum(part * np.cos(i * angle) for i, part in enumerate(_TAPER))
+        line = np.polynomial.polynomial.polyfit(place / count, values, 1)
+        level = values - np.polynomial.polynomial.polyval(place / count, line).T
+        power = (np.abs(np.fft.rfft(level * taper[:, None], axis=0)) ** 2).sum(axis=1) / (taper @ taper)
+        frequencies.append(np.arange(_LOWEST_TERM, power.size - 1) / count)
+        powers.append(power[_LOWEST_TERM : power.size - 1])
+    if not powers:
+        return 0.0
+    f, power = np.concatenate(frequencies), np.concatenate(powers)
+    if not power.max() > 0:
+        return 0.0
+    power = np.maximum(power / power.max(), 1e-300)
+    corners = np.exp(np.arange(np.log(f.min()), np.log(0.4), np.log(2) / 4))
+    motion = (corners[:, None] / f) ** (2 * _PENALTY)
+    cosine = np.cos(2 * np.pi * f)
+    costs = []
+    for correlation in _CORRELATIONS:
+        noise = (1 - correlation**2) / (1 + correlation**2 - 2 * correlation * cosine)
+        shape = noise + motion * (1 + correlation) / (1 - correlation)
+        costs.append(float((np.log(shape).sum(axis=1) + f.size * np.log((power / shape).mean(axis=1))).min()))
+    columns = pieces[0].shape[1]
+    best = int(np.argmin(costs))
+    gain = _TAPERED_SHARE * columns * (costs[0] - costs[best])
+    return float(_CORRELATIONS[best]) if gain > _MIN_CORRELATION_GAIN else 0.0
 
 
 def _stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
@@ -125,31 +271,46 @@ def _stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
 
 
 class Spline:
-    """B-splines on uniform knots of their own in each piece (instants [s]), and the penalty of a bandwidth [Hz]."""
+    """B-splines on uniform knots of their own in each piece (instants [s]), and the penalty of a bandwidth."""
 
-    def __init__(self, times: Sequence[Float64Array], bandwidth: float) -> None:
+    def __init__(self, times: Sequence[Float64Array], model: Model, weights: Float64Array | None = None) -> None:
         from scipy.interpolate import BSpline
         from scipy.linalg import cholesky_banded
         from scipy.sparse import block_diag
 
         step = sum(time[-1] - time[0] for time in times) / sum(time.size - 1 for time in times)
-        widest = max(1 / (_KNOTS * bandwidth), step) * (1 + 1e-12)
+        widest = max(1 / (_KNOTS * model.bandwidth), step) * (1 + 1e-12)
         inner = [np.linspace(time[0], time[-1], 1 + math.ceil((time[-1] - time[0]) / widest)) for time in times]
         self.knots = [_continued(own) for own in inner]
         self.ends = np.cumsum([own.size - _DEGREE - 1 for own in self.knots])
         self.basis = block_diag(
             [BSpline.design_matrix(time, own, _DEGREE) for time, own in zip(times, self.knots, strict=True)], "csr"
         )
-        self.normal = self.basis.T @ self.basis
+        self.whitener = _whitener(times, model.correlation, step, weights)
+        rows, bands = self.basis, _DEGREE
+        if self.whitener is not None:
+            rows = self.whitener @ self.basis
+            bands += _MORE_BANDS
+        self.normal = rows.T @ rows
         penalty = np.concatenate([_penalty(own.size - 1, own[1] - own[0]) for own in inner], axis=1)
-        weight = (2 * np.pi * bandwidth) ** (-2 * _PENALTY) / step
-        for k in range(_DEGREE + 1):
-            penalty[_DEGREE - k, k:] = weight * penalty[_DEGREE - k, k:] + self.normal.diagonal(k)
-        self.factor = cholesky_banded(penalty, check_finite=False)
+        weight = (2 * np.pi * model.bandwidth) ** (-2 * _PENALTY) / step
+        weight *= (1 - model.correlation) / (1 + model.correlation)  # what whitening leaves of slow changes
+        matrix = np.zeros((bands + 1, penalty.shape[1]))
+        matrix[bands - _DEGREE :] = weight * penalty
+        for k in range(min(bands + 1, penalty.shape[1])):
+            matrix[bands - k, k:] += self.normal.diagonal(k)
+        self.factor = cholesky_banded(matrix, check_finite=False)
+        self._matrix = matrix
+
+    def whitened(self, columns: Float64Array) -> Float64Array:
+        """Return columns at the instants of all pieces, weighted, and less what correlation says of each."""
+        return columns if self.whitener is None else np.asarray(self.whitener @ columns)
 
     def solve(self, columns: Float64Array) -> Float64Array:
         """Return the coefficients of columns at the instants of all pieces, one after the other."""
-        return self._solved(self.basis.T @ columns)
+        if self.whitener is None:
+            return self._solved(self.basis.T @ columns)
+        return self._solved((self.whitener @ self.basis).T @ (self.whitener @ columns))
 
     def _solved(self, right: Float64Array) -> Float64Array:
         from scipy.linalg import cho_solve_banded
@@ -167,6 +328,29 @@ class Spline:
         own = coefficients[self.ends[piece] - self.knots[piece].size + _DEGREE + 1 : self.ends[piece]]
         return np.asarray(BSpline(self.knots[piece], own, _DEGREE)(t, nu=order))
 
+    @functools.cached_property
+    def covariances(self) -> Float64Array:
+        """Return entries of the inverse of the matrix that is solved, upper bands: [d, j] is that of j and j + d."""
+        return _inverse_bands(self._matrix, _DEGREE + 1)
+
+    def variances(self, piece: int, t: Float64Array, order: int) -> Float64Array:
+        """Return the variances of a derivative at instants in one piece, for samples with a variance of 1; (N,)."""
+        from scipy.interpolate import BSpline
+
+        knots = self.knots[piece]
+        width, first = knots[1] - knots[0], self.ends[piece] - knots.size + _DEGREE + 1
+        place = (t - knots[_DEGREE]) / width
+        start = np.clip(np.floor(place), 0, knots.size - 2 * _DEGREE - 2).astype(np.intp)
+        element = BSpline.basis_element(np.arange(_DEGREE + 2.0), extrapolate=False)
+        element = element.derivative(order) if order else element
+        inside = np.clip(place - start, 0.0, 1.0 - 1e-15)
+        values = np.nan_to_num([element(inside + _DEGREE - k) for k in range(_DEGREE + 1)])
+        total = np.zeros(t.size)
+        for i, j in itertools.combinations_with_replacement(range(_DEGREE + 1), 2):
+            share = values[i] * values[j] * self.covariances[j - i, first + start + i]
+            total += share if i == j else 2 * share
+        return np.asarray(np.maximum(total, 0.0) / width ** (2 * order))
+
     def freedom(self) -> float:
         """Return the degrees of freedom: the trace of the smoother, by probes of signs set far apart."""
         size = int(self.ends[-1])
@@ -175,6 +359,67 @@ class Spline:
             (-1.0, 1.0), size
         )
         return float(((self.normal @ probes) * self._solved(probes)).sum())
+
+
+def _whitener(times: Sequence[Float64Array], correlation: float, step: float, weights: Float64Array | None) -> Any:
+    """Return the sparse matrix that makes the noise of samples white and alike; None where it is so already."""
+    from scipy.sparse import diags_array
+
+    if correlation == 0 and (weights is None or (weights == 1).all()):
+        return None
+    count = sum(time.size for time in times)
+    scale = np.ones(count) if weights is None else np.sqrt(weights)
+    between = np.full(count, np.inf)  # time since the sample before
+    start = 0
+    for time in times:
+        between[start + 1 : start + time.size] = np.diff(time)
+        start += time.size
+    with np.errstate(divide="ignore"):
+        alike = np.where(between > _MAX_CORRELATED_STEP * step, 0.0, correlation ** np.minimum(between / step, 1e3))
+    own = 1 / np.sqrt(1 - alike**2)
+    return diags_array([own * scale, (-alike * own)[1:] * scale[:-1]], offsets=[0, -1], format="csr")
+
+
+def _inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
+    """Return upper bands of the inverse of a positive definite matrix (upper bands too), in its own size of blocks.
+
+    With A = L L^T block by block, the blocks of the inverse beside the diagonal follow from the last to the first
+    (Takahashi, Fagan and Chin, Proceedings of the Eighth PICA Conference, 1973, 63-69).
+    """
+    size, count = matrix.shape[0], matrix.shape[1]
+    blocks = -(-count // size)
+    diagonal, beside = np.zeros((2, blocks, size, size))
+    for d in range(size):
+        row = np.arange(count - d)
+        entries = matrix[size - 1 - d, d:]
+        block, i = np.divmod(row, size)
+        j = i + d
+        inner = j < size
+        diagonal[block[inner], i[inner], j[inner]] = entries[inner]
+        diagonal[block[inner], j[inner], i[inner]] = entries[inner]
+        beside[block[~inner], i[~inner], j[~inner] - size] = entries[~inner]
+    extra = np.arange(count - (blocks - 1) * size, size)
+    diagonal[-1, extra, extra] = 1.0
+    inverses, gains = np.empty_like(diagonal), np.empty_like(beside)
+    left = diagonal[0]
+    for k in range(blocks):
+        inverses[k] = np.linalg.inv(left)
+        if k + 1 < blocks:
+            gains[k] = inverses[k] @ beside[k]
+            left = diagonal[k + 1] - beside[k].T @ gains[k]
+    own, next_to = inverses, np.zeros_like(beside)
+    for k in range(blocks - 2, -1, -1):
+        next_to[k] = -gains[k] @ own[k + 1]
+        own[k] -= next_to[k] @ gains[k].T
+    found = np.zeros((bands, blocks * size))
+    for d in range(bands):
+        row = np.arange(blocks * size)
+        block, i = np.divmod(row, size)
+        j = i + d
+        found[d] = np.where(
+            j < size, own[block, i, np.minimum(j, size - 1)], next_to[block, i, np.maximum(j - size, 0)]
+        )
+    return found
 
 
 def _continued(knots: Float64Array) -> Float64Array:
