@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from hingepair.engine.array_heads import MAX_RANK
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Account, How
+from hingepair.engine.binding import bind, sorted_once
 from hingepair.engine.calls import Call
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.results import Results
@@ -147,6 +148,57 @@ def test_numbers_beside_arrays():
     unused, m, _ = arrays([(), (4,), ()])
     for x in (0.5, np.float64(0.5), np.array(0.5)):
         np.testing.assert_array_equal(call().quick(unused, m, x).y, call().quick(unused, m, np.full(4, 0.5)).y)
+
+
+def test_large_batches_go_the_quick_way():
+    one, given = call(), arrays([(70_000,)] * 3)
+    state = one.quick(*given)
+    y, trace = expected(*given)
+    np.testing.assert_allclose(state.y, y, atol=1e-14)
+    out = np.empty_like(y)
+    assert np.shares_memory(one.write(given, {"y": out}).y, out)
+    np.testing.assert_array_equal(out, state.y)
+    np.testing.assert_allclose(state["trace"], trace, atol=1e-14)
+
+
+@pytest.mark.parametrize("lead", [(2,), (3_000,)], ids=["few", "many"])
+def test_a_batch_is_counted_once_towards_the_price_of_its_kernel(lead, monkeypatch):
+    counted = []
+    monkeypatch.setattr(Account, "pays", lambda _, samples, links=1: counted.append((samples, links)))
+    one = Call(Loop("counted", product, {"m": (3, 3), "k": (3,), "x": ()}, OUTPUTS), GIVEN, CONSTANTS, Product)
+    one.run(dict(zip(GIVEN, arrays([lead] * 3), strict=True)), dict.fromkeys(GIVEN, lead))
+    assert counted == [(lead[0], 1)]
+
+
+class Counted(tuple):
+    """A tuple that counts how often it is gone through."""
+
+    count = 0
+
+    def __iter__(self):
+        Counted.count += 1
+        return super().__iter__()
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_constants_are_sorted_once_for_all_calls(backend):
+    one, lead = Call(LOOP, GIVEN, {"k": Counted((2.0, 0.0, 0.25))}, Product, backend=backend), (2, 3)
+    given = arrays([lead] * 3)
+    Counted.count = 0
+    state = one.run(dict(zip(GIVEN, given, strict=True)), dict.fromkeys(GIVEN, lead))
+    assert Counted.count == 0
+    np.testing.assert_allclose(state.y, expected(*given)[0], atol=1e-14)
+
+
+@pytest.mark.parametrize("value", [(0.0, 1.0, 2.5), np.array([0.0, 1.0, 2.5]), (np.array(3.0), -1.0, 0.5)], ids=repr)
+@pytest.mark.parametrize("moving", [False, True])
+def test_constants_that_were_sorted_once_are_bound_as_they_are(value, moving):
+    spec = (("k", (3,)), ("x", ()))
+    once = sorted_once("k", (3,), value)
+    x = np.ones(4)
+    plain, other = (bind(spec, {"k": k, "x": x}, moving=moving) for k in (value, once))
+    assert (plain.pattern, plain.constants) == (other.pattern, other.constants)
+    assert len(plain.pieces) == len(other.pieces)
 
 
 @pytest.mark.parametrize("lead", [(), (9,)], ids=["one", "many"])

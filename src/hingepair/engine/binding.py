@@ -46,6 +46,26 @@ class Bound(NamedTuple):
     pieces: list[NDArray[Any]]
 
 
+class Numbers(NamedTuple):
+    """An input that all samples share, sorted once for many calls.
+
+    Attributes:
+        value: the number, tuple of numbers or array that it is.
+        pattern: where each of its components comes from.
+        constants: those of them that are not known beforehand.
+    """
+
+    value: Any
+    pattern: Pattern
+    constants: tuple[float, ...]
+
+
+def sorted_once(name: str, tail: Tail, value: Any) -> Any:
+    """Return an input as `Numbers`, where it holds one sample; as it is where it holds more."""
+    bound = bind(((name, tail),), {name: value})
+    return value if bound.pieces else Numbers(value, bound.pattern, tuple(bound.constants))
+
+
 def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozenset(), moving: bool = False) -> Bound:
     """Sort the inputs of a loop into known numbers, constants and arrays that change from sample to sample.
 
@@ -65,6 +85,12 @@ def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozen
 
     for name, tail in spec:
         value, count = values[name], math.prod(tail)
+        if isinstance(value, Numbers):
+            if not moving:
+                pattern += value.pattern
+                constants += value.constants
+                continue
+            value = value.value
         if name in carried:
             pattern.extend((len(pieces), c) for c in range(count))
             pieces.append(value.reshape(*value.shape[: value.ndim - len(tail)], 1, count))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from hingepair.engine.array_heads import MAX_RANK, call_layout, known_heads
 from hingepair.engine.backend import How
-from hingepair.engine.binding import bind
+from hingepair.engine.binding import bind, sorted_once
 from hingepair.engine.loops import Extent, Loop, Program
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
@@ -36,9 +36,6 @@ Out: TypeAlias = Mapping[str, NDArray[Any]] | None
 """Arrays to write into, by output name."""
 
 _FLOAT64: Final = np.dtype(np.float64)
-
-_MAX_QUICK_BYTES: Final = 2**21
-"""Size of outputs past which a call goes the general way, which stores past the caches."""
 
 _LONG_CALL_OPERATIONS: Final = 100_000
 """Number of operations from which the interpreter's lock is released: some 20 us."""
@@ -88,15 +85,15 @@ class Call:
         self._limits, self._refuse = dict(limits or {}), refuse
         self.outputs = tuple(name for name, _ in loop.outputs if name not in self._limits)
         samples = {name: np.empty((2, *tail)) for name, tail in loop.inputs if name in given}
-        bound = bind(loop.inputs, {**self._constants, **samples})
+        fixed = [(name, tail) for name, tail in loop.inputs if name in self._constants]
+        self._sorted = {name: sorted_once(name, tail, self._constants[name]) for name, tail in fixed}
+        bound = bind(loop.inputs, {**self._sorted, **samples})
         self._numbers = bound.constants
         self._constant_array = np.array(bound.constants, np.float64)
         self.program: Program = loop.program(bound.pattern)
         self._key = self.program.key_of_samples()
         names = tuple(given)
         self._places = tuple(names.index(name) for name, _ in loop.inputs if name in given)
-        size = sum(math.prod(tail) for _, tail in loop.outputs)
-        self._max_samples = _MAX_QUICK_BYTES // (8 * max(size, 1))  # a robot may have no joint
         self._into: Callable[..., bool | int] | None = None
         self._check: Call | None = None
         tails = [*self.given.values(), *(tail for _, tail in loop.outputs)]
@@ -157,7 +154,7 @@ class Call:
             if length:
                 source += ["        return None"]
             else:
-                source += [f"        return many(ran, {arguments}) if 0 < ran <= max_samples else None"]
+                source += [f"        return many(ran, {arguments}) if ran > 0 else None"]
                 scalars = (out for out, (_, tail) in zip(outs, self.loop.outputs, strict=True) if tail == ())
                 source += [f"    {out} = {out}[()]" for out in scalars]
             source += self._result_lines(arguments, length)
@@ -212,7 +209,7 @@ class Call:
             "empty": np.empty, "array": np.array, "ndarray": np.ndarray, "float64": _FLOAT64,
             "constants": self._constant_array, "new": result.__new__, "Result": result,
             "set_content": Results.__dict__["_content"].__set__, "names": self.outputs, "refuse": self._refused,
-            "max_samples": self._max_samples, "pays": self.program.kernel_if_paid, "key": self._key,
+            "pays": self.program.kernel_if_paid, "key": self._key,
             "switch": self._switch, **slots, **more,
         }  # fmt: skip
         exec(_code("\n".join(source)), scope)
@@ -255,7 +252,7 @@ class Call:
         arrays = output_buffers(self.loop.outputs, shape, dtype, out, values)
         if out and self._limits:
             self._checks().run(values, shapes)
-        inputs = {**self._constants, **values}
+        inputs = {**self._sorted, **values}
         self.loop.run(inputs, arrays, shape, dtype, How(self._backend, workers))
         self._check_limits(arrays, lambda: values)
         return self._returned(arrays, shape)
@@ -283,11 +280,14 @@ class Call:
         result = quick()
         if result is None and self._into is None and self._readable and self._backend == "auto":
             samples = math.prod(broadcast_shape(shapes))
-            if 0 < samples <= self._max_samples:
-                kernel = self.program.kernel_if_paid(self._key, samples)
-                if kernel is not None:
-                    self._use(kernel)
-                    result = quick()
+            tails = [*self.given.values()]
+            if all(np.size(given[place]) > math.prod(tails[place]) for place in self._places):
+                kernel = self.program.kernel_if_made(self._key)  # the general way counts the call for this kernel
+            else:
+                kernel = self.program.kernel_if_paid(self._key, samples) if samples else None
+            if kernel is not None:
+                self._use(kernel)
+                result = quick()
         return result
 
     def write(self, given: Sequence[Any], out: Mapping[str, NDArray[Any]]) -> Any:
@@ -301,7 +301,7 @@ class Call:
             return None
         name, array = next(iter(out.items()))
         lead = array.shape[: array.ndim - len(dict(self.loop.outputs)[name])] if type(array) is np.ndarray else (0, 0)
-        if len(lead) > 1 or math.prod(lead) > self._max_samples:
+        if len(lead) > 1:
             return None
         if self._limits and self._checks().quick(*given) is None:
             return None

@@ -232,6 +232,10 @@ class Program:
         pays = account.pays(samples, links) if samples else account.pays_one()
         return self.kernel_if_compiled(key) if pays else None
 
+    def kernel_if_made(self, key: Key) -> Kernel | None:
+        """Return the kernel where it is there."""
+        return self._kernels.get(key)
+
     def kernel_if_compiled(self, key: Key) -> Kernel | None:
         """Return the kernel; None where it cannot be compiled, which is warned of once."""
         try:
