@@ -15,10 +15,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from hingepair.errors import ArgumentError, URDFError, choices, quoted
-from hingepair.pair.body import Body, Box, Cylinder, Shape, Sphere
+from hingepair.mechanism.shapes import drawing_of, link_shapes
+from hingepair.pair.body import Body, Shape
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
-from hingepair.urdf.records import SIZES, Joint, Robot
+from hingepair.urdf.records import Joint, Robot
 from hingepair.urdf.rigid import HERE, Pose, combined
 
 
@@ -143,25 +144,6 @@ def _combined_body(robot: Robot, poses: Mapping[str, Pose], warn: bool) -> Body 
     return None
 
 
-def _shapes(robot: Robot, poses: Mapping[str, Pose]) -> list[Shape]:
+def _shapes(robot: Robot, poses: Mapping[str, Pose]) -> tuple[Shape, ...]:
     """Return the boxes, cylinders and spheres of links; none where a link is drawn by anything else."""
-    found: list[Shape] = []
-    for link, pose in poses.items():
-        try:
-            visuals = robot.links[link][0].visuals()
-        except URDFError:  # what a link looks like does not matter to motion
-            return []
-        for visual in visuals:
-            if visual.kind not in SIZES:
-                return []
-            axes, center = (part + 0.0 for part in pose.placed(visual.pose))
-            sizes = visual.sizes
-            if min(sizes) <= 0:
-                continue
-            if visual.kind == "box":
-                found.append(Box(sizes, center, axes))
-            elif visual.kind == "cylinder":
-                found.append(Cylinder(sizes[0], sizes[1], center, axes[:, 2]))
-            else:
-                found.append(Sphere(sizes[0], center))
-    return found
+    return drawing_of((link_shapes(robot.links[link][0], "visual"), pose) for link, pose in poses.items()).shapes

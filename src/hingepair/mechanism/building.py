@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.folding import doubtful, fold, mass_properties
 from hingepair.mechanism.pinocchio_model import parts_of_pinocchio
+from hingepair.mechanism.shapes import Drawing, placed_shapes
 from hingepair.mechanism.slider import Slider
 from hingepair.mechanism.sources import inertia_of, parts_of_pairs, parts_of_urdf
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
@@ -102,15 +103,20 @@ def with_payload(tree: Tree, base: str, frame: Frame, body: Body) -> Tree:
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
     own = tree.base if frame.body == 0 else tree.joints[frame.body - 1].body
-    payload = inertia_of(body).placed(Pose(frame.S, frame.R))
+    pose = Pose(frame.S, frame.R)
+    payload = inertia_of(body).placed(pose)
     total = mass_properties({"body": Inertia(own.mass, own.center_of_mass, own.inertia), "payload": payload})
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload: {note}" for note in body.assumed if counts))
+    drawings = list(tree.drawings)
+    shapes, complete = drawings[frame.body]
+    drawings[frame.body] = Drawing((*shapes, *placed_shapes(body.shapes, pose)), complete)
+    tree = replace(tree, notes=notes, drawings=tuple(drawings))
     if frame.body == 0:
-        return replace(tree, base=total, notes=notes)
+        return replace(tree, base=total)
     joints = list(tree.joints)
     joints[frame.body - 1] = replace(joints[frame.body - 1], body=total)
-    return replace(tree, joints=tuple(joints), notes=notes)
+    return replace(tree, joints=tuple(joints))
 
 
 def with_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:

@@ -15,10 +15,11 @@ import numpy as np
 
 from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.shapes import drawing_of
 from hingepair.mechanism.tree import NO_MASS, Frame, Joint, MassProperties, Mimic, Tree
 from hingepair.numeric.arrays import Float64Array, finite_number, read_only
 from hingepair.numeric.blocks import versine
-from hingepair.pair.body import Body
+from hingepair.pair.body import Body, Shape
 from hingepair.urdf import records
 from hingepair.urdf.records import sine_and_cosine
 from hingepair.urdf.rigid import HERE, Inertia, Pose, combined
@@ -38,6 +39,7 @@ class Part:
         leaves: those of the links that carry no further link.
         frames: poses of further frames, by name.
         inertias: mass properties by the link that has them.
+        shapes: what it is drawn by; None where that is something else, such as meshes.
         limits: least and greatest position; None where there are none.
         effort_limit: the largest torque or force; None where there is none.
         rate_limit: the largest rate; None where there is none.
@@ -55,6 +57,7 @@ class Part:
     leaves: Sequence[str] = ()
     frames: Mapping[str, Pose] = field(default_factory=dict)
     inertias: Mapping[str, Inertia] = field(default_factory=dict)
+    shapes: tuple[Shape, ...] | None = ()
     limits: tuple[float, float] | None = None
     effort_limit: float | None = None
     rate_limit: float | None = None
@@ -94,12 +97,16 @@ def fold(name: str, parts: Sequence[Part], base: str, locked: Mapping[str, float
         )
         links, frames = _frames(parts, places, numbers)
         base_masses = mass_properties(inertias[0])
+        drawings = tuple(
+            drawing_of((part.shapes, pose) for part, (own, pose) in zip(parts, places, strict=True) if own == body)
+            for body in range(len(inertias))
+        )
     ends = set(range(len(inertias))) - {joint.parent for joint in joints}
     tips = [leaf for part, (body, _) in zip(parts, places, strict=True) if body in ends for leaf in part.leaves]
     counted = 1 if base == "fixed" else 0  # the mass of a fixed base counts nowhere
     notes = [note for part in parts[counted:] for note in part.notes]
     notes += [note for own in inertias[counted:] if (note := doubt(own))]
-    return Tree(name, joints, base_masses, links, frames, tuple(tips), tuple(notes))
+    return Tree(name, joints, base_masses, links, frames, tuple(tips), tuple(notes), drawings)
 
 
 def _locked_positions(parts: Sequence[Part], locked: Mapping[str, float] | None) -> dict[str, float]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, URDFError, quoted
 from hingepair.mechanism.folding import Part
+from hingepair.mechanism.shapes import link_shapes, placed_shapes
 from hingepair.mechanism.slider import Slider
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import Body
@@ -60,7 +61,8 @@ def parts_of_urdf(robot: records.Robot) -> list[Part]:
 def _link(robot: records.Robot, name: str, leaf: bool) -> dict[str, Any]:
     """Return what a link gives its part."""
     link = robot.links[name][0]
-    return {"links": {name: HERE}, "leaves": (name,) if leaf else (), "inertias": {name: link.inertia()}}
+    leaves, shapes = (name,) if leaf else (), link_shapes(link, "visual", "collision")
+    return {"links": {name: HERE}, "leaves": leaves, "inertias": {name: link.inertia()}, "shapes": shapes}
 
 
 def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None) -> list[Part]:
@@ -202,6 +204,7 @@ def _body(name: str, body: Body | None, seat: Pose, leaf: bool) -> dict[str, Any
             content["notes"] = (f"{name}: no mass is given, none is taken; body2=hp.Body(mass=...) gives it",)
         return content
     content["inertias"] = {name: inertia_of(body).placed(seat)}
+    content["shapes"] = tuple(placed_shapes(body.shapes, seat))
     return content | {"notes": tuple(f"{name}: {sentence}" for sentence in body.assumed)}
 
 

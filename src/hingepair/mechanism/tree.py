@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.shapes import Drawing
 from hingepair.numeric.arrays import Frozen, read_only
 
 Kind = Literal["hinge", "slider"]
@@ -127,6 +128,7 @@ class Tree(Frozen):
             that carry no further joint, in the order of `links`; at least one.
         notes: what a DynamicsWarning says at the first call of dynamics: masses that are assumed, and masses that no
             rigid body can have; whole sentences that name the link.
+        drawings: what each body is drawn by, the base first.
     """
 
     name: str
@@ -136,6 +138,7 @@ class Tree(Frozen):
     frames: Mapping[str, Frame]
     tips: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    drawings: tuple[Drawing, ...] = ()
 
     @property
     def coordinates(self) -> tuple[Joint, ...]:

@@ -92,17 +92,17 @@ class Link:
         own = Inertia(mass, np.zeros(3), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
         return own.placed(_pose(self.element.find("inertial/origin"), where, self.snap))
 
-    def visuals(self) -> list[Visual]:
-        """Return the shapes that it is drawn by.
+    def visuals(self, tag: str = "visual") -> list[Visual]:
+        """Return the shapes that it is drawn by, or, by the tag "collision", those that it collides by.
 
         Raises:
             URDFError: an origin or a size is no finite number.
         """
         found = []
-        for element in self.element.findall("visual"):
+        for element in self.element.findall(tag):
             shape = element.find("geometry/*")
             kind = "" if shape is None else shape.tag
-            where = f"link {self.name!r}, visual"
+            where = f"link {self.name!r}, {tag}"
             pose = _pose(element.find("origin"), where, self.snap)
             groups = [_numbers(shape, key, f"{where}, {kind}", zero) for key, zero in SIZES.get(kind, {}).items()]
             found.append(Visual(kind, tuple(size for group in groups for size in group), pose))
