@@ -1,4 +1,4 @@
-"""The page on which a pair moves, in a browser where there is one."""
+"""The page on which a pair or a robot moves, in a browser where there is one."""
 
 from __future__ import annotations
 
@@ -23,20 +23,9 @@ FLAGS = (
     *("--disable-component-update", "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--window-size=900,600", "--enable-logging=stderr", "--virtual-time-budget=3000"),
 )
-PROBE = """<script>
-const slider = document.getElementById("time");
-slider.value = 700;
-slider.dispatchEvent(new Event("input"));
-const probe = document.createElement("pre");
-probe.id = "probe";
-probe.textContent = JSON.stringify({
-  matrix: window.hingepair.bodies.body2.matrix.elements,
-  numbers: document.getElementById("numbers").textContent,
-  origin: window.hingepair.motion.origin,
-  asked: performance.getEntriesByType("resource").map((entry) => entry.name),
-});
-document.body.append(probe);
-</script>"""
+in_a_browser = pytest.mark.skipif(CHROMIUM is None, reason="no browser: apt-get install chromium")
+U = 2.0**-53
+PAIR = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
 
 
 @pytest.fixture(scope="module")
@@ -44,23 +33,77 @@ def scene():
     return hp.load_scene(MODELS / "satellite_panel.toml")
 
 
-def motion_of(page):
+def content_of(page):
     return json.loads(
-        re.search(r'<script id="motion" type="application/json">(.*?)</script>', page.html, re.DOTALL)[1]
+        re.search(r'<script id="content" type="application/json">(.*?)</script>', page.html, re.DOTALL)[1]
     )
+
+
+def placements_of(content):
+    """Rotations and origins of the base, as far as they are known."""
+    matrices = np.array([m or [np.nan] * 16 for m in content["placements"]]).reshape(-1, 4, 4)
+    return matrices[:, :3, :3], matrices[:, :3, 3]
+
+
+def browse(page, tmp_path, *arguments):
+    """Open a page, as it is or with a script, and return what the browser says."""
+    path = tmp_path / "page.html"
+    path.write_text(page)
+    profile = f"--user-data-dir={tmp_path / 'profile'}"
+    done = subprocess.run(
+        [CHROMIUM, *FLAGS, profile, *arguments, path.as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=True,
+    )
+    assert "CONSOLE" not in done.stderr, done.stderr
+    return done.stdout
+
+
+def asked(page, tmp_path, script):
+    """What a script returns on a page."""
+    probe = f"""<script>
+const probe = document.createElement("pre");
+probe.id = "probe";
+probe.textContent = JSON.stringify((() => {{ {script} }})());
+document.body.append(probe);
+</script></body>"""
+    said = browse(page.html.replace("</body>", probe), tmp_path, "--dump-dom")
+    return json.loads(unescape(re.search(r'<pre id="probe">(.*?)</pre>', said, re.DOTALL)[1]))
+
+
+# ---------------------------------------------------------------- what a page holds
 
 
 def test_the_page_holds_the_motion_and_asks_for_nothing_else(scene):
     page = hp.view(scene)
-    motion = motion_of(page)
-    state = scene.evaluate(("R2", "S2", "v2", "omega2")).state
-    rows = np.searchsorted(scene.times(), motion["t"])
-    placements = np.array(motion["body2"]["placements"]).reshape(-1, 4, 4)
-    np.testing.assert_array_equal(placements[:, :3, :3], state.S2[rows])
-    np.testing.assert_allclose(placements[:, :3, 3] + motion["origin"], state.R2[rows], rtol=1e-15)
-    np.testing.assert_array_equal(motion["v2"], state.v2[rows])
+    content = content_of(page)
+    result = scene.evaluate(("R1", "S1", "v2", "omega2", "psi"))
+    rows = np.searchsorted(scene.times(), content["t"])
+    S, R = placements_of(content)
+    np.testing.assert_array_equal(S, result.state.S1[rows])
+    np.testing.assert_allclose(R + content["origin"], result.state.R1[rows], rtol=1e-15)
+    np.testing.assert_array_equal(np.array(content["q"])[:, 0], result.psi[rows])
+    readings = {reading["name"]: reading for reading in content["readings"]}
+    np.testing.assert_array_equal(readings["v2"]["values"], result.state.v2[rows])
+    np.testing.assert_array_equal(readings["omega2"]["values"], result.state.omega2[rows])
+    assert (readings["psi"]["unit"], readings["omega2"]["unit"]) == ("rad", "rad/s")
     head = page.html[: page.html.index("<script>")] + page.html[page.html.index("</script>") :]
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", head)
+
+
+def test_a_pair_is_a_mechanism_of_one_joint_whose_base_is_body_1(scene):
+    content, pair = content_of(hp.view(scene)), scene.pair
+    (joint,) = content["joints"]
+    assert (joint["kind"], joint["parent"], joint["u"]) == ("hinge", 0, pair.u1.tolist())
+    assert joint["S"] == pair.home.ravel().tolist()
+    np.testing.assert_allclose(pair.home @ joint["n"], pair.n, atol=4 * U)
+    frames = {frame["name"]: frame for frame in content["frames"]}
+    assert (frames["body 1"]["body"], frames["hinge"]["R"]) == (0, [0, 0, 0])
+    np.testing.assert_array_equal(frames["body 2"]["R"], -pair.u2)
+    assert content["traced"].keys() == {"body 1", "hinge", "body 2"}
+    assert content["frame"] == "body 2"
 
 
 @pytest.mark.parametrize(
@@ -68,86 +111,68 @@ def test_the_page_holds_the_motion_and_asks_for_nothing_else(scene):
 )
 def test_any_scene_is_shown(name):
     scene = hp.load_scene(MODELS / f"{name}.toml")
-    motion = motion_of(hp.view(scene.evaluate()))
-    assert len(motion["t"]) == min(scene.samples, 2000)
-    assert motion["body1"]["shapes"]
-    assert motion["title"] == scene.title
+    content = content_of(hp.view(scene.evaluate()))
+    assert len(content["t"]) == len(content["q"]) == min(scene.samples, 2000)
+    assert all(body["shapes"] for body in content["bodies"])
+    assert content["title"] == scene.title
 
 
 def test_a_trajectory_and_a_pair_are_shown():
     pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1), limits=(-0.5, 1))
     t = np.linspace(0, 1, 11)
     moved = hp.integrate(pair, t, omega1=(0, 0, 1), psid=np.cos, R1=np.stack([t, 0 * t, 0 * t], axis=-1))
-    placements = np.array(motion_of(hp.view(moved))["body1"]["placements"]).reshape(-1, 4, 4)
-    np.testing.assert_array_equal(placements[:, 0, 3], t)
-    psi = motion_of(hp.view(pair))["psi"]
+    np.testing.assert_array_equal(placements_of(content_of(hp.view(moved)))[1][:, 0], t)
+    psi = np.ravel(content_of(hp.view(pair))["q"])
     assert (psi[0], psi[90], psi[-1]) == (-0.5, 1, -0.5)
     assert (min(psi), max(psi)) == (-0.5, 1)
-    psi = motion_of(hp.view(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))))["psi"]
+    psi = np.ravel(content_of(hp.view(PAIR))["q"])
     np.testing.assert_allclose(psi, np.linspace(-np.pi, np.pi, 181), atol=1e-15)
 
 
-SHAPES = {  # of body 1 or 2, and how far they go from its reference point
-    "cylinder": ((hp.Cylinder(0.3, 0.8, (0, 3, 4), (1, 2, 3)),), (), 5.5),
-    "box": ((), (hp.Box((2, 4, 4), (0, 0, -2)),), 5.0),
-    "sphere": ((hp.Sphere(0.1),), (hp.Sphere(7, (0, 1, 0)), hp.Sphere(2, (0, 5, 0))), 8.0),
-    "small ones": ((hp.Sphere(0.1),), (hp.Cylinder(0.1, 0.1, (0, 0, 0), (0, 0, 1)),), 2.5),
-}
-
-
-@pytest.mark.parametrize(("one", "two", "reach"), SHAPES.values(), ids=SHAPES)
-def test_the_camera_is_as_far_as_bodies_and_paths_need(one, two, reach):
-    """The numbers of a page beside its motion: levers of 1 and 1.5 m, body 1 along x from 100 m to 103 m."""
-    bodies = {name: hp.Body(mass=1, shapes=shapes) for name, shapes in (("body1", one), ("body2", two)) if shapes}
-    pair = hp.HingePair(u1=(0, 1, 0), u2=(0, 0, 1.5), n=(0, 0, 1), **bodies)
-    t = np.linspace(0, 1, 11)
-    R1 = np.stack([100 + 3 * t, 0 * t, 0 * t], axis=-1)
-    motion = motion_of(hp.view(hp.integrate(pair, t, omega1=(0, 0, 0), psid=0.0, R1=R1)))
-    assert (motion["size"], motion["origin"]) == (2.5, [100, 0, 0])
-    assert motion["reach"] == pytest.approx(reach, rel=1e-15)
-    assert motion["extent"] == pytest.approx(max(reach, (3**2 + 1 + 1.5**2) ** 0.5), rel=1e-15)
-    np.testing.assert_allclose(motion["centre"], (1.5, 0.5, -0.75), rtol=1e-15)
-    assert (motion["axis"], motion["hinge"]) == ([0, 0, 1], [0, 1, 0])
-
-
 def test_shapes_are_drawn_where_they_are():
-    """Three.js has the axis of a cylinder along y."""
-    turned = hp.rodrigues((1, 2, 3), 0.5)
-    one = hp.Cylinder(0.3, 0.8, (0, 3, 4), (1, 2, -2)), hp.Box((2, 4, 5), (1, 0, -2), turned), hp.Sphere(7, (0, 1, 0))
-    pair = hp.HingePair(u1=(0, 1, 0), u2=(0, 0, 1), n=(0, 0, 1), body1=hp.Body(mass=1, shapes=one))
-    shapes = motion_of(hp.view(pair))["body1"]["shapes"]
-    placed = np.array([shape.pop("placement") for shape in shapes]).reshape(-1, 4, 4)
-    assert shapes == [
-        {"kind": "cylinder", "radius": 0.3, "length": 0.8},
-        {"kind": "box", "size": [2, 4, 5]},
-        {"kind": "sphere", "radius": 7},
-    ]
-    np.testing.assert_array_equal(placed[:, :, 3], [(0, 3, 4, 1), (1, 0, -2, 1), (0, 1, 0, 1)])
-    np.testing.assert_allclose(placed[0, :3, 1], np.array([1, 2, -2]) / 3, rtol=1e-15)
-    np.testing.assert_allclose(placed[0, :3, :3] @ placed[0, :3, :3].T, np.eye(3), atol=1e-15)
-    assert np.linalg.det(placed[0]) == pytest.approx(1)
-    np.testing.assert_array_equal(placed[1:, :3, :3], [turned, np.eye(3)])
+    """Three.js has the axis of a cylinder along y; body 2 of a page has its origin at the hinge point."""
+    axes = hp.rodrigues((1, 2, 3), 0.5)
+    one = hp.Cylinder(0.3, 0.8, (0, 3, 4), (1, 2, -2)), hp.Box((2, 4, 5), (1, 0, -2), axes), hp.Sphere(7, (0, 1, 0))
+    body = hp.Body(mass=1, shapes=one)
+    pair = hp.HingePair(u1=(0, 1, 0), u2=(0, 0, 1), n=(0, 0, 1), body1=body, body2=body)
+    for number, center in enumerate(((0, 0, 0), (0, 0, -1))):
+        shapes = content_of(hp.view(pair))["bodies"][number]["shapes"]
+        placed = np.array([shape.pop("placement") for shape in shapes]).reshape(-1, 4, 4)
+        colour = {"colour": ("#4477aa", "#ee7733")[number]}
+        assert shapes == [
+            {"kind": "cylinder", "radius": 0.3, "length": 0.8} | colour,
+            {"kind": "box", "size": [2, 4, 5]} | colour,
+            {"kind": "sphere", "radius": 7} | colour,
+        ]
+        centers = np.array([(0, 3, 4), (1, 0, -2), (0, 1, 0)])
+        np.testing.assert_array_equal(placed[:, :3, 3], centers + center)
+        np.testing.assert_allclose(placed[0, :3, 1], np.array([1, 2, -2]) / 3, rtol=1e-15)
+        np.testing.assert_allclose(placed[0, :3, :3] @ placed[0, :3, :3].T, np.eye(3), atol=1e-15)
+        assert np.linalg.det(placed[0]) == pytest.approx(1)
+        np.testing.assert_array_equal(placed[1:, :3, :3], [axes, np.eye(3)])
 
 
 def test_a_page_says_of_how_many_instants_it_shows_some(scene):
-    short = hp.view(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1)))
-    assert (short.frames, short.samples, motion_of(short)["shown"]) == (181, 181, "181")
+    short = hp.view(PAIR)
+    assert (short.frames, short.samples, content_of(short)["shown"]) == (181, 181, "181")
     page = hp.view(scene)
-    assert (page.frames, page.samples) == (2000, scene.samples)
-    assert motion_of(page)["shown"] == f"2000 of {scene.samples}"
+    assert (page.frames, page.samples, page.joints) == (2000, scene.samples, 1)
+    assert content_of(page)["shown"] == f"2000 of {scene.samples}"
     assert repr(page) == f"Page({scene.title}, frames=2000 of {scene.samples})"
 
 
-def test_a_gap_hides_the_body_and_a_title_is_only_text(tmp_path):
+def test_a_gap_hides_the_bodies_and_a_title_is_only_text(tmp_path):
     log = "t,x,y,z,phi_x,phi_y,phi_z,psi\n" + "".join(
-        f"{i / 10},{'nan' if i == 3 else i},0,0,0,0,0,{i}\n" for i in range(8)
+        f"{i / 10},{'nan' if i == 3 else i},0,0,0,0,0,{'nan' if i == 5 else i}\n" for i in range(8)
     )
     (tmp_path / "log.csv").write_text(log)
     title = "</script><script>alert(1)</script>"
     text = f"title = '{title}'\n[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\n[motion]\nfile = 'log.csv'\n"
     (tmp_path / "scene.toml").write_text(text)
     page = hp.view(hp.load_scene(tmp_path / "scene.toml"), tmp_path / "page.html")
-    assert motion_of(page)["body2"]["placements"][3] is None
+    content = content_of(page)
+    assert [place for place, matrix in enumerate(content["placements"]) if matrix is None] == [3]
+    assert [place for place, q in enumerate(content["q"]) if q == [None]] == [5]
     assert title not in page.html
     assert (tmp_path / "page.html").read_text() == page.html
 
@@ -163,42 +188,313 @@ def test_what_cannot_be_shown_or_written_is_named(tmp_path):
         hp.view(several)
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no browser: apt-get install chromium")
+# ---------------------------------------------------------------- robots
+
+
+def test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate():
+    robot = hp.load_robot("panda")
+    page = hp.view(robot)
+    content = content_of(page)
+    assert repr(page) == "Page(panda, joints=8)"
+    assert (content["t"], content["q"], content["placements"]) == ([], [], [np.eye(4).ravel().tolist()])
+    for joint, own in zip(content["joints"], robot.tree.joints, strict=True):
+        assert (joint["name"], joint["kind"], joint["parent"]) == (own.name, own.kind, own.parent)
+        assert (joint["u"], joint["n"], joint["S"]) == (own.u.tolist(), own.n.tolist(), own.S.ravel().tolist())
+    assert [joint["coordinate"] for joint in content["joints"]] == [*range(8), 7]
+    sliders = content["coordinates"]
+    assert tuple(slider["name"] for slider in sliders) == robot.names
+    limits = [[slider["first"], slider["last"]] for slider in sliders]
+    np.testing.assert_array_equal(limits, robot.position_limits)
+    neutral = [slider["neutral"] for slider in sliders]
+    np.testing.assert_array_equal(neutral, np.clip(0, *robot.position_limits.T))
+    assert {frame["name"] for frame in content["frames"]} == {*robot.links, *robot.tree.frames}
+    assert content["frame"] in robot.tips
+
+
+def test_a_joint_that_follows_has_the_rule_of_its_leader():
+    lead = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="lead")
+    text = hp.to_urdf(hp.Mechanism([lead, hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 0, 1), name="tip")]))
+    tip = '<joint name="tip" type="continuous">'
+    robot = hp.Mechanism.from_urdf(text.replace(tip, tip + '<mimic joint="lead" multiplier="-2" offset="0.5"/>'))
+    assert robot.dof == 1
+    content = content_of(hp.view(robot))
+    rules = [(joint["coordinate"], joint["multiplier"], joint["offset"]) for joint in content["joints"]]
+    assert rules == [(0, 1, 0), (0, -2, 0.5)]
+
+
+def test_joints_without_limits_have_a_range_that_is_said():
+    turn = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="turn")
+    shift = hp.Slider(u1=(3, 0, 0), u2=(0, 0, 0), n=(1, 0, 0), name="shift")
+    robot = hp.Mechanism([turn, shift])
+    content = content_of(hp.view(robot))
+    first, second = content["coordinates"]
+    assert (first["limits"], first["first"], first["last"]) == ([None, None], -np.pi, np.pi)
+    assert (second["limits"], second["first"], second["last"]) == ([None, None], -1, 1)
+    assert (first["neutral"], second["neutral"]) == (0, 0)
+    beyond = content_of(hp.view(robot, q=[(0, 0), (7, -2.5), (1, np.nan)]))["coordinates"]
+    assert [(slider["first"], slider["last"]) for slider in beyond] == [(-np.pi, 7), (-2.5, 1)]
+
+
+def test_joints_are_grouped_by_limb():
+    content = content_of(hp.view(hp.load_robot("talos_reduced")))
+    groups = {}
+    for slider in content["coordinates"]:
+        groups.setdefault(content["limbs"][slider["limb"]]["name"], []).append(slider["name"])
+    assert {name: len(joints) for name, joints in groups.items()} == {
+        **{"leg_left": 6, "leg_right": 6, "torso": 2, "head": 2},
+        **{"arm_left ... gripper_left": 8, "arm_right ... gripper_right": 8},
+    }
+    assert all(joint.startswith("leg_left_") for joint in groups["leg_left"])
+
+
+def test_a_motion_of_a_robot_is_played_at_its_instants():
+    robot = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
+    q = np.random.default_rng(1).uniform(-1, 1, (5001, 7))
+    page = hp.view(robot, q=q, t=np.linspace(3, 4, 5001))
+    assert (page.frames, page.samples) == (2000, 5001)
+    content = content_of(page)
+    rows = np.searchsorted(np.linspace(3, 4, 5001), content["t"])
+    assert (rows[0], rows[-1]) == (0, 5000)
+    np.testing.assert_array_equal(content["q"], q[rows])
+    np.testing.assert_array_equal(content_of(hp.view(robot, q=q[:4]))["t"], np.arange(4) / 30)
+
+
+REFUSED = {
+    "one state": ({"q": np.zeros(7)}, r"^q: expected shape \(T, 7\) with T from 1 on, got \(7,\)"),
+    "another robot's": ({"q": np.zeros((3, 8))}, r"^q: expected shape \(T, 7\)"),
+    "no instant": ({"q": np.zeros((0, 7))}, r"^q: expected shape \(T, 7\) with T from 1 on"),
+    "other instants": ({"q": np.zeros((3, 7)), "t": [0, 1]}, r"^t: expected shape \(3,\), as many instants as q has"),
+    "backwards": ({"q": np.zeros((3, 7)), "t": [0, 2, 1]}, "^t: expected finite instants that do not decrease"),
+    "not finite": ({"q": np.zeros((3, 7)), "t": [0, 1, np.nan]}, "^t: expected finite instants"),
+    "instants alone": ({"t": [0, 1]}, r"^t: expected shape \(0,\)"),
+    "q as a path": (
+        {"path": np.zeros((3, 7))},
+        r"^path: expected a file name \(the motion of a robot is given as q=\)",
+    ),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), REFUSED.values(), ids=REFUSED)
+def test_a_motion_that_is_none_of_the_robot_is_refused(arguments, message):
+    robot = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
+    with pytest.raises(hp.ArgumentError, match=message):
+        hp.view(robot, **arguments)
+    with pytest.raises(hp.ArgumentError, match=r"^q: expected none but with a robot"):
+        hp.view(PAIR, q=[[0.0]])
+
+
+SCENE = """
+title = "A crane on a cart"
+[mechanism]
+urdf = "crane.urdf"
+[mechanism.frames.hook]
+link = "tip"
+R = [0.5, 0, 0]
+[motion]
+turn = "sin(t)"
+[base]
+x = "2*t"
+y = "1"
+phi_z = "t"
+[time]
+start = 0
+stop = 2
+samples = 21
+"""
+
+
+def test_a_scene_of_a_mechanism_is_played_with_its_base_and_its_frame(tmp_path):
+    turn = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 0, 1), name="turn")
+    tip = hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="tip")
+    (tmp_path / "crane.urdf").write_text(hp.to_urdf(hp.Mechanism([turn, tip])))
+    (tmp_path / "crane.toml").write_text(SCENE)
+    scene = hp.load_scene(tmp_path / "crane.toml")
+    page = hp.view(scene, tmp_path / "crane.html")
+    content = content_of(page)
+    assert repr(page) == "Page(A crane on a cart, frames=21)"
+    assert content_of(hp.view(scene.evaluate())) == content
+    assert content["frame"] == "hook"
+    np.testing.assert_array_equal(content["t"], scene.t)
+    np.testing.assert_array_equal(content["q"], scene.motion()[0])
+    S, R = placements_of(content)
+    np.testing.assert_array_equal(R + content["origin"], scene.base_motion().R)
+    np.testing.assert_array_equal(S, scene.base_motion().S)
+    (tmp_path / "still.toml").write_text(re.sub(r"\[base\][^\[]*", "", SCENE))
+    assert len(content_of(hp.view(hp.load_scene(tmp_path / "still.toml")))["placements"]) == 1
+    (tmp_path / "turned.toml").write_text(SCENE.replace('x = "2*t"\n', ""))
+    turned = placements_of(content_of(hp.view(hp.load_scene(tmp_path / "turned.toml"))))
+    np.testing.assert_array_equal(turned[0], S)
+
+
+# ---------------------------------------------------------------- in a browser
+
+POSES = """
+const { bodyPoses, framePose, content } = window.hingepair;
+const frames = content.frames.filter((frame) => NAMES.includes(frame.name));
+const base = { R: [0, 0, 0], S: [1, 0, 0, 0, 1, 0, 0, 0, 1] };
+return Q.map((q) => {
+  const poses = bodyPoses(base, q);
+  return Object.fromEntries(frames.map((frame) => [frame.name, framePose(poses, frame)]));
+});
+"""
+
+
+@in_a_browser
 @pytest.mark.slow
-def test_in_a_browser_the_slider_moves_body2_to_where_it_is(scene, tmp_path):
-    page = hp.view(scene)
-    path = tmp_path / "page.html"
-    path.write_text(page.html.replace("</body>", PROBE + "</body>"))
-    profile = f"--user-data-dir={tmp_path / 'profile'}"
-    done = subprocess.run(
-        [CHROMIUM, *FLAGS, profile, "--dump-dom", path.as_uri()],
-        capture_output=True, text=True, timeout=HANG, check=True,
-    )  # fmt: skip
-    assert "CONSOLE" not in done.stderr, done.stderr
-    found = json.loads(unescape(re.search(r'<pre id="probe">(.*?)</pre>', done.stdout, re.DOTALL)[1]))
-    row = int(np.searchsorted(scene.times(), motion_of(page)["t"][700]))
-    state = scene.evaluate(("R2", "S2")).state
-    placement = np.array(found["matrix"]).reshape(4, 4).T
-    np.testing.assert_array_equal(placement[:3, :3], state.S2[row])
-    np.testing.assert_allclose(placement[:3, 3] + found["origin"], state.R2[row], rtol=1e-15)
-    assert "omega2" in found["numbers"]
+@pytest.mark.parametrize("name", ["panda", "kinova", "talos_full_v2", "tiago"])
+def test_the_page_computes_the_poses_that_the_mechanism_has(name, tmp_path):
+    """Mimic joints and sliders (panda, tiago), continuous joints (kinova), 32 joints and 12 that follow (talos)."""
+    robot = hp.load_robot(name)
+    rng = np.random.default_rng(3)
+    q = np.concatenate([rng.uniform(-3, 3, (6, robot.dof)), np.zeros((1, robot.dof)), 1e4 * np.ones((1, robot.dof))])
+    script = POSES.replace("NAMES", json.dumps(robot.links)).replace("Q.map", json.dumps(q.tolist()) + ".map")
+    poses = asked(hp.view(robot), tmp_path, script)
+    state = robot.forward_kinematics(q, frames=robot.links, outputs=("R", "S"))
+    scale = max(1.0, np.abs(state.R).max())
+    for sample, found in enumerate(poses):
+        for link in robot.links:
+            S = np.reshape(found[link]["S"], (3, 3))
+            np.testing.assert_allclose(found[link]["R"], state[link].R[sample], rtol=0, atol=400 * U * scale)
+            np.testing.assert_allclose(S, state[link].S[sample], rtol=0, atol=400 * U)
+
+
+MOVED = """
+const byId = (id) => document.getElementById(id), { bodies, content, framed } = window.hingepair;
+const matrices = () => bodies.map((body) => body.matrix.elements.slice());
+const neutral = matrices(), texts = [...document.querySelectorAll(".joint output")].map((one) => one.textContent);
+const set = (i, value) => {
+  byId(`joint${i}`).value = value;
+  byId(`joint${i}`).dispatchEvent(new Event("input"));
+};
+VALUES.forEach((value, i) => set(i, value));
+const moved = matrices(), shown = [...document.querySelectorAll(".joint output")].map((one) => one.textContent);
+const spoken = byId("joint7").getAttribute("aria-valuetext");
+const position = byId("position").textContent, values = VALUES.map((_, i) => Number(byId(`joint${i}`).value));
+byId("reset").click();
+return { neutral, texts, moved, shown, spoken, position, values, again: matrices(),
+  labels: [...document.querySelectorAll(".joint label")].map((one) => one.textContent),
+  keyboard: VALUES.every((_, i) => byId(`joint${i}`).tabIndex === 0) && byId("reset").tabIndex === 0,
+  controls: byId("controls").hidden,
+  asked: performance.getEntriesByType("resource").map((entry) => entry.name) };
+"""
+
+
+@in_a_browser
+@pytest.mark.slow
+def test_sliders_move_the_robot_and_reset_brings_it_back(tmp_path):
+    robot = hp.load_robot("panda")
+    lower, upper = robot.position_limits.T
+    q = lower + (upper - lower) * np.linspace(0.1, 0.9, 8)
+    found = asked(hp.view(robot), tmp_path, MOVED.replace("VALUES", json.dumps(q.tolist())))
+    np.testing.assert_allclose(found["values"], q, rtol=1e-14)  # a browser's slider keeps fifteen digits
+    for matrices, values in (("neutral", np.clip(0, lower, upper)), ("moved", found["values"])):
+        joints = [joint.name for joint in robot.tree.joints]
+        state = robot.forward_kinematics(values, frames=joints, outputs=("R", "S"))
+        placed = np.array(found[matrices]).reshape(-1, 4, 4).swapaxes(1, 2)[1:]
+        np.testing.assert_allclose(placed[:, :3, 3], state.R, rtol=0, atol=100 * U)
+        np.testing.assert_allclose(placed[:, :3, :3], state.S, rtol=0, atol=100 * U)
+    assert found["again"] == found["neutral"]
+    assert found["labels"] == list(robot.names)
+    assert found["texts"] == ["0.0°"] * 3 + ["-4.0°", "0.0°", "0.0°", "0.0°", "0.0000 m"]
+    assert found["shown"] == [f"{np.degrees(value):.1f}°" for value in q[:7]] + ["0.0360 m"]
+    assert found["spoken"] == "0.0360 m"
+    tool = content_of(hp.view(robot))["frame"]
+    R = robot.forward_kinematics(q, frames=tool)[tool].R
+    np.testing.assert_allclose(list(map(float, found["position"].split()[1:4])), R, atol=1e-4)
+    assert found["keyboard"]
+    assert found["controls"]
     assert found["asked"] == []
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no browser: apt-get install chromium")
+PLAYED = """
+const slider = document.getElementById("time"), { bodies, content } = window.hingepair;
+slider.value = 700;
+slider.dispatchEvent(new Event("input"));
+const seen = { matrix: bodies[1].matrix.elements.slice(), origin: content.origin,
+  numbers: document.getElementById("numbers").textContent, psi: Number(document.getElementById("joint0").value) };
+document.getElementById("joint0").value = 0.25;
+document.getElementById("joint0").dispatchEvent(new Event("input"));
+seen.turned = bodies[1].matrix.elements.slice();
+seen.after = document.getElementById("numbers").textContent;
+seen.asked = performance.getEntriesByType("resource").map((entry) => entry.name);
+return seen;
+"""
+
+
+@in_a_browser
 @pytest.mark.slow
-def test_in_a_browser_something_is_drawn(scene, tmp_path):
+def test_the_slider_of_time_moves_body_2_to_where_it_is(scene, tmp_path):
+    page = hp.view(scene)
+    found = asked(page, tmp_path, PLAYED)
+    row = int(np.searchsorted(scene.times(), content_of(page)["t"][700]))
+    result = scene.evaluate(("R1", "S1", "R2", "S2", "psi"))
+    state, body1 = result.state, hp.BodyMotion(R=result.state.R1[row], S=result.state.S1[row])
+    for key, S2, R2 in (
+        ("matrix", state.S2[row], state.R2[row]),
+        ("turned", (own := scene.pair.forward_kinematics_from_body1(body1, 0.25)).S2, own.R2),
+    ):
+        placement = np.array(found[key]).reshape(4, 4).T
+        np.testing.assert_allclose(placement[:3, :3], S2, rtol=0, atol=8 * U)
+        hinge = R2 + S2 @ scene.pair.u2  # body 2 of the page has its origin there
+        scale = np.abs(found["origin"]).max() + np.abs(hinge).max() + 1
+        np.testing.assert_allclose(placement[:3, 3] + found["origin"], hinge, rtol=0, atol=8 * U * scale)
+    assert found["psi"] == pytest.approx(result.psi[row], rel=1e-14)
+    assert "omega2" in found["numbers"]
+    assert re.findall(r"(\w+) +- ", found["after"]) == ["psi", "v2", "omega2"]  # those of the motion
+    assert found["asked"] == []
+
+
+FRAMED = """
+const { viewer, bodies } = window.hingepair, { THREE } = MeshCat;
+viewer.scene.updateMatrixWorld(true);
+viewer.camera.updateMatrixWorld(true);
+let most = 0, lowest = Infinity;
+for (const body of bodies) body.traverse((one) => {
+  if (!one.isMesh || one.material.isMeshBasicMaterial) return;
+  const place = one.geometry.attributes.position, v = new THREE.Vector3();
+  for (let i = 0; i < place.count; i++) {
+    v.fromBufferAttribute(place, i).applyMatrix4(one.matrixWorld);
+    lowest = Math.min(lowest, v.y);
+    v.project(viewer.camera);
+    most = Math.max(most, Math.abs(v.x), Math.abs(v.y), Math.abs(v.z));
+  }
+});
+const grid = viewer.scene.children.find((one) => one.type === "GridHelper");
+return { most, lowest, floor: grid.position.z, shown: grid.visible };
+"""
+
+
+@in_a_browser
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["talos_reduced", "go1", "ur5_robot"])
+def test_the_camera_has_the_whole_robot_and_the_floor_is_below_it(name, tmp_path):
+    found = asked(hp.view(hp.load_robot(name)), tmp_path, FRAMED)
+    assert 0.3 < found["most"] < 1
+    assert found["shown"]
+    assert found["floor"] <= 1e-12
+    assert found["lowest"] >= found["floor"] - 0.02
+
+
+@in_a_browser
+@pytest.mark.slow
+def test_the_camera_has_the_whole_motion_of_a_pair(tmp_path):
+    t = np.linspace(0, 1, 11)
+    moved = hp.integrate(PAIR, t, omega1=(0, 0, 1), psid=1.0, R1=np.stack([100 + 3 * t, 0 * t, 0 * t], axis=-1))
+    script = f"window.hingepair.show({len(t) - 1});" + FRAMED
+    assert 0.2 < asked(hp.view(moved), tmp_path, script)["most"] < 1
+    assert 0.2 < asked(hp.view(moved), tmp_path, script.replace(f"({len(t) - 1})", "(0)"))["most"] < 1
+
+
+@in_a_browser
+@pytest.mark.slow
+@pytest.mark.parametrize("source", ["scene", "robot"])
+def test_something_is_drawn(scene, source, tmp_path):
     from matplotlib.image import imread
 
-    path, picture = hp.view(scene).save(tmp_path / "page.html"), tmp_path / "page.png"
-    profile = f"--user-data-dir={tmp_path / 'profile'}"
-    subprocess.run(
-        [CHROMIUM, *FLAGS, profile, f"--screenshot={picture}", path.as_uri()],
-        capture_output=True,
-        timeout=HANG,
-        check=True,
-    )
-    middle = imread(picture)[150:500, 150:750, :3]
+    picture = tmp_path / "page.png"
+    shown = hp.view(scene if source == "scene" else hp.load_robot("talos_reduced"))
+    browse(shown.html, tmp_path, f"--screenshot={picture}")
+    middle = imread(picture)[100:500, 50:550, :3]
     blue, orange = (middle[..., 2] - middle[..., 0] > 0.2), (middle[..., 0] - middle[..., 2] > 0.2)
     assert blue.sum() > 200
     assert orange.sum() > 200

@@ -1,4 +1,4 @@
-"""`hingepair plot SCENE` and `view SCENE`: a figure of the motion, and a page on which the pair moves."""
+"""`hingepair plot SCENE` and `view SCENE`: a figure of the motion, and a page on which a pair or a robot moves."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from hingepair.cli.output import PICTURES, Outputs, check_picture, console, file_option, listed, save_figure
-from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, inputs_of, named, of_a_pair
+from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, inputs_of, named, named_robot
 from hingepair.cli.scenes import SceneFile
 from hingepair.errors import ArgumentError
 from hingepair.pair.planar_pair import PlanarPair
@@ -42,17 +42,22 @@ def view(
     body2_frame: Frame2 = None,
     out: Annotated[Path | None, file_option(f"Where the page goes; {_NAMED}")] = None,
 ) -> None:
-    """Write a web page on which the pair moves.
+    """Write a web page on which a pair or a robot moves.
 
-    One HTML file for any browser, without a network. A scene moves as it says; without a motion, and of the
-    joint of a robot or of a URDF file, the hinge turns through its limits.
+    One HTML file for any browser, without a network, with a slider for each joint. A scene moves as it says; without
+    a motion, and of the JOINT of a robot or of a URDF file, the hinge turns through its limits. A whole robot, by its
+    name or URDF file, stands in the neutral pose.
     """
-    found = of_a_pair(named(source, joint, body1_frame, body2_frame))
+    frames = (body1_frame, body2_frame)
+    robot = None if joint is not None or any(frames) else named_robot(source)
+    shown = robot or named(source, joint, *frames)
     name = Path(source).stem if joint is None else f"{Path(source).stem}_{Path(joint).name}"
     out = out or _unused(f"{name}.html")
-    page = page_of(found.to_spatial() if isinstance(found, PlanarPair) else found)
+    page = page_of(shown.to_spatial() if isinstance(shown, PlanarPair) else shown)
     path = page.save(out, inputs_of(source))
-    console().print(f"written: {path} ({page.shown} instants; open it in a browser)")
+    content = page.shown if page.frames else page.joints
+    unit = "instants" if page.frames else "joint" if page.joints == 1 else "joints"
+    console().print(f"written: {path} ({content} {unit}; open it in a browser)")
 
 
 def _unused(name: str) -> Path:

@@ -1,4 +1,4 @@
 """Looking at a motion.
 
-Plots, and a page on which the pair moves. Imports scenes, dynamics and what lies below them.
+Plots, and a page on which a pair or a robot moves. Imports scenes, dynamics and what lies below them.
 """

@@ -69,10 +69,12 @@ def spread_frames(source: object) -> Frames:
     if isinstance(source, Scene):
         return _scene_frames(source, source.sampled(MAX_FRAMES, _scene_outputs(source, None)), None)
     motion = _motion(source)
-    count = len(motion[0])
-    return _recorded_frames(
-        motion, np.unique(np.linspace(0, count - 1, min(count, MAX_FRAMES)).astype(np.intp)), None
-    )
+    return _recorded_frames(motion, spread_rows(len(motion[0])), None)
+
+
+def spread_rows(count: int) -> Rows:
+    """Return the numbers of MAX_FRAMES of so many instants at most, spread evenly."""
+    return np.unique(np.linspace(0, count - 1, min(count, MAX_FRAMES)).astype(np.intp))
 
 
 def all_frames(source: object, outputs: Iterable[str] | None = None) -> Iterator[Frames]:

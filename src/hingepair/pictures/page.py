@@ -1,7 +1,8 @@
-"""A page on which the pair moves: one file that needs nothing else, for any browser.
+"""A page on which a pair or a robot moves: one file that needs nothing else, for any browser.
 
 The drawing is done by MeshCat's viewer (three.js), which Pinocchio's users know; its JavaScript is taken out of the
-installed package `meshcat` and put into the page, so that the page opens from a disk without a network.
+installed package `meshcat` and put into the page, so that the page opens from a disk without a network. The page has
+the constants of the joints, the motion of the base and the coordinates, and computes the bodies' poses by itself.
 """
 
 from __future__ import annotations
@@ -15,42 +16,68 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.formats.model_writers import drawn_shapes
+from hingepair.errors import ArgumentError, MissingDependencyError, ShapeError, quoted
+from hingepair.mechanism.mechanism import Mechanism
+from hingepair.numeric.tables import unit_of
 from hingepair.numeric.whole_file import whole_file
-from hingepair.pair.body import Box, Cylinder, Shape, Sphere
-from hingepair.pictures.frames import Array, Frames, Source, spread_frames
-from hingepair.scenes.scene import Scene
+from hingepair.pictures.frames import MAX_FRAMES, Array, Source, spread_frames, spread_rows
+from hingepair.pictures.model import Model, model_json, pair_model, placements, robot_model
+from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
+from hingepair.scenes.scene import Scene, SceneResult
+
+_RATE: Final = 30  # instants in a second, of a motion that comes without instants
+_READINGS: Final[tuple[str, ...]] = ("v2", "omega2")
 
 
-def view(source: Source, path: str | os.PathLike[str] | None = None) -> Page:
-    """A page on which the pair moves: bodies, hinge axis, frames and trails, with a time slider and readings.
+def view(
+    source: Source | Mechanism | MechanismScene | MechanismSceneResult,
+    path: str | os.PathLike[str] | None = None,
+    q: ArrayLike | None = None,
+    t: ArrayLike | None = None,
+) -> Page:
+    """Make a page on which a pair or a robot moves, with a slider for each joint.
+
+    Bodies are drawn by the boxes, cylinders and spheres of a URDF or of a pair; a body that is drawn by anything else
+    is a simple one: rods from joint to joint, a drum at a hinge, a prism at a slider. A motion comes with a slider of
+    time, and paths of the frames that are shown.
 
     Args:
-        source: a scene or its result, a trajectory of `integrate` or `simulate`, or a pair, which then turns through
-            its limits (a whole turn where it has none).
+        source: a robot; a scene or its result; a trajectory of `integrate` or `simulate`; or a pair, which then turns
+            through its limits (a whole turn where it has none).
         path: a file to write the page to, ending in .html; none unless given.
+        q: motion of a robot [rad or m]; shape (T, dof), in the order of `robot.names`.
+        t: instants of q [s]; shape (T,), not decreasing; 30 in a second unless given.
 
     Returns:
         The page: `.html` is its text, `.save(path)` writes it; in a notebook it shows itself.
 
     Raises:
-        ArgumentError: what has no motion to show, or a file that cannot be written; names the argument.
+        ArgumentError: what has no motion to show, q or t that cannot be used, or a file that cannot be written; names
+            the argument.
         MissingDependencyError: the package meshcat is not installed.
 
     >>> import hingepair as hp
-    >>> page = hp.view(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1)))
-    >>> page
+    >>> hp.view(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1)))
     Page(hinge_pair, frames=181)
+    >>> hp.view(hp.load_robot("panda"))
+    Page(panda, joints=8)
     """
-    frames = spread_frames(source)
-    page = Page(frames.title, len(frames.t), frames.samples, _html(frames))
+    if isinstance(source, Mechanism):
+        model, motion = robot_model(source, source.name), _robot_motion(source, q, t)
+    else:
+        for name, value in (("q", q), ("t", t)):
+            if value is not None:
+                raise ArgumentError(name, "none but with a robot, a Mechanism", quoted(value))
+        source = source.scene if isinstance(source, SceneResult | MechanismSceneResult) else source
+        model, motion = _robot_page(source) if isinstance(source, MechanismScene) else _pair_page(source)
+    page = Page(model.title, len(motion.t), motion.samples, motion.q.shape[1], _html(model, motion))
     if path is not None:
-        page.save(path, [source.path] if isinstance(source, Scene) else ())
+        page.save(path, source.files if isinstance(source, Scene | MechanismScene) else ())
     return page
 
 
@@ -60,18 +87,20 @@ class Page:
 
     Attributes:
         title: title of the motion.
-        frames: number of instants that it shows.
+        frames: number of instants that it shows; 0 where there is no motion.
         samples: number of instants of the motion; of more than 2,000 the page shows 2,000, spread evenly.
+        joints: number of joints that have a slider.
         html: text of the file.
     """
 
     title: str
     frames: int
     samples: int
+    joints: int
     html: str
 
     def __repr__(self) -> str:
-        return f"Page({self.title}, frames={self.shown})"
+        return f"Page({self.title}, {f'frames={self.shown}' if self.frames else f'joints={self.joints}'})"
 
     @property
     def shown(self) -> str:
@@ -88,6 +117,8 @@ class Page:
         Raises:
             ArgumentError: another ending, or the file cannot be written; what was there before stays.
         """
+        if not isinstance(path, str | os.PathLike):
+            raise ArgumentError("path", "a file name (the motion of a robot is given as q=)", quoted(path))
         target = Path(path)
         if target.suffix.lower() not in {".html", ".htm"}:
             raise ArgumentError("path", "a file name that ends in .html", quoted(str(target)))
@@ -103,42 +134,87 @@ def _shown(count: int, samples: int) -> str:
     return f"{count} of {samples}" if count < samples else f"{count}"
 
 
-def _html(frames: Frames) -> str:
-    """The page: the viewer's code, the motion as JSON, and what brings the two together."""
-    pair, (R1, S1, R2, S2) = frames.pair, (frames.bodies[name] for name in ("R1", "S1", "R2", "S2"))
-    seen: Array = np.isfinite(np.concatenate([R1, R2], axis=1)).all(axis=1)
-    origin = R1[seen][0] if seen.any() else np.zeros(3)  # drawn from here: a browser's numbers have seven digits
-    trails = {"body1": R1 - origin, "body2": R2 - origin, "hinge": frames.hinge - origin}
-    places = np.concatenate([path[seen] for path in trails.values()]) if seen.any() else np.zeros((1, 3))
-    low, high = places.min(axis=0), places.max(axis=0)
-    size = float(np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)) or 1.0
-    one, two = drawn_shapes(pair)
-    reach = max(size, *map(_reach, (*one, *two)))
-    motion: dict[str, Any] = {
-        "title": frames.title,
-        "shown": _shown(len(frames.t), frames.samples),
-        "t": frames.t.tolist(),
-        "psi": _plain(frames.psi),
-        "axis": pair.n.tolist(),
-        "hinge": pair.u1.tolist(),
-        "size": size,
-        "reach": reach,
-        "extent": max(float(np.linalg.norm(high - low)), reach),
-        "centre": ((low + high) / 2).tolist(),
+class _Motion(NamedTuple):
+    """The motion of a page: none where there are no instants.
+
+    Attributes:
+        t: instants [s]; shape (N,).
+        samples: number of instants of the whole motion.
+        R: position of the base [m]; shape (N, 3), or (1, 3) where it stands.
+        S: attitude of the base; shape (N, 3, 3), or (1, 3, 3).
+        q: coordinates [rad or m]; shape (N, dof).
+        readings: what is shown beside; shape (N, 3).
+    """
+
+    t: Array
+    samples: int
+    R: Array
+    S: Array
+    q: Array
+    readings: dict[str, Array]
+
+
+def _pair_page(source: Source) -> tuple[Model, _Motion]:
+    frames = spread_frames(source)
+    psi, readings = frames.psi[:, None], frames.readings
+    shown = {"psi": psi} | {name: readings[name] for name in _READINGS if name in readings}
+    motion = _Motion(frames.t, frames.samples, frames.bodies["R1"], frames.bodies["S1"], psi, shown)
+    return pair_model(frames.pair, frames.title), motion
+
+
+def _robot_page(scene: MechanismScene) -> tuple[Model, _Motion]:
+    robot, rows = scene.mechanism, scene.spread(MAX_FRAMES)
+    known = scene.known(rows, 0)
+    R, S = (np.zeros(3), np.eye(3)) if known.base is None else (known.base.R, known.base.S)
+    R, S = R.reshape(-1, 3), S.reshape(-1, 3, 3)
+    places = max(len(R), len(S))
+    R, S = np.broadcast_to(R, (places, 3)), np.broadcast_to(S, (places, 3, 3))
+    motion = _Motion(np.asarray(scene.instants[rows]), scene.samples, R, S, known.array(0), {})
+    named = () if scene.frames == robot.tips else scene.frames
+    return robot_model(robot, scene.title, *named[:1]), motion
+
+
+def _robot_motion(robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None) -> _Motion:
+    """Return the motion of a robot whose base stands at the origin, at MAX_FRAMES instants at most."""
+    positions = np.zeros((0, robot.dof)) if q is None else np.asarray(q, dtype=np.float64)
+    if positions.ndim != 2 or positions.shape[1] != robot.dof or (q is not None and not len(positions)):
+        raise ShapeError("q", f"shape (T, {robot.dof}) with T from 1 on", positions.shape)
+    instants = np.arange(len(positions)) / _RATE if t is None else np.asarray(t, dtype=np.float64)
+    if instants.shape != positions.shape[:1]:
+        raise ShapeError("t", f"shape {positions.shape[:1]}, as many instants as q has", instants.shape)
+    if not np.isfinite(instants).all() or (np.diff(instants) < 0).any():
+        raise ArgumentError("t", "finite instants that do not decrease", quoted(t))
+    rows = spread_rows(len(instants))
+    return _Motion(instants[rows], len(instants), np.zeros((1, 3)), np.eye(3)[None], positions[rows], {})
+
+
+def _html(model: Model, motion: _Motion) -> str:
+    """Return the page: the viewer's code, the model and its motion as JSON, and what moves the one by the other."""
+    seen = np.isfinite(motion.R).all(axis=1)
+    origin = (
+        motion.R[seen][0] if seen.any() else np.zeros(3)
+    )  # drawn from here: a browser's numbers have seven digits
+    content = model_json(model, motion.q) | {
+        "shown": _shown(len(motion.t), motion.samples),
+        "t": motion.t.tolist(),
+        "q": _plain(motion.q),
+        "placements": placements(motion.R - origin, motion.S),
         "origin": origin.tolist(),
-        "body1": {"shapes": [_drawn(shape) for shape in one], "placements": _placements(trails["body1"], S1)},
-        "body2": {"shapes": [_drawn(shape) for shape in two], "placements": _placements(trails["body2"], S2)},
-        "trails": {name: _plain(np.where(seen[:, None], path, 0.0)) for name, path in trails.items()},
-        **{name: _plain(frames.readings[name]) for name in ("v2", "omega2") if name in frames.readings},
+        "readings": [
+            {"name": name, "unit": unit_of(name), "values": _plain(values)}
+            for name, values in motion.readings.items()
+        ],
     }
-    text = json.dumps(motion, allow_nan=False).replace("<", "\\u003c")
-    page = files("hingepair.pictures").joinpath("page.html").read_text(encoding="utf-8")
-    parts = {"@TITLE@": escape(frames.title), "@VIEWER@": _viewer(), "@MOTION@": text}
+    text = json.dumps(content, allow_nan=False).replace("<", "\\u003c")
+    page, script = (
+        files("hingepair.pictures").joinpath(name).read_text("utf-8") for name in ("page.html", "page.js")
+    )
+    parts = {"@TITLE@": escape(model.title), "@VIEWER@": _viewer(), "@CONTENT@": text, "@SCRIPT@": script}
     return re.sub("@[A-Z]+@", lambda found: parts[found[0]], page)
 
 
 def _viewer() -> str:
-    """MeshCat's JavaScript, out of the installed package, which is not imported: it would load a server."""
+    """Return MeshCat's JavaScript, out of the installed package, which is not imported: it would load a server."""
     found = importlib.util.find_spec("meshcat")
     places = found.submodule_search_locations if found else None
     for place in places or ():
@@ -149,38 +225,7 @@ def _viewer() -> str:
 
 
 def _plain(array: Array) -> list[Any]:
-    """Numbers for JSON, None for what is not finite."""
+    """Return numbers for JSON, None for what is not finite."""
     found = array.astype(object)
     found[~np.isfinite(array)] = None
     return list(found.tolist())
-
-
-def _placements(R: Array, S: Array) -> list[list[float] | None]:
-    """The 4 x 4 matrices, row by row; None where one is not finite."""
-    matrices = np.zeros((len(R), 4, 4))
-    matrices[:, :3, :3], matrices[:, :3, 3], matrices[:, 3, 3] = S, R, 1.0
-    return [m if np.isfinite(m).all() else None for m in matrices.reshape(-1, 16).tolist()]
-
-
-def _reach(shape: Shape) -> float:
-    """How far a shape goes from its body's reference point, at most."""
-    own = shape.size / 2 if isinstance(shape, Box) else (shape.radius,)
-    half = shape.length / 2 if isinstance(shape, Cylinder) else 0.0
-    return float(np.linalg.norm(shape.center) + np.linalg.norm([*own, half]))
-
-
-def _drawn(shape: Shape) -> dict[str, Any]:
-    """A shape as the page builds it; three.js has the axis of a cylinder along y."""
-    turn = np.eye(3)
-    found: dict[str, Any] = {"kind": type(shape).__name__.lower()}
-    if isinstance(shape, Box):
-        found["size"], turn = shape.size.tolist(), shape.axes
-    elif isinstance(shape, Sphere):
-        found["radius"] = shape.radius
-    else:
-        found |= {"radius": shape.radius, "length": shape.length}
-        across = np.cross(shape.axis, np.eye(3)[np.argmin(np.abs(shape.axis))])
-        across /= np.linalg.norm(across)
-        turn = np.stack([across, shape.axis, np.cross(across, shape.axis)], axis=1)
-    found["placement"] = _placements(shape.center[None], turn[None])[0]
-    return found

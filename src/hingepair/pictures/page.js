@@ -1,0 +1,380 @@
+"use strict";
+const byId = (id) => document.getElementById(id);
+const content = JSON.parse(byId("content").textContent);
+const count = content.t.length, dof = content.coordinates.length;
+
+// ---- forward kinematics, in double precision; rotations are nine numbers, row by row
+
+function product(A, B) {
+  const C = [];
+  for (let i = 0; i < 9; i += 3)
+    for (let j = 0; j < 3; j++) C.push(A[i] * B[j] + A[i + 1] * B[j + 3] + A[i + 2] * B[j + 6]);
+  return C;
+}
+function turned(A, v) {
+  return [0, 3, 6].map((i) => A[i] * v[0] + A[i + 1] * v[1] + A[i + 2] * v[2]);
+}
+function sum(a, b) {
+  return a.map((x, i) => x + b[i]);
+}
+function hingeRotation([x, y, z], angle) {  // E6, with 2 sin^2(angle/2) for 1 - cos(angle)
+  const s = Math.sin(angle), half = Math.sin(angle / 2), c = 2 * half * half;
+  return [
+    1 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y,
+    c * x * y + s * z, 1 - c * (x * x + z * z), c * y * z - s * x,
+    c * x * z - s * y, c * y * z + s * x, 1 - c * (x * x + y * y),
+  ];
+}
+function placed(pose, frame) {
+  return { R: sum(pose.R, turned(pose.S, frame.R)), S: product(pose.S, frame.S) };
+}
+function bodyPoses(base, q) {  // the poses of all bodies, the base first; of a joint that is not known, NaN
+  const poses = [base];
+  for (const joint of content.joints) {
+    const value = q[joint.coordinate], position = value === null ? NaN : joint.multiplier * value + joint.offset;
+    const home = placed(poses[joint.parent], { R: joint.u, S: joint.S });
+    poses.push(joint.kind === "hinge"
+      ? { R: home.R, S: product(home.S, hingeRotation(joint.n, position)) }
+      : { R: sum(home.R, turned(home.S, joint.n.map((x) => x * position))), S: home.S });
+  }
+  return poses;
+}
+function baseAt(k) {
+  const m = content.placements[still ? 0 : k];
+  const lost = Array(9).fill(NaN);
+  return m === null ? { R: lost.slice(0, 3), S: lost }
+    : { R: [m[3], m[7], m[11]], S: [m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]] };
+}
+function framePose(poses, frame) {
+  return placed(poses[frame.body], frame);
+}
+const still = content.placements.length === 1;
+const isKnown = (pose) => [...pose.R, ...pose.S].every(Number.isFinite);
+const neutral = content.coordinates.map((coordinate) => coordinate.neutral);
+const positionsAt = (k) => (count ? content.q[k] : neutral);
+
+// ---- what is drawn
+
+const THREE = MeshCat.THREE, viewer = new MeshCat.Viewer(byId("scene"));
+const { size, mark } = content;
+viewer.set_property(["Background"], "top_color", [1, 1, 1]);
+viewer.set_property(["Background"], "bottom_color", [0.86, 0.88, 0.92]);
+for (const name of ["PointLightNegativeX", "PointLightPositiveX", "FillLight", "AmbientLight"])
+  viewer.set_property(["Lights", name], "visible", false);
+const world = new THREE.Group(), sky = new THREE.HemisphereLight(0xffffff, 0x8a8f99, 0.75);
+sky.position.set(0, 0, 1);
+viewer.scene.add(world, sky);
+for (const [place, strength] of [[[3, -4, 5], 0.35], [[-4, 1, 2], 0.15]]) {
+  const light = new THREE.DirectionalLight(0xffffff, strength);
+  light.position.set(...place);
+  viewer.scene.add(light);
+}
+function mesh(shape) {
+  let geometry;
+  if (shape.kind === "box") geometry = new THREE.BoxGeometry(...shape.size);
+  else if (shape.kind === "sphere") geometry = new THREE.SphereGeometry(shape.radius, 32, 24);
+  else geometry = new THREE.CylinderGeometry(shape.radius, shape.radius, shape.length, 32);
+  const { opacity } = content;
+  const made = new THREE.Mesh(geometry, new THREE.MeshPhongMaterial(
+    { color: shape.colour, transparent: opacity < 1, opacity, specular: 0x222222 }));
+  made.applyMatrix4(new THREE.Matrix4().set(...shape.placement));
+  return made;
+}
+function moving(name) {
+  const group = new THREE.Group();
+  group.name = name;
+  group.matrixAutoUpdate = false;
+  world.add(group);
+  return group;
+}
+function put(group, pose) {
+  const { R, S } = pose;
+  group.visible = isKnown(pose);
+  if (group.visible)
+    group.matrix.set(S[0], S[1], S[2], R[0], S[3], S[4], S[5], R[1], S[6], S[7], S[8], R[2], 0, 0, 0, 1);
+  group.matrixWorldNeedsUpdate = true;
+}
+const bodies = content.bodies.map((body) => {
+  const group = moving(body.name);
+  for (const shape of body.shapes) group.add(mesh(shape));
+  return group;
+});
+const framed = content.frames.map((frame) => ({ ...frame, marked: content.marked.includes(frame.name) }));
+for (const frame of framed.filter((one) => one.marked)) {
+  frame.axes = moving(frame.name);
+  frame.axes.add(new THREE.AxesHelper(mark));
+}
+const shownAxes = moving("frame");
+shownAxes.add(new THREE.AxesHelper(mark));
+const axes = content.joints.map((joint, k) => {  // the line of each joint's axis; shown where there is but one
+  const length = (dof === 1 ? 0.9 : 0.3) * size, radius = (dof === 1 ? 0.002 : 0.004) * size;
+  const colour = dof === 1 ? 0x222222 : 0xd62839;
+  const line = new THREE.Mesh(new THREE.CylinderGeometry(radius, radius, length, 8),
+    new THREE.MeshBasicMaterial({ color: colour }));
+  line.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), new THREE.Vector3(...joint.n));
+  line.visible = dof === 1;
+  bodies[k + 1].add(line);
+  return line;
+});
+
+// ---- paths of frames through the motion
+
+function trail(colour) {
+  const line = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: colour }));
+  line.frustumCulled = false;
+  world.add(line);
+  return line;
+}
+function trace(line, frame) {
+  const points = [];
+  for (let k = 0; k < count; k++) {
+    const { R } = framePose(bodyPoses(baseAt(k), content.q[k]), frame);
+    points.push(...(R.every(Number.isFinite) ? R : points.length ? points.slice(-3) : [0, 0, 0]));
+  }
+  line.geometry.dispose();
+  line.geometry = new THREE.BufferGeometry();
+  line.geometry.setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
+}
+const trails = [];
+for (const [name, colour] of Object.entries(content.traced)) {
+  const line = trail(colour);
+  trace(line, framed.find((frame) => frame.name === name));
+  trails.push(line);
+}
+const shownTrail = trail("#d62839");
+trails.push(shownTrail);
+
+// ---- readings
+
+function digits(x) {  // at most eight characters, and a space before them at least
+  if (x === null || !Number.isFinite(x)) return "-".padStart(9);
+  const size = Math.abs(x), small = size !== 0 && size < 1e-3, large = size >= 1e5;
+  return (small || large ? x.toExponential(1) : size < 1 ? (x + 0).toFixed(5) : x.toPrecision(5)).padStart(9);
+}
+function readings() {
+  const rows = count ? [["t", content.t[frame], "s"]] : [];
+  for (const { name, unit, values } of content.readings)
+    rows.push([name, byHand ? null : values[frame], unit]);
+  return rows.map(([name, values, unit]) =>
+    name.padEnd(7) + [values].flat().map((x) => digits(x)).join("") + " " + unit).join("\n");
+}
+function angleOrLength(kind, x) {
+  if (x === null) return "-";
+  return kind === "hinge" ? `${(x * 180 / Math.PI + 0).toFixed(1)}\u00b0` : `${(x + 0).toFixed(4)} m`;
+}
+
+// ---- the pose that is shown: that of an instant, or one that sliders made
+
+let frame = 0, q = positionsAt(0).slice(), byHand = !count, playing = false, clock = count ? content.t[0] : 0;
+let chosen = framed.find((one) => one.name === content.frame);
+function draw() {
+  const poses = bodyPoses(baseAt(frame), q);
+  bodies.forEach((body, k) => put(body, poses[k]));
+  for (const one of framed) if (one.axes) put(one.axes, framePose(poses, one));
+  const shown = framePose(poses, chosen);
+  put(shownAxes, shown);
+  const at = byId("follow").checked && isKnown(poses[0]) ? poses[0].R : [0, 0, 0];
+  world.position.set(-at[0], -at[1], -at[2]);
+  for (const line of trails) {
+    line.visible = byId("trails").checked && count > 1;
+    line.geometry.setDrawRange(0, frame + 1);
+  }
+  byId("numbers").textContent = readings();
+  byId("position").textContent =
+    `R ${shown.R.map((x, i) => digits(x + content.origin[i])).join("")} m`;
+  content.coordinates.forEach(({ kind, limits: [lower, upper] }, i) => {
+    const { input, output } = sliders[i], text = angleOrLength(kind, q[i]);
+    input.disabled = q[i] === null;
+    if (q[i] !== null) input.value = q[i];
+    input.setAttribute("aria-valuetext", text);
+    output.textContent = text;
+    output.className =
+      q[i] !== null && (lower !== null && q[i] < lower || upper !== null && q[i] > upper) ? "beyond" : "";
+  });
+  world.updateMatrixWorld(true);
+  viewer.set_dirty();
+}
+function show(k) {  // the pose at an instant of the motion
+  frame = k;
+  byId("time").value = k;
+  q = positionsAt(k).slice();
+  byHand = !count;
+  draw();
+}
+function move(values) {  // a pose by hand; a motion stops
+  play(false);
+  byHand = true;
+  q = values;
+  draw();
+}
+const sliders = content.coordinates.map(({ name, kind, first, last, limits }, i) => {
+  const row = document.createElement("div"), label = document.createElement("label");
+  const input = document.createElement("input"), output = document.createElement("output");
+  row.className = "joint";
+  Object.assign(input, { type: "range", id: `joint${i}`, min: first, max: last, step: "any" });
+  label.htmlFor = output.htmlFor = input.id;
+  label.textContent = label.title = name;
+  const [from, to] = [first, last].map((x) => angleOrLength(kind, x));
+  const free = limits.map((limit, side) => (limit === null ? ["lower", "upper"][side] : "")).filter(Boolean);
+  input.title = free.length ? `no ${free.length > 1 ? "" : `${free[0]} `}limit; shown from ${from} to ${to}`
+    : `limits ${angleOrLength(kind, limits[0])} to ${angleOrLength(kind, limits[1])}`;
+  if (free.length) {
+    const note = document.createElement("small");
+    note.textContent = ` (no ${free.length > 1 ? "limits" : `${free[0]} limit`})`;
+    label.append(note);
+  }
+  input.oninput = () => move(q.map((value, j) => (j === i ? Number(input.value) : value)));
+  const mine = axes.filter((_, k) => content.joints[k].coordinate === i);
+  const light = (on) => {
+    if (dof === 1) return;
+    for (const line of mine) line.visible = on || row.matches(":hover, :focus-within");
+    viewer.set_dirty();
+  };
+  row.onmouseenter = input.onfocus = () => light(true);
+  row.onmouseleave = input.onblur = () => light(false);
+  row.append(label, output, input);
+  return { row, input, output };
+});
+content.limbs.forEach(({ name, colour }, limb) => {
+  const rows = sliders.filter((_, i) => content.coordinates[i].limb === limb).map(({ row }) => row);
+  if (!rows.length) return;
+  const group = document.createElement(content.limbs.length > 1 ? "details" : "div");
+  if (group.tagName === "DETAILS") {
+    const summary = document.createElement("summary"), swatch = document.createElement("span");
+    swatch.className = "swatch";
+    swatch.style.background = colour;
+    summary.append(swatch, name);
+    group.open = true;
+    group.append(summary);
+  }
+  group.append(...rows);
+  byId("joints").append(group);
+});
+byId("reset").onclick = () => move(neutral.slice());
+for (const one of framed) byId("frame").append(new Option(one.name, one.name));
+byId("frame").value = content.frame;
+function choose() {
+  chosen = framed.find((one) => one.name === byId("frame").value);
+  shownAxes.children[0].visible = !chosen.marked;
+  trace(shownTrail, chosen);
+  if (chosen.name in content.traced) shownTrail.geometry = new THREE.BufferGeometry();
+}
+byId("frame").onchange = () => { choose(); draw(); };
+
+// ---- time
+
+function frameAt(time) {
+  let low = 0, high = count - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (content.t[middle] <= time) low = middle; else high = middle - 1;
+  }
+  return low;
+}
+let last = null;
+function tick(now) {
+  if (playing) {
+    if (last !== null) clock += (now - last) / 1000 * Number(byId("speed").value);
+    if (clock >= content.t[count - 1]) clock = content.t[0];
+    const k = frameAt(clock);
+    if (k !== frame || byHand) show(k);
+  }
+  last = now;
+  requestAnimationFrame(tick);
+}
+function play(on) {
+  playing = on && count > 1;
+  if (count) clock = content.t[frame];
+  byId("play").textContent = playing ? "pause" : "play";
+}
+byId("time").max = count - 1;
+byId("time").oninput = () => { play(false); show(Number(byId("time").value)); };
+byId("play").onclick = () => play(!playing);
+byId("follow").onchange = byId("trails").onchange = () => { aim(); draw(); };
+document.addEventListener("keydown", (event) => {
+  if (event.code !== "Space" || event.target.closest("button, select, summary, input[type=checkbox]")) return;
+  event.preventDefault();
+  play(!playing);
+});
+
+// ---- the camera
+
+const upright = ([x, y, z]) => new THREE.Vector3(x, z, -y);  // in the axes of the viewer, whose y is up
+function boxOf(k, values, relative) {  // the shapes of all bodies that are known, from the base or from the origin
+  const box = new THREE.Box3(), base = baseAt(k), poses = bodyPoses(base, values);
+  bodies.forEach((body, i) => put(body, poses[i]));
+  world.position.set(0, 0, 0);
+  world.updateMatrixWorld(true);
+  for (const body of bodies.filter((one) => one.visible))
+    for (const child of body.children) if (!axes.includes(child)) box.expandByObject(child);
+  if (relative && isKnown(base)) box.translate(upright(base.R).negate());
+  return box;
+}
+const boxes = { one: boxOf(0, positionsAt(0), true), all: new THREE.Box3() };
+for (let i = 0; i < Math.max(1, Math.min(count, 40)); i++) {
+  const k = count > 1 ? Math.round(i * (count - 1) / (Math.min(count, 40) - 1)) : 0;
+  boxes.all.union(boxOf(k, positionsAt(k), false));
+  if (i) boxes.one.union(boxOf(k, positionsAt(k), true));
+}
+for (const box of Object.values(boxes))
+  if (box.isEmpty()) box.set(new THREE.Vector3(-size, -size, -size), new THREE.Vector3(size, size, size));
+const extent = (box) => box.getSize(new THREE.Vector3()).length();
+const cell = (() => {  // of the grid: 1, 2 or 5 times a power of ten
+  const wanted = size / 4, unit = 10 ** Math.floor(Math.log10(wanted));
+  return unit * [1, 2, 5, 10].find((factor) => factor * unit >= wanted);
+})();
+const originAxes = viewer.scene_tree.find(["Axes"]).object;
+originAxes.scale.setScalar(2 * mark);
+viewer.set_property(["Grid"], "visible", false);
+const cells = 2 * Math.ceil(Math.min(40, 0.6 * extent(boxes.all) / cell));
+const grid = new THREE.GridHelper(cells * cell, cells, 0x9aa1ab, 0xc3c8d0);  // no wider than what the camera sees
+const middle = boxes.all.getCenter(new THREE.Vector3()), nearest = (x) => cell * Math.round(x / cell);
+grid.rotation.x = Math.PI / 2;
+grid.position.set(nearest(middle.x), -nearest(middle.z), still ? Math.min(0, boxes.all.min.y) : 0);
+viewer.scene.add(grid);
+function aim() {
+  const follow = byId("follow").checked, box = follow ? boxes.one : boxes.all;
+  grid.visible = originAxes.visible = !follow;
+  const centre = box.getCenter(new THREE.Vector3()), { camera, controls } = viewer;
+  const half = Math.atan(Math.tan(camera.fov * Math.PI / 360) * Math.min(1, camera.aspect));
+  const far = 0.55 * extent(box) / Math.sin(half);
+  camera.near = far / 1000;
+  camera.far = 100 * far;
+  camera.updateProjectionMatrix();
+  controls.target.copy(centre);
+  camera.position.copy(centre).addScaledVector(upright([1, -0.8, 0.55]).normalize(), far);
+  controls.update();
+}
+viewer.camera.fov = 40;
+const resize = viewer.set_3d_pane_size.bind(viewer);
+viewer.set_3d_pane_size = () => resize(byId("scene").clientWidth, byId("scene").clientHeight);
+
+// ---- the page
+
+const moved = `${content.shown} instants`;
+const title = document.createElement("b"), notes = document.createElement("small");
+title.textContent = content.title;
+byId("head").append(title);
+for (const [colour, name] of content.legend) {
+  const swatch = document.createElement("span");
+  swatch.className = "swatch";
+  swatch.style.background = colour;
+  byId("head").append(swatch, `${name} \u00a0`);
+}
+notes.textContent = [
+  "drag: turn, wheel: zoom, right button: move", `grid ${Number(cell.toPrecision(1))} m`,
+  ...(content.shown.includes("of") ? [moved] : []),
+].join(" \u00b7 ");
+byId("head").append(...(content.legend.length ? [document.createElement("br")] : []), notes);
+byId("following").hidden = still;
+byId("following").querySelector("span").textContent = content.base;
+byId("controls").hidden = count < 2;
+byId("top").hidden = byId("joints").hidden = !dof;
+byId("follow").checked = !still && extent(boxes.all) > 4 * extent(boxes.one);
+viewer.set_3d_pane_size();
+aim();
+choose();
+show(0);
+window.hingepair = { viewer, bodies, show, move, content, bodyPoses, framePose, baseAt, framed };
+if (count > 1) play(true);
+requestAnimationFrame(tick);

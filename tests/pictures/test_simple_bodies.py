@@ -1,0 +1,150 @@
+"""Bodies that nothing draws: rods from joint to joint, drums of hinges, prisms of sliders."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.pictures.model import model_json, robot_model
+from hingepair.pictures.simple_bodies import robot_size, simple_bodies
+
+BASE = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 0, 1), name="base joint")
+ELBOW = hp.HingePair(u1=(2, 0, 0), u2=(-0.5, 0, 0), n=(0, 1, 0), name="elbow")
+RAM = hp.Slider(u1=(0.5, 0, 0), u2=(0, 0, 0), n=(1, 0, 0), name="ram", limits=(0, 0.5))
+
+
+def rods_of(body):
+    """The ends of the rods of a body, as (begin, end)."""
+    rods = [shape for shape in body.links if isinstance(shape, hp.Cylinder)]
+    return [(rod.center - rod.length / 2 * rod.axis, rod.center + rod.length / 2 * rod.axis) for rod in rods]
+
+
+def simple(*pairs):
+    tree = hp.Mechanism(pairs).tree
+    return simple_bodies(tree, robot_size(tree))
+
+
+def test_rods_reach_from_joint_to_joint():
+    """A body of the tree has its origin at its joint: the elbow's is 0.5 m from body 2's reference point."""
+    base, first, second, last = simple(BASE, ELBOW, RAM)
+    for body, end in ((base, (0, 0, 1)), (first, (2, 0, 0)), (second, (1, 0, 0))):
+        ((begin, far),) = rods_of(body)
+        np.testing.assert_allclose(begin, np.zeros(3), atol=1e-15)
+        np.testing.assert_allclose(far, end, atol=1e-15)
+    assert rods_of(last) == []
+
+
+def test_hinges_are_drums_along_their_axes_and_sliders_are_prisms():
+    base, first, second, last = simple(BASE, ELBOW, RAM)
+    (drum,) = first.joints
+    np.testing.assert_array_equal((drum.axis, drum.center), [(0, 0, 1), (0, 0, 0)])
+    drum, rail = second.joints
+    np.testing.assert_array_equal(drum.axis, (0, 1, 0))
+    (block,) = last.links
+    np.testing.assert_allclose(rail.axes[:, 2], (1, 0, 0), atol=1e-15)
+    np.testing.assert_allclose(block.axes[:, 2], (1, 0, 0), atol=1e-15)
+    along = rail.axes[:, 2] @ rail.center + np.array([-0.5, 0.5]) * rail.size[2]
+    assert along[0] < 1  # the range of the slider, from where it is at 0
+    assert along[1] > 1.5
+    assert base.joints == []
+    assert (rail.size[:2] < block.size[:2]).all()
+
+
+def test_a_body_without_a_joint_ends_at_its_last_links_or_beyond_its_centre_of_mass():
+    heavy = hp.Body(mass=1, center_of_mass=(0.2, 0, 0), inertia=(1, 1, 1))
+    *_, last = simple(BASE, hp.HingePair(u1=(2, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="arm", body2=heavy))
+    np.testing.assert_allclose(rods_of(last)[0][1], (0.4, 0, 0), atol=1e-15)
+    *_, last = simple(BASE, ELBOW)
+    np.testing.assert_allclose(rods_of(last)[0][1], (0.5, 0, 0), atol=1e-15)
+
+
+def test_heavy_rods_are_thick_and_no_rod_is_out_of_proportion():
+    def radius(mass):
+        body = hp.Body(mass=mass, inertia=(1, 1, 1))
+        _, first, _ = simple(hp.HingePair((0, 0, 1), (0, 0, 0), (0, 0, 1), name="a", body2=body), ELBOW)
+        return next(shape.radius for shape in first.links if isinstance(shape, hp.Cylinder))
+
+    radii = [radius(mass) for mass in (1e-6, 80, 120, 1e6)]
+    assert radii == sorted(radii)
+    assert len(set(radii)) == 4
+    assert radii[-1] / radii[0] < 2
+
+
+@pytest.mark.parametrize("name", ["panda", "talos_full_v2", "romeo", "iris_simple", "TwoDofs", "simple_humanoid"])
+def test_every_body_of_a_robot_is_drawn(name):
+    robot = hp.load_robot(name)
+    model = robot_model(robot, name)
+    assert all(body.shapes for body in model.bodies)
+    content = model_json(model, np.zeros((0, robot.dof)))
+    sizes = [[*shape.get("size", ()), shape.get("radius", 1), shape.get("length", 1)] for body in content["bodies"]
+             for shape in body["shapes"]]  # fmt: skip
+    assert all(0 < size < 100 for own in sizes for size in own)
+
+
+@pytest.mark.parametrize("length", [1e-320, 1e-8, 1e8, 1e150])
+def test_robots_of_any_size_can_be_drawn(length):
+    pair = hp.HingePair(u1=(length, 0, 0), u2=(0, 0, 0), n=(0, 0, 1), name="arm")
+    shift = hp.Slider(u1=(0, length, 0), u2=(0, 0, 0), n=(0, 0, 1), name="shift", limits=(-1e300, 1e300))
+    assert hp.view(hp.Mechanism([pair, shift])).joints == 2
+
+
+# ---------------------------------------------------------------- shapes that a robot comes with
+
+LINK = """<link name="{name}">{shapes}</link>"""
+BOX = '<{tag}><origin xyz="0 0 1"/><geometry><box size="1 2 3"/></geometry></{tag}>'
+MESH = '<{tag}><geometry><mesh filename="a.stl"/></geometry></{tag}>'
+BROKEN = '<{tag}><geometry><sphere radius="big"/></geometry></{tag}>'
+CASES = {
+    "visual": (BOX.format(tag="visual"), [(1, 2, 3)], True),
+    "collision for a mesh": (MESH.format(tag="visual") + BOX.format(tag="collision"), [(1, 2, 3)], True),
+    "visual before collision": (BOX.format(tag="visual") + MESH.format(tag="collision"), [(1, 2, 3)], True),
+    "mesh": (MESH.format(tag="visual") + MESH.format(tag="collision"), [], False),
+    "mesh and box": (MESH.format(tag="visual") + BOX.format(tag="visual"), [], False),
+    "nothing": ("", [], False),
+    "no number": (BROKEN.format(tag="visual"), [], False),
+    "far away": (BOX.format(tag="visual").replace("0 0 1", "0 0 1e308"), [(1, 2, 3)], True),
+    "no size": (BOX.format(tag="visual").replace("1 2 3", "1 0 3"), [], False),
+}
+
+
+def robot_of(shapes, extra=""):
+    arm = LINK.format(name="arm", shapes=shapes)
+    joint = (
+        '<joint name="turn" type="continuous"><parent link="root"/><child link="arm"/><origin xyz="1 0 0"/></joint>'
+    )
+    return hp.Mechanism.from_urdf(f'<robot name="r"><link name="root"/>{arm}{joint}{extra}</robot>')
+
+
+@pytest.mark.parametrize(("shapes", "sizes", "complete"), CASES.values(), ids=CASES)
+def test_a_link_is_drawn_by_its_shapes_or_by_a_simple_body(shapes, sizes, complete):
+    drawing = robot_of(shapes).tree.drawings[1]
+    assert [tuple(box.size.tolist()) for box in drawing.shapes] == sizes
+    assert drawing.complete == complete
+    kinds = [type(shape) for _, shape in robot_model(robot_of(shapes), "r").bodies[1].shapes]
+    assert kinds == ([hp.Box] if complete else [hp.Sphere, hp.Cylinder])
+
+
+def test_shapes_of_folded_links_stand_where_these_are():
+    hand = LINK.format(name="hand", shapes=BOX.format(tag="visual"))
+    fixed = '<joint name="fix" type="fixed"><parent link="arm"/><child link="hand"/><origin xyz="0 5 0"/></joint>'
+    robot = robot_of(BOX.format(tag="visual"), hand + fixed)
+    arm, other = robot.tree.drawings[1].shapes
+    np.testing.assert_array_equal((arm.center, other.center), [(0, 0, 1), (0, 5, 1)])
+    assert robot_of(
+        BOX.format(tag="visual"), LINK.format(name="hand", shapes=MESH.format(tag="visual")) + fixed
+    ).tree.drawings[1] == ((), False)
+
+
+def test_shapes_of_pairs_and_payloads_are_drawn():
+    ball = hp.Body(mass=1, shapes=[hp.Sphere(0.1, (0, 0, 0.2))])
+    arm = hp.HingePair(u1=(0, 0, 1), u2=(-1, 0, 0), n=(0, 1, 0), name="arm", body2=ball)
+    robot = hp.Mechanism([arm])
+    (sphere,), complete = robot.tree.drawings[1]
+    np.testing.assert_array_equal(sphere.center, (1, 0, 0.2))  # from the joint
+    assert complete
+    loaded = robot_of(MESH.format(tag="visual")).with_payload("arm", ball)
+    assert not loaded.tree.drawings[1].complete
+    first, *others = (shape for _, shape in robot_model(loaded, "r").bodies[1].shapes)
+    assert (first.radius, first.center.tolist()) == (0.1, [0, 0, 0.2])
+    assert len(others) > 1
