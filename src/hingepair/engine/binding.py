@@ -118,6 +118,31 @@ def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozen
     return Bound(tuple(pattern), constants, pieces)
 
 
+def bind_foreign(spec: Spec, values: Mapping[str, Any]) -> tuple[Pattern, list[float], list[Any]]:
+    """Sort the inputs of a loop, given as numbers and arrays of another library, as `bind` does.
+
+    Returns:
+        The pattern, the constants, and the arrays, each of one component.
+    """
+    pattern: list[Origin] = []
+    constants: list[float] = []
+    arrays: list[Any] = []
+    seen: dict[int, int] = {}
+    for name, tail in spec:
+        for component in values[name] if tail else (values[name],):
+            if not isinstance(component, float | int):
+                if id(component) not in seen:
+                    seen[id(component)] = len(arrays)
+                    arrays.append(component)
+                pattern.append((seen[id(component)], 0))
+                continue
+            known = _KNOWN.get(component)
+            pattern.append(known)
+            if known is None:
+                constants.append(float(component))
+    return tuple(pattern), constants, arrays
+
+
 def rows_of(array: NDArray[Any], tail: Tail) -> Iterator[NDArray[Any]]:
     """Yield views of an array with one axis of components; one view a row where a single view is not possible."""
     if not tail:

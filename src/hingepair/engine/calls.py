@@ -343,17 +343,15 @@ class Call:
             raise ArgumentError("workers", f"1, since {library.name} has threads of its own", workers)
         shape = broadcast_shape({**shapes, self._owner: self._shape})
         inputs = {**self._constants, **values}
-        computed = self.loop.function(
-            {name: _foreign_parts(name, inputs[name], tail, library) for name, tail in self.loop.inputs}
-        )
+        parts = {name: _foreign_parts(name, inputs[name], tail, library) for name, tail in self.loop.inputs}
+        components = self.loop.of_library(parts, library)
         if library.name == "jax" and self.result is not None:
             result: Any = self.result
             _register_for_jax(result)
         arrays = {}
         for name, tail in self.loop.outputs:
             if name in self.outputs:
-                components = computed[name] if isinstance(computed[name], tuple) else (computed[name],)
-                arrays[name] = library.joined(components, shape, tail)
+                arrays[name] = library.joined(components[name], shape, tail)
         return self._returned(arrays, shape)
 
     # ---- limits

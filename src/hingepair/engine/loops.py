@@ -26,6 +26,7 @@ from hingepair.engine.binding import (
     Pattern,
     Spec,
     bind,
+    bind_foreign,
     forms_of,
     in_threads,
     layout_of,
@@ -46,6 +47,7 @@ from hingepair.engine.trace import (
     operations,
 )
 from hingepair.errors import CompilationError, MissingDependencyError
+from hingepair.numeric.array_libraries import Library
 from hingepair.numeric.arrays import Block, load, split
 
 if TYPE_CHECKING:
@@ -126,6 +128,17 @@ class Loop:
         if not bound.pieces and how.backend == "compiled":  # one sample rounds as many do
             bound = bind(self.inputs, values, moving=True)
         self.program(bound.pattern).run(bound, out, shape, dtype, how)
+
+    def of_library(self, values: Mapping[str, Any], library: Library) -> dict[str, tuple[Any, ...]]:
+        """Return the components of all outputs by name, by the arithmetic of another library.
+
+        Args:
+            values: inputs by name: numbers and arrays of the library, vectors as tuples of these.
+            library: the other library.
+        """
+        pattern, constants, arrays = bind_foreign(self.inputs, values)
+        flat = iter(self.program(pattern).library_function(library)(*constants, *arrays))
+        return {name: tuple(next(flat) for _ in range(math.prod(tail))) for name, tail in self.outputs}
 
 
 class Operations(NamedTuple):
@@ -330,6 +343,13 @@ class Program:
     def arrays_function(self) -> Callable[..., tuple[Any, ...]]:
         """The generated function for NumPy arrays."""
         return python_source.for_arrays(self.loop.name, self.source)
+
+    @_Once
+    def library_function(self) -> Callable[[Library], Callable[..., tuple[Any, ...]]]:
+        """What makes the generated function for arrays of another library, once for each library and dtype."""
+        return functools.lru_cache(maxsize=8)(
+            functools.partial(python_source.for_library, self.loop.name, self.source)
+        )
 
     @_Once
     def operations(self) -> int:

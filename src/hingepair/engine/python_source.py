@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from hingepair.engine.trace import Operand, Value, needed_lines
-from hingepair.numeric.blocks import versine, versines
+from hingepair.numeric.array_libraries import Library, is_foreign
+from hingepair.numeric.blocks import SMALL, versine, versines
 
 _WIDTH = 110  # characters of a line of arguments or results
 _MAX_EXPRESSION = 300  # characters past which an expression gets a name: Python nests 200 brackets at most
@@ -69,6 +70,34 @@ def for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
 def for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
     """Compile a source into a function of NumPy arrays and numbers."""
     return _compile(name, source, _OF_ARRAYS)
+
+
+def for_library(name: str, source: str, library: Library) -> Callable[..., tuple[Any, ...]]:
+    """Compile a source into a function of arrays of another library and numbers; all of it has derivatives."""
+
+    def of_library(function: str) -> Callable[..., Any]:
+        numbers: Callable[..., Any] = _OF_ARRAYS[function]
+        arrays = getattr(library.namespace, _STANDARD.get(function, function))
+
+        def call(*given: Any) -> Any:
+            return arrays(*given) if any(map(is_foreign, given)) else float(numbers(*given))
+
+        return call
+
+    def where(condition: Any, then: Any, otherwise: Any) -> Any:
+        if not is_foreign(condition):
+            return then if condition else otherwise
+        return library.namespace.where(condition, library.array(then), library.array(otherwise))
+
+    def versine_of(s: Any, c: Any) -> Any:
+        if not is_foreign(c):
+            return versine(s, c)
+        near = c > SMALL
+        # The denominator that is not used is 1: a division by zero would make derivatives NaN.
+        return where(near, s * s / where(near, 1.0 + c, 1.0), 1.0 - c)
+
+    functions = {function: of_library(function) for function in ("sin", "cos", "sqrt", "arctan2", "hypot")}
+    return _compile(name, source, {**functions, "where": where, "versine": versine_of})
 
 
 def _compile(name: str, source: str, functions: dict[str, Any]) -> Callable[..., tuple[Any, ...]]:
@@ -150,7 +179,7 @@ def _list(opening: str, parts: Iterable[str], closing: str) -> list[str]:
     return lines
 
 
-_OF_FLOATS = {
+_OF_FLOATS: dict[str, Any] = {
     "sin": math.sin,
     "cos": math.cos,
     "versine": versine,
@@ -159,7 +188,7 @@ _OF_FLOATS = {
     "hypot": math.hypot,
     "where": lambda condition, then, otherwise: then if condition else otherwise,
 }
-_OF_ARRAYS = {
+_OF_ARRAYS: dict[str, Any] = {
     "sin": np.sin,
     "cos": np.cos,
     "versine": versines,
@@ -168,3 +197,5 @@ _OF_ARRAYS = {
     "hypot": np.hypot,
     "where": np.where,
 }
+_STANDARD = {"arctan2": "atan2"}
+"""What the array API standard calls a function, where it has another name."""
