@@ -616,3 +616,51 @@ def test_a_robot_that_differs_from_pinocchio_fails_its_check(monkeypatch):
     monkeypatch.setattr(hp.Mechanism, "jacobian", lambda self, *a, **k: turned(self, *a, **k) * (1 + 1e-12))
     said = hingepair("check", "ur5_robot", code=EXIT_CHECK_FAILED).stdout
     assert "FAILED: jacobian" in said
+
+
+def test_forces_of_a_mechanism_stand_beside_their_limits(tmp_path: Path) -> None:
+    text = (MODELS / "talos_lift.toml").read_text().replace("mass = 1.5", "mass = 2")
+    heavy, out = tmp_path / "heavy.toml", tmp_path / "forces.csv"
+    heavy.write_text(text)
+    lines = hingepair("forces", heavy, "--out", out).stdout.splitlines()
+    (heading,) = (line for line in lines if line.startswith("joint "))
+    assert re.split("  +", heading)[1:7] == ["unit", "rms", "max |tau|", "at t", "limit", "of it"]
+    (elbow,) = (line.split() for line in lines if line.startswith("arm_left_4_joint "))
+    assert elbow[5:9] == ["3.5", "17.86", "107%", "-1.75"]
+    assert elbow[-1] == "4.58"
+    assert any(line.startswith("force1_z ") for line in lines)
+    assert any(line.startswith("note: arm_left_4_joint takes up to 19.1 N m, more than") for line in lines)
+    table = np.genfromtxt(out, delimiter=",", names=True)
+    assert np.abs(table["tau_arm_left_4_joint"]).max() == pytest.approx(float(elbow[4]), rel=1e-5)
+    assert {"force1_x", "torque1_z", "tau_head_1_joint"} <= {*table.dtype.names}
+    report = json.loads(hingepair("forces", heavy, "--json", "--gravity", "0,0,0").stdout)
+    assert report["gravity"] == [0, 0, 0]
+    load = report["joints"]["arm_left_4_joint"]
+    assert load["effort_limit"] == 17.86
+    assert load["largest"] < 1
+    assert load["beyond"] == 0
+    assert set(report["outputs"]) == {f"{name}_{c}" for name in ("force1", "torque1") for c in "xyz"}
+
+
+def test_a_mechanism_runs_as_a_pair_does(tmp_path: Path) -> None:
+    scene, out = MODELS / "excavator.toml", tmp_path / "log.csv"
+    shown = hingepair("run", scene, "--outputs", "R,q,bucket", "--explain").stdout
+    assert "swing, boom, stick, bucket" in shown
+    assert "operations at each instant" in shown
+    for name, unit in (("R_teeth_x", "m"), ("omega_bucket_z", "rad/s"), ("stick", "rad")):
+        assert re.search(rf"^{name} +{unit} ", shown, re.MULTILINE), name
+    hingepair("run", scene, "--outputs", "q,qd,qdd", "--out", out)
+    logged = tmp_path / "logged.toml"
+    text = scene.read_text()
+    logged.write_text(text[: text.index("[motion]")] + "[motion]\nfile = 'log.csv'\n")
+    report = json.loads(hingepair("run", logged, "--outputs", "tau", "--json").stdout)
+    assert report["mechanism"]["joints"] == ["swing", "boom", "stick", "bucket"]
+    assert report["moving"] == ["swing", "boom", "stick", "bucket"]
+    largest = report["outputs"]["tau_boom"]["largest"]
+    assert largest == pytest.approx(np.abs(hp.load_scene(scene).forces().tau_boom).max(), rel=1e-9)
+    assert "no place" not in hingepair("urdf", scene).stdout
+    assert "mechanism" in hingepair("mjcf", scene, code=EXIT_BAD_INPUT).stderr
+    misspelt = hingepair("run", scene, "--outputs", "R_teath", code=EXIT_BAD_INPUT).stderr
+    assert re.fullmatch(
+        r"hingepair: --outputs: expected one of R, S, .* \(nearest: teeth\), got 'R_teath'\n", misspelt
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import hingepair as hp
 from hingepair.scenes.mechanisms.scene import MechanismScene
@@ -110,3 +111,338 @@ def test_joints_of_a_file_are_the_mechanism_by_hand(tmp_path: Path) -> None:
     for name in ("tau", "force1", "torque1"):
         size = np.abs(expected[name]).max()
         assert np.abs(getattr(forces, name) - expected[name]).max() <= 64 * U * size, name
+
+
+def test_rates_of_outputs_are_slopes(tmp_path: Path) -> None:
+    """Of a base that turns and moves, too."""
+    base = "[base]\nx = '0.3*t**2'\nz = 1\nphi_y = '0.2*sin(t)'\nphi_z = '0.5*t'\nsequence = 'ZYX'\n"
+    scene = scene_of(tmp_path, GOOD + base)
+    h, middle = 1e-4, 1.3
+    t = f"[time]\nstart = {middle - h!r}\nstop = {middle + h!r}\nsamples = 3\n"
+    near = scene_of(tmp_path, (GOOD + base).replace(TIME, t))
+    ram = near.evaluate()["ram"]
+    for slope, array in ((ram.v, ram.R), (ram.a, ram.v), (ram.alpha, ram.omega)):
+        assert np.abs((array[2] - array[0]) / (2 * h) - slope[1]).max() < 1e-6
+    turned = (ram.S[2] - ram.S[0]) / (2 * h) @ ram.S[1].T
+    assert np.abs(turned - hp.skew(ram.omega[1])).max() < 1e-6
+    moved = scene.base_motion()
+    assert moved is not None
+    np.testing.assert_allclose(np.asarray(moved.a)[:, 0], 0.6, rtol=0, atol=1e-14)
+    assert scene.cross_validate(7).ok
+
+
+def test_a_free_base_needs_a_motion_and_shows_what_moves_it(tmp_path: Path) -> None:
+    base = "[mechanism]\nbase = '{}'\n[base]\nz = '-4.905*t**2'\n"
+    joints = JOINTS.replace(
+        '[[joint]]\nname = "boom"', '[[joint]]\nname = "boom"\nbody1 = { mass = 1000, inertia = [500, 500, 500] }', 1
+    )
+    held = "[motion]\n" + TIME
+    free = scene_of(tmp_path, joints + held + base.format("free"))
+    assert free.mechanism.base == "free"
+    forces = free.forces()  # everything falls together: nothing need act
+    assert np.abs(forces.force1).max() < 1e-9
+    assert np.abs(forces.tau).max() < 1e-9
+    lifted = scene_of(tmp_path, joints + held + base.format("free").replace("-4.905", "0")).forces()
+    np.testing.assert_allclose(lifted.force1[:, 2], 1135 * 9.81, rtol=1e-14)
+    fixed = scene_of(tmp_path, joints + held + base.format("fixed").replace("-4.905", "0")).forces()
+    np.testing.assert_allclose(fixed.force1[:, 2], 135 * 9.81, rtol=1e-14)
+
+
+def test_payload_frames_and_gravity_are_those_of_the_methods(tmp_path: Path) -> None:
+    text = (
+        GOOD
+        + """
+[mechanism]
+name = "small digger"
+gravity = [0, "-1.62*sin(0.1)", "-1.62*cos(0.1)"]
+[mechanism.frames.wrist]
+link = "stick"
+R = [0.2, 0, 0.1]
+S = { axis = [1, 0, 0], deg = 90 }
+[mechanism.frames.teeth]
+link = "wrist"
+R = [0, 0, 0.4]
+[mechanism.payload.teeth]
+mass = 7
+inertia = [0.2, 0.2, 0.1]
+"""
+    )
+    scene = scene_of(tmp_path, text)
+    S = hp.rotation_exp((np.pi / 2, 0, 0))
+    robot = by_hand().with_frame("wrist", "stick", (0.2, 0, 0.1), S).with_frame("teeth", "wrist", (0, 0, 0.4))
+    robot = robot.with_payload("teeth", hp.Body(7, inertia=(0.2, 0.2, 0.1)))
+    assert scene.mechanism.name == "small digger"
+    assert scene.frames == ("wrist", "teeth")
+    q, qd, qdd = scene.motion()
+    result = scene.evaluate(("R", "S_teeth"))
+    expected = robot.forward_kinematics(q, frames=("wrist", "teeth"))
+    assert np.abs(result.R - expected.R).max() < 1e-14
+    assert list(result.chosen()) == ["R_wrist", "R_teeth", "S_teeth"]
+    gravity = (0, -1.62 * np.sin(0.1), -1.62 * np.cos(0.1))
+    tau = robot.inverse_dynamics(q, qd, qdd, gravity=gravity).tau
+    assert np.abs(scene.forces().tau - tau).max() <= 1e-13 * np.abs(tau).max()
+    heavy = robot.inverse_dynamics(q, qd, qdd).tau
+    assert np.abs(scene.forces((0, 0, -9.81)).tau - heavy).max() <= 1e-13 * np.abs(heavy).max()
+    energy = robot.energy(q, qd, gravity=gravity)
+    assert np.abs(scene.evaluate().energy().kinetic - energy.kinetic).max() <= 1e-13 * energy.kinetic.max()
+
+
+def test_a_urdf_file_beside_the_scene_is_a_robot(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(hp.to_urdf(by_hand()))
+    table = "[mechanism]\nurdf = 'arm.urdf'\nlocked = { ram = '0.1/2' }\n"
+    scene = scene_of(tmp_path, f"{table}[motion]\nboom = 't'\n{TIME}")
+    assert scene.mechanism.names == ("boom", "stick")
+    assert scene.files == (tmp_path / "digger.toml", tmp_path / "arm.urdf")
+    q = np.stack([scene.t, np.full(41, -0.2), np.full(41, 0.05)], axis=1)
+    expected = by_hand().forward_kinematics(q, frames="ram").R
+    assert np.abs(scene.evaluate(("R_ram",)).R - expected).max() < 1e-14
+
+
+def test_what_is_written_is_a_log_that_comes_back_to_the_bit(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, GOOD)
+    for name in ("log.csv", "log.npz", "log.parquet"):
+        scene.evaluate(("q", "qd", "qdd")).save(tmp_path / name)
+        logged = scene_of(tmp_path, JOINTS + f"[motion]\nfile = '{name}'\n")
+        np.testing.assert_array_equal(logged.t, scene.t)
+        for own, expected in zip(logged.motion(), scene.motion(), strict=True):
+            np.testing.assert_array_equal(own, expected)
+        assert np.abs(logged.forces().tau - scene.forces().tau).max() <= 1e-9
+        assert logged.files == (tmp_path / "digger.toml", tmp_path / name)
+        with pytest.raises(hp.ArgumentError, match="path: "):
+            logged.evaluate().save(tmp_path / name)
+
+
+def test_a_log_of_some_joints_leaves_the_others_at_rest(tmp_path: Path) -> None:
+    t = np.linspace(0, 2, 201)
+    np.savetxt(tmp_path / "log.csv", np.stack([t, np.sin(t)], 1), delimiter=",", header="t,boom", comments="")
+    scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\ndifferentiate = true\n")
+    q, qd, qdd = scene.motion()
+    assert (q[:, 1:] == (-0.2, 0)).all()
+    assert not qd[:, 1:].any()
+    assert np.abs(qd[:, 0] - np.cos(t)).max() < 1e-9
+    assert np.abs(qdd[:, 0] + np.sin(t)).max() < 1e-7
+    assert any("boomd, boomdd were found by finite differences" in note for note in scene.notes())
+    arrays = {"t": t, "q": np.stack([np.sin(t), t, 0 * t], 1)}
+    np.savez(tmp_path / "log.npz", **arrays)
+    q = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.npz'\n").motion().q
+    np.testing.assert_array_equal(q, arrays["q"])
+
+
+def test_wrapped_angles_are_unwrapped_and_shifts_are_not(tmp_path: Path) -> None:
+    t = np.linspace(0, 4, 401)
+    turn = np.mod(3 * t + np.pi, 2 * np.pi) - np.pi
+    np.savez(tmp_path / "log.npz", t=t, boom=turn, ram=turn)
+    scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.npz'\ndifferentiate = true\n")
+    qd = scene.motion().qd
+    assert np.abs(qd[:, 0] - 3).max() < 1e-9
+    assert np.abs(qd[:, 2]).max() > 100
+    assert [note.split()[0] for note in scene.notes() if "unwrapped" in note] == ["boom"]
+
+
+def test_pieces_are_the_whole_to_the_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = scene_of(tmp_path, GOOD.replace("samples = 41", "samples = 1001"))
+    asked = ("R", "S", "v", "a", "q", "qdd", "tau", "force1", "quat_ram")
+    monkeypatch.setattr("hingepair.scenes.mechanisms.scene.ROWS", 200)
+    whole, pieces = scene.evaluate(asked).recorded(), [part.recorded() for part in scene.blocks(asked)]
+    assert len(pieces) == 6
+    for name, array in whole.items():
+        np.testing.assert_array_equal(np.concatenate([piece[name] for piece in pieces]), array, name)
+
+
+def test_limits_that_are_passed_are_told_with_where(tmp_path: Path) -> None:
+    text = (
+        GOOD.replace("w = 0.3", "w = 0.6")
+        .replace("torque_limit = 900", "torque_limit = 100")
+        .replace("[motion]", "[motion]\nstick = '-2.5*t'", 1)
+    )
+    scene = scene_of(tmp_path, text)
+    assert scene.notes() == (
+        "boom' leaves its limits, -0.5 to 0.5 rad/s, at 41 of 41 instants, first at t = 0 s (0.6)",
+        "stick leaves its limits, -2 to -0.2 rad, at 26 of 41 instants, first at t = 0 s (0)",
+    )
+    forces = scene.forces()
+    (note,) = forces.notes
+    (stick,) = (load for load in forces.loads if load.joint == "stick")
+    beyond = np.flatnonzero(np.abs(forces.tau_stick) > 100)
+    assert (stick.beyond, stick.t_of_first) == (beyond.size, scene.t[beyond[0]])
+    assert note.startswith(
+        f"stick takes up to {stick.largest:.4g} N m, more than its limit of 100, at {beyond.size} of 41"
+    )
+    tau = forces.tau_stick
+    assert stick.rms == pytest.approx(np.sqrt(np.mean(tau**2)), rel=1e-14)
+    assert (stick.largest, stick.t_of_largest) == (np.abs(tau).max(), scene.t[np.abs(tau).argmax()])
+    assert stick.position == (-5, 0)
+    assert stick.rate == 2.5
+    degrees = scene_of(tmp_path, GOOD.replace("[motion]", "[motion]\nstick = -90", 1)).notes()
+    assert any(note.startswith("stick: -90 is taken for radians") for note in degrees)
+
+
+def test_kinks_are_told(tmp_path: Path) -> None:
+    (note,) = scene_of(tmp_path, GOOD.replace('"w*t"', '"w*abs(t - 1.01)"')).notes()
+    assert note == "kinks or jumps in 1 interval; derivatives there are those from the right"
+
+
+def test_samples_that_are_no_number_stay_by_themselves(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, GOOD.replace('"w*t"', '"sqrt(t - 0.52)"'))
+    forces = scene.forces()
+    assert forces.notes[0].startswith("11 of 41 instants have forces that are not finite")
+    assert np.isfinite(forces.loads[0].rms)
+    assert np.isnan(forces.tau[:11]).any(axis=1).all()
+    assert np.isfinite(forces.tau[11:]).all()
+
+
+def test_units_go_with_every_column(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, GOOD)
+    units = scene.evaluate(("q", "qd", "qdd", "tau", "R", "omega", "quat", "force1", "torque1")).to_dataframe().attrs
+    expected = {"boom": "rad", "ram": "m", "ramd": "m/s", "stickdd": "rad/s^2", "tau_boom": "N m", "tau_ram": "N"}
+    expected |= {"R_ram": "m", "omega_ram": "rad/s", "quat_ram_x": "1", "force1": "N", "torque1": "N m"}
+    assert units["units"] | expected == units["units"]
+    assert scene.forces().to_xarray()["tau_ram"].attrs["units"] == "N"
+
+
+def test_outputs_of_the_file_are_what_is_computed(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, GOOD + "[outputs]\nnames = ['R_boom', 'tau']\n")
+    result = scene.evaluate()
+    assert list(result.chosen()) == ["R_boom", "tau_boom", "tau_stick", "tau_ram"]
+    assert result.force1 is None
+    assert result.v is None
+    assert {"R", "tau", "q"} <= {*dir(result)}
+    assert "v" not in dir(result)
+    assert list(scene.evaluate().chosen()) != list(scene.evaluate(("boom",)).chosen())
+    np.testing.assert_array_equal(scene.sampled(5, ("q",)).t, scene.t[::10])
+
+
+def test_the_plan_counts_what_resting_joints_save(tmp_path: Path) -> None:
+    scene, all_move = scene_of(tmp_path, GOOD), GOOD.replace("[motion]", "[motion]\nstick = '-t'", 1)
+    plan = scene.plan()
+    assert plan.still == ("stick",)
+    assert "joints that do not move" in str(plan)
+    ((_, less),) = plan.computed.items()
+    ((_, more),) = scene_of(tmp_path, all_move).plan().computed.items()
+    assert less.each < more.each < more.full == less.full
+
+
+BAD = {
+    "u1 of two": (JOINTS.replace("u1 = [2, 0, 0]", "u1 = [2, 0]"), "joint.stick.u1: expected 3 finite numbers"),
+    "parent": (JOINTS.replace('parent = "boom"', 'parent = "bom"'), "joint.stick.parent: .*nearest: boom"),
+    "circle": (JOINTS.replace('name = "boom"', 'name = "boom"\nparent = "ram"'), "joint.stick.parent: .*circle"),
+    "name twice": (JOINTS.replace('name = "ram"', 'name = "boom"'), r"joint\[2\].name: .*'boom' twice"),
+    "no name": (JOINTS.replace('name = "ram"', ""), r"joint\[2\].name: "),
+    "kind": (JOINTS.replace('"slider"', '"slidr"'), "joint.ram.kind: expected one of hinge, slider, got 'slidr'"),
+    "misspelt key": (
+        JOINTS.replace("torque_limit", "torquelimit"),
+        r"joint\[0\].torquelimit: .*nearest: torque_limit",
+    ),
+    "mass": (JOINTS.replace("mass = 40", "mass = -40"), "joint.stick.body2.mass: expected a number above 0"),
+    "base's name": (JOINTS.replace('name = "ram"', 'name = "base"'), "joint: expected names other than 'base'"),
+    "no joints": ("joint = []", r"joint: expected tables \[\[joint\]\]"),
+    "pair beside": (JOINTS + "[pair]\n", "pair: expected nothing of this name in the scene of a mechanism"),
+    "planar": ("planar = true\n" + JOINTS, "planar: expected nothing"),
+    "dynamics": (JOINTS + "[dynamics]\n", "dynamics: expected nothing"),
+    "misspelt table": (JOINTS + "[mechanisim]\n", "mechanisim: .*nearest: mechanism"),
+    "robot beside joints": (JOINTS + "[mechanism]\nrobot = 'panda'\n", "mechanism.robot: expected no such key"),
+    "locked joints": (JOINTS + "[mechanism]\nlocked = { ram = 0 }\n", "mechanism.locked: expected no such key"),
+    "free base": (JOINTS + "[mechanism]\nbase = 'free'\n", r'mechanism.base: expected "fixed", or a table \[base\]'),
+    "base": (JOINTS + "[mechanism]\nbase = 'pinned'\n", "mechanism.base: expected one of fixed, free"),
+    "key": (JOINTS + "[mechanism]\ngravty = 1\n", "mechanism.gravty: .*nearest: gravity"),
+    "gravity": (JOINTS + "[mechanism]\ngravity = [0, 0]\n", "mechanism.gravity: expected 3 finite numbers"),
+    "frame's link": (JOINTS + "[mechanism.frames]\na = { link = 'rm' }\n", "mechanism.frames.a.link: .*nearest: ram"),
+    "frame's name": (
+        JOINTS + "[mechanism.frames]\nram = { link = 'ram' }\n",
+        "mechanism.frames.ram: expected a name",
+    ),
+    "payload's link": (JOINTS + "[mechanism.payload]\nrm = { mass = 1 }\n", "mechanism.payload.rm: .*nearest: ram"),
+    "payload": (JOINTS + "[mechanism.payload]\nram = {}\n", "mechanism.payload.ram.mass: .*got nothing"),
+    "base's key": (JOINTS + "[base]\nphi = 1\n", "base.phi: expected one of x, y, z, phi_x"),
+    "base's motion": (JOINTS + "[base]\nx = 'sin(tt)'\n", "base.x: unknown name 'tt'"),
+    "robot": ("[mechanism]\nrobot = 'pand'\n", "mechanism.robot: .*such as panda"),
+    "no robot": ("[mechanism]\n", "mechanism.robot: expected a robot of example-robot-data"),
+    "two robots": ("[mechanism]\nrobot = 'panda'\nurdf = 'a'\n", "mechanism.robot: .*both robot and urdf"),
+    "no file": ("[mechanism]\nurdf = 'a.urdf'\n", "mechanism.urdf: .*no such file: .*a.urdf"),
+    "named robot": ("[mechanism]\nrobot = 'panda'\nname = 'x'\n", "mechanism.name: expected no such key"),
+    "locked": ("[mechanism]\nrobot = 'panda'\nlocked = { panda_joint = 0 }\n", "mechanism.locked: .*nearest: panda"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_mistakes_in_a_mechanism_are_refused_by_table_and_key(tmp_path: Path, name: str) -> None:
+    text, words = BAD[name]
+    with pytest.raises(hp.SceneError, match=rf"digger\.toml: {words}") as refused:
+        scene_of(tmp_path, text + "\n[motion]\n" + TIME)
+    assert "\n" not in str(refused.value)
+
+
+PANDA = "[mechanism]\nrobot = 'panda'\nlocked = { panda_joint1 = 0 }\n"
+BAD_MOTIONS = {
+    "misspelt joint": ("panda_jiont2 = 't'", "motion.panda_jiont2: .*nearest: panda_joint2"),
+    "follower": ("panda_finger_joint2 = 0", "motion.panda_finger_joint2: .*follows 'panda_finger_joint1'"),
+    "locked joint": ("panda_joint1 = 0", "motion.panda_joint1: .*fixed or locked"),
+    "link": ("panda_hand = 0", "motion.panda_hand: .*a link"),
+    "expression": ("panda_joint2 = 'sine(t)'", "motion.panda_joint2: unknown name 'sine'"),
+    "kind of value": ("panda_joint2 = [0, 1]", "motion.panda_joint2: expected a finite number, an expression in t"),
+    "way points": (
+        "panda_joint2 = { t = [1, 0], value = [0, 1] }",
+        "motion.panda_joint2.t: expected instants that in",
+    ),
+    "no log": ("file = 'a.csv'", "time: expected no such table beside motion.file"),
+    "differentiate": ("differentiate = true", "motion.differentiate: expected file = "),
+    "beside a file": ("file = 'a.csv'\npanda_joint2 = 0", "time: expected no such table"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_MOTIONS)
+def test_mistakes_in_a_motion_are_refused_by_joint(tmp_path: Path, name: str) -> None:
+    text, words = BAD_MOTIONS[name]
+    with pytest.raises(hp.SceneError, match=rf"digger\.toml: {words}"):
+        scene_of(tmp_path, PANDA + f"[motion]\n{text}\n" + TIME)
+
+
+BAD_LOGS = {
+    "unknown": ("t,bom\n0,0\n", "'bom': .*nearest: boom"),
+    "results": ("t,boom,R_ram_x\n0,0,0\n", "'R_ram_x': .*a column of results"),
+    "rate alone": ("t,boom,stickd\n0,0,0\n", "stick: expected a column"),
+    "some rates": ("t,boom,boomd,ram\n0,0,0,0\n", "ramd: expected a column, beside rates of other joints"),
+    "second without first": ("t,boom,boomdd\n0,0,0\n", "boomd: expected a column beside boomdd"),
+    "no joint": ("t\n0\n", "boom: expected a column for each joint that moves, got none of them"),
+    "no instants": ("boom\n0\n", "t: expected a column, got no such column"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_LOGS)
+def test_mistakes_in_a_log_are_refused_by_column(tmp_path: Path, name: str) -> None:
+    text, words = BAD_LOGS[name]
+    (tmp_path / "log.csv").write_text(text)
+    with pytest.raises(hp.SceneError, match=rf"log\.csv: {words}"):
+        scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\n")
+
+
+def test_what_a_motion_lacks_is_refused_where_it_is_needed(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("t,boom\n0,0\n1,1\n2,1\n")
+    scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\n")
+    assert list(scene.evaluate().chosen()) == ["R_ram", "S_ram", "boom"]
+    with pytest.raises(
+        hp.ArgumentError, match=r"outputs: expected one of R, S, quat, d, q; .*differentiate.*got 'v'"
+    ):
+        scene.evaluate(("v",))
+    with pytest.raises(hp.ArgumentError, match="scene: expected a motion with accelerations"):
+        scene.forces()
+    with pytest.raises(hp.ArgumentError, match="first derivatives"):
+        scene.evaluate().energy()
+    assert scene.cross_validate().ok
+
+
+def test_a_pair_is_not_asked_of_a_mechanism(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, GOOD)
+    with pytest.raises(hp.ArgumentError, match="scene_or_pair: expected a Scene"):
+        hp.derive(scene)  # type: ignore[arg-type]
+
+
+def test_robots_rest_at_zero_or_at_the_closest_limit(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "[mechanism]\nrobot = 'panda'\n[motion]\n" + TIME)
+    q = scene.motion().q[0]
+    limits = scene.mechanism.position_limits
+    assert ((q >= limits[:, 0]) & (q <= limits[:, 1])).all()
+    assert dict(zip(scene.mechanism.names, q.tolist(), strict=True))["panda_joint4"] == -0.0698
+    assert np.count_nonzero(q) == 1
+    assert scene.joint_motion.moving == ()
+    assert scene.notes() == ()

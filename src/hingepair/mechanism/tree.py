@@ -163,6 +163,6 @@ class Tree(Frozen):
         """
         frame = self.frame(name) if isinstance(name, str) else None
         if frame is None:
-            known = (*self.links, *self.frames, *(joint.name for joint in self.joints))
+            known = tuple(dict.fromkeys((*self.links, *self.frames, *(joint.name for joint in self.joints))))
             raise ArgumentError(argument, choices(known) + nearest(str(name), known), quoted(name))
         return frame

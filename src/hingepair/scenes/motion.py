@@ -120,7 +120,7 @@ class LimitWatch:
         lower, upper = self._limits
         outside = np.flatnonzero((values < lower) | (values > upper))
         if outside.size:
-            self._first = self._first or f"first at t = {instant(t[outside[0]])} s ({values[outside[0]]:.6g})"
+            self._first = self._first or f"first at t = {instant(t[outside[0]])} s ({values[outside[0]] + 0.0:.6g})"
             self._outside += outside.size
 
     def sentences(self, samples: int) -> Iterator[str]:

@@ -18,18 +18,8 @@ from hingepair.pair.results import Record
 from hingepair.scenes.mechanisms.joint_motion import KnownJoints
 
 _HEADINGS = (
-    "joint",
-    "unit",
-    "rms",
-    "max |tau|",
-    "at t",
-    "limit",
-    "of it",
-    "q from",
-    "to",
-    "least",
-    "most",
-    "max |q'|",
+    *("joint", "unit", "rms", "max |tau|", "at t", "limit", "of it"),
+    *("least q", "limit", "largest q", "limit", "max |q'|", "limit"),
 )
 
 
@@ -134,9 +124,10 @@ def load_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [_HEADINGS]
     for load in loads:
         use = "" if math.isnan(load.use) else f"{load.use:.0%}"
-        sizes = (f"{load.rms:.5g}", f"{load.largest:.5g}", instant(load.t_of_largest), _limit(load.effort_limit), use)
-        q = (*(cell(value) for value in load.position), *(_limit(value) for value in load.position_limits))
-        rows.append((load.joint, load.unit, *sizes, *q, f"{load.rate:.5g}"))
+        sizes = cell(load.rms), cell(load.largest), instant(load.t_of_largest), _limit(load.effort_limit), use
+        both = zip(load.position, load.position_limits, strict=True)
+        q = (text for value, limit in both for text in (cell(value), _limit(limit)))
+        rows.append((load.joint, load.unit, *sizes, *q, cell(load.rate), _limit(load.rate_limit)))
     return rows
 
 

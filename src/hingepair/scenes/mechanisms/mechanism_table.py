@@ -24,7 +24,7 @@ MECHANISM_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "
 """What the table [mechanism] may hold."""
 KINDS: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
 """Kinds of joints of [[joint]] tables."""
-JOINT_KEYS: Final = ("parent", "kind", *PAIR_KEYS)
+JOINT_KEYS: Final = ("name", "parent", "kind", *(key for key in PAIR_KEYS if key != "name"))
 """What a table [[joint]] may hold."""
 _FRAME: Final[Mapping[str, Key]] = {"link": Table.text, "R": numbers(3), "S": Table.rotation}
 
@@ -93,6 +93,7 @@ def _from_joints(tables: Table, table: Table, base: str) -> Mechanism:
     joints: dict[str, Table] = {}
     for i, own in enumerate(given):
         numbered = replace(tables, name=f"joint[{i}]", values=own)
+        numbered.check_keys(JOINT_KEYS)
         name = numbered.text("name")
         if name in joints:
             numbered.refuse("name", "a name of its own for each joint", f"{name!r} twice")
@@ -108,7 +109,6 @@ def _from_joints(tables: Table, table: Table, base: str) -> Mechanism:
 
 def _carrier(table: Table, joints: Mapping[str, Table]) -> str | None:
     """Return the joint whose body carries a joint; None where the base does."""
-    table.check_keys(JOINT_KEYS)
     if "parent" not in table.values:
         return None
     name = table.text("parent")
@@ -146,7 +146,9 @@ def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
     for name in frames.values:
         own = frames.table(name)
         values: dict[str, Any] = own.read(_FRAME, ("link",))
-        with own.naming(name=""):
+        if robot.tree.frame(name) is not None:
+            frames.refuse(name, "a name that no link, joint or frame has", quoted(name))
+        with own.naming():
             robot = robot.with_frame(name, values["link"], values.get("R", np.zeros(3)), values.get("S"))
     return robot
 
