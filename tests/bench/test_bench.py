@@ -151,12 +151,31 @@ def test_every_repeat_goes_through_all_jobs():
     assert order == ["a", "b"] * 5
 
 
+@pytest.mark.parametrize("shift", direct.SHIFTS.values())
+def test_outputs_begin_where_they_are_said_to(shift):
+    array = direct.array_at((5, 3, 3), shift)
+    assert array.shape == (5, 3, 3)
+    assert array.flags.c_contiguous
+    assert array.ctypes.data % 64 == shift
+
+
+def test_each_offset_has_a_row_beside_the_floor():
+    rows = direct.offsets(9, ["pose", "velocity"], 1)
+    assert [row.method for row in rows] == [peers.FLOOR, *direct.SHIFTS] * 2
+    assert list(dict.fromkeys(row.case for row in rows)) == [
+        f"{direct.OFFSETS}: pose, N = 9",
+        f"{direct.OFFSETS}: velocity, N = 9",
+    ]
+    assert all(row.count == 9 and row.seconds > 0 for row in rows)
+    assert direct.offsets(1, ["pose"], 1) == []
+
+
 @pytest.mark.slow
 def test_direct_prints_writes_and_draws(few, tmp_path):  # noqa: ARG001
     picture = tmp_path / "b.png"
     done = run("direct", "--sizes", "1,2", "--levels", "pose", "--repeats", "1", "--no-cold", "--plot", str(picture))
     assert done.exit_code == 0, done.output
-    for words in (*(way.name for way in FEW), "pose, N = 1", "pose, N = 2", direct.MADE):
+    for words in (*(way.name for way in FEW), *direct.SHIFTS, "pose, N = 1", "pose, N = 2", direct.MADE):
         assert words in done.stdout
     assert picture.read_bytes().startswith(b"\x89PNG")
 
@@ -187,6 +206,8 @@ def test_no_cell_of_the_report_is_cut(capsys):
     cases = [f"{direct.STARTS}: {name}" for name in (*direct.SEQUENCES, "import")]
     rows += [_row(case, method, 123.0) for case in cases for method in (*direct.BACKENDS, "hingepair")]
     rows += [_row(case, peers.OURS, 1.0) for case in (direct.CYCLE, direct.MADE)]
+    cases = [direct.case_of(f"{direct.OFFSETS}: {level}", 1_000_000) for level in LEVELS]
+    rows += [_row(case, method, 1.0) for case in cases for method in direct.SHIFTS]
     command._report(lambda: Report(rows, "error"), False)
     assert "…" not in capsys.readouterr().out
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hingepair.bench import peers
 from hingepair.bench.engines import CPP, cpp_missing
@@ -32,7 +34,11 @@ HARD = "on hard states"
 CYCLE = "one state: FK, Jacobian, bias from a quaternion"
 MADE = "a pair made"
 STARTS = "a fresh process"
+OFFSETS = "outputs that begin behind a cache line"
+SHIFTS = {f"{shift} bytes behind a line": shift for shift in (0, 8, 16, 32)}
+"""Bytes from a cache line to the beginning of each output, by the name of the row; NumPy's large arrays have 16."""
 
+_LINE = 64  # bytes of a cache line
 _COMPARED = 40  # random states, compared with the exact ones
 _NOTE = (
     "a call, each: medians, kernels compiled before; ratio: of a sample's time, against the first way of a case; "
@@ -42,11 +48,14 @@ _NOTE = (
 
 
 def direct(sizes: Sequence[int], levels: Sequence[str], repeats: int, cpp: bool, cold: bool) -> Report:
-    """All ways at all sizes beside the copy floor; single states; with `cold`, the first seconds of a process."""
+    """Measure all ways at all sizes beside the copy floor, outputs at several offsets, and single states.
+
+    With `cold`, the first seconds of a process too.
+    """
     if cpp:
         tell("compiling Pinocchio's C++ loop (up to a minute)")
     ways, left_out = present(peers.WAYS, {CPP: cpp_missing(cpp)})
-    rows = batches(ways, sizes, levels, repeats) + singles(repeats)
+    rows = batches(ways, sizes, levels, repeats) + offsets(max(sizes), levels, repeats) + singles(repeats)
     rows += starts(repeats) if cold else []
     return Report(rows, "error", [*left_out, _NOTE], [panels(rows)])
 
@@ -70,6 +79,29 @@ def batches(ways: Sequence[Way], sizes: Sequence[int], levels: Sequence[str], re
             found[size] = compared(case_of(level, size), ways, task.first, size, repeats, random, more)
         rows += [row for size in sizes for row in found[size]]
     return rows
+
+
+def offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]:
+    """Measure batches into outputs that begin at several offsets from a cache line, beside the copy floor."""
+    rng, pair, rows = np.random.default_rng(22), HingePair(**CONSTANTS), []
+    into = peers.ours(backend="compiled", workers=1)
+    for level in levels if size > 1 else ():  # the outputs of one state are new arrays
+        tell(f"{level}, N = {size:,}, outputs at {len(SHIFTS)} offsets: {repeats} repeats")
+        task = task_of(pair, random_states(rng, size, list(LEVELS).index(level) + 1), LEVELS[level])
+        jobs = {FLOOR: peers.copies(task)}
+        for name, shift in SHIFTS.items():
+            room = {output: array_at(array.shape, shift) for output, array in task.room.items()}
+            jobs[name] = into(task._replace(room=room))
+        rows += rows_of(case_of(f"{OFFSETS}: {level}", size), interleaved(jobs, repeats), size)
+    return rows
+
+
+def array_at(shape: tuple[int, ...], shift: int) -> NDArray[np.float64]:
+    """Return an array, every page of it touched, that begins so many bytes behind a cache line: a multiple of 8."""
+    count = math.prod(shape)
+    memory = np.ones(count + 2 * _LINE // 8)
+    start = (-memory.ctypes.data % _LINE + shift) // 8
+    return memory[start : start + count].reshape(shape)
 
 
 def case_of(what: str, size: int) -> str:
