@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.numeric.array_libraries import Library, check_tail, is_foreign, library_of
@@ -101,9 +101,7 @@ def _read_coordinates(
 ) -> tuple[Any, tuple[int, ...]]:
     """Return coordinates as programs take them, and the shape of their samples."""
     if is_table(value):
-        endings = {"qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}.get(name, ("",))
-        families = [tuple(f"{joint}{ending}" for joint in names) for ending in endings]
-        columns = columns_by_name(name, value, families, alone=names)
+        columns = coordinate_columns(name, value, names)
         value = dict(zip(names, columns.values(), strict=True))
     if isinstance(value, Mapping):
         return _read_by_joint(name, value, names)
@@ -115,6 +113,13 @@ def _read_coordinates(
     except ShapeError as error:
         raise ShapeError(name, f"{error.expected}, a column for each of {_shown(names)}", error.got) from None
     return array, array.shape[:-1]
+
+
+def coordinate_columns(name: str, table: Any, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """Return the columns of coordinates, of their derivatives or of efforts, in order, by the table's names."""
+    endings = {"qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}.get(name, ("",))
+    families = [tuple(f"{joint}{ending}" for joint in names) for ending in endings]
+    return columns_by_name(name, table, families, alone=names)
 
 
 def _read_by_joint(name: str, value: Mapping[str, Any], names: tuple[str, ...]) -> tuple[Any, tuple[int, ...]]:

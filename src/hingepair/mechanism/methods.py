@@ -17,16 +17,17 @@ from hingepair.engine.loops import Operations
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.accuracy import error_bounds
-from hingepair.mechanism.arguments import Coordinates, read_values, read_wrenches
+from hingepair.mechanism.arguments import Coordinates, coordinate_columns, read_values, read_wrenches
 from hingepair.mechanism.constants import Constants, constants_of
 from hingepair.mechanism.evaluate import Problem
 from hingepair.mechanism.prepare import ARRAYS, PreparedMechanism, checked_given
 from hingepair.mechanism.states import MechanismAccelerations, MechanismForces, MechanismState, state_of
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant
+from hingepair.numeric.dask_arrays import holds_dask, over_chunks
 from hingepair.numeric.tables import Shown
 from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.body_motion import SAMPLE_SHAPES, BodyMotion
 from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.plans.trees import inputs_of
 
@@ -219,6 +220,11 @@ class MechanismMethods(Shown):
         True
         """
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
+        if holds_dask(coordinates, base_motion):
+            tails = {**dict.fromkeys(coordinates, (len(self._constants.names),)), "base_motion": SAMPLE_SHAPES}
+            options = {"frames": frames, "outputs": outputs, "gravity": gravity}
+            arguments = {**coordinates, "base_motion": base_motion, **options}
+            return over_chunks(self.error_bounds, arguments, tails, self._columns)
         names = self._outputs(outputs, len(coordinates) - 1, None, BOUNDED)
         problem = self._problem(names, self._frames("frames", frames))
         self._require(problem, coordinates, names)
@@ -737,8 +743,56 @@ class MechanismMethods(Shown):
                 found = call.write(tuple(coordinates.values()), out) if known else None
             if found is not None:
                 return found
+        if holds_dask(coordinates, base_motion, acting):
+            return self._lazily(problem, coordinates, base_motion, out, workers, backend, fall, acting or {})
         values = read_values(self._constants.names, coordinates, base_motion, problem.inputs, acting or {})
         return problem.run(values, fall, out, how)
+
+    def _lazily(
+        self,
+        problem: Problem,
+        coordinates: Mapping[str, Any],
+        base_motion: BodyMotion | None,
+        out: Out,
+        workers: int,
+        backend: str,
+        gravity: ArrayLike,
+        acting: Mapping[str, tuple[Any, str]],
+    ) -> Any:
+        """Return the outputs of a problem for arguments among which there are Dask arrays; nothing is computed."""
+        tails = {**dict.fromkeys(coordinates, (problem.form.dof,)), "base_motion": SAMPLE_SHAPES}
+        tails |= dict.fromkeys(acting, (3,))
+        labels = {name: label for name, (_, label) in acting.items()}
+        arguments = {
+            **coordinates,
+            "base_motion": base_motion,
+            **{name: value for name, (value, _) in acting.items()},
+        }
+        (key,) = (key for key, own in self._constants.prepared.items() if own is problem)
+        options = {"out": out, "workers": workers, "backend": backend, "gravity": gravity}
+        return over_chunks(functools.partial(self._run_chunk, key, labels), arguments | options, tails, self._columns)
+
+    def _run_chunk(
+        self,
+        key: tuple[tuple[str, ...], tuple[str, ...], int],
+        labels: Mapping[str, str],
+        *,
+        base_motion: BodyMotion | None,
+        out: None,
+        workers: int,
+        backend: str,
+        gravity: ArrayLike,
+        **values: Any,
+    ) -> Any:
+        """Return the outputs of a problem in one chunk."""
+        outputs, frames, loaded = key
+        problem = self._problem(outputs, {name: self._frame("frames", name) for name in frames}, loaded)
+        acting = {name: (values.pop(name), label) for name, label in labels.items()}
+        return self._run(problem, values, base_motion, out, workers, backend, gravity, acting)
+
+    def _columns(self, name: str, table: Any) -> tuple[str, ...]:
+        """Return the names of a table's columns that are coordinates, or their derivatives, in order."""
+        return tuple(coordinate_columns(name, table, self._constants.names))
 
     def _array(
         self,

@@ -26,11 +26,14 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     """Return the value as an array of float64, float32 or integers, without a copy where it is one already.
 
     Raises:
-        DtypeError: complex, object, float16, longdouble, bool or text; a masked array; a table with named columns.
+        DtypeError: complex, object, float16, longdouble, bool or text; a masked array; a table with named columns; a
+            Dask array, which would be computed unasked.
         ShapeError: nested sequences of unequal length.
     """
     if is_table(value):
         raise DtypeError(name, "an array (of a table: .to_numpy())", f"a {type(value).__name__} with named columns")
+    if getattr(value, "__dask_graph__", lambda: None)() is not None:
+        raise DtypeError(name, f"an array in memory, such as {name}.compute()", f"a Dask {type(value).__name__}")
     if isinstance(value, np.ma.MaskedArray):
         raise DtypeError(name, "an array without a mask (use .filled(numpy.nan))", "a masked array")
     try:

@@ -176,7 +176,7 @@ def cell(value: Any) -> str:
     if isinstance(value, str):
         return value
     shape = getattr(value, "shape", None)
-    if shape is not None and math.prod(shape) > _MAX_SHOWN_NUMBERS:
+    if shape is not None and not (math.prod(shape) <= _MAX_SHOWN_NUMBERS and hasattr(value, "tolist")):
         return f"array of shape {tuple(shape)}"
     items = value.tolist() if shape is not None else value
     if not hasattr(items, "__len__"):

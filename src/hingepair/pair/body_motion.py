@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.array_libraries import check_tail, is_foreign, library_of
 from hingepair.numeric.arrays import Frozen, broadcast_shape, read_only, vectors
+from hingepair.numeric.dask_arrays import holds_dask, lazy_data
 from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
+
+SAMPLE_SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
+    **dict.fromkeys(("R", "S", "v", "omega", "a", "alpha"), (3,)),
+    "S": (3, 3),
+}
+"""Shape of one sample of each array of a motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -20,7 +27,8 @@ class BodyMotion(Frozen):
     """Position, attitude and their derivatives of one body, at one sample or many; world axes, classical.
 
     Arrays are not copied: they are seen through read-only views. Their leading shapes broadcast. Arrays of JAX,
-    PyTorch and other libraries stay what they are; that S is a rotation is not checked then.
+    PyTorch and other libraries stay what they are; that S is a rotation is not checked then. Of Dask arrays it is
+    checked in every chunk, when the chunk is computed.
 
     Args:
         R: reference point [m]; shape (..., 3).
@@ -61,7 +69,8 @@ class BodyMotion(Frozen):
         alpha: ArrayLike | None = None,
     ) -> None:
         given: dict[str, Any] = {"R": R, "S": S, "v": v, "omega": omega, "a": a, "alpha": alpha}
-        if library_of(given) is None:
+        given = {name: lazy_data(value) for name, value in given.items()}
+        if not holds_dask(given) and library_of(given) is None:
             given["S"] = vectors("S", S, 3, 3)
             check_rotation("S", given["S"])
         _fill(self, given)
@@ -165,8 +174,8 @@ def motion_of_rotations(**arrays: Any) -> BodyMotion:
 def _fill(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
     """Set the attributes of a motion to views of arrays."""
     shapes = {}
-    for name in ("R", "S", "v", "omega", "a", "alpha"):
-        value, tail = arrays.get(name), (3, 3) if name == "S" else (3,)
+    for name, tail in SAMPLE_SHAPES.items():
+        value = arrays.get(name)
         array = None if value is None and name != "R" else _read(name, value, *tail)
         object.__setattr__(body, name, array)
         if array is not None:
@@ -176,7 +185,7 @@ def _fill(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
 
 def _read(name: str, value: Any, *tail: int) -> Any:
     """Return a view of an array that cannot be written to; an array of another library as it is."""
-    if not is_foreign(value):
+    if not is_foreign(value) and not holds_dask(value):
         try:
             return read_only(vectors(name, value, *tail))
         except ShapeError as error:
@@ -201,4 +210,6 @@ def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[A
             raise ArgumentError(
                 f"{name}.{letter}", f"a value, as in BodyMotion(..., {letter}=...): what is asked for needs it", None
             )
+    if holds_dask(arrays):
+        raise ArgumentError(name, "arrays in memory, such as what .compute() returns", "Dask arrays")
     return {key: np.asarray(array) if is_foreign(array) else array for key, array in arrays.items()}

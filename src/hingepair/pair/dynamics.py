@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
@@ -38,7 +39,10 @@ SINGULAR = 64 * 2.0**-53
 
 def _in_a_line(self: Any) -> str:
     """Return a tuple of arrays as one line: numbers by name, and of more than nine numbers the shape."""
-    parts = (f"{n}={v!r}" if np.size(v) <= 9 else f"{n}: shape {np.shape(v)}" for n, v in self._asdict().items())
+    shapes = {n: getattr(v, "shape", ()) for n, v in self._asdict().items()}
+    parts = (
+        f"{n}={v!r}" if math.prod(shapes[n]) <= 9 else f"{n}: shape {shapes[n]}" for n, v in self._asdict().items()
+    )
     return f"{type(self).__name__}({', '.join(parts)})"
 
 

@@ -17,7 +17,7 @@ from hingepair.numeric.blocks import Components, Named
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import call_of
-from hingepair.plans.plan import SPATIAL, Kind, Plan, check_outputs, default_outputs, make_plan
+from hingepair.plans.plan import PLANAR, SPATIAL, Kind, Plan, check_outputs, default_outputs, make_plan
 from hingepair.plans.steps import COLUMN_NAMES
 from hingepair.rotations.sequences import find_sequence
 
@@ -85,15 +85,30 @@ def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | 
             raise ShapeError(name, expected, f"{count} sequences of {count} numbers, which could be either")
         return tuple(component(f"{name}[{i}]", part) for i, part in enumerate(value))
     if is_table(value):
-        own, endings = COLUMN_NAMES[names], {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name]
-        families = [own[name], *(tuple(f"{one}{ending}" for one in names) for ending in endings)]
-        others = {column for family in own.values() for column in family}
-        columns = columns_by_name(name, value, families, others, alone=names)
+        columns = _coordinate_columns(name, value, names)
         return tuple(component(f"{name}[{column!r}]", array) for column, array in columns.items())
     try:
         return vectors(name, value, count)
     except ShapeError as error:
         raise ShapeError(name, f"{error.expected}, or a tuple of {several}", error.got) from None
+
+
+def _coordinate_columns(name: str, table: Any, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """Return the columns of coordinates, or of their derivatives, in order, by the names that the table has."""
+    own, endings = COLUMN_NAMES[names], {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name]
+    families = [own[name], *(tuple(f"{one}{ending}" for one in names) for ending in endings)]
+    others = {column for family in own.values() for column in family}
+    return columns_by_name(name, table, families, others, alone=names)
+
+
+def spatial_columns(name: str, table: Any) -> tuple[str, ...]:
+    """Return the names of a table's columns that are q, qd or qdd of a pair in space, in order."""
+    return tuple(_coordinate_columns(name, table, SPATIAL.coordinates))
+
+
+def planar_columns(name: str, table: Any) -> tuple[str, ...]:
+    """Return the names of a table's columns that are q, qd or qdd of a pair in the plane, in order."""
+    return tuple(_coordinate_columns(name, table, PLANAR.coordinates))
 
 
 def float_row(value: Any, count: int) -> NDArray[np.float64] | None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import partial
-from typing import Any
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +14,14 @@ from hingepair.engine.backend import choose
 from hingepair.engine.calls import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
+from hingepair.numeric.dask_arrays import holds_dask, over_chunks
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, derivatives, dynamics, residuals, tolerances
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
+from hingepair.pair.body_motion import SAMPLE_SHAPES as MOTION_SHAPES
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.constants import Constants, pair_constants
+from hingepair.pair.constants import Constants, check_one, pair_constants
 from hingepair.pair.derivatives import Sensitivities
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.forward_kinematics import Outputs, Rows
@@ -28,6 +30,11 @@ from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
 from hingepair.pair.tolerances import PoseCovariance
 from hingepair.plans.plan import SPATIAL
+
+Found = TypeVar("Found")
+
+SAMPLE_SHAPES: Final = {**SPATIAL.shapes, **dict.fromkeys(("body1", "body2"), MOTION_SHAPES)}
+"""Shape of one sample of each argument that may be a Dask array."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -133,6 +140,11 @@ class HingePair(Shown):
     def _bodies(self) -> tuple[Body | None, Body | None]:
         return self.body1, self.body2
 
+    def _lazily(self, method: Callable[..., Found], **arguments: Any) -> Found:
+        """Return what a method gives for arguments among which there are Dask arrays; nothing is computed."""
+        check_one(self)
+        return over_chunks(method, arguments, SAMPLE_SHAPES, kinematics.spatial_columns)
+
     def forward_kinematics(
         self,
         q: Rows,
@@ -176,6 +188,9 @@ class HingePair(Shown):
         >>> state.v2[0]
         array([ 1.,  4., -1.])
         """
+        if holds_dask(q, qd, qdd):
+            options = {"outputs": outputs, "out": out, "sequence": sequence, "workers": workers, "backend": backend}
+            return self._lazily(self.forward_kinematics, q=q, qd=qd, qdd=qdd, **options)
         how = choose(backend, workers)
         state: PairState = kinematics.from_coordinates(
             SPATIAL, self.constants, q, qd, qdd, outputs, out, sequence, how
@@ -255,6 +270,10 @@ class HingePair(Shown):
         >>> pair.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
         array([2., 0., 0.])
         """
+        if holds_dask(body1, psi, psid, psidd):
+            given = {"body1": body1, "psi": psi, "psid": psid, "psidd": psidd}
+            options = {"outputs": outputs, "out": out, "workers": workers, "backend": backend}
+            return self._lazily(self.forward_kinematics_from_body1, **given, **options)
         how = choose(backend, workers)
         state: PairState = kinematics.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, how)
         return state
@@ -287,6 +306,8 @@ class HingePair(Shown):
         >>> [f"{bound:.0e}" for bound in bounds["R2"]], [f"{bound:.0e}" for bound in bounds["d"]]
         (['2e-15', '6e-08'], ['2e-15', '2e-15'])
         """
+        if holds_dask(q, qd, qdd):
+            return self._lazily(self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs, sequence=sequence)
         return accuracy.error_bounds(SPATIAL, self.constants, q, qd, qdd, outputs, sequence)
 
     def error_bounds_from_body1(
@@ -309,6 +330,10 @@ class HingePair(Shown):
         >>> f"{pair.error_bounds_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.5)['R2']:.0e}"
         '5e-16'
         """
+        if holds_dask(body1, psi, psid, psidd):
+            return self._lazily(
+                self.error_bounds_from_body1, body1=body1, psi=psi, psid=psid, psidd=psidd, outputs=outputs
+            )
         return accuracy.error_bounds_from_body1(self.constants, body1, psi, psid, psidd, outputs)
 
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
@@ -327,6 +352,8 @@ class HingePair(Shown):
         >>> pair.mass_matrix(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).diagonal().round(12).tolist()
         [4.0, 4.0, 4.0, 2.0, 10.0, 10.0, 3.0]
         """
+        if holds_dask(body1, psi):
+            return self._lazily(self.mass_matrix, body1=body1, psi=psi)
         (found,) = dynamics.compute(dynamics.MASS_MATRIX, self.constants, self._bodies, body1, psi=psi)
         return found
 
@@ -363,6 +390,8 @@ class HingePair(Shown):
         ([0.0, 0.0, 39.24], -19.62)
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
+        if holds_dask(body1, hinge):
+            return self._lazily(self.inverse_dynamics, body1=body1, **hinge, gravity=gravity)
         return Forces(*dynamics.compute(dynamics.FORCES, self.constants, self._bodies, body1, gravity, **hinge))
 
     def forward_dynamics(
@@ -410,6 +439,8 @@ class HingePair(Shown):
         """
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
+        if holds_dask(body1, loads, hinge):
+            return self._lazily(self.forward_dynamics, body1=body1, **hinge, **loads, gravity=gravity)
         outputs = dynamics.compute(
             dynamics.ACCELERATIONS, self.constants, self._bodies, body1, gravity=gravity, **loads, **hinge
         )
@@ -437,6 +468,8 @@ class HingePair(Shown):
         [0.0, 0.0, 19.62]
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
+        if holds_dask(body1, hinge):
+            return self._lazily(self.hinge_wrench, body1=body1, **hinge, gravity=gravity)
         outputs = dynamics.compute(dynamics.HINGE_WRENCH, self.constants, self._bodies, body1, gravity, **hinge)
         return HingeWrench(*outputs)
 
@@ -460,6 +493,8 @@ class HingePair(Shown):
         [2.0, 78.48]
         """
         hinge = {"psi": psi, "psid": psid}
+        if holds_dask(body1, hinge):
+            return self._lazily(self.energy, body1=body1, **hinge, gravity=gravity)
         return Energy(*dynamics.compute(dynamics.ENERGY, self.constants, self._bodies, body1, gravity, **hinge))
 
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
@@ -476,6 +511,8 @@ class HingePair(Shown):
         [4.0, 0.0, 0.0]
         """
         hinge = {"psi": psi, "psid": psid}
+        if holds_dask(body1, hinge):
+            return self._lazily(self.momentum, body1=body1, **hinge)
         return Momentum(*dynamics.compute(dynamics.MOMENTUM, self.constants, self._bodies, body1, **hinge))
 
     def residuals(
@@ -500,7 +537,7 @@ class HingePair(Shown):
         Returns:
             The `Residuals`: `.ok`, `.verdict`, str() a table, `.to_json()`, `.rows`; and the arrays that it lists,
             `.gap` (..., 3) m, `.tilt_angle` (...,) rad, `.psi` (...,) rad and others. Samples that are not finite are
-            left out and counted.
+            left out and counted. Of Dask arrays these arrays alone, lazy and not judged.
 
         Raises:
             ArgumentError: also where a tolerance is of rates that the motions lack.
@@ -514,7 +551,16 @@ class HingePair(Shown):
         >>> pair.residuals(body1, body2, tolerances={"gap": 0.01}).ok
         True
         """
+        if holds_dask(body1, body2):
+            for name, value in (("tolerances", tolerances), ("t", t)):
+                if value is not None:
+                    raise ArgumentError(name, "None, since residuals of Dask arrays are not judged", quoted(value))
+            lazy: Any = self._lazily(self._residual_arrays, body1=body1, body2=body2)
+            return lazy  # type: ignore[no-any-return]
         return residuals.residuals(self.constants, self.name, body1, body2, tolerances, t)
+
+    def _residual_arrays(self, body1: BodyMotion, body2: BodyMotion) -> Any:
+        return residuals.residual_arrays(self.constants, body1, body2)
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
         """Compute Jac of (v2, omega2) = Jac @ (v1, omega1, psi') from body1 and psi (E8, E2).
@@ -528,6 +574,8 @@ class HingePair(Shown):
         >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
+        if holds_dask(body1, psi):
+            return self._lazily(self.jacobian, body1=body1, psi=psi)
         return derivatives.jacobian(self.constants, body1, psi)
 
     def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
@@ -543,6 +591,8 @@ class HingePair(Shown):
         >>> pair.acceleration_bias(body1, 0.0, 2.0)
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
+        if holds_dask(body1, psi, psid):
+            return self._lazily(self.acceleration_bias, body1=body1, psi=psi, psid=psid)
         return derivatives.acceleration_bias(self.constants, body1, psi, psid)
 
     def coordinate_jacobian(self, q: Rows, *, sequence: str = "XYZ") -> FloatArray:
@@ -556,6 +606,8 @@ class HingePair(Shown):
         >>> pair.coordinate_jacobian(np.zeros(7)) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
+        if holds_dask(q):
+            return self._lazily(self.coordinate_jacobian, q=q, sequence=sequence)
         return derivatives.coordinate_jacobian(self.constants, q, sequence)
 
     def coordinate_jacobian_rate(self, q: Rows, qd: Rows, *, sequence: str = "XYZ") -> FloatArray:
@@ -570,6 +622,8 @@ class HingePair(Shown):
         >>> pair.coordinate_jacobian_rate(np.zeros(7), qd) @ qd
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
+        if holds_dask(q, qd):
+            return self._lazily(self.coordinate_jacobian_rate, q=q, qd=qd, sequence=sequence)
         return derivatives.coordinate_jacobian_rate(self.constants, q, qd, sequence)
 
     def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
@@ -585,6 +639,8 @@ class HingePair(Shown):
         >>> pair.sensitivities(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
         array([0., 1., 0.])
         """
+        if holds_dask(body1, psi, psid):
+            return self._lazily(self.sensitivities, body1=body1, psi=psi, psid=psid)
         return derivatives.sensitivities(self.constants, body1, psi, psid)
 
     def propagate_covariance(
@@ -618,6 +674,8 @@ class HingePair(Shown):
         array([0.001   , 0.001   , 0.001109])
         """
         std = {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
+        if holds_dask(body1, psi):
+            return self._lazily(self.propagate_covariance, body1=body1, psi=psi, covariance=covariance, **std)
         return tolerances.propagate_covariance(self.constants, body1, psi, covariance, **std)
 
     def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
@@ -635,6 +693,8 @@ class HingePair(Shown):
         >>> (pair.constraint_jacobian(body, body) @ (0, 0, 0, 0, 0, 1, 0, 4, 0, 0, 0, 3)).tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0]
         """
+        if holds_dask(body1, body2):
+            return self._lazily(self.constraint_jacobian, body1=body1, body2=body2)
         return derivatives.constraint_jacobian(self.constants, body1, body2)
 
     def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
@@ -651,6 +711,8 @@ class HingePair(Shown):
         >>> pair.constraint_bias(body1, body2).tolist()
         [-4.0, 0.0, 0.0, 0.0, 0.0]
         """
+        if holds_dask(body1, body2):
+            return self._lazily(self.constraint_bias, body1=body1, body2=body2)
         return derivatives.constraint_bias(self.constants, body1, body2)
 
 

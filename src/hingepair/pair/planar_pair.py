@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +14,13 @@ from hingepair.engine.calls import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, vectors
 from hingepair.numeric.blocks import components_of, numbers
+from hingepair.numeric.dask_arrays import holds_dask, over_chunks
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, dynamics
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import motion_of_rotations
-from hingepair.pair.constants import Constants
+from hingepair.pair.constants import Constants, check_one
 from hingepair.pair.dynamics import Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.evaluate import arrays_of
 from hingepair.pair.forward_kinematics import Outputs, Rows
@@ -30,6 +31,15 @@ from hingepair.rotations.matrices import rotation_exp
 
 PLANAR_GRAVITY = (0.0, -9.81)
 """Gravity in the plane unless given: y points up [m/s^2]."""
+
+Found = TypeVar("Found")
+
+# Shape of one sample of each argument that may be a Dask array.
+_SAMPLE_SHAPES: Final = {
+    **PLANAR.shapes,
+    **dict.fromkeys(("force1", "force2"), (2,)),
+    **dict.fromkeys(("torque1", "torque2"), ()),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -95,6 +105,11 @@ class PlanarPair(Shown):
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
         return sheet_of(self.name, [("u1", self.u1), ("u2", self.u2), *masses])
 
+    def _lazily(self, method: Callable[..., Found], **arguments: Any) -> Found:
+        """Return what a method gives for arguments among which there are Dask arrays; nothing is computed."""
+        check_one(self)
+        return over_chunks(method, arguments, _SAMPLE_SHAPES, kinematics.planar_columns)
+
     def forward_kinematics(
         self,
         q: Rows,
@@ -118,6 +133,9 @@ class PlanarPair(Shown):
         >>> state.v2[0], state.omega2[0]
         (array([1., 4.]), np.float64(2.0))
         """
+        if holds_dask(q, qd, qdd):
+            options = {"outputs": outputs, "out": out, "workers": workers, "backend": backend}
+            return self._lazily(self.forward_kinematics, q=q, qd=qd, qdd=qdd, **options)
         how = choose(backend, workers)
         state: PlanarState = kinematics.from_coordinates(PLANAR, self.constants, q, qd, qdd, outputs, out, None, how)
         return state
@@ -134,6 +152,8 @@ class PlanarPair(Shown):
         >>> f"{pair.error_bounds((0, 0, 0.5, 0.25))['R2']:.0e}"
         '7e-16'
         """
+        if holds_dask(q, qd, qdd):
+            return self._lazily(self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs)
         return accuracy.error_bounds(PLANAR, self.constants, q, qd, qdd, outputs, None)
 
     def to_spatial(self) -> HingePair:
@@ -181,6 +201,8 @@ class PlanarPair(Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).mass_matrix((0, 0, 0, 0)).diagonal().tolist()
         [4.0, 4.0, 10.0, 3.0]
         """
+        if holds_dask(q):
+            return self._lazily(self.mass_matrix, q=q)
         (M,) = self._computed(dynamics.MASS_MATRIX, {"q": q})
         return M[..., _PLANAR_COORDINATES[:, None], _PLANAR_COORDINATES]
 
@@ -202,7 +224,10 @@ class PlanarPair(Shown):
         >>> forces.force1.tolist(), float(forces.hinge_torque)
         ([0.0, 39.24], 19.62)
         """
-        force1, torque1, hinge_torque = self._computed(dynamics.FORCES, {"q": q, "qd": qd, "qdd": qdd}, gravity)
+        rows = {"q": q, "qd": qd, "qdd": qdd}
+        if holds_dask(rows):
+            return self._lazily(self.inverse_dynamics, **rows, gravity=gravity)
+        force1, torque1, hinge_torque = self._computed(dynamics.FORCES, rows, gravity)
         return Forces(force1[..., :2], torque1[..., 2], hinge_torque)
 
     def hinge_wrench(self, q: Rows, qd: Rows, qdd: Rows, gravity: ArrayLike = PLANAR_GRAVITY) -> HingeWrench:
@@ -223,6 +248,8 @@ class PlanarPair(Shown):
         ([0.0, 19.62], 19.62)
         """
         rows = {"q": q, "qd": qd, "qdd": qdd}
+        if holds_dask(rows):
+            return self._lazily(self.hinge_wrench, **rows, gravity=gravity)
         force, torque, hinge_torque, bearing_torque = self._computed(dynamics.HINGE_WRENCH, rows, gravity)
         return HingeWrench(force[..., :2], torque[..., 2], hinge_torque, bearing_torque[..., 2])
 
@@ -263,9 +290,10 @@ class PlanarPair(Shown):
         [0.0, -9.81, 0.0, 0.0]
         """
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-        found = self._computed(
-            dynamics.ACCELERATIONS, {"q": q, "qd": qd}, gravity, **loads, hinge_torque=hinge_torque
-        )
+        loads["hinge_torque"] = hinge_torque
+        if holds_dask(q, qd, loads):
+            return self._lazily(self.forward_dynamics, q=q, qd=qd, **loads, gravity=gravity)
+        found = self._computed(dynamics.ACCELERATIONS, {"q": q, "qd": qd}, gravity, **loads)
         a1, alpha1, psidd = dynamics.accelerations((self.body1, self.body2), found)
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
@@ -282,6 +310,8 @@ class PlanarPair(Shown):
         >>> pair.energy((0, 1, 0, 0), (1, 0, 0, 0)).potential.round(9).tolist()
         19.62
         """
+        if holds_dask(q, qd):
+            return self._lazily(self.energy, q=q, qd=qd, gravity=gravity)
         return Energy(*self._computed(dynamics.ENERGY, {"q": q, "qd": qd}, gravity))
 
     def momentum(self, q: Rows, qd: Rows) -> Momentum:
@@ -297,6 +327,8 @@ class PlanarPair(Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).momentum((0, 1, 0, 0), (1, 0, 0, 0)).linear.tolist()
         [4.0, 0.0]
         """
+        if holds_dask(q, qd):
+            return self._lazily(self.momentum, q=q, qd=qd)
         linear, angular = self._computed(dynamics.MOMENTUM, {"q": q, "qd": qd})
         return Momentum(linear[..., :2], angular[..., 2])
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only, real_array
 from hingepair.numeric.tables import Sheet, Shown, aligned, instant, json_text, left_out
@@ -225,6 +226,46 @@ _ARRAY_NAMES = (
 )
 
 
+class ResidualArrays(Results):
+    """Residuals of Dask arrays, sample by sample and not judged: those of `Residuals`, as lazy arrays.
+
+    What the motions do not hold is None.
+
+    Attributes:
+        shape: leading shape of the samples.
+        outputs: names of the arrays.
+    """
+
+    __slots__ = _ARRAY_NAMES
+
+
+def residual_arrays(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> ResidualArrays:
+    """Compute the residuals of two motions and the hinge angle, without judging them (E1, E2, their derivatives)."""
+    motions = _motions(body1, body2)
+    shapes = {"body1": body1.shape, "body2": body2.shape}
+    shape = broadcast_shape({**shapes, "pair": pair.shape})
+    return ResidualArrays(_arrays(with_hinge_frames(pair), motions, shapes), shape)
+
+
+def _motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
+    """Return all arrays of two motions, by the names of inputs."""
+    motions: dict[str, NDArray[Any]] = {}
+    for argument, body in (("body1", body1), ("body2", body2)):
+        motion_arrays(argument, body)
+        letters = (letter for letter in ("R", "S", "v", "omega", "a", "alpha") if getattr(body, letter) is not None)
+        motions |= motion_arrays(argument, body, *letters)
+    return motions
+
+
+def _arrays(
+    pair: Constants, motions: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
+) -> dict[str, NDArray[Any]]:
+    """Return those of the residuals, and of the hinge's own motion, that the motions determine."""
+    home, there = "home" in pair.values, {*motions, *pair.values}
+    names = [name for name in _ARRAY_NAMES if make_plan((name,), None, home, given=tuple(motions)).inputs <= there]
+    return arrays_of(pair, names, motions, shapes, np.dtype(np.float64))
+
+
 def residuals(
     pair: Constants,
     name: str,
@@ -234,22 +275,16 @@ def residuals(
     t: ArrayLike | None,
 ) -> Residuals:
     """Compute how far two motions, measured ones included, violate this hinge (E1, E2 and their derivatives)."""
-    motions: dict[str, NDArray[Any]] = {}
-    for argument, body in (("body1", body1), ("body2", body2)):
-        motion_arrays(argument, body)
-        letters = (letter for letter in ("R", "S", "v", "omega", "a", "alpha") if getattr(body, letter) is not None)
-        motions |= motion_arrays(argument, body, *letters)
+    motions = _motions(body1, body2)
     allowed = _checked(tolerances)
     for kind in allowed:
         _check_given(kind, motions)
     shapes = {"body1": body1.shape, "body2": body2.shape}
     shape = broadcast_shape({**shapes, "pair": pair.shape})
     pair = with_hinge_frames(pair)
-    home, there = "home" in pair.values, {*motions, *pair.values}
-    names = [name for name in _ARRAY_NAMES if make_plan((name,), None, home, given=tuple(motions)).inputs <= there]
-    arrays = arrays_of(pair, names, motions, shapes, np.dtype(np.float64))
+    arrays = _arrays(pair, motions, shapes)
     u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in motions.values())
-    scales = _scales(pair, motions, [kind for kind in KINDS if kind in names])
+    scales = _scales(pair, motions, [kind for kind in KINDS if kind in arrays])
     attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
     instants = None if t is None else _instants(t, shape)
     rows, left_out = [], np.zeros(shape, dtype=bool)

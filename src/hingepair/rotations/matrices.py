@@ -12,6 +12,7 @@ from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, RotationError
 from hingepair.numeric.arrays import FloatArray, real_array, result_dtype, vectors
 from hingepair.numeric.blocks import SMALL, Named, components_of, hinge_terms, tabulate, tabulate_one
+from hingepair.numeric.dask_arrays import holds_dask, over_chunks
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import direction, polar, unit_axis
 
@@ -112,6 +113,8 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
            [ 1.,  0.,  0.],
            [ 0.,  0.,  1.]])
     """
+    if holds_dask(rotvec):
+        return over_chunks(rotation_exp, {"rotvec": rotvec}, {"rotvec": (3,)})
     vector = vectors("rotvec", rotvec, 3)
 
     def rotation(values: Named) -> tuple[Any, ...]:
@@ -212,6 +215,10 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
     Raises:
         RotationError: a quaternion is zero.
     """
+    if holds_dask(quat):
+        return over_chunks(
+            quaternion_to_matrix, {"name": name, "quat": quat, "scalar_first": scalar_first}, {"quat": (4,)}
+        )
     quaternions = vectors(name, quat, 4)
     if np.any((quaternions == 0).all(axis=-1)):
         raise RotationError(name, "non-zero quaternions", "a zero quaternion")

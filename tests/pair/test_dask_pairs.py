@@ -1,0 +1,262 @@
+"""Dask arrays in, Dask arrays out: as NumPy gives them, one task a chunk, and nothing is computed."""
+
+from __future__ import annotations
+
+import pickle
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.states import body1 as random_body
+from support.states import coordinates, generator
+from support.states import pair as random_pair
+
+pytest.importorskip("dask.distributed", reason="the extra dask is not installed")
+
+import dask
+import dask.array as da
+import dask.dataframe as dd
+import pandas as pd
+import xarray as xr
+from numpy.testing import assert_array_equal
+
+COUNT, CHUNK = 50, 20
+LETTERS = ("R", "S", "v", "omega", "a", "alpha")
+MASS = hp.Body(2.0, (0.1, 0.2, 0.3), inertia=(0.2, 0.3, 0.4))
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_computed():
+    """Whatever computes in a test does so on purpose: by `computed`."""
+
+    def refuse(*_, **__):
+        pytest.fail("computed without being asked")
+
+    with dask.config.set(scheduler=refuse):
+        yield
+
+
+def computed(*lazy):
+    found = dask.compute(*lazy, scheduler="synchronous")
+    return found if len(lazy) > 1 else found[0]
+
+
+def chunked(array: np.ndarray) -> da.Array:
+    return da.from_array(array, chunks=(CHUNK, *array.shape[1:]))
+
+
+def tasks(lazy: da.Array) -> int:
+    """Number of tasks that are left when Dask has put together what it can, but for those of the inputs."""
+    (graph,) = dask.optimize(lazy)
+    return sum(not str(key).startswith("('array-") for key in graph.__dask_graph__())
+
+
+PAIR = hp.HingePair(*random_pair(generator(400)), body1=MASS, body2=MASS)
+FLAT = hp.PlanarPair((0.5, 0.2), (-0.3, 0.1), body1=MASS, body2=MASS)
+Q, QD, QDD = coordinates(generator(401), COUNT)
+BODY = hp.BodyMotion(**dict(zip(LETTERS, random_body(generator(402), COUNT), strict=True)))
+OTHER = hp.BodyMotion(**dict(zip(LETTERS, random_body(generator(403), COUNT), strict=True)))
+PSI = generator(404).normal(size=(3, COUNT))
+LOAD = generator(405).normal(size=(COUNT, 3))
+
+
+def lazy_body(body: hp.BodyMotion) -> hp.BodyMotion:
+    return hp.BodyMotion(**{letter: chunked(getattr(body, letter)) for letter in LETTERS})
+
+
+class Given(NamedTuple):
+    """What calls are given, of NumPy or of Dask."""
+
+    q: list
+    body: hp.BodyMotion | None = None
+    other: hp.BodyMotion | None = None
+    psi: list = ()
+    load: np.ndarray | None = None
+
+
+CALLS = {
+    "forward_kinematics": lambda g: PAIR.forward_kinematics(*g.q),
+    "one_output": lambda g: PAIR.forward_kinematics(*g.q[:2], outputs=("v2",)),
+    "another_sequence": lambda g: PAIR.forward_kinematics(g.q[0], sequence="ZYX"),
+    "from_body1": lambda g: PAIR.forward_kinematics_from_body1(g.body, *g.psi),
+    "error_bounds": lambda g: PAIR.error_bounds(*g.q),
+    "error_bounds_from_body1": lambda g: PAIR.error_bounds_from_body1(g.body, *g.psi),
+    "jacobian": lambda g: PAIR.jacobian(g.body, g.psi[0]),
+    "acceleration_bias": lambda g: PAIR.acceleration_bias(g.body, *g.psi[:2]),
+    "coordinate_jacobian": lambda g: PAIR.coordinate_jacobian(g.q[0]),
+    "coordinate_jacobian_rate": lambda g: PAIR.coordinate_jacobian_rate(*g.q[:2]),
+    "sensitivities": lambda g: PAIR.sensitivities(g.body, g.psi[0]),
+    "propagate_covariance": lambda g: PAIR.propagate_covariance(g.body, g.psi[0], u1_std=1),
+    "constraint_jacobian": lambda g: PAIR.constraint_jacobian(g.body, g.other),
+    "constraint_bias": lambda g: PAIR.constraint_bias(g.body, g.other),
+    "mass_matrix": lambda g: PAIR.mass_matrix(g.body, g.psi[0]),
+    "inverse_dynamics": lambda g: PAIR.inverse_dynamics(g.body, *g.psi, gravity=(0, 0, -1)),
+    "forward_dynamics": lambda g: PAIR.forward_dynamics(g.body, *g.psi[:2], force2=g.load),
+    "hinge_wrench": lambda g: PAIR.hinge_wrench(g.body, *g.psi),
+    "energy": lambda g: PAIR.energy(g.body, *g.psi[:2]),
+    "momentum": lambda g: PAIR.momentum(g.body, *g.psi[:2]),
+}
+
+FLAT_CALLS = {
+    "forward_kinematics": lambda g: FLAT.forward_kinematics(*g.q),
+    "error_bounds": lambda g: FLAT.error_bounds(*g.q),
+    "mass_matrix": lambda g: FLAT.mass_matrix(g.q[0]),
+    "inverse_dynamics": lambda g: FLAT.inverse_dynamics(*g.q),
+    "hinge_wrench": lambda g: FLAT.hinge_wrench(*g.q),
+    "forward_dynamics": lambda g: FLAT.forward_dynamics(*g.q[:2], torque2=g.q[0][:, 0], force1=g.q[1][:, :2]),
+    "energy": lambda g: FLAT.energy(*g.q[:2]),
+    "momentum": lambda g: FLAT.momentum(*g.q[:2]),
+}
+
+
+def arrays_of(result) -> dict[str, np.ndarray]:
+    if isinstance(result, np.ndarray | da.Array):
+        return {"": result}
+    if hasattr(result, "_asdict"):
+        return result._asdict()
+    if hasattr(result, "arrays"):
+        return result.arrays()
+    if isinstance(result, dict):
+        return result
+    names = [name for name in result.__slots__ if getattr(result, name) is not None]
+    return {name: getattr(result, name) for name in names}
+
+
+def check_same(lazy, plain) -> None:
+    assert type(lazy) is type(plain) or isinstance(plain, np.ndarray)
+    expected, found = arrays_of(plain), arrays_of(lazy)
+    assert found.keys() == expected.keys()
+    for name, array in expected.items():
+        if array.shape[:1] != (COUNT,):  # the same for all samples
+            assert_array_equal(found[name], array)
+            continue
+        own = found[name]
+        assert isinstance(own, da.Array)
+        assert (own.shape, own.dtype, own.chunks[0]) == (array.shape, array.dtype, (20, 20, 10))
+        assert (type(own._meta), own._meta.dtype, own._meta.ndim) == (np.ndarray, array.dtype, array.ndim)
+        values = computed(own)
+        assert values.dtype == array.dtype
+        assert_array_equal(values, array)
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_pair_in_space_gives_what_numpy_gives(name):
+    plain = Given([Q, QD, QDD], BODY, OTHER, [*PSI], LOAD)
+    lazy = Given([*map(chunked, plain.q)], lazy_body(BODY), lazy_body(OTHER), [*map(chunked, PSI)], chunked(LOAD))
+    check_same(CALLS[name](lazy), CALLS[name](plain))
+
+
+@pytest.mark.parametrize("name", FLAT_CALLS)
+def test_a_pair_in_the_plane_gives_what_numpy_gives(name):
+    plain = Given([row[:, :4].copy() for row in (Q, QD, QDD)])
+    check_same(FLAT_CALLS[name](Given([*map(chunked, plain.q)])), FLAT_CALLS[name](plain))
+
+
+def test_residuals_come_without_a_judgement():
+    lazy = PAIR.residuals(lazy_body(BODY), lazy_body(OTHER))
+    plain = PAIR.residuals(BODY, OTHER)
+    for name in ("gap", "tilt", "tilt_angle", "psi", "gap_rate", "psid", "psidd"):
+        assert_array_equal(computed(getattr(lazy, name)), getattr(plain, name))
+    with pytest.raises(hp.ArgumentError, match="tolerances: expected None"):
+        PAIR.residuals(lazy_body(BODY), lazy_body(OTHER), {"gap": 1})
+
+
+@pytest.mark.parametrize("outputs", [("R2",), ("R2", "S2", "v2", "omega2")], ids=["one", "several"])
+def test_there_is_one_task_a_chunk(outputs):
+    state = PAIR.forward_kinematics(chunked(Q), chunked(QD), outputs=outputs)
+    assert tasks(state.R2) == 3  # chunks
+    assert tasks(state.R2.max(axis=0)) <= 3 + 1 + 3
+
+
+def test_float32_stays_and_integers_become_float64():
+    single = PAIR.forward_kinematics(chunked(Q.astype(np.float32)), outputs=("R2",)).R2
+    assert single.dtype == computed(single).dtype == np.float32
+    whole = PAIR.forward_kinematics(chunked(np.ones((COUNT, 7), int)), outputs=("R2",)).R2
+    assert whole.dtype == computed(whole).dtype == np.float64
+
+
+def test_chunks_of_any_kind_broadcast_beside_numpy_arrays_and_numbers():
+    q = da.from_array(Q.reshape(5, 10, 7), chunks=(2, 5, 3))  # the coordinates are cut too
+    lazy = PAIR.forward_kinematics(q, QD[:10], outputs=("v2",)).v2
+    assert lazy.chunks == ((2, 2, 1), (5, 5), (3,))
+    assert_array_equal(computed(lazy), PAIR.forward_kinematics(Q.reshape(5, 10, 7), QD[:10]).v2)
+    parts = (*(chunked(column) for column in Q.T[:6]), 0.25)
+    assert_array_equal(computed(PAIR.forward_kinematics(parts).R2), PAIR.forward_kinematics((*Q.T[:6], 0.25)).R2)
+    wide = PAIR.forward_kinematics_from_body1(lazy_body(BODY), da.from_array(PSI[0][:4, None], chunks=(1, 1)))
+    assert wide.R2.chunks == ((1,) * 4, (20, 20, 10), (3,))
+    assert_array_equal(computed(wide.R2), PAIR.forward_kinematics_from_body1(BODY, PSI[0][:4, None]).R2)
+    one = PAIR.forward_kinematics(da.from_array(Q[0]))
+    assert one.R2.shape == (3,)
+    assert_array_equal(computed(one.R2), PAIR.forward_kinematics(Q[0]).R2)
+
+
+def test_xarray_objects_and_data_frames_are_not_computed_either():
+    labelled = xr.DataArray(chunked(Q), dims=("time", "coordinate"))
+    assert_array_equal(computed(PAIR.forward_kinematics(labelled).R2), PAIR.forward_kinematics(Q).R2)
+    body = hp.BodyMotion(R=xr.DataArray(chunked(BODY.R)), S=xr.DataArray(chunked(BODY.S)))
+    found = PAIR.forward_kinematics_from_body1(body, xr.DataArray(chunked(PSI[0])))
+    assert_array_equal(computed(found.S2), PAIR.forward_kinematics_from_body1(BODY, PSI[0]).S2)
+    names = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
+    table = pd.DataFrame(dict(zip(names, Q.T, strict=True)))[[*reversed(names)]]
+    lazy = PAIR.forward_kinematics(dd.from_pandas(table, npartitions=3)).R2
+    assert lazy.numblocks == (3, 1)
+    assert_array_equal(computed(lazy), PAIR.forward_kinematics(Q).R2)
+    with pytest.raises(hp.ArgumentError, match="q: expected the columns x, y, z"):
+        PAIR.forward_kinematics(dd.from_pandas(table.rename(columns={"x": "east"}), npartitions=3))
+
+
+def test_quaternions_and_rotation_vectors_make_lazy_motions():
+    quat, turn = generator(406).normal(size=(COUNT, 4)), generator(407).normal(size=(COUNT, 3))
+    for make, name, array in (
+        (hp.BodyMotion.from_quaternion_xyzw, "quat_xyzw", quat),
+        (hp.BodyMotion.from_quaternion_wxyz, "quat_wxyz", quat),
+        (hp.BodyMotion.from_rotvec, "rotvec", turn),
+    ):
+        lazy = make(R=chunked(BODY.R), **{name: chunked(array)})
+        assert_array_equal(computed(lazy.S), make(R=BODY.R, **{name: array}).S)
+
+
+def test_a_chunk_that_fails_names_itself():
+    S = BODY.S.copy()
+    S[43] *= 1.1
+    body = hp.BodyMotion(R=chunked(BODY.R), S=chunked(S))
+    lazy = PAIR.forward_kinematics_from_body1(body, 0.5)
+    with pytest.raises(hp.RotationError, match=r"chunk \(2,\): S: expected rotations") as caught:
+        computed(lazy.R2)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda q: PAIR.forward_kinematics(q[:, :6]), r"q: expected shape \(..., 7\), got shape \(50, 6\)"),
+        (lambda q: PAIR.forward_kinematics(q, q[:30]), r"qd: expected leading shape that broadcasts with \(50,\)"),
+        (lambda q: PAIR.forward_kinematics(q, outputs=("v2",)), "qd: expected a value, since output v2 needs it"),
+        (lambda q: PAIR.forward_kinematics(q, outputs=("R3",)), "outputs: expected"),
+        (lambda q: PAIR.forward_kinematics(q > 0), "q: expected real numbers"),
+        (lambda q: PAIR.forward_kinematics(q, out={"R2": Q}), "out: expected None, since Dask"),
+        (lambda q: hp.sample_pairs(PAIR, 50, u1_std=1).forward_kinematics(q), "pair: expected one pair"),
+        (lambda q: hp.rodrigues(q[:, :3], 0.1), r"n: expected an array in memory, such as n.compute\(\)"),
+        (lambda _: hp.fit(lazy_body(BODY), lazy_body(OTHER)), "body1: expected arrays in memory"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_before_anything_is_computed(call, message):
+    with pytest.raises(hp.ArgumentError, match=message):
+        call(chunked(Q))
+
+
+def test_what_is_sent_to_another_process_is_loaded_once():
+    from hingepair.numeric.dask_arrays import ChunkTask, loaded_task
+
+    task = ChunkTask(PAIR.forward_kinematics, {}, {}, ("R2",))
+    loaded_task.cache_clear()
+    first, second = (pickle.loads(pickle.dumps(task)) for _ in range(2))
+    assert first is second
+    assert first.method.__self__.n.tolist() == PAIR.n.tolist()
+
+
+def test_equal_calls_have_equal_names_and_others_do_not():
+    lazy = [PAIR.forward_kinematics(chunked(Q), outputs=("R2",), sequence=s).R2.name for s in ("XYZ", "XYZ", "ZYX")]
+    assert lazy[0] == lazy[1] != lazy[2]
