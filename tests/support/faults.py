@@ -1343,7 +1343,7 @@ FAULTS = {
     ),
     "loads that are not looked at between the nodes of a step": Fault(
         "dynamics/simulate.py",
-        "looked = bool(motion.loads.callables or task.until)",
+        "looked = bool(motion.callables or task.until)",
         "looked = bool(task.until)",
         "dynamics/test_events.py::test_a_short_pulse_in_a_long_rest_is_not_missed",
     ),

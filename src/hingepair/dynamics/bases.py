@@ -39,6 +39,8 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 Start: TypeAlias = tuple[Array, Array, Array, Array, float, float]
 """R, S, v and omega of body 1, psi and psi'."""
 Prescribed: TypeAlias = Callable[[Array], BodyMotion]
+HingeMotion: TypeAlias = Callable[[Array], Any]
+"""psi, psi' and psi'' at instants."""
 
 _G, _PSI = slice(9, 12), 12  # where the attitude and psi stand in the state
 
@@ -95,12 +97,21 @@ class Course(NamedTuple):
 class PairMotion:
     """The motion of a pair: its state, how that changes, and what it means.
 
-    The base is nothing ("free"), a pin at R1 ("pinned"), all of body 1 at rest ("fixed"), or its motion as given.
+    The base is nothing ("free"), a pin at R1 ("pinned"), all of body 1 at rest ("fixed"), or its motion as given. The
+    hinge turns as loads make it, or as given.
     """
 
     def __init__(
-        self, pair: HingePair, base: str | Prescribed, flat: bool, start: Start, loads: Loads, how: How
+        self,
+        pair: HingePair,
+        base: str | Prescribed,
+        flat: bool,
+        start: Start,
+        loads: Loads,
+        how: How,
+        hinge: HingeMotion | None = None,
     ) -> None:
+        self._hinge = hinge
         self._carry = base if callable(base) else None
         self._turning = base in ("free", "pinned")
         masses = mass_constants(({"body1": pair.body1} if self._turning else {}) | {"body2": pair.body2})
@@ -141,6 +152,11 @@ class PairMotion:
         self.sizes = np.repeat([reach, mass * reach, inertia, 1.0, 1.0], [3, 3, 3, 3, 2])
         self.speeds, self.angle = _MOVING, _PSI
 
+    @property
+    def callables(self) -> tuple[str, ...]:
+        """Names of what is given as functions of time, of which nothing is known between the instants asked for."""
+        return (*self.loads.callables, *["hinge"] * (self._hinge is not None), *["base"] * (self._carry is not None))
+
     def first_step(self, t: float, span: float) -> float:
         """A length to begin with, in which nothing turns by more than a tenth of a radian."""
         turns = (self.rates(np.array([t]), self.state[None])[0] / self.sizes)[-5:]
@@ -155,11 +171,11 @@ class PairMotion:
         given = self._given(t, states, self._S0)
         found = _run(self._rates, given | self._acting(t, given, self.side))
         if not self._turning:
-            return np.stack([given["psid"], found["psidd"]], axis=-1)
+            return np.stack([given["psid"], (given if self._hinge else found)["psidd"]], axis=-1)
         slopes: Array = found["slopes"]
-        if self.held:
+        if self.held or self._hinge:
             slopes = slopes.copy()
-            slopes[:, _PSI:] = 0.0
+            slopes[:, _PSI:] = np.stack([given["psid"], given["psidd"]], axis=-1) if self._hinge else 0.0
         return slopes
 
     def hinge_acceleration(self, t: float, state: Array) -> float:
@@ -223,7 +239,10 @@ class PairMotion:
         now = self._now(given)
         acting = self._acting(t, given, side)
         loads = self.loads.everything(t, now, side)
-        if held.any():
+        if self._hinge:
+            loads["hinge_torque"] = loads["motor_torque"] = self._holding(given, acting, given["psidd"])
+            acting |= {"hinge_torque": loads["hinge_torque"]}
+        elif held.any():
             torque = np.where(held, self._holding(given, acting, 0.0), 0.0)
             acting |= {"hinge_torque": acting["hinge_torque"] + torque}
             loads |= {"hinge_torque": acting["hinge_torque"]}
@@ -240,12 +259,16 @@ class PairMotion:
         if self._turning and self._flat:
             quats = np.stack([np.cos(phi / 2), 0 * phi, 0 * phi, np.sin(phi / 2)], axis=-1)
         a1, alpha1 = (np.broadcast_to(found[name], now.R1.shape) for name in ("a1", "alpha1"))
-        psidd = np.where(held, 0.0, found["psidd"])
+        psidd = given["psidd"] if self._hinge else np.where(held, 0.0, found["psidd"])
         return Course(t, quats, now, a1, alpha1, psidd, phi, loads)
 
     def _given(self, t: Array, states: Array, S0: Array) -> dict[str, Any]:
         """What the programs start from at some instants: the state, and the motion of body 1 where it is given."""
         hinge = dict(zip(("psi", "psid"), states.T[self.angle : self.angle + 2], strict=True))
+        if self._hinge:
+            hinge = dict(zip(("psi", "psid", "psidd"), hinge_motion(self._hinge, t), strict=True))
+            states = states.copy()
+            states[:, self.angle : self.angle + 2] = np.stack([hinge["psi"], hinge["psid"]], axis=-1)
         if self._turning:
             return {**hinge, "state": states, "S0": np.broadcast_to(S0, (len(t), 9))}
         if self._carry is None:
@@ -268,6 +291,17 @@ class PairMotion:
         known = given | (_run(self._motion, given).arrays() if self._turning else self._still)
         shapes = {name: (len(given["psi"]), *SPATIAL.shapes[name]) for name in Moving._fields}
         return Moving(*(np.broadcast_to(known[name], shape).copy() for name, shape in shapes.items()))
+
+
+def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
+    """Return psi, psi' and psi'' of a hinge that moves as given, at instants; shape (n,) each."""
+    values = hinge(t)
+    try:
+        psi, psid, psidd = (np.broadcast_to(np.asarray(value, np.float64), t.shape) for value in values)
+    except (TypeError, ValueError):
+        expected = f"a callable that returns (psi, psi', psi'') at {len(t)} instants"
+        raise ArgumentError("hinge", expected, values) from None
+    return psi, psid, psidd
 
 
 def _run(call: Call, values: Mapping[str, Any]) -> Any:

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.bases import Course, PairMotion, Start
+from hingepair.dynamics.bases import Course, HingeMotion, PairMotion, Start, hinge_motion
 from hingepair.dynamics.collocation import Array, Piece, Stepper, TooStiffError
 from hingepair.dynamics.loads import Base, Load, Loads
 from hingepair.dynamics.switches import HingeSwitches, Until
@@ -130,9 +130,10 @@ def simulate(
     pair: HingePair | PlanarPair,
     t: ArrayLike,
     body1: BodyMotion | None,
-    psi_0: float,
-    psid_0: float,
+    psi_0: float | None = None,
+    psid_0: float | None = None,
     *,
+    hinge: str | HingeMotion = "free",
     hinge_torque: HingeTorque = 0.0,
     force1: Load = 0,
     torque1: Load = 0,
@@ -160,8 +161,10 @@ def simulate(
             hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi)).
         t: instants [s], increasing; shape (N,).
         body1: where body 1 starts: R and S, and v and omega unless they are zero. None beside a base that moves.
-        psi_0: hinge angle at t[0] [rad].
-        psid_0: hinge rate at t[0] [rad/s].
+        psi_0: hinge angle at t[0] [rad]. None beside a hinge that moves as given.
+        psid_0: hinge rate at t[0] [rad/s]; likewise.
+        hinge: "free", which turns as the loads make it; or a callable of times (n,) that returns psi, psi' and psi'',
+            each (n,): then the hinge_torque that it takes is among the loads of the result.
         hinge_torque: of body 1 on body 2 about the hinge axis [N m]: a number, a `HingeLoad` (spring, damper,
             friction, stops), or any callable of arrays (t, psi, psid), each (n,), that returns (n,).
         force1: on body 1 at R1, world axes [N]: shape (3,), the number 0, or a callable of (t, now) that returns
@@ -211,20 +214,22 @@ def simulate(
     if gravity is None:
         gravity = PLANAR_GRAVITY if flat else GRAVITY
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-    loads = Loads(forces, hinge_torque, gravity, flat=flat)
+    driven = None if isinstance(hinge, str) else hinge
+    loads = Loads(forces, hinge_torque if driven is None else HingeLoad(), gravity, flat=flat)
     if until is not None:
         check_callable("until", until, "t", "now")
     jumps = np.sort(real_array("breaks", breaks).astype(np.float64))
     if jumps.ndim != 1 or not np.isfinite(jumps).all():
         raise ArgumentError("breaks", "instants at which loads jump [s], shape (M,)", quoted(breaks))
-    start = _start_of(base, body1, flat, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
+    angles = _angles_of(hinge, hinge_torque, instants, psi_0, psid_0)
+    start = _start_of(base, body1, flat, *angles)
     if not loads.rigid_range[0] <= start[4] <= loads.rigid_range[1]:
         expected = f"an angle between the rigid stops, {loads.rigid_range[0]:g} to {loads.rigid_range[1]:g} rad"
         raise ArgumentError("psi_0", expected, psi_0)
     how = choose(backend, 1)
 
     def run(tolerance: float, looks: float, until: Until | None) -> Course:
-        motion = PairMotion(space, base, flat, start, loads, how)
+        motion = PairMotion(space, base, flat, start, loads, how, driven)
         begin, legs, ended = motion.state, list[_Leg](), None
         if len(instants) > 1:
             legs, ended = _follow(motion, instants, _Task(tolerance, looks, jumps, until))
@@ -278,6 +283,23 @@ def _in_space(pair: object) -> HingePair:
     check_pair(pair)
     check_one(pair)
     return pair  # type: ignore[return-value]
+
+
+def _angles_of(
+    hinge: object, hinge_torque: object, t: Array, psi_0: float | None, psid_0: float | None
+) -> tuple[float, float]:
+    """Return psi and psi' at the start."""
+    if isinstance(hinge, str):
+        check_choice("hinge", hinge, ("free",))
+        return finite_number("psi_0", psi_0), finite_number("psid_0", psid_0)
+    check_callable("hinge", hinge, "t")  # type: ignore[arg-type]
+    for name, value in (("psi_0", psi_0), ("psid_0", psid_0)):
+        if value is not None:
+            raise ArgumentError(name, "None beside a hinge that moves as given", quoted(value))
+    if callable(hinge_torque) or np.any(hinge_torque != 0):
+        raise ArgumentError("hinge_torque", "none beside a hinge that moves as given", quoted(hinge_torque))
+    psi, psid, _ = hinge_motion(hinge, t[:1])  # type: ignore[arg-type]
+    return finite_number("psi_0", psi[0]), finite_number("psid_0", psid[0])
 
 
 def _start_of(base: Base, body1: object, flat: bool, psi: float, psid: float) -> Start:
@@ -348,7 +370,7 @@ def _follow(motion: PairMotion, t: Array, task: _Task) -> tuple[list[_Leg], floa
     switches = HingeSwitches(motion, start, task.tol, task.until)
     breaks = [float(x) for x in task.breaks - start if 0 <= x <= span]
     beside, window = 8 * np.spacing(max(abs(start), abs(start + span))), np.zeros(2)
-    looked = bool(motion.loads.callables or task.until)
+    looked = bool(motion.callables or task.until)
     stepper = Stepper(
         lambda since, states: motion.rates(start + np.clip(since, *window), states),
         switches if switches.needed else None,
