@@ -7,7 +7,7 @@ import platform
 import numpy as np
 import pytest
 
-from hingepair.engine import array_heads, backend, native
+from hingepair.engine import array_heads, backend, loops, native
 from hingepair.engine.backend import Account, How
 from hingepair.engine.llvm_ir import LANES
 from hingepair.engine.loops import Loop
@@ -272,6 +272,24 @@ def test_the_first_kernel_of_a_process_costs_more():
     first = account.price
     backend.started()
     assert account.price < first / 2
+
+
+@pytest.mark.usefixtures("fresh")
+def test_wide_outputs_pay_for_a_kernel_sooner(monkeypatch):
+    """Without a kernel, each component is stored by a call of its own."""
+    accounts = []
+
+    def account(*numbers):
+        accounts.append(Account(*numbers))
+        return accounts[-1]
+
+    monkeypatch.setattr(loops, "Account", account)
+    loop = Loop("wide", lambda v: {"y": (v["x"] * v["x"],) * 40}, {"x": ()}, {"y": (40,)})
+    x, y = np.ones(8), np.empty((8, 40))
+    loop.run({"x": x}, {"y": y}, (8,), np.dtype(float), How("auto", 1))
+    single = Account(1)
+    single.pays(8)
+    assert accounts[0].owed == pytest.approx(41 * single.owed)
 
 
 @pytest.mark.usefixtures("fresh")

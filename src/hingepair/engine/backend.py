@@ -70,10 +70,15 @@ class Account:
     Skis are rented until the rent has come to their price, then bought: whatever calls come, their time is at most
     twice that of the better backend in hindsight, and no call waits for a kernel that it does not pay for. The costs
     are estimated from the number of operations, so that what runs does not depend on how busy the machine is.
+
+    Args:
+        operations: number of operations of the program.
+        components: number of components of its outputs; storing one takes as long as an operation.
     """
 
-    def __init__(self, operations: int) -> None:
+    def __init__(self, operations: int, components: int = 0) -> None:
         self.operations = operations
+        self.lines = operations + components
         self.owed = 0.0  # seconds
 
     @property
@@ -83,12 +88,12 @@ class Account:
 
     def pays(self, samples: int, links: int = 1) -> bool:
         """Count a call over so many samples, in chains of so many links, and return whether a kernel pays now."""
-        self.owed += self.operations * (links * _NUMPY_CALL_SECONDS + samples * _NUMPY_SAMPLE_SECONDS)
+        self.owed += self.lines * (links * _NUMPY_CALL_SECONDS + samples * _NUMPY_SAMPLE_SECONDS)
         return self.owed >= self.price and not _broken
 
     def pays_one(self) -> bool:
         """Count a call of one state in Python, and return whether a kernel pays now."""
-        self.owed += self.operations * _PYTHON_STATE_SECONDS
+        self.owed += self.lines * _PYTHON_STATE_SECONDS
         return self.owed >= self.price and not _broken
 
 

@@ -241,7 +241,7 @@ class Program:
             return kernel
         account = self._accounts.get(key)
         if account is None:
-            account = self._accounts.setdefault(key, Account(self.operations))
+            account = self._accounts.setdefault(key, Account(self.operations, sum(key.parts)))
         pays = account.pays(samples, links) if samples else account.pays_one()
         return self.kernel_if_compiled(key) if pays else None
 
