@@ -477,6 +477,19 @@ def test_the_camera_has_the_whole_robot_and_the_floor_is_below_it(name, tmp_path
 
 @in_a_browser
 @pytest.mark.slow
+def test_the_floor_is_the_world_s_where_a_robot_stands_above_it(tmp_path):
+    """The base stands 1.083 m above the plane z = 0, and what is drawn has its origin at the base."""
+    page = hp.view(hp.load_scene(MODELS / "talos_lift.toml"))
+    assert len(content_of(page)["placements"]) == 1
+    limbs = "[...document.querySelectorAll('details')].filter((one) => one.open).map((one) => one.textContent)"
+    found = asked(page, tmp_path, FRAMED.replace("shown: grid", f"open: {limbs}, shown: grid"))
+    assert -1.13 < found["floor"] <= min(-1.083, found["lowest"] + 1e-9)
+    assert 0.3 < found["most"] < 1
+    assert [text.split("_")[0] for text in found["open"]] == ["torsotorso", "arm"]  # those that move
+
+
+@in_a_browser
+@pytest.mark.slow
 def test_the_camera_has_the_whole_motion_of_a_pair(tmp_path):
     t = np.linspace(0, 1, 11)
     moved = hp.integrate(PAIR, t, omega1=(0, 0, 1), psid=1.0, R1=np.stack([100 + 3 * t, 0 * t, 0 * t], axis=-1))

@@ -98,7 +98,11 @@ BROKEN = '<{tag}><geometry><sphere radius="big"/></geometry></{tag}>'
 CASES = {
     "visual": (BOX.format(tag="visual"), [(1, 2, 3)], True),
     "collision for a mesh": (MESH.format(tag="visual") + BOX.format(tag="collision"), [(1, 2, 3)], True),
-    "visual before collision": (BOX.format(tag="visual") + MESH.format(tag="collision"), [(1, 2, 3)], True),
+    "visual-before-collision": (
+        BOX.format(tag="visual") + BOX.format(tag="collision").replace("1 2 3", "4 5 6"),
+        [(1, 2, 3)],
+        True,
+    ),
     "mesh": (MESH.format(tag="visual") + MESH.format(tag="collision"), [], False),
     "mesh and box": (MESH.format(tag="visual") + BOX.format(tag="visual"), [], False),
     "nothing": ("", [], False),
@@ -126,14 +130,12 @@ def test_a_link_is_drawn_by_its_shapes_or_by_a_simple_body(shapes, sizes, comple
 
 
 def test_shapes_of_folded_links_stand_where_these_are():
-    hand = LINK.format(name="hand", shapes=BOX.format(tag="visual"))
-    fixed = '<joint name="fix" type="fixed"><parent link="arm"/><child link="hand"/><origin xyz="0 5 0"/></joint>'
-    robot = robot_of(BOX.format(tag="visual"), hand + fixed)
-    arm, other = robot.tree.drawings[1].shapes
-    np.testing.assert_array_equal((arm.center, other.center), [(0, 0, 1), (0, 5, 1)])
-    assert robot_of(
-        BOX.format(tag="visual"), LINK.format(name="hand", shapes=MESH.format(tag="visual")) + fixed
-    ).tree.drawings[1] == ((), False)
+    origin = '<origin xyz="0 5 0" rpy="3.141592653589793 0 0"/>'
+    fixed = f'<joint name="fix" type="fixed"><parent link="arm"/><child link="hand"/>{origin}</joint>'
+    box, mesh = BOX.format(tag="visual"), MESH.format(tag="visual")
+    arm, other = robot_of(box, LINK.format(name="hand", shapes=box) + fixed).tree.drawings[1].shapes
+    np.testing.assert_array_equal((arm.center, other.center), [(0, 0, 1), (0, 5, -1)])
+    assert robot_of(box, LINK.format(name="hand", shapes=mesh) + fixed).tree.drawings[1] == ((), False)
 
 
 def test_shapes_of_pairs_and_payloads_are_drawn():

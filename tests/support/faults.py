@@ -1395,6 +1395,49 @@ FAULTS = {
         '"springref": 0.0}',
         "formats/test_dynamics_exports.py::test_mujoco_moves_the_model_as_the_scene_moves[fixed]",
     ),
+    # pages and lists of robots
+    "shapes of a folded link that keep its axes": Fault(
+        "mechanism/shapes.py",
+        "pose.origin + pose.rotation @ shape.center",
+        "pose.origin + shape.center",
+        "pictures/test_simple_bodies.py::test_shapes_of_folded_links_stand_where_these_are",
+    ),
+    "collision shapes in place of what a link looks like": Fault(
+        "mechanism/sources.py",
+        'link_shapes(link, "visual", "collision")',
+        'link_shapes(link, "collision", "visual")',
+        "pictures/test_simple_bodies.py::test_a_link_is_drawn_by_its_shapes_or_by_a_simple_body[visual-before-collision]",
+    ),
+    "the shapes of body 2 of a page drawn from its reference point": Fault(
+        "pictures/model.py",
+        "placed_shapes(two, Pose(still, 0.0 - pair.u2))",
+        "two",
+        "pictures/test_page.py::test_shapes_are_drawn_where_they_are",
+    ),
+    "a page's followers that lead themselves": Fault(
+        "pictures/model.py",
+        "places[joint.mimic.leader if joint.mimic else number]",
+        "places.get(number, 0)",
+        "pictures/test_page.py::test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate",
+    ),
+    "a neutral pose outside the limits": Fault(
+        "pictures/model.py",
+        "min(max(0.0, lower), upper)",
+        "0.0",
+        "pictures/test_page.py::test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate",
+    ),
+    "a rail in the middle of where its slider is at 0": Fault(
+        "pictures/simple_bodies.py",
+        "middle = joint.u + joint.S @ joint.n * (lower + upper) / 2",
+        "middle = joint.u",
+        "pictures/test_simple_bodies.py::test_hinges_are_drums_along_their_axes_and_sliders_are_prisms",
+    ),
+    "a joint that moves its own body alone": Fault(
+        "cli/robots.py",
+        "moved[tree.joints[number - 1].parent] += moved[number]",
+        "pass",
+        "cli/test_robots_command.py::test_masses_are_those_of_what_a_joint_moves",
+    ),
     # tolerances
     "the lever u2 turned the other way by home's tolerance": Fault(
         "pair/derivatives.py",

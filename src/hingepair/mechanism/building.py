@@ -103,14 +103,13 @@ def with_payload(tree: Tree, base: str, frame: Frame, body: Body) -> Tree:
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
     own = tree.base if frame.body == 0 else tree.joints[frame.body - 1].body
-    pose = Pose(frame.S, frame.R)
-    payload = inertia_of(body).placed(pose)
+    payload = inertia_of(body).placed(Pose(frame.S, frame.R))
     total = mass_properties({"body": Inertia(own.mass, own.center_of_mass, own.inertia), "payload": payload})
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload: {note}" for note in body.assumed if counts))
     drawings = list(tree.drawings)
     shapes, complete = drawings[frame.body]
-    drawings[frame.body] = Drawing((*shapes, *placed_shapes(body.shapes, pose)), complete)
+    drawings[frame.body] = Drawing((*shapes, *placed_shapes(body.shapes, Pose(frame.S, frame.R))), complete)
     tree = replace(tree, notes=notes, drawings=tuple(drawings))
     if frame.body == 0:
         return replace(tree, base=total)

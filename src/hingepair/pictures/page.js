@@ -160,7 +160,8 @@ function readings() {
 }
 function angleOrLength(kind, x) {
   if (x === null) return "-";
-  return kind === "hinge" ? `${(x * 180 / Math.PI + 0).toFixed(1)}\u00b0` : `${(x + 0).toFixed(4)} m`;
+  const [scale, places, unit] = kind === "hinge" ? [180 / Math.PI, 1, "\u00b0"] : [1, 4, " m"];
+  return (Number((scale * x).toFixed(places)) + 0).toFixed(places) + unit;  // + 0: a zero has no sign
 }
 
 // ---- the pose that is shown: that of an instant, or one that sliders made
@@ -235,6 +236,7 @@ const sliders = content.coordinates.map(({ name, kind, first, last, limits }, i)
   row.append(label, output, input);
   return { row, input, output };
 });
+const varied = content.coordinates.map((_, i) => content.q.some((values) => values[i] !== content.q[0][i]));
 content.limbs.forEach(({ name, colour }, limb) => {
   const rows = sliders.filter((_, i) => content.coordinates[i].limb === limb).map(({ row }) => row);
   if (!rows.length) return;
@@ -244,7 +246,7 @@ content.limbs.forEach(({ name, colour }, limb) => {
     swatch.className = "swatch";
     swatch.style.background = colour;
     summary.append(swatch, name);
-    group.open = true;
+    group.open = !varied.some(Boolean) || varied.some((moves, i) => moves && content.coordinates[i].limb === limb);
     group.append(summary);
   }
   group.append(...rows);
@@ -330,7 +332,12 @@ const cells = 2 * Math.ceil(Math.min(40, 0.6 * extent(boxes.all) / cell));
 const grid = new THREE.GridHelper(cells * cell, cells, 0x9aa1ab, 0xc3c8d0);  // no wider than what the camera sees
 const middle = boxes.all.getCenter(new THREE.Vector3()), nearest = (x) => cell * Math.round(x / cell);
 grid.rotation.x = Math.PI / 2;
-grid.position.set(nearest(middle.x), -nearest(middle.z), still ? Math.min(0, boxes.all.min.y) : 0);
+// The plane z = 0 and the origin of the world, where the motion is not far from them; what stands is above the plane.
+const near = content.origin.every((x) => Math.abs(x) <= 2 * extent(boxes.all));
+const [x0, y0, z0] = content.origin.map((x) => (near ? -x : 0));
+const floor = still ? Math.min(z0, boxOf(0, positionsAt(0), false).min.y) : z0;
+grid.position.set(x0 + nearest(middle.x - x0), y0 + nearest(-middle.z - y0), floor);
+originAxes.position.set(x0, y0, z0);
 viewer.scene.add(grid);
 function aim() {
   const follow = byId("follow").checked, box = follow ? boxes.one : boxes.all;

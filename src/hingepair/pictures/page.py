@@ -140,7 +140,7 @@ class _Motion(NamedTuple):
     Attributes:
         t: instants [s]; shape (N,).
         samples: number of instants of the whole motion.
-        R: position of the base [m]; shape (N, 3), or (1, 3) where it stands.
+        R: position of the base [m]; shape (N, 3), or (1, 3).
         S: attitude of the base; shape (N, 3, 3), or (1, 3, 3).
         q: coordinates [rad or m]; shape (N, dof).
         readings: what is shown beside; shape (N, 3).
@@ -191,14 +191,15 @@ def _robot_motion(robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None) ->
 def _html(model: Model, motion: _Motion) -> str:
     """Return the page: the viewer's code, the model and its motion as JSON, and what moves the one by the other."""
     seen = np.isfinite(motion.R).all(axis=1)
-    origin = (
-        motion.R[seen][0] if seen.any() else np.zeros(3)
-    )  # drawn from here: a browser's numbers have seven digits
+    # Drawn from where the base is first: what a graphics processor computes has seven digits.
+    origin = motion.R[seen][0] if seen.any() else np.zeros(3)
+    stands = all(np.equal(places, places[:1]).all() for places in (motion.R, motion.S))
+    places = slice(1) if stands else slice(None)
     content = model_json(model, motion.q) | {
         "shown": _shown(len(motion.t), motion.samples),
         "t": motion.t.tolist(),
         "q": _plain(motion.q),
-        "placements": placements(motion.R - origin, motion.S),
+        "placements": placements(motion.R[places] - origin, motion.S[places]),
         "origin": origin.tolist(),
         "readings": [
             {"name": name, "unit": unit_of(name), "values": _plain(values)}
