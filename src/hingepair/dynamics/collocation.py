@@ -58,7 +58,8 @@ def values(times: Array) -> Array:
 
 
 _INNER: Final[Array] = integrals(TIMES)
-_END: Final[Array] = integrals(np.ones(1))[0]
+WEIGHTS: Final[Array] = integrals(np.ones(1))[0]
+"""What the values at the nodes count in the integral over a step from 0 to 1."""
 BESIDE: Final[Array] = np.hstack([0.0, (TIMES[1:] + TIMES[:-1]) / 2, 1.0])
 """Where a step is looked at beside its nodes."""
 _GAPS: Final[Array] = np.diff(TIMES, prepend=0.0, append=1.0)[:, None]
@@ -176,7 +177,7 @@ class Stepper:
         piece = self._before = Piece(self.t, length, self.state, slopes)
         self._reach = max(length, _FADE * self._reach)
         self.t = end if last else self.t + length
-        self._move(length * (_END @ slopes))
+        self._move(length * (WEIGHTS @ slopes))
         self._event = None if crossing is None else crossing[1]
         return piece
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.bases import Course, HingeMotion, PairMotion, Start, hinge_motion
-from hingepair.dynamics.collocation import Array, Piece, Stepper, TooStiffError
+from hingepair.dynamics.collocation import Array, Stepper, TooStiffError
+from hingepair.dynamics.energy_balance import BalanceOnDemand, EnergyBalance, Leg, energy_balance
 from hingepair.dynamics.loads import Base, Load, Loads
 from hingepair.dynamics.switches import HingeSwitches, Until
 from hingepair.engine.backend import choose
@@ -72,6 +73,7 @@ class _Moved:
     base: str
     psi: Array
     _error: Later
+    _balance: BalanceOnDemand
 
     @property
     def error_estimate(self) -> float:
@@ -85,6 +87,19 @@ class _Moved:
     def energy(self) -> Energy:
         """Kinetic and potential energy at the instants, of each body that has mass properties (D7)."""
         return self.space.energy(self.body1, self.psi, self.psid, self.gravity)
+
+    def energy_balance(self) -> EnergyBalance:
+        """Compute the work of each load since the first instant, beside the energies; `print` shows it.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
+        >>> start, load = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), hp.HingeLoad(friction=0.5)
+        >>> wheel = hp.simulate(pair, np.linspace(0, 4, 9), start, 0.0, 1.0, hinge_torque=load, base="fixed")
+        >>> wheel.energy_balance().work["friction"].round(6).tolist()
+        [0.0, -0.21875, -0.375, -0.46875, -0.5, -0.5, -0.5, -0.5, -0.5]
+        """
+        return self._balance()
 
     def momentum(self) -> Momentum:
         """Linear and angular momentum at the instants, of a pair whose bodies both have mass properties (D8)."""
@@ -228,17 +243,17 @@ def simulate(
         raise ArgumentError("psi_0", expected, psi_0)
     how = choose(backend, 1)
 
-    def run(tolerance: float, looks: float, until: Until | None) -> Course:
+    def run(tolerance: float, looks: float, until: Until | None) -> tuple[PairMotion, list[Leg], Course]:
         motion = PairMotion(space, base, flat, start, loads, how, driven)
-        begin, legs, ended = motion.state, list[_Leg](), None
+        begin, legs, ended = motion.state, list[Leg](), None
         if len(instants) > 1:
             legs, ended = _follow(motion, instants, _Task(tolerance, looks, jumps, until))
         read_at = instants
         if ended is not None:
             read_at = np.unique(np.hstack([instants[instants - instants[0] < ended], instants[0] + ended]))
-        return _read(motion, begin, legs, read_at)
+        return motion, legs, _read(motion, begin, legs, read_at)
 
-    found = run(tolerance, _LOOKS[0], until)
+    motion, legs, found = run(tolerance, _LOOKS[0], until)
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
     if space.limits is not None:
         _warn_of_limits(space.limits, stops, found.t, found.now.psi)
@@ -246,7 +261,7 @@ def simulate(
     if soft := passed_stops(stops, float(least), float(most)):
         warnings.warn(f"{soft}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=2)
     instants = found.t
-    finer = functools.cache(lambda: run(max(tolerance * _FINER, 1e-15), _LOOKS[0] * _LOOKS[1], None))
+    finer = functools.cache(lambda: run(max(tolerance * _FINER, 1e-15), _LOOKS[0] * _LOOKS[1], None)[-1])
     now = found.now
     moved = motion_of_rotations(R=now.R1, S=now.S1, v=now.v1, omega=now.omega1, a=found.a1, alpha=found.alpha1)
     common: dict[str, Any] = {
@@ -256,6 +271,9 @@ def simulate(
         "steps": found.steps,
         "_error": Later(lambda: _angle_between(found.quats, finer().quats)),
         "_psi_error": Later(lambda: float(np.abs(now.psi - finer().now.psi).max(initial=0.0))),
+        "_balance": BalanceOnDemand(
+            lambda: energy_balance(motion, legs, found.t, space, loads.known["gravity"], found)
+        ),
         "body1": moved,
         "psid": read_only(now.psid),
         "psidd": read_only(found.psidd),
@@ -354,16 +372,7 @@ class _Task(NamedTuple):
     until: Until | None  # the user's event
 
 
-class _Leg(NamedTuple):
-    """One step of a motion."""
-
-    piece: Piece
-    quat: Array  # the attitude with which it begins
-    side: tuple[float, float]  # of the kinks of the torque at the hinge
-    held: bool  # whether the hinge is
-
-
-def _follow(motion: PairMotion, t: Array, task: _Task) -> tuple[list[_Leg], float | None]:
+def _follow(motion: PairMotion, t: Array, task: _Task) -> tuple[list[Leg], float | None]:
     """Follow the motion from t[0] to t[-1]: its steps, and after which time the user's event ended it, if it did."""
     start, since = float(t[0]), t - t[0]
     span = float(since[-1])
@@ -384,7 +393,7 @@ def _follow(motion: PairMotion, t: Array, task: _Task) -> tuple[list[_Leg], floa
         span / task.looks if looked else np.inf,
         since if looked else np.empty(0),
     )
-    legs, trials, reached = list[_Leg](), 0, 0.0
+    legs, trials, reached = list[Leg](), 0, 0.0
     for begin, end in itertools.pairwise(sorted({0.0, *breaks, span})):
         window[:] = begin + beside * (begin in breaks), end - beside * (end in breaks)  # loads jump at a break
         while stepper.t < end:
@@ -395,7 +404,7 @@ def _follow(motion: PairMotion, t: Array, task: _Task) -> tuple[list[_Leg], floa
                 why = f"steps became too short; {_reason(motion, start, stepper)}"
                 raise SimulationError(start + error.t, why) from None
             if piece is not None:
-                legs.append(_Leg(piece, quat, motion.side, motion.held))
+                legs.append(Leg(piece, quat, motion.side, motion.held))
                 stepper.switch()
             if stepper.ended:
                 return legs, stepper.t
@@ -409,7 +418,7 @@ def _follow(motion: PairMotion, t: Array, task: _Task) -> tuple[list[_Leg], floa
     return legs, None
 
 
-def _read(motion: PairMotion, start: Array, legs: list[_Leg], t: Array) -> Course:
+def _read(motion: PairMotion, start: Array, legs: list[Leg], t: Array) -> Course:
     """Read a motion out at instants, the first of which is that of the start."""
     states, quats, since = np.empty((len(t), len(start))), np.empty((len(t), 4)), t - t[:1]
     sides, held, place = np.zeros((len(t), 2)), np.zeros(len(t), bool), 1
