@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
     from hingepair.measured.hinge_fit import HingeFit, fit
     from hingepair.measured.inertial import AnchorFit, AxisFit, fit_anchor, fit_axis
+    from hingepair.measured.inertial_angle import AngleFit, fit_angle
     from hingepair.measured.resample import resample
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
     from hingepair.mechanism.mechanism import Mechanism
@@ -78,6 +79,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AnchorFit",
+    "AngleFit",
     "ArgumentError",
     "AxisError",
     "AxisFit",
@@ -125,6 +127,7 @@ __all__ = [
     "euler_to_matrix",
     "fit",
     "fit_anchor",
+    "fit_angle",
     "fit_axis",
     "from_urdf",
     "integrate",
@@ -161,6 +164,7 @@ _LATER = {
         "integration.trajectory": "PlanarTrajectory Trajectory",
         "measured.hinge_fit": "HingeFit fit",
         "measured.inertial": "AnchorFit AxisFit fit_anchor fit_axis",
+        "measured.inertial_angle": "AngleFit fit_angle",
         "measured.resample": "resample",
         "measured.smooth": "SmoothedAngle SmoothedMotion smooth",
         "numeric.instants": "MeasurementWarning",

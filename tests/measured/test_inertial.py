@@ -7,7 +7,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.numeric.finite_differences import differentiate
-from support.recorded import HOME, N1, U1, U2
+from support.recorded import HOME, N1, U1, U2, truth
 
 T = np.arange(1000) / 100
 PAIR = hp.HingePair(u1=U1, u2=U2, n=N1, home=HOME)
@@ -97,7 +97,7 @@ def test_noisy_forces_give_it_within_what_is_told() -> None:
     error = np.concatenate((found.u1 - U1 - slide * N1, found.u2 - U2 - slide * N2))
     assert (np.abs(error) < 4 * np.sqrt(np.diagonal(found.covariance)) + 1e-3).all()
     assert np.abs(error).max() < 5e-3
-    bare = hp.fit_anchor(T, omega1, f1, omega2, f2)
+    bare = hp.fit_anchor(T, omega1, f1, omega2, f2, **KNOWN)
     across = np.eye(3) - np.outer(N1, N1)
     assert np.abs(across @ (bare.u1 - U1)).max() < 5e-3
     assert bare.u1 @ N1 + bare.u2 @ N2 == pytest.approx(0, abs=2e-3)
@@ -106,12 +106,16 @@ def test_noisy_forces_give_it_within_what_is_told() -> None:
 SLOW = np.arange(400) / 40
 
 
+KNOWN = {"gyroscope_bias": 0.0, "accelerometer_bias": 0.0}
+"""The sensors of `felt` have no biases."""
+
+
 def anchor_scores(given: bool, seeds: int, **kind: float) -> tuple[np.ndarray, hp.AnchorFit]:
     """Errors of u1 and u2 in standard deviations, by seed, in the gauge of the fit; and one of the fits."""
     scores = []
     for seed in range(seeds):
         omega1, f1, omega2, f2 = felt(noise=1e-2, seed=seed, t=SLOW, **kind)
-        found = hp.fit_anchor(SLOW, omega1, f1, omega2, f2, *((N1, N2) if given else ()))
+        found = hp.fit_anchor(SLOW, omega1, f1, omega2, f2, *((N1, N2) if given else ()), **KNOWN)
         slide = -(U1 @ N1) if given else -(U1 @ N1 + U2 @ N2) / 2
         error = np.concatenate((found.u1 - U1 - slide * N1, found.u2 - U2 - slide * N2))
         scores.append(error / np.sqrt(np.diagonal(found.covariance)))
@@ -147,7 +151,7 @@ def test_a_point_that_is_hardly_shown_is_known_to_so_much() -> None:
 
 @pytest.mark.parametrize("moving", [1.0, 0.25, 0.2])
 def test_a_point_is_good_if_it_is_known_to_a_tenth_of_the_levers(moving: float) -> None:
-    found = hp.fit_anchor(T, *felt(moving, noise=1e-2), N1, N2)
+    found = hp.fit_anchor(T, *felt(moving, noise=1e-2), N1, N2, **KNOWN)
     share = np.sqrt(np.diagonal(found.covariance).max()) / max(np.linalg.norm(found.u1), np.linalg.norm(found.u2))
     assert found.ok == (share <= 0.1)
     low, high = {1.0: (0, 0.04), 0.25: (0.055, 0.095), 0.2: (0.105, 0.2)}[moving]
@@ -194,3 +198,128 @@ def test_what_cannot_be_used_is_named() -> None:
         hp.fit_anchor(T, omega1, np.nan * f1, omega2, f2)
     with pytest.raises(hp.ShapeError, match="as t"):
         hp.fit_anchor(T[1:], omega1, f1, omega2, f2)
+
+
+def biased(gyroscope: float, accelerometer: float, seed: int, **kind: object) -> tuple[list[np.ndarray], np.ndarray]:
+    """What sensors feel that read something at rest too, and these biases: of omega1, f1, omega2, f2; (4, 3)."""
+    sizes = np.array((gyroscope, accelerometer, gyroscope, accelerometer))[:, None]
+    biases = sizes * np.random.default_rng(1000 + seed).standard_normal((4, 3))
+    return [column + bias for column, bias in zip(felt(seed=seed, **kind), biases, strict=True)], biases
+
+
+def axis_scores(seeds: int, size: float, **told: float) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of both axes in standard deviations, and in degrees."""
+    scores, degrees = [], []
+    for seed in range(seeds):
+        (omega1, _, omega2, _), _ = biased(size, 0.0, seed, noise=1e-2)
+        found = hp.fit_axis(omega1, omega2, **told)
+        scores.append(np.concatenate(((found.n1 - N1) / found.std[0], (found.n2 - N2) / found.std[1])))
+        degrees.append(np.degrees(np.linalg.norm(found.n1 - N1)))
+    return np.array(scores), np.array(degrees)
+
+
+def test_biases_of_gyroscopes_are_found_with_the_axis() -> None:
+    scores, degrees = axis_scores(6, 0.02)
+    _, blind = axis_scores(6, 0.02, gyroscope_bias=0.0)
+    assert np.sqrt(np.mean(degrees**2)) < 0.25
+    assert np.sqrt(np.mean(blind**2)) > 3 * np.sqrt(np.mean(degrees**2))
+    assert 0.4 < np.sqrt(np.mean(scores**2)) < 1.6
+
+
+def test_a_bias_is_told_as_far_as_the_motion_shows_it() -> None:
+    """Along the axis rates tell nothing of it: there it is as unknown as before."""
+    (omega1, _, omega2, _), biases = biased(0.02, 0.0, 3, noise=1e-3)
+    found = hp.fit_axis(omega1, omega2)
+    across = np.eye(3) - np.outer(N1, N1)
+    assert np.abs(across @ (found.bias1 - biases[0])).max() < 2e-3
+    assert abs(found.bias1 @ N1) < 1e-3
+    assert found.bias_std.max() > 0.03
+    assert (np.abs(found.bias1 - biases[0]) < 4 * found.bias_std[0]).all()
+    assert np.abs(hp.fit_axis(omega1, omega2, gyroscope_bias=0.0).bias1).max() == 0
+
+
+@pytest.mark.slow
+def test_biases_of_accelerometers_are_found_with_the_point() -> None:
+    scores, errors = [], []
+    for seed in range(6):
+        columns, _ = biased(0.02, 0.1, seed, noise=1e-2)
+        for told in ({}, KNOWN):
+            found = hp.fit_anchor(T, *columns, N1, N2, **told)
+            slide = -(U1 @ N1)
+            off = np.concatenate((found.u1 - U1 - slide * N1, found.u2 - U2 - slide * N2))
+            errors.append(np.abs(off).max())
+            if not told:
+                scores.append(off / np.sqrt(np.diagonal(found.covariance)))
+    seeking, blind = np.reshape(errors, (-1, 2)).T
+    assert np.sqrt(np.mean(seeking**2)) < 0.5 * np.sqrt(np.mean(blind**2))
+    assert np.abs(scores).max() < 4
+    assert np.sqrt(np.mean(np.square(scores))) < 1.5
+
+
+def test_usual_biases_are_numbers_that_are_not_negative() -> None:
+    columns = felt(noise=1e-2)
+    with pytest.raises(hp.ArgumentError, match="gyroscope_bias"):
+        hp.fit_axis(columns[0], columns[2], gyroscope_bias=-1.0)
+    with pytest.raises(hp.ArgumentError, match="accelerometer_bias"):
+        hp.fit_anchor(T, *columns, accelerometer_bias=np.nan)
+
+
+@pytest.mark.proof
+def test_errors_with_biases_are_within_the_intervals_in_hundreds_of_runs() -> None:
+    scores, _ = axis_scores(200, 0.05)
+    inside = (np.abs(scores) < 1.96).mean(axis=0)
+    assert inside.min() >= 0.9
+    # std is the larger one across each axis
+    assert np.sqrt((scores**2).mean()) > 0.5
+
+
+POINT = (U1 - (U1 @ N1) * N1, U2 - (U1 @ N1) * N2)
+
+
+def true_angle(t: np.ndarray) -> np.ndarray:
+    """Psi of `felt` with the home that fits have."""
+    return np.sin(2.3 * t) + hp.rotation_log(HOME @ truth(1.0)[3].T) @ N1
+
+
+@pytest.mark.parametrize("moving", [1.0, 0.0], ids=["moving", "body 1 at rest"])
+def test_the_angle_of_biased_gyroscopes_does_not_drift(moving: float) -> None:
+    t = np.arange(2000) / 100
+    for seed in range(2):
+        columns, biases = biased(0.02, 0.0, seed, noise=1e-2, t=t, moving=moving)
+        found = hp.fit_angle(t, *columns, N1, N2, *POINT, accelerometer_bias=0.0)
+        off = found.psi - true_angle(t)
+        assert found.ok
+        assert np.sqrt(np.mean(off**2)) < 4e-3
+        assert np.sqrt(np.mean((off / found.std) ** 2)) < 1.7
+        assert found.drift == pytest.approx(biases[2] @ N2 - biases[0] @ N1, abs=4 * found.drift_std)
+        assert found.drift_std < 3e-3
+        assert np.abs(found.psid - 2.3 * np.cos(2.3 * t)).max() < 0.1
+
+
+def test_a_bias_of_accelerometers_that_may_be_there_widens_the_angle() -> None:
+    columns, _ = biased(0.0, 0.1, 0, noise=1e-2)
+    found = hp.fit_angle(T, *columns, N1, N2, *POINT, accelerometer_bias=0.1)
+    assert np.abs(found.psi - true_angle(T)).max() < 4 * found.std.max()
+    assert 0.01 < found.std.min() < 0.05
+
+
+def test_an_angle_that_no_direction_shows_is_not_relied_on() -> None:
+    """An axis along gravity and body 1 at rest: rates alone drift."""
+    t, zero = np.arange(3000) / 100, np.zeros((3000, 3))
+    rng = np.random.default_rng(0)
+    up = zero + np.array((0.0, 0.0, 9.81))
+    columns = [zero, up, zero + np.stack((0 * t, 0 * t, np.sin(t)), axis=-1), up]
+    columns = [column + 1e-2 * rng.standard_normal(column.shape) for column in columns]
+    found = hp.fit_angle(t, *columns, (0, 0, 1), (0, 0, 1), (0, 0, 0), (0, 0, 0))
+    assert not found.ok
+    assert "neither the force at the hinge point nor the angular velocity" in found.findings[0]
+    assert found.std.max() > 0.2
+
+
+def test_angles_have_gaps_where_samples_are_missing() -> None:
+    columns = felt(noise=1e-2)
+    columns[1][400:460] = np.nan
+    found = hp.fit_angle(T, *columns, N1, N2, *POINT)
+    assert np.flatnonzero(np.isnan(found.psi)).tolist() == list(range(400, 460))
+    good = np.isfinite(found.psi)
+    assert np.abs(found.psi - true_angle(T))[good].max() < 0.02

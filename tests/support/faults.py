@@ -884,6 +884,18 @@ FAULTS = {
         "_COUNTED = 0.3",
         "measured/test_smooth.py::test_errors_of_derivatives_are_what_it_says[0.001-0.002]",
     ),
+    "biases of gyroscopes taken for known": Fault(
+        "measured/inertial.py",
+        "prior = np.full(6, np.sqrt(rest @ rest / rest.size) / bias)",
+        "prior = np.full(6, 1e9)",
+        "measured/test_inertial.py::test_biases_of_gyroscopes_are_found_with_the_axis",
+    ),
+    "a drift of the wrong sign": Fault(
+        "measured/inertial_angle.py",
+        "return x - drift * y,",
+        "return x + drift * y,",
+        "measured/test_inertial.py::test_the_angle_of_biased_gyroscopes_does_not_drift[moving]",
+    ),
     "correlated noise taken for white": Fault(
         "measured/spline.py",
         "gain = _TAPERED_SHARE * columns",

@@ -8,6 +8,9 @@ vectors across the axis changes as psi' = omega2 . n2 - omega1 . n1 says.
 The point: both sensors, moved there, feel the same force, `abs(f1 + Gamma1 u1) = abs(f2 + Gamma2 u2)` with
 `Gamma u = omega x (omega x u) + alpha x u` (the same papers). What of the axis and the point is seen depends on the
 motion (Olsson, Kok, Seel and Halvorsen, Sensors 20 (2020), 3534), and is told by the covariance.
+
+Gyroscopes and accelerometers read something at rest too. These biases are unknowns beside the axis and the point,
+with prior standard deviations: what the motion does not show of them widens the covariance as much as they may be.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.hinge import frame, sign_of, turned
 from hingepair.measured.likelihood import summed_neighbours
 from hingepair.measured.spline import FEWEST, smooth_columns
-from hingepair.numeric.arrays import Float64Array, read_only, vectors
+from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
 from hingepair.numeric.instants import checked_gaps, increasing_seconds, pieces
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import skew
@@ -33,6 +36,9 @@ Move = Callable[[Float64Array, Float64Array], Float64Array]
 _MAX_ROUGH = 400  # samples that starts are tried with
 _RANDOM_STARTS = 10
 _MAX_STEPS = 60  # of a descent
+_BIAS_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
+_KNOWN_BIAS = 1e-9  # standard deviation of a bias that is known to be 0
+_ROUNDING = 1e-13  # residuals, in parts of what is measured, that rounding explains
 _MAX_AXIS_STD = np.radians(5.0)  # [rad]: an axis that is known less well is not to be relied on
 _MAX_POINT_STD = 0.1  # likewise of the hinge point, in parts of the larger lever
 _MIN_LEVER = 0.1  # [m]: shorter levers are judged as if they had this length
@@ -52,6 +58,9 @@ class AxisFit:
         n1: axis in body 1's axes, unit; (3,). It is `HingePair.n`.
         n2: the same axis in body 2's axes, unit; (3,): home^T n1.
         std: standard deviations of (n1, n2), across either axis [rad]; inf where the motion does not show it; (2,).
+        bias1: bias of gyroscope 1, as far as the motion shows it [rad/s]; (3,).
+        bias2: that of gyroscope 2.
+        bias_std: standard deviations of both; (2, 3).
         rms: of abs(omega1 x n1) - abs(omega2 x n2) [rad/s].
         ok: the motion shows one axis and determines it.
         findings: in sentences.
@@ -60,6 +69,9 @@ class AxisFit:
     n1: Float64Array
     n2: Float64Array
     std: Float64Array
+    bias1: Float64Array
+    bias2: Float64Array
+    bias_std: Float64Array
     rms: float
     ok: bool
     findings: tuple[str, ...]
@@ -74,6 +86,9 @@ class AnchorFit:
         u2: hinge point from sensor 2, body 2's axes [m]; (3,).
         covariance: of (u1, u2) [m^2]; (6, 6); inf where the motion does not show the point. Which point of the axis
             u1 and u2 name is a convention and has no variance; axes that were given are taken as exact.
+        bias1: bias of accelerometer 1, as far as the motion shows it [m/s^2]; (3,).
+        bias2: that of accelerometer 2.
+        bias_std: standard deviations of both; (2, 3).
         rms: of the difference of the forces' sizes [m/s^2].
         ok: the motion determines the point.
         findings: in sentences.
@@ -82,18 +97,23 @@ class AnchorFit:
     u1: Float64Array
     u2: Float64Array
     covariance: Float64Array
+    bias1: Float64Array
+    bias2: Float64Array
+    bias_std: Float64Array
     rms: float
     ok: bool
     findings: tuple[str, ...]
 
 
-def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike) -> AxisFit:
+def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float = 0.05) -> AxisFit:
     """Fit the hinge axis to two gyroscopes, one on either body.
 
     Args:
         omega1_b1: angular velocity of body 1 in body 1's axes, S1^T omega1 [rad/s]; in the order of time and at even
             steps, which tells the sign of n2; shape (N, 3). NaN where there is none.
         omega2_b2: that of body 2 in body 2's axes, at the same instants.
+        gyroscope_bias: how large the biases of the gyroscopes usually are, the standard deviation of a component
+            [rad/s]; 0 where they were taken off before.
 
     Returns:
         n1 and n2; the first component of n1 that is at least 0.45 times as large as the largest is positive.
@@ -112,7 +132,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike) -> AxisFit:
     >>> found.n1.round(9) + 0.0, found.n2.round(9) + 0.0
     (array([0., 0., 1.]), array([0., 0., 1.]))
     """
-    omega1, omega2 = _columns({"omega1_b1": omega1_b1, "omega2_b2": omega2_b2})
+    omega1, omega2 = checked_columns({"omega1_b1": omega1_b1, "omega2_b2": omega2_b2})
     known = np.isfinite(omega1).all(axis=-1) & np.isfinite(omega2).all(axis=-1)
     size = float(np.sqrt((omega1[known] ** 2).sum() + (omega2[known] ** 2).sum()))
     if known.sum() < FEWEST or size == 0:
@@ -123,14 +143,23 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike) -> AxisFit:
     step = -(-w1.shape[0] // _MAX_ROUGH)
     thin1, thin2 = w1[::step], w2[::step]
     starts = _axis_starts(thin1, thin2)
-    (n1, n2), rest = _fitted(_across(thin1, thin2), _across(w1, w2), _turned, starts)
-    alike = [_follows(omega1, omega2, n1, sign * n2) for sign in (1, -1)]
+    axes, rest = _fitted(_across(thin1, thin2), _across(w1, w2), _turned, starts)
+    bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
+    sought, prior = np.concatenate((axes, np.zeros((2, 3)))), np.zeros(6)
+    if bias > 0 and rest @ rest > (_ROUNDING * size) ** 2:
+        for _ in range(_BIAS_ROUNDS):
+            prior = np.full(6, np.sqrt(rest @ rest / rest.size) / bias)
+            sought, whole = _descended(_across(w1, w2, prior), _turned, sought)
+            rest = whole[: w1.shape[0]]
+    n1, n2, bias1, bias2 = sought
+    alike = [_follows(omega1 - bias1, omega2 - bias2, n1, sign * n2) for sign in (1, -1)]
     if alike[1] > alike[0]:
         n2 = -n2
     n1, n2 = sign_of(n1) * n1, sign_of(n1) * n2
-    _, change = _across(w1, w2)(np.stack((n1, n2)))
+    _, change = _across(w1, w2, prior)(np.stack((n1, n2, bias1, bias2)))
     rms = float(np.sqrt(rest @ rest / rest.size))
-    covariance, unseen = _covariance(np.zeros(4), rest, change, rest @ rest / 2 * np.eye(4), _MIN_AXIS_SIGNAL)
+    own, beside, bias_std = _without_biases(change, 4, rest, prior, bias)
+    covariance, unseen = _covariance(np.zeros(4), rest, own, rest @ rest / 2 * np.eye(4), _MIN_AXIS_SIGNAL, beside)
     variances = np.where(unseen, np.inf, np.diagonal(covariance)).reshape(2, 2)
     std = np.sqrt(variances.max(axis=1))
     findings = [
@@ -145,7 +174,15 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike) -> AxisFit:
     if max(alike) < _MIN_CORRELATION:
         findings.append("The sign of n2 beside n1 is not shown: the angle does not follow its rate.")
     return AxisFit(
-        n1=read_only(n1), n2=read_only(n2), std=read_only(std), rms=rms, ok=not findings, findings=tuple(findings)
+        n1=read_only(n1),
+        n2=read_only(n2),
+        std=read_only(std),
+        bias1=read_only(bias1),
+        bias2=read_only(bias2),
+        bias_std=read_only(bias_std.reshape(2, 3)),
+        rms=rms,
+        ok=not findings,
+        findings=tuple(findings),
     )
 
 
@@ -158,6 +195,8 @@ def fit_anchor(
     n1: ArrayLike | None = None,
     n2: ArrayLike | None = None,
     gaps: float = 0.05,
+    gyroscope_bias: float = 0.05,
+    accelerometer_bias: float = 0.2,
 ) -> AnchorFit:
     """Fit the hinge point to two inertial sensors, one on either body: gyroscope and accelerometer.
 
@@ -173,6 +212,9 @@ def fit_anchor(
             are given, that which is closest to both sensors.
         n2: axis in body 2's axes.
         gaps: the longest time without a sample that is filled [s].
+        gyroscope_bias: how large the biases of the gyroscopes usually are, the standard deviation of a component
+            [rad/s]; 0 where they were taken off before, as `fit_axis` found them.
+        accelerometer_bias: likewise of the accelerometers [m/s^2].
 
     Returns:
         u1 and u2.
@@ -184,7 +226,7 @@ def fit_anchor(
     """
     time, _ = increasing_seconds("t", t)
     given = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}
-    columns = _columns(given)
+    columns = checked_columns(given)
     if columns[0].shape[0] != time.size:
         raise ShapeError("omega1_b1", f"shape ({time.size}, 3), as t", f"shape {columns[0].shape}")
     if (n1 is None) != (n2 is None):
@@ -196,18 +238,24 @@ def fit_anchor(
         raise FitError(", ".join(given), f"at least {FEWEST} finite samples without a gap", int(known.sum()))
     used = np.concatenate(where)
     smooth = [smooth_columns(time, omega, where, None) for omega in (omega1, omega2)]
-    gammas = [_gamma(*each.values[:2, used]) for each in smooth]
+    gammas = [acceleration_matrices(*each.values[:2, used]) for each in smooth]
     if not any(np.abs(gamma).max() > 0 for gamma in gammas):
         raise FitError("omega1_b1, omega2_b2", "bodies that turn", "none that does")
 
+    usual = np.repeat(
+        (
+            number_not_below_0("accelerometer_bias", accelerometer_bias),
+            number_not_below_0("gyroscope_bias", gyroscope_bias),
+        ),
+        6,
+    )
     forces = [force[used] for force in (force1, force2)]
-    rng = np.random.default_rng(0)
-    starts = [np.zeros(6), *rng.normal(scale=0.3, size=(5, 6))]
-    some = slice(None, None, -(-used.size // _MAX_ROUGH))
-    rough = _felt([each[some] for each in forces], [each[some] for each in gammas])
-    linearise = _felt(forces, gammas)
-    u, rest = _fitted(rough, linearise, np.add, starts)
-    _, change = linearise(u)
+    rates, changes = [[each.values[order, used] for each in smooth] for order in range(2)]
+    sought, rest, prior = _point_and_biases(forces, rates, changes, usual)
+    u = sought[:6]
+    _, change = _felt(forces, rates, changes, prior)(sought)
+    own, beside, bias_std = _without_biases(change, 6, rest, prior, usual)
+    change = np.concatenate((own, beside))
     if n1 is None or n2 is None:
         along = np.linalg.eigh(change.T @ change)[1][:, 0]
         gauge = np.eye(6) - np.outer(along, along)
@@ -217,13 +265,11 @@ def fit_anchor(
         gauge = np.eye(6) - np.outer(along, np.concatenate((axis1, np.zeros(3))))
     u = gauge @ u  # what is along both axes is not seen
     across = np.linalg.svd(along[None])[2][1:].T
-    noise = np.zeros((6, 6))
-    for own, force, gamma, each in zip((slice(0, 3), slice(3, 6)), forces, gammas, smooth, strict=True):
-        felt = force + gamma @ u[own]
-        felt /= np.maximum(np.linalg.norm(felt, axis=-1, keepdims=True), 1e-300)
-        variances = each.deviations[1, used] ** 2
-        noise[own, own] = variances.sum() * np.eye(3) - (felt * variances[:, None]).T @ felt
-    inner, unseen = _covariance(across.T @ u, rest, change @ across, across.T @ noise @ across, _MIN_POINT_SIGNAL)
+    deviations = [each.deviations[1, used] for each in smooth]
+    noise = _noise_of_levers(forces, gammas, u, deviations)
+    inner, unseen = _covariance(
+        across.T @ u, rest, own @ across, across.T @ noise @ across, _MIN_POINT_SIGNAL, beside @ across
+    )
     covariance = gauge @ across @ inner @ across.T @ gauge.T
     hidden = (gauge @ across) ** 2 @ unseen > 1e-3
     covariance[hidden, hidden] = np.inf
@@ -237,13 +283,16 @@ def fit_anchor(
         u1=read_only(u[:3]),
         u2=read_only(u[3:]),
         covariance=read_only(covariance),
+        bias1=read_only(sought[6:9]),
+        bias2=read_only(sought[9:12]),
+        bias_std=read_only(bias_std[:6].reshape(2, 3)),
         rms=float(np.sqrt(rest @ rest / used.size)),
         ok=not findings,
         findings=tuple(findings),
     )
 
 
-def _columns(given: dict[str, ArrayLike]) -> list[Float64Array]:
+def checked_columns(given: dict[str, ArrayLike]) -> list[Float64Array]:
     """Return vectors along time, all of one shape (N, 3), or refuse the first of another shape."""
     found = [vectors(name, value, 3).astype(np.float64) for name, value in given.items()]
     for name, array in zip(given, found, strict=True):
@@ -253,20 +302,111 @@ def _columns(given: dict[str, ArrayLike]) -> list[Float64Array]:
     return found
 
 
-def _felt(forces: list[Float64Array], gammas: list[Float64Array]) -> Linearise:
+def _point_and_biases(
+    forces: list[Float64Array], rates: list[Float64Array], changes: list[Float64Array], usual: Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return the most likely (u1, u2, biases), what is left of each sample, and the priors of the biases.
+
+    Args:
+        forces: what both sensors feel; (N, 3) each.
+        rates: angular velocities; (N, 3) each.
+        changes: their derivatives; (N, 3) each.
+        usual: standard deviations of the biases beforehand, of both accelerometers and both gyroscopes; (12,).
+
+    Returns:
+        Shapes (18,), (N,), and (12,): standard deviation of a residual in those of each bias.
+    """
+    count = rates[0].shape[0]
+    rng = np.random.default_rng(0)
+    starts = [np.zeros(6), *rng.normal(scale=0.3, size=(5, 6))]
+    some = slice(None, None, -(-count // _MAX_ROUGH))
+    thin1, thin2, thin3 = ([each[some] for each in parts] for parts in (forces, rates, changes))
+    u, rest = _fitted(_felt(thin1, thin2, thin3), _felt(forces, rates, changes), np.add, starts)
+    sought, prior = np.concatenate((u, np.zeros(12))), np.zeros(12)
+    if usual.any() and rest @ rest > _ROUNDING**2 * sum(float((force * force).sum()) for force in forces):
+        for _ in range(_BIAS_ROUNDS):
+            size = np.sqrt(rest @ rest / rest.size)
+            prior = size / np.where(usual > 0, usual, _KNOWN_BIAS)
+            sought, whole = _descended(_felt(forces, rates, changes, prior), np.add, sought)
+            rest = whole[:count]
+    return sought, rest, prior
+
+
+def _noise_of_levers(
+    forces: list[Float64Array], gammas: list[Float64Array], u: Float64Array, deviations: list[Float64Array]
+) -> Float64Array:
+    """Return what noise of the angular accelerations (N,) adds to the normal matrix of (u1, u2); (6, 6)."""
+    noise = np.zeros((6, 6))
+    for rows, force, gamma, deviation in zip((slice(0, 3), slice(3, 6)), forces, gammas, deviations, strict=True):
+        felt = force + gamma @ u[rows]
+        felt /= np.maximum(np.linalg.norm(felt, axis=-1, keepdims=True), 1e-300)
+        variances = deviation**2
+        noise[rows, rows] = variances.sum() * np.eye(3) - (felt * variances[:, None]).T @ felt
+    return noise
+
+
+def _without_biases(
+    change: Float64Array, count: int, rest: Float64Array, prior: Float64Array, usual: float | Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return derivatives by the first parameters less what biases explain of them, and the biases' deviations.
+
+    Args:
+        change: derivatives of the residuals by the parameters and biases, priors of biases last; (N + b, count + b),
+            or (N, count + b) where there is no prior.
+        count: of the parameters.
+        rest: residuals of the samples; (N,).
+        prior: standard deviation of a residual in those of each bias; (b,).
+        usual: standard deviations of the biases beforehand.
+
+    Returns:
+        Those of the samples (N, count), those of the priors (b, count), and standard deviations of the biases (b,).
+    """
+    samples, biases = rest.size, change.shape[1] - count
+    if not prior.any():
+        return change[:samples, :count], np.zeros((0, count)), np.broadcast_to(usual, biases).astype(np.float64)
+    own, beside = change[:, :count], change[:, count:]
+    left = own - beside @ np.linalg.lstsq(beside, own)[0]
+    kept = beside - own @ np.linalg.lstsq(own, beside)[0]
+    deviations = np.sqrt(np.mean(rest * rest) * np.diagonal(np.linalg.pinv(kept.T @ kept)))
+    return left[:samples], left[samples:], deviations
+
+
+def _felt(
+    forces: list[Float64Array],
+    rates: list[Float64Array],
+    changes: list[Float64Array],
+    prior: Float64Array | None = None,
+) -> Linearise:
     """Return the function of (u1, u2) that gives by how much the forces at the hinge point differ in size.
 
-    It returns the difference between what both sensors feel there and its derivatives; (N,), (N, 6).
+    It returns the difference between what both sensors feel there and its derivatives; (N,), (N, 6). With priors the
+    biases of both accelerometers and of both gyroscopes are parameters too; (N + 12,), (N + 12, 18).
     """
 
-    def linearise(u: Float64Array) -> tuple[Float64Array, Float64Array]:
-        felt = [f + gamma @ v for f, gamma, v in zip(forces, gammas, (u[:3], u[3:]), strict=True)]
-        sizes = [np.maximum(np.linalg.norm(each, axis=-1), 1e-300) for each in felt]
-        rows = [
-            ((each / size[:, None])[:, None] @ gamma)[:, 0]
-            for each, size, gamma in zip(felt, sizes, gammas, strict=True)
-        ]
-        return sizes[0] - sizes[1], np.concatenate((rows[0], -rows[1]), axis=-1)
+    def linearise(x: Float64Array) -> tuple[Float64Array, Float64Array]:
+        biases = np.zeros(12) if prior is None else x[6:]
+        felt, by_lever, by_bias, by_rate = [], [], [], []
+        for i, (force, omega, alpha) in enumerate(zip(forces, rates, changes, strict=True)):
+            own = slice(3 * i, 3 * i + 3)
+            u, turning = x[own], omega - biases[6:][own]
+            gamma = acceleration_matrices(turning, alpha)
+            whole = force - biases[own] + gamma @ u
+            size = np.maximum(np.linalg.norm(whole, axis=-1), 1e-300)
+            unit = whole / size[:, None]
+            felt.append(size)
+            by_lever.append((unit[:, None] @ gamma)[:, 0])
+            if prior is not None:
+                by_bias.append(-unit)
+                # of turning x (turning x u), less the bias
+                arm = np.cross(turning, u)
+                by_rate.append(np.cross(arm, -unit) - np.cross(np.cross(unit, turning), u))
+        rest = felt[0] - felt[1]
+        change = np.concatenate((by_lever[0], -by_lever[1]), axis=-1)
+        if prior is None:
+            return rest, change
+        change = np.concatenate((change, by_bias[0], -by_bias[1], by_rate[0], -by_rate[1]), axis=-1)
+        rows = np.concatenate((np.zeros((12, 6)), np.diag(prior)), axis=1)
+        return np.concatenate((rest, prior * biases)), np.concatenate((change, rows))
 
     return linearise
 
@@ -283,26 +423,36 @@ def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
     return [linear, principal, *random]
 
 
-def _across(w1: Float64Array, w2: Float64Array) -> Linearise:
+def _across(w1: Float64Array, w2: Float64Array, prior: Float64Array | None = None) -> Linearise:
     """Return the function of (n1, n2) that gives the difference of the rates across them; (N,).
 
-    It returns the derivatives by turns of both axes across themselves as well; (N, 4).
+    It returns the derivatives by turns of both axes across themselves as well; (N, 4). With priors the function is
+    one of (n1, n2, bias1, bias2); (N + 6,), (N + 6, 10).
     """
 
-    def linearise(axes: Float64Array) -> tuple[Float64Array, Float64Array]:
-        in_axes = [w @ frame(n) for w, n in zip((w1, w2), axes, strict=True)]
-        sizes = [np.hypot(w[:, 0], w[:, 1]) for w in in_axes]
-        rows = [
-            -w[:, 2:] * w[:, :2] / np.maximum(size, 1e-300)[:, None] for w, size in zip(in_axes, sizes, strict=True)
+    def linearise(x: Float64Array) -> tuple[Float64Array, Float64Array]:
+        axes, biases = x[:2], np.zeros((2, 3)) if prior is None else x[2:]
+        frames = [frame(n) for n in axes]
+        in_axes = [(w - bias) @ own for w, bias, own in zip((w1, w2), biases, frames, strict=True)]
+        sizes = [np.maximum(np.hypot(w[:, 0], w[:, 1]), 1e-300) for w in in_axes]
+        rows = [-w[:, 2:] * w[:, :2] / size[:, None] for w, size in zip(in_axes, sizes, strict=True)]
+        rest, change = sizes[0] - sizes[1], np.concatenate((rows[0], -rows[1]), axis=-1)
+        if prior is None:
+            return rest, change
+        by_bias = [
+            -(w[:, :2] / size[:, None]) @ own[:, :2].T for w, size, own in zip(in_axes, sizes, frames, strict=True)
         ]
-        return sizes[0] - sizes[1], np.concatenate((rows[0], -rows[1]), axis=-1)
+        change = np.concatenate((change, by_bias[0], -by_bias[1]), axis=-1)
+        below = np.concatenate((np.zeros((6, 4)), np.diag(prior)), axis=1)
+        return np.concatenate((rest, prior * biases.ravel())), np.concatenate((change, below))
 
     return linearise
 
 
 def _turned(axes: Float64Array, step: Float64Array) -> Float64Array:
-    """Return both axes after a step across each."""
-    return np.stack([turned(n, own) for n, own in zip(axes, step.reshape(2, 2), strict=True)])
+    """Return both axes after a step across each, and the biases, where there are any, after a step of theirs."""
+    there = np.stack([turned(n, own) for n, own in zip(axes[:2], step[:4].reshape(2, 2), strict=True)])
+    return np.concatenate((there, axes[2:] + step[4:].reshape(-1, 3)))
 
 
 def _follows(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: Float64Array) -> float:
@@ -326,7 +476,7 @@ def _follows(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: F
     return best
 
 
-def _gamma(omega: Float64Array, alpha: Float64Array) -> Float64Array:
+def acceleration_matrices(omega: Float64Array, alpha: Float64Array) -> Float64Array:
     """Return the matrix that takes a lever to the acceleration of its end against its foot; (N, 3, 3)."""
     W = np.asarray(skew(omega), dtype=np.float64)
     return np.asarray(W @ W + skew(alpha), dtype=np.float64)
@@ -366,7 +516,12 @@ def _descended(linearise: Linearise, move: Move, start: Float64Array) -> tuple[F
 
 
 def _covariance(
-    at: Float64Array, rest: Float64Array, change: Float64Array, noise: Float64Array, min_signal: float
+    at: Float64Array,
+    rest: Float64Array,
+    change: Float64Array,
+    noise: Float64Array,
+    min_signal: float,
+    beside: Float64Array,
 ) -> tuple[Float64Array, NDArray[np.bool_]]:
     """Return the covariance of least squares, and which parameters the motion does not show at all.
 
@@ -380,8 +535,9 @@ def _covariance(
         change: its derivatives by the parameters; (N, k).
         noise: what noise in `change` adds to the normal matrix; (k, k).
         min_signal: size of the normal matrix from which a direction is shown, in parts of what noise adds to it.
+        beside: rows of priors, whose residuals scatter like those of the samples; (b, k).
     """
-    normal = change.T @ change
+    normal = change.T @ change + beside.T @ beside
     values, axes = np.linalg.eigh(normal - min_signal * noise)
     blind = values <= _MIN_EIGENVALUE_RATIO * np.linalg.norm(normal)
     shown = axes[:, ~blind]
@@ -390,5 +546,6 @@ def _covariance(
     added = np.add.reduceat(scores, np.arange(0, rest.size, summed_neighbours(scores)[0]), axis=1)
     free = rest.size / max(rest.size - change.shape[1], 1)
     shrinking = inverse @ noise @ at
-    covariance = free * inverse @ (added @ added.T) @ inverse + np.outer(shrinking, shrinking)
+    scatter = added @ added.T + np.mean(rest * rest) * beside.T @ beside
+    covariance = free * inverse @ scatter @ inverse + np.outer(shrinking, shrinking)
     return covariance, (axes[:, blind] ** 2).sum(axis=1) > 1e-3

@@ -331,7 +331,7 @@ class Spline:
     @functools.cached_property
     def covariances(self) -> Float64Array:
         """Return entries of the inverse of the matrix that is solved, upper bands: [d, j] is that of j and j + d."""
-        return _inverse_bands(self._matrix, _DEGREE + 1)
+        return inverse_bands(self._matrix, _DEGREE + 1)
 
     def variances(self, piece: int, t: Float64Array, order: int) -> Float64Array:
         """Return the variances of a derivative at instants in one piece, for samples with a variance of 1; (N,)."""
@@ -380,7 +380,7 @@ def _whitener(times: Sequence[Float64Array], correlation: float, step: float, we
     return diags_array([own * scale, (-alike * own)[1:] * scale[:-1]], offsets=[0, -1], format="csr")
 
 
-def _inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
+def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
     """Return upper bands of the inverse of a positive definite matrix (upper bands too), in its own size of blocks.
 
     With A = L L^T block by block, the blocks of the inverse beside the diagonal follow from the last to the first

@@ -1,0 +1,279 @@
+"""The hinge angle from two inertial sensors: integrated rates, and directions that both sensors see.
+
+The rate psi' = omega2 . n2 - omega1 . n1 is smooth but drifts by the biases of the gyroscopes. Across the axis both
+sensors see the same two vectors, the angular velocity there and the force at the hinge point, turned by psi: noisy,
+without drift. The most likely angle has a constant bias of its rate and random noise in all three (a fixed-interval
+smoother, as one tridiagonal system of linear equations).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import FitError, ShapeError
+from hingepair.measured.hinge import Hinge, frame, home_of, offset
+from hingepair.measured.inertial import acceleration_matrices, checked_columns
+from hingepair.measured.likelihood import summed_neighbours
+from hingepair.measured.spline import FEWEST, inverse_bands, smooth_columns
+from hingepair.numeric.arrays import Float64Array, constant, number_not_below_0, read_only
+from hingepair.numeric.instants import checked_gaps, increasing_seconds, pieces
+from hingepair.numeric.unit_vectors import unit_axis
+
+_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
+_MIN_SEEN = 0.05  # of the largest vector across the axis, from which one shows a direction
+_MAX_STD = 0.2  # [rad]: an angle that is known less well is not to be relied on
+_LOSS_SCALE = 4.0  # variances of a direction, from which it counts less
+_MAX_EXCESS = 3.0  # of the scatter of directions to that of their noise
+_MIN_NOISE = 1e-9  # [rad/s] of rates, [rad] of directions
+_CUT = 1e6  # [rad] of noise over a gap, so that both sides know nothing of each other
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class AngleFit:
+    """The hinge angle from inertial sensors.
+
+    Attributes:
+        psi: hinge angle, without jumps by 2 pi, the first in [-pi, pi]; `HingePair.home` is the short way from n2 to
+            n1 then, as `fit` has it; (N,) rad, NaN where a sample is missing.
+        psid: its rate less the drift, as measured; (N,) rad/s.
+        std: standard deviation of psi; (N,) rad.
+        drift: bias of psi' that the directions show, taken off [rad/s]; integrated rates alone drift by it.
+        drift_std: its standard deviation.
+        noise: standard deviation of a direction's angle in the middle of the samples [rad].
+        ok: the directions determine the angle.
+        findings: in sentences.
+    """
+
+    psi: Float64Array
+    psid: Float64Array
+    std: Float64Array
+    drift: float
+    drift_std: float
+    noise: float
+    ok: bool
+    findings: tuple[str, ...]
+
+
+def fit_angle(
+    t: ArrayLike,
+    omega1_b1: ArrayLike,
+    f1_b1: ArrayLike,
+    omega2_b2: ArrayLike,
+    f2_b2: ArrayLike,
+    n1: ArrayLike,
+    n2: ArrayLike,
+    u1: ArrayLike,
+    u2: ArrayLike,
+    gaps: float = 0.05,
+    gyroscope_bias: float = 0.05,
+    accelerometer_bias: float = 0.2,
+) -> AngleFit:
+    """Fit the hinge angle to two inertial sensors whose hinge is known, from `fit_axis` and `fit_anchor`.
+
+    Args:
+        t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
+        omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3). NaN where there is none.
+        f1_b1: what accelerometer 1 feels, S1^T (a1 - g), in body 1's axes [m/s^2]; (N, 3).
+        omega2_b2: that of body 2 in body 2's axes.
+        f2_b2: that of body 2 in body 2's axes.
+        n1: axis in body 1's axes.
+        n2: axis in body 2's axes.
+        u1: hinge point from sensor 1, body 1's axes [m].
+        u2: hinge point from sensor 2, body 2's axes [m].
+        gaps: the longest time without a sample that rates are integrated over [s].
+        gyroscope_bias: how large the biases of the gyroscopes usually are, the standard deviation of a component
+            [rad/s]; 0 where they were taken off before.
+        accelerometer_bias: likewise of the accelerometers [m/s^2]; what it turns the force by goes into `std`.
+
+    Returns:
+        psi with its standard deviation, sample by sample.
+
+    Raises:
+        FitError: fewer than 8 samples together.
+        ArgumentError: an argument cannot be used; names it.
+        MissingDependencyError: SciPy is not installed.
+    """
+    time, _ = increasing_seconds("t", t)
+    given = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}
+    columns = checked_columns(given)
+    if columns[0].shape[0] != time.size:
+        raise ShapeError("omega1_b1", f"shape ({time.size}, 3), as t", f"shape {columns[0].shape}")
+    axes = [np.asarray(unit_axis(name, np.asarray(n))) for name, n in (("n1", n1), ("n2", n2))]
+    levers = [constant(name, u, 3) for name, u in (("u1", u1), ("u2", u2))]
+    tilting = number_not_below_0("accelerometer_bias", accelerometer_bias)
+    bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
+    longest = checked_gaps(gaps)
+    where = pieces(time, known, longest, FEWEST)
+    if not where:
+        raise FitError(", ".join(given), f"at least {FEWEST} finite samples without a gap", int(known.sum()))
+    used = np.concatenate(where)
+    seen = []
+    for omega, force, lever, axis in zip(columns[::2], columns[1::2], levers, axes, strict=True):
+        smooth = smooth_columns(time, omega, where, None)
+        at_hinge = force[used] + acceleration_matrices(*smooth.values[:2, used]) @ lever
+        seen.append([vector @ frame(axis) for vector in (omega[used], at_hinge)])
+    rate = seen[1][0][:, 2] - seen[0][0][:, 2]
+    (turning, rate_noise), (pulling, _) = (_directions(*both) for both in zip(*seen, strict=True))
+    angles, variances = (np.stack(both) for both in zip(turning, pulling, strict=True))
+    starts = np.cumsum([piece.size for piece in where])[:-1]
+    found = _smoothed(time[used], rate, rate_noise, angles, variances, np.sqrt(2) * bias, starts)
+    pull = float(np.sqrt(np.mean(seen[0][1][:, :2] ** 2) * 2))
+    std = np.hypot(found.std, min(np.sqrt(2) * tilting / max(pull, 1e-300), np.pi) if tilting else 0.0)
+    hinge = Hinge(axes[0], axes[1], levers[0], levers[1])
+    psi = found.psi - offset(hinge, home_of(hinge))
+    psi -= 2 * np.pi * np.rint(psi[0] / (2 * np.pi))
+    worst = float(std.max())
+    findings = []
+    if worst > _MAX_STD:
+        findings.append(
+            f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
+            "velocity shows a direction across the axis for long enough."
+        )
+    if found.excess > _MAX_EXCESS:
+        findings.append(
+            f"Directions are {found.excess:.2g} times as far from the integrated angle as their noise explains: "
+            "the axis or the point may be wrong."
+        )
+    return AngleFit(
+        psi=_whole(psi, used, time.size),
+        psid=_whole(rate - found.drift, used, time.size),
+        std=_whole(std, used, time.size),
+        drift=found.drift,
+        drift_std=found.drift_std,
+        noise=found.noise,
+        ok=not findings,
+        findings=tuple(findings),
+    )
+
+
+class _Smoothed(NamedTuple):
+    """The most likely angle from body 1's `frame` to that of body 2."""
+
+    psi: Float64Array  # [rad]; (N,)
+    std: Float64Array  # (N,)
+    drift: float  # bias of the rate [rad/s]
+    drift_std: float
+    noise: float  # of a direction, the median [rad]
+    excess: float  # scatter of the directions, in parts of what their noise explains
+
+
+def _directions(first: Float64Array, second: Float64Array) -> tuple[tuple[Float64Array, Float64Array], float]:
+    """Return the angles between vectors that are one across the axis, their variances, and the noise of a rate.
+
+    Args:
+        first: the vector as body 1 sees it, in the axes of `frame`; (N, 3).
+        second: as body 2 sees it.
+
+    Returns:
+        Angles [rad] and variances, inf where a vector is too short, (N,) each; and the standard deviation of the
+        difference of both sensors' readings of a component.
+    """
+    a, b = (vector[:, 0] + 1j * vector[:, 1] for vector in (first, second))
+    sizes = np.abs(a), np.abs(b)
+    noise = max(float(np.sqrt(np.mean((sizes[0] - sizes[1]) ** 2))), _MIN_NOISE)
+    least = max(_MIN_SEEN * float(max(sizes[0].max(), sizes[1].max())), 3 * noise)
+    seen = np.minimum(*sizes) > least
+    variances = np.full(a.size, np.inf)
+    variances[seen] = noise**2 / 2 * (1 / sizes[0][seen] ** 2 + 1 / sizes[1][seen] ** 2)
+    return (np.angle(a * np.conj(b)), np.maximum(variances, _MIN_NOISE**2)), noise
+
+
+def _smoothed(
+    t: Float64Array,
+    rate: Float64Array,
+    rate_noise: float,
+    angles: Float64Array,
+    variances: Float64Array,
+    bias: float,
+    starts: NDArray[np.intp],
+) -> _Smoothed:
+    """Return the most likely angle for rates (N,) and angles (k, N), with a constant bias of the rate.
+
+    Args:
+        t: instants [s]; (N,).
+        rate: of the angle [rad/s]; (N,).
+        rate_noise: standard deviation of the rates [rad/s].
+        angles: by directions, up to whole turns [rad]; (k, N).
+        variances: of these, inf where there is none; (k, N).
+        bias: standard deviation of the bias beforehand [rad/s].
+        starts: samples at which the rates begin anew after a gap.
+    """
+    dt = np.diff(t)
+    turned = (rate[1:] + rate[:-1]) / 2 * dt
+    links = 1 / (rate_noise * dt) ** 2
+    links[starts - 1] = 1 / _CUT**2
+    precision = 1 / variances
+    psi = _unwrapped_start(np.concatenate(([0.0], np.cumsum(turned))), angles, precision)
+    weights = precision
+    for _ in range(_ROUNDS):
+        near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
+        off = (psi - near) * np.sqrt(precision)
+        weights = precision / (1 + off**2 / _LOSS_SCALE)
+        psi, _, _ = _solved(dt, turned, links, weights, near, bias)
+    near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
+    rows = [((psi - one) * np.sqrt(weight))[weight > 0] for one, weight in zip(near, weights, strict=True)]
+    excess, memory = 0.0, 1.0
+    for row in rows:
+        if row.size > FEWEST:
+            together = summed_neighbours(row[None])[0]
+            sums = np.add.reduceat(row, np.arange(0, row.size, together))
+            excess = max(excess, float(np.sqrt(np.mean(row * row))))
+            memory = max(memory, float((sums @ sums) / max(row @ row, 1e-300)))
+    scale = max(excess, 1.0) ** 2 * memory
+    psi, std, (drift, drift_std) = _solved(dt, turned, links, weights / scale, near, bias)
+    seen = variances[np.isfinite(variances)]
+    noise = float(np.sqrt(np.median(seen))) if seen.size else np.inf
+    return _Smoothed(psi, std, drift, drift_std, noise, excess)
+
+
+def _unwrapped_start(turned: Float64Array, angles: Float64Array, precision: Float64Array) -> Float64Array:
+    """Return integrated rates plus what directions say of their slow drift, without jumps by 2 pi."""
+    off = (precision * np.exp(1j * (angles - turned))).sum(axis=0)
+    if not precision.any():
+        return turned
+    total = np.concatenate(([0.0], np.cumsum(off)))
+    half = max(1, turned.size // 100)
+    place = np.arange(turned.size)
+    mean = total[np.minimum(place + half, turned.size)] - total[np.maximum(place - half, 0)]
+    return np.asarray(turned + np.unwrap(np.angle(mean)))
+
+
+def _solved(
+    dt: Float64Array,
+    turned: Float64Array,
+    links: Float64Array,
+    weights: Float64Array,
+    angles: Float64Array,
+    bias: float,
+) -> tuple[Float64Array, Float64Array, tuple[float, float]]:
+    """Return the angle, its standard deviations, and the bias with its own: one tridiagonal system, bordered."""
+    from scipy.linalg import solveh_banded
+
+    count = turned.size + 1
+    right, border, matrix = np.zeros(count), np.zeros(count), np.zeros((2, count))
+    right[1:] += links * turned
+    right[:-1] -= links * turned
+    border[1:] += links * dt
+    border[:-1] -= links * dt
+    matrix[0, 1:] = -links
+    matrix[1, 1:] += links
+    matrix[1, :-1] += links
+    matrix[1] += weights.sum(axis=0) + 1 / _CUT**2
+    right += (weights * np.where(weights > 0, angles, 0.0)).sum(axis=0)
+    x, y = solveh_banded(matrix, np.stack((right, border), axis=-1)).T
+    own = (links * dt) @ dt + 1 / max(bias, _MIN_NOISE) ** 2 - border @ y
+    drift = float(((links * turned) @ dt - border @ x) / own)
+    variance = inverse_bands(matrix, 1)[0, :count] + y * y / own
+    return x - drift * y, np.sqrt(variance), (drift, float(1 / np.sqrt(own)))
+
+
+def _whole(values: Float64Array, used: NDArray[np.intp], count: int) -> Float64Array:
+    """Return values of the samples used at their places among all samples, NaN elsewhere; (N,)."""
+    whole = np.full(count, np.nan)
+    whole[used] = values
+    return read_only(whole)
