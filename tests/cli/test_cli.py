@@ -664,3 +664,11 @@ def test_a_mechanism_runs_as_a_pair_does(tmp_path: Path) -> None:
     assert re.fullmatch(
         r"hingepair: --outputs: expected one of R, S, .* \(nearest: teeth\), got 'R_teath'\n", misspelt
     )
+
+
+def test_the_readme_shows_what_talos_takes() -> None:
+    printed = hingepair("forces", MODELS / "talos_lift.toml").stdout.splitlines()
+    readme = (MODELS.parent / "README.md").read_text(encoding="utf-8").splitlines()
+    for start in ("joint  ", "arm_left_4_joint "):
+        (line,) = (line for line in printed if line.startswith(start))
+        assert line in readme

@@ -12,6 +12,8 @@ import pytest
 import hingepair as hp
 from hingepair.plans.steps import COORDINATES
 from hingepair.scenes.logged_motion import ARRAYS, COLUMNS
+from hingepair.scenes.mechanisms.mechanism_table import JOINT_KEYS, MECHANISM_KEYS
+from hingepair.scenes.mechanisms.scene import OUTPUTS
 from hingepair.scenes.pair_table import KEYS
 from hingepair.scenes.simulated_motion import LOAD_KEYS
 from hingepair.scenes.waypoints import PROFILES
@@ -26,8 +28,14 @@ MOTION = "\n[motion]\n" + "".join(f"{name} = 'sin(t)'\n" for name in COORDINATES
 TIME = "\n[time]\nstart = 0\nstop = 4\nsamples = 41\n"
 
 
+def is_of_a_mechanism(example: str) -> bool:
+    return "[mechanism]" in example or "[[joint]]" in example
+
+
 def completed(example: str) -> str:
     """The example with the tables that it leaves out."""
+    if is_of_a_mechanism(example):
+        return example
     missing = [
         table for table, name in ((PAIR, "[pair]"), (MOTION, "[motion]"), (TIME, "[time]")) if name not in example
     ]
@@ -45,7 +53,9 @@ def test_examples_run(number, tmp_path):
         shutil.copy(log, tmp_path)
     (tmp_path / "scene.toml").write_text(completed(example), encoding="utf-8")
     scene = hp.load_scene(tmp_path / "scene.toml")
-    assert np.isfinite(scene.evaluate().R2).all()
+    result = scene.evaluate(("R",)) if is_of_a_mechanism(example) else scene.evaluate()
+    assert np.isfinite(result.R if is_of_a_mechanism(example) else result.R2).all()
+    assert scene.notes() == () or not is_of_a_mechanism(example)
     assert scene.cross_validate(20).ok
 
 
@@ -66,11 +76,17 @@ def test_there_are_examples_of_every_kind():
         "profile = ",
         "[pair.body1]",
         "[dynamics]",
+        "[[joint]]",
+        "[mechanism]",
+        "[base]",
     ):
         assert any(word in example for example in EXAMPLES), word
 
 
-@pytest.mark.parametrize("name", [*FUNCTIONS, *CONSTANTS, *PROFILES, *KEYS, *ARRAYS, *LOAD_KEYS])
+WORDS = (*FUNCTIONS, *CONSTANTS, *PROFILES, *KEYS, *ARRAYS, *LOAD_KEYS, *MECHANISM_KEYS, *JOINT_KEYS, *OUTPUTS)
+
+
+@pytest.mark.parametrize("name", dict.fromkeys(WORDS))
 def test_every_word_is_told(name):
     assert re.search(rf"\b{name}\b", PAGE), name
 

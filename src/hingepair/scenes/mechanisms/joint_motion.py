@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, Protocol
 
 import numpy as np
 
@@ -20,11 +20,13 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.plan import ACCELERATION
 from hingepair.plans.steps import COORDINATES
 from hingepair.rotations.sequences import SEQUENCES
-from hingepair.scenes.expression_motion import FunctionsOfTime, read_functions
 from hingepair.scenes.instants import Instants, Rows, read_instants
 from hingepair.scenes.known_motion import ByCoordinates, Derivatives
 from hingepair.scenes.logged_motion import Layout, Log, log_file
 from hingepair.scenes.tables import Table
+
+if TYPE_CHECKING:
+    from hingepair.scenes.expression_motion import FunctionsOfTime
 
 RATES: Final = ("", "d", "dd")
 """What is behind a joint's name in the columns of a log, by the order of the derivative."""
@@ -230,6 +232,8 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
     for key in ("differentiate", "unwrap"):
         if key in motion.values:
             motion.fail(key, "file = ... beside it, whose samples it is about, or no such key")
+    from hingepair.scenes.expression_motion import read_functions
+
     moving = _moving(motion, robot)
     functions = read_functions(motion, moving)
     t = read_instants(tables.table("time"))
@@ -243,6 +247,8 @@ def _read_base(tables: Table) -> BaseMotion | None:
         return None
     table = tables.table("base")
     table.check_keys((*BASE_KEYS, "sequence"))
+    from hingepair.scenes.expression_motion import read_functions
+
     given = replace(table, values=dict.fromkeys(BASE_KEYS, 0) | table.values)
     return BaseMotion(read_functions(given, BASE_KEYS), table.choice("sequence", SEQUENCES, "XYZ"))
 
