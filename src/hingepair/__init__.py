@@ -42,6 +42,7 @@ from hingepair.rotations.matrices import (
 )
 
 if TYPE_CHECKING:
+    from hingepair.dynamics.linearize import linearize
     from hingepair.dynamics.simulate import SimulationError, simulate
     from hingepair.formats.model_writers import to_mjcf, to_urdf
     from hingepair.formats.robots import load_robot, load_robot_hinge
@@ -131,6 +132,7 @@ __all__ = [
     "fit_axis",
     "from_urdf",
     "integrate",
+    "linearize",
     "load_robot",
     "load_robot_hinge",
     "load_scene",
@@ -156,6 +158,7 @@ _LATER = {
     name: module
     for module, names in {
         "pair.hinge_load": "HingeLoad",
+        "dynamics.linearize": "linearize",
         "dynamics.simulate": "SimulationError simulate",
         "formats.model_writers": "to_mjcf to_urdf",
         "formats.robots": "load_robot load_robot_hinge",

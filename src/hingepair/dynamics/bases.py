@@ -183,6 +183,13 @@ class PairMotion:
         given = self._given(np.array([t]), state[None], self._S0)
         return float(self._psidd(given, self._acting(np.array([t]), given, self.side))[0])
 
+    def hinge_response(self, t: float, state: Array) -> float:
+        """Compute the derivative of psi'' by a torque at the hinge, of one state [rad/s^2 / (N m)]."""
+        given = self._given(np.array([t]), state[None], self._S0)
+        acting = self._acting(np.array([t]), given, self.side)
+        more = self._psidd(given, acting | {"hinge_torque": acting["hinge_torque"] + 1.0})
+        return float((more - self._psidd(given, acting))[0])
+
     def holding_torque(self, t: Array, states: Array) -> Array:
         """Compute the torque beside all loads that keeps psi' at some instants [N m]; shape (m,)."""
         given = self._given(t, states, self._S0)

@@ -220,7 +220,7 @@ def simulate(
     >>> round(float(swing.psi.max()), 4)  # let go level, it swings to level on the other side
     3.1416
     """
-    space = _in_space(pair)
+    space = in_space(pair)
     instants = instants_of("t", t)
     tolerance = finite_number("tol", tol)
     if not _TOLERANCES[0] <= tolerance <= _TOLERANCES[1]:
@@ -237,7 +237,7 @@ def simulate(
     if jumps.ndim != 1 or not np.isfinite(jumps).all():
         raise ArgumentError("breaks", "instants at which loads jump [s], shape (M,)", quoted(breaks))
     angles = _angles_of(hinge, hinge_torque, instants, psi_0, psid_0)
-    start = _start_of(base, body1, flat, *angles)
+    start = start_of(base, body1, flat, *angles)
     if not loads.rigid_range[0] <= start[4] <= loads.rigid_range[1]:
         expected = f"an angle between the rigid stops, {loads.rigid_range[0]:g} to {loads.rigid_range[1]:g} rad"
         raise ArgumentError("psi_0", expected, psi_0)
@@ -293,8 +293,12 @@ def simulate(
     return SimulatedMotion(**common, quat_wxyz=read_only(found.quats), R1=moved.R, pair=pair, state=state)
 
 
-def _in_space(pair: object) -> HingePair:
-    """The pair that moves in space, one."""
+def in_space(pair: object) -> HingePair:
+    """Return the pair that moves in space.
+
+    Raises:
+        ArgumentError: it is no pair, or several.
+    """
     if isinstance(pair, PlanarPair):
         check_one(pair)
         return pair.massive()
@@ -320,8 +324,12 @@ def _angles_of(
     return finite_number("psi_0", psi[0]), finite_number("psid_0", psid[0])
 
 
-def _start_of(base: Base, body1: object, flat: bool, psi: float, psid: float) -> Start:
-    """Where body 1 and the hinge start; of a base that moves as given, body 1 is left open."""
+def start_of(base: Base, body1: object, flat: bool, psi: float, psid: float) -> Start:
+    """Return where body 1 and the hinge start; of a base that moves as given, body 1 is left open.
+
+    Raises:
+        ArgumentError: base or body1 cannot be used; names it.
+    """
     zero = np.zeros(3)
     if callable(base):
         check_callable("base", base, "t")

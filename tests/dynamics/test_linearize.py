@@ -1,0 +1,102 @@
+"""Small motions: natural frequencies and damping in closed form, and beside simulated motions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh, expm
+
+import hingepair as hp
+from support.states import generator, rotations
+
+STILL = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+WEIGHTLESS = (0.0, 0.0, 0.0)
+
+
+def rod():
+    """A rod of 2 kg, inertia 3 about the hinge, whose centre hangs 1 m below it at psi = pi / 2."""
+    return hp.HingePair((0, 0, 0), (-1, 0, 0), (0, 1, 0), body2=hp.Body(mass=2, inertia=np.diag([0.01, 1, 1])))
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.6, 30.0])
+def test_a_pendulum_swings_and_fades_as_textbooks_say(damping):
+    load = hp.HingeLoad(damping=damping, friction=0.0)
+    small = hp.linearize(rod(), STILL, 0.4, hinge_torque=load, base="fixed", equilibrium=True)
+    assert small.psi == pytest.approx(np.pi / 2, abs=1e-12)
+    stiffness = 2 * 9.81
+    np.testing.assert_allclose(small.A, [[0, 1], [-stiffness / 3, -damping / 3]], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(small.B, [0, 1 / 3], rtol=1e-12)
+    np.testing.assert_allclose(small.rates, 0, rtol=0, atol=1e-12)
+    natural, ratio = np.sqrt(stiffness / 3), damping / (2 * np.sqrt(stiffness * 3))
+    if ratio < 1:
+        np.testing.assert_allclose(small.natural_frequencies, [natural], rtol=1e-10)
+        np.testing.assert_allclose(small.damping_ratios, [ratio], rtol=0, atol=1e-10)
+    else:
+        spread = np.sqrt(ratio**2 - 1)
+        np.testing.assert_allclose(small.poles, natural * np.array([spread - ratio, -spread - ratio]), rtol=1e-9)
+    assert small.names == ("psi", "psid")
+    assert "natural frequency" in str(small)
+
+
+def test_a_rod_that_stands_falls():
+    small = hp.linearize(rod(), STILL, -np.pi / 2, base="fixed")
+    rate = np.sqrt(19.62 / 3)
+    np.testing.assert_allclose(small.poles, [-rate, rate], rtol=1e-10)
+    np.testing.assert_allclose(sorted(small.damping_ratios), [-1, 1], rtol=1e-12)
+
+
+ROD1 = hp.Body(mass=1.3, center_of_mass=(0.5, 0, 0), inertia=(0.1, 0.1, 0.12))
+ROD2 = hp.Body(mass=0.7, center_of_mass=(0.4, 0, 0), inertia=(0.05, 0.08, 0.09))
+DOUBLE = hp.PlanarPair(u1=(1, 0), u2=(0, 0), body1=ROD1, body2=ROD2)
+
+
+def test_a_double_pendulum_has_the_two_frequencies_of_its_stiffness_and_mass():
+    start = hp.BodyMotion(R=(0, 0, 0), S=hp.rodrigues((0, 0, 1), -0.9))
+    small = hp.linearize(DOUBLE, start, 0.5, base="pinned", equilibrium=True)
+    coupled = 0.7 * 0.4
+    M = np.array([[0.12 + 1.3 * 0.25 + 0.7, coupled], [coupled, 0.09 + 0.7 * 0.16]])
+    K = 9.81 * np.diag([1.3 * 0.5 + 0.7, 0.7 * 0.4])
+    expected = np.sqrt(eigh(K, M, eigvals_only=True))
+    np.testing.assert_allclose(small.natural_frequencies, expected, rtol=1e-9)
+    np.testing.assert_allclose(small.damping_ratios, 0, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(small.psi, 0, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(small.body1.S, hp.rodrigues((0, 0, 1), -np.pi / 2), rtol=0, atol=1e-10)
+
+
+def test_two_wheels_that_a_spring_joins_swing_against_each_other():
+    one, two = hp.Body(1.0, inertia=(1, 1, 0.4)), hp.Body(1.0, inertia=(1, 1, 1.5))
+    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body1=one, body2=two)
+    load = hp.HingeLoad(stiffness=7.0, rest=0.3)
+    small = hp.linearize(pair, STILL, 0.0, hinge_torque=load, gravity=WEIGHTLESS, equilibrium=True)
+    assert small.psi == pytest.approx(0.3, abs=1e-12)
+    np.testing.assert_allclose(small.natural_frequencies, [np.sqrt(7 * (1 / 0.4 + 1 / 1.5))], rtol=1e-9)
+    assert len(small.names) == 14
+
+
+@pytest.mark.parametrize("base", ["free", "pinned", "fixed"])
+def test_small_changes_grow_as_those_of_a_simulated_motion(base):
+    rng = generator(91)
+    bodies = [hp.Body(rng.uniform(1, 2), rng.normal(size=3), np.diag(rng.uniform(0.6, 1, 3))) for _ in range(2)]
+    pair = hp.HingePair(*rng.normal(size=(3, 3)), home=rotations(rng, 1)[0], body1=bodies[0], body2=bodies[1])
+    start = hp.BodyMotion(R=rng.normal(size=3), S=rotations(rng, 1)[0])
+    load, h, nudge = hp.HingeLoad(stiffness=3, damping=0.4), 1e-3, 1e-4
+    small = hp.linearize(pair, start, 0.3, hinge_torque=load, base=base)
+    t = np.array([0.0, h])
+    psi = [
+        hp.simulate(pair, t, start, 0.3 + way * nudge, 0.0, hinge_torque=load, base=base, tol=1e-14).psid[-1]
+        for way in (-1, 1)
+    ]
+    grown = expm(h * small.A)[:, -2][-1]
+    assert (psi[1] - psi[0]) / (2 * nudge) == pytest.approx(grown, rel=1e-4)
+
+
+def test_what_has_no_linearization_is_named():
+    still = {"base": "fixed"}
+    with pytest.raises(hp.ArgumentError, match=r"^hinge_torque: expected what has a linearization"):
+        hp.linearize(rod(), STILL, 0.0, hinge_torque=hp.HingeLoad(friction=30), **still)
+    with pytest.raises(hp.ArgumentError, match=r"^equilibrium: expected a state near to which the loads pull"):
+        hp.linearize(rod(), STILL, 0.0, hinge_torque=50.0, equilibrium=True, **still)
+    with pytest.raises(hp.ArgumentError, match=r"^psid_0, body1: expected a state at rest"):
+        hp.linearize(rod(), STILL, 0.0, 1.0, equilibrium=True, **still)
+    with pytest.raises(hp.ArgumentError, match=r"^hinge_torque: expected"):
+        hp.linearize(rod(), STILL, 0.0, hinge_torque="much", **still)
