@@ -344,3 +344,27 @@ def test_a_motor_between_stops_that_answers_with_another_shape_is_named():
     motor = hp.HingeLoad(stops=(-1, 1), motor=lambda t, *_: np.zeros((len(t), 1)) if len(t) > 1 else 0.0)
     with pytest.raises(hp.ArgumentError, match="hinge_torque: expected a callable that returns shape"):
         hp.simulate(flywheel(), [0, 1], STILL, 0.0, 1.0, base="fixed", hinge_torque=motor)
+
+
+def test_numbers_that_look_like_degrees_are_warned_of():
+    for name, given in (
+        ("stops: 90 is taken for radians", {"hinge_torque": hp.HingeLoad(stops=(-90, 90))}),
+        ("psi_0: 45 is taken for radians", {"psi_0": 45.0}),
+        ("psid_0: 180 is taken for rad/s", {"psid_0": 180.0}),
+    ):
+        with pytest.warns(hp.DynamicsWarning, match=name):
+            hp.simulate(flywheel(), [0, 0.01], STILL, **{"psi_0": 0.0, "psid_0": 0.0, "base": "fixed"} | given)
+    body = hp.Body(1.0, inertia=(1, 1, 1))
+    pair, turning = replace(flywheel(), body1=body), hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 90))
+    with pytest.warns(hp.DynamicsWarning, match=r"body1\.omega: 90 is taken for rad/s"):
+        hp.simulate(pair, [0, 0.01], turning, 0.0, 0.0)
+
+
+def test_an_inertia_far_above_the_levers_is_warned_of():
+    milli = hp.Body(2.0, center_of_mass=(0.1, 0, 0), inertia=np.diag([1e3, 4e4, 4e4]))
+    pair = hp.HingePair((0, 0, 0), (-0.2, 0, 0), (0, 1, 0), body2=milli)
+    with pytest.warns(
+        hp.DynamicsWarning, match=r"body2\.inertia: its radius of gyration is 141 m, .* kg m\^2"
+    ) as said:
+        hp.simulate(pair, [0, 0.1], STILL, 0.0, 0.0, base="fixed")
+    assert [Path(one.filename).name for one in said] == ["test_simulate.py"]

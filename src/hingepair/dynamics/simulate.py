@@ -22,6 +22,7 @@ from hingepair.errors import ArgumentError, HingePairError, quoted
 from hingepair.integration.trajectory import Later, PlanarTrajectory, Trajectory
 from hingepair.numeric.arrays import check_choice, finite_number, read_only, real_array
 from hingepair.numeric.instants import instants_of
+from hingepair.numeric.suspicions import degree_suspicions, inertia_suspicions
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.constants import check_one, check_pair
@@ -255,6 +256,7 @@ def simulate(
 
     motion, legs, found = run(tolerance, _LOOKS[0], until)
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
+    _warn_of_units(space, base, start, stops)
     if space.limits is not None:
         _warn_of_limits(space.limits, stops, found.t, found.now.psi)
     least, most = found.now.psi.min(initial=np.inf), found.now.psi.max(initial=-np.inf)
@@ -352,6 +354,23 @@ def start_of(base: Base, body1: object, flat: bool, psi: float, psid: float) -> 
         expected = f"a start in the plane, R and v with z = 0, S and omega about z, such as {_PLANAR}"
         raise ArgumentError("body1", expected, quoted(body1))
     return R, S, v, omega, psi, psid
+
+
+def _warn_of_units(space: HingePair, base: Base, start: Start, stops: tuple[float, float]) -> None:
+    """Warn of numbers that look like degrees, or like inertias in another unit than kg m^2."""
+    ends = np.array([stop for stop in stops if np.isfinite(stop)])
+    found = [*degree_suspicions("stops", ends), *degree_suspicions("psi_0", np.array([start[4]]))]
+    found += degree_suspicions("psid_0", np.array([start[5]]), rates=True)
+    found += degree_suspicions("body1.omega", start[3], rates=True)
+    bodies = {"body1": (space.body1, space.u1), "body2": (space.body2, space.u2)}
+    for name in ("body1", "body2") if base in BASES[:2] else ("body2",):
+        body, lever = bodies[name]
+        if body is not None:
+            levers = [float(np.linalg.norm(vector)) for vector in (lever, body.center_of_mass)]
+            levers.append(float(np.linalg.norm(lever - body.center_of_mass)))
+            found += inertia_suspicions(f"{name}.inertia", body.mass, body.inertia, max(levers))
+    for sentence in found:
+        warnings.warn(sentence, DynamicsWarning, stacklevel=3)
 
 
 def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: Array, psi: Array) -> None:

@@ -17,6 +17,8 @@ _MIN_SUSPICIOUS_SPAN, _MAX_SUSPICIOUS_SPAN = 4 * np.pi, 720.0
 """Spans of hinge angles that are suspicious [rad]: more than two turns, and fewer than two turns if read as degrees.
 What spans more is a wheel in either unit."""
 _MIN_SUSPICIOUS_DISTANCE = 50.0  # [m] between the reference points of two bodies that share a hinge
+_ROUND_ANGLE, _ROUND_RATE = 5.0, 45.0  # whole multiples of which degrees, and degrees a second, are
+_MAX_GYRATION = 30.0  # of the levers of a body: a larger radius of gyration is suspicious
 _SMALLER_UNITS_OF_TIME = (
     (500.0, "milliseconds", "1e-3"),
     (5e5, "microseconds", "1e-6"),
@@ -82,3 +84,44 @@ def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
     if middle < _MIN_SUSPICIOUS_DISTANCE:
         return []
     return [f"{name} is {middle:.3g} m long: is it in metres? Millimetres become metres by the factor 1e-3."]
+
+
+def degree_suspicions(name: str, values: Float64Array, *, rates: bool = False) -> list[str]:
+    """Return what is suspicious about angles, or angular velocities, that a person has written.
+
+    Degrees are written in whole fives, and angular velocities in parts of a turn; radians hardly ever are.
+
+    Args:
+        name: what the caller's messages call the values, such as "stops".
+        values: angles that should be radians, or rates that should be rad/s; shape (n,).
+        rates: whether the values are rates.
+
+    >>> degree_suspicions("stops", np.array([-90.0, 90.0])), degree_suspicions("psid_0", np.array([3.0]), rates=True)
+    (['stops: 90 is taken for radians, 14.3 turns; degrees become radians by numpy.radians(90).'], [])
+    """
+    part, least, unit = (_ROUND_RATE, _ROUND_RATE, "rad/s") if rates else (_ROUND_ANGLE, 2 * _ROUND_ANGLE, "radians")
+    largest = float(np.abs(values).max(initial=0.0))
+    if largest < least or np.any(np.mod(values, part)):
+        return []
+    turns = f"{largest / (2 * np.pi):.3g} turns{' a second' if rates else ''}"
+    return [
+        f"{name}: {largest:g} is taken for {unit}, {turns}; degrees become radians by numpy.radians({largest:g})."
+    ]
+
+
+def inertia_suspicions(name: str, mass: float, inertia: Float64Array, lever: float) -> list[str]:
+    """Return what is suspicious about the inertia of a body that should be in kg m^2.
+
+    Args:
+        name: what the caller's messages call the inertia, such as "body2.inertia".
+        mass: of the body [kg].
+        inertia: about its centre of mass [kg m^2]; shape (3, 3).
+        lever: the longest distance between its points that are named [m]; 0 says nothing.
+
+    >>> inertia_suspicions("body2.inertia", 2.0, 1e5 * np.eye(3), 0.5)
+    ['body2.inertia: its radius of gyration is 224 m, beside levers of 0.5 m: is it in kg m^2?']
+    """
+    radius = float(np.sqrt(np.linalg.eigvalsh(inertia)[-1] / mass)) if mass > 0 else 0.0
+    if not lever or radius <= _MAX_GYRATION * lever:
+        return []
+    return [f"{name}: its radius of gyration is {radius:.3g} m, beside levers of {lever:.3g} m: is it in kg m^2?"]
