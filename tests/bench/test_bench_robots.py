@@ -1,13 +1,29 @@
-"""Every engine of `bench robots` computes what Pinocchio computes; the report holds a row for each."""
+"""Every engine of `bench robots` computes what fifty digits say; the report holds a row for each."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+import hingepair as hp
 from hingepair.bench import engines
 from hingepair.bench import robots as bench
+from hingepair.bench.robot_truth import RobotTruth
 from support.sparse import sparse
+
+FOLLOWERS = """<robot name="r"><link name="a"/>
+<link name="b"><inertial><origin xyz="0.1 0 0.2"/><mass value="2"/>
+<inertia ixx=".3" iyy=".4" izz=".5" ixy=".01" ixz="0" iyz="0"/></inertial></link>
+<link name="c"><inertial><origin xyz="0 0.1 0"/><mass value="1"/>
+<inertia ixx=".1" iyy=".2" izz=".25" ixy="0" ixz="0" iyz=".02"/></inertial></link>
+<link name="d"><inertial><origin xyz="0 0 0.3"/><mass value="0.5"/>
+<inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j1" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 1" rpy="0.3 0 0"/>
+<axis xyz="0 1 0"/><limit effort="1" velocity="1"/></joint>
+<joint name="j2" type="prismatic"><parent link="b"/><child link="c"/><origin xyz="0.5 0 0" rpy="0.2 0 0"/>
+<axis xyz="0.6 0 0.8"/><limit effort="1" velocity="1"/></joint>
+<joint name="j3" type="revolute"><parent link="c"/><child link="d"/><origin xyz="0 0.3 0"/><axis xyz="1 0 0"/>
+<mimic joint="j1" multiplier="-2" offset="0.25"/><limit effort="1" velocity="1"/></joint></robot>"""
 
 CASES = [(name, workload) for name in bench.ROBOTS for workload in bench.WORKLOADS]
 
@@ -15,19 +31,21 @@ CASES = [(name, workload) for name in bench.ROBOTS for workload in bench.WORKLOA
 @pytest.mark.parametrize(("name", "workload"), sparse(CASES, 5))
 def test_all_engines_agree(name, workload):
     robot, model = bench._models(name)
-    task = bench.task_of(name, robot, model, workload, 3)
+    task = bench.task_of(name, robot, model, workload, 3 if workload != bench.FORWARD else 1)
+    truth = bench.truth_of(task)
     for way in bench.WAYS:
         asked = workload in bench._WORKLOADS_OF.get(way.name, bench.WORKLOADS)
         if asked and way.name not in (bench.CPP, bench.FRAX):
             one = bench.task_of(name, robot, model, workload, 1) if way.name == bench.PREPARED else task
-            assert bench.error_of(way, one) < 1e-11, way.name
+            rounds_more = way.name == bench.MUJOCO or workload == bench.FORWARD
+            assert bench.error_of(way, one, truth) < (1e-13 if rounds_more else 4e-15), way.name
 
 
 def test_an_error_is_seen():
     robot, model = bench._models("ur5_robot")
     task = bench.task_of("ur5_robot", robot, model, bench.INVERSE, 3)
     wrong = bench.Way("wrong", lambda own: lambda: np.asarray(bench.ours(own)()) * (1 + 1e-3))
-    assert 5e-4 < bench.error_of(wrong, task) < 2e-3
+    assert 5e-4 < bench.error_of(wrong, task, bench.truth_of(task)) < 2e-3
 
 
 @pytest.mark.slow
@@ -37,8 +55,29 @@ def test_the_report_has_a_row_for_each_engine():
         f"ur5 (6 joints), {workload}, N = {size}" for workload in bench.WORKLOADS for size in (1, 10)
     }
     assert {bench.PREPARED, bench.OURS, bench.PYTHON_LOOP, bench.MUJOCO} <= {row.method for row in report.rows}
-    assert len(report.panels[0]) == len(bench.WORKLOADS)
-    assert all(row.error is not None and row.error < 1e-11 for row in report.rows)
+    panels = [panel for line in report.panels for panel in line]
+    assert [panel.title for panel in panels] == [f"{workload}, N = 10" for workload in bench.WORKLOADS]
+    for panel in panels:
+        assert panel.names == ["ur5 (6 joints)"]
+        assert panel.curves[0].name.startswith(f"{bench.OURS}: error ")
+        assert all(panel.span[0] < x < panel.span[1] and y == 0 for curve in panel.curves for x, y in curve.points)
+    assert all(row.error is not None and row.error < 1e-13 for row in report.rows)
+    assert max(map(len, report.table())) <= 100
+
+
+def test_the_truth_holds_for_joints_of_every_kind():
+    """Sliders and followers too, which the robots of the bench have none of."""
+    robot = hp.Mechanism.from_urdf(FOLLOWERS)
+    rng = np.random.default_rng(5)
+    q, v, w = rng.uniform(-1, 1, (3, robot.dof))
+    truth = RobotTruth(robot.tree, q)
+    tip = robot.tree.joints[-1].name
+    state = robot.forward_kinematics(q, frames=(tip,))
+    np.testing.assert_allclose(truth.pose(tip).astype(float)[:3], state[tip].R, atol=1e-15)
+    np.testing.assert_allclose(truth.jacobian(tip).astype(float), robot.jacobian(q, tip), atol=1e-15)
+    tau = truth.inverse_dynamics(v, w).astype(float)
+    np.testing.assert_allclose(tau, robot.inverse_dynamics(q, v, w).tau, rtol=1e-13)
+    np.testing.assert_allclose(truth.forward_dynamics(v, tau).astype(float), w, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -47,7 +86,8 @@ def test_frax_agrees():
     robot, model = bench._models("ur5_robot")
     way = next(way for way in bench.WAYS if way.name == bench.FRAX)
     for workload in (bench.INVERSE, bench.FORWARD):
-        assert bench.error_of(way, bench.task_of("ur5_robot", robot, model, workload, 4)) < 1e-11
+        task = bench.task_of("ur5_robot", robot, model, workload, 4)
+        assert bench.error_of(way, task, bench.truth_of(task)) < 1e-13
 
 
 @pytest.mark.proof
@@ -63,4 +103,6 @@ def test_the_cpp_loop_agrees(monkeypatch):
     way = next(way for way in bench.WAYS if way.name == bench.CPP)
     for name, workload in CASES:
         robot, model = bench._models(name)
-        assert bench.error_of(way, bench.task_of(name, robot, model, workload, 3)) < 1e-12, (name, workload)
+        task = bench.task_of(name, robot, model, workload, 1)
+        limit = 1e-13 if workload == bench.FORWARD else 4e-15
+        assert bench.error_of(way, task, bench.truth_of(task)) < limit, (name, workload)

@@ -32,6 +32,8 @@ class Panel(NamedTuple):
     # y runs from 0 to here, evenly; what lies beyond stands on the edge with its number. Logarithmic if None
     most: float | None = None
     falling: bool = False  # x falls to the right
+    names: Sequence[str] = ()  # what stands at y = 0, 1, ..., from above; points are then not joined
+    span: tuple[float, float] | None = None  # of x; as its points need it if None
 
 
 def drawn(rows: Sequence[Sequence[Panel]]) -> Any:
@@ -57,7 +59,12 @@ def drawn(rows: Sequence[Sequence[Panel]]) -> Any:
 
 def _panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:
     axes.set(xscale="log", title=panel.title, xlabel=panel.across, ylabel=panel.up)
-    if panel.most is None:
+    if panel.span is not None:
+        axes.set_xlim(*panel.span)
+    if panel.names:
+        axes.set_yticks(range(len(panel.names)), panel.names)
+        axes.set_ylim(len(panel.names) - 0.5, -0.5)
+    elif panel.most is None:
         axes.set_yscale("log")
     else:
         axes.set_ylim(0, 1.15 * panel.most)
@@ -68,7 +75,8 @@ def _panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:
         points = [(x, y) for x, y in curve.points if isfinite(min(y, edge))]
         across, up = [x for x, _ in points], [min(y, edge) for _, y in points]
         style: dict[str, Any] = {"marker": mark, "color": colour, "markersize": 6}
-        axes.plot(across, up, **style, lw=1.2, markevery=slice(0, 1) if curve.hard else None, label=curve.name)
+        width = 0.0 if panel.names else 1.2
+        axes.plot(across, up, **style, lw=width, markevery=slice(0, 1) if curve.hard else None, label=curve.name)
         if curve.hard:
             axes.plot(across, up, **style, ls="none", markevery=slice(1, None), markerfacecolor="white")
         beyond += [(x, y) for x, y in points if y > edge]

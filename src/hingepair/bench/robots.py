@@ -1,6 +1,6 @@
 """`hingepair bench robots`: poses, Jacobians and dynamics of whole robots, beside Pinocchio, MuJoCo and frax (JAX).
 
-The error of a result is its distance from Pinocchio's, relative to the largest component of the sample.
+The error of a result is its distance from what fifty-digit arithmetic says, relative to its largest component.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import ctypes
 import functools
 import warnings
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -20,10 +20,11 @@ from hingepair.bench.engines import CPP, FEW, MUJOCO, PYTHON_LOOP, compiled_libr
 from hingepair.bench.measure import Job, Report, Row, Way, compared, present, tell
 from hingepair.bench.peers import OURS, PREPARED
 from hingepair.bench.plot import Curve, Panel
+from hingepair.bench.robot_truth import DIGITS, RobotTruth
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
 
-Array: TypeAlias = NDArray[np.float64]
+Array: TypeAlias = NDArray[Any]
 
 ROBOTS: Final = {
     "ur5_robot": {},
@@ -35,6 +36,17 @@ ROBOTS: Final = {
 
 POSE, JACOBIAN, INVERSE, FORWARD = "pose", "Jacobian", "inverse dynamics", "forward dynamics"
 WORKLOADS: Final = (POSE, JACOBIAN, INVERSE, FORWARD)
+
+_COMPARED: Final = 4
+"""States whose results are compared with the exact ones."""
+_NOTES: Final = (
+    "A row is one engine at one task, on one thread, its code compiled before. N: states of a call; a call: its "
+    "time, the median of the repeats; each: that for one state; ratio: of that to the first row of the block.",
+    f"error: largest difference from {DIGITS}-digit arithmetic at {_COMPARED} random states, relative to the largest "
+    "component of the result (a double has 1.1e-16).",
+    "pose, Jacobian: of the joint furthest from the base. hingepair, prepared: a call made ready for one state. "
+    "Pinocchio, its own batches: rneaInParallel, abaInParallel. Python loops are given at most 10,000 states.",
+)
 
 PARALLEL, FRAX = "Pinocchio, its own batches", "frax (JAX, one batch)"
 
@@ -54,28 +66,57 @@ class Task(NamedTuple):
 
 
 def robots(names: Sequence[str], sizes: Sequence[int], repeats: int, cpp: bool) -> Report:
-    """Measure every workload of some robots at some numbers of samples."""
-    ways, notes = present(WAYS, {CPP: cpp_missing(cpp, "robots_loop.cpp")})
-    rows, panels = list[Row](), list[Panel]()
+    """Measure every workload of some robots at some numbers of states."""
+    if cpp:
+        tell("compiling Pinocchio's C++ loop (one or two minutes)")
+    ways, left_out = present(WAYS, {CPP: cpp_missing(cpp, "robots_loop.cpp")})
+    rows = list[Row]()
     for name in names:
         robot, model = _models(name)
         for workload in WORKLOADS:
             task = functools.cache(functools.partial(task_of, name, robot, model, workload))
             suited = [way for way in ways if workload in _WORKLOADS_OF.get(way.name, WORKLOADS)]
-            curves: dict[str, list[tuple[float, float]]] = {}
+            errors = _errors(suited, task)
             for size in sizes:
                 tell(f"{name}, {workload}, N = {size:,}: {repeats} repeats")
                 asked = [way for way in suited if way.name != PREPARED or size == 1]
-                errors = {way.name: error_of(way, task(min(size, 100))) for way in asked}
-                case = case_of(f"{robot.name} ({robot.dof} joints), {workload}", size)
-                rows += compared(case, asked, task, size, repeats, errors)
-                for row in rows[-len(asked) :]:
-                    curves.setdefault(row.method, []).append((float(size), row.each))
-            title = f"{robot.name}, {workload}"
-            panels.append(Panel(title, "samples", "seconds a sample", [Curve(*item) for item in curves.items()]))
-    notes.append("error: largest distance from Pinocchio's result, relative to the largest component of the sample")
-    width = len(WORKLOADS)
-    return Report(rows, "error", notes=notes, panels=[panels[k : k + width] for k in range(0, len(panels), width)])
+                rows += compared(_case(robot, workload, size), asked, task, size, repeats, errors)
+    return Report(rows, "error", [*left_out, *_NOTES], _panels(rows, max(sizes)))
+
+
+def _case(robot: Mechanism, workload: str, size: int) -> str:
+    return case_of(f"{robot.name} ({robot.dof} joints), {workload}", size)
+
+
+def _errors(ways: Sequence[Way], task: Callable[[int], Task]) -> dict[str, float]:
+    """Return each way's largest error."""
+    tell(f"{task(1).name}, {task(1).workload}: {DIGITS} digits")
+    truth = truth_of(task(_COMPARED))
+    return {way.name: error_of(way, task(1 if way.name == PREPARED else _COMPARED), truth) for way in ways}
+
+
+def _panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
+    """Return the picture: run times of the largest batch, a panel for each workload and a line for each robot.
+
+    The names of the engines say the largest of all their errors.
+    """
+    batches = [row for row in rows if row.case.endswith(case_of("", size)) and row.method != PREPARED]
+    errors: dict[str, float] = {}
+    for row in batches:
+        errors[row.method] = max(errors.get(row.method, 0.0), row.error or 0.0)
+    times = [row.least / row.count * 1e9 for row in batches]
+    span = (min(times) / 2, 2 * max(times))
+    found: list[Panel] = []
+    for workload in WORKLOADS:
+        cases = [row for row in batches if row.case.endswith(case_of(f", {workload}", size))]
+        names = list(dict.fromkeys(row.case.partition(",")[0] for row in cases))
+        curves: dict[str, list[tuple[float, float]]] = {}
+        for row in cases:
+            place = row.least / row.count * 1e9, float(names.index(row.case.partition(",")[0]))
+            curves.setdefault(f"{row.method}: error {errors[row.method]:.0e}", []).append(place)
+        drawn = [Curve(*item) for item in curves.items()]
+        found.append(Panel(case_of(workload, size), "run time [ns a state]", "", drawn, names=names, span=span))
+    return [found[:2], found[2:]]
 
 
 def _models(name: str) -> tuple[Mechanism, Any]:
@@ -94,15 +135,33 @@ def task_of(name: str, robot: Mechanism, model: Any, workload: str, count: int) 
     depth = [0]
     for joint in range(1, model.njoints):
         depth.append(depth[model.parents[joint]] + 1)
-    q, v, w = rng.uniform(-1, 1, (3, count, robot.dof))
+    states = rng.uniform(-1, 1, (count, 3, robot.dof))  # the first are the same, however many there are
+    q, v, w = np.ascontiguousarray(states.transpose(1, 0, 2))
     return Task(name, robot, model, workload, int(np.argmax(depth)), (q, v, w))
 
 
-def error_of(way: Way, task: Task) -> float:
-    """Return the largest relative distance of a way's results from Pinocchio's."""
-    truth = np.asarray(pinocchio_loop(task)(), dtype=float).reshape(len(task.rows[0]), -1)
-    result = np.asarray(way.make(task)(), dtype=float).reshape(truth.shape)
-    return float((np.abs(result - truth).max(axis=1) / np.abs(truth).max(axis=1)).max())
+def truth_of(task: Task) -> Array:
+    """Return the results in numbers of many digits; an array of mpmath numbers, a row a state."""
+    joint, rows = task.model.names[task.tip], []
+    for q, v, w in zip(*task.rows, strict=True):
+        truth = RobotTruth(task.robot.tree, q)
+        match task.workload:
+            case "pose":
+                rows.append(truth.pose(joint))
+            case "Jacobian":
+                rows.append(truth.jacobian(joint).ravel())
+            case "inverse dynamics":
+                rows.append(truth.inverse_dynamics(v, w))
+            case _:
+                rows.append(truth.forward_dynamics(v, w))
+    return np.array(rows)
+
+
+def error_of(way: Way, task: Task, truth: Array) -> float:
+    """Return the largest distance of a way's results from the true ones, relative to the largest of the state."""
+    known = truth[: len(task.rows[0])]
+    result = np.asarray(way.make(task)(), dtype=float).reshape(known.shape)
+    return max(float(abs(a - b).max() / abs(b).max()) for a, b in zip(result, known, strict=True))
 
 
 def _read_pose(state: Any) -> Array:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from hingepair.bench.measure import Report
 
 app = typer.Typer(help="Measure run time and error on this machine.", no_args_is_help=True)
+
+_NOTE_WIDTH: Final = 100  # characters of a line below the table
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON with machine facts instead of tables.")]
 Cpp = Annotated[
@@ -47,8 +50,11 @@ def _report(measure: Callable[[], Report], show_json: bool, plot: Path | None = 
         return
     screen = console()
     machine = ", ".join(f"{key} {value}" for key, value in facts().items())
-    for line in (*found.table(line_width(screen)), *found.notes, machine):
+    for line in found.table(line_width(screen)):
         screen.print(line)
+    for sentence in (*found.notes, machine):
+        for line in textwrap.wrap(sentence, _NOTE_WIDTH):
+            screen.print(line)
 
 
 @contextlib.contextmanager
@@ -152,15 +158,20 @@ def dynamics(
 @naming_options
 def robots(
     names: Annotated[
-        str, typer.Option(help="Robots of example-robot-data.")
+        str, typer.Option(metavar="NAMES", help="Robots of example-robot-data.")
     ] = "ur5_robot,panda,solo12,talos_reduced",
     sizes: Sizes = "1,100,100000",
     repeats: Repeats = 5,
     cpp: Cpp = False,
     show_json: Json = False,
-    plot: Plot = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw run times of the largest batch (.png, .svg, .pdf).")
+    ] = None,
 ) -> None:
-    """Poses, Jacobians and dynamics of whole robots: beside Pinocchio, its own batches, MuJoCo and frax (JAX)."""
+    """Poses, Jacobians and dynamics of whole robots: beside Pinocchio, its own batches, MuJoCo and frax (JAX).
+
+    A block of the table is one task of one robot at N states; a row is one engine that does it.
+    """
     from hingepair.bench import robots as bench
 
     chosen = [name.strip() for name in names.split(",")]
