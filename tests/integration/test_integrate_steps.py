@@ -206,6 +206,19 @@ def test_uneven_intervals_that_are_not_measured(kind, tol, monkeypatch):
         assert off / 10 <= motion.error_estimate <= 10 * max(off, 100 * U)
 
 
+@pytest.mark.parametrize("jump", [1.6851933, 2.8944841, 7.4101957])
+def test_a_jump_is_measured_where_few_of_many_steps_are(jump, monkeypatch):
+    """One of 20,000 steps has all of the error, and a tenth of them are measured."""
+    monkeypatch.setattr(error_estimate, "MAX_MEASURED", 2048)
+    t = np.linspace(0, 10, 20_001)
+    rate = lambda t: np.where(t < jump, 0.3, 5.3)  # noqa: E731
+    motion = hp.integrate(PAIR, t, about_x(rate), rate, outputs=())
+    off = np.abs(motion.psi - (0.3 * t + 5 * np.maximum(t - jump, 0))).max()
+    assert off > 1e-5
+    assert off / 10 <= motion.psi_error_estimate <= 10 * off
+    assert off / 10 <= motion.error_estimate <= 10 * off
+
+
 def test_intervals_that_are_not_measured_are_divided_like_their_neighbours(monkeypatch):
     monkeypatch.setattr(error_estimate, "MAX_MEASURED", 2048)
     t = np.linspace(0, 1, 6144)

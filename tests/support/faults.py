@@ -578,6 +578,12 @@ FAULTS = {
         "if False:",
         "symbolic/test_trig_sums.py::test_sums_are_bounded",
     ),
+    "steps that a callable jumps over are not singled out": Fault(
+        "integration/error_estimate.py",
+        "for signal in signals:",
+        "for signal in ():",
+        "integration/test_integrate_steps.py::test_a_jump_is_measured_where_few_of_many_steps_are[1.6851933]",
+    ),
     "antiparallel axes add their angles": Fault(
         "symbolic/frame_program.py",
         "group.angle += sign * position",
