@@ -128,7 +128,21 @@ def test_rates_of_outputs_are_slopes(tmp_path: Path) -> None:
     moved = scene.base_motion()
     assert moved is not None
     np.testing.assert_allclose(np.asarray(moved.a)[:, 0], 0.6, rtol=0, atol=1e-14)
+    phi = np.stack([0 * scene.t, 0.2 * np.sin(scene.t), 0.5 * scene.t], axis=-1)
+    assert np.abs(moved.S - hp.euler_to_matrix(phi, "ZYX")).max() < 1e-15
     assert scene.cross_validate(7).ok
+
+
+def test_siblings_stand_in_the_order_of_their_names(tmp_path: Path) -> None:
+    names = ("right", "left", "middle")
+    place = "u1 = [0, {}, 0]\nu2 = [0, 0, 1]\nn = [0, 1, 0]\nbody2 = {{ mass = 1, inertia = [1, 1, 1] }}\n"
+    joints = "".join(f"[[joint]]\nname = '{name}'\n{place.format(k)}" for k, name in enumerate(names))
+    scene = scene_of(tmp_path, joints + "[motion]\nleft = 't'\nright = '2*t'\n" + TIME)
+    assert scene.mechanism.names == ("left", "middle", "right")
+    np.testing.assert_array_equal(scene.motion().q, np.stack([scene.t, 0 * scene.t, 2 * scene.t], axis=1))
+    result = scene.evaluate(("R",))
+    assert scene.frames == ("left", "middle", "right")
+    assert [result[name].R[0, 1] for name in scene.frames] == [1, 2, 0]
 
 
 def test_a_free_base_needs_a_motion_and_shows_what_moves_it(tmp_path: Path) -> None:
