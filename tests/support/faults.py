@@ -1325,7 +1325,7 @@ FAULTS = {
     ),
     "a further body where the frame's body is": Fault(
         "mechanism/building.py",
-        "payload = inertia_of(body).placed(pose)",
+        "payload = inertia_of(body).placed(Pose(frame.S, frame.R))",
         "payload = inertia_of(body)",
         "mechanism/test_building.py::test_a_payload_adds_its_mass_where_it_is",
     ),
