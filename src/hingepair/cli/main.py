@@ -18,6 +18,7 @@ from hingepair.cli.pairs import mjcf, urdf
 from hingepair.cli.pictures import plot, view
 from hingepair.cli.robots import robots
 from hingepair.cli.scenes import check, forces, run
+from hingepair.cli.sweep import sweep
 from hingepair.cli.tolerance import tolerance
 from hingepair.errors import HingePairError
 
@@ -33,7 +34,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (run, check, forces, derive, urdf, mjcf, plot, view, robots, tolerance):
+for command in (run, check, forces, derive, urdf, mjcf, plot, view, robots, tolerance, sweep):
     app.command()(naming_options(command))
 app.command("fit")(naming_options(fit_files))
 app.add_typer(bench_app, name="bench")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import warnings
+from collections.abc import Iterator
+from contextvars import ContextVar
 from typing import NamedTuple
 
 from hingepair.errors import ArgumentError, quoted
@@ -21,6 +24,7 @@ _NUMPY_CALL_SECONDS = 4.5e-7  # in a call by NumPy
 _NUMPY_SAMPLE_SECONDS = 7.5e-10  # and for each of its samples
 _PYTHON_STATE_SECONDS = 1.5e-8  # for one state in Python
 
+_compile_at_once: ContextVar[bool] = ContextVar("_compile_at_once", default=False)
 _broken = False
 _started = False
 
@@ -89,12 +93,25 @@ class Account:
     def pays(self, samples: int, links: int = 1) -> bool:
         """Count a call over so many samples, in chains of so many links, and return whether a kernel pays now."""
         self.owed += self.lines * (links * _NUMPY_CALL_SECONDS + samples * _NUMPY_SAMPLE_SECONDS)
-        return self.owed >= self.price and not _broken
+        return (self.owed >= self.price or _compile_at_once.get()) and not _broken
 
     def pays_one(self) -> bool:
         """Count a call of one state in Python, and return whether a kernel pays now."""
         self.owed += self.lines * _PYTHON_STATE_SECONDS
-        return self.owed >= self.price and not _broken
+        return (self.owed >= self.price or _compile_at_once.get()) and not _broken
+
+
+@contextlib.contextmanager
+def compiling_at_once() -> Iterator[None]:
+    """Let "auto" compile at the first call, so that no result depends on what was computed before it.
+
+    Holds in this thread, until the block is left.
+    """
+    token = _compile_at_once.set(True)
+    try:
+        yield
+    finally:
+        _compile_at_once.reset(token)
 
 
 def started() -> None:

@@ -476,7 +476,15 @@ def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
         SceneError: the file cannot be read as a scene; names file, table and key, in one line.
         MissingDependencyError: the pair or the mechanism is a robot's, and example-robot-data is not installed.
     """
-    tables = load_tables(path)
+    return scene_of(load_tables(path), path)
+
+
+def scene_of(tables: Table, path: str | os.PathLike[str]) -> Scene | MechanismScene:
+    """Return the scene of tables such as `load_tables` returns; files are relative to the path's folder.
+
+    Raises:
+        SceneError, MissingDependencyError: as for `load_scene`.
+    """
     files = tuple(file.absolute() for file in _files(tables, Path(path)))
     if _is_of_mechanism(tables):
         from hingepair.scenes.mechanisms.scene import read_mechanism_scene
@@ -537,7 +545,15 @@ def load_tables(path: str | os.PathLike[str]) -> Table:
     Raises:
         SceneError: the file cannot be read, or has an unknown table or a constant that is none; names it.
     """
-    tables = read_tables(path)
+    return with_constants(read_tables(path))
+
+
+def with_constants(tables: Table) -> Table:
+    """Return the tables of a scene with its constants, checked.
+
+    Raises:
+        SceneError: an unknown table, or a constant that is none; names it.
+    """
     if _is_of_mechanism(tables):
         for key in tables.values:
             if key in _TABLES and key not in _MECHANISM_TABLES:

@@ -54,7 +54,7 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
     if base == "free" and "base" not in tables.values:
         table.fail("base", '"fixed", or a table [base] beside it with the motion of a free base')
     robot = _from_joints(tables, table, base) if "joint" in tables.values else _from_model(table, folder, base)
-    return _with_payload(_with_frames(robot, table), table)
+    return with_payload(_with_frames(robot, table), table)
 
 
 def read_gravity(tables: Table) -> tuple[float, ...] | None:
@@ -153,7 +153,7 @@ def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
     return robot
 
 
-def _with_payload(robot: Mechanism, table: Table) -> Mechanism:
+def with_payload(robot: Mechanism, table: Table) -> Mechanism:
     """Return the mechanism with the bodies of [mechanism.payload] fixed to its links, joints and frames."""
     payload = table.table("payload", required=False)
     for link in payload.values:

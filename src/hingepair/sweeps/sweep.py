@@ -1,0 +1,353 @@
+"""Sweeps: a design over the numbers of a scene, computed in chunks of variants, on threads or on a cluster."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import itertools
+import json
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.engine.backend import choose, compiling_at_once
+from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices, quoted
+from hingepair.numeric.arrays import Float64Array
+from hingepair.scenes.scene import scene_files
+from hingepair.scenes.tables import Table, read_tables
+from hingepair.sweeps.designs import DESIGNS, design_values, read_varied
+from hingepair.sweeps.reductions import NAMES, is_reduction, reduce_arrays
+from hingepair.sweeps.stores import Store, check_packages
+from hingepair.sweeps.variants import Variants, check_number, parse_key
+
+_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
+_MAX_CHUNKS: Final = 1000  # of a sweep whose file does not say how many variants a chunk has
+_CHUNK_STATES: Final = 200_000  # states of a chunk, likewise
+_CONNECT_SECONDS: Final = 10.0  # until a scheduler that does not answer is given up
+
+Progress = Callable[[int, int], None]
+"""Is told the numbers of finished chunks and of all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """A sweep as its file describes it.
+
+    Attributes:
+        title: what it is, in a sentence.
+        job: what a worker needs of it.
+        keys: the varied numbers, as they are written.
+        numbers: their values; (variants, numbers).
+        chunk: variants of a chunk.
+        identity: all that the results depend on, as JSON.
+        files: that it was read from.
+    """
+
+    title: str
+    job: Job
+    keys: tuple[str, ...]
+    numbers: Float64Array
+    chunk: int
+    identity: str
+    files: tuple[Path, ...]
+
+    @property
+    def variants(self) -> int:
+        """The number of variants."""
+        return len(self.numbers)
+
+    @property
+    def chunks(self) -> int:
+        """The number of chunks."""
+        return -(-self.variants // self.chunk)
+
+    def default_store(self) -> Path:
+        """Return the name of the store unless another is given: the file's, .parquet of reductions, .zarr of all."""
+        return Path(f"{self.files[0].stem}{'.parquet' if self.job.reductions else '.zarr'}")
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What a worker needs of a sweep; it can be pickled.
+
+    Attributes:
+        path: of the scene's file.
+        tables: what stands in it, as JSON.
+        keys: the varied numbers, as they are written.
+        outputs: what is computed; None for all that the scene has.
+        reductions: what is kept of it; empty for the whole motion.
+    """
+
+    path: str
+    tables: str
+    keys: tuple[str, ...]
+    outputs: tuple[str, ...] | None
+    reductions: tuple[str, ...]
+
+
+def load_sweep(path: str | Path) -> Sweep:
+    """Read a sweep from a TOML file; models/SCENES.md has the layout.
+
+    Raises:
+        SceneError: the file cannot be read as a sweep; names file, table and key.
+    """
+    table = read_tables(path)
+    table.check_keys(_KEYS)
+    scene_path = Path(path).parent / table.text("scene")
+    scene = read_tables(scene_path)
+    design = table.choice("design", DESIGNS)
+    given = table.values.get("vary")
+    if not isinstance(given, list) or not given or not all(isinstance(own, dict) for own in given):
+        table.fail("vary", "tables [[vary]], one for each number that is varied")
+    varied = tuple(read_varied(_entry(table, i, own), design) for i, own in enumerate(given))
+    for i, own in enumerate(varied):
+        entry = _entry(table, i, given[i])
+        if own.key in {other.key for other in varied[:i]}:
+            entry.refuse("key", "a number that is varied once", quoted(own.key))
+        check_number(entry, scene.values, parse_key(entry, own.key))
+    samples, seed, chunk = (_whole(table, *one) for one in (("samples", 1), ("seed", 0), ("chunk", 1)))
+    if design == "grid":
+        for name in ("samples", "seed"):
+            if name in table.values:
+                table.refuse(name, 'no such key of a grid (design = "random" or "sobol" has it)', table.values[name])
+    numbers = design_values(table, design, varied, samples, seed or 0)
+    reductions = _names(table, "reduce") or ()
+    for name in reductions:
+        if not is_reduction(name):
+            table.refuse("reduce", f"{choices(NAMES)}; of quantiles any, such as q2.5", quoted(name))
+    files = (Path(path), *scene_files(scene_path))
+    contents = json.dumps(scene.values, sort_keys=True, default=str)
+    job = Job(str(scene_path), contents, tuple(own.key for own in varied), _names(table, "outputs"), reductions)
+    first = _variants(job)
+    with table.naming("outputs"), compiling_at_once():
+        first.compute(numbers[0])  # says at once what cannot be computed
+    size = chunk or max(
+        1, min(-(-len(numbers) // 4), max(len(numbers) // _MAX_CHUNKS, _CHUNK_STATES // first.samples))
+    )
+    return Sweep(
+        title=table.text("title", default=f"{Path(path).stem}: {len(numbers)} variants of {scene_path.name}"),
+        job=job,
+        keys=job.keys,
+        numbers=numbers,
+        chunk=size,
+        identity=_identity(job, numbers, size, files[1:]),
+        files=files,
+    )
+
+
+def _entry(table: Table, number: int, values: dict[str, Any]) -> Table:
+    return Table(table.file, f"vary[{number}]", values, table.constants)
+
+
+def _whole(table: Table, name: str, least: int) -> int | None:
+    value = table.values.get(name)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= 10**7:
+        table.fail(name, f"a whole number from {least} to 10000000")
+    return int(value)
+
+
+def _names(table: Table, name: str) -> tuple[str, ...] | None:
+    value = table.values.get(name)
+    if value is None:
+        return None
+    if not isinstance(value, list) or not value or not all(isinstance(own, str) for own in value):
+        table.fail(name, 'a list of names such as ["R2", "hinge_torque"]')
+    return tuple(dict.fromkeys(value))
+
+
+def _identity(job: Job, numbers: Float64Array, chunk: int, files: Sequence[Path]) -> str:
+    """Return all that the results depend on, as JSON."""
+    from hingepair import __version__
+
+    digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files[1:]}
+    facts = {
+        "hingepair": __version__,
+        "scene": json.loads(job.tables),
+        "files": digests,
+        "vary": job.keys,
+        "values": hashlib.sha256(numbers.tobytes()).hexdigest(),
+        "variants": len(numbers),
+        "chunk": chunk,
+        "outputs": job.outputs,
+        "reduce": job.reductions,
+    }
+    return json.dumps(facts, indent=1)
+
+
+def run_sweep(
+    sweep: Sweep, out: Path, scheduler: str | None = None, workers: int = -1, progress: Progress | None = None
+) -> Path:
+    """Compute all variants of a sweep that are not computed yet, and write its store.
+
+    Args:
+        sweep: from `load_sweep`.
+        out: the store: .parquet or .zarr. What is finished stands beside it until all is; an interrupted sweep is
+            taken up where it was.
+        scheduler: address of a `dask.distributed` scheduler; threads of this process unless given.
+        workers: number of these threads; -1 for one on every core.
+        progress: is told how far it is.
+
+    Returns:
+        The path of the store.
+
+    Raises:
+        ArgumentError: the store exists, cannot be written, the scheduler does not answer, or a variant cannot be
+            computed: names chunk, variant and its numbers.
+        MissingDependencyError: the extra dask is not installed.
+    """
+    check_packages(out)
+    store = Store(out, sweep.identity)
+    missing = store.missing(sweep.chunks)
+    finished = itertools.count(sweep.chunks - len(missing) + 1)
+
+    def add(number: int, columns: Mapping[str, NDArray[Any]]) -> None:
+        store.add(number, columns)
+        with _LOCK:
+            done = next(finished)
+        if progress is not None:
+            progress(done, sweep.chunks)
+
+    if missing and scheduler is None:
+        _on_threads(sweep, missing, add, choose("auto", workers).workers)
+    elif missing:
+        with _client(str(scheduler)) as client:
+            _on_cluster(client, sweep, missing, add)
+    store.finish(sweep.chunks, sweep.chunk)
+    return out
+
+
+Add = Callable[[int, Mapping[str, NDArray[Any]]], None]
+"""Takes the number and the results of a finished chunk."""
+
+
+def _on_threads(sweep: Sweep, missing: Sequence[int], add: Add, threads: int) -> None:
+    """Compute chunks on threads of this process."""
+    try:
+        import dask
+    except ImportError as error:
+        raise MissingDependencyError("sweep", "the package dask: pip install 'hingepair[dask]'", str(error)) from None
+
+    def task(number: int) -> None:
+        first = number * sweep.chunk
+        add(number, compute_chunk(sweep.job, number, first, sweep.numbers[first : first + sweep.chunk]))
+
+    tasks = [dask.delayed(task, pure=False)(number) for number in missing]
+    try:
+        dask.compute(*tasks, scheduler="threads", num_workers=threads, optimize_graph=False)
+    except (HingePairError, MemoryError, OSError):
+        raise
+    except Exception as error:
+        raise _named(error, "all chunks") from error
+
+
+def _client(scheduler: str) -> Any:
+    """Return a client of a cluster.
+
+    Raises:
+        ArgumentError: the scheduler does not answer.
+        MissingDependencyError: distributed is not installed.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        needed = "the package distributed: pip install 'hingepair[dask]'"
+        raise MissingDependencyError("scheduler", needed, str(error)) from None
+    try:
+        return Client(scheduler, timeout=_CONNECT_SECONDS)
+    except (OSError, ValueError, TimeoutError) as error:
+        expected = "the address of a dask.distributed scheduler that answers, such as tcp://127.0.0.1:8786"
+        raise ArgumentError("scheduler", expected, f"{scheduler!r} ({str(error).splitlines()[0]})") from None
+
+
+def _on_cluster(client: Any, sweep: Sweep, missing: Sequence[int], add: Add) -> None:
+    """Compute chunks on the workers of a cluster; a chunk whose worker dies is computed by another."""
+    from distributed import as_completed
+
+    parts = {number: sweep.numbers[number * sweep.chunk : (number + 1) * sweep.chunk] for number in missing}
+    futures = {
+        client.submit(
+            compute_chunk, sweep.job, number, number * sweep.chunk, part, key=f"{_key(sweep)}-{number}", pure=False
+        ): number
+        for number, part in parts.items()
+    }
+    try:
+        for future in as_completed(list(futures)):
+            number = futures.pop(future)
+            if future.status != "finished":
+                raise _named(future.exception(), f"chunk {number}") from None
+            add(number, future.result())
+            future.release()
+    finally:
+        client.cancel(list(futures))
+
+
+def _key(sweep: Sweep) -> str:
+    return f"hingepair-sweep-{hashlib.sha256(sweep.identity.encode()).hexdigest()[:16]}"
+
+
+def _named(error: Any, where: str) -> Exception:
+    """Return an error that names a chunk."""
+    if isinstance(error, ArgumentError):
+        return error
+    if isinstance(error, HingePairError | MemoryError):
+        error.add_note(f"in {where}")
+        return error
+    return ArgumentError("sweep", f"workers that finish {where}", f"{type(error).__name__}: {error}")
+
+
+def compute_chunk(job: Job, chunk: int, first: int, numbers: Float64Array) -> dict[str, NDArray[Any]]:
+    """Compute some variants of a sweep: what a task does.
+
+    Args:
+        job: of the sweep.
+        chunk: number of the chunk, for messages.
+        first: number of its first variant.
+        numbers: the varied numbers; (variants, numbers).
+
+    Returns:
+        By name: "variant", the varied numbers by key, and the reductions, (variants,) each; of whole motions "t",
+        (variants, samples), and the outputs, (variants, samples, ...).
+
+    Raises:
+        ArgumentError: a variant cannot be computed: names it.
+    """
+    variants, rows = _variants(job), []
+    with compiling_at_once():
+        for i, own in enumerate(numbers):
+            try:
+                t, arrays = variants.compute(own)
+                rows.append(reduce_arrays(t, arrays, job.reductions) if job.reductions else {"t": t, **arrays})
+            except ArgumentError as error:
+                values = ", ".join(f"{key} = {value:.6g}" for key, value in zip(job.keys, own.tolist(), strict=True))
+                where = f"chunk {chunk}, variant {first + i} ({values}): {error.name}"
+                raise ArgumentError(where, error.expected, error.got) from None
+    found = {"variant": np.arange(first, first + len(numbers))}
+    found |= {key: np.ascontiguousarray(numbers[:, k]) for k, key in enumerate(job.keys)}
+    try:
+        return found | {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    except (ValueError, KeyError):
+        expected = "variants with as many instants and the same outputs each, to be kept whole (or reduce = [...])"
+        raise ArgumentError(f"chunk {chunk}", expected, "variants that differ") from None
+
+
+_LOCK = threading.Lock()  # of what the threads of a worker share
+
+
+def _variants(job: Job) -> Variants:
+    """Return the variants of a job, which a worker makes once."""
+    with _LOCK:
+        return _made_variants(job)
+
+
+@functools.lru_cache(maxsize=4)
+def _made_variants(job: Job) -> Variants:
+    values = json.loads(job.tables)
+    keys = [parse_key(Table("", "", {}, {}), key) for key in job.keys]
+    return Variants(job.path, values, keys, job.outputs)

@@ -1,0 +1,360 @@
+"""`hingepair sweep SWEEP.toml`: every variant is the scene with its numbers; what is finished is not done again."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import hingepair as hp
+from hingepair.cli.main import main
+
+pytest.importorskip("dask.distributed", reason="the extra dask is not installed")
+pytest.importorskip("zarr", reason="the extra dask is not installed")
+
+import pyarrow.parquet as pq
+import zarr
+
+from hingepair.sweeps import sweep as sweeps
+from hingepair.sweeps.sweep import load_sweep, run_sweep
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+
+ARM = """
+[pair]
+u1 = [0.5, "0.1*2", 0.1]
+u2 = [-0.25, 0.1, 0.3]
+n = [1, 2, 0]
+body1 = { mass = 5, inertia = [1, 1, 1] }
+body2 = { mass = 2, inertia = [0.1, 0.2, 0.2], center_of_mass = [0, 0, 0.1] }
+[motion]
+x = 0
+y = "0.1*t"
+z = 0
+phi_x = "sin(speed*t)"
+phi_y = 0
+phi_z = "0.2*t"
+psi = "t"
+[motion.constants]
+speed = 1.5
+[time]
+start = 0
+stop = 3
+samples = 31
+"""
+CRANE = """
+[[joint]]
+name = "boom"
+u1 = [0, 0, 1]
+u2 = [0, 0, 0]
+n = [0, 1, 0]
+body2 = { mass = 3, inertia = [1, 1, 1], center_of_mass = [1, 0, 0] }
+[mechanism.payload.boom]
+mass = 1
+inertia = [0.1, 0.1, 0.1]
+[motion]
+boom = "t**2"
+[time]
+start = 0
+stop = 1
+samples = 5
+"""
+THROWN = ARM.replace("[motion]\n", "[old]\n").partition("[old]")[0] + """
+[dynamics]
+base = "fixed"
+psi_0 = 0.2
+psid_0 = 0
+[time]
+start = 0
+stop = 1
+samples = 5
+"""  # fmt: skip
+GRID = """
+scene = "arm.toml"
+outputs = ["R2", "hinge_torque"]
+reduce = ["min", "max", "absmax", "mean", "rms", "std", "first", "last", "t_min", "t_max", "t_absmax", "q2.5"]
+chunk = 4
+[[vary]]
+key = "pair.u1[1]"
+values = [0.1, 0.2, 0.3]
+[[vary]]
+key = "pair.body2.mass"
+low = 1
+high = 4
+count = 3
+"""
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path, monkeypatch):
+    for name, text in (("arm", ARM), ("crane", CRANE), ("thrown", THROWN), ("grid", GRID)):
+        (tmp_path / f"{name}.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+
+
+def swept(name: str, out: str, text: str | None = None, workers: int = 2, **how) -> Path:
+    if text is not None:
+        Path(f"{name}.toml").write_text(text)
+    return run_sweep(load_sweep(f"{name}.toml"), Path(out), workers=workers, **how)
+
+
+def scene_with(text: str, *changes: tuple[str, str]):
+    for old, new in changes:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    Path("one.toml").write_text(text)
+    return hp.load_scene("one.toml")
+
+
+def table(path: Path) -> dict[str, np.ndarray]:
+    return {name: column.to_numpy() for name, column in zip(*columns_of(pq.read_table(path)), strict=True)}
+
+
+def columns_of(rows):
+    return rows.column_names, rows.columns
+
+
+def test_a_grid_is_every_scene_with_its_numbers():
+    found = table(swept("grid", "grid.parquet"))
+    assert not Path("grid.parquet.parts").exists()
+    assert_array_equal(found["variant"], np.arange(9))
+    assert_array_equal(found["pair.u1[1]"], np.repeat([0.1, 0.2, 0.3], 3))
+    assert_array_equal(found["pair.body2.mass"], np.tile([1, 2.5, 4], 3))
+    for i, (u1_y, mass) in enumerate(zip(found["pair.u1[1]"], found["pair.body2.mass"], strict=True)):
+        scene = scene_with(ARM, ('"0.1*2"', str(u1_y)), ("mass = 2", f"mass = {mass}"))
+        R2, torque, t = scene.evaluate(("R2",)).R2, scene.forces().hinge_torque, scene.times()
+        expected = {
+            "R2_x_max": R2[:, 0].max(),
+            "R2_y_min": R2[:, 1].min(),
+            "R2_z_t_max": t[R2[:, 2].argmax()],
+            "R2_x_first": R2[0, 0],
+            "R2_y_last": R2[-1, 1],
+            "hinge_torque_absmax": np.abs(torque).max(),
+            "hinge_torque_t_absmax": t[np.abs(torque).argmax()],
+            "hinge_torque_t_min": t[torque.argmin()],
+            "hinge_torque_mean": torque.mean(),
+            "hinge_torque_std": torque.std(),
+            "hinge_torque_rms": np.sqrt((torque**2).mean()),
+            "hinge_torque_q2.5": np.quantile(torque, 0.025),
+        }
+        for name, value in expected.items():
+            assert found[name][i] == pytest.approx(value, rel=1e-12, abs=1e-15), name
+
+
+KINDS = {
+    "geometry": ("arm", ARM, "pair.n[1]", ("n = [1, 2, 0]", "n = [1, {}, 0]"), "S2"),
+    "motion": ("arm", ARM, "motion.constants.speed", ("speed = 1.5", "speed = {}"), "omega2"),
+    "time": ("arm", ARM, "time.stop", ("stop = 3", "stop = {}"), "R2"),
+    "coordinates": ("arm", ARM, "pair.u2[0]", ("u2 = [-0.25", "u2 = [{}"), "q"),
+    "dynamics": ("thrown", THROWN, "dynamics.psi_0", ("psi_0 = 0.2", "psi_0 = {}"), "psi"),
+    "payload": ("crane", CRANE, "mechanism.payload.boom.mass", ("mass = 1\n", "mass = {}\n"), "tau"),
+    "joint": ("crane", CRANE, "joint[0].u1[0]", ("u1 = [0, 0, 1]", "u1 = [{}, 0, 1]"), "R"),
+}
+
+
+@pytest.mark.parametrize("ending", [".zarr", ".parquet"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_whole_motions_are_those_of_the_scenes(kind, ending):
+    name, text, key, (old, new), output = KINDS[kind]
+    sweep = (
+        f'scene = "{name}.toml"\noutputs = ["{output}"]\nchunk = 2\n[[vary]]\nkey = "{key}"\nvalues = [1, 2, 2.5]\n'
+    )
+    path = swept("whole", f"whole{ending}", sweep)
+    scenes = [scene_with(text, (old, new.format(value))) for value in (1, 2, 2.5)]
+    expected = [scene.evaluate((output,)).chosen() for scene in scenes]
+    if ending == ".zarr":
+        group = zarr.open_group(path, mode="r")
+        assert_array_equal(group[key][:], [1, 2, 2.5])
+        assert_array_equal(group["t"][:], [scene.times() for scene in scenes])
+        assert json.loads(json.dumps(dict(group.attrs)))["sweep"]["variants"] == 3
+        for name, array in expected[0].items():
+            assert group[name].shape == (3, *array.shape)
+            for i in range(3):
+                assert np.abs(group[name][i] - expected[i][name]).max() < 1e-12
+        return
+    found = table(path)
+    assert_array_equal(found["variant"], np.repeat([0, 1, 2], scenes[0].samples))
+    assert_array_equal(found["t"], np.concatenate([scene.times() for scene in scenes]))
+    for name, array in expected[0].items():
+        column = f"{name}_{'x' * (array.ndim - 1)}".rstrip("_")
+        whole = np.concatenate([own[name].reshape(len(own[name]), -1)[:, 0] for own in expected])
+        assert np.abs(found[column] - whole).max() < 1e-12
+
+
+@pytest.mark.parametrize("design", ["random", "sobol"])
+def test_random_designs_are_spread_as_they_say_and_come_back_with_their_seed(design):
+    text = f'scene = "arm.toml"\noutputs = ["psi"]\nreduce = ["max"]\ndesign = "{design}"\nsamples = 512\nseed = %d\n'
+    text += '[[vary]]\nkey = "pair.u1[0]"\nlow = -1\nhigh = 3\n[[vary]]\nkey = "pair.u2[0]"\nmean = 2\nstd = 0.5\n'
+    numbers = []
+    for seed in (1, 1, 2):
+        Path("design.toml").write_text(text % seed)
+        numbers.append(load_sweep("design.toml").numbers)
+    assert numbers[0].shape == (512, 2)
+    assert_array_equal(numbers[0], numbers[1])
+    assert (numbers[0] != numbers[2]).any()
+    uniform, normal = numbers[0].T
+    assert (uniform.min() >= -1, uniform.max() <= 3) == (True, True)
+    error = 0.01 if design == "sobol" else 4 / np.sqrt(512)  # of the standard deviation
+    assert abs(uniform.mean() - 1) < error * 4 / np.sqrt(12)
+    assert (abs(normal.mean() - 2) < error * 0.5, abs(normal.std() - 0.5) < error * 0.5 * 2) == (True, True)
+
+
+def test_an_interrupted_sweep_is_taken_up_where_it_was(monkeypatch):
+    undisturbed = table(swept("grid", "whole.parquet"))
+
+    def stop(finished, total):
+        assert total == 3
+        if finished == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        swept("grid", "broken.parquet", workers=1, progress=stop)
+    assert not Path("broken.parquet").exists()
+    kept = {part: part.stat().st_mtime_ns for part in Path("broken.parquet.parts").glob("part-*.npz")}
+    assert len(kept) == 2
+    computed = []
+    plain = sweeps.compute_chunk
+    monkeypatch.setattr(sweeps, "compute_chunk", lambda *given: computed.append(given[1]) or plain(*given))
+    found = table(swept("grid", "broken.parquet"))
+    assert computed == [chunk for chunk in range(3) if f"part-{chunk:07d}.npz" not in {part.name for part in kept}]
+    for name, column in undisturbed.items():
+        assert_array_equal(found[name], column)
+
+
+def test_chunks_and_stores_hold_the_same_bits_whatever_ran_before():
+    first = Path(swept("grid", "first.parquet")).read_bytes()
+    for _ in range(3):
+        hp.load_scene("arm.toml").evaluate()
+    assert Path(swept("grid", "second.parquet")).read_bytes() == first
+
+
+@pytest.mark.slow(20)
+def test_a_worker_that_is_killed_changes_nothing():
+    from distributed import Client, LocalCluster
+
+    undisturbed = Path(swept("grid", "whole.parquet", GRID.replace("chunk = 4", "chunk = 1"))).read_bytes()
+    killed = []
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        workers = [*client.run(os.getpid).values()]
+
+        def kill(finished, total):
+            if not killed and finished < total:
+                killed.append(workers[0])
+                os.kill(workers[0], signal.SIGKILL)
+
+        swept("grid", "cluster.parquet", scheduler=cluster.scheduler_address, progress=kill)
+    assert killed
+    assert Path("cluster.parquet").read_bytes() == undisturbed
+
+
+MODELS = Path(__file__).parents[2] / "models" / "sweeps"
+
+
+@pytest.mark.parametrize("name", ["landing_gear", "panda_payload"])
+def test_the_examples_run(name):
+    text = (MODELS / f"{name}.toml").read_text().replace("samples = 100_000", "samples = 8")
+    scene = "../landing_gear.toml" if name == "landing_gear" else "panda_reach.toml"
+    assert text.count(f'"{scene}"') == 1
+    found = table(swept("few", "few.parquet", text.replace(scene, (MODELS / scene).resolve().as_posix())))
+    assert len(found["variant"]) == 8
+    assert all(np.isfinite(column).all() for column in found.values())
+
+
+def run_command(*arguments: str, monkeypatch, capsys, code: int) -> str:
+    monkeypatch.setattr("sys.argv", ["hingepair", "sweep", *arguments])
+    monkeypatch.setattr("hingepair.cli.main.behave", lambda: None)
+    with pytest.raises(SystemExit) as done:
+        main()
+    shown = capsys.readouterr()
+    assert done.value.code == code, shown.out + shown.err
+    return shown.out + shown.err
+
+
+def test_the_command_says_what_it_wrote(monkeypatch, capsys):
+    shown = run_command("grid.toml", monkeypatch=monkeypatch, capsys=capsys, code=0)
+    assert "9 variants of pair.u1[1], pair.body2.mass in 3 chunks" in shown
+    assert "written: grid.parquet" in shown
+    assert Path("grid.parquet").exists()
+
+
+REFUSED = {
+    "no_scene": ('scene = "arm.toml"', 'scene = "leg.toml"', "leg.toml: expected a scene file that can be read"),
+    "unknown_key": ("chunk = 4", "chunks = 4", "grid.toml: chunks: expected one of title, scene"),
+    "no_number": ("pair.u1[1]", "pair.u3[1]", "vary[0].key: expected"),
+    "no_place": ("pair.u1[1]", "pair.u1[3]", "vary[0].key: expected a place in a list: there is a list of 3"),
+    "no_path": ("pair.u1[1]", "pair/u1", "vary[0].key: expected names with dots and places in brackets"),
+    "a_table": ('"pair.u1[1]"', '"pair.body1"', "vary[0].key: expected the key of a number of the scene"),
+    "twice": ("pair.body2.mass", "pair.u1[1]", "vary[1].key: expected a number that is varied once"),
+    "no_count": ("count = 3", "", "vary[1].count: expected a whole number from 1"),
+    "two_designs": ("count = 3", "mean = 3", "vary[1].mean: expected nothing beside key, low, high, count"),
+    "no_reduction": ('"rms"', '"rsm"', "reduce: expected one of min, max"),
+    "no_output": ('"hinge_torque"', '"hinge_tork"', "outputs: expected"),
+    "no_list": ('["R2", "hinge_torque"]', '"R2"', "outputs: expected a list of names"),
+    "no_design": ("chunk = 4", 'design = "latin"', "design: expected"),
+    "no_samples": ("chunk = 4", 'design = "sobol"', "vary[0].values: expected nothing beside key, low, high"),
+    "samples_of_a_grid": ("chunk = 4", "samples = 4", "samples: expected no such key of a grid"),
+    "too_many": ("count = 3", "count = 9999999", "vary: expected at most 10000000 variants, got 29999997"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_file_that_is_no_sweep_is_refused(name, monkeypatch, capsys):
+    old, new, message = REFUSED[name]
+    assert GRID.count(old) == 1
+    Path("grid.toml").write_text(GRID.replace(old, new))
+    assert message in run_command("grid.toml", monkeypatch=monkeypatch, capsys=capsys, code=2)
+    assert not [*Path().glob("*.parts")]
+
+
+def test_a_variant_that_fails_names_itself_and_its_chunk(monkeypatch, capsys):
+    Path("grid.toml").write_text(GRID.replace("low = 1\n", "low = 1\n").replace("high = 4", "high = -2"))
+    shown = run_command("grid.toml", monkeypatch=monkeypatch, capsys=capsys, code=2)
+    assert "chunk 0, variant 1 (pair.u1[1] = 0.1, pair.body2.mass = -0.5): " in shown or (
+        "chunk 1, variant 4" in shown or "chunk 2, variant 8" in shown
+    )
+    assert "pair.body2.mass" in shown
+    assert not Path("grid.parquet").exists()
+
+
+def test_stores_and_schedulers_that_cannot_be_used_are_refused(monkeypatch, capsys):
+    def refused(*arguments):
+        return run_command("grid.toml", *arguments, monkeypatch=monkeypatch, capsys=capsys, code=2)
+
+    Path("there.parquet").write_text("mine")
+    assert "--out: expected a name that does not exist yet" in refused("--out", "there.parquet")
+    assert Path("there.parquet").read_text() == "mine"
+    assert "--out: expected a name that ends in .parquet or .zarr" in refused("--out", "x.csv")
+    assert "--out: expected a place that can be written" in refused("--out", "nowhere/x.parquet")
+    monkeypatch.setattr(sweeps, "_CONNECT_SECONDS", 0.2)
+    assert "--scheduler: expected the address of" in refused("--scheduler", "tcp://127.0.0.1:1", "--out", "y.parquet")
+    Path("z.parquet.parts").mkdir()
+    Path("z.parquet.parts/sweep.json").write_text("{}")
+    assert "whose chunks are of another one" in refused("--out", "z.parquet")
+
+
+def test_a_full_disk_leaves_nothing_that_could_be_taken_for_whole(monkeypatch, capsys):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "savez", full)
+        shown = run_command("grid.toml", monkeypatch=patch, capsys=capsys, code=2)
+    assert "No space left on device" in shown
+    assert not Path("grid.parquet").exists()
+    assert not [*Path("grid.parquet.parts").glob("part-*")]
+    with monkeypatch.context() as patch:
+        patch.setattr(pq.ParquetWriter, "write_table", full)
+        shown = run_command("grid.toml", monkeypatch=patch, capsys=capsys, code=2)
+    assert "No space left on device" in shown
+    assert not Path("grid.parquet").exists()
+    assert len([*Path("grid.parquet.parts").glob("part-*")]) == 3
+    assert len(table(swept("grid", "grid.parquet"))["variant"]) == 9
