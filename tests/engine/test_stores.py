@@ -134,6 +134,31 @@ def long_function(v):
     return {"seen": tuple(seen), "narrow": (early[0], last, turn), "wide": (*seen, last, z, early[2], 1.0)}
 
 
+@pytest.mark.parametrize("most", [0, 1000], ids=["numbers", "vectors"])
+@pytest.mark.parametrize("dtype", [F8, F4], ids=str)
+def test_constants_as_numbers_or_as_vectors(most, dtype, monkeypatch):
+    """Also where sines are taken of them, and where they are components of a wide output."""
+    monkeypatch.setattr(llvm_parts, "MAX_SHARED_VECTORS", most)
+    count = MAX_NARROW + 1
+
+    def function(v):
+        a, b, *c = v["c"]
+        x = v["x"]
+        return {"y": (a.sine() * x, b * x + c[0], *c[: count - 2]), "z": (x * c[-1], b)}
+
+    constants = np.random.default_rng(4).normal(size=count + 2).tolist()
+    x = np.random.default_rng(5).normal(size=19).astype(dtype)
+    y, z = np.full((19, count), GUARD, dtype), np.full((19, 2), GUARD, dtype)
+    loop = Loop("shared", function, {"x": (), "c": (count + 2,)}, {"y": (count,), "z": (2,)})
+    loop.run({"x": x, "c": tuple(constants)}, {"y": y, "z": z}, (19,), dtype, How("compiled", 1))
+    a, b, *c = constants
+    expected = [np.sin(a) * x, b * x + c[0], *(np.full(19, number) for number in c[: count - 2])]
+    np.testing.assert_allclose(
+        y, np.stack(expected, axis=-1), rtol=4 * np.finfo(dtype).eps, atol=1e-6 if dtype == F4 else 1e-15
+    )
+    np.testing.assert_array_equal(z, np.stack([x * dtype.type(c[-1]), np.full(19, b, dtype)], axis=-1))
+
+
 def run_long(values, samples):
     loop = Loop("long", long_function, {"x": (20,), "c": ()}, {"seen": (20,), "narrow": (3,), "wide": (24,)})
     out = {name: np.full((samples, *tail), GUARD) for name, tail in loop.outputs}

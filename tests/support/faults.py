@@ -693,6 +693,12 @@ FAULTS = {
         "self.streamed",
         "engine/test_stores.py::test_wide_outputs_of_constants_and_of_one_value_twice[streamed]",
     ),
+    "a number that samples share read from its neighbour's place": Fault(
+        "engine/llvm_parts.py",
+        "size * LANES + k for k, c in enumerate(shared)",
+        "size * LANES + k + 1 for k, c in enumerate(shared)",
+        "engine/test_stores.py::test_constants_as_numbers_or_as_vectors[float64-numbers]",
+    ),
     "a slot of the frame taken while its value is needed": Fault(
         "engine/llvm_parts.py",
         "last |= {id(value): s for",

@@ -110,7 +110,7 @@ class _Loops:
                 writer.begin(o)
             for reader in readers:
                 if not reader.group.moves:
-                    reader.gather(reader.base, chains)
+                    reader.read_shared(chains)
             self.run(arithmetic.once)
             if self.scan:
                 with f.loop("%inner") as i:
@@ -193,6 +193,7 @@ class _Reader:
                 self.prefetched = self.lines_ahead()
         else:
             self.components_table = loops.table(self.components)
+        self.shared, self.shared_slot = loops.arithmetic.input_numbers[g]
 
     def lines_ahead(self) -> list[str]:
         """Write how far behind a sample the cache lines are that are asked for with it.
@@ -248,6 +249,16 @@ class _Reader:
         if not rest.isdigit():
             with f.when(f.put(f"icmp slt i64 {rest}, {LANES}")):
                 self.place_lanes(rest)
+
+    def read_shared(self, chains: str) -> None:
+        """Bring what inner samples share into the frame: numbers, and vectors where steps need these."""
+        f = self.f
+        if self.shared:
+            to = self.loops.arithmetic.slot(f, self.shared_slot)
+            which = f"ptr {self.loops.table(self.shared)}, i64 {len(self.shared)}"
+            self.loops.call("numbers", f"ptr {to}", which, f"ptr {self.base}, i64 {self.step}")
+        if self.components:
+            self.gather(self.base, chains)
 
     def gather(self, row: str, rest: str) -> None:
         """Write the loads of the components that are needed into the frame."""

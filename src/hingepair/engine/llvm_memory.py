@@ -29,6 +29,7 @@ _OUTPUT: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
 MEMORY_PARAMETERS: Final = {
     "lanes": "ptr noalias %to, i64 %stride, i64 %rest",
     "gather": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %stride, i64 %step, i64 %rest",
+    "numbers": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %step",
     "columns": "ptr noalias %to, i64 %count, ptr %row, i64 %stride",
     "scatter": f"ptr noalias %from, i64 %count, {_OUTPUT}",
     "rows": "ptr noalias %frame, ptr noalias %tiles, i64 %count, ptr noalias %to, i64 %pitch, i1 %filled",
@@ -47,7 +48,7 @@ declare i64 @llvm.umin.i64(i64, i64)"""
 
 def memory_functions(number: str) -> list[str]:
     """Return the functions for numbers of a type, "double" or "float"."""
-    makers = (_lanes, _gather, _columns, _scatter, _rows, _panels, _flush)
+    makers = (_lanes, _gather, _numbers, _columns, _scatter, _rows, _panels, _flush)
     return [_DECLARED, *(make(number, 8 if number == "double" else 4) for make in makers)]
 
 
@@ -95,6 +96,17 @@ def _gather(number: str, size: int) -> str:
                 one = f.put(f"load {number}, ptr {f.step(sample, offset)}, align 1")
                 value = f.put(f"insertelement {vector} {value}, {number} {one}, i32 {k}")
             keep(c, value)
+    f.do("ret void")
+    return f.text()
+
+
+def _numbers(number: str, size: int) -> str:
+    """Write `numbers`: copy components of a sample, whose numbers stand in `which`, one behind the other."""
+    f = _begin("numbers", number)
+    with f.loop("%count") as c:
+        source = f.step("%row", f.product(f.entry("%which", c), "%step"))
+        one = f.put(f"load {number}, ptr {source}, align 1")
+        f.do(f"store {number} {one}, ptr {f.step('%to', f.product(c, size))}, align {size}")
     f.do("ret void")
     return f.text()
 

@@ -20,6 +20,13 @@ from hingepair.engine.trace import Operand, Value, needed_lines
 MAX_NARROW: Final = 16
 """Number of components up to which outputs are put together in registers, and inputs loaded into them."""
 
+MAX_SHARED_VECTORS: Final = 256
+"""Number of components that all samples share up to which each stands in the frame as a vector, of 16 kB in all.
+
+More of them stand there as single numbers, so that they leave room in the first cache. Processors with few registers
+take longer to spread a number over a vector than to load one.
+"""
+
 _STEP_LENGTH: Final = 1000  # operations of a step
 _RELOAD_DISTANCE: Final = 40  # operations after which a value is loaded from the frame again instead of kept
 _OPERATORS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}
@@ -86,7 +93,10 @@ class Arithmetic:
         slots: the slot of each value that has one, by its identity.
         frame_size: number of slots.
         loaded: numbers of the inputs that steps load into registers; the others are gathered into the frame.
-        input_slots: for each input the components that are needed, and the first slot of those that are gathered.
+        input_slots: for each input the components that are needed as vectors, and the first slot of those that are
+            gathered.
+        input_numbers: for each input the components that are needed as one number of all samples, and the first slot
+            of them; a slot holds a number a lane.
         words: where the words of each loaded input begin among the places, and where those of the outputs do: of an
             input the address of its row, the distances of seven further samples, the bytes between components; of a
             narrow output the address to which its rows go.
@@ -218,20 +228,29 @@ class Arithmetic:
         """Give a slot of the frame to each value that more than one function reads."""
         self.slots: dict[int, int] = {}
         self.input_slots: list[tuple[list[int], int]] = []
+        self.input_numbers: list[tuple[list[int], int]] = []
+        self._numbers: dict[int, int] = {}
         self.filled: dict[float, int] = {}
         size = 0
+        steps = [*self.once, *self.block]
+        wide = [value for group in self.outputs if not group.narrow for value in group.values]
+        vectors = {id(value) for value in (*wide, *(angle for step in steps for angle in step.angles))}
         for g, group in enumerate(self.inputs):
             used = [c for c, value in enumerate(group.values) if id(value) in self._needed]
-            self.input_slots.append((used, size))
+            many = len(used) > MAX_SHARED_VECTORS and not group.moves and self.carry is None
+            shared = used if many else []
+            own = [c for c in used if id(group.values[c]) in vectors] if shared else used
+            self.input_numbers.append((shared, size))
+            self._numbers |= {id(group.values[c]): size * LANES + k for k, c in enumerate(shared)}
+            size += -(-len(shared) // LANES)
+            self.input_slots.append((own, size))
             if g not in self.loaded:
-                self.slots |= {id(group.values[c]): size + k for k, c in enumerate(used)}
-                size += len(used)
-        wide = [value for group in self.outputs if not group.narrow for value in group.values]
+                self.slots |= {id(group.values[c]): size + k for k, c in enumerate(own)}
+                size += len(own)
         for value in wide:
             if not isinstance(value, Value) and value not in self.filled:
                 self.filled[value] = size
                 size += 1
-        steps = [*self.once, *self.block]
         made: dict[int, int] = {}
         for s, step in enumerate(steps):
             made |= {id(value): s for value in self._made_by(step)}
@@ -330,9 +349,14 @@ class Arithmetic:
             rounded = one if self.size == 8 else struct.unpack("f", struct.pack("f", one))[0]
             return f"splat ({self.number} {hexadecimal(rounded)})"
         name, seen = self._names.get(id(one), ("", 0))
-        if id(one) in self.slots and (not name or self._position - seen > _RELOAD_DISTANCE):
-            place = self.slot(self._f, self.slots[id(one)])
-            name = self._f.put(f"load {self.vector}, ptr {place}, align {LANES * self.size}", one.name)
+        if not name or self._position - seen > _RELOAD_DISTANCE:
+            if id(one) in self._numbers:
+                place = self._f.step("%frame", self._numbers[id(one)] * self.size)
+                number = self._f.put(f"load {self.number}, ptr {place}, align {self.size}", one.name)
+                name = self._f.splat(self.vector, f"{self.number} {number}")
+            elif id(one) in self.slots:
+                place = self.slot(self._f, self.slots[id(one)])
+                name = self._f.put(f"load {self.vector}, ptr {place}, align {LANES * self.size}", one.name)
         self._names[id(one)] = name, self._position
         return name
 
