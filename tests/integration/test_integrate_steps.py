@@ -206,6 +206,15 @@ def test_uneven_intervals_that_are_not_measured(kind, tol, monkeypatch):
         assert off / 10 <= motion.error_estimate <= 10 * max(off, 100 * U)
 
 
+@pytest.mark.parametrize("count", [4, 5, 6])
+def test_few_samples_of_a_constant_rate(count):
+    t = np.arange(float(count))
+    motion = hp.integrate(PAIR, t, about_x(lambda t: 0.5 + 0 * t)(t), np.full(count, 0.5), outputs=())
+    np.testing.assert_allclose(motion.psi, 0.5 * t, rtol=0, atol=8 * U)
+    assert motion.error_estimate < 50 * U
+    assert motion.psi_error_estimate < 50 * U
+
+
 @pytest.mark.parametrize("jump", [1.6851933, 2.8944841, 7.4101957])
 def test_a_jump_is_measured_where_few_of_many_steps_are(jump, monkeypatch):
     """One of 20,000 steps has all of the error, and a tenth of them are measured."""

@@ -172,7 +172,10 @@ def test_noise_that_dominates_is_warned_of_with_its_size() -> None:
 
 def test_jitter_is_warned_of() -> None:
     t = np.cumsum(np.random.default_rng(6).uniform(0.001, 0.009, 500))
-    with pytest.warns(hp.MeasurementWarning, match="t: stamps jitter"):
+    low, middle, high = (f"{1e3 * step:.3g}" for step in np.percentile(np.diff(t), (10, 50, 90)))
+    with pytest.warns(
+        hp.MeasurementWarning, match=f"t: stamps jitter: steps from {low} to {high} ms about {middle} ms"
+    ):
         hp.smooth(t, np.sin(t))
 
 

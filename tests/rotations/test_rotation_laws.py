@@ -40,6 +40,26 @@ def test_rotation_vectors():
     assert np.all(abs(back - short).max(axis=-1) <= 32 * U)
 
 
+def test_the_nearest_rotation_is_the_orthogonal_factor_of_the_polar_decomposition():
+    """M = S P with P symmetric and positive: S is the only rotation for which it is."""
+    rng = generator(54)
+    M = rotations(rng, 40) + 0.2 * rng.normal(size=(40, 3, 3))
+    M *= 10 ** rng.uniform(-200, 200, (40, 1, 1))
+    S = hp.project_to_rotation(M)
+    assert abs(np.swapaxes(S, -1, -2) @ S - np.eye(3)).max() <= 8 * U
+    assert (np.linalg.det(S) > 0).all()
+    P = np.swapaxes(S, -1, -2) @ (M / abs(M).max(axis=(-2, -1), keepdims=True))
+    assert abs(P - np.swapaxes(P, -1, -2)).max() <= 32 * U
+    assert (np.linalg.eigvalsh(P) > 0).all()
+    assert np.array_equal(hp.project_to_rotation(M[3]), S[3])
+    M[5, 0, 1] = np.nan
+    assert np.array_equal(np.isnan(hp.project_to_rotation(M)).any(axis=(-2, -1)), np.arange(40) == 5)
+    flat = np.diag((1.0, 1.0, 0.0))
+    for bad, count in (([flat, np.eye(3)], "1 of 2"), (-np.eye(3), "1 of 1"), (np.zeros((3, 3)), "1 of 1")):
+        with pytest.raises(hp.RotationError, match=f"positive determinant, got {count} without"):
+            hp.project_to_rotation(bad)
+
+
 def test_there_are_24_sequences():
     assert len(set(SEQUENCES)) == 24
 
