@@ -411,6 +411,12 @@ def test_mistakes_in_a_motion_are_refused_by_joint(tmp_path: Path, name: str) ->
         scene_of(tmp_path, PANDA + f"[motion]\n{text}\n" + TIME)
 
 
+@pytest.mark.parametrize(("name", "whose"), [("t", "the instants"), ("boomd", "qd of 'boom'"), ("file", "a key")])
+def test_joints_whose_columns_are_those_of_others_are_refused(tmp_path: Path, name: str, whose: str) -> None:
+    with pytest.raises(hp.SceneError, match=rf"digger\.toml: motion\.\w+: expected joints of other names: .*{whose}"):
+        scene_of(tmp_path, JOINTS.replace('"ram"', f'"{name}"') + "[motion]\n" + TIME)
+
+
 BAD_LOGS = {
     "unknown": ("t,bom\n0,0\n", "'bom': .*nearest: boom"),
     "results": ("t,boom,R_ram_x\n0,0,0\n", "'R_ram_x': .*a column of results"),

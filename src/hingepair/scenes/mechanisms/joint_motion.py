@@ -221,9 +221,7 @@ class JointMotion:
 def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMotion:
     """Read the motion of the tables [motion], [base] and [time]; files are relative to the folder."""
     motion, base = tables.table("motion"), _read_base(tables)
-    for name in robot.names:
-        if name in _RESERVED:
-            motion.refuse(name, "joints of other names: this one is a key of [motion]", f"a joint {name!r}")
+    _check_names(motion, robot)
     of_base = (base.functions,) if base else ()
     if "file" in motion.values:
         if "time" in tables.values:
@@ -239,6 +237,20 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
     t = read_instants(tables.table("time"))
     given = JointFunctions(t, functions, _rests(robot), robot.names)
     return JointMotion(t, given, base, moving, "functions of t", functions=(functions, *of_base))
+
+
+def _check_names(motion: Table, robot: Mechanism) -> None:
+    """Refuse joints whose names are keys of [motion], or whose columns in a file are those of others."""
+    columns = {"t": "the instants"}
+    for name in robot.names:
+        if name in _RESERVED:
+            motion.refuse(name, "joints of other names: this one is a key of [motion]", f"a joint {name!r}")
+        for ending in RATES:
+            column = name + ending
+            if column in columns:
+                wanted = f"joints of other names: column {column} of a file holds {columns[column]}"
+                motion.refuse(name, wanted, f"a joint {name!r}")
+            columns[column] = f"q{ending} of {name!r}"
 
 
 def _read_base(tables: Table) -> BaseMotion | None:
