@@ -177,7 +177,11 @@ REFUSED = {
     "backend": (lambda r, q: r.mass_matrix(q, backend="x"), "backend: expected one of"),
     "prepared": (lambda r, _: r.prepare("x"), "given: expected one of pose"),
     "prepared_rates": (lambda r, _: r.prepare(("q",), outputs=("v",)), "given: expected qd too"),
-    "bounds": (lambda r, q: r.error_bounds(q, outputs=("qdd",)), "outputs: expected one of"),
+    "bounds": (lambda r, q: r.error_bounds(q, outputs=("pivots",)), "outputs: expected one of"),
+    "bounds_rates": (lambda r, q: r.error_bounds(q, outputs=("qdd",)), "qd: .*output qdd needs them"),
+    "bounds_tau": (lambda r, q: r.error_bounds(q, q, outputs=("qdd",)), "tau: .*output qdd needs them"),
+    "bounds_base": (lambda r, q: r.error_bounds(q, q, tau=q, outputs=("a1",)), "outputs: expected one of"),
+    "bounds_force": (lambda r, q: r.error_bounds(q, force1=(1, 2, 3)), "force1: expected 0: a fixed base"),
 }  # fmt: skip
 
 

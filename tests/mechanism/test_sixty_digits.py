@@ -204,3 +204,96 @@ def test_the_reference_conserves_what_it_must():
         weight = force1 - still.forces(base_counts=True)[0]
         assert np.abs(weight + mass * np.array(GRAVITY)).max() < 1e-13
         assert tau.shape == (2, 7)
+
+
+def exact_accelerations(robot, coordinates, motion, tau, loads):
+    """What 60 digits make of M x = what acts, column by column: (..., 6 + dof) of a free base, else (..., dof)."""
+    q, qd = coordinates
+    free, count = robot.base == "free", len(q)
+    at = {letter: getattr(motion, letter) for letter in LETTERS}
+    if free:
+        at |= {"a": np.zeros((count, 3)), "alpha": np.zeros((count, 3))}
+
+    def takes(qd, qdd, gravity, **moved):
+        parts = [({**at, **moved})[letter] for letter in LETTERS]
+        force1, torque1, efforts = RobotReference(robot.tree, parts, q, qd, qdd, gravity).forces(base_counts=free)
+        return np.concatenate((force1, torque1, efforts), axis=-1) if free else efforts
+
+    acts = np.concatenate((*loads.values(), tau), axis=-1)
+    still, none = np.zeros_like(q), np.zeros((count, 3))
+    rest = dict.fromkeys(("v", "omega", "a", "alpha"), none)
+    columns = []
+    for column in range(acts.shape[1]):
+        unit = np.zeros((count, acts.shape[1]))
+        unit[:, column] = 1
+        moved = {"a": unit[:, :3], "alpha": unit[:, 3:6]} if free else {}
+        columns.append(takes(still, unit[:, 6 * free :], (0, 0, 0), **{**rest, **moved}))
+    with mpmath.workdps(DIGITS):
+        left = acts.astype(object) - takes(qd, still, GRAVITY)
+        matrix = np.stack(columns, axis=-1)
+        found = [
+            mpmath.lu_solve(mpmath.matrix(matrix[i].tolist()), mpmath.matrix(left[i].tolist())) for i in range(count)
+        ]
+        return np.array([list(one) for one in found], dtype=object)
+
+
+@pytest.mark.parametrize("sizes", ["ordinary", pytest.param("quick", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("base", ["fixed", "free"])
+@pytest.mark.parametrize("arm", LINKS)
+def test_accelerations_are_within_their_bounds(arm, sizes, base):
+    robot, (q, qd, _), motion, _ = case(arm, base, HARD[sizes], 1)
+    rng = states.generator(803)
+    tau, force1, torque1 = (rng.normal(size=(1, n)) * 10 for n in (q.shape[1], 3, 3))
+    loads = {"force1": force1, "torque1": torque1} if base == "free" else {}
+    moves = robot.forward_dynamics(q, qd, tau, base_motion=motion, gravity=GRAVITY, **loads)
+    names = ("a1", "alpha1", "qdd") if base == "free" else ("qdd",)
+    bounds = robot.error_bounds(q, qd, tau=tau, outputs=names, base_motion=motion, gravity=GRAVITY, **loads)
+    exact = exact_accelerations(robot, (q, qd), motion, tau, loads)
+    for name in names:
+        got = getattr(moves, name)
+        own, exact = exact[:, : got.shape[1]], exact[:, got.shape[1] :]
+        off = errors(got, own, 1)
+        assert (off <= bounds[name]).all(), (name, off, bounds[name])
+        assert (bounds[name] <= 1e-6 * np.abs(got).max()).all(), (name, bounds[name])
+
+
+@pytest.mark.parametrize("arm", LINKS)
+def test_centre_energy_and_momentum_are_within_their_bounds(arm):
+    robot, (q, qd, _), motion, truth = case(arm, "free", HARD["ordinary"])
+    names = ("centre_of_mass", "kinetic", "potential", "linear", "angular_about_origin")
+    with mpmath.workdps(DIGITS):
+        mass, weighed, kinetic, linear, angular = 0, 0, 0, 0, 0
+        for body, (origin, turn) in enumerate(truth.poses):
+            masses = robot.tree.joints[body - 1].body if body else robot.tree.base
+            own, inertia = mpmath.mpf(masses.mass), masses.inertia.astype(object) * mpmath.mpf(1)
+            centre = origin + turn @ (masses.center_of_mass.astype(object) * mpmath.mpf(1))[:, None]
+            place, rate = centre.c0[..., 0], centre.c1[..., 0]
+            spread = np.eye(3).astype(object) * (np.trace(inertia) / 2) - inertia  # second moments
+            push = turn.c0 @ spread @ np.swapaxes(turn.c1, -1, -2)
+            spin = np.stack([push[:, i, j] - push[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=-1)
+            turning = turn.c1 @ spread @ np.swapaxes(turn.c1, -1, -2)
+            mass, weighed, linear = mass + own, weighed + own * place, linear + own * rate
+            angular = angular + np.cross(place, own * rate) + spin
+            kinetic = kinetic + (own * (rate * rate).sum(axis=-1) + np.trace(turning, axis1=-2, axis2=-1)) / 2
+        potential = -(weighed * np.array(GRAVITY)).sum(axis=-1)
+        exact = dict(zip(names, (weighed / mass, kinetic, potential, linear, angular), strict=True))
+    energy = robot.energy(q, qd, gravity=GRAVITY, base_motion=motion)
+    momentum = robot.momentum(q, qd, base_motion=motion)
+    centre = robot.centre_of_mass(q, base_motion=motion)
+    values = (centre, energy.kinetic, energy.potential, momentum.linear, momentum.angular)
+    bounds = robot.error_bounds(q, qd, outputs=names, gravity=GRAVITY, base_motion=motion)
+    for name, got in zip(names, values, strict=True):
+        off = errors(got, exact[name], got.ndim - 1)
+        assert (off <= bounds[name]).all(), (name, off, bounds[name])
+        assert (bounds[name] <= 1e-12 * np.abs(got).max()).all(), (name, bounds[name])
+
+
+def test_no_bound_is_finite_where_the_mass_matrix_may_be_singular():
+    body = hp.Body(mass=1, center_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
+    hinges = [
+        hp.HingePair(u1=(0, 0, 0.3), u2=(0, 0, 0), n=(0, 1, 0), name=f"joint_{k}", body2=own)
+        for k, own in enumerate((body, None))
+    ]
+    q = np.full(2, 0.3)
+    assert np.isinf(hp.Mechanism(hinges).error_bounds(q, q, tau=q, outputs=("qdd",))["qdd"])
+    assert np.isfinite(hp.Mechanism(hinges[:1]).error_bounds(q[:1], q[:1], tau=q[:1], outputs=("qdd",))["qdd"])

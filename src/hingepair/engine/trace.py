@@ -15,6 +15,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from hingepair.numeric import array_libraries
+from hingepair.numeric.bounded import Bounded
 
 Operand: TypeAlias = "Value | float"
 
@@ -190,6 +191,8 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
             return one.trace.line("where", one.trace.line("<", a, b), then, otherwise)
         if array_libraries.is_foreign(one):
             return array_libraries.where_less(a, b, then, otherwise)
+    if isinstance(a, Bounded) or isinstance(b, Bounded):
+        return (b - a).where_above_0(then, otherwise)
     return np.where(a < b, then, otherwise)
 
 

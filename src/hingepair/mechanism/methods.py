@@ -47,6 +47,17 @@ _RESULTS: Final[Mapping[str, type[Results]]] = {
 """What is returned, by the first output; of motion a MechanismState."""
 _ALONE: Final = (*ARRAYS, "centre_of_mass", "centre_of_mass_jacobian", "centre_of_mass_bias")
 """The outputs that are returned themselves, as arrays, where nothing else is computed."""
+_BOUNDED: Final = (
+    *_FORCES,
+    *_ALONE,
+    "qdd",
+    "kinetic",
+    "potential",
+    "linear",
+    "angular_about_origin",
+    "angular_about_centre",
+)
+"""The outputs beside motion whose rounding errors `error_bounds` bounds, on any base."""
 
 
 class MechanismMethods(Shown):
@@ -192,6 +203,9 @@ class MechanismMethods(Shown):
         outputs: Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
         gravity: ArrayLike = GRAVITY,
+        tau: Coordinates | None = None,
+        force1: ArrayLike = 0,
+        torque1: ArrayLike = 0,
     ) -> dict[str, Float64Array]:
         """Bound how far rounding can have taken each output from the exact result, at every sample.
 
@@ -204,15 +218,20 @@ class MechanismMethods(Shown):
             qd: their time derivatives.
             qdd: their second time derivatives.
             frames: as for `forward_kinematics`.
-            outputs: those of `forward_kinematics`; also tau, force1, torque1, mass_matrix, bias_forces,
-                gravity_forces, and of the first frame jacobian and acceleration_bias. Unless given, all motion that
-                the inputs allow.
+            outputs: those of `forward_kinematics`; of the first frame jacobian and acceleration_bias; tau, force1,
+                torque1, mass_matrix, bias_forces, gravity_forces; qdd of `forward_dynamics`, and of a free base a1
+                and alpha1; centre_of_mass, centre_of_mass_jacobian, centre_of_mass_bias, kinetic, potential, linear,
+                angular_about_origin, angular_about_centre. Unless given, all motion that the inputs allow.
             base_motion: where the base is and how it moves.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            tau: what acts along the coordinates, for accelerations; in the forms of q.
+            force1: what acts on a free base at R1, for accelerations; as for `forward_dynamics`.
+            torque1: what acts on it about R1.
 
         Returns:
             By output, the bound on the error of its largest component, in the output's unit; of motion one for each
-            frame, shape (..., frames); of all else shape (...). Infinite where numbers overflow, or are none.
+            frame, shape (..., frames); of all else shape (...). Infinite where numbers overflow, or are none, and
+            where rounding may decide whether the mass matrix is singular.
 
         >>> import hingepair as hp
         >>> robot = hp.load_robot("ur5_robot")
@@ -220,15 +239,21 @@ class MechanismMethods(Shown):
         True
         """
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
-        if holds_dask(coordinates, base_motion):
-            tails = {**dict.fromkeys(coordinates, (len(self._constants.names),)), "base_motion": SAMPLE_SHAPES}
+        coordinates |= {} if tau is None else {"tau": tau}
+        acting = self._loads_on_base(force1, torque1)
+        if holds_dask(coordinates, base_motion, acting):
+            dof = (len(self._constants.names),)
+            tails = {**dict.fromkeys(coordinates, dof), **dict.fromkeys(acting, (3,)), "base_motion": SAMPLE_SHAPES}
             options = {"frames": frames, "outputs": outputs, "gravity": gravity}
-            arguments = {**coordinates, "base_motion": base_motion, **options}
+            loads = {name: value for name, (value, _) in acting.items()}
+            arguments = {**coordinates, **loads, "base_motion": base_motion, **options}
             return over_chunks(self.error_bounds, arguments, tails, self._columns)
-        names = self._outputs(outputs, len(coordinates) - 1, None, BOUNDED)
+        known = (*_MOTION, *_BOUNDED, *(("a1", "alpha1") if self.base == "free" else ()))
+        level = sum(name in coordinates for name in ("qd", "qdd"))
+        names = self._outputs(outputs, level, None, known)
         problem = self._problem(names, self._frames("frames", frames))
         self._require(problem, coordinates, names)
-        values = read_values(self._constants.names, coordinates or {"q": q}, base_motion, problem.inputs, {})
+        values = read_values(self._constants.names, coordinates or {"q": q}, base_motion, problem.inputs, acting)
         return error_bounds(problem, values, _gravity(gravity))
 
     # ---- dynamics
@@ -326,15 +351,9 @@ class MechanismMethods(Shown):
         >>> robot.forward_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).qdd.shape
         (6,)
         """
-        free = self.base == "free"
-        names = _names(outputs, out, ("qdd", "a1", "alpha1") if free else ("qdd",))
+        names = _names(outputs, out, ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",))
         acting, frames = self._wrenches(wrenches)
-        for name, value in (("force1", force1), ("torque1", torque1)):
-            if isinstance(value, int | float) and value == 0:
-                continue
-            acting[name] = value, name
-            if not free:
-                raise ArgumentError(name, "0: a fixed base is not moved by forces (base='free' is)", quoted(value))
+        acting |= self._loads_on_base(force1, torque1)
         coordinates = {"q": q, "qd": qd, "tau": tau}
         problem = self._problem(names, frames, len(frames))
         found: MechanismAccelerations = self._run(
@@ -699,8 +718,8 @@ class MechanismMethods(Shown):
         return found
 
     def _require(self, problem: Problem, coordinates: Mapping[str, Any], outputs: tuple[str, ...]) -> None:
-        """Refuse outputs that need derivatives that were not given."""
-        for name in ("q", "qd", "qdd"):
+        """Refuse outputs that need derivatives or efforts that were not given."""
+        for name in ("q", "qd", "qdd", "tau"):
             if name in problem.inputs and name not in coordinates:
                 needs = [
                     one
@@ -718,6 +737,21 @@ class MechanismMethods(Shown):
             for place, (kind, part) in enumerate(zip(("force", "torque"), pair, strict=True))
         }
         return acting, {link: self.tree.links[link] for link in by_link}
+
+    def _loads_on_base(self, force1: ArrayLike, torque1: ArrayLike) -> dict[str, tuple[Any, str]]:
+        """Return what acts on a free base by input name, with its name for messages; nothing where it is 0.
+
+        Raises:
+            ArgumentError: the base is fixed.
+        """
+        acting = {}
+        for name, value in (("force1", force1), ("torque1", torque1)):
+            if not (isinstance(value, int | float) and value == 0):
+                acting[name] = value, name
+                if self.base != "free":
+                    expected = "0: a fixed base is not moved by forces (base='free' is)"
+                    raise ArgumentError(name, expected, quoted(value))
+        return acting
 
     def _run(
         self,
@@ -846,14 +880,6 @@ class MechanismMethods(Shown):
                 DynamicsWarning,
                 _caller(),
             )
-
-
-BOUNDED = (
-    *_MOTION,
-    *_FORCES,
-    *("jacobian", "acceleration_bias", "mass_matrix", "bias_forces", "gravity_forces"),
-)
-"""The outputs whose rounding errors `error_bounds` bounds."""
 
 
 def _names(

@@ -20,7 +20,10 @@ SINE_ULPS = 1.5
 1.48), the compiled ones within 1.4, for which their derivation allows 1.5."""
 
 _SAFETY_STEPS = 1024
-"""Roundings that the safety factor of a bound covers: those of its own arithmetic are fewer."""
+"""Roundings in the precision that is bounded that the safety factor of a bound covers."""
+
+_OWN_ROUNDING = 2.0**16 * 2.0**-53
+"""Rounding of the bound's own arithmetic, which is float64: a robot's longest recursion takes fewer operations."""
 
 
 class Bounded:
@@ -52,7 +55,7 @@ class Bounded:
     @property
     def error(self) -> Component:
         """Return the bound with the roundings of its own arithmetic; infinite where nothing is known."""
-        bound = self.bound * (1 + _SAFETY_STEPS * self.u)
+        bound = self.bound * (1 + max(_SAFETY_STEPS * self.u, _OWN_ROUNDING))
         return np.where(np.isnan(bound), np.inf, bound)
 
     def __add__(self, other: Self | float) -> Self:
@@ -86,9 +89,20 @@ class Bounded:
 
     def __truediv__(self, other: Self) -> Self:
         ratio = self.value / other.value
-        least = np.abs(other.value) - other.bound
-        carried = self.bound / least + np.abs(ratio) * (other.bound / least)
+        size = np.abs(other.value)
+        exact = np.abs(ratio) + (self.bound + np.abs(ratio) * other.bound) / (size - other.bound)
+        least = size - 2 * other.bound  # of the denominator of any evaluation
+        carried = np.where(least > 0, (self.bound + exact * other.bound) / least, np.inf)
         return type(self)(ratio, carried + self._rounding(ratio, carried) + 4 * self.smallest)
+
+    def __rtruediv__(self, other: float) -> Self:
+        made: Self = self._with(other) / self
+        return made
+
+    def where_above_0(self, then: float, otherwise: float) -> Self:
+        """Return one number where this is above 0, else another; its bound is infinite where rounding may decide."""
+        unsure = ~(np.abs(self.value) > 2 * self.bound)
+        return type(self)(np.where(self.value > 0, then, otherwise), np.where(unsure, np.inf, 0.0))
 
     def sine(self) -> Self:
         """Return the sine, with a rounding of SINE_ULPS units in the last place; the sine of an exact 0 is exact."""
