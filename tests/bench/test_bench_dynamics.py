@@ -58,3 +58,6 @@ def test_the_command_reports_a_simulation(monkeypatch):
     errors = [row["error"] for row in report["rows"] if row["case"] == bench.SIMULATION]
     assert len(errors) == 2
     assert max(errors) <= bench.GOAL
+    stiff = [row for row in report["rows"] if row["case"] == bench.STIFF_SIMULATION]
+    assert [row["method"] for row in stiff] == [bench.OURS, bench.RADAU, bench.LSODA]
+    assert max(row["error"] for row in stiff) <= bench.GOAL

@@ -45,6 +45,7 @@ from hingepair.formats.model_writers import to_mjcf
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.dynamics import GRAVITY, Forces
+from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.validation.pinocchio_twin import to_pinocchio
@@ -52,7 +53,7 @@ from hingepair.validation.pinocchio_twin import to_pinocchio
 Array: TypeAlias = NDArray[np.float64]
 
 INVERSE, FORWARD = "inverse dynamics", "forward dynamics"
-DOP853 = "SciPy DOP853, NumPy"
+DOP853, RADAU, LSODA = "SciPy DOP853, NumPy", "SciPy Radau", "SciPy LSODA"
 GOAL = 1e-8
 """Largest error of a simulation [rad]."""
 
@@ -79,8 +80,10 @@ def dynamics(samples: int, repeats: int, cpp: bool) -> Report:
             own = ways[1:] if size > 1 else ways
             rows += compared(case_of(case, size), own, task, size, repeats)
     if find_spec("scipy"):
-        rows += simulation(pair, repeats)
-    notes.append(f"error: largest of attitude and psi over 10 s [rad]; tolerances by which it is at most {GOAL:g}")
+        rows += simulation(pair, repeats) + stiff_simulation(repeats)
+    notes.append(
+        f"error: largest of attitude and psi over the motion [rad]; tolerances by which it is at most {GOAL:g}"
+    )
     return Report(rows, "error [rad]", notes)
 
 
@@ -216,15 +219,58 @@ def simulation(pair: HingePair, repeats: int) -> list[Row]:
         return lambda: read(simulate(pair, _TIME, start, 0.5, 1.0, hinge_torque=spring, tol=tol))
 
     makers: dict[str, Callable[[float], Job]] = {OURS: by_us, DOP853: lambda tol: by_scipy(pair, tol)}
+    return _at_goal(SIMULATION, makers, lambda found: error_of(found, truth), repeats)
+
+
+STIFF_SIMULATION = f"simulation of stiff friction, 0.2 s, error at most {GOAL:g}"
+_STIFF_TIME = np.linspace(0, 0.2, 21)
+_STIFF_INERTIA, _STIFF_FRICTION = 3e-5, 0.05  # kg m^2, N m: reached at 0.01 rad/s, in 6 us
+
+
+def stiff_simulation(repeats: int) -> list[Row]:
+    """A small wheel that a motor swings against friction, beside SciPy's solvers for stiff equations."""
+    from scipy.integrate import solve_ivp
+
+    wheel = HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=Body(1.0, inertia=_STIFF_INERTIA * np.eye(3)))
+    start = BodyMotion(R=np.zeros(3), S=np.eye(3))
+    load = HingeLoad(friction=_STIFF_FRICTION, friction_rate=0.01, motor=lambda t, _psi, _psid: 0.1 * np.sin(50 * t))
+
+    def rates(t: float, y: Array) -> list[float]:
+        return [y[1], (0.1 * np.sin(50 * t) - _STIFF_FRICTION * np.tanh(y[1] / 0.01)) / _STIFF_INERTIA]
+
+    def jacobian(_t: float, y: Array) -> list[list[float]]:
+        return [[0, 1], [0, -_STIFF_FRICTION / 0.01 / np.cosh(min(abs(y[1] / 0.01), 300)) ** 2 / _STIFF_INERTIA]]
+
+    def by_scipy_solver(solver: str, tol: float) -> Job:
+        span = _STIFF_TIME[0], _STIFF_TIME[-1]
+        given: dict[str, Any] = {"rtol": max(tol, 3e-14), "atol": tol, "jac": jacobian}
+        return lambda: solve_ivp(rates, span, [0.0, 1.0], solver, _STIFF_TIME, **given).y[0]
+
+    def by_us(tol: float) -> Job:
+        return lambda: simulate(wheel, _STIFF_TIME, start, 0.0, 1.0, hinge_torque=load, base="fixed", tol=tol).psi
+
+    truth = by_scipy_solver("Radau", 1e-13)()
+    makers: dict[str, Callable[[float], Job]] = {
+        OURS: by_us,
+        RADAU: functools.partial(by_scipy_solver, "Radau"),
+        LSODA: functools.partial(by_scipy_solver, "LSODA"),
+    }
+    return _at_goal(STIFF_SIMULATION, makers, lambda psi: float(np.abs(psi - truth).max()), repeats)
+
+
+def _at_goal(
+    case: str, makers: dict[str, Callable[[float], Job]], error: Callable[[Any], float], repeats: int
+) -> list[Row]:
+    """Return the rows of simulations, each by the coarsest tolerance that reaches the goal."""
     jobs, errors = {}, {}
-    tell(f"simulation: tolerances for an error of {GOAL:g}, {repeats} repeats")
+    tell(f"{case}: tolerances, {repeats} repeats")
     for name, make in makers.items():
         for tol in np.logspace(-5, -13, 17):
             jobs[name] = make(float(tol))
-            errors[name] = error_of(jobs[name](), truth)
+            errors[name] = error(jobs[name]())
             if errors[name] <= GOAL:
                 break
-    return rows_of(SIMULATION, interleaved(jobs, repeats), errors=errors)
+    return rows_of(case, interleaved(jobs, repeats), errors=errors)
 
 
 def error_of(found: tuple[Array, Array], truth: tuple[Array, Array]) -> float:

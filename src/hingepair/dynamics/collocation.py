@@ -26,7 +26,8 @@ NODES: Final = 8
 _ROUNDS: Final = 30  # of the iteration; a step that needs more is too long
 _SAFETY, _SHRINK, _GROW = 0.8, 0.2, 3.0
 _FADE = 0.9  # of the length that errors of velocities are measured by, with each shorter step
-_RENEWED = 8  # rounds after which Newton's method looks at the derivatives of psi'' again
+_RENEWED = 4  # rounds after which Newton's method looks at the derivatives of psi'' again
+_PATIENCE, _SLOW = 4, 0.1  # rounds after which fixed points that come nearer by no more are left to Newton's method
 _MIN_STIFFNESS = 0.5  # of a step: below, the fixed points are found as well without Newton's method
 _NUDGE = 1.5e-8  # rad and rad/s: by which psi and psi' are changed for the derivatives of psi''
 _MAX_SWITCHES = 8  # at one instant: if events follow each other for ever, the last of them is passed
@@ -291,6 +292,11 @@ class Stepper:
                 return slopes
             if latest > 2 * change and latest > self.tol:
                 return None
+            if not newton and round_ and round_ % _PATIENCE == 0 and latest > _SLOW * change:
+                self._stiff = self._answers(times, states)
+                if self._stiffness(length) > _MIN_STIFFNESS:
+                    return None
+                self._stiff = None
             change = latest
         return None
 
