@@ -211,11 +211,17 @@ def test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate():
     assert content["frame"] in robot.tips
 
 
+def following_robot():
+    """A hinge and a hinge that follows it, with oblique axes and attitudes."""
+    home = hp.rodrigues((1, 2, -1), 0.7)
+    lead = hp.HingePair(u1=(0, 0.2, 1), u2=(0, 0, 0), n=(0, 1, 0.5), home=home, name="lead")
+    tip = hp.HingePair(u1=(1, 0, 0.3), u2=(0, 0, 0), n=(1, 0.2, 1), home=home.T, name="tip")
+    text, joint = hp.to_urdf(hp.Mechanism([lead, tip])), '<joint name="tip" type="continuous">'
+    return hp.Mechanism.from_urdf(text.replace(joint, joint + '<mimic joint="lead" multiplier="-2" offset="0.5"/>'))
+
+
 def test_a_joint_that_follows_has_the_rule_of_its_leader():
-    lead = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="lead")
-    text = hp.to_urdf(hp.Mechanism([lead, hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 0, 1), name="tip")]))
-    tip = '<joint name="tip" type="continuous">'
-    robot = hp.Mechanism.from_urdf(text.replace(tip, tip + '<mimic joint="lead" multiplier="-2" offset="0.5"/>'))
+    robot = following_robot()
     assert robot.dof == 1
     content = content_of(hp.view(robot))
     rules = [(joint["coordinate"], joint["multiplier"], joint["offset"]) for joint in content["joints"]]
@@ -341,10 +347,10 @@ return Q.map((q) => {
 
 @in_a_browser
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["panda", "kinova", "talos_full_v2", "tiago"])
+@pytest.mark.parametrize("name", ["panda", "kinova", "talos_full_v2", "tiago", "following"])
 def test_the_page_computes_the_poses_that_the_mechanism_has(name, tmp_path):
     """Mimic joints and sliders (panda, tiago), continuous joints (kinova), 32 joints and 12 that follow (talos)."""
-    robot = hp.load_robot(name)
+    robot = following_robot() if name == "following" else hp.load_robot(name)
     rng = np.random.default_rng(3)
     q = np.concatenate([rng.uniform(-3, 3, (6, robot.dof)), np.zeros((1, robot.dof)), 1e4 * np.ones((1, robot.dof))])
     script = POSES.replace("NAMES", json.dumps(robot.links)).replace("Q.map", json.dumps(q.tolist()) + ".map")

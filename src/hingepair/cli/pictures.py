@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
 from hingepair.cli.output import PICTURES, Outputs, check_picture, console, file_option, listed, save_figure
-from hingepair.cli.pairs import Frame1, Frame2, Joint, Source, inputs_of, named, named_robot
+from hingepair.cli.pairs import Frame1, Frame2, Joint, inputs_of, named, named_robot
 from hingepair.cli.scenes import SceneFile
 from hingepair.errors import ArgumentError
 from hingepair.pair.planar_pair import PlanarPair
@@ -36,7 +38,7 @@ def plot(
 
 
 def view(
-    source: Source,
+    source: Annotated[str, typer.Argument(metavar="SCENE", help="Scene file (TOML), a robot's name or a URDF file.")],
     joint: Joint = None,
     body1_frame: Frame1 = None,
     body2_frame: Frame2 = None,
