@@ -343,8 +343,10 @@ function aim() {
   const follow = byId("follow").checked, box = follow ? boxes.one : boxes.all;
   grid.visible = originAxes.visible = !follow;
   const centre = box.getCenter(new THREE.Vector3()), { camera, controls } = viewer;
-  const half = Math.atan(Math.tan(camera.fov * Math.PI / 360) * Math.min(1, camera.aspect));
-  const far = 0.55 * extent(box) / Math.sin(half);
+  const covered = Math.min(0.4, byId("head").offsetHeight / byId("scene").clientHeight);  // by the title
+  const tangent = Math.tan(camera.fov * Math.PI / 360);
+  const far = 0.48 * extent(box) / Math.sin(Math.atan(tangent * Math.min(1 - covered, camera.aspect)));
+  centre.y += covered * tangent * far;
   camera.near = far / 1000;
   camera.far = 100 * far;
   camera.updateProjectionMatrix();
@@ -359,7 +361,7 @@ viewer.set_3d_pane_size = () => resize(byId("scene").clientWidth, byId("scene").
 // ---- the page
 
 const moved = `${content.shown} instants`;
-const title = document.createElement("b"), notes = document.createElement("small");
+const title = document.createElement("b");
 title.textContent = content.title;
 byId("head").append(title);
 for (const [colour, name] of content.legend) {
@@ -368,11 +370,10 @@ for (const [colour, name] of content.legend) {
   swatch.style.background = colour;
   byId("head").append(swatch, `${name} \u00a0`);
 }
-notes.textContent = [
+byId("hint").textContent = [
   "drag: turn, wheel: zoom, right button: move", `grid ${Number(cell.toPrecision(1))} m`,
   ...(content.shown.includes("of") ? [moved] : []),
 ].join(" \u00b7 ");
-byId("head").append(...(content.legend.length ? [document.createElement("br")] : []), notes);
 byId("following").hidden = still;
 byId("following").querySelector("span").textContent = content.base;
 byId("controls").hidden = count < 2;
