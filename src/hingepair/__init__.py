@@ -49,7 +49,8 @@ if TYPE_CHECKING:
     from hingepair.formats.urdf_reader import from_urdf
     from hingepair.integration.integrate import integrate
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
-    from hingepair.measured.hinge_fit import HingeFit, fit
+    from hingepair.measured.clusters import ClusterFit, fit_cluster
+    from hingepair.measured.hinge_fit import EncoderFit, HingeFit, fit
     from hingepair.measured.inertial import AnchorFit, AxisFit, fit_anchor, fit_axis
     from hingepair.measured.inertial_angle import AngleFit, fit_angle
     from hingepair.measured.resample import resample
@@ -87,10 +88,12 @@ __all__ = [
     "Body",
     "BodyMotion",
     "Box",
+    "ClusterFit",
     "CompilationError",
     "Cylinder",
     "DtypeError",
     "DynamicsWarning",
+    "EncoderFit",
     "FitError",
     "GimbalLockError",
     "HingeFit",
@@ -130,6 +133,7 @@ __all__ = [
     "fit_anchor",
     "fit_angle",
     "fit_axis",
+    "fit_cluster",
     "from_urdf",
     "integrate",
     "linearize",
@@ -165,7 +169,8 @@ _LATER = {
         "formats.urdf_reader": "from_urdf",
         "integration.integrate": "integrate",
         "integration.trajectory": "PlanarTrajectory Trajectory",
-        "measured.hinge_fit": "HingeFit fit",
+        "measured.clusters": "ClusterFit fit_cluster",
+        "measured.hinge_fit": "EncoderFit HingeFit fit",
         "measured.inertial": "AnchorFit AxisFit fit_anchor fit_axis",
         "measured.inertial_angle": "AngleFit fit_angle",
         "measured.resample": "resample",

@@ -24,7 +24,7 @@ from hingepair.numeric.arrays import check_choice, finite_number, read_only, rea
 from hingepair.numeric.instants import instants_of
 from hingepair.numeric.suspicions import degree_suspicions, inertia_suspicions
 from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
+from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
 from hingepair.pair.constants import check_one, check_pair
 from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.pair.forward_kinematics import Outputs
@@ -342,6 +342,7 @@ def start_of(base: Base, body1: object, flat: bool, psi: float, psid: float) -> 
     if not isinstance(body1, BodyMotion):
         where = _PLANAR if flat else "hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
         raise ArgumentError("body1", f"where body 1 starts, a BodyMotion such as {where}", quoted(body1))
+    motion_arrays("body1", body1, "S")
     if body1.shape != ():
         expected = f"one start, such as {_PLANAR if flat else 'BodyMotion(R=(0, 0, 0), S=np.eye(3))'}"
         raise ArgumentError("body1", expected, f"shape {body1.shape}")

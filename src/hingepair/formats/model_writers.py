@@ -224,7 +224,7 @@ def _standing(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
     Raises:
         ArgumentError: it is no single pose.
     """
-    if not isinstance(body1, BodyMotion) or body1.shape != ():
+    if not isinstance(body1, BodyMotion) or body1.shape != () or body1.S is None:
         raise ArgumentError("body1", "one pose, such as BodyMotion(R=(0, 0, 0), S=np.eye(3))", quoted(body1))
     return np.asarray(body1.R, np.float64), np.asarray(body1.S, np.float64)
 

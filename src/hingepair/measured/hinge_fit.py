@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, MissingDependencyError
+from hingepair.measured.circle import fit_circle
 from hingepair.measured.clock import ClockedPoses
 from hingepair.measured.findings import check_turning, findings, outlying
 from hingepair.measured.hinge import GAUGES, derivatives, home_of, offset
@@ -82,7 +83,8 @@ class HingeFit(Shown):
         std: standard deviations by name: of u1, u2, n and home, roots of the diagonal of `covariance`, (3,) each; of
             noise_position, noise_angle and, with `t`, clock_offset, a number each.
         rms_position: of abs(R1 + S1 u1 - R2 - S2 u2) [m]; of a robust loss each sample by its weight.
-        rms_angle: of the angle between the axes of the two bodies [rad]; likewise.
+        rms_angle: of the angle between the axes of the two bodies [rad]; likewise. NaN of a body 2 without attitudes,
+            like noise_angle and tilt.
         noise_position: standard deviation of a coordinate of R2 - R1 [m], which has the noise of both bodies; poorly
             known where the noise of angles, times the levers, is much larger.
         noise_angle: standard deviation of a component of the relative attitude, that of psi [rad].
@@ -149,8 +151,10 @@ class HingeFit(Shown):
         figure = Figure(figsize=(8, 6), layout="constrained")
         x = np.arange(self.psi.size) if self.t is None else self.t
         angles = np.degrees((self.psi, self.tilt))
-        rows = (("psi [deg]", angles[0]), ("gap [mm]", 1e3 * self.gap), ("tilt [deg]", angles[1]))
-        for axes, (label, values) in zip(figure.subplots(3, sharex=True), rows, strict=True):
+        rows = [("psi [deg]", angles[0]), ("gap [mm]", 1e3 * self.gap)]
+        if not np.isnan(self.rms_angle):
+            rows.append(("tilt [deg]", angles[1]))
+        for axes, (label, values) in zip(figure.subplots(len(rows), sharex=True), rows, strict=True):
             axes.plot(x, values, linewidth=0.8)
             axes.set_ylabel(label)
             axes.grid(alpha=0.3)
@@ -165,6 +169,8 @@ class HingeFit(Shown):
         return f"clock offset: {offset:.4g} +- {std:.2g} ms; body 2 was recorded so much later than its stamps say"
 
     def _left(self) -> str:
+        if np.isnan(self.rms_angle):
+            return f"left: {1e3 * self.rms_position:.3g} mm rms"
         return f"left: {1e3 * self.rms_position:.3g} mm and {np.degrees(self.rms_angle):.3g} deg rms"
 
     def __str__(self) -> str:
@@ -174,7 +180,10 @@ class HingeFit(Shown):
             numbers = ", ".join(f"{v:.6g} +- {s:.2g}" for v, s in zip(value, std, strict=True))
             lines.append(f"{name} = ({numbers}) {unit}".rstrip())
         turn = np.degrees(rotation_vector(self.pair.home))
-        lines.append(f"home turns by ({', '.join(f'{angle:.5g}' for angle in turn)}) deg")
+        if self.body2.S is None:
+            lines.append("body 2 is a point: home is the identity, no attitude of body 2 is seen")
+        else:
+            lines.append(f"home turns by ({', '.join(f'{angle:.5g}' for angle in turn)}) deg")
         low, high = np.degrees(self.psi_range)
         lines.append(f"psi from {low:.4g} to {high:.4g} deg; {self._left()}")
         if self.clock_offset is not None:
@@ -215,10 +224,10 @@ class HingeFit(Shown):
             "gauge": self.gauge,
             **{name: getattr(self.pair, name).tolist() for name in ("u1", "u2", "n", "home")},
             "std": {name: _finite(value.tolist()) for name, value in self.std.items()},
-            "rms_position": self.rms_position,
-            "rms_angle": self.rms_angle,
-            "noise_position": self.noise_position,
-            "noise_angle": self.noise_angle,
+            **{
+                name: _finite(getattr(self, name))
+                for name in ("rms_position", "rms_angle", "noise_position", "noise_angle")
+            },
             "clock_offset": self.clock_offset,
             "encoder": None if self.encoder is None else self._encoder_numbers(self.encoder),
             "psi": list(self.psi_range),
@@ -253,7 +262,10 @@ def fit(
 
     Args:
         body1: R and S of body 1, shape (N,); one pose where it stands still.
-        body2: R and S of body 2 at the same instants.
+        body2: R and S of body 2 at the same instants; or R alone, of a point whose attitude is not measured. The
+            circle about the axis on which a point runs tells the hinge, with the identity for home; psi = 0 is where
+            the point lies, from the axis, in the direction of the first axis of body 1 (x, y or z) whose component of
+            n is below 0.65. A clock offset is not estimated then.
         loss: "linear", or one that makes outliers count little: "soft_l1", "huber", "cauchy", "arctan", as SciPy's
             `least_squares` defines them, of each sample as a whole. Then the start is that which most samples agree
             with, and what is thirty standard deviations off counts nothing. "cauchy" and "arctan" mind outliers
@@ -293,15 +305,10 @@ def fit(
     used = samples.known1 & samples.known2
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")
-    poses = samples.poses(used)
-    check_turning(poses)
     penalty = LOSSES[loss]
-    estimate, clock = _estimate(samples, poses, penalty, clock_offset)
-    if clock is not None:
-        poses, used = clock.at(estimate.offset), np.zeros_like(used)
-        used[clock.rows(estimate.offset)] = True
-        if clock_offset is not None:
-            poses = poses._replace(rates=None)
+    if samples.is_point:
+        return _fit_of_point(samples, body1, body2, loss, gauge, clock_offset)
+    estimate, clock, poses, used = _estimate(samples, used, penalty, clock_offset)
     noise = estimate.noise
     hinge = without_bias(poses, estimate.hinge, noise).signed().in_gauge(gauge)
     line = line_from(poses, hinge, estimate.line)
@@ -364,13 +371,87 @@ def fit(
     )
 
 
+def _fit_of_point(
+    samples: Samples, body1: BodyMotion, body2: BodyMotion, loss: str, gauge: str, clock_offset: float | None
+) -> HingeFit:
+    """Return the hinge of a body and a point, whose path is a circle about the axis."""
+    for name, value in (("encoder", samples.encoder), ("noise1", samples.told)):
+        if value is not None:
+            raise ArgumentError(name, "none beside a body 2 without attitudes", "values")
+    used, moved = samples.known1 & samples.known2, body2
+    if clock_offset and samples.t is not None and ClockedPoses.possible(samples.t, samples.known2):
+        clock = ClockedPoses(samples, LOSSES[loss])
+        poses, used = clock.at(clock_offset), np.zeros_like(used)
+        used[clock.rows(clock_offset)] = True
+        moved = BodyMotion(R=clock.body2(clock_offset).R)
+    else:
+        poses = samples.poses(used)
+    fitted = fit_circle(poses.p.T, poses.weights, LOSSES[loss], gauge)
+    u1, u2 = fitted.circle.levers(gauge)
+    deviations = np.sqrt(np.diagonal(fitted.covariance)).reshape(4, 3)
+    std: dict[str, Any] = {
+        name: read_only(value) for name, value in zip(("u1", "u2", "n", "home"), deviations, strict=True)
+    }
+    if samples.t is not None:
+        std["clock_offset"] = np.float64(np.inf if clock_offset is None else 0.0)
+    good = (fitted.outliers == 0) & (fitted.weights >= _MIN_GOOD_WEIGHT * poses.weights)
+    psi = _unwrapped(fitted.circle.angles(poses.p.T), good)
+    counted = psi[good] if good.any() else psi
+    gaps = np.linalg.norm(fitted.residuals, axis=1)
+    texts = [finding.text for finding in fitted.findings]
+    if not used.all():
+        texts.append(f"{int((~used).sum())} of {used.size} samples are missing or have no weight.")
+    if samples.t is not None:
+        texts += instant_suspicions("t", samples.t)
+    texts += distance_suspicions("R2 - R1", np.linalg.norm(poses.p, axis=0))
+    return HingeFit(
+        pair=HingePair(u1=u1, u2=u2, n=fitted.circle.n),
+        psi=_spread(psi, used),
+        psi_range=(float(counted.min()), float(counted.max())),
+        covariance=read_only(fitted.covariance),
+        std=std,
+        rms_position=float(np.sqrt(fitted.weights @ (gaps * gaps) / fitted.weights.sum())),
+        rms_angle=np.nan,
+        noise_position=fitted.noise,
+        noise_angle=np.nan,
+        clock_offset=None if samples.t is None else clock_offset or 0.0,
+        encoder=None,
+        ok=all(finding.harmless for finding in fitted.findings),
+        findings=tuple(texts),
+        gauge=gauge,
+        loss=loss,
+        weights=_spread(fitted.weights, used, 0.0),
+        t=samples.t,
+        gap=_spread(gaps, used),
+        tilt=read_only(np.full(used.size, np.nan)),
+        samples=int(used.sum()),
+        body2=moved,
+        _body1=body1,
+    )
+
+
 def _estimate(
+    samples: Samples, used: NDArray[np.bool_], loss: Loss | None, clock_offset: float | None
+) -> tuple[Estimate, ClockedPoses | None, RelativePoses, NDArray[np.bool_]]:
+    """Return the most likely hinge, poses by clock offset, the poses at that of the estimate, and which samples.
+
+    An offset that the motion does not determine is taken as 0; then there are no poses by clock offset.
+    """
+    poses = samples.poses(used)
+    check_turning(poses)
+    estimate, clock = _most_likely(samples, poses, loss, clock_offset)
+    if clock is not None:
+        poses, used = clock.at(estimate.offset), np.zeros_like(used)
+        used[clock.rows(estimate.offset)] = True
+        if clock_offset is not None:
+            poses = poses._replace(rates=None)
+    return estimate, clock, poses, used
+
+
+def _most_likely(
     samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None]:
-    """Return the most likely hinge, and the poses by clock offset where that is not 0 or not known to be.
-
-    An offset that the motion does not determine is taken as 0.
-    """
+    """Return the most likely hinge, and the poses by clock offset where that is not 0 or not known to be."""
     start = None if loss is None else closed_form_of_most(poses)
     clock = None
     if samples.t is not None and clock_offset != 0 and ClockedPoses.possible(samples.t, samples.known2):

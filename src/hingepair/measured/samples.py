@@ -31,6 +31,7 @@ class Samples(NamedTuple):
     weights: Float64Array  # shape (N,)
     told: Float64Array | None  # variances of places and attitudes in parts of their means, body 1's share; (3, N)
     told_noise: Noise | None  # the means of these variances
+    is_point: bool  # whether body 2 has no attitudes
     encoder: Float64Array | None  # shape (N,)
 
     def poses(self, used: NDArray[np.bool_]) -> RelativePoses:
@@ -73,7 +74,9 @@ def checked_samples(
     Raises:
         ArgumentError: an argument cannot be used; names it.
     """
-    arrays = motion_arrays("body1", body1, "R", "S") | motion_arrays("body2", body2, "R", "S")
+    arrays = motion_arrays("body1", body1, "R", "S") | motion_arrays("body2", body2, "R")
+    is_point = body2.S is None
+    arrays["S2"] = np.eye(3) if is_point else motion_arrays("body2", body2, "S")["S2"]
     shape = broadcast_shape({"body1": body1.shape, "body2": body2.shape})
     if len(shape) != 1:
         raise ShapeError("body1, body2", "motions of shape (N,), N instants", f"shape {shape}")
@@ -101,6 +104,7 @@ def checked_samples(
         weights=given,
         told=told,
         told_noise=told_noise,
+        is_point=is_point,
         encoder=None if encoder is None else _checked_encoder(encoder, shape),
     )
 

@@ -182,6 +182,8 @@ def _smooth_body(
     t: Float64Array, body: BodyMotion, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedMotion:
     R = np.broadcast_to(body.R, (t.size, 3)).astype(np.float64)
+    if body.S is None:
+        raise ArgumentError("body.S", "attitudes; places of a point alone are smoothed column by column", None)
     S = np.broadcast_to(body.S, (t.size, 3, 3)).astype(np.float64)
     arrays, parts = smoothed_arrays(t, R, S, bandwidth, gaps, loss)
     motion = SmoothedMotion(t, arrays, parts)

@@ -32,7 +32,8 @@ class BodyMotion(Frozen):
 
     Args:
         R: reference point [m]; shape (..., 3).
-        S: rotation, body to world; shape (..., 3, 3).
+        S: rotation, body to world; shape (..., 3, 3). Without one the body is a point, of which no attitude was
+            measured: `fit` takes it as body 2, and what needs an attitude refuses it.
         v: velocity of the reference point [m/s]; shape (..., 3).
         omega: angular velocity [rad/s]; shape (..., 3).
         a: classical acceleration of the reference point [m/s^2]; shape (..., 3).
@@ -51,7 +52,7 @@ class BodyMotion(Frozen):
     """
 
     R: NDArray[Any]
-    S: NDArray[Any]
+    S: NDArray[Any]  # None of a point, which `motion_arrays` refuses where an attitude is needed
     v: NDArray[Any] | None
     omega: NDArray[Any] | None
     a: NDArray[Any] | None
@@ -62,7 +63,7 @@ class BodyMotion(Frozen):
         self,
         *,
         R: ArrayLike,
-        S: ArrayLike,
+        S: ArrayLike | None = None,
         v: ArrayLike | None = None,
         omega: ArrayLike | None = None,
         a: ArrayLike | None = None,
@@ -70,7 +71,7 @@ class BodyMotion(Frozen):
     ) -> None:
         given: dict[str, Any] = {"R": R, "S": S, "v": v, "omega": omega, "a": a, "alpha": alpha}
         given = {name: lazy_data(value) for name, value in given.items()}
-        if not holds_dask(given) and library_of(given) is None:
+        if S is not None and not holds_dask(given) and library_of(given) is None:
             given["S"] = vectors("S", S, 3, 3)
             check_rotation("S", given["S"])
         _fill(self, given)

@@ -251,7 +251,7 @@ def _motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
     """Return all arrays of two motions, by the names of inputs."""
     motions: dict[str, NDArray[Any]] = {}
     for argument, body in (("body1", body1), ("body2", body2)):
-        motion_arrays(argument, body)
+        motion_arrays(argument, body, "S")
         letters = (letter for letter in ("R", "S", "v", "omega", "a", "alpha") if getattr(body, letter) is not None)
         motions |= motion_arrays(argument, body, *letters)
     return motions

@@ -1,0 +1,231 @@
+"""A body 2 of which only a point is known, and clusters of markers that become bodies."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.recorded import HOME, N1, U1, U2, recording, turns
+
+
+def bodies(made) -> tuple[hp.BodyMotion, hp.BodyMotion]:
+    return hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2)
+
+
+def true_circle(gauge: str) -> np.ndarray:
+    """u1 of the circle on which body 2's reference point runs, its axis N1."""
+    lever = HOME @ U2
+    centre = U1 - (lever @ N1) * N1
+    return centre - (centre @ N1) * N1 if gauge == "closest_to_R1" else centre
+
+
+@pytest.mark.parametrize("gauge", ["closest_to_R1", "closest_to_R2"])
+def test_a_point_runs_along_a_circle_about_the_hinge(gauge: str) -> None:
+    made = recording(200)
+    body1, point = bodies(made)
+    found = hp.fit(body1, point, gauge=gauge)
+    assert found.ok
+    assert found.findings == ()
+    assert abs(found.pair.n @ N1) == pytest.approx(1, abs=1e-13)
+    assert np.abs(found.pair.u1 - true_circle(gauge)).max() < 1e-12
+    radius = np.linalg.norm(HOME @ U2 - (HOME @ U2 @ N1) * N1)
+    assert np.linalg.norm(found.pair.u2 - (found.pair.u2 @ found.pair.n) * found.pair.n) == pytest.approx(radius)
+    state = found.pair.forward_kinematics_from_body1(body1, found.psi)
+    assert np.abs(state.R2 - made.R2).max() < 1e-12
+    sign = np.sign(found.pair.n @ N1)
+    assert np.ptp(found.psi - sign * made.psi) < 1e-12
+    assert np.isnan(found.rms_angle)
+    assert "body 2 is a point" in str(found)
+    assert json.loads(found.to_json())["rms_angle"] is None
+    assert [axes.get_ylabel() for axes in found.plot().axes] == ["psi [deg]", "gap [mm]"]
+
+
+def test_errors_of_a_point_are_within_the_covariance() -> None:
+    inside = np.zeros(6)
+    for seed in range(40):
+        found = hp.fit(*bodies(recording(200, 1e-3, seed=seed)))
+        n = np.sign(found.pair.n @ N1) * N1
+        off = np.concatenate((found.pair.u1 - true_circle(found.gauge), found.pair.n - n))
+        inside += np.abs(off) < 1.96 * np.concatenate((found.std["u1"], found.std["n"]))
+        assert found.noise_position == pytest.approx(np.sqrt(2) * 1e-3, rel=0.15)
+    assert (inside / 40).min() > 0.8
+    assert (inside / 40).mean() > 0.9
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize(
+    ("turn", "loss", "outliers"), [(1.0, "linear", 0.0), (0.4, "linear", 0.0), (1.0, "cauchy", 0.2)]
+)
+def test_errors_of_a_point_are_within_the_intervals_in_hundreds_of_runs(
+    turn: float, loss: str, outliers: float
+) -> None:
+    inside = np.zeros(6)
+    for seed in range(400):
+        found = hp.fit(*bodies(recording(400, 1e-3, seed=seed, turn=turn, outliers=outliers)), loss=loss)
+        n = np.sign(found.pair.n @ N1) * N1
+        off = np.concatenate((found.pair.u1 - true_circle(found.gauge), found.pair.n - n))
+        inside += np.abs(off) < 1.96 * np.concatenate((found.std["u1"], found.std["n"]))
+    assert (inside / 400).min() >= 0.9
+    assert (inside / 400).max() <= 0.99
+
+
+def test_outliers_and_missing_samples_of_a_point() -> None:
+    made = recording(600, 1e-3, outliers=0.2)
+    body1, point = bodies(made)
+    R2 = point.R.copy()
+    R2[100:110] = np.nan
+    found = hp.fit(body1, hp.BodyMotion(R=R2), loss="cauchy")
+    assert found.ok
+    assert "% of the samples are outliers; they count little." in found.findings[0]
+    assert found.samples == 590
+    assert np.isnan(found.psi[100:110]).all()
+    assert np.abs(found.pair.u1 - true_circle(found.gauge)).max() < 3e-3
+    assert not hp.fit(body1, point).ok
+
+
+SLOW = np.sin(1.3 * recording(600).t)
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ({"turn": 0.05}, "The path of the point is straight within its noise"),
+        ({"slip": 0.1 * SLOW[:, None] * N1}, "The point leaves the plane of the circle by"),
+        ({"slip": 0.1 * SLOW[:, None] * np.array((0.0, 0.24, 0.97))}, "not at random"),
+    ],
+    ids=["little turning", "sliding", "two hinges"],
+)
+def test_what_is_no_circle_is_said(kind: dict[str, object], words: str) -> None:
+    found = hp.fit(*bodies(recording(600, 1e-3, **kind)))
+    assert not found.ok
+    assert words in " ".join(found.findings)
+
+
+def test_points_that_show_nothing_are_refused() -> None:
+    made = recording(50)
+    body1 = hp.BodyMotion(R=np.zeros(3), S=np.eye(3))
+    for path in (np.zeros((50, 3)), np.outer(made.t, (1, 2, 3))):
+        with pytest.raises(hp.FitError, match="a point that moves along an arc"):
+            hp.fit(body1, hp.BodyMotion(R=path))
+    with pytest.raises(hp.FitError, match="at least four samples"):
+        hp.fit(*bodies(recording(3)))
+    with pytest.raises(hp.ArgumentError, match="encoder: expected none beside a body 2 without attitudes"):
+        hp.fit(*bodies(made), encoder=made.psi)
+
+
+def test_what_needs_an_attitude_refuses_a_point() -> None:
+    point, one = hp.BodyMotion(R=np.zeros((20, 3))), hp.BodyMotion(R=np.zeros(3))
+    body = hp.BodyMotion(R=np.zeros((20, 3)), S=np.eye(3))
+    pair, psi, t = hp.HingePair(u1=U1, u2=U2, n=N1), np.zeros(20), np.arange(20) / 10
+    assert repr(point) == "BodyMotion(shape=(20,), R)"
+    for call in (
+        lambda: hp.fit(point, body),
+        lambda: pair.residuals(body, point),
+        lambda: pair.forward_kinematics_from_body1(point, psi),
+        lambda: pair.jacobian(point, psi),
+        lambda: hp.simulate(pair, t, one, 0.0, 0.0),
+        lambda: hp.smooth(t, point),
+    ):
+        with pytest.raises(hp.ArgumentError, match=r"body[12]?\.S: expected"):
+            call()
+    with pytest.raises(hp.ArgumentError, match="body1"):
+        hp.to_mjcf(pair, body1=one)
+    assert hp.resample(t, point, t[1:]).S is None
+
+
+CLUSTER = np.array([(0.1, 0.0, 0.0), (-0.08, 0.05, 0.01), (0.0, -0.06, 0.0), (0.0, 0.02, 0.09), (0.05, 0.05, -0.04)])
+
+
+def seen(made, noise: float, seed: int = 0) -> np.ndarray:
+    places = made.R1[:, None] + np.einsum("nij,mj->nmi", made.S1, CLUSTER)
+    return places + noise * np.random.default_rng(seed).standard_normal(places.shape)
+
+
+def test_markers_become_poses() -> None:
+    made = recording(300)
+    found = hp.fit_cluster(seen(made, 0.0), CLUSTER)
+    assert found.ok
+    assert np.abs(found.body.R - made.R1).max() < 1e-14
+    assert np.abs(found.body.S - made.S1).max() < 1e-13
+    noisy = hp.fit_cluster(seen(made, 1e-3), CLUSTER)
+    assert noisy.noise == pytest.approx(1e-3, rel=0.05)
+    assert np.sqrt(np.mean((noisy.body.R - made.R1) ** 2)) < 1e-3
+
+
+def test_a_cluster_is_found_with_its_poses() -> None:
+    made = recording(300)
+    found = hp.fit_cluster(seen(made, 1e-3))
+    assert found.ok
+    assert found.noise == pytest.approx(1e-3, rel=0.05)
+    apart = [np.linalg.norm(each[:, None] - each, axis=-1) for each in (found.reference, CLUSTER)]
+    assert np.abs(apart[0] - apart[1]).max() < 4e-4
+    turn = np.swapaxes(made.S1, -1, -2) @ found.body.S
+    assert np.abs(hp.rotation_log(np.swapaxes(turn[:1], -1, -2) @ turn)).max() < 0.06
+    assert np.abs(found.body.S[0] - np.eye(3)).max() < 0.02
+    assert np.abs(found.reference.mean(axis=0)).max() < 1e-15
+
+
+def test_a_mirrored_cluster_is_no_rotation() -> None:
+    flat = CLUSTER * (1, 1, 2e-3)
+    made = recording(100)
+    places = np.einsum("nij,mj->nmi", made.S1, flat) + 1e-3 * np.random.default_rng(0).standard_normal((100, 5, 3))
+    found = hp.fit_cluster(places, flat)
+    assert (np.linalg.det(found.body.S) > 0.999).all()
+
+
+def test_missing_markers_leave_the_others() -> None:
+    made = recording(300)
+    places = seen(made, 1e-3)
+    places[np.random.default_rng(1).random((300, 5)) < 0.2] = np.nan
+    places[7, :3] = np.nan
+    found = hp.fit_cluster(places, CLUSTER)
+    few = np.isfinite(places).all(axis=-1).sum(axis=1) < 3
+    assert few[7]
+    assert (np.isnan(found.body.R).any(axis=1) == few).all()
+    assert np.sqrt(np.mean((found.body.R - made.R1)[~few] ** 2)) < 1.5e-3
+    assert np.isnan(found.residuals[7, 0])
+    whole = hp.fit_cluster(places)
+    assert whole.ok
+    assert whole.noise == pytest.approx(1e-3, rel=0.08)
+
+
+@pytest.mark.parametrize("marker", range(5))
+def test_the_marker_that_moved_is_named(marker: int) -> None:
+    made = recording(300)
+    places = seen(made, 3e-4)
+    places[150:, marker] += np.einsum("nij,j->ni", made.S1[150:], (0.01, -0.012, 0.008))
+    found = hp.fit_cluster(places)
+    assert not found.ok
+    assert found.findings[0].startswith(f"Marker {marker} moved against the others")
+
+
+def test_poses_of_markers_give_the_hinge() -> None:
+    made = recording(400)
+    first = hp.fit_cluster(seen(made, 3e-4), CLUSTER)
+    second = hp.fit_cluster(seen(made._replace(R1=made.R2, S1=made.S2), 3e-4, 1), CLUSTER)
+    found = hp.fit(first.body, second.body, t=made.t)
+    assert found.ok
+    n = np.sign(found.pair.n @ N1) * N1
+    assert (np.abs(found.pair.n - n) < 4 * found.std["n"]).all()
+    assert found.std["n"].max() < 1e-3
+
+
+def test_clusters_that_cannot_be_used_are_named() -> None:
+    made = recording(20)
+    for places, words in (
+        (np.zeros((5, 2, 3)), "markers: expected shape"),
+        (np.full((5, 4, 3), np.nan), "samples with three markers"),
+        (np.outer(np.arange(4.0), (1, 2, 3)) + np.zeros((5, 1, 1)), "markers that are not on a line"),
+    ):
+        with pytest.raises(hp.HingePairError, match=words):
+            hp.fit_cluster(places)
+    with pytest.raises(hp.ArgumentError, match="reference"):
+        hp.fit_cluster(seen(made, 0.0), CLUSTER[:4])
+
+
+def test_turns_are_written_out_here() -> None:
+    """The oracle of this file is the one of the other recordings."""
+    assert np.abs(turns(np.pi / 2 * np.array((0.0, 0.0, 1.0))) @ (1, 0, 0) - (0, 1, 0)).max() < 1e-15
