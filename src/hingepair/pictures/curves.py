@@ -1,4 +1,4 @@
-"""What figures are made of: curves through all samples or through their extremes, paths in space.
+"""Parts of figures: curves through all samples or through their extremes, paths in space.
 
 Curves are drawn through all samples. Where these are many more than a picture has columns of pixels, a curve goes
 through the first, the last, the smallest and the largest sample of each short interval, which looks the same: an

@@ -57,7 +57,7 @@ Instants: TypeAlias = Uniform | Float64Array
 
 
 class Sampled(Shown, abc.ABC):
-    """What is computed at instants: a scene of a pair or of a mechanism."""
+    """Base of scenes of pairs and of mechanisms: their instants, evenly spread samples of them, and units."""
 
     __slots__ = ()
 

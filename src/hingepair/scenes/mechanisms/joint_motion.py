@@ -123,12 +123,12 @@ class JointFunctions:
     def part(self, rows: Rows, order: int) -> Derivatives:
         """Compute the coordinates at some of the instants, with derivatives up to an order."""
         moved = self.functions.derivatives(self.t[rows], order) if self.functions.names else ((),) * (order + 1)
-        found = []
+        derivatives = []
         for k, values in enumerate(moved):
             rest = self.rests if k == 0 else dict.fromkeys(self.rests, 0.0)
             known = {**rest, **dict(zip(self.functions.names, values, strict=True))}
-            found.append(tuple(known[name] for name in self.names))
-        return tuple(found)
+            derivatives.append(tuple(known[name] for name in self.names))
+        return tuple(derivatives)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -318,10 +318,10 @@ def _read_log(table: Table, folder: Path, robot: Mechanism, base: BaseMotion | N
     if not parts:
         log.refuse(robot.names[0] if robot.names else "t", "a column for each joint that moves", "none of them")
     level = max(map(len, parts.values())) - 1
-    for joint, own in parts.items():
-        if len(own) <= level:
+    for joint, columns in parts.items():
+        if len(columns) <= level:
             wanted = "a column, beside rates of other joints (or differentiate = true)"
-            log.refuse(joint + RATES[len(own)], wanted, "no such column")
+            log.refuse(joint + RATES[len(columns)], wanted, "no such column")
     derived = tuple(joint for joint in parts if {joint + RATES[1], joint + RATES[2]} & {*log.derived})
     rests = _rests(robot)
     rows = tuple(
@@ -338,7 +338,7 @@ def _layout(robot: Mechanism) -> Layout:
     """Return what the columns of a log of a robot may be."""
     names = robot.names
     arrays = {f"q{ending}": tuple(name + ending for name in names) for ending in RATES}
-    columns = tuple(dict.fromkeys(("t", *(column for own in arrays.values() for column in own))))
+    columns = tuple(dict.fromkeys(("t", *(column for group in arrays.values() for column in group))))
     angles = frozenset(joint.name for joint in robot.tree.coordinates if joint.kind == "hinge")
     written = "run --outputs q,qd,qdd --out FILE writes what is read here"
     results = frozenset({"R", "S", "d", "v", "omega", "a", "alpha", "tau", "force1", "torque1"})

@@ -88,17 +88,17 @@ def _from_model(table: Table, folder: Path, base: str) -> Mechanism:
 def _from_joints(tables: Table, table: Table, base: str) -> Mechanism:
     """Return the tree of the joints of [[joint]] tables, which may stand in any order."""
     given = tables.values["joint"]
-    if not isinstance(given, list) or not given or not all(isinstance(own, dict) for own in given):
+    if not isinstance(given, list) or not given or not all(isinstance(values, dict) for values in given):
         tables.fail("joint", "tables [[joint]], one for each joint")
     joints: dict[str, Table] = {}
-    for i, own in enumerate(given):
-        numbered = replace(tables, name=f"joint[{i}]", values=own)
+    for i, values in enumerate(given):
+        numbered = replace(tables, name=f"joint[{i}]", values=values)
         numbered.check_keys(JOINT_KEYS)
         name = numbered.text("name")
         if name in joints:
-            numbered.refuse("name", "a name of its own for each joint", f"{name!r} twice")
+            numbered.refuse("name", "another name for each joint", f"{name!r} twice")
         joints[name] = replace(numbered, name=f"joint.{name}")
-    carriers = {name: _carrier(own, joints) for name, own in joints.items()}
+    carriers = {name: _carrier(joint, joints) for name, joint in joints.items()}
     order = _depth_first(joints, carriers)
     pairs = [_pair(name, joints[name]) for name in order]
     above = [0 if carriers[name] is None else 1 + order.index(str(carriers[name])) for name in order]
@@ -135,8 +135,10 @@ def _depth_first(joints: Mapping[str, Table], carriers: Mapping[str, str | None]
 
 def _pair(name: str, table: Table) -> HingePair | Slider:
     kind: Any = KINDS[table.choice("kind", tuple(KINDS))]
-    own = replace(table, values={key: value for key, value in table.values.items() if key not in {"parent", "kind"}})
-    pair: HingePair | Slider = made(table, kind, {**own.read(PAIR_KEYS, ("u1", "u2", "n")), "name": name})
+    described = replace(
+        table, values={key: value for key, value in table.values.items() if key not in {"parent", "kind"}}
+    )
+    pair: HingePair | Slider = made(table, kind, {**described.read(PAIR_KEYS, ("u1", "u2", "n")), "name": name})
     return pair
 
 
@@ -144,11 +146,11 @@ def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
     """Return the mechanism with the frames of [mechanism.frames], which may build on each other in their order."""
     frames = table.table("frames", required=False)
     for name in frames.values:
-        own = frames.table(name)
-        values: dict[str, Any] = own.read(_FRAME, ("link",))
+        frame = frames.table(name)
+        values: dict[str, Any] = frame.read(_FRAME, ("link",))
         if robot.tree.frame(name) is not None:
             frames.refuse(name, "a name that no link, joint or frame has", quoted(name))
-        with own.naming():
+        with frame.naming():
             robot = robot.with_frame(name, values["link"], values.get("R", np.zeros(3)), values.get("S"))
     return robot
 
@@ -157,8 +159,8 @@ def with_payload(robot: Mechanism, table: Table) -> Mechanism:
     """Return the mechanism with the bodies of [mechanism.payload] fixed to its links, joints and frames."""
     payload = table.table("payload", required=False)
     for link in payload.values:
-        own = payload.table(link)
-        body = made(own, Body, own.read(BODY_KEYS, ("mass",)))
+        described = payload.table(link)
+        body = made(described, Body, described.read(BODY_KEYS, ("mass",)))
         with payload.naming(link=link):
             robot = robot.with_payload(link, body)
     return robot

@@ -119,20 +119,20 @@ class MechanismSceneResult(Frozen, Result):
         Names are R_tool, S_tool and so on; of q, qd and qdd each joint has an array of its own, named as in a log;
         of tau it is tau_ and the joint's name.
         """
-        found: dict[str, NDArray[Any]] = {}
+        arrays: dict[str, NDArray[Any]] = {}
         for quantity, frames, joints in self.outputs:
             for frame in frames:
-                found |= self._of_frame(quantity, frame)
+                arrays |= self._of_frame(quantity, frame)
             columns = {name: i for i, name in enumerate(self.scene.mechanism.names)} if joints else {}
             for joint in joints:
                 if quantity == "tau":
-                    found[f"tau_{joint}"] = np.asarray(self.tau)[:, columns[joint]]
+                    arrays[f"tau_{joint}"] = np.asarray(self.tau)[:, columns[joint]]
                 else:
                     order = _COORDINATES.index(quantity)
-                    found[joint + RATES[order]] = self.known.column(order, columns[joint])
+                    arrays[joint + RATES[order]] = self.known.column(order, columns[joint])
             if quantity in _BASE_LEVELS:
-                found[quantity] = getattr(self, quantity)
-        return found
+                arrays[quantity] = getattr(self, quantity)
+        return arrays
 
     def recorded(self) -> dict[str, NDArray[Any]]:
         """Return what was asked for and the coordinates of all joints, by name; shape (samples, ...)."""
@@ -169,7 +169,7 @@ class MechanismSceneResult(Frozen, Result):
             return {}
         if quantity == "quat":
             w, x, y, z = matrix_to_quaternion(np.asarray(self.state[frame].S, dtype=np.float64)).T
-            return {f"quat_{frame}_{letter}": own for letter, own in zip("xyzw", (x, y, z, w), strict=True)}
+            return {f"quat_{frame}_{letter}": column for letter, column in zip("xyzw", (x, y, z, w), strict=True)}
         return {f"{quantity}_{frame}": np.asarray(getattr(self.state[frame], quantity))}
 
     def __getitem__(self, frame: str) -> FrameState:
@@ -180,8 +180,8 @@ class MechanismSceneResult(Frozen, Result):
         """
         if self.state is None:
             raise ArgumentError("frame", "no frame, since no output is of one", quoted(frame))
-        found: FrameState = self.state[frame]
-        return found
+        state: FrameState = self.state[frame]
+        return state
 
     def __getattr__(self, name: str) -> Any:
         if name in _COORDINATES:
@@ -374,13 +374,15 @@ class MechanismScene(Sampled):
         frames, of_frames, acting = _needed(chosen)
         counted = {}
         if frames:
-            own = known.arguments()[: 1 + max(_FRAME_LEVELS[name] for name in of_frames)]
+            arguments = known.arguments()[: 1 + max(_FRAME_LEVELS[name] for name in of_frames)]
             how: dict[str, Any] = {"outputs": of_frames, "frames": frames, "base_motion": known.base}
-            counted[f"{', '.join(of_frames)} of {', '.join(frames)}"] = self.mechanism.count_operations(*own, **how)
+            counted[f"{', '.join(of_frames)} of {', '.join(frames)}"] = self.mechanism.count_operations(
+                *arguments, **how
+            )
         if acting:
-            own = known.arguments()
+            arguments = known.arguments()
             how = {"outputs": acting, "base_motion": known.base}
-            counted[", ".join(acting)] = self.mechanism.count_operations(*own, **how)
+            counted[", ".join(acting)] = self.mechanism.count_operations(*arguments, **how)
         still = [name for i, name in enumerate(self.mechanism.names) if not np.ndim(known.derivatives[0][i])]
         return MechanismPlan(counted, tuple(still), order, self.joint_motion.level, known.base is None)
 
@@ -413,22 +415,22 @@ class MechanismScene(Sampled):
         quantity, _, frame = name.partition("_") if isinstance(name, str) else ("", "", "")
         level, robot = self.joint_motion.level, self.mechanism
         if name in _FRAME_LEVELS:
-            found = [Output(str(name), self.frames)]
+            asked = [Output(str(name), self.frames)]
         elif name in _LEVELS:
-            found = [Output(str(name), (), robot.names if name in _JOINT_LEVELS else ())]
+            asked = [Output(str(name), (), robot.names if name in _JOINT_LEVELS else ())]
         elif isinstance(name, str) and robot.tree.frame(name) is not None:
-            found = [Output(own, (name,)) for own in _OF_A_FRAME if _LEVELS[own] <= level]
+            asked = [Output(kind, (name,)) for kind in _OF_A_FRAME if _LEVELS[kind] <= level]
         elif quantity in _FRAME_LEVELS and robot.tree.frame(frame) is not None:
-            found = [Output(quantity, (frame,))]
+            asked = [Output(quantity, (frame,))]
         else:
             known = (*OUTPUTS, *robot.links, *robot.tree.frames)
             several = f"{choices(known)}, or both such as R_{self.frames[0]}" if self.frames else choices(known)
             raise ArgumentError("outputs", several + nearest(str(name), known), quoted(name))
-        for output in found:
+        for output in asked:
             if _LEVELS[output.quantity] > level:
-                kinds = choices([own for own in OUTPUTS if _LEVELS[own] <= level])
+                kinds = choices([kind for kind in OUTPUTS if _LEVELS[kind] <= level])
                 raise ArgumentError("outputs", kinds + self.joint_motion.hint, quoted(name))
-        yield from found
+        yield from asked
 
     def cross_validate(self, most: int | None = None) -> RobotValidation:
         """Compute the mechanism along the motion by the equations and by Pinocchio, and compare.
@@ -521,11 +523,11 @@ class MechanismPlan:
         skipped = skipped if self.still else []
         skipped += [f"{_ORDINALS[i]} derivatives of the coordinates: {reasons[i]}" for i in range(self.order, 2)]
         skipped += ["the motion of the base: it rests at the origin"] * self.base_rests
-        return "\n".join([*lines, *(["skipped:"] if skipped else []), *(f"  {own}" for own in skipped)])
+        return "\n".join([*lines, *(["skipped:"] if skipped else []), *(f"  {reason}" for reason in skipped)])
 
 
 class MechanismNotes:
-    """What a reader of the results should know, gathered from the pieces of a motion."""
+    """Notes for a reader of the results, gathered from the pieces of a motion: limits, kinks, doubtful units."""
 
     def __init__(self, scene: MechanismScene) -> None:
         self._scene = scene
@@ -536,9 +538,9 @@ class MechanismNotes:
             limits = [joint.position_limits]
             if scene.joint_motion.level and np.isfinite(joint.rate_limit):
                 limits.append((-joint.rate_limit, joint.rate_limit))
-            for order, own in enumerate(limits):
+            for order, pair in enumerate(limits):
                 unit = scene.unit(joint.name + RATES[order])
-                self._watches.append((order, i, LimitWatch(joint.name + "'" * order, own, unit)))
+                self._watches.append((order, i, LimitWatch(joint.name + "'" * order, pair, unit)))
 
     def add(self, part: MechanismSceneResult) -> None:
         """Look at one piece."""
@@ -549,16 +551,16 @@ class MechanismNotes:
     def sentences(self) -> tuple[str, ...]:
         """Return the notes."""
         joints, samples = self._scene.mechanism.tree.coordinates, self._scene.samples
-        found: list[str] = []
+        sentences: list[str] = []
         for order, i, watch in self._watches:
             joint = joints[i]
             if order == 0 and joint.kind == "hinge":
                 limits = tuple(limit for limit in joint.position_limits if np.isfinite(limit))
-                found += degree_suspicions(f"limits of {joint.name}", limits)
-                found += degree_suspicions(joint.name, (watch.most,) * (watch.least == watch.most))
+                sentences += degree_suspicions(f"limits of {joint.name}", limits)
+                sentences += degree_suspicions(joint.name, (watch.most,) * (watch.least == watch.most))
         for _, _, watch in self._watches:
-            found += watch.sentences(samples)
-        return (*found, *kink_sentences(self._kinks), *self._scene.joint_motion.notes)
+            sentences += watch.sentences(samples)
+        return (*sentences, *kink_sentences(self._kinks), *self._scene.joint_motion.notes)
 
 
 def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> MechanismScene:
@@ -576,14 +578,14 @@ def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> 
     folder, outputs = path.parent, tables.table("outputs", required=False)
     robot = read_mechanism(tables, folder)
     motion = read_joint_motion(tables, folder, robot)
-    own = tuple(tables.table("mechanism", required=False).table("frames", required=False).values)
+    frames = tuple(tables.table("mechanism", required=False).table("frames", required=False).values)
     scene = MechanismScene(
         path,
         tables.text("title", default=robot.name),
         robot,
         motion,
         read_gravity(tables) or GRAVITY,
-        own or robot.tips,
+        frames or robot.tips,
         None,
         {key: float(value) for key, value in tables.constants.items()},
         files,
