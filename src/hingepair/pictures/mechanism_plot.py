@@ -35,6 +35,8 @@ _LIMIT_REACH: Final = 0.6
 _PANEL_SIZE: Final = (3.5, 1.5)
 _PATHS_WIDTH: Final = 5.0
 """Width and height of a panel, and width of the paths [inch]."""
+_PATHS_ROWS: Final = 6
+"""Rows of panels beside which the paths stand, at most: the first ones."""
 _HEADROOM: Final = 0.3
 """Room above a curve for a limit that is written, in units of the curve's span."""
 
@@ -106,7 +108,9 @@ def _whole(
     if PATHS in curves:
         points = np.split(curves[PATHS].values, len(scene.frames), axis=1)
         colours = [_PATH_COLOURS[i % len(_PATH_COLOURS)] for i in range(len(points))]
-        draw_paths(figure, grid[:, columns], dict(zip(scene.frames, points, strict=True)), colours, zoom=0.75)
+        draw_paths(
+            figure, grid[:_PATHS_ROWS, columns], dict(zip(scene.frames, points, strict=True)), colours, zoom=0.75
+        )
     return figure
 
 
