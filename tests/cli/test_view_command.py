@@ -55,4 +55,7 @@ def test_a_scene_of_a_mechanism_is_viewed(tmp_path: Path) -> None:
         "[time]\nstart = 0\nstop = 1\nsamples = 11\n"
     )
     assert "(11 instants;" in view(scene, "-o", tmp_path / "wave.html")
+    still = tmp_path / "still.toml"
+    still.write_text("[mechanism]\nrobot = 'panda'\nlocked = { panda_finger_joint1 = 0.02 }\n")
+    assert "(7 joints;" in view(still, "-o", tmp_path / "still.html")
     assert (tmp_path / "wave.html").read_text() == hp.view(hp.load_scene(scene)).html

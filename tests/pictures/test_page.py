@@ -263,6 +263,8 @@ def test_a_motion_of_a_robot_is_played_at_its_instants():
     assert (rows[0], rows[-1]) == (0, 5000)
     np.testing.assert_array_equal(content["q"], q[rows])
     np.testing.assert_array_equal(content_of(hp.view(robot, q=q[:4]))["t"], np.arange(4) / 30)
+    table = pytest.importorskip("pandas").DataFrame(q[:4, ::-1], columns=robot.names[::-1])
+    np.testing.assert_array_equal(content_of(hp.view(robot, q=table))["q"], q[:4])
 
 
 REFUSED = {
@@ -271,6 +273,8 @@ REFUSED = {
     "no instant": ({"q": np.zeros((0, 7))}, r"^q: expected shape \(T, 7\) with T from 1 on"),
     "other instants": ({"q": np.zeros((3, 7)), "t": [0, 1]}, r"^t: expected shape \(3,\), as many instants as q has"),
     "backwards": ({"q": np.zeros((3, 7)), "t": [0, 2, 1]}, "^t: expected finite instants that do not decrease"),
+    "text": ({"q": "sin(t)"}, "^q: expected"),
+    "complex": ({"q": np.zeros((3, 7), complex)}, "^q: expected"),
     "not finite": ({"q": np.zeros((3, 7)), "t": [0, 1, np.nan]}, "^t: expected finite instants"),
     "instants alone": ({"t": [0, 1]}, r"^t: expected shape \(0,\)"),
     "q as a path": (

@@ -69,9 +69,11 @@ def named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair
 
 
 def named_robot(source: str) -> Mechanism | None:
-    """Return the robot of a URDF file or of example-robot-data; None of anything else, such as a scene file."""
+    """Return the robot of a URDF file, of example-robot-data, or of a scene file without a motion; else None."""
     if is_urdf(source):
         return Mechanism.from_urdf(source)
+    if os.path.isfile(source) and "motion" not in read_tables(source).values:
+        return load_mechanism(source)
     with contextlib.suppress(MissingDependencyError):
         if not os.path.exists(source) and source in robot_names():
             return load_robot(source)

@@ -22,7 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, MissingDependencyError, ShapeError, quoted
+from hingepair.mechanism.arguments import coordinate_columns
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.numeric.arrays import is_table, real_array
 from hingepair.numeric.tables import unit_of
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pictures.frames import MAX_FRAMES, Array, Source, spread_frames, spread_rows
@@ -50,7 +52,7 @@ def view(
         source: a robot; a scene or its result; a trajectory of `integrate` or `simulate`; or a pair, which then turns
             through its limits (a whole turn where it has none).
         path: a file to write the page to, ending in .html; none unless given.
-        q: motion of a robot [rad or m]; shape (T, dof), in the order of `robot.names`.
+        q: motion of a robot [rad or m]; shape (T, dof), in the order of `robot.names`, or a table with these columns.
         t: instants of q [s]; shape (T,), not decreasing; 30 in a second unless given.
 
     Returns:
@@ -176,10 +178,12 @@ def _robot_page(scene: MechanismScene) -> tuple[Model, _Motion]:
 
 def _robot_motion(robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None) -> _Motion:
     """Return the motion of a robot whose base stands at the origin, at MAX_FRAMES instants at most."""
-    positions = np.zeros((0, robot.dof)) if q is None else np.asarray(q, dtype=np.float64)
+    if is_table(q):
+        q = np.stack(tuple(coordinate_columns("q", q, robot.names).values()), axis=-1)
+    positions = np.zeros((0, robot.dof)) if q is None else real_array("q", q).astype(np.float64)
     if positions.ndim != 2 or positions.shape[1] != robot.dof or (q is not None and not len(positions)):
         raise ShapeError("q", f"shape (T, {robot.dof}) with T from 1 on", positions.shape)
-    instants = np.arange(len(positions)) / _RATE if t is None else np.asarray(t, dtype=np.float64)
+    instants = np.arange(len(positions)) / _RATE if t is None else real_array("t", t).astype(np.float64)
     if instants.shape != positions.shape[:1]:
         raise ShapeError("t", f"shape {positions.shape[:1]}, as many instants as q has", instants.shape)
     if not np.isfinite(instants).all() or (np.diff(instants) < 0).any():
