@@ -171,6 +171,7 @@ REFUSED = {
     "shapes": (lambda r, q: r.inverse_dynamics(q, q[:3], q), "qd: expected leading shape"),
     "gravity": (lambda r, q: r.gravity_forces(q, gravity=(1, 2)), r"gravity: expected shape \(3,\)"),
     "out": (lambda r, q: r.mass_matrix(q, out=np.empty(3)), r"out: expected shape \(4, 5, 7, 7\)"),
+    "out_array": (lambda r, q: r.inverse_dynamics(q, q, q, out=q), "out: expected a dict of arrays by output name"),
     "out_name": (lambda r, q: r.forward_kinematics(q, out={"x": q}), "out: expected arrays for nothing but"),
     "out_over_input": (lambda r, q: r.inverse_dynamics(q, q, q, outputs=("tau",), out={"tau": q}), "memory of its"),
     "about": (lambda r, q: r.momentum(q, q, about="hand"), "about: expected one of origin, centre"),
@@ -222,6 +223,58 @@ def test_prepared_calls_give_what_the_methods_give(robot, motion):
         np.testing.assert_array_equal(step(*given, out=out), out)
         np.testing.assert_array_equal(out, step(*given))
         assert step(*given).flags.writeable
+
+
+def test_a_prepared_call_takes_tables_and_values_by_joint(robot, motion):
+    pandas = pytest.importorskip("pandas")
+    q, qd = motion[:2, 0]
+    step = robot.prepare("velocity", backend="numpy")
+    expected = step(q, qd).arrays()
+    table = pandas.DataFrame(q, columns=robot.names)[list(robot.names[::-1])]
+    by_joint = {name: qd[:, k] for k, name in enumerate(robot.names)}
+    check_same(step(table, by_joint).arrays(), expected)
+    check_same(
+        step(dict(zip(robot.names, q[0], strict=True)), qd[0]).arrays(), {k: v[0] for k, v in expected.items()}
+    )
+    with pytest.raises(hp.ArgumentError, match="q: expected the columns panda_joint1"):
+        step(table.iloc[:, 1:], qd)
+    with pytest.raises(hp.ArgumentError, match=r"qd\['panda_joint2'\]: expected a number"):
+        step(q, {"panda_joint1": 0.0})
+
+
+def test_a_prepared_call_says_what_is_left_to_compute(robot):
+    step = robot.prepare("inverse_dynamics", outputs=("tau",), backend="numpy")
+    each, _, full = step.operations
+    assert str(step).startswith(f"tau from q, qd, qdd: {each} operations for each sample")
+    assert str(step).endswith(f"of {full} where nothing is known")
+
+
+def test_a_free_base_needs_no_acceleration_where_it_is_not_computed_with():
+    """Its velocities are enough for accelerations, biases and the bias of the centre of mass."""
+    robot = hp.load_robot("solo12", base="free")
+    q, rng = np.full(12, 0.3), np.random.default_rng(11)
+    v, omega, S = rng.normal(size=3), rng.normal(size=3), hp.rotation_exp(rng.normal(size=3))
+    moving = hp.BodyMotion(R=np.zeros(3), S=S, v=v, omega=omega)
+    told = hp.BodyMotion(R=np.zeros(3), S=S, v=v, omega=omega, a=np.full(3, np.nan), alpha=np.full(3, np.nan))
+    tip = robot.tips[0]
+    for base in (moving, told):
+        moves = robot.forward_dynamics(q, q, q, base_motion=base)
+        forces = robot.inverse_dynamics(
+            q,
+            q,
+            moves.qdd,
+            base_motion=hp.BodyMotion(R=(0, 0, 0), S=S, v=v, omega=omega, a=moves.a1, alpha=moves.alpha1),
+        )
+        np.testing.assert_allclose(forces.tau, q, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(forces.force1, 0.0, atol=1e-10)
+        biases = (
+            robot.bias_forces(q, q, base_motion=base),
+            robot.acceleration_bias(q, q, tip, base_motion=base),
+            robot.centre_of_mass_bias(q, q, base_motion=base),
+        )
+        assert all(np.isfinite(bias).all() for bias in biases)
+    with pytest.raises(hp.ArgumentError, match=r"base_motion\.a: expected a value"):
+        robot.inverse_dynamics(q, q, q, base_motion=moving)
 
 
 def test_a_prepared_call_takes_the_motion_of_the_base(robot, motion):

@@ -70,11 +70,11 @@ def read_values(
     base = _base_arrays(base_motion, needed)
     loads = {label: value for value, label in vectors_given.values() if is_foreign(value)}
     motion = {f"base_motion.{LETTERS[name]}": value for name, value in base.items()}
-    library = _library({**coordinates, **motion, **loads})
+    library = library_among({**coordinates, **motion, **loads})
     parts: dict[str, Any] = {}
     shapes: dict[str, tuple[int, ...]] = {}
     for name, value in coordinates.items():
-        parts[name], shapes[name] = _read_coordinates(name, value, names, library)
+        parts[name], shapes[name] = read_coordinates(name, value, names, library)
     if base_motion is not None:
         parts |= base
         shapes["base_motion"] = base_motion.shape
@@ -83,8 +83,12 @@ def read_values(
     return Values(parts, shapes, library)
 
 
-def _library(given: Mapping[str, Any]) -> Library | None:
-    """Return the library that arguments are arrays of; values by joint are looked into."""
+def library_among(given: Mapping[str, Any]) -> Library | None:
+    """Return the library that arguments are arrays of, None of NumPy's; values by joint are looked into.
+
+    Raises:
+        ArgumentError: they are arrays of two libraries; names one of them.
+    """
     leaves: dict[str, Any] = {}
     for name, value in given.items():
         if isinstance(value, Mapping):
@@ -96,10 +100,20 @@ def _library(given: Mapping[str, Any]) -> Library | None:
     return library_of(leaves)
 
 
-def _read_coordinates(
+def read_coordinates(
     name: str, value: Any, names: tuple[str, ...], library: Library | None
 ) -> tuple[Any, tuple[int, ...]]:
-    """Return coordinates as programs take them, and the shape of their samples."""
+    """Return coordinates as programs take them, and the shape of their samples.
+
+    Args:
+        name: of the argument: q, qd, qdd or tau.
+        value: one array, a table, or values by the joint's name.
+        names: of the joints with a coordinate, in order.
+        library: of which foreign arrays are.
+
+    Raises:
+        ArgumentError: the value cannot be used; names the argument, and the joint.
+    """
     if is_table(value):
         columns = coordinate_columns(name, value, names)
         value = dict(zip(names, columns.values(), strict=True))

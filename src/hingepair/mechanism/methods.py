@@ -573,7 +573,8 @@ class MechanismMethods(Shown):
 
         Returns:
             A callable of the arrays in the order of `given`, and `out=`, that returns what the method returns.
-            `.source` is the generated Python code, `.llvm` the LLVM code, `.operations` how much is computed.
+            `.source` is the generated Python code, `.llvm` the LLVM code, `.operations` how much is computed, which
+            printing it says in words.
 
         Raises:
             ArgumentError: an unknown name, or an output that needs more than is given; names it.
@@ -598,7 +599,8 @@ class MechanismMethods(Shown):
             self.prepare, names, frames=tuple(chosen) or None, outputs=wanted, gravity=gravity, workers=workers,
             backend=backend,
         )  # fmt: skip
-        return PreparedMechanism(problem, names, _gravity(gravity), choose(backend, workers), remade)
+        joints = self._constants.names
+        return PreparedMechanism(problem, joints, names, _gravity(gravity), choose(backend, workers), remade)
 
     def count_operations(
         self,
@@ -887,7 +889,7 @@ def _names(
 ) -> tuple[str, ...]:
     """Return the outputs to compute: those that are named, else the defaults and those that `out` has arrays for."""
     if outputs is None:
-        more = tuple(name for name in (out or ()) if isinstance(out, Mapping) and name in known)
+        more = tuple(name for name in out if name in known) if isinstance(out, Mapping) else ()
         return tuple(dict.fromkeys((*(known if default is None else default), *more)))
     try:
         names = () if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))

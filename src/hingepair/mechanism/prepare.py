@@ -11,9 +11,16 @@ from hingepair.engine.backend import How
 from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import Operations
 from hingepair.errors import ArgumentError, choices, quoted
-from hingepair.mechanism.arguments import LETTERS, NO_LOADS, Values, read_out
+from hingepair.mechanism.arguments import (
+    LETTERS,
+    NO_LOADS,
+    Values,
+    library_among,
+    read_coordinates,
+    read_out,
+)
 from hingepair.mechanism.evaluate import Problem
-from hingepair.numeric.array_libraries import check_tail, library_of
+from hingepair.numeric.array_libraries import check_tail
 from hingepair.numeric.arrays import vectors
 
 KINDS: Final = {
@@ -33,7 +40,8 @@ KINDS: Final = {
 ARRAYS: Final = ("jacobian", "acceleration_bias", "mass_matrix", "bias_forces", "gravity_forces")
 """What is one array, as the method of that name returns it."""
 
-_NAMES: Final = ("q", "qd", "qdd", "tau", *LETTERS, *NO_LOADS)
+_COORDINATES: Final = ("q", "qd", "qdd", "tau")
+_NAMES: Final = (*_COORDINATES, *LETTERS, *NO_LOADS)
 
 
 class PreparedMechanism:
@@ -47,12 +55,14 @@ class PreparedMechanism:
     def __init__(
         self,
         problem: Problem,
+        joints: tuple[str, ...],
         given: tuple[str, ...],
         gravity: tuple[float, ...],
         how: How,
         remade: Callable[[], Any],
     ) -> None:
         self.given, self.outputs = given, problem.request.outputs
+        self._joints = joints
         self._problem, self._gravity, self._how, self._remade = problem, gravity, how, remade
         self._call: Call = problem.call(given, gravity, how.backend, checked=True)
         if how.backend == "auto":
@@ -60,6 +70,12 @@ class PreparedMechanism:
 
     def __repr__(self) -> str:
         return f"PreparedMechanism(given={self.given}, outputs={self.outputs})"
+
+    def __str__(self) -> str:
+        count = self.operations
+        once = f", {count.once} once for all samples" if count.once else ""
+        left = f"{count.each} operations for each sample{once}, of {count.full} where nothing is known"
+        return f"{', '.join(self.outputs)} from {', '.join(self.given)}: {left}"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _called, (self._remade,)
@@ -84,6 +100,7 @@ class PreparedMechanism:
 
         Args:
             *given: what it was prepared for, in that order; shape (..., dof), of the base (..., 3) or (..., 3, 3).
+                Coordinates may be tables or values by joint too, as in the methods, which takes longer.
             out: arrays by output name, written in place; of a call that returns one array, that array.
 
         Raises:
@@ -108,11 +125,14 @@ class PreparedMechanism:
             raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
         read_out(out, self.outputs)
         named = dict(zip(self.given, given, strict=True))
-        library = library_of(named)
+        library = library_among(named)
         parts, shapes, tails = {}, {}, self._call.given
         for name, value in named.items():
             if value is None:
                 raise ArgumentError(name, "a value, since this was prepared for it", None)
+            if name in _COORDINATES:
+                parts[name], shapes[name] = read_coordinates(name, value, self._joints, library)
+                continue
             if library is not None:
                 check_tail(name, value, *tails[name])
             parts[name] = value if library is not None else vectors(name, value, *tails[name])
@@ -140,6 +160,6 @@ def checked_given(given: str | Iterable[str], problem_inputs: Iterable[str] = ()
     if len({*names}) < len(names):
         raise ArgumentError("given", "each name once", quoted(names))
     for name in problem_inputs:
-        if name in ("q", "qd", "qdd", "tau") and name not in names:
+        if name in _COORDINATES and name not in names:
             raise ArgumentError("given", f"{name} too, since the outputs need it", ", ".join(names))
     return names

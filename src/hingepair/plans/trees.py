@@ -603,7 +603,12 @@ _INPUT_SHAPES: Final[Mapping[str, Tail]] = {
 @functools.lru_cache(maxsize=512)
 def inputs_of(form: Form, request: Request) -> dict[str, Tail]:
     """Return the inputs of a request with their shapes, the constants first."""
-    names = {name for output in request.outputs for name in OUTPUTS[output].inputs}
+    names = set()
+    for output in request.outputs:
+        own = OUTPUTS[output].inputs
+        # A free base accelerates as forces have it, unless the accelerations of the joints are given, too.
+        unknown = ("a1", "alpha1") if request.free and "qdd" not in own else ()
+        names |= {name for name in own if name not in unknown}
     tails: dict[str, Tail] = {"constants": (sum(known is None for known in (*form.known, *request.known)),)}
     for name in ("q", "qd", "qdd", "tau"):
         if name in names:
