@@ -68,6 +68,15 @@ def test_a_balance_is_printed_and_kept():
         assert float(lines[-1][-1]) < 1e-12
 
 
+def test_an_impact_at_the_first_instant_counts():
+    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
+    stop = hp.HingeLoad(stops=(-1, 1), stop_restitution=0.5)
+    found = hp.simulate(pair, np.linspace(0, 1, 5), STILL, 1.0, 2.0, base="fixed", hinge_torque=stop)
+    balance = found.energy_balance()
+    np.testing.assert_allclose(balance.work["impacts"], [0, -1.5, -1.5, -1.5, -1.5], rtol=1e-12)
+    np.testing.assert_allclose(balance.residual, 0, rtol=0, atol=1e-12)
+
+
 def test_a_plain_torque_is_a_row_of_its_own():
     pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
     found = hp.simulate(pair, [0, 1, 2], STILL, 0.0, 0.0, base="fixed", hinge_torque=3.0)

@@ -243,12 +243,13 @@ class Stepper:
 
     def _slopes(self, length: float) -> Array | None:
         """Compute the derivatives at the nodes of a step; None where the iteration does not settle."""
-        if self._stiff is None:
+        if self._stiffness(length) < _MIN_STIFFNESS:
+            self._stiff = None
             slopes = self._iterated(length, newton=False)
             if slopes is not None:
                 return slopes
         slopes = self._iterated(length, newton=True)
-        if self._stiff is not None and (slopes is None or self._stiffness(length) < _MIN_STIFFNESS):
+        if slopes is None:
             self._stiff = None
         return slopes
 

@@ -84,12 +84,19 @@ class BalanceOnDemand:
 
 
 def energy_balance(
-    motion: PairMotion, legs: Sequence[Leg], t: Array, space: HingePair, gravity: tuple[float, ...], course: Course
+    motion: PairMotion,
+    begin: Array,
+    legs: Sequence[Leg],
+    t: Array,
+    space: HingePair,
+    gravity: tuple[float, ...],
+    course: Course,
 ) -> EnergyBalance:
     """Compute the energy balance of a motion.
 
     Args:
         motion: the motion.
+        begin: its state at the first instant; shape (k,).
         legs: its steps.
         t: instants [s]; shape (N,).
         space: the pair, in space.
@@ -120,7 +127,7 @@ def energy_balance(
         for name in parts[0]:
             done = np.hstack([0.0, np.cumsum(np.concatenate([part[name] for part in parts]))])[at]
             work |= {name: done} if done.any() else {}
-        impacts = _impacts(motion, legs, t, pair, gravity)
+        impacts = _impacts(motion, begin, legs, t, pair, gravity)
         work |= {"impacts": impacts} if impacts.any() else {}
     kinetic, potential = (np.asarray(energy, np.float64) for energy in energies)
     return EnergyBalance(t, work, kinetic, potential)
@@ -163,13 +170,15 @@ def _powers(pair: HingePair, course: Course, gravity: tuple[float, ...], *, carr
     return powers
 
 
-def _impacts(motion: PairMotion, legs: Sequence[Leg], t: Array, pair: HingePair, gravity: tuple[float, ...]) -> Array:
+def _impacts(
+    motion: PairMotion, begin: Array, legs: Sequence[Leg], t: Array, pair: HingePair, gravity: tuple[float, ...]
+) -> Array:
     """Compute the kinetic energy [J] that impacts have given until some instants; shape (N,)."""
     work = np.zeros(len(t))
     column = motion.angle + 1
-    for before, after in itertools.pairwise(legs):
+    for before, after in itertools.pairwise((legs[0], *legs)):
         instant = after.piece.start
-        end = before.piece.at(np.array([instant]))[0]
+        end = begin if before is after else before.piece.at(np.array([instant]))[0]
         if abs(after.piece.state[column] - end[column]) <= _JUMP * (1 + abs(end[column])):
             continue
         states = np.stack([end, after.piece.state])

@@ -244,7 +244,7 @@ def simulate(
         raise ArgumentError("psi_0", expected, psi_0)
     how = choose(backend, 1)
 
-    def run(tolerance: float, looks: float, until: Until | None) -> tuple[PairMotion, list[Leg], Course]:
+    def run(tolerance: float, looks: float, until: Until | None) -> tuple[PairMotion, Array, list[Leg], Course]:
         motion = PairMotion(space, base, flat, start, loads, how, driven)
         begin, legs, ended = motion.state, list[Leg](), None
         if len(instants) > 1:
@@ -252,9 +252,9 @@ def simulate(
         read_at = instants
         if ended is not None:
             read_at = np.unique(np.hstack([instants[instants - instants[0] < ended], instants[0] + ended]))
-        return motion, legs, _read(motion, begin, legs, read_at)
+        return motion, begin, legs, _read(motion, begin, legs, read_at)
 
-    motion, legs, found = run(tolerance, _LOOKS[0], until)
+    motion, begin, legs, found = run(tolerance, _LOOKS[0], until)
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
     _warn_of_units(space, base, start, stops)
     if space.limits is not None:
@@ -274,7 +274,7 @@ def simulate(
         "_error": Later(lambda: _angle_between(found.quats, finer().quats)),
         "_psi_error": Later(lambda: float(np.abs(now.psi - finer().now.psi).max(initial=0.0))),
         "_balance": BalanceOnDemand(
-            lambda: energy_balance(motion, legs, found.t, space, loads.known["gravity"], found)
+            lambda: energy_balance(motion, begin, legs, found.t, space, loads.known["gravity"], found)
         ),
         "body1": moved,
         "psid": read_only(now.psid),
