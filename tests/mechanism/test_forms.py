@@ -172,6 +172,10 @@ REFUSED = {
     "gravity": (lambda r, q: r.gravity_forces(q, gravity=(1, 2)), r"gravity: expected shape \(3,\)"),
     "out": (lambda r, q: r.mass_matrix(q, out=np.empty(3)), r"out: expected shape \(4, 5, 7, 7\)"),
     "out_array": (lambda r, q: r.inverse_dynamics(q, q, q, out=q), "out: expected a dict of arrays by output name"),
+    "out_prepared": (
+        lambda r, q: r.prepare("mass_matrix", backend="numpy")(q, out={"mass_matrix": q}),
+        "out: expected an array to write into",
+    ),
     "out_name": (lambda r, q: r.forward_kinematics(q, out={"x": q}), "out: expected arrays for nothing but"),
     "out_over_input": (lambda r, q: r.inverse_dynamics(q, q, q, outputs=("tau",), out={"tau": q}), "memory of its"),
     "about": (lambda r, q: r.momentum(q, q, about="hand"), "about: expected one of origin, centre"),

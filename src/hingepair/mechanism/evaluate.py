@@ -15,6 +15,7 @@ from hingepair.engine.binding import bind
 from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import Operations
 from hingepair.engine.results import Results
+from hingepair.errors import ArgumentError
 from hingepair.mechanism.arguments import AT_REST, LETTERS, NO_LOADS, Values, read_out
 from hingepair.mechanism.constants import Constants, frame_numbers, known_and_parameters
 from hingepair.mechanism.tree import Frame
@@ -107,7 +108,12 @@ class Problem:
         call = self.call(tuple(values.parts), gravity, how.backend, checked)
         if values.library is not None:
             return call.run_foreign(values.parts, values.shapes, values.library, out, how.workers)
-        return call.run(values.parts, values.shapes, out, how.workers)
+        try:
+            return call.run(values.parts, values.shapes, out, how.workers)
+        except ArgumentError as error:
+            if self.result is not None or error.name != f"out[{call.outputs[0]!r}]":
+                raise
+            raise type(error)("out", error.expected, error.got) from None  # the one array is what users call out
 
     def count_operations(self, given: Mapping[str, Any] | None = None) -> Operations:
         """Return how many operations are left of a program for arrays of samples, of those with nothing known.

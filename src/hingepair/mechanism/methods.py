@@ -843,12 +843,7 @@ class MechanismMethods(Shown):
         """Return the one output of a problem, as an array that can be written to."""
         (name,) = problem.request.outputs
         arrays = None if out is None else {name: out}
-        try:
-            found: FloatArray = self._run(problem, coordinates, base_motion, arrays, workers, backend, gravity)
-        except ArgumentError as error:
-            if error.name != f"out[{name!r}]":
-                raise
-            raise type(error)("out", error.expected, error.got) from None
+        found: FloatArray = self._run(problem, coordinates, base_motion, arrays, workers, backend, gravity)
         return found
 
     def _say_doubts(self) -> None:
