@@ -290,6 +290,15 @@ def test_a_frame_on_the_base_does_not_move():
     assert forms.v == sympy.zeros(3, 1)
 
 
+def test_names_are_text_and_never_code():
+    name = 'a"""\nraise SystemExit\\\n"""'
+    pair = hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 0, 1), name=name)
+    forms = hp.derive(hp.Mechanism([pair], name=name))
+    assert functions(forms)["R"]([0.0]).tolist() == [1, 0, 0]
+    assert forms.to_latex().splitlines()[1] == "\\begin{align*}  % \\usepackage{amsmath}"
+    assert len(forms.to_text(["R"]).splitlines()) == 3
+
+
 def test_forms_are_attributes_and_can_be_copied():
     forms = hp.derive(hp.load_robot("solo12"), frame="FL_FOOT")
     assert [str(letter) for letter in forms.q[:3]] == ["q_1", "q_2", "q_3"]

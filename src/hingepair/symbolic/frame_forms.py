@@ -14,7 +14,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.frame_program import POINTS, FrameProgram
 from hingepair.symbolic.kinks import Expr, constant_value
-from hingepair.symbolic.layout import align, heading, latex_lines, shape_text, wrapped
+from hingepair.symbolic.layout import align, docstring_text, heading, latex_lines, shape_text, wrapped
 from hingepair.symbolic.printers import (
     DECIMAL_LATEX,
     DECIMAL_TEXT,
@@ -108,8 +108,6 @@ class FrameForms:
         return dict(self._program.numbers)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # of a copy that is being made
-            raise AttributeError(name)
         if name not in self.names:
             raise AttributeError(f"{type(self).__name__} has no {name!r}; it has q, qd, {', '.join(self.names)}")
         parts = [self._expanded(part) for part in self._program.results[name]]
@@ -136,7 +134,7 @@ class FrameForms:
             ArgumentError: an unknown output.
         """
         rows = self._shown(self._checked(names), short)
-        lines = [f"{self._title}: {self._legend()}", *self._notes]
+        lines = [docstring_text(f"{self._title}: {self._legend()}"), *self._notes]
         lines += _told(self._lengths(rows), DECIMAL_TEXT)
         lines += _told(self._waves(rows), DECIMAL_TEXT)
         for row in rows:
@@ -153,7 +151,7 @@ class FrameForms:
             equal = "".join(f"{latex_name(label)} = " for label in row.labels[:-1])
             first, *more = latex_lines(row.labels[-1], _terms(self._dashed(row.expr)), DECIMAL_LATEX)
             lines += [equal + first, *more]
-        notes = "".join(f"% {note}\n" for note in (f"{self._title}: {self._legend()}", *self._notes))
+        notes = "".join(f"% {docstring_text(note)}\n" for note in (f"{self._title}: {self._legend()}", *self._notes))
         return notes + align(lines)
 
     def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
@@ -161,8 +159,8 @@ class FrameForms:
 
         Letters that stand for points are arguments, with the robot's numbers as defaults. `names` as for `to_text`.
         """
-        notes = "".join(f"\n{line}" for line in (f"{self._legend()}.", *(f"{note}." for note in self._notes)))
-        module = f'"""Closed forms{heading(title or self._title)}.\n{wrapped(notes, 100)}\n"""\n\nimport numpy\n'
+        lines = [wrapped(docstring_text(note), 100) for note in (f"{self._legend()}.", *self._notes)]
+        module = "\n".join((f'"""Closed forms{heading(title or self._title)}.', "", *lines, '"""\n\nimport numpy\n'))
         return "\n\n".join([module, *map(self._function, self._checked(names))])
 
     def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:

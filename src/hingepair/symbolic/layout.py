@@ -60,8 +60,13 @@ def align(lines: Sequence[str]) -> str:
 
 def heading(title: str) -> str:
     """Return what the first line of a module adds for a title: a colon and as much of it as a docstring can hold."""
-    held = "".join(sign for sign in " ".join(title.split()) if sign.isprintable() and sign not in '"\\')
+    held = docstring_text(title)
     return f": {held}" if held else ""
+
+
+def docstring_text(text: str) -> str:
+    """Return as much of a text as one line of a docstring or of a comment can hold."""
+    return "".join(sign for sign in " ".join(text.split()) if sign.isprintable() and sign not in '"\\')
 
 
 def shape_text(tail: Sequence[int]) -> str:
