@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 from typer.testing import CliRunner
 
+import hingepair as hp
 from hingepair.cli.main import app
 from hingepair.pair.results import Record
 from support.recorded import HOME, recording
+
+NOISE = re.compile(r"smoothed: noise of (0\.001|0\.0009\d) m of position, (0\.002|0\.0019) rad of attitude")
 
 
 def saved(path, made):
@@ -40,3 +44,34 @@ def test_what_shows_no_hinge_has_exit_code_1(tmp_path):
     done = CliRunner().invoke(app, ["fit", saved(tmp_path / "slides.csv", slides)])
     assert done.exit_code == 1
     assert "slides along the axis" in done.output
+
+
+def test_a_scene_of_the_fitted_pair_moves_as_recorded(tmp_path):
+    made = recording(600, 1e-3, 2e-3)
+    scene = tmp_path / "fitted.toml"
+    done = CliRunner().invoke(
+        app, ["fit", saved(tmp_path / "a.npz", made), "--scene", str(scene), "--clock-offset", "0"]
+    )
+    assert done.exit_code == 0, done.output
+    assert "clock offset: 0 +- 0 ms" in done.output
+    assert f"written: {scene}" in done.output
+    loaded = hp.load_scene(scene)
+    assert any(NOISE.search(note) for note in loaded.motion.notes)
+    result = loaded.evaluate(outputs=("R2", "S2", "v2", "alpha2"))
+    inside = slice(50, -50)
+    assert np.sqrt(np.mean((result.R2 - made.R2)[inside] ** 2)) < 2e-3
+    exact = recording(600)
+    assert np.sqrt(np.mean((result.R2 - exact.R2)[inside] ** 2)) < 1e-3
+    slopes = np.gradient(exact.R2, exact.t, axis=0)
+    assert np.sqrt(np.mean((result.v2 - slopes)[inside] ** 2)) < 0.05
+    checked = CliRunner().invoke(app, ["check", str(scene), "--json"])
+    assert checked.exit_code == 0, checked.output
+    assert any("smoothed: noise of" in note for note in json.loads(checked.output)["notes"])
+
+
+def test_a_known_clock_offset_is_printed_and_a_scene_needs_instants(tmp_path):
+    made = recording(300, 1e-3, 2e-3)
+    done = CliRunner().invoke(app, ["fit", saved(tmp_path / "a.npz", made)])
+    assert "clock offset: " in done.output
+    bad = CliRunner().invoke(app, ["fit", saved(tmp_path / "a.npz", made), "--scene", "x.json"])
+    assert isinstance(bad.exception, hp.ArgumentError) or bad.exit_code == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -127,13 +128,14 @@ def check(
         report, notes = scene.cross_validate(MOST_CHECKED), scene.motion.notes
     else:
         report, notes = scene.cross_validate(MOST_CHECKED_OF_MECHANISM), scene.joint_motion.notes
+    if report.samples < scene.samples:
+        notes = (f"{report.samples} of the {scene.samples} instants are compared, evenly spread", *notes)
     if as_json:
-        print(report.to_json())
+        facts = json.loads(report.to_json())
+        print(json_text(facts | {"notes": [*facts.get("notes", ()), *notes]}))
     else:
         screen = console()
         _head(screen, scene)
-        if report.samples < scene.samples:
-            screen.print(f"{report.samples} of the {scene.samples} instants are compared, evenly spread")
         print(report)
         for note in notes:
             screen.print(f"note: {note}")

@@ -6,6 +6,7 @@ models/SCENES.md tells the columns. Others are refused: a misspelt one would be 
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,16 +19,19 @@ from hingepair.errors import choices, nearest
 from hingepair.integration.integrate import FRAMES
 from hingepair.integration.signals import Samples
 from hingepair.integration.trajectory import world_vectors
+from hingepair.measured.smooth import smooth
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.column_file import Wanted, csv_column, read_columns
 from hingepair.numeric.finite_differences import differentiate
-from hingepair.numeric.instants import instants_of
+from hingepair.numeric.instants import MeasurementWarning, instants_of
 from hingepair.numeric.suspicions import angle_suspicions, instant_suspicions
 from hingepair.numeric.wrapped_angles import is_wrapped
+from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.evaluate import AUTO
 from hingepair.plans.plan import PLANAR, SPATIAL
 from hingepair.plans.steps import COLUMN_NAMES, COORDINATES
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
+from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCES
 from hingepair.scenes.integrated_motion import START, integrated
@@ -100,8 +104,13 @@ def read_log(table: Table, folder: Path) -> Motion:
         wanted = "differentiate = true" if not integrated else "a log with angles"
         table.fail("unwrap", f"{wanted} beside it, or no such key: it decides how angles are differentiated")
     keys = start if integrated else ("sequence", "unwrap")
-    table.check_keys(("file", "differentiate", "integrate", "frame", *keys))
+    table.check_keys(("file", "differentiate", "integrate", "smooth", "frame", *keys))
+    smoothed = table.flag("smooth")
+    if smoothed and (integrated or completed):
+        table.fail("smooth", "neither differentiate nor integrate beside it: it finds all rates itself")
     log = Log(log_file(table, folder), _OF_A_PAIR, completed, unwrap)
+    if smoothed:
+        return _smoothed(table, log)
     return _integrated(table, log) if integrated else _stated(table, log)
 
 
@@ -293,6 +302,48 @@ def _stated(table: Table, log: Log) -> Motion:
     how += ", rates by finite differences" * bool(log.derived)
     doubt, notes, derived = log.lacking_errors(), tuple(log.notes), tuple(log.derived)
     return Motion(log.t, given, "samples in a file", how, {}, doubt, log.hint, notes=notes, derived=derived)
+
+
+def _smoothed(table: Table, log: Log) -> Motion:
+    """Return the motion of noisy samples of position, attitude and psi, smoothed, with all rates."""
+    attitude = _attitude(log)
+    read = {"t", *(column for names in (_POSITION, attitude, _HINGE) for column in ARRAYS.get(names[0], names[:1]))}
+    for column in log.columns:
+        if column not in read:
+            log.refuse(
+                column, "samples of x, y, z, of an attitude and of psi, since motion.smooth is true", "a column"
+            )
+    table.check_keys(("file", "smooth", *(("sequence",) if attitude is _EULER else ())))
+    R1, turns, psi = (log.part(names)[names[0]] for names in (_POSITION, attitude, _HINGE))
+    if attitude is _EULER:
+        S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCES, "XYZ")))
+    else:
+        S1 = log.rotations(turns)
+    with warnings.catch_warnings(record=True) as caught, log.naming():
+        warnings.simplefilter("always", MeasurementWarning)
+        body, angle = smooth(log.since, BodyMotion(R=R1, S=S1)), smooth(log.since, psi)
+    known = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
+    known |= {name: getattr(angle, name) for name in _HINGE}
+    deviations = {
+        "position": (body.noise["R"], "m"),
+        "attitude": (body.noise["S"], "rad"),
+        "psi": (angle.noise["psi"], "rad"),
+    }
+    noise = ", ".join(f"{size:.2g} {unit} of {name}" for name, (size, unit) in deviations.items())
+    texts = dict.fromkeys(str(warning.message) for warning in caught)
+    notes = (*log.notes, f"smoothed: noise of {noise} (standard deviation of a component)", *texts)
+    names = tuple(name for name in known if name not in {"R1", "S1", "psi"})
+    return Motion(
+        log.t,
+        by_body1(known),
+        "samples in a file",
+        "smoothed, with their rates",
+        {},
+        "",
+        "",
+        notes=notes,
+        derived=names,
+    )
 
 
 def _integrated(table: Table, log: Log) -> Motion:
