@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -20,7 +20,7 @@ from hingepair.scenes.mechanisms.mechanism_table import read_mechanism, with_pay
 from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.scene import COORDINATES, Scene, scene_of, with_constants
-from hingepair.scenes.tables import Table
+from hingepair.scenes.tables import Key, Table, numbers
 
 FORCES: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
 """Outputs of a scene of a pair with masses, beside those of its motion."""
@@ -119,6 +119,8 @@ class Variants:
             self._scene = replace(
                 self._scene, motion=replace(motion, given=HeldMotion(given, motion.level, sequence))
             )
+            pair = _with_plain_numbers(self._scene.tables.table("pair"), {steps[1] for steps in keys})
+            self._tables = replace(self._tables, values={**values, "pair": pair})
         elif self._kept and isinstance(self._scene, MechanismScene):
             joints = self._scene.joint_motion
             self._scene = replace(
@@ -131,23 +133,25 @@ class Variants:
                 self._payload = read_mechanism(tables, self._path.parent)
         self.samples = self._scene.samples
 
-    def compute(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
+    def compute(self, row: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
         """Return the instants and the outputs of one variant, by name.
 
         Args:
-            numbers: the varied ones; shape (numbers,).
+            row: the varied numbers; shape (numbers,).
 
         Raises:
             ArgumentError: the scene cannot be read, or computed, with these numbers.
         """
-        scene = self._variant(numbers)
+        scene = self._variant(row)
         if isinstance(scene, MechanismScene):
             return _outputs_of_mechanism(scene, self._outputs)
         return _outputs_of_pair(scene, self._outputs)
 
-    def _variant(self, numbers: Float64Array) -> Scene | MechanismScene:
-        values = copy.deepcopy(self._tables.values)
-        for steps, number in zip(self._keys, numbers.tolist(), strict=True):
+    def _variant(self, row: Float64Array) -> Scene | MechanismScene:
+        values = dict(self._tables.values)
+        for root in {steps[0] for steps in self._keys}:
+            values[str(root)] = copy.deepcopy(values[str(root)])
+        for steps, number in zip(self._keys, row.tolist(), strict=True):
             here: Any = values
             for step in steps[:-1]:
                 here = here[step]
@@ -163,6 +167,15 @@ class Variants:
         else:
             robot = read_mechanism(tables, self._path.parent)
         return replace(self._scene, mechanism=robot, tables=tables)
+
+
+def _with_plain_numbers(table: Table, varied: Collection[str | int]) -> dict[str, Any]:
+    """Return a table [pair] whose expressions are numbers, but for the keys that are varied."""
+    size = 2 if len(table.values.get("u1", ())) == 2 else 3
+    readers: dict[str, Key] = {"u1": numbers(size), "u2": numbers(size), "n": numbers(3)}
+    readers |= {"home": Table.rotation, "limits": numbers(2)}
+    own = {key: read(table, key) for key, read in readers.items() if key in table.values and key not in varied}
+    return {**table.values, **own}
 
 
 def _leave_the_motion(scene: Scene | MechanismScene, keys: Sequence[Sequence[str | int]]) -> bool:
