@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.engine import native
 from hingepair.engine.backend import How
 from hingepair.engine.llvm_ir import LANES
 from hingepair.engine.loops import Loop
@@ -364,3 +366,23 @@ def test_one_sample_rounds_as_many_do():
                         np.testing.assert_array_equal(
                             getattr(found, name).ravel(), getattr(expected, name)[i].ravel()
                         )
+
+
+def test_the_code_that_reads_arrays_is_made_once_for_threads_that_call_at_once(monkeypatch):
+    """Made twice, the one that nobody keeps would be freed while a call holds it."""
+    kernel = native.Kernel("nothing", "define void @kernel() { ret void }")
+    plain, made, threads = native._compile, [], []
+
+    def compiled(name, ir):
+        made.append(name)
+        if len(made) == 1:  # another thread asks while the first is at it
+            threads.append(threading.Thread(target=native.array_call, args=(kernel, [0] * 8)))
+            threads[0].start()
+            threads[0].join(0.5)
+        return plain(name, ir)
+
+    monkeypatch.setattr(native, "_call_method", functools.cache(native._call_method.__wrapped__))
+    monkeypatch.setattr(native, "_compile", compiled)
+    native.array_call(kernel, [0] * 8)
+    threads[0].join()
+    assert made == ["array_call"]

@@ -17,9 +17,17 @@ import dask
 import dask.array as da
 import dask.dataframe as dd
 import pandas as pd
-from numpy.testing import assert_array_equal
 
 COUNT, CHUNK = 50, 20
+U = 2.0**-53
+
+
+def assert_close(found, expected):
+    """Equal but for the last bits, which depend on the backend that "auto" takes."""
+    assert (found.shape, found.dtype) == (np.shape(expected), np.asarray(expected).dtype)
+    assert np.abs(found - expected).max() <= 256 * U * np.abs(expected).max()
+
+
 LETTERS = ("R", "S", "v", "omega", "a", "alpha")
 
 
@@ -104,7 +112,7 @@ def test_a_robot_gives_what_numpy_gives(name):
     for key, array in expected.items():
         own = found[key]
         assert (own.shape, own.dtype, own.chunks[0]) == (array.shape, array.dtype, (20, 20, 10))
-        assert_array_equal(computed(own), array)
+        assert_close(computed(own), array)
 
 
 def test_there_is_one_task_a_chunk():
@@ -115,7 +123,7 @@ def test_there_is_one_task_a_chunk():
 def test_data_frames_go_by_the_names_of_joints():
     table = pd.DataFrame({"rod": Q[:, 2], "boom": Q[:, 0], "stick": Q[:, 1]})
     lazy = ROBOT.jacobian(dd.from_pandas(table, npartitions=2), "rod")
-    assert_array_equal(computed(lazy), ROBOT.jacobian(Q, "rod"))
+    assert_close(computed(lazy), ROBOT.jacobian(Q, "rod"))
 
 
 @pytest.mark.parametrize(

@@ -20,9 +20,17 @@ import dask.array as da
 import dask.dataframe as dd
 import pandas as pd
 import xarray as xr
-from numpy.testing import assert_array_equal
 
 COUNT, CHUNK = 50, 20
+U = 2.0**-53
+
+
+def assert_close(found, expected):
+    """Equal but for the last bits, which depend on the backend that "auto" takes."""
+    assert (found.shape, found.dtype) == (np.shape(expected), np.asarray(expected).dtype)
+    assert np.abs(found - expected).max() <= 256 * U * np.abs(expected).max()
+
+
 LETTERS = ("R", "S", "v", "omega", "a", "alpha")
 MASS = hp.Body(2.0, (0.1, 0.2, 0.3), inertia=(0.2, 0.3, 0.4))
 
@@ -130,7 +138,7 @@ def check_same(lazy, plain) -> None:
     assert found.keys() == expected.keys()
     for name, array in expected.items():
         if array.shape[:1] != (COUNT,):  # the same for all samples
-            assert_array_equal(found[name], array)
+            assert_close(found[name], array)
             continue
         own = found[name]
         assert isinstance(own, da.Array)
@@ -138,7 +146,7 @@ def check_same(lazy, plain) -> None:
         assert (type(own._meta), own._meta.dtype, own._meta.ndim) == (np.ndarray, array.dtype, array.ndim)
         values = computed(own)
         assert values.dtype == array.dtype
-        assert_array_equal(values, array)
+        assert_close(values, array)
 
 
 @pytest.mark.parametrize("name", CALLS)
@@ -158,7 +166,7 @@ def test_residuals_come_without_a_judgement():
     lazy = PAIR.residuals(lazy_body(BODY), lazy_body(OTHER))
     plain = PAIR.residuals(BODY, OTHER)
     for name in ("gap", "tilt", "tilt_angle", "psi", "gap_rate", "psid", "psidd"):
-        assert_array_equal(computed(getattr(lazy, name)), getattr(plain, name))
+        assert_close(computed(getattr(lazy, name)), getattr(plain, name))
     with pytest.raises(hp.ArgumentError, match="tolerances: expected None"):
         PAIR.residuals(lazy_body(BODY), lazy_body(OTHER), {"gap": 1})
 
@@ -181,28 +189,28 @@ def test_chunks_of_any_kind_broadcast_beside_numpy_arrays_and_numbers():
     q = da.from_array(Q.reshape(5, 10, 7), chunks=(2, 5, 3))  # the coordinates are cut too
     lazy = PAIR.forward_kinematics(q, QD[:10], outputs=("v2",)).v2
     assert lazy.chunks == ((2, 2, 1), (5, 5), (3,))
-    assert_array_equal(computed(lazy), PAIR.forward_kinematics(Q.reshape(5, 10, 7), QD[:10]).v2)
+    assert_close(computed(lazy), PAIR.forward_kinematics(Q.reshape(5, 10, 7), QD[:10]).v2)
     parts = (*(chunked(column) for column in Q.T[:6]), 0.25)
-    assert_array_equal(computed(PAIR.forward_kinematics(parts).R2), PAIR.forward_kinematics((*Q.T[:6], 0.25)).R2)
+    assert_close(computed(PAIR.forward_kinematics(parts).R2), PAIR.forward_kinematics((*Q.T[:6], 0.25)).R2)
     wide = PAIR.forward_kinematics_from_body1(lazy_body(BODY), da.from_array(PSI[0][:4, None], chunks=(1, 1)))
     assert wide.R2.chunks == ((1,) * 4, (20, 20, 10), (3,))
-    assert_array_equal(computed(wide.R2), PAIR.forward_kinematics_from_body1(BODY, PSI[0][:4, None]).R2)
+    assert_close(computed(wide.R2), PAIR.forward_kinematics_from_body1(BODY, PSI[0][:4, None]).R2)
     one = PAIR.forward_kinematics(da.from_array(Q[0]))
     assert one.R2.shape == (3,)
-    assert_array_equal(computed(one.R2), PAIR.forward_kinematics(Q[0]).R2)
+    assert_close(computed(one.R2), PAIR.forward_kinematics(Q[0]).R2)
 
 
 def test_xarray_objects_and_data_frames_are_not_computed_either():
     labelled = xr.DataArray(chunked(Q), dims=("time", "coordinate"))
-    assert_array_equal(computed(PAIR.forward_kinematics(labelled).R2), PAIR.forward_kinematics(Q).R2)
+    assert_close(computed(PAIR.forward_kinematics(labelled).R2), PAIR.forward_kinematics(Q).R2)
     body = hp.BodyMotion(R=xr.DataArray(chunked(BODY.R)), S=xr.DataArray(chunked(BODY.S)))
     found = PAIR.forward_kinematics_from_body1(body, xr.DataArray(chunked(PSI[0])))
-    assert_array_equal(computed(found.S2), PAIR.forward_kinematics_from_body1(BODY, PSI[0]).S2)
+    assert_close(computed(found.S2), PAIR.forward_kinematics_from_body1(BODY, PSI[0]).S2)
     names = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
     table = pd.DataFrame(dict(zip(names, Q.T, strict=True)))[[*reversed(names)]]
     lazy = PAIR.forward_kinematics(dd.from_pandas(table, npartitions=3)).R2
     assert lazy.numblocks == (3, 1)
-    assert_array_equal(computed(lazy), PAIR.forward_kinematics(Q).R2)
+    assert_close(computed(lazy), PAIR.forward_kinematics(Q).R2)
     with pytest.raises(hp.ArgumentError, match="q: expected the columns x, y, z"):
         PAIR.forward_kinematics(dd.from_pandas(table.rename(columns={"x": "east"}), npartitions=3))
 
@@ -215,7 +223,7 @@ def test_quaternions_and_rotation_vectors_make_lazy_motions():
         (hp.BodyMotion.from_rotvec, "rotvec", turn),
     ):
         lazy = make(R=chunked(BODY.R), **{name: chunked(array)})
-        assert_array_equal(computed(lazy.S), make(R=BODY.R, **{name: array}).S)
+        assert_close(computed(lazy.S), make(R=BODY.R, **{name: array}).S)
 
 
 def test_a_chunk_that_fails_names_itself():

@@ -176,3 +176,20 @@ def robots(
 
     chosen = [name.strip() for name in names.split(",")]
     _report(lambda: bench.robots(chosen, _counts(sizes), repeats, cpp), show_json, plot)
+
+
+@app.command()
+@naming_options
+def scale(
+    samples: Annotated[int, typer.Option(min=1000, max=10**8, help="Samples of the calls.")] = 10_000_000,
+    long: Annotated[
+        int, typer.Option(min=0, max=10**10, help="Samples of a reduction whose memory is measured; 0 for none.")
+    ] = 100_000_000,
+    workers: Annotated[int, typer.Option(min=1, max=1024, help="Threads beside one.")] = 2,
+    repeats: Repeats = 5,
+    show_json: Json = False,
+) -> None:
+    """Dask beside the plain call, threads beside one, a reduction in little memory, and sweeps."""
+    from hingepair.bench import scale as bench
+
+    _report(lambda: bench.scale(samples, long, workers, repeats), show_json)

@@ -61,7 +61,9 @@ def array_call(kernel: Kernel, layout: Sequence[int]) -> Callable[..., bool | in
     """
     numbers = np.array(layout, np.int64).view(_Layout)
     numbers.kernel = kernel
-    function: Callable[..., bool | int] = _make_built_in(ctypes.byref(_call_method()), numbers, None)
+    with compiler_lock:  # made by two threads at once, the one that is not kept would be freed while it is called
+        method = _call_method()
+    function: Callable[..., bool | int] = _make_built_in(ctypes.byref(method), numbers, None)
     return function
 
 
