@@ -253,6 +253,17 @@ def test_what_is_exact_has_no_bound(kind):
     assert np.array_equal((x * 0.0).bound, np.zeros(3))
 
 
+@pytest.mark.parametrize("kind", [Double, Single])
+def test_nothing_is_known_of_what_rounding_may_decide(kind):
+    """Which of two numbers is taken, and what is divided by a number that may be 0."""
+    x = kind(np.array([3.0, -3.0, 1.0, np.nan]), np.array([1.0, 1.0, 1.0, 0.0]))
+    chosen = x.where_above_0(0.0, 7.0)
+    assert chosen.value[:2].tolist() == [0.0, 7.0]
+    assert chosen.error.tolist() == [0.0, 0.0, np.inf, np.inf]
+    with np.errstate(all="ignore"):
+        assert np.isinf((1.0 / x).error).tolist() == [False, False, True, True]
+
+
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_sines_are_as_good_as_the_bounds_take_them(dtype):
     """Those of NumPy and those of the compiled kernels, through a pair, against extended precision."""
