@@ -173,6 +173,7 @@ def test_a_program_in_parts_gives_the_bits_of_the_whole(length, distance, still,
     rng = np.random.default_rng(2)
     values = {"x": rng.normal(size=(19, 20)), "c": 0.3 if still else rng.normal(size=19)}
     whole = run_long(values, 19)
+    monkeypatch.setattr(llvm_parts, "_MAX_WHOLE_LENGTH", 0)
     monkeypatch.setattr(llvm_parts, "_STEP_LENGTH", length)
     monkeypatch.setattr(llvm_parts, "_RELOAD_DISTANCE", distance)
     for name, array in run_long(values, 19).items():

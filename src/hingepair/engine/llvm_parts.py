@@ -1,6 +1,7 @@
 """The arithmetic of a kernel: lines of a trace as straight LLVM functions over a frame.
 
-A frame is an array of vectors, one slot for each value that more than one function reads. The lines are cut into
+A frame is an array of vectors, one slot for each value that more than one function reads; where samples share
+hundreds of inputs, these stand there as numbers. The lines are cut into
 steps: arithmetic of some length, and sines that are computed together. LLVM's time grows faster than the length of
 a function, and what stands in the frame need not be kept in registers meanwhile.
 """
@@ -27,7 +28,8 @@ More of them stand there as single numbers, so that they leave room in the first
 take longer to spread a number over a vector than to load one.
 """
 
-_STEP_LENGTH: Final = 1000  # operations of a step
+_MAX_WHOLE_LENGTH: Final = 1000  # operations up to which a part stays whole: fewer values pass through the frame
+_STEP_LENGTH: Final = 300  # operations of the steps of longer parts, in which LLVM keeps to the registers there are
 _RELOAD_DISTANCE: Final = 40  # operations after which a value is loaded from the frame again instead of kept
 _OPERATORS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}
 
@@ -462,7 +464,7 @@ class Arithmetic:
 
 
 def _cut(lines: Sequence[Value]) -> list[tuple[list[Value], list[Value]]]:
-    """Return lines in parts of about the same length."""
-    count = -(-len(lines) // _STEP_LENGTH)
+    """Return lines whole, or in parts of about the same length."""
+    count = -(-len(lines) // _STEP_LENGTH) if len(lines) > _MAX_WHOLE_LENGTH else min(len(lines), 1)
     ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]
     return [(list(lines[a:b]), []) for a, b in itertools.pairwise(ends)]
