@@ -415,3 +415,68 @@ def test_what_cannot_be_used_is_named(change: dict[str, object], name: str) -> N
 def test_few_samples_are_said_to_be_few() -> None:
     found = hp.fit(*bodies(recording(5, 1e-3, 2e-3)))
     assert "5 samples" in found.findings[-1]
+
+
+def read_in_order(S: np.ndarray, written: str) -> np.ndarray:
+    """Attitudes whose quaternions were written in one order and read in the other."""
+    from scipy.spatial.transform import Rotation
+
+    xyzw = Rotation.from_matrix(S).as_quat()
+    if written == "wxyz":
+        return Rotation.from_quat(np.roll(xyzw, 1, axis=-1)).as_matrix()
+    return Rotation.from_quat(np.roll(xyzw, -1, axis=-1)).as_matrix()
+
+
+Y_UP = np.array(((1.0, 0, 0), (0, 0, 1), (0, -1, 0)))
+MISTAKES = {
+    "millimetres": (lambda made: made._replace(R2=1e3 * made.R2), "body2.R looks like millimetres"),
+    "millimetres of body 1": (lambda made: made._replace(R1=1e3 * made.R1), "body1.R looks like millimetres"),
+    "centimetres": (lambda made: made._replace(R2=1e2 * made.R2), "body2.R looks like centimetres"),
+    "wxyz": (
+        lambda made: made._replace(S2=read_in_order(made.S2, "wxyz")),
+        "body2.S looks like quaternions wxyz that were read as xyzw",
+    ),
+    "xyzw": (
+        lambda made: made._replace(S2=read_in_order(made.S2, "xyzw")),
+        "body2.S looks like quaternions xyzw that were read as wxyz",
+    ),
+    "wxyz of both": (
+        lambda made: made._replace(S1=read_in_order(made.S1, "wxyz"), S2=read_in_order(made.S2, "wxyz")),
+        "body1.S and body2.S look like quaternions wxyz",
+    ),
+    "transposes": (
+        lambda made: made._replace(S2=np.swapaxes(made.S2, -1, -2)),
+        "body2.S looks like rotations from world",
+    ),
+    "transposes of body 1": (
+        lambda made: made._replace(S1=np.swapaxes(made.S1, -1, -2)),
+        "body1.S looks like rotations from world",
+    ),
+    "y up": (
+        lambda made: made._replace(R2=made.R2 @ Y_UP.T, S2=Y_UP @ made.S2),
+        "body2 looks as if y were up in its world",
+    ),
+    "y and z exchanged": (
+        lambda made: made._replace(R2=made.R2[:, [0, 2, 1]]),
+        "body2.R looks as if y and z were exchanged",
+    ),
+    "x and y exchanged": (
+        lambda made: made._replace(R1=made.R1[:, [1, 0, 2]]),
+        "body1.R looks as if x and y were exchanged",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_the_mistake_that_hides_a_hinge_is_named(name: str) -> None:
+    change, words = MISTAKES[name]
+    found = hp.fit(*bodies(change(recording(1000, 1e-3, 2e-3))))
+    assert not found.ok
+    assert words in " ".join(found.findings)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_no_mistake_is_named_where_there_is_none(name: str) -> None:
+    kind, _ = OTHERS[name]
+    found = hp.fit(*bodies(recording(2000, **{"metres": 1e-3, "radians": 2e-3} | kind)))
+    assert "looks" not in " ".join(found.findings)

@@ -962,6 +962,12 @@ FAULTS = {
         "left[..., 2] *= 1",
         "measured/test_points.py::test_a_mirrored_cluster_is_no_rotation",
     ),
+    "the scalar of a quaternion looked for at the wrong end": Fault(
+        "measured/findings.py",
+        "np.roll(read, -1, axis=-1) if scalar_first",
+        "np.roll(read, 1, axis=-1) if scalar_first",
+        "measured/test_fit.py::test_the_mistake_that_hides_a_hinge_is_named[wxyz]",
+    ),
     "noise taken for an arc": Fault(
         "measured/circle.py",
         "_MIN_CURVE = 3.0",

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import functools
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import FitError
 from hingepair.measured.hinge import Hinge
-from hingepair.measured.likelihood import Judged, Noise
-from hingepair.measured.relative_poses import RelativePoses
+from hingepair.measured.likelihood import Judged, Noise, seen_from
+from hingepair.measured.relative_poses import RelativePoses, closed_form, relative_poses
 from hingepair.numeric.arrays import Float64Array
-from hingepair.rotations.matrices import project_to_rotation, rotation_vector
+from hingepair.rotations.matrices import (
+    matrix_to_quaternion,
+    project_to_rotation,
+    quaternion_to_matrix,
+    rotation_vector,
+)
 
 _MAX_SCREENED = 2048  # samples that tell whether the bodies turn, and what other joint they have
 _MAX_JUDGED = 65536  # samples that findings are made of
@@ -22,6 +29,9 @@ _MAX_CORRELATION = 0.5  # of neighbours' residuals; above, they are no noise
 _OUTLIER_SIZE = 50.0  # of r^T C^-1 r, scaled so that its median is _MEDIAN_SIZE, from which a sample is an outlier
 _MEDIAN_SIZE = 4.35  # median of chi-squared with 5 degrees of freedom
 _ROUNDING = 1e-12  # residuals, in radians and in parts of the bodies' largest coordinate, that rounding explains
+_MAX_TRIED = 400  # samples that causes are tried with
+_MAX_CAUSE_RATIO, _MAX_CAUSE_MISFIT = 0.2, 0.1
+"""Misfit that a cause may leave, in parts of that without it, and at all [rad, parts of the bodies' distance]."""
 _MAX_AXIS_STD = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on
 _MAX_POINT_STD = 0.1  # likewise of the hinge point, in parts of the levers' length
 
@@ -211,3 +221,70 @@ def _turning(psi: Float64Array, weights: Float64Array) -> float:
 
 def _length(p: Float64Array) -> float:
     return float(np.sqrt((p * p).sum() / max(p.shape[1], 1)))
+
+
+class Poses(NamedTuple):
+    """Poses of both bodies as they were given."""
+
+    R1: NDArray[np.floating]  # shape (N, 3)
+    S1: NDArray[np.floating]  # shape (N, 3, 3)
+    R2: NDArray[np.floating]
+    S2: NDArray[np.floating]
+
+    def changed(self, bodies: str, letter: str, change: Callable[..., Any]) -> Poses:
+        """Return the poses with the positions, or the attitudes, of some bodies changed."""
+        return self._replace(**{f"{letter}{digit}": change(getattr(self, f"{letter}{digit}")) for digit in bodies})
+
+    def misfit(self) -> float:
+        """Return how badly a hinge fits: the medians of the tilt, and of the gap in parts of the bodies' distance."""
+        poses = relative_poses(*self, np.ones(self.R1.shape[0]))
+        distance = _length(poses.p)
+        _, seen = next(seen_from(poses, closed_form(poses)))
+        tilt, gap = (np.sqrt(np.median((part**2).sum(axis=0))) for part in (seen.tilt, seen.gap))
+        return float(tilt + gap / max(distance, 1e-300))
+
+
+def causes(whole: Poses) -> list[str]:
+    """Return a sentence on the mistake in units, orders or axes for which poses show no hinge, if there is one."""
+    every = slice(None, None, -(-whole.R1.shape[0] // _MAX_TRIED))
+    poses = Poses(*(array[every].astype(np.float64) for array in whole))
+    before = poses.misfit()
+    tried = [(changed.misfit(), text) for text, changed in _mistakes(poses)]
+    left, text = min(tried)
+    if left > _MAX_CAUSE_RATIO * before or left > _MAX_CAUSE_MISFIT:
+        return []
+    return [f"{text}: with that taken back, a hinge fits {before / max(left, 1e-12):.2g} times as well."]
+
+
+def _mistakes(poses: Poses) -> Iterator[tuple[str, Poses]]:
+    """Yield usual mistakes, each with the poses that are right if it was made."""
+    for digit in "12":
+        name = f"body{digit}"
+        for unit, factor in (("millimetres", 1e-3), ("centimetres", 1e-2)):
+            yield f"{name}.R looks like {unit}", poses.changed(digit, "R", functools.partial(np.multiply, factor))
+        for pair, order in (("y and z", [0, 2, 1]), ("x and y", [1, 0, 2]), ("x and z", [2, 1, 0])):
+            swap = functools.partial(np.take, indices=order, axis=1)
+            yield f"{name}.R looks as if {pair} were exchanged", poses.changed(digit, "R", swap)
+        for up, other, sign in (("y", "z", 1.0), ("z", "y", -1.0)):
+            turn = np.array(((1.0, 0, 0), (0, 0, -sign), (0, sign, 0)))
+            turned = poses.changed(digit, "S", functools.partial(np.matmul, turn))
+            yield (
+                f"{name} looks as if {up} were up in its world and {other} in that of the other body",
+                turned.changed(digit, "R", functools.partial(np.einsum, "ij,nj->ni", turn)),
+            )
+    for bodies in ("1", "2", "12"):
+        names, look = " and ".join(f"body{digit}.S" for digit in bodies), "looks" if len(bodies) == 1 else "look"
+        turned = poses.changed(bodies, "S", lambda S: np.swapaxes(S, -1, -2))
+        yield f"{names} {look} like rotations from world to body, the transposes", turned
+        for written, read in (("wxyz", "xyzw"), ("xyzw", "wxyz")):
+            yield (
+                f"{names} {look} like quaternions {written} that were read as {read}",
+                poses.changed(bodies, "S", functools.partial(_reordered, scalar_first=written == "wxyz")),
+            )
+
+
+def _reordered(S: Float64Array, scalar_first: bool) -> Float64Array:
+    """Return the rotations whose quaternions were written with the scalar first, or last, and read the other way."""
+    read = matrix_to_quaternion(S)  # w, x, y, z
+    written = np.roll(read, -1, axis=-1) if scalar_first else read
+    return np.asarray(quaternion_to_matrix("quat", written, scalar_first=scalar_first), dtype=np.float64)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, FitError, MissingDependencyError
 from hingepair.measured.circle import fit_circle
 from hingepair.measured.clock import ClockedPoses
-from hingepair.measured.findings import check_turning, findings, outlying
+from hingepair.measured.findings import Poses, causes, check_turning, findings, outlying
 from hingepair.measured.hinge import GAUGES, derivatives, home_of, offset
 from hingepair.measured.likelihood import (
     LOSSES,
@@ -328,6 +328,8 @@ def fit(
         std["clock_offset"] = _offset_deviation(poses, seen, clock_offset)
     if clock is not None and abs(estimate.offset) > _MIN_CERTAIN_OFFSET * std["clock_offset"] > 0:
         texts += clock.offset_suspicions(estimate.offset)
+    if not ok:
+        texts += causes(Poses(*(array[used] for array in (samples.R1, samples.S1, samples.R2, samples.S2))))
     if not ok and penalty is None and 'loss="cauchy"' not in " ".join(texts):
         texts.append('Where some samples may be outliers, loss="cauchy" tells.')
     if not used.all():
