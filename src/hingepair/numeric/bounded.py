@@ -90,9 +90,10 @@ class Bounded:
     def __truediv__(self, other: Self) -> Self:
         ratio = self.value / other.value
         size = np.abs(other.value)
-        exact = np.abs(ratio) + (self.bound + np.abs(ratio) * other.bound) / (size - other.bound)
+        near = size - other.bound
+        exact = np.abs(ratio) + self.bound / near + np.abs(ratio) * (other.bound / near)
         least = size - 2 * other.bound  # of the denominator of any evaluation
-        carried = np.where(least > 0, (self.bound + exact * other.bound) / least, np.inf)
+        carried = np.where(least > 0, self.bound / least + exact * (other.bound / least), np.inf)
         return type(self)(ratio, carried + self._rounding(ratio, carried) + 4 * self.smallest)
 
     def __rtruediv__(self, other: float) -> Self:
