@@ -178,6 +178,18 @@ def test_a_stiff_spring_with_friction_is_followed_past_every_turn():
     assert np.abs(found.energy_balance().residual).max() < 1e-9
 
 
+def test_friction_that_hardly_lets_go_does_not_chatter():
+    """The hinge turns in a stop where all torques and the friction balance to some 1e-10 of them."""
+    rng = np.random.default_rng(32)
+    pair = heavy(rng)
+    load = hp.HingeLoad(stiffness=5, friction=0.1, stops=(-0.5, 0.4), stop_damping=0.2)
+    rng.choice(4)
+    _, omega = rng.normal(size=(2, 3))
+    start = hp.BodyMotion(R=rng.normal(size=3), S=rotations(rng, 1)[0], omega=omega)
+    found = hp.simulate(pair, np.linspace(0, 2, 21), start, 0.4, 0.0, base="pinned", hinge_torque=load, tol=1e-8)
+    assert found.steps < 400
+
+
 # stops
 
 

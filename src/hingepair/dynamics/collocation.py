@@ -230,7 +230,7 @@ class Stepper:
             one = functools.partial(lambda event, times: distances(times)[0][:, event], event)
             dip = _first_dip(times, ahead[:, event], ahead[of_series, event], float(margin), one)
             if dip is not None:
-                found.append((_crossed(*dip, one), event))
+                found.append((_crossed(*dip, min(1e-15 * float(sizes[event]), float(margin) / 2), one), event))
         if not found and expected is not None and ahead[-1, expected] <= margins[expected]:
             return 1.0, expected
         return min(found, default=None)
@@ -395,11 +395,11 @@ def _first_dip(
     return found
 
 
-def _crossed(start: float, end: float, look: Callable[[Array], Array]) -> float:
-    """Return where between two instants a distance first is below 0, as it is at the end."""
+def _crossed(start: float, end: float, margin: float, look: Callable[[Array], Array]) -> float:
+    """Return where between two instants a distance first is below 0 by more than round-off, as it is at the end."""
     while end - start > 2e-16 * (1 + end):
         times = np.linspace(start, end, 17)
-        below = int(np.argmax(~(look(times) >= 0)))
+        below = int(np.argmax(~(look(times) >= -margin)))
         if not below:
             return float(times[0])
         if (float(times[below - 1]), float(times[below])) == (start, end):
