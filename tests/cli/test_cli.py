@@ -321,6 +321,7 @@ def test_bad_input_is_one_line_and_exit_2(arguments: tuple[object, ...], words: 
         ("derive ur5_robot --frame hand", "--frame: expected one of world"),
         ("derive ur5_robot --frame tool0 --symbolic n", "--symbolic: expected ('u',)"),
         ("derive ur5_robot --frame tool0 --outputs R2", "--outputs: expected one of R, S, jacobian"),
+        ("derive missing.toml", "missing.toml: expected a scene file that can be read"),
         ("derive ur5", "expected one of the 69 robots of example-robot-data, such as ur5_gripper"),
         ("derive SCENE --symbolic u9", "--symbolic: expected names out of u1, u2, n"),
         ("derive SCENE --latex --python", "--unicode, --latex, --python and --json exclude each other"),
