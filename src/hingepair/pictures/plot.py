@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.numeric.tables import unit_of
 from hingepair.pictures.curves import (
     COLOURS,
@@ -21,6 +22,7 @@ from hingepair.pictures.curves import (
 )
 from hingepair.pictures.frames import Array, Frames, Source, all_frames
 from hingepair.pictures.mechanism_plot import plot_of_mechanism
+from hingepair.pictures.smoothed_plot import plot_of_smoothed
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 
 if TYPE_CHECKING:
@@ -42,7 +44,10 @@ _TITLES: Final = {
 }
 
 
-def plot(source: Source | MechanismScene | MechanismSceneResult, outputs: Iterable[str] | None = None) -> Figure:
+def plot(
+    source: Source | MechanismScene | MechanismSceneResult | SmoothedMotion | SmoothedAngle,
+    outputs: Iterable[str] | None = None,
+) -> Figure:
     """Draw a motion: position, attitude and their rates over time, psi, paths in space, the residual of E1.
 
     Of a scene of a mechanism: position, rate and torque of each joint that moves, with its limits - those far from
@@ -52,7 +57,7 @@ def plot(source: Source | MechanismScene | MechanismSceneResult, outputs: Iterab
 
     Args:
         source: a scene or its result, a trajectory of `integrate` or `simulate`, or a pair, which then turns through
-            its limits.
+            its limits; or what `smooth` returned, which is drawn with a band of two standard deviations.
         outputs: what to draw instead, as for the scene's `evaluate`; of a trajectory what it has, of a pair R1, S1,
             R2, S2, psi. Attitudes are drawn as Euler angles XYZ.
 
@@ -69,6 +74,8 @@ def plot(source: Source | MechanismScene | MechanismSceneResult, outputs: Iterab
     >>> [axes.get_title() for axes in figure.axes][:2]
     ['position of body 2, R2', 'attitude of body 2, Euler angles XYZ']
     """
+    if isinstance(source, SmoothedMotion | SmoothedAngle):
+        return plot_of_smoothed(source, outputs)
     if isinstance(source, MechanismScene | MechanismSceneResult):
         return plot_of_mechanism(source, outputs)
     title, curves = _curves(source, outputs)

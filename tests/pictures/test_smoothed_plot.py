@@ -1,0 +1,39 @@
+"""Plots of smoothed recordings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+
+T = np.arange(300) / 100
+
+
+def test_an_angle_is_drawn_with_the_band_of_its_standard_deviation():
+    rng = np.random.default_rng(0)
+    found = hp.smooth(T, np.sin(3 * T) + 2e-3 * rng.standard_normal(300))
+    figure = hp.plot(found)
+    assert [axes.get_title() for axes in figure.axes] == ["psi", "psid", "psidd"]
+    for axes, name in zip(figure.axes, ("psi", "psid", "psidd"), strict=True):
+        (band,) = axes.collections
+        corners = band.get_paths()[0].vertices
+        values, std = getattr(found, name), found.std[name]
+        assert corners[:, 1].max() == pytest.approx((values + 2 * std).max())
+        assert corners[:, 1].min() == pytest.approx((values - 2 * std).min())
+
+
+def test_a_motion_is_drawn_with_bands_and_outputs_are_checked():
+    rng = np.random.default_rng(1)
+    S = hp.rotation_exp(np.stack((np.sin(T), 0 * T, T), axis=-1)) @ hp.rotation_exp(
+        1e-3 * rng.standard_normal((300, 3))
+    )
+    found = hp.smooth(
+        T, hp.BodyMotion(R=np.stack((T, np.sin(T), np.cos(T)), -1) + 1e-3 * rng.standard_normal((300, 3)), S=S)
+    )
+    figure = hp.plot(found)
+    bands = {axes.get_title(): len(axes.collections) for axes in figure.axes}
+    assert bands == {"R": 3, "v": 3, "a": 3, "S": 0, "omega": 3, "alpha": 3}
+    assert [axes.get_title() for axes in hp.plot(found, outputs=("v",)).axes] == ["v"]
+    with pytest.raises(hp.ArgumentError, match="outputs"):
+        hp.plot(found, outputs=("psi",))
