@@ -1,10 +1,12 @@
 """Gauss collocation: steps of order 16 whose eight nodes are evaluated together, and a polynomial in between.
 
-The derivative is a polynomial of degree 7 through its values at the eight Gauss nodes of a step, found by iteration
-(Picard). What the last Legendre coefficients have left says how far that polynomial is off, and so do the derivatives
-beside the nodes: at both ends of a step and between each two nodes, where a kink may lie that no node sees. Where the
-derivative is known to change from one smooth function to another, a step ends there. The method is symmetric and
-keeps quadratic invariants; Hairer, Lubich, Wanner, *Geometric Numerical Integration*, II.1.3, VIII.6.
+The derivative is a polynomial of degree 7 through its values at the eight Gauss nodes of a step. The states at the
+nodes are iterated by fixed points (Picard), or, where psi'' answers stiffly to psi and psi', by a simplified Newton
+method in these two. What the last Legendre coefficients have left says how far that polynomial is off, and so do the
+derivatives beside the nodes: at both ends of a step, between each two nodes, and, of functions that nothing is known
+of, at a given spacing. Steps end at events, where distances from them pass 0. The method is symmetric and keeps
+quadratic invariants; Hairer, Lubich, Wanner, *Geometric Numerical Integration*, II.1.3, VIII.6; for stiff equations
+Hairer, Wanner, *Solving Ordinary Differential Equations II*, IV.8.
 """
 
 from __future__ import annotations

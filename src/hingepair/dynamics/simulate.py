@@ -204,9 +204,9 @@ def simulate(
 
     Returns:
         A `Trajectory` (`.t`, `.S1`, `.psi`, `.R2`, ...; of a PlanarPair a `PlanarTrajectory`), and `.body1`, `.psid`,
-        `.psidd`, `.loads` (what acted), `.energy()` and `.momentum()`; `.error_estimate` of the attitude of body 1 -
-        0 where that is given - and `.psi_error_estimate` of psi [rad] come from a second run, of a smaller
-        tolerance, when they are asked for.
+        `.psidd`, `.loads` (what acted), `.energy()`, `.momentum()` and `.energy_balance()`; `.error_estimate` of the
+        attitude of body 1 - 0 where that is given - and `.psi_error_estimate` of psi [rad] come from a second run, of
+        a smaller tolerance, when they are asked for.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
