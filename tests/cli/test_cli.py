@@ -537,6 +537,14 @@ def test_a_robots_hinge_is_exported_by_name_or_from_a_urdf() -> None:
     assert "URDF: expected XML" in invoke("urdf", MODELS / "logged_arm.csv", "knee")
 
 
+def test_closed_forms_are_abbreviated_where_lines_are_long() -> None:
+    long, short = ("derive", "go1", "FL_calf_joint", "--outputs", "v2"), ("derive", REFERENCE, "--outputs", "omega1")
+    assert "c_1 = cos" in invoke(*long)
+    assert "c_1 = cos" not in invoke(*long, "--full")
+    assert invoke(*short) == invoke(*short, "--full")
+    assert "omega1_x = 3 + 5 sin t" in invoke(*short).replace("ω", "omega")
+
+
 def test_a_robots_frame_is_derived_by_name_or_from_a_urdf(tmp_path: Path) -> None:
     robot = hp.load_robot("ur5_robot", snap=1e-6)
     q = np.linspace(-2, 2, 6)
