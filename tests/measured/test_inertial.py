@@ -218,6 +218,7 @@ def axis_scores(seeds: int, size: float, **told: float) -> tuple[np.ndarray, np.
     return np.array(scores), np.array(degrees)
 
 
+@pytest.mark.slow
 def test_biases_of_gyroscopes_are_found_with_the_axis() -> None:
     scores, degrees = axis_scores(6, 0.02)
     _, blind = axis_scores(6, 0.02, gyroscope_bias=0.0)
@@ -281,6 +282,7 @@ def true_angle(t: np.ndarray) -> np.ndarray:
     return np.sin(2.3 * t) + hp.rotation_log(HOME @ truth(1.0)[3].T) @ N1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving", [1.0, 0.0], ids=["moving", "body 1 at rest"])
 def test_the_angle_of_biased_gyroscopes_does_not_drift(moving: float) -> None:
     t = np.arange(2000) / 100
