@@ -21,6 +21,7 @@ pytest.importorskip("zarr", reason="the extra dask is not installed")
 import pyarrow.parquet as pq
 import zarr
 
+from hingepair.sweeps import stores
 from hingepair.sweeps import sweep as sweeps
 from hingepair.sweeps.sweep import load_sweep, run_sweep
 
@@ -339,6 +340,15 @@ def test_stores_and_schedulers_that_cannot_be_used_are_refused(monkeypatch, caps
     Path("z.parquet.parts").mkdir()
     Path("z.parquet.parts/sweep.json").write_text("{}")
     assert "whose chunks are of another one" in refused("--out", "z.parquet")
+
+
+@pytest.mark.parametrize("package", ["dask", "pyarrow"])
+def test_a_package_that_is_not_installed_is_named_before_anything_is_written(package, monkeypatch, capsys):
+    there = stores.find_spec
+    monkeypatch.setattr(stores, "find_spec", lambda name: None if name == package else there(name))
+    shown = run_command("grid.toml", monkeypatch=monkeypatch, capsys=capsys, code=2)
+    assert f"sweep: expected the package {package}: pip install 'hingepair[dask]'" in shown
+    assert not Path("grid.parquet.parts").exists()
 
 
 def test_a_full_disk_leaves_nothing_that_could_be_taken_for_whole(monkeypatch, capsys):

@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -93,16 +94,14 @@ def _naming_errors(path: Path) -> Iterator[None]:
 
 
 def check_packages(path: Path) -> None:
-    """Refuse a store whose package is not installed, before anything is computed.
+    """Refuse to begin where Dask, or the package of the store, is not installed.
 
     Raises:
         MissingDependencyError: names the package.
     """
-    package = {".parquet": "pyarrow", ".zarr": "zarr"}.get(path.suffix.lower(), "numpy")
-    from importlib.util import find_spec
-
-    if find_spec(package) is None:
-        raise MissingDependencyError("out", f"the package {package}: pip install 'hingepair[dask]'", "none")
+    for package in ("dask", {".parquet": "pyarrow", ".zarr": "zarr"}.get(path.suffix.lower(), "numpy")):
+        if find_spec(package) is None:
+            raise MissingDependencyError("sweep", f"the package {package}: pip install 'hingepair[dask]'", "none")
 
 
 def _write_parquet(store: Store, chunks: int, _: int) -> None:

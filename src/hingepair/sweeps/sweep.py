@@ -229,10 +229,7 @@ Add = Callable[[int, Mapping[str, NDArray[Any]]], None]
 
 def _on_threads(sweep: Sweep, missing: Sequence[int], add: Add, threads: int) -> None:
     """Compute chunks on threads of this process."""
-    try:
-        import dask
-    except ImportError as error:
-        raise MissingDependencyError("sweep", "the package dask: pip install 'hingepair[dask]'", str(error)) from None
+    import dask
 
     def task(number: int) -> None:
         first = number * sweep.chunk
