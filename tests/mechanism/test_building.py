@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import pickle
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -113,7 +114,7 @@ def test_locked_joints_are_folded_as_pinocchio_folds_them(name, locked):
 
 
 def test_a_joint_locked_at_a_quarter_turn_is_exact():
-    text = ARM.replace('rpy="0.1 -0.2 0.3"', "")
+    text = ARM.replace('rpy="0.1 -0.2 0.3"', "").replace('"revolute"', '"continuous"')
     tree = tree_of_urdf(text, "fixed", {"shoulder": math.pi / 2, "elbow": -math.pi}, None)
     assert tree.links["lower"].S.tolist() == [[0, 1, 0], [1, 0, 0], [0, 0, -1]]
     assert tree.joints[0].name == "slide"  # what follows the elbow is held too
@@ -178,6 +179,28 @@ def test_joints_that_follow_themselves_are_refused(rules, message):
 def test_what_cannot_be_locked_is_refused(locked, message):
     with pytest.raises(ArgumentError, match=message):
         tree_of("panda", locked=locked)
+
+
+@pytest.mark.parametrize(
+    ("joint", "position", "message"),
+    [
+        ("slide", 20, "locked: 'slide' is held at 20 m, beyond its limits, -1 to 1 m"),
+        ("shoulder", -1.5, "locked: 'shoulder' is held at -1.5 rad, beyond its limits, -1 to 1 rad"),
+    ],
+)
+def test_a_joint_that_is_held_beyond_its_limits_is_told(joint, position, message):
+    with pytest.warns(hp.DynamicsWarning, match=f"^{message}$") as told:
+        robot = hp.Mechanism.from_urdf(ARM, locked={joint: position})
+    assert (len(told), told[0].filename) == (1, __file__)
+    assert joint not in robot.names
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hp.Mechanism.from_urdf(ARM, locked={"shoulder": -1, "elbow": 20, "slide": 1})
+
+
+def test_the_printed_robot_says_how_a_joint_follows():
+    assert " 2 c + 0.5" in str(hp.Mechanism.from_urdf(mimic_arm(("a", "c", 2, 0.5))))
+    assert " -3 a - 0.25" in str(hp.Mechanism.from_urdf(mimic_arm(("d", "a", -3, -0.25))))
 
 
 @pytest.mark.parametrize("kind", ["planar", "floating", "spherical", ""])

@@ -155,6 +155,15 @@ REFUSED = {
         lambda r, _: r.forward_kinematics(dict.fromkeys(r.names, "a")), r"q\['panda_joint1'\]: expected real numbers"
     ),
     "frame": (lambda r, q: r.forward_kinematics(q, frames="panda_hnd"), "frames: .*nearest: panda_hand"),
+    "frame_not_computed": (
+        lambda r, q: r.forward_kinematics(q)["panda_link7"],
+        r"frame: expected one of .*panda_rightfinger.*, since 'panda_link7' was not computed: "
+        r"ask for it with frames=\('panda_link7',\), got 'panda_link7'",
+    ),
+    "frame_misspelt": (
+        lambda r, q: pickle.loads(pickle.dumps(r.forward_kinematics(q)))["panda_link77"],
+        r"frame: expected one of .*panda_rightfinger.* \(nearest: panda_link7\), got",
+    ),
     "no_frame": (lambda r, q: r.forward_kinematics(q, frames=()), "frames: expected names of links or joints"),
     "one_frame": (lambda r, q: r.jacobian(q), "frame: expected the name of a link or joint"),
     "rates": (lambda r, q: r.forward_kinematics(q, outputs=("v",)), "qd: .*output v needs them"),

@@ -17,7 +17,7 @@ from hingepair.mechanism.tree import Tree
 from hingepair.numeric.tables import aligned, json_text
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.reader import read_urdf
-from hingepair.urdf.records import HINGES, SLIDERS, Joint, Robot
+from hingepair.urdf.records import HINGES, SLIDERS, Joint, Mimic, Robot
 
 COUNTS = ("robot", "dof", "hinges", "sliders", "following")
 HEADINGS = (
@@ -140,10 +140,7 @@ def _rule(row: dict[str, Any]) -> str:
     mimic = row["mimic"]
     if mimic is None:
         return str(row["follows"])
-    ratio, offset = mimic["multiplier"], mimic["offset"]
-    factor = "" if ratio == 1 else f"{ratio:.4g} "
-    added = "" if offset == 0 else f" {'-' if offset < 0 else '+'} {abs(offset):.4g}"
-    return f"{factor}{mimic['joint']}{added}"
+    return str(Mimic(mimic["joint"], mimic["multiplier"], mimic["offset"]))
 
 
 def _sentences(name: str, report: dict[str, Any]) -> Sequence[str]:

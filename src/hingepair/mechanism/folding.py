@@ -19,7 +19,7 @@ from hingepair.mechanism.shapes import drawing_of
 from hingepair.mechanism.tree import NO_MASS, Frame, Joint, MassProperties, Mimic, Tree
 from hingepair.numeric.arrays import Float64Array, finite_number, read_only
 from hingepair.numeric.blocks import versine
-from hingepair.pair.body import Body, Shape
+from hingepair.pair.body import Body, Shape, warn_of_dynamics
 from hingepair.urdf import records
 from hingepair.urdf.records import sine_and_cosine
 from hingepair.urdf.rigid import HERE, Inertia, Pose, combined
@@ -110,7 +110,7 @@ def fold(name: str, parts: Sequence[Part], base: str, locked: Mapping[str, float
 
 
 def _locked_positions(parts: Sequence[Part], locked: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the positions of the joints that are held, checked."""
+    """Return the positions of the joints that are held, checked; warn of those beyond their limits."""
     if not isinstance(locked, Mapping | None):
         raise ArgumentError("locked", "positions by the joint's name", quoted(locked))
     known = [part.name for part in parts if part.kind != "fixed"]
@@ -118,7 +118,15 @@ def _locked_positions(parts: Sequence[Part], locked: Mapping[str, float] | None)
         if joint not in known:
             expected = choices(known) + nearest(str(joint), known) if known else "no joint, since none moves"
             raise ArgumentError("locked", expected, quoted(joint))
-    return {joint: finite_number(f"locked, {joint!r}", value) for joint, value in (locked or {}).items()}
+    positions = {joint: finite_number(f"locked, {joint!r}", value) for joint, value in (locked or {}).items()}
+    for part in parts:
+        least, most = part.limits or (-np.inf, np.inf)
+        position = positions.get(part.name, least)
+        if not least <= position <= most:
+            unit = "m" if part.kind == "slider" else "rad"
+            limits = f"{least:g} to {most:g} {unit}"
+            warn_of_dynamics(f"locked: {part.name!r} is held at {position:g} {unit}, beyond its limits, {limits}")
+    return positions
 
 
 def _motions(parts: Sequence[Part], positions: Mapping[str, float]) -> dict[str, Motion]:

@@ -19,6 +19,7 @@ from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.tables import Sheet, aligned, cell
 from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
+from hingepair.urdf import records
 
 _ARMATURE = "armature"
 _HEADINGS = ("joint", "kind", "carried by", "axis", "least", "greatest", "rate", "effort", "mass [kg]", "follows")
@@ -91,7 +92,7 @@ class Mechanism(MechanismMethods):
             path_or_text: a file's path, or the URDF itself (text that starts with "<").
             base: "fixed" or "free"; the base is the root link.
             locked: joints that are held, and where, such as {"panda_finger_joint1": 0.02} [rad or m]; what follows
-                them is held too.
+                them is held too. A position beyond the joint's limits is taken, with a `DynamicsWarning`.
             snap: an angle of an origin (rpy) within this of a multiple of pi/2 is taken for it [rad], such as 1e-6.
                 Unless given, only the double nearest to a multiple of pi/2 is that turn exactly.
 
@@ -277,13 +278,14 @@ class Mechanism(MechanismMethods):
         geared = any(joint.armature for joint in joints)
         rows: list[tuple[str, ...]] = [(*_HEADINGS, _ARMATURE) if geared else _HEADINGS]
         for joint in joints:
-            leader = "" if joint.mimic is None else joints[joint.mimic.leader - 1].name
+            rule = joint.mimic
+            follows = "" if rule is None else str(records.Mimic(joints[rule.leader - 1].name, *rule[1:]))
             carrier = "base" if joint.parent == 0 else joints[joint.parent - 1].name
             limits = (*joint.position_limits, joint.rate_limit, joint.effort_limit)
             shown = ("" if np.isinf(limit) else cell(limit) for limit in limits)
             axis = " ".join(f"{round(component, 3) + 0.0:g}" for component in joint.n.tolist())
             rotor = (cell(joint.armature),) if geared else ()
-            rows.append((joint.name, joint.kind, carrier, axis, *shown, cell(joint.body.mass), leader, *rotor))
+            rows.append((joint.name, joint.kind, carrier, axis, *shown, cell(joint.body.mass), follows, *rotor))
         title = f"{self.name}: {self.dof} degrees of freedom, {len(self.links)} links, {self.base} base"
         return Sheet(title, rows, self.tree.notes)
 

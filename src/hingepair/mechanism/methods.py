@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import functools
-import sys
-import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, TypeAlias
 
@@ -26,7 +24,7 @@ from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant
 from hingepair.numeric.dask_arrays import holds_dask, over_chunks
 from hingepair.numeric.tables import Shown
-from hingepair.pair.body import DynamicsWarning
+from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import SAMPLE_SHAPES, BodyMotion
 from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
 from hingepair.plans.trees import inputs_of
@@ -34,7 +32,6 @@ from hingepair.plans.trees import inputs_of
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
 
-_HEADINGS: Final = ("joint", "kind", "on", "axis", "limits", "rate", "effort", "mass [kg]", "follows")
 _LEVELS = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
 _LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")
 _OF_ONE_FRAME: Final = ("jacobian", "acceleration_bias")
@@ -107,8 +104,8 @@ class MechanismMethods(Shown):
             q: coordinates.
             qd: their time derivatives.
             qdd: their second time derivatives.
-            frames: names of links, joints or added frames; the last link of every branch unless given. Where a joint
-                and a link share a name, it is the link's frame.
+            frames: names of links, joints or added frames; unless given, only `robot.tips`, the last link of every
+                branch. Where a joint and a link share a name, it is the link's frame.
             outputs: names out of R, S, d, v, omega, a, alpha: exactly these are computed. Unless given, all that the
                 inputs allow.
             base_motion: where the base is and how it moves.
@@ -680,8 +677,8 @@ class MechanismMethods(Shown):
         """
         frame = self.tree.frame(name) if isinstance(name, str) else None
         if frame is None:
-            known = [*self.tree.links, *self.tree.frames, *(joint.name for joint in self.tree.joints)]
-            raise ArgumentError(argument, choices(tuple(self.tree.links)) + nearest(str(name), known), quoted(name))
+            expected = choices(tuple(self.tree.links)) + nearest(str(name), self.tree.frame_names)
+            raise ArgumentError(argument, expected, quoted(name))
         return frame
 
     def _one_frame(self, frame: str | None) -> str:
@@ -711,7 +708,7 @@ class MechanismMethods(Shown):
         if found is None:
             kind: type[Results] | None = _RESULTS.get(outputs[0], Results)
             if outputs[0] in _MOTION:
-                kind = state_of(names)
+                kind = state_of(names, self.tree.frame_names)
             elif len(outputs) == 1 and outputs[0] in _ALONE:
                 kind = None
             bodies = tuple((frames or {}).values())
@@ -852,7 +849,7 @@ class MechanismMethods(Shown):
         if "doubts" not in prepared:
             prepared["doubts"] = True
             for note in self.tree.notes:
-                warnings.warn(f"{self.tree.name}: {note}", DynamicsWarning, _caller())
+                warn_of_dynamics(f"{self.tree.name}: {note}")
 
     def _warn_where_singular(
         self, found: MechanismAccelerations, q: Coordinates, base_motion: BodyMotion | None
@@ -872,10 +869,8 @@ class MechanismMethods(Shown):
             joint = self._constants.names[int(np.flatnonzero(first)[-1])]
             count = int(low.any(axis=-1).sum())
             where = f"at {count} of {bad.size} samples" if bad.shape else "here"
-            warnings.warn(
-                f"{self.tree.name}: no mass resists joint {joint!r} {where}; accelerations are NaN there",
-                DynamicsWarning,
-                _caller(),
+            warn_of_dynamics(
+                f"{self.tree.name}: no mass resists joint {joint!r} {where}; accelerations are NaN there"
             )
 
 
@@ -900,11 +895,3 @@ def _names(
 
 def _gravity(gravity: ArrayLike) -> tuple[float, ...]:
     return GRAVITY if gravity is GRAVITY else tuple(one_constant("gravity", gravity, 3).tolist())
-
-
-def _caller() -> int:
-    """Return how far up the code stands that calls this package."""
-    frame, level = sys._getframe(1), 1
-    while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("hingepair."):
-        frame, level = frame.f_back, level + 1
-    return level

@@ -48,6 +48,8 @@ class MechanismState(Results):
     __slots__ = {name: text.replace("(...,", "(..., frames,") for name, text in _MOTION.items()}
 
     frames: ClassVar[tuple[str, ...]] = ()
+    _robot_frames: ClassVar[tuple[str, ...]] = ()
+    """Names of all frames of the robot, computed or not."""
 
     R: FloatArray
     S: FloatArray
@@ -66,25 +68,33 @@ class MechanismState(Results):
         if name in self.outputs:
             return super().__getitem__(name)
         if name not in self.frames:
-            raise ArgumentError("frame", choices(self.frames) + nearest(str(name), self.frames), quoted(name))
+            expected = choices(self.frames)
+            if name in self._robot_frames:
+                expected += f", since {name!r} was not computed: ask for it with frames=({name!r},)"
+            else:
+                expected += nearest(str(name), self._robot_frames)
+            raise ArgumentError("frame", expected, quoted(name))
         place, axis = self.frames.index(name), len(self.shape)
         moving = {output: array for output, array in self.arrays().items() if output in _MOTION}
         arrays = {output: array[(slice(None),) * axis + (place,)] for output, array in moving.items()}
         return FrameState(arrays, self.shape)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _state_again, (self.frames, self.arrays(), self.shape)
+        return _state_again, (self.frames, self._robot_frames, self.arrays(), self.shape)
 
 
 @functools.lru_cache(maxsize=256)
-def state_of(frames: tuple[str, ...]) -> type[MechanismState]:
-    """Return the class of the motions of some frames."""
-    content = {"__slots__": MechanismState.__slots__, "frames": frames, "__module__": __name__}
+def state_of(frames: tuple[str, ...], robot_frames: tuple[str, ...]) -> type[MechanismState]:
+    """Return the class of the motions of some frames out of all that the robot has."""
+    names = {"frames": frames, "_robot_frames": robot_frames}
+    content = {"__slots__": MechanismState.__slots__, "__module__": __name__, **names}
     return type("MechanismState", (MechanismState,), content)
 
 
-def _state_again(frames: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]) -> MechanismState:
-    return state_of(frames)(arrays, shape)
+def _state_again(
+    frames: tuple[str, ...], robot_frames: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]
+) -> MechanismState:
+    return state_of(frames, robot_frames)(arrays, shape)
 
 
 class MechanismForces(Results):

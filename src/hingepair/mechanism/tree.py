@@ -145,6 +145,11 @@ class Tree(Frozen):
         """The joints with a coordinate of their own, in the order of q: all but the mimic joints."""
         return tuple(joint for joint in self.joints if joint.mimic is None)
 
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of all frames: links, further frames, joints."""
+        return tuple(dict.fromkeys((*self.links, *self.frames, *(joint.name for joint in self.joints))))
+
     def frame(self, name: str) -> Frame | None:
         """The frame of a link, of a further frame, or of a joint, in this order; None where there is none."""
         known = self.links.get(name) or self.frames.get(name)
@@ -163,6 +168,6 @@ class Tree(Frozen):
         """
         frame = self.frame(name) if isinstance(name, str) else None
         if frame is None:
-            known = tuple(dict.fromkeys((*self.links, *self.frames, *(joint.name for joint in self.joints))))
+            known = self.frame_names
             raise ArgumentError(argument, choices(known) + nearest(str(name), known), quoted(name))
         return frame

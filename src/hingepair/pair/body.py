@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -28,7 +29,15 @@ _ASYMMETRY = 1e-9  # of the largest element, as for rotations: what passes is ma
 
 
 class DynamicsWarning(UserWarning):
-    """Forces or motion may not be what was meant: a mass or an inertia is assumed, or a hinge passes its limits."""
+    """Forces or motion may not be what was meant: a mass or an inertia is assumed, or a joint passes its limits."""
+
+
+def warn_of_dynamics(sentence: str) -> None:
+    """Issue a DynamicsWarning that shows the line of code from which this package was called."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("hingepair."):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(sentence, DynamicsWarning, level)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
@@ -16,7 +14,7 @@ from hingepair.engine.calls import Call
 from hingepair.equations.spatial import Vector
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import FloatArray, one_constant, vectors
-from hingepair.pair.body import Body, DynamicsWarning
+from hingepair.pair.body import Body, warn_of_dynamics
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.evaluate import call_of
@@ -147,7 +145,7 @@ def mass_constants(bodies: Mapping[str, Body | None]) -> dict[str, Any]:
         centre, inertia = tuple(body.center_of_mass.tolist()), tuple(body.inertia.ravel().tolist())
         values |= {f"m{name[-1]}": body.mass, f"c{name[-1]}": centre, f"I{name[-1]}": inertia}
         for sentence in body.assumed:
-            warnings.warn(f"pair.{name}: {sentence}", DynamicsWarning, _caller())
+            warn_of_dynamics(f"pair.{name}: {sentence}")
     return values
 
 
@@ -170,14 +168,6 @@ def for_calls(constants: Constants, bodies: Bodies, gravity: ArrayLike, needed: 
 
 def _named(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
     return zip(("body1", "body2"), bodies, strict=True)
-
-
-def _caller() -> int:
-    """Return the number of stack frames up to the code that calls this package."""
-    frame, level = sys._getframe(1), 1
-    while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("hingepair."):
-        frame, level = frame.f_back, level + 1
-    return level
 
 
 @dataclass(frozen=True, slots=True, eq=False)

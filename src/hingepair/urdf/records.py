@@ -64,6 +64,11 @@ class Mimic(NamedTuple):
     multiplier: float
     offset: float
 
+    def __str__(self) -> str:
+        factor = "" if self.multiplier == 1 else f"{self.multiplier:.4g} "
+        added = "" if self.offset == 0 else f" {'-' if self.offset < 0 else '+'} {abs(self.offset):.4g}"
+        return f"{factor}{self.leader}{added}"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Link:
