@@ -132,7 +132,7 @@ class HingeLoad:
 
         >>> import hingepair as hp
         >>> round(hp.HingeLoad(stops=(0, 1), stop_damping=0.5).restitution(1.0), 4)
-        0.7452
+        0.7484
         """
         speed = abs(finite_number("rate", rate))
         if self.stop_restitution is not None:

@@ -671,7 +671,7 @@ class HingePair(Shown):
         >>> pair = hp.HingePair(u1=(0.5, 0, 0), u2=(-0.5, 0, 0), n=(0, 0, 1))
         >>> still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
         >>> pair.propagate_covariance(still, 1.0, u1_std=0.001, axis_std=0.002).R2_std.round(6)
-        array([0.001   , 0.001   , 0.001109])
+        array([0.001   , 0.001   , 0.001385])
         """
         std = {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
         if holds_dask(body1, psi):

@@ -72,8 +72,8 @@ def derive(
     >>> arm = hp.Mechanism(links).with_frame("hand", link="joint1", R=(1, 0, 0))
     >>> hp.derive(arm, frame="hand").R
     Matrix([
-    [cos(q_1 + q_2) + 2*cos(q_1)],
-    [sin(q_1 + q_2) + 2*sin(q_1)],
+    [2*cos(q_1) + cos(q_1 + q_2)],
+    [2*sin(q_1) + sin(q_1 + q_2)],
     [                          0]])
     """
     if isinstance(scene_or_pair, Mechanism):
