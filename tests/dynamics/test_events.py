@@ -400,5 +400,23 @@ def test_an_event_may_look_at_body_1():
     pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body1=body, body2=body)
     fall = hp.simulate(pair, np.linspace(0, 3, 4), start, 0.0, 1.0, until=lambda _t, now: now.R1[:, 2])
     assert fall.t[-1] == pytest.approx(np.sqrt(4 / 9.81), rel=1e-13)
-    with pytest.raises(hp.ArgumentError, match=r"^until: expected a callable"):
-        hp.simulate(pair, [0, 1], start, 0.0, 1.0, until=lambda _t, now: now.R1)
+
+
+@pytest.mark.parametrize(
+    ("until", "error", "message"),
+    [
+        (lambda _t, now: now.psi[0] - 0.3, hp.ShapeError, r"^until: expected shape \(n,\), .* got \(\)$"),
+        (lambda _t, now: now.R1, hp.ShapeError, r"^until: expected shape \(n,\), .* got \(\d+, 3\)$"),
+        (lambda _t, now: now.psi > 0.3, hp.DtypeError, r"^until: expected a number that passes 0, such as now\.psi"),
+        (lambda _t, _now: True, hp.DtypeError, r"^until: expected a number that passes 0, such as now\.psi"),
+        (lambda _t, _now: "late", hp.DtypeError, "^until: expected "),
+        (lambda _t, now: 1.0 if now.psi > 0.3 else -1.0, hp.ArgumentError, r"^until: .*np\.where instead of if"),
+        (lambda _t, now: now.R2[:, 2], AttributeError, "no 'R2'; known: R1, S1, v1, omega1, psi, psid$"),
+        (crossed(0.3, "down"), hp.ArgumentError, r"^until\.direction: expected 1 .*, got 'down'$"),
+        ("closed", hp.ArgumentError, r"^until: expected a callable of \(t, now\), got 'closed'$"),
+    ],
+    ids=["first", "vectors", "compared", "truth", "text", "if", "unknown", "direction", "name"],
+)  # fmt: skip
+def test_an_event_that_cannot_be_followed_is_named(until, error, message):
+    with pytest.raises(error, match=message):
+        turned(wheel(), [0.0, 0.1], 0.0, 1.0, 0.0, until=until)

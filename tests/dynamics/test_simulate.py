@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -271,6 +272,34 @@ def test_bad_arguments_are_named():
         given = {"t": t, "body1": STILL, "psi_0": 0.0, "psid_0": 0.0, "base": "fixed"} | change
         with pytest.raises(hp.ArgumentError, match=rf"^{name}: expected "):
             hp.simulate(pair, **given)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("hinge_torque", {"hinge_torque": lambda _t, psi, _psid: 3.0 if psi < 1 else 0.0}),
+        ("motor", {"hinge_torque": hp.HingeLoad(motor=lambda t, _psi, _psid: 3.0 if t < 1 else 0.0)}),
+        ("force2", {"force2": lambda t, _now: (0, 0, 1) if t < 1 else (0, 0, 0)}),
+        ("hinge", {"hinge": lambda t: (0.0, 0.0, 0.0) if t < 1 else None, "psi_0": None, "psid_0": None}),
+        ("base", {"base": lambda t: resting() if t < 1 else None, "body1": None}),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_callable_of_single_numbers_is_named(name, change):
+    given = {"body1": STILL, "psi_0": 0.0, "psid_0": 0.0, "base": "fixed"} | change
+    with pytest.raises(hp.ArgumentError, match=rf"^{name}: expected a callable of arrays.*np\.where instead of if"):
+        hp.simulate(pendulum(), np.linspace(0, 1, 5), **given)
+
+
+def test_a_callable_that_converts_arrays_to_numbers_is_named():
+    torque = hp.HingeLoad(motor=lambda t, _psi, _psid: math.sin(t))
+    assert torque(1.0, 0.0, 0.0) == math.sin(1.0)
+    with pytest.raises(hp.ArgumentError, match=r"^motor: expected a callable of arrays.*np\.sin of math\.sin"):
+        torque(np.ones(2), 0.0, 0.0)
+
+
+def resting():
+    return hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(0, 0, 0), omega=(0, 0, 0), a=(0, 0, 0), alpha=(0, 0, 0))
 
 
 def shapeless(_):

@@ -30,6 +30,7 @@ from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
 from hingepair.pair.dynamics import SINGULAR, check_resistance, mass_constants
 from hingepair.pair.evaluate import call_of
+from hingepair.pair.hinge_load import call_with_arrays
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.dynamics_steps import forward_steps, lever_steps
 from hingepair.plans.plan import SPATIAL, Plan, needed_steps, steps_of
@@ -280,7 +281,7 @@ class PairMotion:
             return {**hinge, "state": states, "S0": np.broadcast_to(S0, (len(t), 9))}
         if self._carry is None:
             return hinge
-        given = motion_arrays("base1", self._carry(t), "R", "S", "v", "omega", "a", "alpha")
+        given = motion_arrays("base1", call_with_arrays("base", self._carry, t), "R", "S", "v", "omega", "a", "alpha")
         try:
             wide = {name: np.broadcast_to(x, (len(t), *SPATIAL.shapes[name])) for name, x in given.items()}
         except ValueError:
@@ -302,7 +303,7 @@ class PairMotion:
 
 def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
     """Return psi, psi' and psi'' of a hinge that moves as given, at instants; shape (n,) each."""
-    values = hinge(t)
+    values = call_with_arrays("hinge", hinge, t)
     try:
         psi, psid, psidd = (np.broadcast_to(np.asarray(value, np.float64), t.shape) for value in values)
     except (TypeError, ValueError):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import finite_number, one_constant
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable, is_named
+from hingepair.pair.hinge_load import HingeLoad, HingeTorque, call_with_arrays, check_callable, is_named
 
 Array: TypeAlias = NDArray[np.float64]
 Load: TypeAlias = ArrayLike | Callable[[Array, "Moving"], ArrayLike]
@@ -38,6 +38,9 @@ class Moving(NamedTuple):
     omega1: Array
     psi: Array
     psid: Array
+
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(f"now has no {name!r}; known: {', '.join(self._fields)}")
 
 
 class Loads:
@@ -80,13 +83,13 @@ class Loads:
         """
         found = {}
         for name, load in self._moving.items():
-            own = self._answer(name, load(t, now), (len(t), *self._tail(name)))  # type: ignore[arg-type]
+            own = self._answer(name, call_with_arrays(name, load, t, now), (len(t), *self._tail(name)))
             found[name] = _lifted(own, len(self._tail(name))) if self._flat else own
         if self._hinge is not None:
             if is_named(self._hinge) and side is not None:
                 torque: Any = self._hinge.smooth(side, t, psi, psid)
             else:
-                torque = self._hinge(t, psi, psid)
+                torque = call_with_arrays("hinge_torque", self._hinge, t, psi, psid)
             found["hinge_torque"] = self._answer("hinge_torque", torque, t.shape)
         return found
 

@@ -17,7 +17,9 @@ from numpy.typing import ArrayLike
 from hingepair.dynamics.bases import PairMotion
 from hingepair.dynamics.collocation import Array
 from hingepair.dynamics.loads import Moving
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
+from hingepair.numeric.arrays import real_array
+from hingepair.pair.hinge_load import call_with_arrays
 
 Until: TypeAlias = Callable[[Array, Moving], ArrayLike]
 
@@ -43,7 +45,10 @@ class HingeSwitches:
         loads = motion.loads
         self._levels, self._rate_levels = (-np.inf, *loads.levels, np.inf), (-np.inf, *loads.rate_levels, np.inf)
         self._friction, self._rigid = loads.friction, loads.rigid_stops
-        self._direction = getattr(until, "direction", 0)
+        self._direction: Any = getattr(until, "direction", 0)
+        if not isinstance(self._direction, int | float | np.number) or self._direction not in (-1, 0, 1):
+            expected = "1 (where it rises), -1 (where it falls) or 0 (both)"
+            raise ArgumentError("until.direction", expected, quoted(self._direction))
         self._sign = 0.0  # of the user's event; 0 where it is not known yet
         self._limits = (0.0, 0.0)  # of the torque that holds the hinge
         psi, psid = map(float, motion.state[motion.angle : motion.angle + 2])
@@ -120,11 +125,14 @@ class HingeSwitches:
 
     def _user_values(self, t: Array, states: Array) -> Array:
         """Compute the values of the user's event at some instants; shape (m,)."""
-        values: Any = self._until(t, self._motion.moving(t, states))  # type: ignore[misc]
-        try:
-            return np.array(np.broadcast_to(np.asarray(values, np.float64), t.shape))
-        except (TypeError, ValueError):
-            raise ArgumentError("until", f"a callable that returns shape {t.shape}", values) from None
+        answer = call_with_arrays("until", self._until, t, self._motion.moving(t, states))  # type: ignore[arg-type]
+        if isinstance(answer, bool) or getattr(answer, "dtype", None) == np.bool_:
+            raise DtypeError("until", "a number that passes 0, such as now.psi - 0.3", "a truth value")
+        values = real_array("until", answer)
+        if values.shape != t.shape:
+            expected = f"shape (n,), one value for each instant of t (here {len(t)}), such as now.psi - 0.3"
+            raise ShapeError("until", expected, values.shape)
+        return np.array(values, np.float64)
 
     def _set_side(self) -> None:
         """Set the side of the kinks on which the motion is."""

@@ -10,12 +10,13 @@ from typing import Any, Final, TypeAlias, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array, finite_number
 
 HingeTorque: TypeAlias = float | Callable[[Float64Array, Float64Array, Float64Array], ArrayLike]
 HINGE_PARTS: Final = ("motor", "spring", "damper", "friction", "stop")
 """What the torque of a `HingeLoad` consists of; among all loads each is called with _torque behind."""
+_SIGNS_OF_SCALAR_CODE = ("truth value of an array", "arrays can be converted to Python scalars")  # NumPy's messages
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,8 +188,10 @@ class HingeLoad:
         angle, rate = side
         if is_named(self.motor):
             terms["motor"] = self.motor.smooth(side, t, psi, psid)
+        elif callable(self.motor):
+            terms["motor"] = call_with_arrays("motor", self.motor, t, psi, psid)
         else:
-            terms["motor"] = self.motor(t, psi, psid) if callable(self.motor) else self.motor
+            terms["motor"] = self.motor
         if self.friction and self.friction_rate is None:
             terms["friction"] = -self.friction * np.sign(rate)
         elif self.friction:
@@ -219,10 +222,27 @@ def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> 
     Raises:
         ArgumentError: names it.
     """
+    expected = f"a callable of ({', '.join(arguments)})"
+    if not callable(function):
+        raise ArgumentError(name, expected, quoted(function))
     try:
         inspect.signature(function).bind(*arguments)
     except TypeError:
-        expected = f"a callable of ({', '.join(arguments)})"
         raise ArgumentError(name, expected, f"one of {inspect.signature(function)}") from None
     except ValueError:  # some of C have no signature
         return
+
+
+def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what a callable makes of arrays; refuse one that takes them for single numbers.
+
+    Raises:
+        ArgumentError: the callable compares or converts an array as if it were one number; names it.
+    """
+    try:
+        return function(*arguments)
+    except (TypeError, ValueError) as error:
+        if not any(sign in str(error) for sign in _SIGNS_OF_SCALAR_CODE):
+            raise
+        expected = "a callable of arrays, one element for each instant: np.where instead of if, np.sin of math.sin"
+        raise ArgumentError(name, expected, f"one that takes single numbers ({error})") from error
