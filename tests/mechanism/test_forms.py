@@ -147,6 +147,40 @@ def test_no_samples_and_no_joints(robot):
     assert still.mass_matrix(np.empty((3, 0))).shape == (3, 0, 0)
 
 
+def test_forces_and_accelerations_are_tables_by_joint(robot, motion):
+    q, qd, qdd = (array[0].copy() for array in motion)
+    forces = robot.inverse_dynamics(q, qd, qdd)
+    frame = pickle.loads(pickle.dumps(forces)).to_dataframe()
+    assert list(frame.columns) == [
+        *robot.names,
+        *(f"{name}1_{axis}" for name in ("force", "torque") for axis in "xyz"),
+    ]
+    assert np.array_equal(frame[list(robot.names)].to_numpy(), forces.tau)
+    assert np.array_equal(frame[["torque1_x", "torque1_y", "torque1_z"]].to_numpy(), forces.torque1)
+    tau = robot.inverse_dynamics(q, qd, qdd, outputs=("tau",)).to_dataframe()
+    moves = robot.forward_dynamics(q, qd, tau)
+    assert np.array_equal(moves.qdd, robot.forward_dynamics(q, qd, forces.tau).qdd)
+    assert list(moves.to_dataframe().columns) == list(robot.names)
+    assert robot.inverse_dynamics(q[0], qd[0], qdd[0]).to_dataframe().shape == (1, 13)
+    assert robot.inverse_dynamics(q[:0], qd[:0], qdd[:0]).to_dataframe().shape == (0, 13)
+    with pytest.raises(hp.ArgumentError, match=r"to_dataframe: expected one sample, .*got shape \(4, 5\)"):
+        robot.inverse_dynamics(*motion).to_dataframe()
+
+
+def test_printed_forces_name_the_joints(robot, motion):
+    one = robot.inverse_dynamics(*(array[0, 0] for array in motion))
+    assert [line.split() for line in str(one).splitlines()[2:4]] == [
+        [name, f"{tau:.6g}"] for name, tau in zip(robot.names[:2], one.tau, strict=False)
+    ]
+    many = robot.inverse_dynamics(*motion)
+    title, heading, *lines = str(many).splitlines()
+    assert (title, heading.split()) == ("MechanismForces, shape (4, 5)", ["largest", "size"])
+    assert [line.split() for line in lines[:7]] == [
+        [name, f"{size:.6g}"] for name, size in zip(robot.names, np.abs(many.tau).max(axis=(0, 1)), strict=True)
+    ]
+    assert "<td>panda_joint1</td>" in many._repr_html_()
+
+
 REFUSED = {
     "columns": (lambda r, q: r.forward_kinematics(q[..., :6]), r"q: expected shape \(\.\.\., 7\), a column for each"),
     "joint_missing": (lambda r, _: r.forward_kinematics({"panda_joint1": 0}), r"q\['panda_joint2'\]: expected a num"),

@@ -19,7 +19,14 @@ from hingepair.mechanism.arguments import Coordinates, coordinate_columns, read_
 from hingepair.mechanism.constants import Constants, constants_of
 from hingepair.mechanism.evaluate import Problem
 from hingepair.mechanism.prepare import ARRAYS, PreparedMechanism, checked_given
-from hingepair.mechanism.states import MechanismAccelerations, MechanismForces, MechanismState, state_of
+from hingepair.mechanism.states import (
+    JointResults,
+    MechanismAccelerations,
+    MechanismForces,
+    MechanismState,
+    joint_results_of,
+    state_of,
+)
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant
 from hingepair.numeric.dask_arrays import holds_dask, over_chunks
@@ -37,7 +44,7 @@ _LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")
 _OF_ONE_FRAME: Final = ("jacobian", "acceleration_bias")
 _MOTION = tuple(name for level in _LEVELS for name in level)
 _FORCES = ("tau", "force1", "torque1")
-_RESULTS: Final[Mapping[str, type[Results]]] = {
+_RESULTS: Final[Mapping[str, type[JointResults]]] = {
     **dict.fromkeys(_FORCES, MechanismForces),
     **dict.fromkeys(("qdd", "a1", "alpha1"), MechanismAccelerations),
 }
@@ -706,8 +713,10 @@ class MechanismMethods(Shown):
         key = outputs, names, loaded
         found: Problem | None = self._constants.prepared.get(key)
         if found is None:
-            kind: type[Results] | None = _RESULTS.get(outputs[0], Results)
-            if outputs[0] in _MOTION:
+            kind: type[Results] | None = Results
+            if outputs[0] in _RESULTS:
+                kind = joint_results_of(_RESULTS[outputs[0]], self._constants.names)  # type: ignore[arg-type]
+            elif outputs[0] in _MOTION:
                 kind = state_of(names, self.tree.frame_names)
             elif len(outputs) == 1 and outputs[0] in _ALONE:
                 kind = None

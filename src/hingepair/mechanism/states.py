@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
+
+import numpy as np
 
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.arrays import FloatArray
+from hingepair.numeric.tables import Sheet, aligned, cell
+from hingepair.pair.results import column_names, needed_package
 
 _MOTION = {
     "R": "Origin; (..., 3) m.",
@@ -19,6 +24,10 @@ _MOTION = {
     "a": "Classical acceleration of the origin; (..., 3) m/s^2.",
     "alpha": "Angular acceleration; (..., 3) rad/s^2.",
 }
+
+
+_BY_JOINT: Final = ("tau", "qdd")
+"""Outputs with a component for each coordinate."""
 
 
 class FrameState(Results):
@@ -97,7 +106,74 @@ def _state_again(
     return state_of(frames, robot_frames)(arrays, shape)
 
 
-class MechanismForces(Results):
+class JointResults(Results):
+    """Results with a column for each coordinate of a robot.
+
+    Attributes:
+        names: of the joints with a coordinate, in the order of the columns.
+    """
+
+    __slots__ = ()
+
+    names: ClassVar[tuple[str, ...]] = ()
+
+    def to_dataframe(self) -> Any:
+        """Return a pandas DataFrame, one row a sample: a column for each joint by its name, then force1_x and so on.
+
+        A table of the joints alone, as of `outputs=("tau",)`, is what the robot's methods take for `tau`.
+
+        Raises:
+            ArgumentError: the samples stand along more than one axis.
+            MissingDependencyError: pandas is not installed.
+        """
+        if len(self.shape) > 1:
+            raise ArgumentError("to_dataframe", "one sample, or samples along one axis", f"shape {self.shape}")
+        return needed_package("pandas", "to_dataframe").DataFrame(*self._table())
+
+    def _table(self) -> tuple[FloatArray, None, list[str]]:
+        """Return all samples as rows, no index, and the names of the columns."""
+        arrays = {name: np.asarray(self[name]) for name in self.outputs if name in type(self).__slots__}
+        samples = math.prod(self.shape)
+        columns: list[str] = []
+        for name, array in arrays.items():
+            columns += self.names if name in _BY_JOINT else column_names({name: array.reshape(samples, 3)})
+        rows = [array.reshape(samples, array.shape[-1]) for array in arrays.values()]
+        return np.concatenate(rows, axis=1), None, columns
+
+    def _sheet(self) -> Sheet:
+        if not all(isinstance(array, np.ndarray) for array in self.arrays().values()):
+            return super()._sheet()  # arrays of Dask or JAX are not computed in order to be shown
+        table, _, columns = self._table()
+        shown = "value" if self.shape == () else "largest size"
+        sizes = table[0] if self.shape == () else np.abs(table).max(axis=0, initial=0.0)
+        rows = ((name, cell(size)) for name, size in zip(columns, sizes.tolist(), strict=True))
+        return Sheet(f"{type(self).__name__}, shape {self.shape}", (("", shown), *rows))
+
+    def __str__(self) -> str:
+        title, rows, _ = self._sheet()
+        return "\n".join((title, *aligned(rows, {1})))
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), "names", "to_dataframe"]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _joint_results_again, (type(self).__base__, self.names, self.arrays(), self.shape)
+
+
+@functools.lru_cache(maxsize=256)
+def joint_results_of(kind: type[JointResults], names: tuple[str, ...]) -> type[JointResults]:
+    """Return the class of results of one kind whose columns are those of these joints."""
+    content = {"__slots__": kind.__slots__, "__module__": __name__, "__doc__": kind.__doc__, "names": names}
+    return type(kind.__name__, (kind,), content)
+
+
+def _joint_results_again(
+    kind: type[JointResults], names: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]
+) -> JointResults:
+    return joint_results_of(kind, names)(arrays, shape)  # type: ignore[arg-type]
+
+
+class MechanismForces(JointResults):
     """What must act for a robot to move as it does."""
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
@@ -111,7 +187,7 @@ class MechanismForces(Results):
     torque1: FloatArray
 
 
-class MechanismAccelerations(Results):
+class MechanismAccelerations(JointResults):
     """How a robot moves under what acts."""
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)

@@ -79,7 +79,7 @@ class Result(Shown):
         Raises:
             MissingDependencyError: pandas is not installed.
         """
-        pandas = _needed("pandas", "to_dataframe")
+        pandas = needed_package("pandas", "to_dataframe")
         arrays = self.recorded()
         frame = pandas.DataFrame(dict(zip(("t", *column_names(arrays)), _columns(self.t, arrays), strict=True)))
         frame.attrs = {"description": self.described, "units": {"t": "s", **{n: self.unit(n) for n in arrays}}}
@@ -93,7 +93,7 @@ class Result(Shown):
         Raises:
             MissingDependencyError: xarray is not installed.
         """
-        xarray = _needed("xarray", "to_xarray")
+        xarray = needed_package("xarray", "to_xarray")
         arrays = self.recorded()
         variables: dict[str, Any] = {}
         letters: dict[str, list[str]] = {}
@@ -263,7 +263,7 @@ def _csv(file: IO[bytes], *_: object) -> Iterator[Add]:
 
 @contextlib.contextmanager
 def _parquet(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[Add]:
-    arrow, parquet = _needed("pyarrow", "save"), _needed("pyarrow.parquet", "save")
+    arrow, parquet = needed_package("pyarrow", "save"), needed_package("pyarrow.parquet", "save")
     writer: Any = None
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -306,11 +306,16 @@ def _write_npz(file: IO[bytes], kept: dict[str, Any], *_: object) -> None:
 
 
 def _write_netcdf(file: IO[bytes], kept: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
-    _needed("scipy", "save")
+    needed_package("scipy", "save")
     file.write(Record(kept.pop("t"), kept, described, (), unit).to_xarray().to_netcdf(engine="scipy"))
 
 
-def _needed(package: str, caller: str) -> Any:
+def needed_package(package: str, caller: str) -> Any:
+    """Return a package that tables or files are made with, imported.
+
+    Raises:
+        MissingDependencyError: it is not installed; names the method that asked for it.
+    """
     try:
         return importlib.import_module(package)
     except ImportError:
