@@ -317,12 +317,26 @@ def test_bad_input_is_one_line_and_exit_2(arguments: tuple[object, ...], words: 
         ("forces FLAT --gravity 1,2,3", "--gravity: expected two finite numbers X,Y of a scene in the plane, got "),
         ("forces SCENE --gravity nan,0,0", "--gravity: expected three finite numbers X,Y,Z, got 'nan,0,0'"),
         ("derive SCENE --frame tool0", "--frame needs a whole robot or its scene"),
-        ("derive ur5_robot", "--frame: expected the name of a link or joint: one of ee_link, tool0"),
+        (
+            "derive ur5_robot",
+            "--frame: expected the name of a link or joint, since ur5 ends in 2 links: one of ee_link",
+        ),
         ("derive ur5_robot --frame hand", "--frame: expected one of world"),
         ("derive ur5_robot --frame tool0 --symbolic n", "--symbolic: expected ('u',)"),
         ("derive ur5_robot --frame tool0 --outputs R2", "--outputs: expected one of R, S, jacobian"),
         ("derive missing.toml", "missing.toml: expected a scene file that can be read"),
-        ("derive ur5", "expected one of the 69 robots of example-robot-data, such as ur5_gripper"),
+        ("derive ur5", "ur5: expected a file, or one of the 69 robots of example-robot-data, such as ur5_gripper"),
+        ("view ur5", "ur5: expected a file, or one of the 69 robots of example-robot-data, such as ur5_gripper"),
+        ("check ur5", "ur5: expected a file, or one of the 69 robots of example-robot-data, such as ur5_gripper"),
+        ("run ur5", "ur5: expected a file, or one of the 69 robots of example-robot-data, such as ur5_gripper"),
+        ("forces ur5_robot", "[mechanism] robot = 'ur5_robot', got a robot, which alone has no motion"),
+        ("plot ur5_robot", "[mechanism] robot = 'ur5_robot', got a robot, which alone has no motion"),
+        ("run ur5.toml", "ur5.toml: expected a scene file that can be read"),
+        ("run SWEEP", "panda_payload.toml: expected a scene, got a sweep (hingepair sweep SWEEP computes it)"),
+        (
+            "sweep SCENE",
+            "reference_3d.toml: expected a sweep, whose key scene names a scene, got a scene (hingepair run",
+        ),
         ("derive SCENE --symbolic u9", "--symbolic: expected names out of u1, u2, n"),
         ("derive SCENE --latex --python", "--unicode, --latex, --python and --json exclude each other"),
         ("urdf SCENE knee", "JOINT: expected nothing after a scene file, which describes its own pair, got 'knee'"),
@@ -339,9 +353,9 @@ def test_bad_input_is_one_line_and_exit_2(arguments: tuple[object, ...], words: 
 )
 def test_errors_name_what_was_typed(arguments: str, words: str) -> None:
     files = {"SCENE": REFERENCE, "FLAT": MODELS / "reference_2d.toml", "URDF": MODELS / "talos_elbow.urdf"}
-    files["LOG"] = MODELS / "logged_arm.csv"
+    files |= {"LOG": MODELS / "logged_arm.csv", "SWEEP": MODELS / "sweeps" / "panda_payload.toml"}
     typed = [str(files.get(one, one)) for one in arguments.split()]
-    assert words in invoke(*typed)
+    assert words.replace("SWEEP", str(files["SWEEP"])) in invoke(*typed)
 
 
 def shell(line: str, **environment: str) -> subprocess.CompletedProcess[bytes]:

@@ -30,7 +30,11 @@ def derive(
     joint: Joint = None,
     frame: Annotated[
         str | None,
-        typer.Option("--frame", metavar="NAME", help="A robot's link or joint; its last link unless given."),
+        typer.Option(
+            "--frame",
+            metavar="NAME",
+            help="A robot's link or joint; its last link, where it ends in one, unless given.",
+        ),
     ] = None,
     snap: Annotated[
         float | None,

@@ -77,7 +77,31 @@ def named_robot(source: str) -> Mechanism | None:
     with contextlib.suppress(MissingDependencyError):
         if not os.path.exists(source) and source in robot_names():
             return load_robot(source)
+        _check_word(source)
     return None
+
+
+def named_scene(path: Path) -> Scene | MechanismScene:
+    """Return the scene of a file; refuse a robot's name, and a word that names nothing."""
+    word = str(path)
+    with contextlib.suppress(MissingDependencyError):
+        if not os.path.exists(word) and word in robot_names():
+            expected = f"a scene file with a motion, and [mechanism] robot = {word!r}"
+            raise ArgumentError(word, expected, "a robot, which alone has no motion")
+        _check_word(word)
+    return load_scene(path)
+
+
+def _check_word(source: str) -> None:
+    """Refuse a word without a suffix or a folder that is neither a file nor a robot; name close robots."""
+    if os.path.exists(source) or Path(source).name != source or Path(source).suffix:
+        return
+    try:
+        robot_urdf(source)
+    except MissingDependencyError:
+        raise
+    except ArgumentError as error:
+        raise ArgumentError(source, f"a file, or {error.expected}", "neither of them") from None
 
 
 def named(source: str, joint: str | None, *frames: str | None) -> Scene | MechanismScene | HingePair | PlanarPair:

@@ -8,13 +8,12 @@ from typing import Annotated
 import typer
 
 from hingepair.cli.output import PICTURES, Outputs, check_picture, console, file_option, listed, save_figure
-from hingepair.cli.pairs import Frame1, Frame2, Joint, inputs_of, named, named_robot
+from hingepair.cli.pairs import Frame1, Frame2, Joint, inputs_of, named, named_robot, named_scene
 from hingepair.cli.scenes import SceneFile
 from hingepair.errors import ArgumentError
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pictures.page import view as page_of
 from hingepair.pictures.plot import plot as figure_of
-from hingepair.scenes.scene import load_scene
 
 _NAMED = "unless told, here and named as the scene is, where no such file exists."
 
@@ -31,7 +30,7 @@ def plot(
     """
     out = out or _unused(f"{scene_file.stem}.png")
     check_picture("--out", out)
-    scene = load_scene(scene_file)
+    scene = named_scene(scene_file)
     figure = figure_of(scene, listed("--outputs", outputs))
     save_figure(figure, out, scene.files, dpi=110)
     console().print(f"written: {out}")

@@ -24,7 +24,7 @@ from hingepair.cli.output import (
     said_if_stopped,
     watched,
 )
-from hingepair.cli.pairs import named_robot
+from hingepair.cli.pairs import named_robot, named_scene
 from hingepair.cli.summary import Summary
 from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import instant, json_text, unit_of
@@ -64,7 +64,7 @@ def run(
     """
     if out is not None:
         check_ending(out)
-    scene = load_scene(scene_file)
+    scene = named_scene(scene_file)
     names = listed("--outputs", outputs)
     plan = scene.plan(names) if explain else None
     summary = Summary(scene)
@@ -166,7 +166,7 @@ def forces(
     """
     if out is not None:
         check_ending(out)
-    scene = load_scene(scene_file)
+    scene = named_scene(scene_file)
     if not isinstance(scene, Scene):
         _forces_of_mechanism(scene, gravity, out, as_json)
         return

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 import typer
 
 from hingepair.cli.output import PICTURES, Json, check_picture, console, line_width, save_figure
+from hingepair.cli.pairs import named_scene
 from hingepair.cli.scenes import SceneFile
 from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import ruled_table
-from hingepair.scenes.scene import load_scene
 from hingepair.sweeps.tolerance import study_tolerances
 
 _NUMBERS = "a number, or three separated by commas"
@@ -44,7 +44,7 @@ def tolerance(
         check_picture("--plot", plot)
     given = {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
     std = {name: _numbers(name, text) for name, text in given.items() if text is not None}
-    scene = load_scene(scene_file)
+    scene = named_scene(scene_file)
     study = study_tolerances(scene, samples, seed, **std)
     if plot is not None:
         save_figure(study.plot(), plot, scene.files, dpi=110)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.simulate import passed_stops
 from hingepair.engine.results import lacking
-from hingepair.errors import ArgumentError, choices, quoted
+from hingepair.errors import ArgumentError, SceneError, choices, quoted
 from hingepair.integration.trajectory import span
 from hingepair.numeric.arrays import Frozen, read_only
 from hingepair.numeric.tables import Sheet, cell, unit_of
@@ -554,6 +554,8 @@ def with_constants(tables: Table) -> Table:
     Raises:
         SceneError: an unknown table, or a constant that is none; names it.
     """
+    if {"scene", "vary"} <= tables.values.keys():
+        raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
     if _is_of_mechanism(tables):
         for key in tables.values:
             if key in _TABLES and key not in _MECHANISM_TABLES:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.backend import choose, compiling_at_once
-from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices, quoted
+from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, SceneError, choices, quoted
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.scene import scene_files
 from hingepair.scenes.tables import Table, read_tables
@@ -26,6 +26,7 @@ from hingepair.sweeps.stores import Store, check_packages
 from hingepair.sweeps.variants import Variants, check_number, parse_key
 
 _KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
+_SCENE_TABLES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
 _MAX_CHUNKS: Final = 1000  # of a sweep whose file does not say how many variants a chunk has
 _CHUNK_STATES: Final = 200_000  # states of a chunk, likewise
 _CONNECT_SECONDS: Final = 10.0  # until a scheduler that does not answer is given up
@@ -97,6 +98,8 @@ def load_sweep(path: str | Path) -> Sweep:
         SceneError: the file cannot be read as a sweep; names file, table and key.
     """
     table = read_tables(path)
+    if "scene" not in table.values and not _SCENE_TABLES.isdisjoint(table.values):
+        raise SceneError(table.file, "a sweep, whose key scene names a scene", "a scene (hingepair run computes it)")
     table.check_keys(_KEYS)
     scene_path = Path(path).parent / table.text("scene")
     scene = read_tables(scene_path)

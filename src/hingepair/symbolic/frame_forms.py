@@ -84,7 +84,11 @@ class FrameForms:
             )
         tips = robot.tree.tips
         if frame is None and len(tips) != 1:
-            raise ArgumentError("frame", f"the name of a link or joint: {choices(tips)}", "none")
+            raise ArgumentError(
+                "frame",
+                f"the name of a link or joint, since {robot.name} ends in {len(tips)} links: {choices(tips)}",
+                "none",
+            )
         name = tips[0] if frame is None else frame
         self._program = FrameProgram(robot.tree, robot.tree.known_frame("frame", name), letters)
         self._title = f"frame {name} of {robot.name}"
