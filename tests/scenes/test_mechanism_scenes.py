@@ -336,6 +336,8 @@ def test_the_plan_counts_what_resting_joints_save(tmp_path: Path) -> None:
     assert less.each < more.each < more.full == less.full
 
 
+STRAY = r"expected the motion of a joint under \[motion\], got a joint in another table"
+PANDA = "[mechanism]\nrobot = 'panda'\nlocked = { panda_joint1 = 0 }\n"
 BAD = {
     "u1 of two": (JOINTS.replace("u1 = [2, 0, 0]", "u1 = [2, 0]"), "joint.stick.u1: expected 3 finite numbers"),
     "parent": (JOINTS.replace('parent = "boom"', 'parent = "bom"'), "joint.stick.parent: .*nearest: boom"),
@@ -367,6 +369,17 @@ BAD = {
     ),
     "payload's link": (JOINTS + "[mechanism.payload]\nrm = { mass = 1 }\n", "mechanism.payload.rm: .*nearest: ram"),
     "payload": (JOINTS + "[mechanism.payload]\nram = {}\n", "mechanism.payload.ram.mass: .*got nothing"),
+    "payload's link as a key": (
+        JOINTS + "[mechanism.payload.load]\nlink = 'ram'\nmass = 1\n",
+        r"mechanism.payload.load.link: .*the name behind payload is the link's: \[mechanism.payload.ram\]",
+    ),
+    "stray beside frames": (JOINTS + "[mechanism.frames]\nram = 't'\n", "mechanism.frames.ram: " + STRAY),
+    "stray below a joint": (JOINTS + "\nram = 't'\n", "joint.*ram: " + STRAY),
+    "stray way points": (
+        PANDA + "panda_joint2 = { t = [0, 1], value = [0, 1] }\n",
+        "mechanism.panda_joint2: " + STRAY,
+    ),
+    "stray in the base": (JOINTS + "[base]\nboom = 't'\n", "base.boom: " + STRAY),
     "base's key": (JOINTS + "[base]\nphi = 1\n", "base.phi: expected one of x, y, z, phi_x"),
     "base's motion": (JOINTS + "[base]\nx = 'sin(tt)'\n", "base.x: unknown name 'tt'"),
     "robot": ("[mechanism]\nrobot = 'pand'\n", "mechanism.robot: .*such as panda"),
@@ -386,7 +399,6 @@ def test_mistakes_in_a_mechanism_are_refused_by_table_and_key(tmp_path: Path, na
     assert "\n" not in str(refused.value)
 
 
-PANDA = "[mechanism]\nrobot = 'panda'\nlocked = { panda_joint1 = 0 }\n"
 BAD_MOTIONS = {
     "misspelt joint": ("panda_jiont2 = 't'", "motion.panda_jiont2: .*nearest: panda_joint2"),
     "follower": ("panda_finger_joint2 = 0", "motion.panda_finger_joint2: .*follows 'panda_finger_joint1'"),

@@ -160,6 +160,9 @@ def with_payload(robot: Mechanism, table: Table) -> Mechanism:
     payload = table.table("payload", required=False)
     for link in payload.values:
         described = payload.table(link)
+        if "link" in described.values:
+            meant = f"[mechanism.payload.{described.text('link')}]"
+            described.fail("link", f"no such key, since the name behind payload is the link's: {meant}")
         body = made(described, Body, described.read(BODY_KEYS, ("mass",)))
         with payload.naming(link=link):
             robot = robot.with_payload(link, body)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.loops import Operations
 from hingepair.engine.results import lacking
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, SceneError, choices, nearest, quoted
 from hingepair.integration.trajectory import span
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
@@ -575,6 +575,36 @@ def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> 
         SceneError: the file cannot be read as a scene of a mechanism; names file, table and key, in one line.
         MissingDependencyError: the mechanism is a robot of example-robot-data, which is not installed.
     """
+    try:
+        return _read_scene(tables, path, files)
+    except SceneError as error:
+        if _is_stray_joint(tables, path.parent, error.name):
+            raise SceneError(error.name, "the motion of a joint under [motion]", "a joint in another table") from None
+        raise
+
+
+def _is_stray_joint(tables: Table, folder: Path, label: str) -> bool:
+    """Return whether a refused key, by its label, is a joint whose motion stands in a table that is not [motion]."""
+    *parents, key = label.removeprefix(f"{tables.file}: ").split(".")
+    if not parents or parents[0] == "motion" or parents[-1] == "locked":
+        return False
+    value: Any = tables.values
+    for step in (*parents, key):
+        value = value.get(step) if isinstance(value, dict) else None
+    if isinstance(value, dict) and "value" not in value:  # no way points: a frame, or a payload
+        return False
+    if "joint" in tables.values:
+        return key in (joint.get("name") for joint in tables.values["joint"] if isinstance(joint, dict))
+    table = tables.table("mechanism")
+    source = {name: own for name, own in table.values.items() if name in {"robot", "urdf"}}
+    try:
+        return key in read_mechanism(replace(tables, values={"mechanism": source}), folder).names
+    except SceneError:
+        return False
+
+
+def _read_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> MechanismScene:
+    """Return the scene that the tables of a file describe; `read_mechanism_scene` has the words."""
     folder, outputs = path.parent, tables.table("outputs", required=False)
     robot = read_mechanism(tables, folder)
     motion = read_joint_motion(tables, folder, robot)
