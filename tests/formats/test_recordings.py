@@ -102,10 +102,13 @@ def test_two_files_with_clocks_of_their_own_meet(tmp_path: Path) -> None:
     [
         ({"temperature": MADE.t}, "'temperature': expected columns of poses.*--ignore 'temperature'"),
         ({"qx3": MADE.t}, "nearest: qx"),
+        ({"time": MADE.t}, r"'time': expected columns of poses \(nearest: t\), or --ignore 'time'"),
+        ({"px1": MADE.t}, r"nearest: x1\)"),
+        ({"pos_z": MADE.t}, r"nearest: z\)"),
         ({"y2": None}, "y2: expected a column, got no such column"),
         ({"qw1": None}, "qw1: expected a column"),
     ],
-    ids=["unknown", "misspelt", "lacking", "no scalar"],
+    ids=["unknown", "misspelt", "time", "px1", "pos_z", "lacking", "no scalar"],
 )
 def test_columns_that_cannot_be_used_are_named(tmp_path: Path, change: dict, words: str) -> None:
     columns = {name: array for name, array in (both() | change).items() if array is not None}

@@ -320,6 +320,11 @@ def test_outputs_of_the_file_are_what_is_computed(tmp_path: Path) -> None:
     assert list(result.chosen()) == ["R_boom", "tau_boom", "tau_stick", "tau_ram"]
     assert result.force1 is None
     assert result.v is None
+    of_one = scene.evaluate(("tau_stick",)).chosen()
+    assert list(of_one) == ["tau_stick"]
+    np.testing.assert_array_equal(of_one["tau_stick"], result.chosen()["tau_stick"])
+    with pytest.raises(hp.ArgumentError, match="nearest: tau_stick"):
+        scene.evaluate(("tau_stik",))
     assert {"R", "tau", "q"} <= {*dir(result)}
     assert "v" not in dir(result)
     assert list(scene.evaluate().chosen()) != list(scene.evaluate(("boom",)).chosen())

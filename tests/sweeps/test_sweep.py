@@ -298,7 +298,7 @@ REFUSED = {
     "no_count": ("count = 3", "", "vary[1].count: expected a whole number from 1"),
     "two_designs": ("count = 3", "mean = 3", "vary[1].mean: expected nothing beside key, low, high, count"),
     "no_reduction": ('"rms"', '"rsm"', "reduce: expected one of min, max"),
-    "no_output": ('"hinge_torque"', '"hinge_tork"', "outputs: expected"),
+    "no_output": ('"hinge_torque"', '"hinge_tork"', "force1, torque1 (nearest: hinge_torque), got 'hinge_tork'"),
     "no_list": ('["R2", "hinge_torque"]', '"R2"', "outputs: expected a list of names"),
     "no_design": ("chunk = 4", 'design = "latin"', "design: expected"),
     "no_samples": ("chunk = 4", 'design = "sobol"', "vary[0].values: expected nothing beside key, low, high"),

@@ -35,6 +35,10 @@ from hingepair.rotations.matrices import project_to_rotation
 # Columns that results have and a recording of poses does not need.
 _PASSED_OVER = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
 
+# Names of columns that other recorders give instants and coordinates.
+_INSTANT_NAMES = frozenset({"time", "times", "timestamp", "stamp", "seconds", "sec", "time_s", "t_s"})
+_PLACE_NAME = re.compile(r"p(?:os(?:ition)?)?_?([xyz])([12]?)")
+
 
 class Recording(NamedTuple):
     """Both bodies at the same instants, NaN where nothing was recorded."""
@@ -174,6 +178,14 @@ def _known(names: Sequence[str], ignore: Sequence[str]) -> list[str]:
                 raise ArgumentError(name, "a column once", "a second one")
             wanted.append(name)
         elif not _PASSED_OVER.fullmatch(name):
-            expected = f"columns of poses{nearest(name, known)}, or --ignore {name[:40]!r}"
+            expected = f"columns of poses{_meant(name, known)}, or --ignore {name[:40]!r}"
             raise ArgumentError(repr(name[:40]), expected, "an unknown column")
     return wanted
+
+
+def _meant(name: str, known: Sequence[str]) -> str:
+    """Return ` (nearest: t)` for a column `time`, and likewise for other names that recorders give."""
+    lower = name.lower()
+    place = _PLACE_NAME.fullmatch(lower)
+    column = "t" if lower in _INSTANT_NAMES else "".join(place.groups()) if place else ""
+    return f" (nearest: {column})" if column in known else nearest(name, known)

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from numpy.typing import NDArray
 
-from hingepair.errors import choices, nearest
+from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.plan import ACCELERATION
@@ -19,7 +19,7 @@ from hingepair.scenes.forces import forces_of
 from hingepair.scenes.mechanisms.mechanism_table import read_mechanism, with_payload
 from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.pair_table import read_pair
-from hingepair.scenes.scene import COORDINATES, Scene, scene_of, with_constants
+from hingepair.scenes.scene import COORDINATES, SCENE_OUTPUTS, Scene, scene_of, with_constants
 from hingepair.scenes.tables import Key, Table, numbers
 
 FORCES: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
@@ -190,6 +190,10 @@ def _leave_the_motion(scene: Scene | MechanismScene, keys: Sequence[Sequence[str
 def _outputs_of_pair(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
     acting = [name for name in outputs or () if name in FORCES]
     moving = None if outputs is None else [name for name in outputs if name not in FORCES]
+    known = (*scene.kind.levels, *SCENE_OUTPUTS, *FORCES)
+    for name in outputs or ():
+        if name not in known:
+            raise ArgumentError("outputs", choices(known) + nearest(name, known), quoted(name))
     found: dict[str, NDArray[Any]] = {}
     if moving is None or moving:
         found |= scene.evaluate(moving).chosen()

@@ -305,7 +305,8 @@ class MechanismScene(Sampled):
 
         Args:
             outputs: quantities R, S, quat, d, v, omega, a, alpha of the scene's frames; a link, a joint or another
-                frame by name, for all motion of it; both by a name such as R_tool; q, qd, qdd and tau of all joints;
+                frame by name, for all motion of it; both by a name such as R_tool; q, qd, qdd and tau of all joints,
+                tau of one by a name such as tau_elbow;
                 force1, torque1 on the base. Those of the scene file unless given, and without these the motion of the
                 scene's frames and of the joints that move.
 
@@ -422,10 +423,13 @@ class MechanismScene(Sampled):
             asked = [Output(kind, (name,)) for kind in _OF_A_FRAME if _LEVELS[kind] <= level]
         elif quantity in _FRAME_LEVELS and robot.tree.frame(frame) is not None:
             asked = [Output(quantity, (frame,))]
+        elif quantity == "tau" and frame in robot.names:
+            asked = [Output(quantity, (), (frame,))]
         else:
             known = (*OUTPUTS, *robot.links, *robot.tree.frames)
+            close = nearest(str(name), (*known, *(f"tau_{joint}" for joint in robot.names)))
             several = f"{choices(known)}, or both such as R_{self.frames[0]}" if self.frames else choices(known)
-            raise ArgumentError("outputs", several + nearest(str(name), known), quoted(name))
+            raise ArgumentError("outputs", several + close, quoted(name))
         for output in asked:
             if _LEVELS[output.quantity] > level:
                 kinds = choices([kind for kind in OUTPUTS if _LEVELS[kind] <= level])
