@@ -35,8 +35,9 @@ from hingepair.rotations.matrices import project_to_rotation
 # Columns that results have and a recording of poses does not need.
 _PASSED_OVER = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
 
-# Names of columns that other recorders give instants and coordinates.
+# Names, in small letters, that other recorders give the column t.
 _INSTANT_NAMES = frozenset({"time", "times", "timestamp", "stamp", "seconds", "sec", "time_s", "t_s"})
+# Names, in small letters, that other recorders give the columns x, y, z, x1 and so on.
 _PLACE_NAME = re.compile(r"p(?:os(?:ition)?)?_?([xyz])([12]?)")
 
 
