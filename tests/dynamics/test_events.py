@@ -402,6 +402,61 @@ def test_an_event_may_look_at_body_1():
     assert fall.t[-1] == pytest.approx(np.sqrt(4 / 9.81), rel=1e-13)
 
 
+def test_a_motion_says_whether_the_event_ended_it():
+    t = np.linspace(0, 2, 3)
+    cut = turned(wheel(), t, 0.0, 1.0, 0.0, until=crossed(1.5))
+    assert cut.ended_by_event
+    assert repr(cut).endswith(", ended by until)")
+    for option in ({"until": crossed(3.0)}, {}):
+        whole = turned(wheel(), t, 0.0, 1.0, 0.0, **option)
+        assert not whole.ended_by_event
+        assert "until" not in repr(whole)
+    planar = hp.PlanarPair(u1=(0, 0), u2=(0, 0), body2=hp.Body(1.0, inertia=(1, 1, 1)))
+    flat = hp.simulate(planar, t, STILL, 0.0, 1.0, base="fixed", gravity=(0, 0), until=crossed(1.5))
+    assert flat.ended_by_event
+    assert repr(flat).endswith(", ended by until)")
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+@pytest.mark.parametrize(("power", "direction"), [(1, 0), (1, 1), (9, 0), (9, 1)])
+def test_a_value_that_comes_to_zero_at_a_rigid_stop_ends_the_motion(restitution, power, direction):
+    """The stop takes psi to its angle, from which the value stays 0 or turns back."""
+    stops = hp.HingeLoad(stops=(-9, 1.2), stop_restitution=restitution)
+
+    def event(_t, now):
+        return now.psi**power - 1.2**power
+
+    event.direction = direction
+    found = turned(wheel(), [0.0, 6.0], -3.0, 1.0, stops, until=event)
+    assert found.ended_by_event
+    assert found.t[-1] == pytest.approx(4.2, rel=1e-13)
+
+
+@pytest.mark.parametrize("restitution", [0.5, 1.0])
+def test_a_value_that_turns_back_at_a_rigid_stop_has_not_passed_the_other_way(restitution):
+    stops = hp.HingeLoad(stops=(-9, 1.2), stop_restitution=restitution)
+    found = turned(wheel(), [0.0, 6.0], -3.0, 1.0, stops, until=crossed(1.2, -1))
+    assert not found.ended_by_event
+    assert found.t[-1] == 6.0
+
+
+@pytest.mark.parametrize(
+    ("load", "end"),
+    [
+        (hp.HingeLoad(stops=(-1, 1.2), stop_restitution=0.0), 1.2),
+        (hp.HingeLoad(stops=(-1, 1.2), stop_restitution=0.5), 1.2),
+        (hp.HingeLoad(friction=0.5), 2.0),
+    ],
+    ids=["caught", "bounced", "rubbed"],
+)
+def test_a_rate_that_comes_to_zero_ends_the_motion_before_the_impact(load, end):
+    for power in (1, 3):
+        found = turned(wheel(), [0.0, 4.0], 0.0, 1.0, load, until=lambda _t, now, power=power: now.psid**power)
+        assert found.ended_by_event
+        assert found.t[-1] == pytest.approx(end, rel=1e-13 if power == 1 else 1e-6)
+        assert found.psid[-1] == pytest.approx(1.0 if end == 1.2 else 0.0, abs=1e-5)
+
+
 @pytest.mark.parametrize(
     ("until", "error", "message"),
     [

@@ -73,6 +73,7 @@ class _Moved:
     gravity: tuple[float, ...]
     base: str
     psi: Array
+    ended_by_event: bool
     _error: Later
     _balance: BalanceOnDemand
 
@@ -84,6 +85,10 @@ class _Moved:
         from a second run, of a thousandth of the tolerance, when the first of them is asked for.
         """
         return self._error()
+
+    def __repr__(self) -> str:
+        text = super().__repr__()
+        return f"{text[:-1]}, ended by until)" if self.ended_by_event else text
 
     def energy(self) -> Energy:
         """Kinetic and potential energy at the instants, of each body that has mass properties (D7)."""
@@ -125,6 +130,7 @@ class SimulatedMotion(_Moved, Trajectory):
         space: the pair, in space, and of a PlanarPair of bodies that stay in the plane.
         gravity: acceleration of free fall, in space [m/s^2].
         base: what holds body 1: "free", "pinned", "fixed", or "prescribed" where it moves as given.
+        ended_by_event: whether `until` ended the motion before the last instant that was asked for.
     """
 
     def recorded(self) -> dict[str, NDArray[Any]]:
@@ -166,9 +172,9 @@ def simulate(
     """The motion of a pair under what acts on it (D1-D6), from its start at t[0].
 
     Steps of Gauss collocation of order 16, their lengths chosen by the tolerance; attitudes on the rotation group. A
-    free pair on which nothing acts keeps its momenta to the last bit. The limits of the pair are not enforced:
-    `HingeLoad(stops=...)` does that. A `DynamicsWarning` says where a motion leaves a limit that no stop guards, and
-    where it presses far into a stop.
+    free pair on which nothing acts keeps its momenta to the last bit. The limits of the pair do not stop the motion;
+    `HingeLoad(stops=pair.limits)` does. A `DynamicsWarning` says where a motion leaves a limit that no stop guards,
+    and where it presses far into a stop.
 
     Args:
         pair: a pair whose bodies have mass properties (body 2 alone where the base is fixed or moves as given). A
@@ -197,16 +203,21 @@ def simulate(
             beside them. Without them, pulses are found that are longer than 1/8000 of the motion, or at an instant.
         until: ends the motion where its value passes 0: a callable of (t, now), as of a force, that returns (n,).
             The instant is the last of the result. An attribute `direction` as of SciPy's events: 1, where it
-            rises; -1, where it falls; 0, both.
+            rises; -1, where it falls; 0, both. Where an impact makes the value jump across 0, the result ends with
+            the motion before the impact. A value that comes to 0 at a rigid stop, or where friction stops the hinge,
+            has passed 0, even if it stays there or turns back. Elsewhere a value that only touches 0 is not seen:
+            of a turning point return now.psid, and of a quantity that stays at 0, such as np.maximum(1 - now.psi,
+            0), what goes on below it, 1 - now.psi.
         tol: largest error of a step [rad], of positions in units of the pair's levers; from 1e-14 to 1e-2.
         outputs: as for `forward_kinematics`; all of body 2 unless given.
         backend: as for `forward_kinematics`.
 
     Returns:
         A `Trajectory` (`.t`, `.S1`, `.psi`, `.R2`, ...; of a PlanarPair a `PlanarTrajectory`), and `.body1`, `.psid`,
-        `.psidd`, `.loads` (what acted), `.energy()`, `.momentum()` and `.energy_balance()`; `.error_estimate` of the
-        attitude of body 1 - 0 where that is given - and `.psi_error_estimate` of psi [rad] come from a second run, of
-        a smaller tolerance, when they are asked for.
+        `.psidd`, `.loads` (what acted), `.ended_by_event` (whether `until` ended the motion), `.energy()`,
+        `.momentum()` and `.energy_balance()`; `.error_estimate` of the attitude of body 1 - 0 where that is given -
+        and `.psi_error_estimate` of psi [rad] come from a second run, of a smaller tolerance, when they are asked
+        for.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
@@ -244,7 +255,7 @@ def simulate(
         raise ArgumentError("psi_0", expected, psi_0)
     how = choose(backend, 1)
 
-    def run(tolerance: float, looks: float, until: Until | None) -> tuple[PairMotion, Array, list[Leg], Course]:
+    def run(tolerance: float, looks: float, until: Until | None) -> tuple[PairMotion, Array, list[Leg], Course, bool]:
         motion = PairMotion(space, base, flat, start, loads, how, driven)
         begin, legs, ended = motion.state, list[Leg](), None
         if len(instants) > 1:
@@ -252,9 +263,9 @@ def simulate(
         read_at = instants
         if ended is not None:
             read_at = np.unique(np.hstack([instants[instants - instants[0] < ended], instants[0] + ended]))
-        return motion, begin, legs, _read(motion, begin, legs, read_at)
+        return motion, begin, legs, _read(motion, begin, legs, read_at), ended is not None
 
-    motion, begin, legs, found = run(tolerance, _LOOKS[0], until)
+    motion, begin, legs, found, ended_by_event = run(tolerance, _LOOKS[0], until)
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
     _warn_of_units(space, base, start, stops)
     if space.limits is not None:
@@ -263,7 +274,7 @@ def simulate(
     if soft := passed_stops(stops, float(least), float(most)):
         warnings.warn(f"{soft}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=2)
     instants = found.t
-    finer = functools.cache(lambda: run(max(tolerance * _FINER, 1e-15), _LOOKS[0] * _LOOKS[1], None)[-1])
+    finer = functools.cache(lambda: run(max(tolerance * _FINER, 1e-15), _LOOKS[0] * _LOOKS[1], None)[3])
     now = found.now
     moved = motion_of_rotations(R=now.R1, S=now.S1, v=now.v1, omega=now.omega1, a=found.a1, alpha=found.alpha1)
     common: dict[str, Any] = {
@@ -271,6 +282,7 @@ def simulate(
         "psi": read_only(now.psi),
         "method": "collocation",
         "steps": found.steps,
+        "ended_by_event": ended_by_event,
         "_error": Later(lambda: _angle_between(found.quats, finer().quats)),
         "_psi_error": Later(lambda: float(np.abs(now.psi - finer().now.psi).max(initial=0.0))),
         "_balance": BalanceOnDemand(

@@ -27,6 +27,8 @@ _LOWER, _UPPER, _SLOWER, _FASTER = "lower angle", "upper angle", "lower rate", "
 _DOWN, _UP, _UNTIL = "let go downwards", "let go upwards", "until"
 _TOUCH: Final = 0.01  # of the tolerance: a hinge that would rebound from a stop by less stays there
 _CERTAIN_VALUE: Final = 1e-6  # of the largest in the first step: a value of the user's event whose sign counts
+_ZERO_VALUE: Final = 1e-12  # of the largest so far: a value of the user's event that counts as 0 where it lands
+_SAME_INSTANT: Final = 1e-13  # of the time: events so close to each other happen at once
 _HOLD_MARGIN: Final = 1e-12  # of the torques: what holds a hinge may pass its limit by so much, for rounding
 
 
@@ -50,6 +52,8 @@ class HingeSwitches:
             expected = "1 (where it rises), -1 (where it falls) or 0 (both)"
             raise ArgumentError("until.direction", expected, quoted(self._direction))
         self._sign = 0.0  # of the user's event; 0 where it is not known yet
+        self._largest = 0.0  # value of the user's event so far
+        self._passed_at = -np.inf  # when the user's event last passed 0 against its direction [s]
         self._limits = (0.0, 0.0)  # of the torque that holds the hinge
         psi, psid = map(float, motion.state[motion.angle : motion.angle + 2])
         inside = loads.rigid_range[0] == psi  # of a rigid stop that it touches
@@ -92,7 +96,9 @@ class HingeSwitches:
             if not self._sign:  # of a value that is 0 at the start, that of the first that is more than round-off
                 certain = values[np.abs(values) > _CERTAIN_VALUE * np.abs(values).max()]
                 self._sign = float(np.sign(certain[0])) if certain.size else 0.0
-            rows[_UNTIL] = self._sign * values, float(np.abs(values).max())
+            size = float(np.abs(values).max())
+            self._largest = max(self._largest, size)
+            rows[_UNTIL] = self._sign * values, size
         self._names = tuple(rows)
         distances = np.stack([distance for distance, _ in rows.values()], axis=-1) if rows else np.ones((len(t), 0))
         return distances, np.array([size for _, size in rows.values()])
@@ -102,26 +108,44 @@ class HingeSwitches:
         name, angle = self._names[event], self._motion.angle
         state = state.copy()
         if name == _UNTIL:
-            rising = self._sign < 0
-            self._sign = -self._sign
-            return state if self._direction and (self._direction > 0) != rising else None
+            ends = self._ends_motion()
+            self._sign, self._passed_at = -self._sign, t
+            return None if ends else state
         if name in (_LOWER, _UPPER):
             level = self._levels[self._place + (name == _UPPER)]
             if level in self._rigid:
                 self._strike(t, state, level, 1 if name == _UPPER else -1)
-                return state
+                return None if self._lands_on_zero(t, state) else state
             self._place += 1 if name == _UPPER else -1
         elif name in (_SLOWER, _FASTER):
             level = self._rate_levels[self._rate_place + (name == _FASTER)]
             if level == 0 and self._friction:
                 state[angle + 1] = 0.0
                 self._rest(t, state)
-                return state
+                return None if self._lands_on_zero(t, state) else state
             self._rate_place += 1 if name == _FASTER else -1
         else:
             self._slide(1 if name == _UP else -1)
         self._set_side()
         return state
+
+    def _ends_motion(self) -> bool:
+        """Return whether the user's event ends the motion where its value now comes to 0: its direction decides."""
+        return bool(self._direction * self._sign <= 0)
+
+    def _lands_on_zero(self, t: float, state: Array) -> bool:
+        """Return whether an impact, or friction that stops the hinge, ends the motion by a value of exactly 0.
+
+        From there the value may stay 0 or turn back, so that it never passes 0.
+        """
+        if self._until is None or not self._sign:
+            return False
+        value = float(self._user_values(np.array([self._start + t]), state[None])[0])
+        if abs(value) > _ZERO_VALUE * self._largest:
+            return False
+        ends = self._ends_motion() and t - self._passed_at > _SAME_INSTANT * max(1.0, t)
+        self._sign = 0.0
+        return ends
 
     def _user_values(self, t: Array, states: Array) -> Array:
         """Compute the values of the user's event at some instants; shape (m,)."""

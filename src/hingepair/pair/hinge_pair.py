@@ -52,8 +52,8 @@ class HingePair(Shown):
         n: hinge axis, body-1 axes; any non-zero length; kept at unit length.
         home: rotation of body 2 relative to body 1 at psi = 0 (C in E5); identity unless given; shape (3, 3).
         name: what the pair is called in exports and messages.
-        limits: least and greatest hinge angle, for exports and `simulate` [rad]; shape (2,); forward_kinematics takes
-            any angle.
+        limits: least and greatest hinge angle, for exports [rad]; shape (2,). forward_kinematics takes any angle. In
+            `simulate` the limits do not stop the motion; `HingeLoad(stops=pair.limits)` does.
         body1: mass properties and shapes of body 1, for dynamics, exports and pictures.
         body2: those of body 2.
         torque_limit: the largest torque of the hinge's motor, for exports [N m]; URDF calls it effort.
