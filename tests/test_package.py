@@ -201,3 +201,7 @@ def test_errors_are_ours_and_the_built_in_that_fits() -> None:
     assert isinstance(error, hp.AxisError)
     assert (error.name, error.expected) == ("n", "a non-zero axis")
     assert str(error) == "n: expected a non-zero axis, got (0, 0, 0)"
+
+
+def test_a_listing_of_the_package_shows_its_public_names_alone():
+    assert {name for name in dir(hp) if not name.startswith("__")} == {*hp.__all__}

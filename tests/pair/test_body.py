@@ -152,3 +152,8 @@ def test_body_2_is_body_1_of_the_next_pair(monkeypatch):
     assert [getattr(first.body1, name) is not None for name in ("R", "S", "v", "omega", "a")] == [True] * 4 + [False]
     with pytest.raises(hp.ArgumentError, match=r"^outputs: expected R2 and S2"):
         _ = first.body2
+
+
+def test_a_box_of_three_arguments_is_told_how_it_is_written():
+    with pytest.raises(hp.ShapeError, match=r"size: expected shape \(3,\), as in Box\(\(x, y, z\)\), got 0\.1"):
+        hp.Box(0.1, 0.1, 0.1)

@@ -346,6 +346,19 @@ def test_what_prepared_dynamics_lacks_is_named():
     bare = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body2=hp.Body(1, inertia=(1, 1, 1)))
     with pytest.raises(hp.ArgumentError, match=r"pair\.body1: expected mass properties"):
         bare.prepare("inverse_dynamics")
+    rest = hp.BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros(3)))
+    still = {"psi": 0.0, "psid": 0.0, "psidd": 0.0}
+    with pytest.raises(
+        hp.ArgumentError, match=r"mass = 2\.0; or pair\.hinge_wrench, for which body 2 suffices, got None"
+    ):
+        bare.inverse_dynamics(rest, **still)
+    assert bare.hinge_wrench(rest, **still).force.tolist() == [0, 0, 9.81]
+    with pytest.raises(hp.ArgumentError, match=r"mass = 2\.0; or base='fixed', for which body 2 suffices, got None"):
+        hp.simulate(bare, np.linspace(0, 1, 3), rest, psi_0=0.5, psid_0=0, base="free")
+    assert len(hp.simulate(bare, np.linspace(0, 1, 3), rest, psi_0=0.5, psid_0=0, base="fixed").t) == 3
+    none = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    with pytest.raises(hp.ArgumentError, match=r"pair\.body2: .* mass = 2\.0, got None"):
+        none.hinge_wrench(rest, **still)
     assert bare.prepare("inverse_dynamics", outputs=("hinge_torque",)).outputs == ("hinge_torque",)
     with pytest.raises(hp.ArgumentError, match="given: expected what output hinge_torque needs too: a1"):
         bare.prepare(("S1", "omega1", "alpha1", "psi", "psid", "psidd"), outputs=("hinge_torque",))

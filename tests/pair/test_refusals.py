@@ -171,3 +171,13 @@ def test_an_argument_that_cannot_be_used_is_refused_by_name(make, argument, valu
     assert caught.value.name == argument
     assert str(caught.value).startswith(f"{argument}: expected {expected}")
     assert "\n" not in str(caught.value)
+
+
+def test_coordinates_by_name_are_told_the_order():
+    pair = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    with pytest.raises(
+        hp.DtypeError, match=r"q: expected seven coordinates in the order \(.*psi\), as an array or a"
+    ):
+        pair.forward_kinematics({"psi": 1})
+    with pytest.raises(hp.DtypeError, match=r"qd: expected four coordinates in the order \(x, y, phi, psi\)"):
+        hp.PlanarPair((1, 0), (0, 1)).forward_kinematics((0, 0, 0, 0), {"psi": 1})

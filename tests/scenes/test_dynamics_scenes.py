@@ -177,7 +177,9 @@ def test_what_cannot_be_used_is_named(tmp_path, text, message):
 
 
 def test_a_pair_without_masses_is_named(tmp_path):
-    with pytest.raises(hp.SceneError, match=r"pair\.body1: expected mass properties"):
+    with pytest.raises(
+        hp.SceneError, match=r"pair\.body1: expected mass properties.*, or base = 'fixed' in \[dynamics\]"
+    ):
         scene_of(tmp_path, PAIR.replace("body1 =", "#") + "[dynamics]\n")
 
 

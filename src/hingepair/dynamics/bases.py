@@ -115,7 +115,8 @@ class PairMotion:
         self._hinge = hinge
         self._carry = base if callable(base) else None
         self._turning = base in ("free", "pinned")
-        masses = mass_constants(({"body1": pair.body1} if self._turning else {}) | {"body2": pair.body2})
+        bodies = ({"body1": pair.body1} if self._turning else {}) | {"body2": pair.body2}
+        masses = mass_constants(bodies, "; or base='fixed', for which body 2 suffices")
         self.loads, self._flat = loads, flat
         self.side: tuple[float, float] = (0.0, 0.0)  # of the kinks of the torque at the hinge
         self.held = False  # whether the hinge is at rest: psi stays, by friction or against a stop

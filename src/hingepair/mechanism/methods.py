@@ -446,7 +446,8 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the centre of mass, world axes [m]; shape (..., 3). A fixed base's own mass does not count.
 
-        Of base_motion, R and S are used; the other arguments are those of `jacobian`.
+        Of base_motion, R and S are used; the other arguments are those of `jacobian`. A body's own centre of mass is
+        `Body.center_of_mass`.
 
         >>> import numpy as np
         >>> import hingepair as hp

@@ -11,7 +11,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import Frozen, finite_number, one_constant, read_only
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import check_rotation
@@ -63,6 +63,8 @@ class Box(Frozen):
     axes: NDArray[np.float64]
 
     def __init__(self, size: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0), axes: ArrayLike | None = None) -> None:
+        if isinstance(size, int | float):
+            raise ShapeError("size", "shape (3,), as in Box((x, y, z))", size)
         edges = one_constant("size", size, 3)
         if not (edges > 0).all():
             raise ArgumentError("size", "three lengths above 0", size)
@@ -148,7 +150,7 @@ class Body(Frozen):
     Args:
         mass: above zero [kg]; unless given, 1 kg, of which dynamics warns.
         center_of_mass: from the body's reference point, body axes [m]; shape (3,). Unless given, the reference point,
-            or that of the shapes where inertia is not given either.
+            or that of the shapes where inertia is not given either. That of a robot is `Mechanism.centre_of_mass`.
         inertia: about the centre of mass, body axes [kg m^2]; shape (3, 3), symmetric, or three principal moments,
             shape (3,); those above zero and none above the sum of the other two. An excess of up to 1e-3 of the sum
             of all three, as rounded moments of a flat body have it, is used as given, with a `DynamicsWarning`.

@@ -129,10 +129,11 @@ class Momentum(NamedTuple):
         return _in_a_line(self)
 
 
-def mass_constants(bodies: Mapping[str, Body | None]) -> dict[str, Any]:
+def mass_constants(bodies: Mapping[str, Body | None], without_body1: str = "") -> dict[str, Any]:
     """Return masses, centres and inertias of body1 or body2, or both, as constants of the equations.
 
-    Warns of a mass or an inertia that is not given.
+    Warns of a mass or an inertia that is not given. `without_body1` ends the message where body 1 has none: what to
+    ask instead.
 
     Raises:
         ArgumentError: a body has no mass properties; names it.
@@ -141,7 +142,8 @@ def mass_constants(bodies: Mapping[str, Body | None]) -> dict[str, Any]:
     for name, body in bodies.items():
         if body is None:
             ways = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
-            raise ArgumentError(f"pair.{name}", f"mass properties, as in {ways}", None)
+            instead = without_body1 if name == "body1" else ""
+            raise ArgumentError(f"pair.{name}", f"mass properties, as in {ways}{instead}", None)
         centre, inertia = tuple(body.center_of_mass.tolist()), tuple(body.inertia.ravel().tolist())
         values |= {f"m{name[-1]}": body.mass, f"c{name[-1]}": centre, f"I{name[-1]}": inertia}
         for sentence in body.assumed:
@@ -177,10 +179,14 @@ class Quantity:
     outputs: tuple[str, ...]
     letters: tuple[str, ...]  # of the motion of body 1
     bodies: tuple[str, ...] = ("body1", "body2")  # whose masses it needs
+    without_body1: str = ""  # end of the message where body 1 has no mass: what to ask instead
 
 
 MASS_MATRIX = Quantity(("mass_matrix",), ("S",))  # D6
-FORCES = Quantity(REQUIRED, ("S", "omega", "a", "alpha"))  # inverse dynamics, D1-D5
+# Inverse dynamics, D1-D5.
+FORCES = Quantity(
+    REQUIRED, ("S", "omega", "a", "alpha"), without_body1="; or pair.hinge_wrench, for which body 2 suffices"
+)
 # The wrench of body 1 on body 2, D3, D4.
 HINGE_WRENCH = Quantity(("f2", "moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",))
 ACCELERATIONS = Quantity((*MOVES, "kept"), ("S", "omega"))  # forward dynamics, D6
@@ -233,7 +239,7 @@ def with_masses(what: Quantity, constants: Constants, bodies: Bodies) -> Constan
         ArgumentError: a body that the quantity needs has no mass properties; names it.
     """
     present = {name: body for name, body in _named(bodies) if body is not None or name in what.bodies}
-    masses = _MASSLESS | mass_constants(present)  # the same whatever is asked of a pair
+    masses = _MASSLESS | mass_constants(present, what.without_body1)  # the same whatever is asked of a pair
     extended: Constants = constants.prepared.get("masses") or _with(constants, masses)
     constants.prepared["masses"] = extended
     return extended

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import How
 from hingepair.engine.calls import Call, Out
-from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign, library_of
 from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, real_array, vectors
 from hingepair.numeric.blocks import Components, Named
@@ -87,6 +87,9 @@ def _coordinates(name: str, value: Any, names: tuple[str, ...]) -> Components | 
     if is_table(value):
         columns = _coordinate_columns(name, value, names)
         return tuple(component(f"{name}[{column!r}]", array) for column, array in columns.items())
+    if isinstance(value, Mapping):
+        expected = f"{several} in the order ({', '.join(names)}), as an array or a tuple of numbers and arrays"
+        raise DtypeError(name, expected, quoted(value))
     try:
         return vectors(name, value, count)
     except ShapeError as error:

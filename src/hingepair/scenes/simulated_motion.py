@@ -152,7 +152,9 @@ def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | Pl
     kind, body1, hinge, given, _ = read_setup(table, pair)
     for name in ("body1", "body2") if kind in {"free", "pinned"} else ("body2",):
         if getattr(pair, name) is None:
-            Place(table.file, "pair").refuse(name, f"mass properties, as in [pair.{name}] mass = 2.0", "nothing")
+            instead = ", or base = 'fixed' in [dynamics]" if name == "body1" else ""
+            expected = f"mass properties, as in [pair.{name}] mass = 2.0{instead}"
+            Place(table.file, "pair").refuse(name, expected, "nothing")
     base: Any = kind
     if kind == PRESCRIBED:
         base = _carried(motion, pair)
