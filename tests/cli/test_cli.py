@@ -344,6 +344,7 @@ def test_bad_input_is_one_line_and_exit_2(arguments: tuple[object, ...], words: 
         ("urdf URDF knee", "JOINT: expected one of hinge"),
         ("urdf URDF hinge --body2-frame nowhere", "--body2-frame: expected a link rigidly fixed to"),
         ("robots nobody", "NAME: expected one of the "),
+        ("bench robots --names ur5", "--names: expected one of the 69 robots of example-robot-data, such as ur5_"),
         ("fit LOG LOG LOG", "FILE: expected one file, or two, got 3"),
         (
             "bench direct --levels jerk --sizes 1",

@@ -64,6 +64,7 @@ def test_a_value_is_assumed_where_it_is_not_given_and_not_where_it_equals_the_de
     assert hp.Body(mass=3, shapes=[hp.Sphere(math.sqrt(0.025))]).assumed == ()
     assert [sentence.split(" is given")[0] for sentence in hp.Body().assumed] == ["no mass", "no inertia"]
     assert [sentence.split(" is given")[0] for sentence in hp.Body(mass=100).assumed] == ["no inertia"]
+    assert all("in a scene" in sentence for sentence in hp.Body().assumed)
 
 
 def test_replace_keeps_what_was_given_and_computes_the_rest_again():

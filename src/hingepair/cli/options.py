@@ -11,7 +11,8 @@ from typer.models import ArgumentInfo, OptionInfo
 
 from hingepair.errors import ArgumentError
 
-_RENAMED = {"path": "out", "robot": "name"}  # parameters of the library, and those of commands they come from
+# Parameters of the library, and those of commands they come from.
+_RENAMED = {"path": ("out",), "robot": ("name", "names")}
 
 
 def naming_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -22,7 +23,8 @@ def naming_options(command: Callable[..., None]) -> Callable[..., None]:
         try:
             command(*args, **values)
         except ArgumentError as error:
-            shown = _shown_names(command).get(_RENAMED.get(error.name, error.name))
+            typed = _shown_names(command)
+            shown = next((typed[name] for name in _RENAMED.get(error.name, (error.name,)) if name in typed), None)
             if shown is None:
                 raise
             named = type(error)(shown, error.expected, error.got)

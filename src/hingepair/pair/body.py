@@ -213,10 +213,13 @@ class Body(Frozen):
         """The sentences about a mass or an inertia that dynamics takes although it was not given."""
         sentences = []
         if "mass" in self._computed:
-            sentences.append("no mass is given, 1 kg is taken; Body(mass=...) gives it")
+            sentences.append(
+                "no mass is given, 1 kg is taken; Body(mass=...) gives it, in a scene the key mass of the body"
+            )
         if "inertia" in self._computed and not self.shapes:
             why = "no inertia is given, a radius of gyration of 0.1 m is taken"
-            sentences.append(f"{why}; Body(inertia=...) or Body(shapes=...) gives it")
+            how = "Body(inertia=...) or Body(shapes=...) gives it, in a scene the key inertia or shapes"
+            sentences.append(f"{why}; {how} of the body")
         return tuple(sentences)
 
     def __repr__(self) -> str:
