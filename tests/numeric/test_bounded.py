@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import operator
 from fractions import Fraction
 
 import mpmath
@@ -51,15 +53,22 @@ def test_the_bound_of_an_operation_holds_and_is_sharp(kind: type[Bounded], name:
 @KINDS
 @pytest.mark.parametrize("name", ["sum", "product", "quotient"])
 def test_wide_bounds_hold_at_their_worst_signs(kind: type[Bounded], name: str) -> None:
-    """Bounds of a third of the numbers, where products of bounds and what is left of a divisor count."""
+    """Bounds of a third of the numbers, where products of bounds and what is left of a divisor count.
+
+    The bound holds for every evaluation, each within the bounds of the exact numbers, not only for the value at hand:
+    of a quotient the worst divides 5/3 of the dividend by 1/3 of the divisor, where 4/3 by 2/3 are exact.
+    """
+    operation = {"sum": operator.add, "product": operator.mul, "quotient": operator.truediv}[name]
     for a, b in ((1.5, 2.0), (-3.0, 0.5), (0.25, -8.0)):
         x, y = kind(a, abs(a) / 3), kind(b, abs(b) / 3)
-        found = {"sum": x + y, "product": x * y, "quotient": x / y}[name]
-        for i, j in ((i, j) for i in (-1, 1) for j in (-1, 1)):
-            p, q = Fraction(a) + i * Fraction(x.bound), Fraction(b) + j * Fraction(y.bound)
-            exact = {"sum": p + q, "product": p * q, "quotient": p / q}[name]
-            assert abs(Fraction(float(found.value)) - exact) <= Fraction(float(found.error))
-        assert found.error < 2 * abs(found.value) + 2
+        found, errors = operation(x, y), []
+        bounds = Fraction(x.bound), Fraction(y.bound)
+        for i, j, k, m in itertools.product((-1, 1), repeat=4):
+            exact = Fraction(a) + i * bounds[0], Fraction(b) + j * bounds[1]
+            evaluated = exact[0] + k * bounds[0], exact[1] + m * bounds[1]
+            assert abs(Fraction(float(found.value)) - operation(*exact)) <= Fraction(float(found.error))
+            errors.append(abs(operation(*evaluated) - operation(*exact)))
+        assert max(errors) <= Fraction(float(found.error)) < Fraction(1.5) * max(errors)
 
 
 @KINDS
