@@ -62,7 +62,7 @@ def test_leading_axes_that_do_not_fit_are_named(shapes, message):
     [
         (lambda: hp.Body(1, (0, 0, 0), (1, 1)), r"inertia: expected shape \(3,\), got shape \(2,\)"),
         (lambda: hp.Body("2"), "mass: expected a finite number, got '2'"),
-        (lambda: hp.Box(1), r"size: expected shape \(3,\), got shape \(\)"),
+        (lambda: hp.Box(1), r"size: expected shape \(3,\), as in Box\(\(x, y, z\)\), got 1"),
         (lambda: hp.Sphere(1, center=np.zeros((2, 3))), r"center: expected shape \(3,\), got shape \(2, 3\)"),
         (lambda: made(limits=1), r"limits: expected shape \(2,\), got shape \(\)"),
         (lambda: made(limits=[(0, 1)]), r"limits: expected shape \(2,\), got shape \(1, 2\)"),

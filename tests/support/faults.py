@@ -689,8 +689,8 @@ FAULTS = {
     ),
     "constants of a stream left out from its first block on": Fault(
         "engine/llvm_ir.py",
-        "f.put(f\"and i1 {self.streamed}, {f.put(f'icmp ne i64 {self.i}, 0')}\")",
-        "self.streamed",
+        'ptr {self.stage}"), filled)',
+        'ptr {self.stage}"), self.streamed)',
         "engine/test_stores.py::test_wide_outputs_of_constants_and_of_one_value_twice[streamed]",
     ),
     "a number that samples share read from its neighbour's place": Fault(
