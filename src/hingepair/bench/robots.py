@@ -170,16 +170,18 @@ def _read_pose(state: Any) -> Array:
 
 
 def ours(task: Task) -> Job:
-    """The methods of the robot."""
+    """Return a call of the robot's method, compiled from the first call on."""
     (q, v, w), tip = task.rows, task.model.names[task.tip]
     if task.workload == POSE:
         # both arrays are ready to be read; to put them side by side is no part of the work of any engine
-        job = functools.partial(task.robot.forward_kinematics, q, frames=(tip,), outputs=("R", "S"))
+        job = functools.partial(
+            task.robot.forward_kinematics, q, frames=(tip,), outputs=("R", "S"), backend="compiled"
+        )
         return _Reading(job, _read_pose)
     calls = {
-        JACOBIAN: lambda: task.robot.jacobian(q, tip),
-        INVERSE: lambda: task.robot.inverse_dynamics(q, v, w, outputs=("tau",)).tau,
-        FORWARD: lambda: task.robot.forward_dynamics(q, v, w).qdd,
+        JACOBIAN: lambda: task.robot.jacobian(q, tip, backend="compiled"),
+        INVERSE: lambda: task.robot.inverse_dynamics(q, v, w, outputs=("tau",), backend="compiled").tau,
+        FORWARD: lambda: task.robot.forward_dynamics(q, v, w, backend="compiled").qdd,
     }
     return calls[task.workload]
 
