@@ -149,7 +149,7 @@ def test_no_samples_and_no_joints(robot):
 
 def test_forces_and_accelerations_are_tables_by_joint(robot, motion):
     q, qd, qdd = (array[0].copy() for array in motion)
-    forces = robot.inverse_dynamics(q, qd, qdd)
+    forces = robot.inverse_dynamics(q, qd, qdd, backend="numpy")
     frame = pickle.loads(pickle.dumps(forces)).to_dataframe()
     assert list(frame.columns) == [
         *robot.names,
@@ -157,9 +157,9 @@ def test_forces_and_accelerations_are_tables_by_joint(robot, motion):
     ]
     assert np.array_equal(frame[list(robot.names)].to_numpy(), forces.tau)
     assert np.array_equal(frame[["torque1_x", "torque1_y", "torque1_z"]].to_numpy(), forces.torque1)
-    tau = robot.inverse_dynamics(q, qd, qdd, outputs=("tau",)).to_dataframe()
-    moves = robot.forward_dynamics(q, qd, tau)
-    assert np.array_equal(moves.qdd, robot.forward_dynamics(q, qd, forces.tau).qdd)
+    tau = robot.inverse_dynamics(q, qd, qdd, outputs=("tau",), backend="numpy").to_dataframe()
+    moves = robot.forward_dynamics(q, qd, tau, backend="numpy")
+    assert np.array_equal(moves.qdd, robot.forward_dynamics(q, qd, forces.tau, backend="numpy").qdd)
     assert list(moves.to_dataframe().columns) == list(robot.names)
     assert robot.inverse_dynamics(q[0], qd[0], qdd[0]).to_dataframe().shape == (1, 13)
     assert robot.inverse_dynamics(q[:0], qd[:0], qdd[:0]).to_dataframe().shape == (0, 13)

@@ -872,9 +872,9 @@ FAULTS = {
         "scenes/test_scene.py::test_profiles_stop_at_each_point_and_never_pass_it[quintic]",
     ),
     "pieces that begin one instant late": Fault(
-        "scenes/scene.py",
-        "yield self._part(slice(start, start + ROWS)",
-        "yield self._part(slice(start + 1, start + ROWS)",
+        "scenes/instants.py",
+        "return (slice(start, start + ROWS)",
+        "return (slice(start + 1, start + ROWS)",
         "scenes/test_long_scenes.py::test_pieces_are_the_whole_to_the_bit[reference_2d]",
     ),
     "a summary of the last piece alone": Fault(

@@ -100,14 +100,14 @@ def generic(poses: Poses, loss: str) -> Line:
 
     Q, p = relative(poses)
 
-    def left(x: Array) -> Array:
+    def residuals(x: Array) -> Array:
         n, m, u1, u2 = x.reshape(4, 3)
         rules = (n @ n - 1, m @ m - 1, n @ u1)
         return np.concatenate(((Q @ m - n).ravel(), (u1 - p - Q @ u2).ravel(), rules))
 
     truth = np.concatenate(true_line())
     start = truth + 0.2 * np.random.default_rng(0).standard_normal(12)
-    x: Any = least_squares(left, start, loss=loss, f_scale=3 * max(METRES, RADIANS), x_scale="jac").x
+    x: Any = least_squares(residuals, start, loss=loss, f_scale=3 * max(METRES, RADIANS), x_scale="jac").x
     n, m, u1, u2 = x.reshape(4, 3)
     return Line(n / np.linalg.norm(n), m / np.linalg.norm(m), u1, u2)
 
@@ -121,7 +121,7 @@ def raw(poses: Poses, loss: str) -> Line:
     Q, p = relative(poses)
     count = len(p)
 
-    def left(x: Array) -> Array:
+    def residuals(x: Array) -> Array:
         n, turn, u1, u2, psi = x[:3], x[3:6], x[6:9], x[9:12], x[12:]
         hinge = Rotation.from_rotvec(psi[:, None] * n / np.linalg.norm(n)) * Rotation.from_rotvec(turn)
         rows = np.concatenate(((hinge.as_matrix() - Q).reshape(count, 9), u1 - p - Q @ u2), axis=-1)
@@ -134,7 +134,7 @@ def raw(poses: Poses, loss: str) -> Line:
     start = np.concatenate((_N, _HOME, _U1 - (_U1 @ _N) * _N, _U2))
     start += 0.2 * np.random.default_rng(0).standard_normal(12)
     psi = Rotation.from_matrix(Q).as_rotvec() @ start[:3]
-    x: Any = least_squares(left, np.concatenate((start, psi)), jac_sparsity=known, loss=loss).x
+    x: Any = least_squares(residuals, np.concatenate((start, psi)), jac_sparsity=known, loss=loss).x
     n = x[:3] / np.linalg.norm(x[:3])
     return Line(n, Rotation.from_rotvec(x[3:6]).inv().apply(n), x[6:9], x[9:12])
 

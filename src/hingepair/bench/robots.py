@@ -158,7 +158,7 @@ def truth_of(task: Task) -> Array:
 
 
 def error_of(way: Way, task: Task, truth: Array) -> float:
-    """Return the largest distance of a way's results from the true ones, relative to the largest of the state."""
+    """Return the largest error of an engine's results, relative to the largest component of the true ones."""
     known = truth[: len(task.rows[0])]
     result = np.asarray(way.make(task)(), dtype=float).reshape(known.shape)
     return max(float(abs(a - b).max() / abs(b).max()) for a, b in zip(result, known, strict=True))

@@ -132,7 +132,7 @@ def _velocities(samples: int, threads: int, repeats: int) -> list[Row]:
     def lazy(*arrays: Any) -> list[Any]:
         return largest(pair.forward_kinematics(*arrays, outputs=_OUTPUTS))
 
-    return _beside("velocity", plain, lazy, (q, qd), threads, repeats)
+    return _measure_beside_dask("velocity", plain, lazy, (q, qd), threads, repeats)
 
 
 def _dynamics(samples: int, threads: int, repeats: int) -> list[Row]:
@@ -146,10 +146,10 @@ def _dynamics(samples: int, threads: int, repeats: int) -> list[Row]:
     def lazy(*arrays: Any) -> list[Any]:
         return [robot.forward_dynamics(*arrays).qdd.max(axis=0)]
 
-    return _beside(f"forward dynamics of {_ROBOT}", plain, lazy, (q, qd, tau), threads, repeats)
+    return _measure_beside_dask(f"forward dynamics of {_ROBOT}", plain, lazy, (q, qd, tau), threads, repeats)
 
 
-def _beside(
+def _measure_beside_dask(
     case: str,
     plain: Callable[[int], Job],
     lazy: Callable[..., list[Any]],

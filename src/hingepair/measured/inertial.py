@@ -132,7 +132,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     >>> found.n1.round(9) + 0.0, found.n2.round(9) + 0.0
     (array([0., 0., 1.]), array([0., 0., 1.]))
     """
-    omega1, omega2 = checked_columns({"omega1_b1": omega1_b1, "omega2_b2": omega2_b2})
+    omega1, omega2 = _checked_columns({"omega1_b1": omega1_b1, "omega2_b2": omega2_b2})
     known = np.isfinite(omega1).all(axis=-1) & np.isfinite(omega2).all(axis=-1)
     size = float(np.sqrt((omega1[known] ** 2).sum() + (omega2[known] ** 2).sum()))
     if known.sum() < FEWEST or size == 0:
@@ -224,11 +224,8 @@ def fit_anchor(
         ArgumentError: an argument cannot be used; names it.
         MissingDependencyError: SciPy is not installed.
     """
-    time, _ = increasing_seconds("t", t)
     given = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}
-    columns = checked_columns(given)
-    if columns[0].shape[0] != time.size:
-        raise ShapeError("omega1_b1", f"shape ({time.size}, 3), as t", f"shape {columns[0].shape}")
+    time, columns = checked_recording(t, given)
     if (n1 is None) != (n2 is None):
         raise ArgumentError("n2" if n2 is None else "n1", "an axis beside the other", None)
     omega1, force1, omega2, force2 = columns
@@ -292,7 +289,16 @@ def fit_anchor(
     )
 
 
-def checked_columns(given: dict[str, ArrayLike]) -> list[Float64Array]:
+def checked_recording(t: ArrayLike, given: dict[str, ArrayLike]) -> tuple[Float64Array, list[Float64Array]]:
+    """Return the instants of a recording [s], (N,), and its vectors, each (N, 3); refuse another number of them."""
+    time, _ = increasing_seconds("t", t)
+    columns = _checked_columns(given)
+    if columns[0].shape[0] != time.size:
+        raise ShapeError(next(iter(given)), f"shape ({time.size}, 3), as t", f"shape {columns[0].shape}")
+    return time, columns
+
+
+def _checked_columns(given: dict[str, ArrayLike]) -> list[Float64Array]:
     """Return vectors along time, all of one shape (N, 3), or refuse the first of another shape."""
     found = [vectors(name, value, 3).astype(np.float64) for name, value in given.items()]
     for name, array in zip(given, found, strict=True):

@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import FitError, ShapeError
+from hingepair.errors import FitError
 from hingepair.measured.hinge import Hinge, frame, home_of, offset
-from hingepair.measured.inertial import acceleration_matrices, checked_columns
+from hingepair.measured.inertial import acceleration_matrices, checked_recording
 from hingepair.measured.likelihood import summed_neighbours
 from hingepair.measured.spline import FEWEST, inverse_bands, smooth_columns
 from hingepair.numeric.arrays import Float64Array, constant, number_not_below_0, read_only
-from hingepair.numeric.instants import checked_gaps, increasing_seconds, pieces
+from hingepair.numeric.instants import checked_gaps, pieces
 from hingepair.numeric.unit_vectors import unit_axis
 
 _ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
@@ -97,11 +97,8 @@ def fit_angle(
         ArgumentError: an argument cannot be used; names it.
         MissingDependencyError: SciPy is not installed.
     """
-    time, _ = increasing_seconds("t", t)
     given = {"omega1_b1": omega1_b1, "f1_b1": f1_b1, "omega2_b2": omega2_b2, "f2_b2": f2_b2}
-    columns = checked_columns(given)
-    if columns[0].shape[0] != time.size:
-        raise ShapeError("omega1_b1", f"shape ({time.size}, 3), as t", f"shape {columns[0].shape}")
+    time, columns = checked_recording(t, given)
     axes = [np.asarray(unit_axis(name, np.asarray(n))) for name, n in (("n1", n1), ("n2", n2))]
     levers = [constant(name, u, 3) for name, u in (("u1", u1), ("u2", u2))]
     tilting = number_not_below_0("accelerometer_bias", accelerometer_bias)

@@ -73,7 +73,7 @@ def columns_by_name(
     others: Collection[str] = (),
     alone: tuple[str, ...] = (),
 ) -> dict[str, NDArray[Any]]:
-    """Return columns of a table by name, in the order of their family, whatever order they have in the table.
+    """Return the columns of a data frame that make one complete family of names, in the order of the family.
 
     No column is copied where the table holds its columns one by one.
 

@@ -81,7 +81,7 @@ class Bounded:
         x, y = self, self._with(other)
         product = x.value * y.value
         carried = np.abs(x.value) * y.bound + np.abs(y.value) * x.bound + 3 * x.bound * y.bound
-        exact = _is_simple(x) | _is_simple(y)
+        exact = _multiplies_exactly(x) | _multiplies_exactly(y)
         rounding = self._rounding(product, carried) + 4 * self.smallest
         return type(self)(product, carried + np.where(exact, 0.0, rounding))
 
@@ -175,6 +175,6 @@ def in_last_places(count: float, size: Component, u: float) -> Component:
     return np.where(size == 0, 0.0, np.ldexp(count * u, exponent))
 
 
-def _is_simple(x: Bounded) -> Any:
-    """Return whether a number is exactly 0, 1 or -1, so that a product with it is not rounded."""
+def _multiplies_exactly(x: Bounded) -> Any:
+    """Return whether a product with a number is not rounded, since the number is exactly 0, 1 or -1."""
     return (x.bound == 0) & ((x.value == 0) | (np.abs(x.value) == 1))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.tables import Shown, instant, unit_of
-from hingepair.pair.results import MOST_HELD
+from hingepair.pair.results import MOST_HELD, ROWS
 from hingepair.scenes.tables import Key, Table
 
 Rows: TypeAlias = slice | NDArray[np.intp]
@@ -102,6 +103,15 @@ class Sampled(Shown, abc.ABC):
     def unit(self, name: str) -> str:
         """Return the unit of an output, or of one of its components."""
         return unit_of(name)
+
+    @property
+    def backend(self) -> str:
+        """The backend of all pieces: one for more than a block, so that pieces and the whole agree to the bit."""
+        return "auto" if self.samples <= ROWS else "compiled" if find_spec("llvmlite") else "numpy"
+
+    def block_rows(self) -> Iterator[slice]:
+        """Yield the numbers of the instants of one block after the other."""
+        return (slice(start, start + ROWS) for start in range(0, self.samples, ROWS))
 
     def spread(self, most: int) -> Rows:
         """Return the numbers of at most so many instants, evenly spread; of at least one."""

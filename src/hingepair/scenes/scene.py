@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
@@ -22,7 +21,7 @@ from hingepair.numeric.tables import Sheet, cell, unit_of
 from hingepair.pair.dynamics import Energy, Momentum
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.results import ROWS, Result
+from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import ACCELERATION, PLANAR, POSE, SPATIAL, VELOCITY, Kind, check_outputs
 from hingepair.scenes.explain import ScenePlan, explain
@@ -300,20 +299,18 @@ class Scene(Sampled):
             ArgumentError: as for `evaluate`, but for the number of instants.
         """
         names = self._names(outputs)
-        for start in range(0, self.samples, ROWS):
-            yield self._part(slice(start, start + ROWS), names, min(self.motion.level, VELOCITY))
+        for rows in self.block_rows():
+            yield self._part(rows, names, min(self.motion.level, VELOCITY))
 
     def _part(self, rows: Rows, names: tuple[str, ...] | None, least: int = 0) -> SceneResult:
         """Compute the state at some instants; derivatives up to the order `least` are kept beside it."""
         t = np.asarray(read_only(self.motion.t[rows]))
         own, order = self._needs(names)
         known = self.motion.given.part(rows, max(order, least))
-        # Of more than a block all are computed in one way, so that pieces and the whole are the same to the bit.
-        backend = "auto" if self.samples <= ROWS else "compiled" if find_spec("llvmlite") else "numpy"
         if own == ():
             state: PairState | PlanarState = (PairState if self.kind == SPATIAL else PlanarState)({}, t.shape)
         else:
-            state = known.part(slice(None), order).forward_kinematics(self.pair, own, backend)
+            state = known.part(slice(None), order).forward_kinematics(self.pair, own, self.backend)
         first = (rows.start or 0) if isinstance(rows, slice) else 0
         return SceneResult(t, state, self, known, names, first)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
@@ -21,7 +20,7 @@ from hingepair.numeric.arrays import Frozen, one_constant, read_only
 from hingepair.numeric.tables import Sheet, cell, unit_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import GRAVITY, Energy, Momentum
-from hingepair.pair.results import ROWS, Result
+from hingepair.pair.results import Result
 from hingepair.plans.plan import ACCELERATION, POSE, VELOCITY
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.scenes.instants import Instants, Rows, Sampled
@@ -337,16 +336,14 @@ class MechanismScene(Sampled):
             ArgumentError: as for `evaluate`, but for the number of instants.
         """
         chosen = self.outputs_of(outputs)
-        for start in range(0, self.samples, ROWS):
-            yield self._part(slice(start, start + ROWS), chosen, min(self.joint_motion.level, VELOCITY))
+        for rows in self.block_rows():
+            yield self._part(rows, chosen, min(self.joint_motion.level, VELOCITY))
 
     def _part(self, rows: Rows, outputs: tuple[Output, ...], least: int = 0) -> MechanismSceneResult:
         """Compute the outputs at some instants; derivatives up to the order `least` are kept beside them."""
         levels = [_LEVELS[output.quantity] for output in outputs]
         known = self.known(rows, max([*levels, least]))
-        # Of more than a block all are computed in one way, so that pieces and the whole are the same to the bit.
-        backend = "auto" if self.samples <= ROWS else "compiled" if find_spec("llvmlite") else "numpy"
-        how: dict[str, Any] = {"base_motion": known.base, "backend": backend}
+        how: dict[str, Any] = {"base_motion": known.base, "backend": self.backend}
         frames, wanted, acting = _needed(outputs)
         state = forces = None
         if frames:
