@@ -1,0 +1,51 @@
+"""Configuration of the documentation: `sphinx-build -W --keep-going docs docs/_build` builds it."""
+
+import sys
+from pathlib import Path
+
+import hingepair
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "_ext"))
+
+project = "hingepair"
+version = release = hingepair.__version__
+copyright = "the authors of hingepair"
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+    "sphinx_gallery.gen_gallery",
+    "command_help",
+]
+exclude_patterns = ["_build", "gallery", "README.md"]
+default_role = "code"  # docstrings put names between single backticks
+
+myst_enable_extensions = ["deflist", "dollarmath"]
+myst_heading_anchors = 3
+math_number_all = False
+
+autodoc_default_options = {"members": True, "inherited-members": False, "show-inheritance": False}
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # the docstrings give shapes and units, which types do not
+autodoc_preserve_defaults = True
+napoleon_numpy_docstring = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "auto_examples",
+    "filename_pattern": r"plot_",
+    "download_all_examples": False,
+    "show_memory": False,
+    "min_reported_time": 1e9,  # run times depend on the machine that builds the pages
+    "show_signature": False,
+    "remove_config_comments": True,
+    "write_computation_times": False,
+}
+suppress_warnings = ["config.cache"]  # the settings of the gallery are not written to the cache of the build
+
+html_theme = "furo"
+html_title = f"hingepair {version}"
+html_static_path: list[str] = []
