@@ -1,4 +1,4 @@
-"""models/SCENES.md: every example on it runs, and every word of the language stands on it."""
+"""docs/scenes.md: every example on it runs, and every word of the language stands on it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ from hingepair.scenes.waypoints import PROFILES
 from hingepair.symbolic.expressions import CONSTANTS, FUNCTIONS
 from support.sparse import sparse
 
-MODELS = Path(__file__).parents[2] / "models"
-PAGE = (MODELS / "SCENES.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+MODELS = ROOT / "models"
+PAGE = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
 PAIR = "\n[pair]\nu1 = [0.5, 0.2, 0.1]\nu2 = [-0.25, 0.1, 0.3]\nn = [1, 2, 0]\n"
 MOTION = "\n[motion]\n" + "".join(f"{name} = 'sin(t)'\n" for name in COORDINATES)

@@ -36,10 +36,10 @@ def sweep(
 ) -> None:
     """Compute all variants of a sweep.
 
-    A sweep file names a scene, the numbers of it that are varied, and what is kept of each variant; models/SCENES.md
-    has the layout. A sweep that was interrupted is taken up by the same command, without computing finished chunks
-    again. On other machines: `dask scheduler` on one, `dask worker ADDRESS` on each; scene files are read there too
-    where a scene has a log or a URDF file.
+    A sweep file names a scene, the numbers of it that are varied, and what is kept of each variant; the page "Scene
+    files" of the documentation describes the format. A sweep that was interrupted is taken up by the same command,
+    without computing finished chunks again. On other machines: `dask scheduler` on one, `dask worker ADDRESS` on
+    each; scene files are read there too where a scene has a log or a URDF file.
     """
     own = load_sweep(sweep_file)
     path = own.default_store() if out is None else out

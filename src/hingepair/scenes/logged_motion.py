@@ -1,6 +1,6 @@
 """Motion by a log: what a file of samples says; on request derivatives are found from it, or rates integrated.
 
-models/SCENES.md tells the columns. Others are refused: a misspelt one would be missed.
+docs/scenes.md lists the columns. Others are refused: a misspelt one would be missed.
 """
 
 from __future__ import annotations

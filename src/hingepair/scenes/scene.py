@@ -1,4 +1,4 @@
-"""Scenes: a pair and its motion as functions of time, from a TOML file. models/SCENES.md has the layout."""
+"""Scenes: a pair and its motion as functions of time, from a TOML file. docs/scenes.md describes the format."""
 
 from __future__ import annotations
 
@@ -467,7 +467,7 @@ class Notes:
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
-    """Read a scene from a TOML file, of a pair or of a whole mechanism; models/SCENES.md has the layout.
+    """Read a scene from a TOML file, of a pair or of a whole mechanism; docs/scenes.md describes the format.
 
     Raises:
         SceneError: the file cannot be read as a scene; names file, table and key, in one line.

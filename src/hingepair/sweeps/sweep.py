@@ -92,7 +92,7 @@ class Job:
 
 
 def load_sweep(path: str | Path) -> Sweep:
-    """Read a sweep from a TOML file; models/SCENES.md has the layout.
+    """Read a sweep from a TOML file; docs/scenes.md describes the format.
 
     Raises:
         SceneError: the file cannot be read as a sweep; names file, table and key.
