@@ -27,11 +27,13 @@ myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
 math_number_all = False
 
-autodoc_default_options = {"members": True, "inherited-members": False, "show-inheritance": False}
+autodoc_default_options = {"members": True, "inherited-members": "Shown, Frozen, Exception"}
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings give shapes and units, which types do not
 autodoc_preserve_defaults = True
 napoleon_numpy_docstring = False
+napoleon_attr_annotations = False
+napoleon_use_ivar = True
 
 sphinx_gallery_conf = {
     "examples_dirs": "gallery",

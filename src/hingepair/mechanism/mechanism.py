@@ -163,7 +163,7 @@ class Mechanism(MechanismMethods):
 
     @property
     def tips(self) -> tuple[str, ...]:
-        """The last links of all branches: the frames that are computed unless others are named."""
+        """The last link of every branch, whose motion is computed unless `frames` names others."""
         return self.tree.tips
 
     @property

@@ -174,12 +174,12 @@ def _joint_results_again(
 
 
 class MechanismForces(JointResults):
-    """What must act for a robot to move as it does."""
+    """The joint torques, and the force and torque on the base, that a motion of a robot requires."""
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
-        "tau": "Along every coordinate: N m of hinges, N of sliders; (..., dof).",
-        "force1": "On the base at R1, world axes; of a fixed base its reaction; (..., 3) N.",
-        "torque1": "On the base about R1, world axes; (..., 3) N m.",
+        "tau": "Torque of every hinge [N m] and force of every slider [N], in the order of `q`; (..., dof).",
+        "force1": "Force on the base at R1, world axes; the reaction of a fixed base; (..., 3) N.",
+        "torque1": "Torque on the base about R1, world axes; (..., 3) N m.",
     }
 
     tau: FloatArray
@@ -188,12 +188,12 @@ class MechanismForces(JointResults):
 
 
 class MechanismAccelerations(JointResults):
-    """How a robot moves under what acts."""
+    """The accelerations of a robot under given torques and forces."""
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
         "qdd": "Second derivatives of the coordinates; (..., dof) rad/s^2, of sliders m/s^2.",
-        "a1": "Of a free base: acceleration of its reference point, world axes, classical; (..., 3) m/s^2.",
-        "alpha1": "Of a free base: angular acceleration, world axes; (..., 3) rad/s^2.",
+        "a1": "Classical acceleration of a free base's reference point, world axes; (..., 3) m/s^2.",
+        "alpha1": "Angular acceleration of a free base, world axes; (..., 3) rad/s^2.",
     }
 
     qdd: FloatArray

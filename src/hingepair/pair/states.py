@@ -33,14 +33,14 @@ class PairState(Results):
         "omega1": "Angular velocity of body 1; (..., 3) rad/s.",
         "a1": "Classical acceleration of body 1's reference point; (..., 3) m/s^2.",
         "alpha1": "Angular acceleration of body 1; (..., 3) rad/s^2.",
-        "jacobian": "Of `prepare`: (v2, omega2) by (v1, omega1, psi'); (..., 6, 7).",
-        "acceleration_bias": "Of `prepare`: (a2, alpha2) where a1, alpha1, psi'' are none; (..., 6).",
-        "coordinate_jacobian": "Of `prepare`: (v2, omega2) by the rates of the coordinates; (..., 6, 7).",
-        "coordinate_jacobian_rate": "Of `prepare`: its time derivative; (..., 6, 7).",
-        "force1": "Of `prepare`: what must act on body 1 at R1; (..., 3) N.",
-        "torque1": "Of `prepare`: what must act on body 1 about R1; (..., 3) N m.",
-        "hinge_torque": "Of `prepare`: what must act about the hinge axis; (...) N m.",
-        "psidd": "Of `prepare`: acceleration of the hinge angle under what acts; (...) rad/s^2.",
+        "jacobian": "Jacobian of (v2, omega2) with respect to (v1, omega1, psi'), from `prepare`; (..., 6, 7).",
+        "acceleration_bias": "(a2, alpha2) where a1, alpha1 and psi'' are 0, from `prepare`; (..., 6).",
+        "coordinate_jacobian": "Jacobian of (v2, omega2) with respect to `qd`, from `prepare`; (..., 6, 7).",
+        "coordinate_jacobian_rate": "Time derivative of `coordinate_jacobian`, from `prepare`; (..., 6, 7).",
+        "force1": "Force that must act on body 1 at R1, from `prepare`; (..., 3) N.",
+        "torque1": "Torque that must act on body 1 about R1, from `prepare`; (..., 3) N m.",
+        "hinge_torque": "Torque that must act about the hinge axis, from `prepare`; (...) N m.",
+        "psidd": "Acceleration of the hinge angle under the loads, from `prepare`; (...) rad/s^2.",
     }
 
     R2: FloatArray
