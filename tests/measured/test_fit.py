@@ -280,6 +280,40 @@ def test_what_is_no_hinge_is_said_in_a_sentence(name: str, noise: float) -> None
     assert words in str(found)
 
 
+NO_HINGE = (
+    "No hinge point stays|no point stays|do not turn about one axis|slides along the axis|sliding hinge|wanders|"
+    "large beside the levers|little beside attitudes"
+)
+ACROSS = np.cross(N1, (1.0, 0, 0)) / np.linalg.norm(np.cross(N1, (1.0, 0, 0)))
+DEFECTS = {
+    "along": lambda size: {"slip": size * SLOW[:, None] * N1},
+    "across": lambda size: {"slip": size * SLOW[:, None] * ACROSS},
+    "every way": lambda size: {"slip": size * np.stack((SLOW, np.cos(1.9 * T), np.sin(2.7 * T)), axis=-1)},
+    "tilt": lambda size: {"Q": ROLL @ HOME @ turns(2 * size * SLOW[:, None] * np.array((0.0, 0.0, 1.0)))},
+    "noise": lambda size: {"metres": 3 * size},
+}
+
+
+@pytest.mark.parametrize("size", [0.004, 0.01, 0.1])
+@pytest.mark.parametrize("name", DEFECTS)
+def test_what_is_said_agrees_with_the_verdict(name: str, size: float) -> None:
+    """A defect that a hinge may have is measured; one that no hinge has is said to be none."""
+    found = hp.fit(*bodies(recording(2000, **{"metres": 1e-3, "radians": 2e-3} | DEFECTS[name](size))))
+    said = " ".join(found.findings)
+    assert found.ok == (re.search(NO_HINGE, said) is None)
+    assert ("not at random" in said) <= (name != "noise")
+    assert found.ok == (size == 0.004 or (name in {"along", "across", "tilt"} and size == 0.01))
+    assert str(found).endswith("\nok") == found.ok
+
+
+def test_play_of_the_hinge_point_is_measured_beside_the_levers() -> None:
+    found = hp.fit(*bodies(recording(2000, 1e-3, 2e-3, **DEFECTS["along"](0.01))))
+    size, share = re.search(r"along the axis by ([\d.]+) m rms, ([\d.]+) % of the levers", found.findings[0]).groups()
+    assert float(size) == pytest.approx(0.01 * np.std(SLOW), rel=0.05)
+    lever = max(np.linalg.norm(truth(1.0)[0]), np.linalg.norm(truth(1.0)[1]))
+    assert 0.3 < float(share) / (100 * float(size) / lever) <= 1.05
+
+
 def test_two_hinges_are_named_by_their_axes() -> None:
     """About N1 in body 1 and about e_z in body 2, where HOME and the second turn leave it."""
     kind, _ = OTHERS["two hinges"]

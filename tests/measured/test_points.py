@@ -104,6 +104,17 @@ def test_what_is_no_circle_is_said(kind: dict[str, object], words: str) -> None:
     assert words in " ".join(found.findings)
 
 
+@pytest.mark.parametrize("size", [5e-3, 0.1])
+@pytest.mark.parametrize("way", ["along", "across"])
+def test_what_is_said_of_a_path_agrees_with_the_verdict(way: str, size: float) -> None:
+    direction = N1 if way == "along" else np.array((0.0, 0.24, 0.97))
+    found = hp.fit(*bodies(recording(600, 1e-4, slip=size * SLOW[:, None] * direction)))
+    said = " ".join(found.findings)
+    assert found.ok == (size < 0.1)
+    assert ("leaves the plane" in said or "is off the circle" in said) == (not found.ok)
+    assert ("% of the radius" in said) >= found.ok
+
+
 def test_points_that_show_nothing_are_refused() -> None:
     made = recording(50)
     body1 = hp.BodyMotion(R=np.zeros(3), S=np.eye(3))

@@ -192,7 +192,7 @@ def _findings(
         alike = ', and count like the others: loss="cauchy" makes them count little.'
         found.append(Finding(share + ("; they count little." if little else alike), little))
     sizes = np.sqrt(weights @ (rest * rest) / weights.sum())
-    for size, correlation, text in zip(
+    for size, correlation, no_circle, play in zip(
         sizes,
         neighbours,
         (
@@ -200,10 +200,19 @@ def _findings(
             "or the axis tilts.",
             "The point is off the circle by {:.2g} m rms, and not at random: its distance from the axis changes.",
         ),
+        (
+            "The point moves along the axis by {:.2g} m rms",
+            "The point's distance from the axis changes by {:.2g} m rms",
+        ),
         strict=True,
     ):
-        if correlation > _MAX_CORRELATION and size > max(1e-9, 0.25 * _MAX_SYSTEMATIC) * circle.radius:
-            found.append(Finding(text.format(size), bool(size < _MAX_SYSTEMATIC * circle.radius)))
+        if correlation <= _MAX_CORRELATION or size <= max(1e-9, 0.25 * _MAX_SYSTEMATIC) * circle.radius:
+            continue
+        if size >= _MAX_SYSTEMATIC * circle.radius:
+            found.append(Finding(no_circle.format(size), False))
+        else:
+            share = f"{100 * size / circle.radius:.2g} % of the radius, and not at random"
+            found.append(Finding(f"{play.format(size)}, {share}: the hinge is that of the mean circle.", True))
     std = np.sqrt(np.diagonal(covariance))
     worst, vague = float(np.sqrt((std[6:9] ** 2).sum() / 2)), float(std[:6].max())
     if worst > _MAX_AXIS_STD:
@@ -215,4 +224,4 @@ def _findings(
         found.append(Finding(f"The hinge point is known to {vague:.2g} m only: let the point turn further.", False))
     if not still:
         found.append(Finding("The steps of the fit did not come to rest.", False))
-    return found
+    return sorted(found, key=lambda finding: finding.harmless)  # what decides the verdict comes first

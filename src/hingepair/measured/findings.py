@@ -32,12 +32,16 @@ _ROUNDING = 1e-12  # residuals, in radians and in parts of the bodies' largest c
 _MAX_TRIED = 400  # samples that causes are tried with
 _MAX_CAUSE_RATIO, _MAX_CAUSE_MISFIT = 0.2, 0.1
 """Misfit that a cause may leave, in parts of that without it, and at all [rad, parts of the bodies' distance]."""
+_MAX_PLAY = 0.02  # of the hinge point in parts of the levers' length, that is not at random and can be put up with
 _MAX_AXIS_STD = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on
 _MAX_POINT_STD = 0.1  # likewise of the hinge point, in parts of the levers' length
 
 
 class Finding(NamedTuple):
-    """One sentence of a report."""
+    """One sentence of a report, whose words agree with its part in the verdict.
+
+    A harmless one says how large something is; any other says why there is no hinge to rely on.
+    """
 
     text: str
     harmless: bool  # whether the hinge can be relied on in spite of it
@@ -110,7 +114,7 @@ def findings(
             "the whole recording: the standard deviations are too small."
         )
         found.append(Finding(text, True))
-    return found
+    return sorted(found, key=lambda finding: finding.harmless)  # what decides the verdict comes first
 
 
 def outlying(seen: Judged, poses: RelativePoses) -> NDArray[np.bool_]:
@@ -157,7 +161,8 @@ def _axis(poses: RelativePoses, seen: Judged, turning: float) -> list[Finding]:
         text = f"They turn by {np.degrees(turning):.2g} deg rms, little beside attitudes that are off by {degrees}."
         return [Finding(text, False)]
     if tilt < 0.1 * turning:
-        return [Finding(f"The axes tilt against each other by {degrees}, and not at random.", True)]
+        share = f"{100 * tilt / turning:.2g} % of the turning, and not at random"
+        return [Finding(f"The axes tilt against each other by {degrees}, {share}: n is their mean.", True)]
     return [Finding(_not_one_axis(poses, tilt, degrees), False)]
 
 
@@ -200,15 +205,39 @@ def _point(poses: RelativePoses, noise: Noise, seen: Judged, reach: float) -> li
     if size < max(1e-9 * poses.size, 0.005 * reach) or not (alike or size > 0.1 * reach):
         return []
     if along > 9 * across:
-        text = f"Body 2 slides along the axis, by {np.sqrt(along):.2g} m rms: a sliding hinge, or a screw."
+        kind = _Gap(
+            float(np.sqrt(along)),
+            "Body 2 slides along the axis, by {size:.2g} m rms: a sliding hinge, or a screw.",
+            "Body 2 moves along the axis by {size:.2g} m rms",
+        )
     elif across - along > 4 * (along + attitude):
-        text = (
-            f"They turn about one direction, but no point stays: it is off by {np.sqrt(2 * across):.2g} m rms across "
-            "the axis. Two parallel hinges one after the other, or an axis that wanders."
+        kind = _Gap(
+            float(np.sqrt(2 * across)),
+            "They turn about one direction, but no point stays: it is off by {size:.2g} m rms across the axis. Two "
+            "parallel hinges one after the other, or an axis that wanders.",
+            "The axis moves sideways by {size:.2g} m rms",
+        )
+    elif alike:
+        kind = _Gap(
+            size,
+            "No hinge point stays in both bodies: it is off by {size:.2g} m rms, and not at random.",
+            "The hinge point moves by {size:.2g} m rms",
         )
     else:
-        text = f"No hinge point stays in both bodies: it is off by {size:.2g} m rms, and not at random."
-    return [Finding(text, size < 0.02 * reach)]
+        text = f"The hinge point is off by {size:.2g} m rms at random: noise that is large beside the levers."
+        return [Finding(text, False)]
+    if size >= _MAX_PLAY * reach:
+        return [Finding(kind.no_hinge.format(size=kind.size), False)]
+    share = f"{100 * kind.size / reach:.2g} % of the levers, and not at random"
+    return [Finding(f"{kind.play.format(size=kind.size)}, {share}: u1 and u2 name its mean place.", True)]
+
+
+class _Gap(NamedTuple):
+    """How the hinge point moves, and what is said of it."""
+
+    size: float  # rms [m]
+    no_hinge: str  # where the gap is too large for a hinge
+    play: str  # where the gap is small beside the levers
 
 
 def _turning(psi: Float64Array, weights: Float64Array) -> float:
