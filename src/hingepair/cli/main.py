@@ -11,6 +11,7 @@ import typer
 from hingepair import __version__
 from hingepair.cli.bench import app as bench_app
 from hingepair.cli.derive import derive
+from hingepair.cli.examples import examples
 from hingepair.cli.fit import fit_files
 from hingepair.cli.options import naming_options
 from hingepair.cli.output import EXIT_BAD, EXIT_FAULT, behave, printed
@@ -34,7 +35,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (run, check, forces, derive, urdf, mjcf, plot, view, robots, tolerance, sweep):
+for command in (run, check, forces, derive, urdf, mjcf, plot, view, robots, tolerance, sweep, examples):
     app.command()(naming_options(command))
 app.command("fit")(naming_options(fit_files))
 app.add_typer(bench_app, name="bench")

@@ -1,0 +1,123 @@
+"""`hingepair examples`: the scenes and sweeps that come with the package, listed and copied."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import hingepair as hp
+from hingepair.cli.main import app, main
+from hingepair.sweeps.sweep import load_sweep
+
+ROOT = Path(__file__).parents[2]
+MODELS = ROOT / "models"
+NAMES = sorted(path.relative_to(MODELS).with_suffix("").as_posix() for path in MODELS.rglob("*.toml"))
+
+
+def examples(*arguments: object) -> str:
+    done = CliRunner().invoke(app, ["examples", *map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def copied(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def refused(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: object) -> str:
+    monkeypatch.setattr(sys, "argv", ["hingepair", "examples", *map(str, arguments)])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 2
+    return capsys.readouterr().err
+
+
+def test_every_scene_and_sweep_is_listed_with_a_title() -> None:
+    lines = examples().splitlines()
+    rows = [line.split(maxsplit=1) for line in lines[1 : lines.index("")]]
+    assert [name for name, _ in rows] == NAMES
+    assert ["talos_lift", hp.load_scene(MODELS / "talos_lift.toml").title] in rows
+    assert all(len(title) > 10 for _, title in rows)
+
+
+@pytest.mark.parametrize(
+    ("name", "files"),
+    [
+        ("excavator", {"excavator.toml"}),
+        ("logged_arm", {"logged_arm.toml", "logged_arm.csv"}),
+        ("sweeps/landing_gear", {"landing_gear.toml", "sweeps/landing_gear.toml"}),
+    ],
+)
+def test_an_example_is_copied_with_the_files_that_it_reads(tmp_path: Path, name: str, files: set[str]) -> None:
+    folder = tmp_path / "new" / "folder"
+    out = examples(name, folder)
+    assert copied(folder) == files
+    command = "sweep" if "sweeps" in name else "run"
+    assert out.splitlines()[-1] == f"Now try: hingepair {command} {folder / name}.toml"
+    for file in files:
+        assert (folder / file).read_bytes() == (MODELS / file).read_bytes()
+
+
+@pytest.mark.slow
+def test_all_examples_can_be_loaded_where_they_were_copied(tmp_path: Path) -> None:
+    examples("all", tmp_path)
+    for name in NAMES:
+        path = tmp_path / f"{name}.toml"
+        loaded = load_sweep(path) if "\nscene = " in path.read_text() else hp.load_scene(path)
+        assert loaded.title
+
+
+def test_an_example_goes_to_the_working_directory_unless_told(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    examples("logged_arm")
+    assert copied(tmp_path) == {"logged_arm.toml", "logged_arm.csv"}
+
+
+def test_nothing_is_overwritten(tmp_path: Path, capsys, monkeypatch) -> None:
+    log = tmp_path / "logged_arm.csv"
+    log.write_text("mine")
+    message = refused(capsys, monkeypatch, "logged_arm", tmp_path)
+    expected = "DIRECTORY: expected a directory without files of these names, since nothing is overwritten"
+    assert message == f"hingepair: {expected}, got {log}\n"
+    assert log.read_text() == "mine"
+    assert copied(tmp_path) == {"logged_arm.csv"}
+
+
+def test_a_wrong_name_or_directory_is_an_error_that_says_what_to_do(tmp_path: Path, capsys, monkeypatch) -> None:
+    message = refused(capsys, monkeypatch, "landing_gaer", tmp_path)
+    assert "NAME: expected one of all, excavator, " in message
+    assert "(nearest: landing_gear), got 'landing_gaer'" in message
+    (tmp_path / "file").touch()
+    message = refused(capsys, monkeypatch, "excavator", tmp_path / "file" / "folder")
+    assert message.startswith("hingepair: DIRECTORY: expected a directory that can be written, got ")
+
+
+@pytest.mark.slow
+def test_a_wheel_built_from_the_source_distribution_holds_the_examples(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling", reason="the build backend is not installed")
+    build = [sys.executable, "-m", "hatchling", "build", "-d", str(tmp_path)]
+    subprocess.run([*build, "-t", "sdist"], cwd=ROOT, check=True, capture_output=True)
+    (source,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(source) as archive:
+        archive.extractall(tmp_path, filter="data")
+    unpacked = tmp_path / source.name.removesuffix(".tar.gz")
+    subprocess.run([*build, "-t", "wheel"], cwd=unpacked, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    installed = tmp_path / "installed"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(installed)
+    assert {path.suffix for path in (installed / "hingepair" / "examples").rglob("*.*")} == {".toml", ".csv"}
+    environment = os.environ | {"PYTHONPATH": str(installed)}
+    command = [sys.executable, "-m", "hingepair", "examples", "all", "copies"]
+    subprocess.run(command, cwd=tmp_path, env=environment, check=True, capture_output=True)
+    listed = subprocess.run(command[:4], cwd=tmp_path, env=environment, check=True, capture_output=True, text=True)
+    assert listed.stdout == examples()
+    for name in NAMES:
+        assert (tmp_path / "copies" / f"{name}.toml").read_bytes() == (MODELS / f"{name}.toml").read_bytes()
