@@ -18,7 +18,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.cli.main import main
-from hingepair.engine.backend import choose
+from hingepair.engine.backend import execution_of
 from hingepair.formats.robots import robot_urdf
 from hingepair.numeric.tables import unit_of
 from hingepair.pair.results import column_names
@@ -144,7 +144,7 @@ def test_what_is_written_is_what_was_computed(
     short_scene: Path, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The process of the command computes so few instants with NumPy; this one may have compiled kernels by now.
-    monkeypatch.setattr("hingepair.pair.hinge_pair.choose", lambda _, workers: choose("numpy", workers))
+    monkeypatch.setattr("hingepair.pair.hinge_pair.execution_of", lambda _, workers: execution_of("numpy", workers))
     target = tmp_path / f"result{suffix}"
     assert str(target) in hingepair("run", short_scene, "--out", target, "--outputs", "R2,S2,omega1").stdout.replace(
         "\n", ""

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from hingepair.engine.array_heads import MAX_RANK
-from hingepair.engine.backend import Account, How
-from hingepair.engine.binding import bind, sorted_once
+from hingepair.engine.backend import BreakEvenCounter, Execution
+from hingepair.engine.binding import bind, bind_constant
 from hingepair.engine.calls import Call
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.results import Results
@@ -49,7 +49,7 @@ def refuse(values):
 
 def call(backend="compiled", limits=None):
     loop = LOOP if limits is None else LIMITED
-    return Call(loop, GIVEN, CONSTANTS, Product, backend=backend, limits=limits, refuse=refuse)
+    return Call(loop, GIVEN, CONSTANTS, Product, backend=backend, limits=limits, on_limit=refuse)
 
 
 def arrays(lead):
@@ -78,12 +78,12 @@ def test_a_quick_call_gives_what_the_general_way_gives(lead, backend):
     try:
         shape = np.broadcast_shapes(*lead)
     except ValueError:
-        assert one.quick(*given) is None
+        assert one.fast_path(*given) is None
         with pytest.raises(ShapeError):
             one.run(values, shapes)
         return
     y, trace = expected(*given)
-    quick = one.quick(*given)
+    quick = one.fast_path(*given)
     assert (quick is not None) == (backend == "compiled" or shape == ())
     for state in filter(None, (quick, one.run(values, shapes))):
         assert state.shape == shape
@@ -117,7 +117,7 @@ def test_every_layout_is_read_where_it_lies_or_left_to_the_general_way(layout, p
     one, given = call(), arrays([(9,)] * 3)
     given[place] = LAYOUTS[layout](given[place])
     y, trace = expected(*(np.asarray(a, float) for a in given))
-    quick = one.quick(*given)
+    quick = one.fast_path(*given)
     state = quick or one.run(dict(zip(GIVEN, given, strict=True)), dict.fromkeys(GIVEN, (9,)))
     np.testing.assert_allclose(state.y, y, rtol=1e-13, atol=1e-13)
     np.testing.assert_allclose(state["trace"], trace, rtol=1e-13, atol=1e-13)
@@ -140,23 +140,25 @@ REFUSED = {
 def test_an_argument_that_no_output_needs_is_looked_at_all_the_same(kind):
     _, m, x = arrays([(9,)] * 3)
     one = call()
-    assert one.quick(np.zeros((9, 2)), m, x) is not None
-    assert one.quick(REFUSED[kind], m, x) is None
+    assert one.fast_path(np.zeros((9, 2)), m, x) is not None
+    assert one.fast_path(REFUSED[kind], m, x) is None
 
 
 def test_numbers_beside_arrays():
     unused, m, _ = arrays([(), (4,), ()])
     for x in (0.5, np.float64(0.5), np.array(0.5)):
-        np.testing.assert_array_equal(call().quick(unused, m, x).y, call().quick(unused, m, np.full(4, 0.5)).y)
+        np.testing.assert_array_equal(
+            call().fast_path(unused, m, x).y, call().fast_path(unused, m, np.full(4, 0.5)).y
+        )
 
 
 def test_large_batches_go_the_quick_way():
     one, given = call(), arrays([(70_000,)] * 3)
-    state = one.quick(*given)
+    state = one.fast_path(*given)
     y, trace = expected(*given)
     np.testing.assert_allclose(state.y, y, atol=1e-14)
     out = np.empty_like(y)
-    assert np.shares_memory(one.write(given, {"y": out}).y, out)
+    assert np.shares_memory(one.run_into(given, {"y": out}).y, out)
     np.testing.assert_array_equal(out, state.y)
     np.testing.assert_allclose(state["trace"], trace, atol=1e-14)
 
@@ -164,7 +166,9 @@ def test_large_batches_go_the_quick_way():
 @pytest.mark.parametrize("lead", [(2,), (3_000,)], ids=["few", "many"])
 def test_a_batch_is_counted_once_towards_the_price_of_its_kernel(lead, monkeypatch):
     counted = []
-    monkeypatch.setattr(Account, "pays", lambda _, samples, links=1: counted.append((samples, links)))
+    monkeypatch.setattr(
+        BreakEvenCounter, "count_call", lambda _, samples, chain_length=1: counted.append((samples, chain_length))
+    )
     one = Call(Loop("counted", product, {"m": (3, 3), "k": (3,), "x": ()}, OUTPUTS), GIVEN, CONSTANTS, Product)
     one.run(dict(zip(GIVEN, arrays([lead] * 3), strict=True)), dict.fromkeys(GIVEN, lead))
     assert counted == [(lead[0], 1)]
@@ -194,20 +198,20 @@ def test_constants_are_sorted_once_for_all_calls(backend):
 @pytest.mark.parametrize("moving", [False, True])
 def test_constants_that_were_sorted_once_are_bound_as_they_are(value, moving):
     spec = (("k", (3,)), ("x", ()))
-    once = sorted_once("k", (3,), value)
+    once = bind_constant("k", (3,), value)
     x = np.ones(4)
-    plain, other = (bind(spec, {"k": k, "x": x}, moving=moving) for k in (value, once))
+    plain, other = (bind(spec, {"k": k, "x": x}, varying=moving) for k in (value, once))
     assert (plain.pattern, plain.constants) == (other.pattern, other.constants)
-    assert len(plain.pieces) == len(other.pieces)
+    assert len(plain.arrays) == len(other.arrays)
 
 
 @pytest.mark.parametrize("lead", [(), (9,)], ids=["one", "many"])
 def test_outputs_are_written_in_place(lead):
     one, given = call(), arrays([lead] * 3)
     y = np.full((*lead, 3, 2), np.nan)[..., 0]  # components two numbers apart
-    state = one.write(given, {"y": y})
-    np.testing.assert_array_equal(y, one.quick(*given).y)
-    np.testing.assert_array_equal(state["trace"], one.quick(*given)["trace"])
+    state = one.run_into(given, {"y": y})
+    np.testing.assert_array_equal(y, one.fast_path(*given).y)
+    np.testing.assert_array_equal(state["trace"], one.fast_path(*given)["trace"])
     assert np.shares_memory(state.y, y)
     assert not state.y.flags.writeable
     assert y.flags.writeable
@@ -219,29 +223,29 @@ def test_outputs_are_not_touched_by_a_call_that_is_refused(lead):
     y = np.full((*lead, 3), 7.0)
     limited = call(limits={"checked": {8: 1.0}})
     x = np.full(lead, 0.5)
-    assert limited.write((*given[:2], x), {"y": y.copy()}) is not None
+    assert limited.run_into((*given[:2], x), {"y": y.copy()}) is not None
     x[...] = np.nan
-    assert limited.write((*given[:2], x), {"y": y.copy()}) is not None
+    assert limited.run_into((*given[:2], x), {"y": y.copy()}) is not None
     x.flat[-1] = 2.0
     with pytest.raises(RefusedError):
-        limited.write((*given[:2], x), {"y": y})
+        limited.run_into((*given[:2], x), {"y": y})
     with pytest.raises(RefusedError):
         limited.run({**dict(zip(GIVEN, given, strict=True)), "x": x}, dict.fromkeys(GIVEN, lead), {"y": y})
     with pytest.raises(RefusedError):
-        limited.quick(*given[:2], x)
+        limited.fast_path(*given[:2], x)
     one = call()
     frozen = y.copy()
     frozen.flags.writeable = False
     for bad in (y[..., :2], y.astype(np.float32), y[None, None], frozen, y.tolist(), None):
-        assert one.write(given, {"y": bad}) is None
+        assert one.run_into(given, {"y": bad}) is None
     memory = np.arange(200.0)
     m, over = (memory[at : at + 9 * (9 if lead else 1)] for at in (0, 3))
     size = 3 * (9 if lead else 1)
     m, over = m.reshape(*lead, 3, 3), over[:size].reshape(*lead, 3)
-    assert one.write((given[0], m, given[2]), {"y": over}) is None
+    assert one.run_into((given[0], m, given[2]), {"y": over}) is None
     np.testing.assert_array_equal(memory, np.arange(200.0))
     both = np.full((*lead, 4), 7.0)
-    assert one.write(given, {"y": both[..., :3], "trace": both[..., 2]}) is None
+    assert one.run_into(given, {"y": both[..., :3], "trace": both[..., 2]}) is None
     assert (both == 7).all()
     assert (y == 7).all()
 
@@ -254,7 +258,7 @@ def test_threads_that_compile_at_once_get_one_kernel():
         gate.wait()
         one = Call(loop, GIVEN, CONSTANTS, Product, backend="compiled")
         for _ in range(50):
-            made.append((one.kernel, one.quick(*given).y))
+            made.append((one.kernel, one.fast_path(*given).y))
 
     threads = [threading.Thread(target=work) for _ in range(4)]
     for thread in threads:
@@ -270,7 +274,7 @@ def test_a_quick_call_owns_its_machine_code():
     """The loop, its program and its kernel may be gone: what can be called still runs."""
     loop = Loop("gone", product, dict(LOOP.inputs), OUTPUTS)
     one, given = Call(loop, GIVEN, CONSTANTS, Product, backend="compiled"), arrays([(5,)] * 3)
-    quick, before = one.quick, one.quick(*given).y.copy()
+    quick, before = one.fast_path, one.fast_path(*given).y.copy()
     loop.program.cache_clear()
     del loop, one
     for _ in range(3):  # code that was freed is likely to be written over
@@ -289,13 +293,13 @@ def test_a_long_call_lets_other_threads_go_on():
             time.sleep(1e-6)  # gives the lock away
 
     thread, interval = threading.Thread(target=counting), sys.getswitchinterval()
-    one.quick(*given)
+    one.fast_path(*given)
     sys.setswitchinterval(1000)
     try:
         thread.start()
         for _ in range(20_000):  # some seconds, in which a busy machine finds time for the other thread
             before = count[0]
-            one.quick(*given)
+            one.fast_path(*given)
             if count[0] > before:
                 break
         assert count[0] > before
@@ -322,7 +326,7 @@ def test_a_chosen_backend_gives_the_same_bits_at_every_call(backend):
     a = np.linspace(-3, 3, 40)
     first = [one.run({"a": a[:count]}, {"a": (count,)})["s"] for count in (1, 3, 40)]
     single = [one.run({"a": x}, {"a": ()})["s"] for x in a]
-    loop.run({"a": a}, {"s": np.empty(40)}, (40,), np.dtype(float), How("compiled", 1))
+    loop.run({"a": a}, {"s": np.empty(40)}, (40,), np.dtype(float), Execution("compiled", 1))
     if backend != "auto":
         for count, before in zip((1, 3, 40), first, strict=True):
             np.testing.assert_array_equal(one.run({"a": a[:count]}, {"a": (count,)})["s"], before)
@@ -330,12 +334,12 @@ def test_a_chosen_backend_gives_the_same_bits_at_every_call(backend):
 
 
 def test_a_kernel_that_llvm_refuses_leaves_the_others_alone(monkeypatch):
-    written = Program.llvm
+    written = Program.llvm_ir
 
     def broken(self, *key, fuse):
         return "no code" if self.loop.name == "broken" else written(self, *key, fuse=fuse)
 
-    monkeypatch.setattr(Program, "llvm", broken)
+    monkeypatch.setattr(Program, "llvm_ir", broken)
     given = arrays([(400,)] * 3)
     values, shapes = dict(zip(GIVEN, given, strict=True)), dict.fromkeys(GIVEN, (400,))
     loop, other = (Loop(name, product, dict(LOOP.inputs), OUTPUTS) for name in ("broken", "other"))
@@ -347,7 +351,7 @@ def test_a_kernel_that_llvm_refuses_leaves_the_others_alone(monkeypatch):
     for _ in range(3):
         one.compile()  # warns once
         np.testing.assert_allclose(one.run(values, shapes).y, expected(*given)[0], rtol=1e-14, atol=1e-14)
-    assert Call(other, GIVEN, CONSTANTS, Product, backend="compiled").quick(*given) is not None
+    assert Call(other, GIVEN, CONSTANTS, Product, backend="compiled").fast_path(*given) is not None
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
@@ -363,7 +367,7 @@ def test_results_that_nobody_holds_can_be_written_to(lead, backend):
 @pytest.mark.parametrize("lead", [(), (9,), (2, 3)])
 def test_one_output_alone_is_returned_itself(lead, backend):
     loop = Loop("product", product, dict(LIMITED.inputs), {"y": (3,), "checked": ()})
-    one = Call(loop, GIVEN, CONSTANTS, None, backend=backend, limits={"checked": {8: 1.0}}, refuse=refuse)
+    one = Call(loop, GIVEN, CONSTANTS, None, backend=backend, limits={"checked": {8: 1.0}}, on_limit=refuse)
     given = arrays([lead] * 3)
     given[2][...] = -1.0
     wanted = expected(*given)[0]
@@ -372,7 +376,7 @@ def test_one_output_alone_is_returned_itself(lead, backend):
         found = one.run(dict(zip(GIVEN, given, strict=True)), shapes)
         np.testing.assert_allclose(found, wanted, rtol=1e-14)
         found[...] = 0.0
-    quick = one.quick(*given)
+    quick = one.fast_path(*given)
     if quick is not None:
         np.testing.assert_allclose(quick, wanted, rtol=1e-14)
         quick[...] = 0.0

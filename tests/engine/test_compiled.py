@@ -14,7 +14,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.engine import native
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.engine.llvm_ir import LANES
 from hingepair.engine.loops import Loop
 from hingepair.plans.plan import SPATIAL, default_outputs, loop_of, make_plan
@@ -170,7 +170,7 @@ def test_sine_and_cosine_to_one_and_a_half_ulp():
     ])  # fmt: skip
     out = np.empty((x.size, 3))
     loop = Loop("terms", terms, {"x": ()}, {"terms": (3,)})
-    loop.run({"x": x}, {"terms": out}, x.shape, x.dtype, How("compiled", 1))
+    loop.run({"x": x}, {"terms": out}, x.shape, x.dtype, Execution("compiled", 1))
     with mpmath.workprec(1200):
         for v, got in zip(map(float, x), out.tolist(), strict=True):
             half = mpmath.sin(mpmath.mpf(v) / 2)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hingepair.engine import array_heads, backend, loops, native
-from hingepair.engine.backend import Account, How
+from hingepair.engine.backend import BreakEvenCounter, Execution
 from hingepair.engine.llvm_ir import LANES
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
@@ -17,7 +17,7 @@ from hingepair.plans.plan import SPATIAL, make_plan
 from support.sparse import sparse
 
 F8, F4 = np.dtype(np.float64), np.dtype(np.float32)
-NUMPY, COMPILED = How("numpy", 1), How("compiled", 1)
+NUMPY, COMPILED = Execution("numpy", 1), Execution("compiled", 1)
 
 
 def turned(v):
@@ -35,9 +35,9 @@ def turned(v):
 MAP = Loop("turned", turned, {"u": (3,), "angle": (), "more": ()}, {"r": (3,), "length": (), "m": (2, 2)})
 
 
-def run(loop, values, shape, dtype=F8, how=COMPILED, out=None):
+def run(loop, values, shape, dtype=F8, execution=COMPILED, out=None):
     out = out or {name: np.full((*shape, *tail), np.nan, dtype) for name, tail in loop.outputs}
-    loop.run(values, out, shape, dtype, how)
+    loop.run(values, out, shape, dtype, execution)
     return out
 
 
@@ -91,7 +91,7 @@ def test_far_angles_and_none_at_all():
     hard = {3: 1e300, 5: -1e16, 9: np.nan, 10: np.inf, 20: 1000000.5, 23: -np.inf}
     for k, angle in hard.items():
         values["angle"][k] = angle
-    found, expected = run(MAP, values, (count,)), run(MAP, values, (count,), how=NUMPY)
+    found, expected = run(MAP, values, (count,)), run(MAP, values, (count,), execution=NUMPY)
     rest = [k for k in range(count) if k not in hard]
     for name, array in found.items():
         np.testing.assert_array_equal(array[rest], clean[name][rest])
@@ -111,29 +111,29 @@ LAYOUTS = {
 }
 
 
-@pytest.mark.parametrize("how", [NUMPY, COMPILED], ids=["numpy", "compiled"])
+@pytest.mark.parametrize("execution", [NUMPY, COMPILED], ids=["numpy", "compiled"])
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
-def test_every_layout(layout, how):
+def test_every_layout(layout, execution):
     values = given(37)
     values["u"] = values["u"].astype(np.float32).astype(float)
-    expected = run(MAP, values, (37,), how=how)
-    found = run(MAP, {**values, "u": layout(values["u"])}, (37,), how=how)
+    expected = run(MAP, values, (37,), execution=execution)
+    found = run(MAP, {**values, "u": layout(values["u"])}, (37,), execution=execution)
     for name, array in found.items():
         np.testing.assert_array_equal(array, expected[name])
 
 
-@pytest.mark.parametrize("how", [NUMPY, COMPILED], ids=["numpy", "compiled"])
-def test_samples_of_several_axes_broadcast(how):
+@pytest.mark.parametrize("execution", [NUMPY, COMPILED], ids=["numpy", "compiled"])
+def test_samples_of_several_axes_broadcast(execution):
     rng = np.random.default_rng(5)
     values = {
         "u": rng.normal(size=(4, 1, 11, 3)),
         "angle": rng.normal(size=(5, 1)),
         "more": rng.uniform(size=(4, 5, 11)),
     }
-    found = run(MAP, values, (4, 5, 11), how=how)
+    found = run(MAP, values, (4, 5, 11), execution=execution)
     for i, j in np.ndindex(4, 5):
         one = {"u": values["u"][i, 0], "angle": np.repeat(values["angle"][j], 11), "more": values["more"][i, j]}
-        agree(run(MAP, one, (11,), how=NUMPY), {name: array[i, j] for name, array in found.items()})
+        agree(run(MAP, one, (11,), execution=NUMPY), {name: array[i, j] for name, array in found.items()})
 
 
 def test_outputs_of_any_stride():
@@ -141,7 +141,7 @@ def test_outputs_of_any_stride():
     room = np.zeros((21, 2, 4))
     square = np.zeros((21, 5, 5))
     out = {"r": room[:, 1, 3:0:-1], "length": room[:, 0, 0], "m": square[:, ::4, 1::3]}
-    agree(run(MAP, values, (21,), how=NUMPY), run(MAP, values, (21,), out=out))
+    agree(run(MAP, values, (21,), execution=NUMPY), run(MAP, values, (21,), out=out))
 
 
 def test_addresses_are_those_that_numpy_says(monkeypatch):
@@ -157,14 +157,14 @@ def test_large_outputs_go_past_the_caches_and_workers_share():
     count = 150_001
     values = given(count)
     alone = run(MAP, values, (count,))
-    agree(run(MAP, values, (count,), how=NUMPY), alone)
-    shared = run(MAP, values, (count,), how=How("compiled", 3))
+    agree(run(MAP, values, (count,), execution=NUMPY), alone)
+    shared = run(MAP, values, (count,), execution=Execution("compiled", 3))
     for name, array in shared.items():
         np.testing.assert_array_equal(array, alone[name])
 
 
-@pytest.mark.parametrize("how", [NUMPY, COMPILED], ids=["numpy", "compiled"])
-def test_names_may_be_any_text(how):
+@pytest.mark.parametrize("execution", [NUMPY, COMPILED], ids=["numpy", "compiled"])
+def test_names_may_be_any_text(execution):
     names = ['a-b.c d"e', "a_b.c d'e", "%0\n; ret void", "entry", "frame"]
 
     def function(values):
@@ -172,7 +172,7 @@ def test_names_may_be_any_text(how):
 
     loop = Loop(names[0], function, dict.fromkeys(names, ()), {f"{name}'": () for name in names})
     values = {name: np.arange(9.0) + k for k, name in enumerate(names)}
-    found = run(loop, values, (9,), how=how)
+    found = run(loop, values, (9,), execution=execution)
     for name in names:
         np.testing.assert_array_equal(found[f"{name}'"], values[name] * values[names[0]])
 
@@ -186,13 +186,13 @@ SCAN = Loop(
 )
 
 
-@pytest.mark.parametrize("how", [NUMPY, COMPILED], ids=["numpy", "compiled"])
+@pytest.mark.parametrize("execution", [NUMPY, COMPILED], ids=["numpy", "compiled"])
 @pytest.mark.parametrize("chains", sparse([21, 1, 3, 8], 4))
 @pytest.mark.parametrize("length", [1, 2, 30])
-def test_a_scan_hands_on(chains, length, how):
+def test_a_scan_hands_on(chains, length, execution):
     rng = np.random.default_rng(7)
     x, start, keep = rng.normal(size=(chains, length)), rng.normal(size=chains), rng.uniform(size=(chains, 1))
-    found = run(SCAN, {"total": start, "keep": keep, "x": x}, (chains, length), how=how)
+    found = run(SCAN, {"total": start, "keep": keep, "x": x}, (chains, length), execution=execution)
     state = start
     for j in range(length):
         np.testing.assert_array_equal(found["seen"][:, j, 1], found["total"][:, j - 1] if j else start)
@@ -213,7 +213,7 @@ def test_exact_arithmetic_is_not_fused():
     loop = Loop("product", product, {"a": (), "b": ()}, {"high": (), "low": ()}, exact=True)
     a, b = np.random.default_rng(8).normal(size=(2, 100))
     found = run(loop, {"a": a, "b": b}, (100,))
-    expected = run(loop, {"a": a, "b": b}, (100,), how=NUMPY)
+    expected = run(loop, {"a": a, "b": b}, (100,), execution=NUMPY)
     np.testing.assert_array_equal(found["low"], expected["low"])
     assert (found["low"] != 0).any()
 
@@ -239,7 +239,7 @@ def test_other_processors(monkeypatch, kind):
         loop = Loop("turned", turned, dict(MAP.inputs), dict(MAP.outputs))
         values = given(41)
         values["angle"][[3, 20, 40]] = 1e300, 2e7, -1e7
-        agree(run(loop, values, (41,), how=NUMPY), run(loop, values, (41,)))
+        agree(run(loop, values, (41,), execution=NUMPY), run(loop, values, (41,)))
         single = given(41, F4)
         agree(run(loop, single, (41,), F4, NUMPY), run(loop, single, (41,), F4), F4)
     finally:
@@ -250,8 +250,8 @@ def test_other_processors(monkeypatch, kind):
 @pytest.fixture
 def fresh(monkeypatch):
     """As in a process that has compiled nothing yet."""
-    monkeypatch.setattr(backend, "_started", False)
-    monkeypatch.setattr(backend, "_broken", False)
+    monkeypatch.setattr(backend, "_shared_code_compiled", False)
+    monkeypatch.setattr(backend, "_kernels_disabled", False)
 
 
 @pytest.mark.usefixtures("fresh")
@@ -259,41 +259,45 @@ def fresh(monkeypatch):
 def test_a_kernel_pays_when_the_rent_has_come_to_its_price(operations):
     """However the samples come, and not before."""
     for samples in (1, 100, 10_000, 1_000_000):
-        account = Account(operations)
-        while not account.pays(samples):
-            assert account.owed < account.price
+        counter = BreakEvenCounter(operations)
+        while not counter.count_call(samples):
+            assert counter.seconds_without_kernel < counter.seconds_to_compile
         last = operations * (samples * 7.5e-10 + 4.5e-7)
-        assert account.price <= account.owed <= account.price + last * (1 + 1e-9)
+        assert (
+            counter.seconds_to_compile
+            <= counter.seconds_without_kernel
+            <= counter.seconds_to_compile + last * (1 + 1e-9)
+        )
 
 
 @pytest.mark.usefixtures("fresh")
 def test_the_first_kernel_of_a_process_costs_more():
-    account = Account(200)
-    first = account.price
-    backend.started()
-    assert account.price < first / 2
+    counter = BreakEvenCounter(200)
+    first = counter.seconds_to_compile
+    backend.mark_shared_code_compiled()
+    assert counter.seconds_to_compile < first / 2
 
 
 @pytest.mark.usefixtures("fresh")
 def test_wide_outputs_pay_for_a_kernel_sooner(monkeypatch):
     """Without a kernel, each component is stored by a call of its own."""
-    accounts = []
+    counters = []
 
-    def account(*numbers):
-        accounts.append(Account(*numbers))
-        return accounts[-1]
+    def counter(*numbers):
+        counters.append(BreakEvenCounter(*numbers))
+        return counters[-1]
 
-    monkeypatch.setattr(loops, "Account", account)
+    monkeypatch.setattr(loops, "BreakEvenCounter", counter)
     loop = Loop("wide", lambda v: {"y": (v["x"] * v["x"],) * 40}, {"x": ()}, {"y": (40,)})
     x, y = np.ones(8), np.empty((8, 40))
-    loop.run({"x": x}, {"y": y}, (8,), np.dtype(float), How("auto", 1))
-    single = Account(1)
-    single.pays(8)
-    assert accounts[0].owed == pytest.approx(41 * single.owed)
+    loop.run({"x": x}, {"y": y}, (8,), np.dtype(float), Execution("auto", 1))
+    single = BreakEvenCounter(1)
+    single.count_call(8)
+    assert counters[0].seconds_without_kernel == pytest.approx(41 * single.seconds_without_kernel)
 
 
 @pytest.mark.usefixtures("fresh")
 def test_states_in_python_pay_for_a_kernel_too():
-    account = Account(300)
-    calls = next(k for k in range(1, 10**6) if account.pays_one())
+    counter = BreakEvenCounter(300)
+    calls = next(k for k in range(1, 10**6) if counter.count_state_call())
     assert 10_000 < calls < 30_000

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hingepair.engine import binding, llvm_ir, llvm_parts
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.engine.llvm_memory import MAX_STREAMED, PANEL
 from hingepair.engine.llvm_parts import MAX_NARROW
 from hingepair.engine.llvm_writer import LANES, LINE
@@ -47,7 +47,7 @@ def check_doubled(loop, shape, cut, shift, dtype, workers=1):
     room, place = room_of(int(np.prod(shape)), shift, dtype)
     out = room[place].reshape(shape)[cut]
     a = np.random.default_rng(out.size).normal(size=out.shape).astype(dtype)
-    loop.run({"a": a}, {"b": out}, out.shape[:-1], dtype, How("compiled", workers))
+    loop.run({"a": a}, {"b": out}, out.shape[:-1], dtype, Execution("compiled", workers))
     np.testing.assert_array_equal(out, 2 * a)
     out[...] = GUARD
     assert (room == GUARD).all()
@@ -68,7 +68,7 @@ def test_every_width_at_every_offset(width, dtype, stores):
 @pytest.mark.parametrize("width", [3, 20, 37])
 def test_threads_share_cache_lines(width, stores, monkeypatch):
     """Where the samples of one thread end amid a line, the other thread's begin."""
-    monkeypatch.setattr(binding, "FEWEST_A_WORKER", LANES)
+    monkeypatch.setattr(binding, "MIN_SAMPLES_PER_WORKER", LANES)
     for shift in SHIFTS:
         check_doubled(doubled(width, stores), (1003, width), ..., shift, F8, workers=3)
 
@@ -95,7 +95,7 @@ def test_outputs_of_any_layout(cut, width, stores):
 def test_an_output_may_lie_over_the_input(width, stores):
     a = np.random.default_rng(0).normal(size=(43, width))
     out = a.copy()
-    doubled(width, stores).run({"a": out}, {"b": out}, (43,), F8, How("compiled", 1))
+    doubled(width, stores).run({"a": out}, {"b": out}, (43,), F8, Execution("compiled", 1))
     np.testing.assert_array_equal(out, 2 * a)
 
 
@@ -106,7 +106,7 @@ def test_wide_outputs_of_constants_and_of_one_value_twice(stores):
 
     loop = Loop(f"filled {stores}", filled, {"x": ()}, {"y": (42,)})
     x, y = np.random.default_rng(1).normal(size=43), np.full((43, 42), GUARD)
-    loop.run({"x": x}, {"y": y}, (43,), F8, How("compiled", 1))
+    loop.run({"x": x}, {"y": y}, (43,), F8, Execution("compiled", 1))
     np.testing.assert_array_equal(y, np.stack([np.broadcast_to(c, 43) for c in filled({"x": x})["y"]], axis=-1))
 
 
@@ -116,7 +116,7 @@ def test_few_components_of_many(order):
     loop = Loop("few", lambda v: {"y": (v["x"][3] - v["x"][4], 2 * v["x"][30])}, {"x": (32,)}, {"y": (2,)})
     x = np.asarray(np.random.default_rng(3).normal(size=(43, 32)), order=order)
     y = np.full((43, 2), GUARD)
-    loop.run({"x": x}, {"y": y}, (43,), F8, How("compiled", 1))
+    loop.run({"x": x}, {"y": y}, (43,), F8, Execution("compiled", 1))
     np.testing.assert_array_equal(y, np.stack([x[:, 3] - x[:, 4], 2 * x[:, 30]], axis=-1))
 
 
@@ -150,7 +150,7 @@ def test_constants_as_numbers_or_as_vectors(most, dtype, monkeypatch):
     x = np.random.default_rng(5).normal(size=19).astype(dtype)
     y, z = np.full((19, count), GUARD, dtype), np.full((19, 2), GUARD, dtype)
     loop = Loop("shared", function, {"x": (), "c": (count + 2,)}, {"y": (count,), "z": (2,)})
-    loop.run({"x": x, "c": tuple(constants)}, {"y": y, "z": z}, (19,), dtype, How("compiled", 1))
+    loop.run({"x": x, "c": tuple(constants)}, {"y": y, "z": z}, (19,), dtype, Execution("compiled", 1))
     a, b, *c = constants
     expected = [np.sin(a) * x, b * x + c[0], *(np.full(19, number) for number in c[: count - 2])]
     np.testing.assert_allclose(
@@ -162,7 +162,7 @@ def test_constants_as_numbers_or_as_vectors(most, dtype, monkeypatch):
 def run_long(values, samples):
     loop = Loop("long", long_function, {"x": (20,), "c": ()}, {"seen": (20,), "narrow": (3,), "wide": (24,)})
     out = {name: np.full((samples, *tail), GUARD) for name, tail in loop.outputs}
-    loop.run(values, out, (samples,), F8, How("compiled", 1))
+    loop.run(values, out, (samples,), F8, Execution("compiled", 1))
     return out
 
 

@@ -12,8 +12,8 @@ from hingepair.engine.trace import (
     Trace,
     arc_tangent,
     hypotenuse,
-    needed_lines,
-    operations,
+    needed_values,
+    operation_count,
     square_root,
     where_less,
 )
@@ -68,16 +68,16 @@ def test_the_same_line_is_written_once(xy):
 def test_only_what_is_needed_is_left(xy):
     x, y = xy
     wanted, _ = x * y + 1.0, x.sine() * 3.0
-    assert operations(needed_lines([wanted])) == 2
+    assert operation_count(needed_values([wanted])) == 2
 
 
 def test_a_line_of_constants_does_not_move():
     trace = Trace()
-    constant, moving = trace.input("c", moves=False), trace.input("x")
-    assert not (2.0 * constant + 1.0).moves
-    assert (constant * moving).moves
-    lines = needed_lines([2.0 * constant * moving])
-    assert (operations(lines, moving=False), operations(lines, moving=True)) == (1, 1)
+    constant, moving = trace.input("c", varies=False), trace.input("x")
+    assert not (2.0 * constant + 1.0).varies
+    assert (constant * moving).varies
+    lines = needed_values([2.0 * constant * moving])
+    assert (operation_count(lines, varying=False), operation_count(lines, varying=True)) == (1, 1)
 
 
 def test_a_traced_value_decides_nothing(xy):

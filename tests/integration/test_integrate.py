@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.integration.methods import RULES, runge_kutta4
 from hingepair.integration.stepping import RADIX, ROTATIONS, SLAB
 from support.reference import DIGITS
@@ -104,7 +104,7 @@ def test_the_tree_is_the_product_in_order(size, bound, backend):
     factors /= np.sqrt((factors**2).sum(axis=0))
     rows = ROTATIONS.room(factors.shape[1])
     rows[: factors.shape[1]] = factors.T
-    ROTATIONS.run(rows, ROTATIONS.neutral, How(backend, 1))
+    ROTATIONS.run(rows, ROTATIONS.neutral, Execution(backend, 1))
     product = np.array([1.0, 0, 0, 0], dtype=np.longdouble)
     for k, factor in enumerate(factors.T):
         product = _times(factor.astype(np.longdouble), product)

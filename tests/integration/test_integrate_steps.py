@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.engine.backend import choose
+from hingepair.engine.backend import execution_of
 from hingepair.integration import error_estimate, solve, step_selection
 from hingepair.integration.integrals import Attitude
 from hingepair.integration.methods import RULES
@@ -96,7 +96,7 @@ def test_probes_do_not_enlarge_rounding():
 def test_steps_do_not_chase_rounding():
     """What is left of the errors of intervals is rounding, which more steps do not mend."""
     omega = Function("omega1", about_x(np.exp), (3,))
-    turning = Attitude("omega1", omega, RULES["magnus6"], choose("numpy", 1), False)
+    turning = Attitude("omega1", omega, RULES["magnus6"], execution_of("numpy", 1), False)
     assert step_selection.selected_steps((turning,), np.linspace(0, 10, 3), 1e-14).steps.made <= 3000
     smooth = hp.integrate(PAIR, [0, 1], about_x(np.cos), np.cos, tol=1e-2, outputs=())
     assert smooth.steps == 16

@@ -217,7 +217,7 @@ REFUSED = {
     "out_array": (lambda r, q: r.inverse_dynamics(q, q, q, out=q), "out: expected a dict of arrays by output name"),
     "out_prepared": (
         lambda r, q: r.prepare("mass_matrix", backend="numpy")(q, out={"mass_matrix": q}),
-        "out: expected an array to write into",
+        "out: expected a NumPy array to write into",
     ),
     "out_name": (lambda r, q: r.forward_kinematics(q, out={"x": q}), "out: expected arrays for nothing but"),
     "out_over_input": (lambda r, q: r.inverse_dynamics(q, q, q, outputs=("tau",), out={"tau": q}), "memory of its"),

@@ -175,5 +175,5 @@ def test_log_files_are_not_of_the_plane(tmp_path):
 def test_plan_says_what_constants_fold_away(tmp_path, old, new, folds):
     assert old in SPATIAL
     plan = scene_of(tmp_path, SPATIAL.replace(old, new)).plan()
-    assert (plan.operations.each < 0.4 * plan.operations.full) is folds
-    assert f"{plan.operations.known} of {plan.operations.full} operations" in str(plan)
+    assert (plan.operations.per_sample < 0.4 * plan.operations.unfolded) is folds
+    assert f"{plan.operations.folded} of {plan.operations.unfolded} operations" in str(plan)

@@ -469,7 +469,7 @@ FAULTS = {
     ),
     "a limit that is not looked at before outputs are written": Fault(
         "engine/calls.py",
-        "if self._limits and self._checks().quick(*given) is None:",
+        "if self._limits and self._limits_call().fast_path(*arguments) is None:",
         "if False:",
         "engine/test_calls.py::test_outputs_are_not_touched_by_a_call_that_is_refused",
     ),

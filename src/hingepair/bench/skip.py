@@ -32,7 +32,7 @@ class Case(NamedTuple):
             plan, given = plan_from_coordinates(PLANAR, self.pair.constants, q, qd, None, self.outputs, None, None)
         else:
             plan, given = plan_from_coordinates(SPATIAL, self.pair.constants, q, qd, None, self.outputs, None, "XYZ")
-        return count_operations(plan, self.pair.constants, given.parts).each
+        return count_operations(plan, self.pair.constants, given.parts).per_sample
 
     def job(self, backend: str) -> Job:
         """The program into arrays that are there."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hingepair.dynamics.collocation import Array
 from hingepair.dynamics.loads import Loads, Moving, Side
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.engine.calls import Call
 from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
@@ -109,7 +109,7 @@ class PairMotion:
         flat: bool,
         start: Start,
         loads: Loads,
-        how: How,
+        how: Execution,
         hinge: HingeMotion | None = None,
     ) -> None:
         self._hinge = hinge
@@ -315,12 +315,12 @@ def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
 
 def _run(call: Call, values: Mapping[str, Any]) -> Any:
     """Return the results of a call for values by name."""
-    arrays = {name: np.asarray(values[name], np.float64, order="C") for name in call.given}
-    results = call.quick(*arrays.values())
+    arrays = {name: np.asarray(values[name], np.float64, order="C") for name in call.argument_shapes}
+    results = call.fast_path(*arrays.values())
     if results is not None:
         return results
     return call.run(
-        arrays, {name: array.shape[: array.ndim - len(call.given[name])] for name, array in arrays.items()}
+        arrays, {name: array.shape[: array.ndim - len(call.argument_shapes[name])] for name, array in arrays.items()}
     )
 
 

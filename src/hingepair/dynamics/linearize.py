@@ -13,7 +13,7 @@ from hingepair.dynamics.collocation import Array
 from hingepair.dynamics.loads import Base, Load, Loads
 from hingepair.dynamics.simulate import in_space, start_of
 from hingepair.dynamics.switches import HingeSwitches
-from hingepair.engine.backend import choose
+from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import finite_number, read_only
 from hingepair.numeric.tables import ruled_table
@@ -140,7 +140,7 @@ def linearize(
     start = start_of(base, body1, flat, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
     if equilibrium and (start[2].any() or start[3].any() or start[5]):
         raise ArgumentError("psid_0, body1", "a state at rest, from which an equilibrium is sought", quoted(body1))
-    motion = PairMotion(space, base, flat, start, Loads(forces, load, gravity, flat=flat), choose(backend, 1))
+    motion = PairMotion(space, base, flat, start, Loads(forces, load, gravity, flat=flat), execution_of(backend, 1))
     HingeSwitches(motion, 0.0, 0.0, None)  # sets the side of each kink
     if motion.held:
         expected = "what has a linearization: friction that sticks (without friction_rate) or a stop holds the hinge"

@@ -17,7 +17,7 @@ from hingepair.dynamics.collocation import Array, Stepper, TooStiffError
 from hingepair.dynamics.energy_balance import BalanceOnDemand, EnergyBalance, Leg, energy_balance
 from hingepair.dynamics.loads import Base, Load, Loads
 from hingepair.dynamics.switches import HingeSwitches, Until
-from hingepair.engine.backend import choose
+from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, HingePairError, quoted
 from hingepair.integration.trajectory import Later, PlanarTrajectory, Trajectory
 from hingepair.numeric.arrays import check_choice, finite_number, read_only, real_array
@@ -253,7 +253,7 @@ def simulate(
     if not loads.rigid_range[0] <= start[4] <= loads.rigid_range[1]:
         expected = f"an angle between the rigid stops, {loads.rigid_range[0]:g} to {loads.rigid_range[1]:g} rad"
         raise ArgumentError("psi_0", expected, psi_0)
-    how = choose(backend, 1)
+    how = execution_of(backend, 1)
 
     def run(tolerance: float, looks: float, until: Until | None) -> tuple[PairMotion, Array, list[Leg], Course, bool]:
         motion = PairMotion(space, base, flat, start, loads, how, driven)

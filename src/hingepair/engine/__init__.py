@@ -11,7 +11,7 @@ components. A `Loop` runs it over arrays, a `Call` is a loop whose constants are
 ...     x, y = v["v"]
 ...     return {"force": tuple(-v["k"] * (x * x + y * y) * c for c in v["v"])}
 >>> loop = Loop("drag", drag, inputs={"v": (2,), "k": ()}, outputs={"force": (2,)})
->>> call = Call(loop, given={"v": (2,)}, constants={"k": 0.5}, result=Results)
+>>> call = Call(loop, argument_shapes={"v": (2,)}, constants={"k": 0.5}, result=Results)
 >>> call.run({"v": np.ones((3, 2))}, shapes={"v": (3,)})["force"][0]
 array([-1., -1.])
 

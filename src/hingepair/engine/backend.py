@@ -1,4 +1,4 @@
-"""The choice of a backend and of threads: NumPy for few samples, compiled kernels once they pay."""
+"""The choice of a backend and of threads: NumPy for few samples, compiled kernels once compiling them pays."""
 
 from __future__ import annotations
 
@@ -14,115 +14,139 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
 
 BACKENDS = ("auto", "numpy", "compiled")
+"""Accepted values of the argument `backend`."""
 
-# What is paid, measured on one machine; on others all of it takes longer or shorter by about the same factor.
-_START_SECONDS = 0.07  # once in a process: llvmlite is imported, and what all kernels share is compiled
-_KERNEL_SECONDS = 0.025  # for a kernel
-_KERNEL_OPERATION_SECONDS = 5e-5  # and for each of its operations
-# What an operation takes without a kernel, beyond what it takes with one.
-_NUMPY_CALL_SECONDS = 4.5e-7  # in a call by NumPy
-_NUMPY_SAMPLE_SECONDS = 7.5e-10  # and for each of its samples
+# Seconds of compiling, measured on one machine; on another machine all times here differ by about one common factor.
+_FIRST_KERNEL_SECONDS = 0.07  # once in a process: importing llvmlite, and compiling the code that all kernels share
+_KERNEL_SECONDS = 0.025  # for each kernel
+_KERNEL_OPERATION_SECONDS = 5e-5  # for each operation of a kernel
+# Seconds that an operation takes without a kernel beyond the time that it takes with one.
+_NUMPY_CALL_SECONDS = 4.5e-7  # for each call by NumPy
+_NUMPY_SAMPLE_SECONDS = 7.5e-10  # for each sample of a call by NumPy
 _PYTHON_STATE_SECONDS = 1.5e-8  # for one state in Python
 
-_compile_at_once: ContextVar[bool] = ContextVar("_compile_at_once", default=False)
-_broken = False
-_started = False
+_compiles_at_first_call: ContextVar[bool] = ContextVar("_compiles_at_first_call", default=False)
+_kernels_disabled = False
+_shared_code_compiled = False
 
 
-class How(NamedTuple):
-    """A choice of backend and threads.
+class Execution(NamedTuple):
+    """Execution policy of a call: its backend and its number of threads.
 
     Attributes:
         backend: one of BACKENDS.
-        workers: threads, at least 1.
+        workers: number of threads, at least 1.
     """
 
     backend: str
     workers: int
 
 
-def choose(backend: str, workers: int) -> How:
-    """Return the choice that two arguments make.
+def execution_of(backend: str, workers: int) -> Execution:
+    """Check the arguments `backend` and `workers`, and return them as an execution policy.
+
+    Args:
+        backend: one of BACKENDS.
+        workers: number of threads; -1 for all cores.
 
     Raises:
-        ArgumentError: an unknown backend, or a number of workers that is neither -1 nor positive.
+        ArgumentError: the backend is unknown, or the number of workers is neither -1 nor positive.
 
-    >>> choose("numpy", 2)
-    How(backend='numpy', workers=2)
+    >>> execution_of("numpy", 2)
+    Execution(backend='numpy', workers=2)
     """
     if type(backend) is not str:
         check_choice("backend", backend, BACKENDS)
     if type(workers) is not int or (workers < 1 and workers != -1):
         raise ArgumentError("workers", "a positive integer, or -1 for all cores", quoted(workers))
-    return _choice(backend, workers)
+    return _cached_execution(backend, workers)
 
 
 @functools.lru_cache(maxsize=64)
-def _choice(backend: str, workers: int) -> How:
+def _cached_execution(backend: str, workers: int) -> Execution:
+    """Return the execution policy for a number of workers that is -1 or positive; check the backend's name."""
     check_choice("backend", backend, BACKENDS)
-    return How(backend, workers if workers > 0 else _cores())
+    return Execution(backend, workers if workers > 0 else _core_count())
 
 
-def _cores() -> int:
-    """Return the number of cores that this process may use; of all of them where the system does not say."""
+def _core_count() -> int:
+    """Return the number of cores that this process may use; of all cores where the system does not say."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class Account:
-    """A record of what calls have cost without a kernel, which says when a kernel pays.
+class BreakEvenCounter:
+    """Counter of the time that calls have lost without a kernel; it tells when compiling one has reached break-even.
 
-    Skis are rented until the rent has come to their price, then bought: whatever calls come, their time is at most
-    twice that of the better backend in hindsight, and no call waits for a kernel that it does not pay for. The costs
-    are estimated from the number of operations, so that what runs does not depend on how busy the machine is.
+    A kernel is compiled once the time lost without it equals the time of compiling it (the break-even rule of the
+    ski-rental problem). Whatever calls come, their time is at most twice that of the better backend in hindsight, and
+    no call waits for a kernel that does not pay. The times are estimated from the number of operations, so that the
+    choice of the backend does not depend on how busy the machine is.
 
     Args:
         operations: number of operations of the program.
-        components: number of components of its outputs; storing one takes as long as an operation.
+        components: number of components of the program's outputs; storing one takes as long as an operation.
+
+    Attributes:
+        operations: number of operations of the program.
+        operations_and_stores: number of operations and of stored components.
+        seconds_without_kernel: estimated time [s] that the calls so far have lost without a kernel.
     """
 
     def __init__(self, operations: int, components: int = 0) -> None:
         self.operations = operations
-        self.lines = operations + components
-        self.owed = 0.0  # seconds
+        self.operations_and_stores = operations + components
+        self.seconds_without_kernel = 0.0
 
     @property
-    def price(self) -> float:
-        """Seconds until the kernel is there."""
-        return _KERNEL_SECONDS + _KERNEL_OPERATION_SECONDS * self.operations + (0.0 if _started else _START_SECONDS)
+    def seconds_to_compile(self) -> float:
+        """Estimated time [s] of compiling the kernel."""
+        first = 0.0 if _shared_code_compiled else _FIRST_KERNEL_SECONDS
+        return _KERNEL_SECONDS + _KERNEL_OPERATION_SECONDS * self.operations + first
 
-    def pays(self, samples: int, links: int = 1) -> bool:
-        """Count a call over so many samples, in chains of so many links, and return whether a kernel pays now."""
-        self.owed += self.lines * (links * _NUMPY_CALL_SECONDS + samples * _NUMPY_SAMPLE_SECONDS)
-        return (self.owed >= self.price or _compile_at_once.get()) and not _broken
+    def count_call(self, samples: int, chain_length: int = 1) -> bool:
+        """Count a call by NumPy, and return whether compiling a kernel pays from now on.
 
-    def pays_one(self) -> bool:
-        """Count a call of one state in Python, and return whether a kernel pays now."""
-        self.owed += self.lines * _PYTHON_STATE_SECONDS
-        return (self.owed >= self.price or _compile_at_once.get()) and not _broken
+        Args:
+            samples: number of samples of the call.
+            chain_length: number of samples of each chain of a scan, which NumPy computes one after the other.
+        """
+        seconds = chain_length * _NUMPY_CALL_SECONDS + samples * _NUMPY_SAMPLE_SECONDS
+        self.seconds_without_kernel += self.operations_and_stores * seconds
+        return self._kernel_pays()
+
+    def count_state_call(self) -> bool:
+        """Count a call of one state in Python, and return whether compiling a kernel pays from now on."""
+        self.seconds_without_kernel += self.operations_and_stores * _PYTHON_STATE_SECONDS
+        return self._kernel_pays()
+
+    def _kernel_pays(self) -> bool:
+        """Return whether the time lost has reached the time of compiling, and kernels can be had."""
+        reached = self.seconds_without_kernel >= self.seconds_to_compile or _compiles_at_first_call.get()
+        return reached and not _kernels_disabled
 
 
 @contextlib.contextmanager
-def compiling_at_once() -> Iterator[None]:
-    """Let "auto" compile at the first call, so that no result depends on what was computed before it.
+def compile_at_first_call() -> Iterator[None]:
+    """Make the backend "auto" compile at the first call, so that results do not depend on earlier calls.
 
-    Holds in this thread, until the block is left.
+    This holds in the calling thread, until the block is left.
     """
-    token = _compile_at_once.set(True)
+    token = _compiles_at_first_call.set(True)
     try:
         yield
     finally:
-        _compile_at_once.reset(token)
+        _compiles_at_first_call.reset(token)
 
 
-def started() -> None:
-    """Note that kernels share what was compiled for the first of them: the next ones cost less."""
-    global _started  # noqa: PLW0603 (there is one process)
-    _started = True
+def mark_shared_code_compiled() -> None:
+    """Record that the code which all kernels share has been compiled: each further kernel costs less."""
+    global _shared_code_compiled  # noqa: PLW0603 (there is one process)
+    _shared_code_compiled = True
 
 
-def give_up(error: Exception) -> None:
-    """Warn once that kernels cannot be had, and ask for none again."""
-    global _broken  # noqa: PLW0603 (what cannot be loaded once is not tried at every call)
-    if not _broken:
-        _broken = True
+def disable_kernels(error: Exception) -> None:
+    """Warn once that kernels cannot be compiled, and let the backend "auto" request none from now on."""
+    global _kernels_disabled  # noqa: PLW0603 (what cannot be loaded once is not tried at every call)
+    if not _kernels_disabled:
+        _kernels_disabled = True
         warnings.warn(f"{error}; computing with NumPy", RuntimeWarning, stacklevel=2)

@@ -1,7 +1,7 @@
-"""From the arrays that a caller gives to what a loop walks through: addresses, strides, and what is known beforehand.
+"""The binding of a loop's inputs: which components are known numbers, constants or arrays, and their strides.
 
-What is the number 0, 1 or -1 becomes part of the program, which folds it away. Other constants are run-time
-parameters, so that one program serves all pairs of the same build. Arrays are walked through where they lie.
+A component that is the number 0, 1 or -1 becomes part of the program, which folds it away. Other constants are
+run-time parameters, so that one program serves all pairs with the same pattern. Arrays are read in place.
 """
 
 from __future__ import annotations
@@ -20,111 +20,117 @@ from hingepair.engine.array_heads import address
 from hingepair.engine.llvm_ir import FIELDS
 from hingepair.engine.llvm_writer import LANES
 
-Tail: TypeAlias = tuple[int, ...]
-Spec: TypeAlias = tuple[tuple[str, Tail], ...]
-Origin: TypeAlias = float | tuple[int, int] | None
-"""Where a component comes from: a known number; (piece, component of it); or None, the next of the constants."""
-Pattern: TypeAlias = tuple[Origin, ...]
+SampleShape: TypeAlias = tuple[int, ...]
+SampleShapes: TypeAlias = tuple[tuple[str, SampleShape], ...]
+ComponentSource: TypeAlias = float | tuple[int, int] | None
+"""Source of a component: a known number; (index of an array, component of it); or None, the next constant."""
+InputPattern: TypeAlias = tuple[ComponentSource, ...]
 
-FEWEST_A_WORKER: Final = 8192
-"""Samples that are worth a thread: a tenth of a millisecond of work, which is what starting one takes."""
+MIN_SAMPLES_PER_WORKER: Final = 8192
+"""Number of samples that are worth a thread: about 0.1 ms of work, as long as starting the thread takes."""
 
-_KNOWN: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
+_FOLDED_NUMBERS: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
+"""Numbers that become part of the program, which folds them away."""
 
 
-class Bound(NamedTuple):
+class BoundInputs(NamedTuple):
     """The inputs of a loop, sorted into known numbers, constants and arrays.
 
     Attributes:
-        pattern: where each component of each input comes from.
-        constants: numbers that all samples share.
-        pieces: arrays of components that move, the components last.
+        pattern: the source of each component of each input.
+        constants: numbers that are the same at all samples.
+        arrays: arrays of the components that vary from sample to sample; the last axis holds the components.
     """
 
-    pattern: Pattern
+    pattern: InputPattern
     constants: list[float]
-    pieces: list[NDArray[Any]]
+    arrays: list[NDArray[Any]]
 
 
-class Numbers(NamedTuple):
-    """An input that all samples share, sorted once for many calls.
+class BoundConstant(NamedTuple):
+    """An input that is the same at all samples, bound once for many calls.
 
     Attributes:
-        value: the number, tuple of numbers or array that it is.
-        pattern: where each of its components comes from.
-        constants: those of them that are not known beforehand.
+        value: the input itself: a number, a tuple of numbers, or an array.
+        pattern: the source of each component.
+        constants: the components that are not among the folded numbers.
     """
 
     value: Any
-    pattern: Pattern
+    pattern: InputPattern
     constants: tuple[float, ...]
 
 
-def sorted_once(name: str, tail: Tail, value: Any) -> Any:
-    """Return an input as `Numbers`, where it holds one sample; as it is where it holds more."""
+def bind_constant(name: str, tail: SampleShape, value: Any) -> Any:
+    """Return an input of one sample as a `BoundConstant`; return an input of more samples unchanged."""
     bound = bind(((name, tail),), {name: value})
-    return value if bound.pieces else Numbers(value, bound.pattern, tuple(bound.constants))
+    return value if bound.arrays else BoundConstant(value, bound.pattern, tuple(bound.constants))
 
 
-def bind(spec: Spec, values: Mapping[str, Any], carried: frozenset[str] = frozenset(), moving: bool = False) -> Bound:
-    """Sort the inputs of a loop into known numbers, constants and arrays that change from sample to sample.
+def bind(
+    spec: SampleShapes, values: Mapping[str, Any], carried: frozenset[str] = frozenset(), varying: bool = False
+) -> BoundInputs:
+    """Sort the inputs of a loop into known numbers, constants and arrays that vary from sample to sample.
 
-    Those that are carried are never known beforehand: they are arrays, of the chains' shape and their own. Where
-    `moving`, arrays are pieces though they hold one sample.
+    Args:
+        spec: names of the inputs, and the shape of one sample of each.
+        values: inputs by name: numbers, arrays, or tuples of numbers and arrays.
+        carried: names of the inputs that a scan carries. They are always arrays, of shape (*chains, *one sample).
+        varying: whether an array counts as varying though it holds one sample only.
     """
-    pattern: list[Origin] = []
+    pattern: list[ComponentSource] = []
     constants: list[float] = []
-    pieces: list[NDArray[Any]] = []
+    arrays: list[NDArray[Any]] = []
     seen: dict[int, int] = {}
 
-    def number(x: float) -> None:
-        known = _KNOWN.get(x)
+    def bind_number(x: float) -> None:
+        known = _FOLDED_NUMBERS.get(x)
         pattern.append(known)
         if known is None:
             constants.append(x)
 
     for name, tail in spec:
         value, count = values[name], math.prod(tail)
-        if isinstance(value, Numbers):
-            if not moving:
+        if isinstance(value, BoundConstant):
+            if not varying:
                 pattern += value.pattern
                 constants += value.constants
                 continue
             value = value.value
         if name in carried:
-            pattern.extend((len(pieces), c) for c in range(count))
-            pieces.append(value.reshape(*value.shape[: value.ndim - len(tail)], 1, count))
+            pattern.extend((len(arrays), c) for c in range(count))
+            arrays.append(value.reshape(*value.shape[: value.ndim - len(tail)], 1, count))
             continue
         if isinstance(value, np.ndarray):
-            if value.size == count and not moving:
+            if value.size == count and not varying:
                 pattern.extend((None,) * count)
                 constants.extend(map(float, value.ravel().tolist()))
                 continue
-            for part in rows_of(value, tail):
-                pattern.extend((len(pieces), c) for c in range(part.shape[-1]))
-                pieces.append(part)
+            for part in component_views(value, tail):
+                pattern.extend((len(arrays), c) for c in range(part.shape[-1]))
+                arrays.append(part)
             continue
         for component in value if isinstance(value, tuple) else (value,):
             if not isinstance(component, np.ndarray):
-                number(float(component))
-            elif component.size == 1 and not moving:
+                bind_number(float(component))
+            elif component.size == 1 and not varying:
                 pattern.append(None)
                 constants.append(float(component.item()))
             else:
                 if id(component) not in seen:
-                    seen[id(component)] = len(pieces)
-                    pieces.append(component[..., None])
+                    seen[id(component)] = len(arrays)
+                    arrays.append(component[..., None])
                 pattern.append((seen[id(component)], 0))
-    return Bound(tuple(pattern), constants, pieces)
+    return BoundInputs(tuple(pattern), constants, arrays)
 
 
-def bind_foreign(spec: Spec, values: Mapping[str, Any]) -> tuple[Pattern, list[float], list[Any]]:
-    """Sort the inputs of a loop, given as numbers and arrays of another library, as `bind` does.
+def bind_foreign(spec: SampleShapes, values: Mapping[str, Any]) -> tuple[InputPattern, list[float], list[Any]]:
+    """Sort the inputs of a loop as `bind` does, for numbers and arrays of another library.
 
     Returns:
         The pattern, the constants, and the arrays, each of one component.
     """
-    pattern: list[Origin] = []
+    pattern: list[ComponentSource] = []
     constants: list[float] = []
     arrays: list[Any] = []
     seen: dict[int, int] = {}
@@ -136,15 +142,15 @@ def bind_foreign(spec: Spec, values: Mapping[str, Any]) -> tuple[Pattern, list[f
                     arrays.append(component)
                 pattern.append((seen[id(component)], 0))
                 continue
-            known = _KNOWN.get(component)
+            known = _FOLDED_NUMBERS.get(component)
             pattern.append(known)
             if known is None:
                 constants.append(float(component))
     return tuple(pattern), constants, arrays
 
 
-def rows_of(array: NDArray[Any], tail: Tail) -> Iterator[NDArray[Any]]:
-    """Yield views of an array with one axis of components; one view a row where a single view is not possible."""
+def component_views(array: NDArray[Any], tail: SampleShape) -> Iterator[NDArray[Any]]:
+    """Yield views of an array with one axis of components: a single view where possible, else one for each row."""
     if not tail:
         yield array[..., None]
     elif len(tail) == 1:
@@ -155,64 +161,69 @@ def rows_of(array: NDArray[Any], tail: Tail) -> Iterator[NDArray[Any]]:
             yield np.reshape(array, (*array.shape[:axis], math.prod(tail)), copy=False)
         except ValueError:
             for i in range(tail[0]):
-                yield from rows_of(array[(slice(None),) * axis + (i,)], tail[1:])
+                yield from component_views(array[(slice(None),) * axis + (i,)], tail[1:])
 
 
 class Layout(NamedTuple):
-    """The strides by which a kernel walks through arrays: two axes of samples; further axes take one call a sample.
+    """The strides by which a kernel reads and writes arrays along two axes of samples; further axes take more calls.
 
     Attributes:
-        outer: samples along the outer axis.
-        inner: samples along the inner one.
-        lines: of each array (bytes between outer samples, between inner ones, between components).
-        offsets: where each call starts, in bytes, by array.
+        outer_length: number of samples along the outer axis.
+        inner_length: number of samples along the inner axis.
+        strides: for each array, bytes between outer samples, between inner samples, and between components.
+        offsets: for each call of the kernel, the offset of its first sample in each array, in bytes.
     """
 
-    outer: int
-    inner: int
-    lines: tuple[tuple[int, int, int], ...]
+    outer_length: int
+    inner_length: int
+    strides: tuple[tuple[int, int, int], ...]
     offsets: tuple[tuple[int, ...], ...]
 
 
-Form: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # shape and strides
+ShapeAndStrides: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # shape and strides
 
 
-def forms_of(arrays: Sequence[NDArray[Any]]) -> tuple[Form, ...]:
-    """Return shapes and strides of arrays, from which their layout follows."""
+def shapes_and_strides(arrays: Sequence[NDArray[Any]]) -> tuple[ShapeAndStrides, ...]:
+    """Return the shapes and strides of arrays, from which their layout follows."""
     return tuple((array.shape, array.strides) for array in arrays)
 
 
 @functools.lru_cache(maxsize=512)
-def layout_of(forms: tuple[Form, ...], shape: tuple[int, ...], chained: bool) -> Layout:
+def layout_of(forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], chained: bool) -> Layout:
     """Return the layout of arrays that broadcast to the samples.
 
-    The longest axis is walked innermost; of chains, the last one, and the longest of the others outside of it.
+    The inner axis is the longest axis, or the last axis of chains; the outer axis is the longest of the others.
+
+    Args:
+        forms: shapes and strides [bytes] of the arrays.
+        shape: shape of the samples.
+        chained: whether the last axis is the chain of a scan.
     """
-    strides = np.array([_strides(form, shape) for form in forms]).reshape(len(forms), len(shape))
+    strides = np.array([_sample_strides(form, shape) for form in forms]).reshape(len(forms), len(shape))
     if chained:
-        lengths, columns = _merged(shape[:-1], strides[:, :-1])
+        lengths, columns = _merge_axes(shape[:-1], strides[:, :-1])
         order = sorted(range(len(lengths)), key=lambda axis: -lengths[axis])
         outer, others = order[0], order[1:]
         outers, inners, sizes = columns[:, outer], strides[:, -1], (lengths[outer], shape[-1])
     else:
-        lengths, columns = _merged(shape, strides)
+        lengths, columns = _merge_axes(shape, strides)
         inner, outer, *others = sorted(range(len(lengths)), key=lambda axis: -lengths[axis])
         outers, inners, sizes = columns[:, outer], columns[:, inner], (lengths[outer], lengths[inner])
-    lines = tuple((int(a), int(b), own[-1]) for a, b, (_, own) in zip(outers, inners, forms, strict=True))
-    walks = np.array([*itertools.product(*(range(lengths[axis]) for axis in others))], np.int64)
-    offsets = walks.reshape(len(walks), len(others)) @ columns[:, others].T
-    return Layout(*sizes, lines, tuple(tuple(map(int, row)) for row in offsets))
+    array_strides = tuple((int(a), int(b), form[1][-1]) for a, b, form in zip(outers, inners, forms, strict=True))
+    starts = np.array([*itertools.product(*(range(lengths[axis]) for axis in others))], np.int64)
+    offsets = starts.reshape(len(starts), len(others)) @ columns[:, others].T
+    return Layout(*sizes, array_strides, tuple(tuple(map(int, row)) for row in offsets))
 
 
-def _strides(form: Form, shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the strides in bytes along the axes of the samples; 0 where the array does not vary."""
-    own, strides = form
-    moving = tuple(stride if n != 1 else 0 for stride, n in zip(strides[:-1], own[:-1], strict=True))
-    return (0,) * (len(shape) - len(moving)) + moving
+def _sample_strides(form: ShapeAndStrides, shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the strides in bytes along the axes of the samples; 0 along an axis on which the array is broadcast."""
+    lengths, strides = form
+    own_axes = tuple(stride if n != 1 else 0 for stride, n in zip(strides[:-1], lengths[:-1], strict=True))
+    return (0,) * (len(shape) - len(own_axes)) + own_axes
 
 
-def _merged(shape: tuple[int, ...], strides: NDArray[np.int64]) -> tuple[list[int], NDArray[np.int64]]:
-    """Join neighbouring axes that all arrays walk through as one; return lengths and strides of at least two axes."""
+def _merge_axes(shape: tuple[int, ...], strides: NDArray[np.int64]) -> tuple[list[int], NDArray[np.int64]]:
+    """Merge neighbouring axes that all arrays can step through as one; return lengths and strides, of two or more."""
     lengths, columns = [1, 1], [np.zeros(len(strides), np.int64)] * 2
     for length, column in zip(shape, strides.T, strict=True):
         if length == 1:
@@ -225,7 +236,7 @@ def _merged(shape: tuple[int, ...], strides: NDArray[np.int64]) -> tuple[list[in
     return lengths, np.stack(columns, axis=1)
 
 
-def walk(
+def run_kernel(
     run: Any,
     layout: Layout,
     inputs: Sequence[NDArray[Any]],
@@ -234,34 +245,45 @@ def walk(
     workers: int,
     chained: bool = False,
 ) -> None:
-    """Call a kernel for all samples, in threads along the inner axis of a map or the outer axis of chains."""
+    """Run a kernel over all samples; threads share the inner axis, or the outer axis of chains.
+
+    Args:
+        run: the kernel's function of (table of addresses and strides, outer length, inner length).
+        layout: the layout of the arrays.
+        inputs: the input arrays.
+        outputs: the output arrays.
+        constants: the constants in one array, or None.
+        workers: number of threads at most.
+        chained: whether the inner axis is the chain of a scan.
+    """
     itemsize = outputs[0].itemsize
     table: list[int] = []
     if constants is not None:
         table += (address(constants), 0, 0, itemsize)
     first = len(table) // FIELDS
-    for array, (outer, inner, step) in zip((*inputs, *outputs), layout.lines, strict=True):
-        table += (address(array), outer, inner, step)
-    kind = ctypes.c_int64 * len(table)
-    shared, column = (layout.outer, 1) if chained else (layout.inner, 2)
-    workers = max(1, min(workers, layout.outer * layout.inner // FEWEST_A_WORKER, shared // LANES))
+    for array, strides in zip((*inputs, *outputs), layout.strides, strict=True):
+        table += (address(array), *strides)
+    table_type = ctypes.c_int64 * len(table)
+    outer_length, inner_length = layout.outer_length, layout.inner_length
+    shared, column = (outer_length, 1) if chained else (inner_length, 2)
+    workers = max(1, min(workers, outer_length * inner_length // MIN_SAMPLES_PER_WORKER, shared // LANES))
     chunk = -(-shared // (workers * LANES)) * LANES
 
-    def part(start: int) -> None:
-        own, count = list(table), min(chunk, shared - start)
+    def run_chunk(start: int) -> None:
+        chunk_table, count = list(table), min(chunk, shared - start)
         for k in range(first, len(table) // FIELDS):
-            own[k * FIELDS] += start * own[k * FIELDS + column]
+            chunk_table[k * FIELDS] += start * chunk_table[k * FIELDS + column]
         for offsets in layout.offsets:
-            moved = list(own)
+            call_table = list(chunk_table)
             for k, offset in enumerate(offsets, first):
-                moved[k * FIELDS] += offset
-            run(kind(*moved), *((count, layout.inner) if chained else (layout.outer, count)))
+                call_table[k * FIELDS] += offset
+            run(table_type(*call_table), *((count, inner_length) if chained else (outer_length, count)))
 
-    in_threads(part, range(0, shared, chunk))
+    run_in_threads(run_chunk, range(0, shared, chunk))
 
 
-def in_threads(work: Callable[[Any], None], parts: Sequence[Any]) -> None:
-    """Do the parts of some work, each in a thread of its own; a single part is done in the calling thread."""
+def run_in_threads(work: Callable[[Any], None], parts: Sequence[Any]) -> None:
+    """Call a function with each of some arguments, each in a thread of its own; run a single call in this thread."""
     if len(parts) == 1:
         work(parts[0])
         return

@@ -3,10 +3,10 @@
     call = Call(loop, {"psi": ()}, {"n": (0.0, 0.0, 1.0)}, Results)
     call.run({"psi": np.zeros(5)}, {"psi": (5,)})
 
-A call has one quick way and one general way. The quick way is machine code that reads the arrays it is given
-(`array_heads`); it serves one state, and batches along one axis. Until a kernel pays, a generated Python function
-serves one state instead. All else - other dtypes, several axes of samples, threads, components given one by one -
-goes the general way, `Loop.run`.
+A call has a fast path and a general path. The fast path is machine code that reads the arrays of the arguments in
+place (`array_heads`); it serves one state, and batches along one axis. Until compiling a kernel pays, a generated
+Python function serves one state instead. Everything else - other dtypes, several axes of samples, threads, components
+given one by one - takes the general path, `Loop.run`.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.array_heads import MAX_RANK, call_layout, known_heads
-from hingepair.engine.backend import How
-from hingepair.engine.binding import bind, sorted_once
-from hingepair.engine.loops import Extent, Loop, Program
+from hingepair.engine.backend import Execution
+from hingepair.engine.binding import bind, bind_constant
+from hingepair.engine.loops import Loop, Program, Shape
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign
@@ -33,116 +33,117 @@ if TYPE_CHECKING:
     from hingepair.engine.native import Kernel
 
 Out: TypeAlias = Mapping[str, NDArray[Any]] | None
-"""Arrays to write into, by output name."""
+"""Arrays to write outputs into, by output name."""
 
-_FLOAT64: Final = np.dtype(np.float64)
+_FLOAT64: Final = np.dtype(np.float64)  # the dtype that the fast path reads and writes
 
 _LONG_CALL_OPERATIONS: Final = 100_000
-"""Number of operations from which the interpreter's lock is released: some 20 us."""
+"""Number of operations, about 20 us of work, from which a call releases the interpreter's lock."""
 
 
 class Call:
-    """A loop with its constants, for arguments of some names.
+    """A loop with its constants, ready to be called with arguments.
 
     Args:
-        loop: what is computed.
-        given: shape of one sample of each argument, by name and in order; also of those that the loop does not need,
-            which are checked and broadcast all the same.
+        loop: the loop to run.
+        argument_shapes: shape of one sample of each argument, by name and in order. Arguments that the loop does not
+            need are checked and broadcast too.
         constants: the loop's other inputs by name: numbers, or tuples of numbers; arrays where they have samples.
-        result: the class of what is returned; None where the one output is returned itself, as an array that can be
-            written to.
+        result: class of the result; None to return the only output itself, as a writable array.
         shape: leading shape of the constants; () where they are the same at all samples.
         backend: one of `backend.BACKENDS`.
-        limits: outputs that are not returned, but compared: where one is larger than its limit at a sample, the call
-            is refused. NaN is not larger. Limits by bytes of a number: 8 of float64, 4 of float32.
-        refuse: called with the arguments by name where a limit is passed; raises the error that fits.
-        owner: what messages call the constants.
+        limits: limits of outputs that are checked instead of returned, by the size of a number in bytes (8 for
+            float64, 4 for float32). The call is refused if such an output exceeds its limit at any sample; NaN does
+            not exceed it.
+        on_limit: called with the arguments by name where a limit is exceeded; raises the error.
+        constants_name: name of the constants in messages.
 
     Attributes:
-        outputs: names of what is returned.
-        quick: the quick way: takes the arguments in order, and returns the results, or None where they are not
-            arrays that it supports.
+        outputs: names of the returned outputs.
+        fast_path: function that takes the arguments in order, and returns the results; it returns None where the
+            arguments are not arrays that it supports.
     """
 
     def __init__(
         self,
         loop: Loop,
-        given: Mapping[str, Extent],
+        argument_shapes: Mapping[str, Shape],
         constants: Mapping[str, Any],
         result: type[Results] | None,
         *,
-        shape: Extent = (),
+        shape: Shape = (),
         backend: str = "auto",
         limits: Mapping[str, Mapping[int, float]] | None = None,
-        refuse: Callable[[Mapping[str, Any]], None] | None = None,
-        owner: str = "pair",
+        on_limit: Callable[[Mapping[str, Any]], None] | None = None,
+        constants_name: str = "pair",
     ) -> None:
         self.loop = loop
-        self.given = dict(given)
+        self.argument_shapes = dict(argument_shapes)
         self.result = result
-        self._constants = {name: value for name, value in constants.items() if name not in given}
-        self._shape, self._backend, self._owner = shape, backend, owner
-        self._limits, self._refuse = dict(limits or {}), refuse
+        self._constant_inputs = {name: value for name, value in constants.items() if name not in argument_shapes}
+        self._shape, self._backend, self._constants_name = shape, backend, constants_name
+        self._limits, self._on_limit = dict(limits or {}), on_limit
         self.outputs = tuple(name for name, _ in loop.outputs if name not in self._limits)
-        samples = {name: np.empty((2, *tail)) for name, tail in loop.inputs if name in given}
-        fixed = [(name, tail) for name, tail in loop.inputs if name in self._constants]
-        self._sorted = {name: sorted_once(name, tail, self._constants[name]) for name, tail in fixed}
-        bound = bind(loop.inputs, {**self._sorted, **samples})
-        self._numbers = bound.constants
+        samples = {name: np.empty((2, *tail)) for name, tail in loop.inputs if name in argument_shapes}
+        fixed = [(name, tail) for name, tail in loop.inputs if name in self._constant_inputs]
+        self._bound_constants = {name: bind_constant(name, tail, self._constant_inputs[name]) for name, tail in fixed}
+        bound = bind(loop.inputs, {**self._bound_constants, **samples})
+        self._constant_numbers = bound.constants
         self._constant_array = np.array(bound.constants, np.float64)
         self.program: Program = loop.program(bound.pattern)
-        self._key = self.program.key_of_samples()
-        names = tuple(given)
-        self._places = tuple(names.index(name) for name, _ in loop.inputs if name in given)
-        self._into: Callable[..., bool | int] | None = None
-        self._check: Call | None = None
-        tails = [*self.given.values(), *(tail for _, tail in loop.outputs)]
-        self._readable = shape == () and known_heads() and all(len(tail) <= MAX_RANK for tail in tails)
-        self.quick: Callable[..., Any] = _unsupported
+        self._kernel_key = self.program.default_kernel_key()
+        names = tuple(argument_shapes)
+        self._argument_positions = tuple(names.index(name) for name, _ in loop.inputs if name in argument_shapes)
+        self._kernel_function: Callable[..., bool | int] | None = None
+        self._cached_limits_call: Call | None = None
+        tails = [*self.argument_shapes.values(), *(tail for _, tail in loop.outputs)]
+        self._fast_path_supported = shape == () and known_heads() and all(len(tail) <= MAX_RANK for tail in tails)
+        self.fast_path: Callable[..., Any] = _no_fast_path
         if backend == "compiled":
-            self._use(self.program.kernel(self._key))
+            self._use_kernel(self.program.kernel(self._kernel_key))
         elif shape == ():
-            self.quick = self._python_call()
+            self.fast_path = self._make_python_path()
 
-    # ---- the quick way
+    # ---- the fast path
 
     def compile(self) -> None:
-        """Compile now; where that is not possible, warn once and compute with NumPy."""
-        kernel = self.program.kernel_if_compiled(self._key)
+        """Compile the kernel now; where that is not possible, warn once and compute with NumPy."""
+        kernel = self.program.kernel_or_none(self._kernel_key)
         if kernel is not None:
-            self._use(kernel)
+            self._use_kernel(kernel)
 
     @property
     def kernel(self) -> Kernel:
-        """The kernel for float64 inputs that all change from sample to sample.
+        """Kernel for float64 inputs that all vary from sample to sample.
 
         Raises:
             MissingDependencyError: llvmlite is not installed.
             CompilationError: LLVM fails.
         """
-        return self.program.kernel(self._key)
+        return self.program.kernel(self._kernel_key)
 
-    def _use(self, kernel: Kernel) -> None:
-        """Let the quick way be machine code, where the interpreter and the shapes allow it."""
-        if not self._readable:
+    def _use_kernel(self, kernel: Kernel) -> None:
+        """Make machine code the fast path, where the interpreter and the shapes allow that."""
+        if not self._fast_path_supported:
             return
         from hingepair.engine.native import array_call
 
-        places = {name: place for place, name in enumerate(n for n, _ in self.loop.inputs if n in self.given)}
+        names = [name for name, _ in self.loop.inputs if name in self.argument_shapes]
+        positions = {name: position for position, name in enumerate(names)}
         layout = call_layout(
-            [(tail, places.get(name, -1)) for name, tail in self.given.items()],
+            [(tail, positions.get(name, -1)) for name, tail in self.argument_shapes.items()],
             [tail for _, tail in self.loop.outputs],
-            constants=bool(self._numbers),
+            constants=bool(self._constant_numbers),
             kernel=kernel.address,
-            long_call=-(-_LONG_CALL_OPERATIONS // max(self.program.operations, 1)),
+            long_call=-(-_LONG_CALL_OPERATIONS // max(self.program.weighted_operations, 1)),
         )
-        self._into = array_call(kernel, layout)
-        self.quick = self._machine_call(self._into)
+        self._kernel_function = array_call(kernel, layout)
+        self.fast_path = self._make_kernel_path(self._kernel_function)
 
-    def _machine_call(self, run: Callable[..., bool | int]) -> Callable[..., Any]:
-        """Return the quick way through machine code: of one state, which hands batches on."""
+    def _make_kernel_path(self, run: Callable[..., bool | int]) -> Callable[..., Any]:
+        """Return a generated function that calls machine code: for one state, which passes batches on to another."""
         outs = [f"out{k}" for k in range(len(self.loop.outputs))]
-        arguments = ", ".join(f"in{k}" for k in range(len(self.given)))
+        arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
         source = []
         for length in ("samples, ", ""):
             source += [f"def {'many' if length else 'one'}({length}{arguments}):"]
@@ -158,23 +159,23 @@ class Call:
                 scalars = (out for out, (_, tail) in zip(outs, self.loop.outputs, strict=True) if tail == ())
                 source += [f"    {out} = {out}[()]" for out in scalars]
             source += self._result_lines(arguments, length)
-        return self._compiled_source(source, "one", run=run)
+        return self._execute_source(source, "one", run=run)
 
-    def _python_call(self) -> Callable[..., Any]:
-        """Return the quick way through the generated Python function, for one state until a kernel pays."""
-        arguments = ", ".join(f"in{k}" for k in range(len(self.given)))
+    def _make_python_path(self) -> Callable[..., Any]:
+        """Return a generated Python function for one state, which serves until compiling a kernel pays."""
+        arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
         source = [f"def one({arguments}):"]
         numbers: dict[int, str] = {}
-        for k, tail in enumerate(self.given.values()):
+        for k, tail in enumerate(self.argument_shapes.values()):
             unfit = f"type(in{k}) is not ndarray or in{k}.dtype is not float64 or in{k}.shape != {tail}"
             source += [f"    if {unfit}:"]
             source += [f"        if type(in{k}) is not float:", "            return None"] if tail == () else []
             source += [f"        in{k} = array(in{k})" if tail == () else "        return None"]
             numbers[k] = f"in{k}.item()" if tail == () else f"*in{k}{'.ravel()' if len(tail) > 1 else ''}.tolist()"
-        if self._backend == "auto" and self._readable:
-            source += ["    if pays(key, 0) is not None:", f"        return switch({arguments})"]
-        taken = ", ".join(numbers[place] for place in self._places)
-        source += [f"    components = array(program.floats_function(*numbers, {taken}))"]
+        if self._backend == "auto" and self._fast_path_supported:
+            source += ["    if kernel_at_break_even(key, 0) is not None:", f"        return switch({arguments})"]
+        components = ", ".join(numbers[place] for place in self._argument_positions)
+        source += [f"    components = array(program.floats_function(*numbers, {components}))"]
         source += ["    components.setflags(write=False)"] if self.result is not None else []
         begin = 0
         for k, (_, tail) in enumerate(self.loop.outputs):
@@ -183,10 +184,15 @@ class Call:
             source += [f"    out{k} = components{part if tail else f'[{begin}]'}"]
             begin = end
         source += self._result_lines(arguments, "")
-        return self._compiled_source(source, "one", program=self.program, numbers=self._numbers)
+        return self._execute_source(source, "one", program=self.program, numbers=self._constant_numbers)
 
     def _result_lines(self, arguments: str, length: str) -> list[str]:
-        """Return the lines that check the limits and put the outputs into a result: no loop, which costs too much."""
+        """Return source lines that check the limits and make the result, unrolled because a loop is too slow.
+
+        Args:
+            arguments: the names of the arguments in the source.
+            length: the leading shape in the source, such as "samples, "; "" for one state.
+        """
         named = [(f"out{k}", name) for k, (name, _) in enumerate(self.loop.outputs)]
         source = []
         for out, name in named:
@@ -202,138 +208,147 @@ class Call:
         source += [f"    set_{name}(result, {out})" for out, name in visible if name in slots]
         return [*source, "    return result"]
 
-    def _compiled_source(self, source: list[str], name: str, **more: Any) -> Callable[..., Any]:
+    def _execute_source(self, source: list[str], name: str, **more: Any) -> Callable[..., Any]:
+        """Return a function of a generated source.
+
+        Args:
+            source: the lines of the source.
+            name: the name of the function.
+            more: further values that the source uses, by name.
+        """
         result = self.result or Results
         slots = {f"set_{n}": result.__dict__[n].__set__ for n in self.outputs if n in result.__slots__}
         scope: dict[str, Any] = {
             "empty": np.empty, "array": np.array, "ndarray": np.ndarray, "float64": _FLOAT64,
             "constants": self._constant_array, "new": result.__new__, "Result": result,
-            "set_content": Results.__dict__["_content"].__set__, "names": self.outputs, "refuse": self._refused,
-            "pays": self.program.kernel_if_paid, "key": self._key,
-            "switch": self._switch, **slots, **more,
+            "set_content": Results.__dict__["_content"].__set__, "names": self.outputs,
+            "refuse": self._refuse_arguments,
+            "kernel_at_break_even": self.program.kernel_at_break_even, "key": self._kernel_key,
+            "switch": self._switch_to_kernel, **slots, **more,
         }  # fmt: skip
-        exec(_code("\n".join(source)), scope)
-        made: Callable[..., Any] = scope[name]
-        return made
+        exec(_compile_source("\n".join(source)), scope)
+        function: Callable[..., Any] = scope[name]
+        return function
 
-    def _switch(self, *given: Any) -> Any:
-        """Go over to the kernel, which pays now, and return its results."""
-        self._use(self.program.kernel(self._key))
-        return self.quick(*given)
+    def _switch_to_kernel(self, *arguments: Any) -> Any:
+        """Make the kernel the fast path, and return its results for these arguments."""
+        self._use_kernel(self.program.kernel(self._kernel_key))
+        return self.fast_path(*arguments)
 
-    # ---- any arguments
+    # ---- the general path
 
     def run(
         self,
         values: Mapping[str, Any],
-        shapes: Mapping[str, Extent],
+        shapes: Mapping[str, Shape],
         out: Out = None,
         workers: int = 1,
         dtype: np.dtype[Any] | None = None,
     ) -> Any:
-        """Return the results for arguments that are checked: one state or many.
+        """Return the results for arguments that are checked already: one state or many.
 
         Args:
             values: the arguments by name: numbers, arrays, or tuples of components, each a number or an array.
-            shapes: leading shape of the samples of each argument, for messages under the user's names.
-            out: arrays to write into by output name.
+            shapes: leading shape of the samples of each argument, by the name that messages use.
+            out: arrays to write outputs into, by output name.
             workers: number of threads.
-            dtype: to compute in; that of the values unless given.
+            dtype: dtype to compute in; by default that of the values.
 
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
         """
         if self._shape == () and workers == 1:
-            result = self._run_quickly(values, shapes, out, dtype)
+            result = self._run_fast_path(values, shapes, out, dtype)
             if result is not None:
                 return result
-        shape = broadcast_shape({**shapes, self._owner: self._shape})
-        dtype = dtype or dtype_of(values)
+        shape = broadcast_shape({**shapes, self._constants_name: self._shape})
+        dtype = dtype or common_dtype(values)
         arrays = output_buffers(self.loop.outputs, shape, dtype, out, values)
         if out and self._limits:
-            self._checks().run(values, shapes)
-        inputs = {**self._sorted, **values}
-        self.loop.run(inputs, arrays, shape, dtype, How(self._backend, workers))
-        self._check_limits(arrays, lambda: values)
-        return self._returned(arrays, shape)
+            self._limits_call().run(values, shapes)
+        inputs = {**self._bound_constants, **values}
+        self.loop.run(inputs, arrays, shape, dtype, Execution(self._backend, workers))
+        self._check_limits(arrays, values)
+        return self._make_result(arrays, shape)
 
-    def _returned(self, arrays: Mapping[str, Any], shape: Extent) -> Any:
-        """Return the outputs among these arrays as the result, or the one output itself."""
+    def _make_result(self, arrays: Mapping[str, Any], shape: Shape) -> Any:
+        """Return the outputs among these arrays as a result object, or the only output itself."""
         if self.result is None:
             return arrays[self.outputs[0]]
         return self.result({name: arrays[name] for name in self.outputs}, shape)
 
-    def _run_quickly(
-        self, values: Mapping[str, Any], shapes: Mapping[str, Extent], out: Out, dtype: np.dtype[Any] | None
+    def _run_fast_path(
+        self, values: Mapping[str, Any], shapes: Mapping[str, Shape], out: Out, dtype: np.dtype[Any] | None
     ) -> Any:
-        """Return the results by the quick way, where it is open to the arguments; else None."""
+        """Return the results of the fast path, or None where it does not support the arguments."""
         single = not any(shapes.values())
-        if single and (dtype or dtype_of(values)) == _FLOAT64:
-            result = self.quick(*(np.array(value, _FLOAT64, order="C") for value in values.values()))
-            return result if result is None or out is None else self._copied(result, out)
-        given = tuple(np.array(value) if _is_row(value) else value for value in values.values())
+        if single and (dtype or common_dtype(values)) == _FLOAT64:
+            result = self.fast_path(*(np.array(value, _FLOAT64, order="C") for value in values.values()))
+            return result if result is None or out is None else self._copy_into(result, out)
+        arguments = tuple(np.array(value) if _is_float_tuple(value) else value for value in values.values())
         if not all(
-            type(value) is float or (type(value) is np.ndarray and value.dtype is _FLOAT64) for value in given
+            type(value) is float or (type(value) is np.ndarray and value.dtype is _FLOAT64) for value in arguments
         ):
             return None
-        quick: Callable[[], Any] = lambda: self.quick(*given) if out is None else self.write(given, out)  # noqa: E731
-        result = quick()
-        if result is None and self._into is None and self._readable and self._backend == "auto":
+        result = self.fast_path(*arguments) if out is None else self.run_into(arguments, out)
+        if result is None and self._kernel_function is None and self._fast_path_supported and self._backend == "auto":
             samples = math.prod(broadcast_shape(shapes))
-            tails = [*self.given.values()]
-            if all(np.size(given[place]) > math.prod(tails[place]) for place in self._places):
-                kernel = self.program.kernel_if_made(self._key)  # the general way counts the call for this kernel
+            tails = [*self.argument_shapes.values()]
+            if all(np.size(arguments[k]) > math.prod(tails[k]) for k in self._argument_positions):
+                kernel = self.program.existing_kernel(self._kernel_key)  # the general path counts this call
             else:
-                kernel = self.program.kernel_if_paid(self._key, samples) if samples else None
+                kernel = self.program.kernel_at_break_even(self._kernel_key, samples) if samples else None
             if kernel is not None:
-                self._use(kernel)
-                result = quick()
+                self._use_kernel(kernel)
+                result = self.fast_path(*arguments) if out is None else self.run_into(arguments, out)
         return result
 
-    def write(self, given: Sequence[Any], out: Mapping[str, NDArray[Any]]) -> Any:
-        """Return the results of the quick way, written into arrays; None, and nothing written, where it is not open.
+    def run_into(self, arguments: Sequence[Any], out: Mapping[str, NDArray[Any]]) -> Any:
+        """Write the results of the fast path into arrays, and return the result; None where it is not supported.
+
+        Where None is returned, nothing has been written.
 
         Args:
-            given: the arguments in order.
-            out: arrays to write into; their names are known.
+            arguments: the arguments in order.
+            out: arrays to write into, by names of outputs.
         """
-        if self._into is None or not out:
+        if self._kernel_function is None or not out:
             return None
         name, array = next(iter(out.items()))
         lead = array.shape[: array.ndim - len(dict(self.loop.outputs)[name])] if type(array) is np.ndarray else (0, 0)
         if len(lead) > 1:
             return None
-        if self._limits and self._checks().quick(*given) is None:
+        if self._limits and self._limits_call().fast_path(*arguments) is None:
             return None
         arrays = [out[name] if name in out else np.empty((*lead, *tail)) for name, tail in self.loop.outputs]
-        if self._into(*given, *arrays, self._constant_array, False) is not True:
+        if self._kernel_function(*arguments, *arrays, self._constant_array, False) is not True:
             return None
-        return self._returned(dict(zip((name for name, _ in self.loop.outputs), arrays, strict=True)), lead)
+        return self._make_result(dict(zip((name for name, _ in self.loop.outputs), arrays, strict=True)), lead)
 
-    def _copied(self, result: Any, out: Mapping[str, NDArray[Any]]) -> Any:
-        """Return the results of one state, copied into arrays."""
+    def _copy_into(self, result: Any, out: Mapping[str, NDArray[Any]]) -> Any:
+        """Copy the results of one state into the arrays of `out`, and return them as a result."""
         arrays = {self.outputs[0]: result} if self.result is None else result.arrays()
         for name, array in out.items():
             _check_buffer(name, array, np.shape(arrays[name]), _FLOAT64)
-        _check_apart(out, {})
+        _check_no_overlap(out, {})
         for name, array in out.items():
             array[...] = arrays[name]
-        return self._returned({**arrays, **out}, ())
+        return self._make_result({**arrays, **out}, ())
 
     def run_foreign(
-        self, values: Mapping[str, Any], shapes: Mapping[str, Extent], library: Library, out: Out, workers: int
+        self, values: Mapping[str, Any], shapes: Mapping[str, Shape], library: Library, out: Out, workers: int
     ) -> Any:
-        """Return the results as arrays of another library, by its own arithmetic; limits are not looked at.
+        """Return the results as arrays of another library, computed by that library; limits are not checked.
 
         Args:
-            values: the arguments by name: numbers, arrays of either kind, or tuples of components.
+            values: the arguments by name: numbers, arrays of NumPy or of the library, or tuples of components.
             shapes: leading shape of the samples of each argument.
-            library: the other library.
-            out: refused unless None.
-            workers: refused unless 1.
+            library: the array library.
+            out: None; anything else is refused.
+            workers: 1; any other number is refused.
 
         Raises:
-            ArgumentError: an option that is of NumPy arrays only; names it.
+            ArgumentError: an option was given that holds for NumPy arrays only; the error names it.
         """
         if out is not None:
             raise ArgumentError("out", f"None, since {library.name} makes its own arrays", quoted(out))
@@ -341,10 +356,10 @@ class Call:
             raise ArgumentError("backend", f"'auto', since {library.name} runs the equations", self._backend)
         if workers != 1:
             raise ArgumentError("workers", f"1, since {library.name} has threads of its own", workers)
-        shape = broadcast_shape({**shapes, self._owner: self._shape})
-        inputs = {**self._constants, **values}
-        parts = {name: _foreign_parts(name, inputs[name], tail, library) for name, tail in self.loop.inputs}
-        components = self.loop.of_library(parts, library)
+        shape = broadcast_shape({**shapes, self._constants_name: self._shape})
+        inputs = {**self._constant_inputs, **values}
+        parts = {name: _foreign_components(name, inputs[name], tail, library) for name, tail in self.loop.inputs}
+        components = self.loop.foreign_outputs(parts, library)
         if library.name == "jax" and self.result is not None:
             result: Any = self.result
             _register_for_jax(result)
@@ -352,34 +367,36 @@ class Call:
         for name, tail in self.loop.outputs:
             if name in self.outputs:
                 arrays[name] = library.joined(components[name], shape, tail)
-        return self._returned(arrays, shape)
+        return self._make_result(arrays, shape)
 
     # ---- limits
 
-    def _checks(self) -> Call:
-        """Return the call that computes only what has a limit: it comes first where outputs must not be touched."""
-        if self._check is None:
-            wanted = {name: tail for name, tail in self.loop.outputs if name in self._limits}
-            loop = Loop(self.loop.name, self.loop.function, dict(self.loop.inputs), wanted, labels=self.loop.labels)
-            self._check = Call(
-                loop, self.given, self._constants, Results, shape=self._shape, backend=self._backend,
-                limits=self._limits, refuse=self._refuse, owner=self._owner,
+    def _limits_call(self) -> Call:
+        """Return the call that computes only the outputs with limits; it runs before `out` is written."""
+        if self._cached_limits_call is None:
+            limited = {name: tail for name, tail in self.loop.outputs if name in self._limits}
+            loop = Loop(self.loop.name, self.loop.function, dict(self.loop.inputs), limited, labels=self.loop.labels)
+            self._cached_limits_call = Call(
+                loop, self.argument_shapes, self._constant_inputs, Results, shape=self._shape, backend=self._backend,
+                limits=self._limits, on_limit=self._on_limit, constants_name=self._constants_name,
             )  # fmt: skip
-        return self._check
+        return self._cached_limits_call
 
-    def _check_limits(self, arrays: Mapping[str, Any], given: Callable[[], Mapping[str, Any]]) -> None:
+    def _check_limits(self, arrays: Mapping[str, Any], arguments: Mapping[str, Any]) -> None:
+        """Refuse the arguments where an output exceeds its limit at any sample."""
         for name, limits in self._limits.items():
             array = arrays[name]
-            if (array > limits[array.dtype.itemsize]).any() and self._refuse is not None:
-                self._refuse(given())
+            if (array > limits[array.dtype.itemsize]).any() and self._on_limit is not None:
+                self._on_limit(arguments)
 
-    def _refused(self, *given: Any) -> None:
-        if self._refuse is not None:
-            self._refuse(dict(zip(self.given, given, strict=True)))
+    def _refuse_arguments(self, *arguments: Any) -> None:
+        """Report arguments, given in order, for which a limit is exceeded."""
+        if self._on_limit is not None:
+            self._on_limit(dict(zip(self.argument_shapes, arguments, strict=True)))
 
 
-def _foreign_parts(name: str, value: Any, tail: Extent, library: Library) -> Any:
-    """Return the components of an input as numbers and arrays of a library."""
+def _foreign_components(name: str, value: Any, tail: Shape, library: Library) -> Any:
+    """Return the components of an input as numbers and arrays of a library; a scalar input as its only component."""
     if isinstance(value, tuple):
         return tuple(library.array(c) if isinstance(c, np.ndarray) else c for c in value)
     if is_foreign(value):
@@ -392,82 +409,82 @@ def _foreign_parts(name: str, value: Any, tail: Extent, library: Library) -> Any
 
 
 @functools.cache
-def _register_for_jax(kind: Any) -> None:
-    """Tell JAX what results are made of, so that its functions take and return them."""
+def _register_for_jax(result_class: Any) -> None:
+    """Register a class of results as a JAX pytree, so that functions of JAX take and return results."""
     from jax.tree_util import register_pytree_node
 
-    def parts(results: Any) -> tuple[tuple[Any, ...], tuple[tuple[str, ...], int]]:
+    def flatten(results: Any) -> tuple[tuple[Any, ...], tuple[tuple[str, ...], int]]:
         arrays = tuple(results.arrays().values())
         return arrays, (results.outputs, arrays[0].ndim - len(results.shape))
 
-    def joined(form: tuple[tuple[str, ...], int], arrays: Any) -> Any:
-        names, axes = form  # of the first output, how many axes one sample has
+    def unflatten(structure: tuple[tuple[str, ...], int], arrays: Any) -> Any:
+        names, axes = structure  # names of the outputs, and the number of axes of one sample of the first output
         by_name = dict(zip(names, arrays, strict=True))
-        shape = getattr(by_name[names[0]], "shape", ())  # JAX also asks for results of what is no array
-        return kind(by_name, tuple(shape[: len(shape) - axes]))
+        shape = getattr(by_name[names[0]], "shape", ())  # JAX also passes placeholders that are no arrays
+        return result_class(by_name, tuple(shape[: len(shape) - axes]))
 
-    register_pytree_node(kind, parts, joined)
+    register_pytree_node(result_class, flatten, unflatten)
 
 
 @functools.lru_cache(maxsize=512)
-def _code(source: str) -> CodeType:
-    """Return the code of a source; calls of the same form share it."""
+def _compile_source(source: str) -> CodeType:
+    """Return the code object of a source, cached: calls of the same form share it."""
     return compile(source, "<hingepair: call>", "exec")
 
 
-def _is_row(value: Any) -> bool:
-    """Return whether a value is a tuple of numbers."""
+def _is_float_tuple(value: Any) -> bool:
+    """Return whether a value is a tuple of Python floats."""
     return type(value) is tuple and all(type(component) is float for component in value)
 
 
-def _unsupported(*_: Any) -> None:
-    """Return None: the quick way is not open."""
+def _no_fast_path(*_: Any) -> None:
+    """Return None: no arguments are supported."""
 
 
-def dtype_of(values: Mapping[str, Any]) -> np.dtype[Any]:
-    """Return the dtype that values are computed in."""
+def common_dtype(values: Mapping[str, Any]) -> np.dtype[Any]:
+    """Return the dtype that inputs are computed in, given as arrays, numbers, or tuples of them, by name."""
     return result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
 
 
 def output_buffers(
-    tails: Iterable[tuple[str, Extent]], shape: Extent, dtype: np.dtype[Any], out: Out, values: Mapping[str, Any]
+    tails: Iterable[tuple[str, Shape]], shape: Shape, dtype: np.dtype[Any], out: Out, values: Mapping[str, Any]
 ) -> dict[str, NDArray[Any]]:
-    """Return arrays for the outputs: those of `out`, which overlap none of the values, and new ones.
+    """Return an array for each output by name: the array of `out` after checks, or a new one.
 
     Args:
         tails: shape of one sample of each output, by name.
-        shape: of the samples.
-        dtype: of the outputs.
+        shape: leading shape of the samples.
+        dtype: dtype of the outputs.
         out: the user's arrays by output name.
-        values: the inputs by name.
+        values: the inputs by name; no array of `out` may overlap them.
 
     Raises:
-        ArgumentError: an array of `out` cannot be used; names it.
+        ArgumentError: an array of `out` cannot be used; the error names it.
     """
     sizes = {name: (*shape, *tail) for name, tail in tails}
     for name, array in (out or {}).items():
         _check_buffer(name, array, sizes[name], dtype)
     if out:
-        _check_apart(out, values)
+        _check_no_overlap(out, values)
     return {name: out[name] if out and name in out else np.empty(size, dtype) for name, size in sizes.items()}
 
 
-def _check_buffer(output: str, array: Any, shape: Extent, dtype: np.dtype[Any]) -> None:
-    """Refuse what is no array of this shape and dtype that can be written to."""
+def _check_buffer(output: str, array: Any, shape: Shape, dtype: np.dtype[Any]) -> None:
+    """Raise an error unless a value of `out` is a writable array of this shape and dtype."""
     name = f"out[{output!r}]"
     if not isinstance(array, np.ndarray):
-        raise ArgumentError(name, "an array to write into", quoted(array))
+        raise ArgumentError(name, "a NumPy array to write into", quoted(array))
     if array.shape != shape:
         raise ShapeError(name, f"shape {shape}", f"shape {array.shape}")
     if array.dtype != dtype:
         raise DtypeError(name, f"dtype {dtype.name}", f"dtype {array.dtype}")
     if not array.flags.writeable:
-        raise ArgumentError(name, "a writable array", "a read-only one")
+        raise ArgumentError(name, "a writable array", "a read-only array")
 
 
-def _check_apart(out: Mapping[str, NDArray[Any]], groups: Mapping[str, Any]) -> None:
-    """Refuse an output that lies over an input or over another output: blocks would read what they wrote."""
-    taken = [
+def _check_no_overlap(out: Mapping[str, NDArray[Any]], groups: Mapping[str, Any]) -> None:
+    """Raise an error if an output overlaps an input or another output: blocks would read what they wrote."""
+    others = [
         (name, c, c.flags.owndata)
         for name, group in groups.items()
         for c in (group if isinstance(group, tuple) else (group,))
@@ -475,8 +492,8 @@ def _check_apart(out: Mapping[str, NDArray[Any]], groups: Mapping[str, Any]) -> 
     ]
     for name, array in out.items():
         owns = array.flags.owndata
-        for other, c, owned in taken:
-            apart = owns and owned and array is not c  # two arrays with memory of their own
-            if not apart and np.may_share_memory(array, c) and np.shares_memory(array, c):
-                raise ArgumentError(f"out[{name!r}]", "memory of its own", f"an array that overlaps {other}")
-        taken.append((f"out[{name!r}]", array, owns))
+        for other_name, other, other_owns in others:
+            separate = owns and other_owns and array is not other  # two arrays with memory of their own
+            if not separate and np.may_share_memory(array, other) and np.shares_memory(array, other):
+                raise ArgumentError(f"out[{name!r}]", "memory of its own", f"an array that overlaps {other_name}")
+        others.append((f"out[{name!r}]", array, owns))

@@ -109,7 +109,7 @@ class _Loops:
             for writer in writers:
                 writer.begin(o)
             for reader in readers:
-                if not reader.group.moves:
+                if not reader.group.varies:
                     reader.read_shared(chains)
             self.run(arithmetic.once)
             if self.scan:
@@ -183,7 +183,7 @@ class _Reader:
         self.count = len(self.group.values)
         self.at, self.outer, self.inner, self.step = line
         self.scan = loops.scan
-        self.stride = self.outer if self.scan else self.inner if self.group.moves else "0"
+        self.stride = self.outer if self.scan else self.inner if self.group.varies else "0"
         self.components, self.slot = loops.arithmetic.input_slots[g]
         self.word = 8 * loops.arithmetic.words[g]
         self.in_registers = g in loops.arithmetic.loaded
@@ -235,7 +235,7 @@ class _Reader:
     def read(self, i: str, rest: str) -> None:
         """Bring an inner sample and those in the other lanes to where the steps read them."""
         f = self.f
-        if not self.group.moves:
+        if not self.group.varies:
             return
         row = f.step(self.base, f.product(i, self.inner))
         if not self.in_registers:
@@ -266,7 +266,7 @@ class _Reader:
         to = self.loops.arithmetic.slot(f, self.slot)
         which = f"ptr {self.components_table}, i64 {len(self.components)}"
         source = f"ptr {row}, i64 {self.stride}, i64 {self.step}, i64 {rest}"
-        if len(self.components) < self.count or self.count < LANES or not self.group.moves:
+        if len(self.components) < self.count or self.count < LANES or not self.group.varies:
             self.loops.call("gather", f"ptr {to}", which, source)
             return
         dense = f.put(f"icmp eq i64 {self.step}, {self.loops.size}")

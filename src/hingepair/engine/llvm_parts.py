@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 from hingepair.engine.llvm_sines import DOUBLES, SINES
 from hingepair.engine.llvm_writer import LANES, Function, hexadecimal
-from hingepair.engine.trace import Operand, Value, needed_lines
+from hingepair.engine.trace import Operand, Value, needed_values
 
 MAX_NARROW: Final = 16
 """Number of components up to which outputs are put together in registers, and inputs loaded into them."""
@@ -39,11 +39,11 @@ class Group(NamedTuple):
 
     Attributes:
         values: the traced inputs, or results, in the order of the components.
-        moves: whether they change along the inner axis (of a scan: along the samples that follow each other).
+        varies: whether they vary along the inner axis (of a scan: along the samples that follow each other).
     """
 
     values: tuple[Operand, ...]
-    moves: bool = True
+    varies: bool = True
 
     @property
     def narrow(self) -> bool:
@@ -113,7 +113,7 @@ class Arithmetic:
         self.size = 8 if number == "double" else 4
         results = [value for group in outputs for value in group.values]
         results += list(carry.after) if carry else []
-        lines = needed_lines(results)
+        lines = needed_values(results)
         self._operands = {id(line): self._operands_of(line) for line in lines}
         read = itertools.chain(results, *self._operands.values())
         self._kept = {id(value) for value in read}
@@ -121,10 +121,10 @@ class Arithmetic:
         self._sine_lines: defaultdict[int, list[Value]] = defaultdict(list)
         self._declared: set[str] = set()
         self._lanewise: set[str] = set()
-        self.once = self._steps("once", (value for value in lines if not value.moves))
-        self.block = self._steps("block", (value for value in lines if value.moves))
+        self.once = self._steps("once", (value for value in lines if not value.varies))
+        self.block = self._steps("block", (value for value in lines if value.varies))
         used = [sum(id(value) in self._needed for value in group.values) for group in inputs]
-        self.loaded = {g for g, group in enumerate(inputs) if group.moves and used[g] <= MAX_NARROW}
+        self.loaded = {g for g, group in enumerate(inputs) if group.varies and used[g] <= MAX_NARROW}
         self._finished = self._order_rows()
         self._order_loads()
         self._place_values()
@@ -239,7 +239,7 @@ class Arithmetic:
         vectors = {id(value) for value in (*wide, *(angle for step in steps for angle in step.angles))}
         for g, group in enumerate(self.inputs):
             used = [c for c, value in enumerate(group.values) if id(value) in self._needed]
-            many = len(used) > MAX_SHARED_VECTORS and not group.moves and self.carry is None
+            many = len(used) > MAX_SHARED_VECTORS and not group.varies and self.carry is None
             shared = used if many else []
             own = [c for c in used if id(group.values[c]) in vectors] if shared else used
             self.input_numbers.append((shared, size))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hingepair.engine.array_heads import call_ir
-from hingepair.engine.backend import give_up, started
+from hingepair.engine.backend import disable_kernels, mark_shared_code_compiled
 from hingepair.engine.llvm_shared import shared_ir, shared_symbols
 from hingepair.errors import CompilationError, MissingDependencyError
 
@@ -125,7 +125,7 @@ def _link_shared_functions(number: str) -> None:
 def _shared_functions(number: str, processor: tuple[str, str]) -> tuple[Any, dict[str, int]]:  # noqa: ARG001
     """Compile the functions that all kernels share for a processor; return their engine, and addresses by name."""
     engine = _compile("shared functions", shared_ir(number))
-    started()
+    mark_shared_code_compiled()
     return engine, {symbol: engine.get_function_address(symbol) for symbol in shared_symbols(number)}
 
 
@@ -171,7 +171,7 @@ def can_compile() -> bool:
     try:
         Kernel("probe", "define void @kernel() { ret void }")
     except (MissingDependencyError, CompilationError) as error:
-        give_up(error)
+        disable_kernels(error)
         return False
     return True
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hingepair.engine.trace import Operand, Value, needed_lines
+from hingepair.engine.trace import Operand, Value, needed_values
 from hingepair.numeric.array_libraries import Library, is_foreign
 from hingepair.numeric.blocks import SMALL, versine, versines
 
@@ -27,7 +27,7 @@ def source_of(name: str, inputs: Sequence[Value], results: Sequence[Operand]) ->
     What is used once stands where it is used, unless it is long or has a name of its own. Names may be any text: what
     no identifier of Python can hold is replaced by underscores.
     """
-    lines = needed_lines(results)
+    lines = needed_values(results)
     uses = Counter(id(one) for value in lines for one in value.operands)
     text: dict[int, tuple[str, int]] = {}
     names = _Names()
@@ -75,7 +75,7 @@ def for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
 def for_library(name: str, source: str, library: Library) -> Callable[..., tuple[Any, ...]]:
     """Compile a source into a function of arrays of another library and numbers; all of it has derivatives."""
 
-    def of_library(function: str) -> Callable[..., Any]:
+    def library_or_float(function: str) -> Callable[..., Any]:
         numbers: Callable[..., Any] = _OF_ARRAYS[function]
         arrays = getattr(library.namespace, _STANDARD.get(function, function))
 
@@ -96,7 +96,7 @@ def for_library(name: str, source: str, library: Library) -> Callable[..., tuple
         # The denominator that is not used is 1: a division by zero would make derivatives NaN.
         return where(near, s * s / where(near, 1.0 + c, 1.0), 1.0 - c)
 
-    functions = {function: of_library(function) for function in ("sin", "cos", "sqrt", "arctan2", "hypot")}
+    functions = {function: library_or_float(function) for function in ("sin", "cos", "sqrt", "arctan2", "hypot")}
     return _compile(name, source, {**functions, "where": where, "versine": versine_of})
 
 

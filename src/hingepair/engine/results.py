@@ -26,7 +26,7 @@ class Results(Shown):
     _content: tuple[tuple[str, ...], tuple[Any, ...], tuple[int, ...]]  # names, arrays, shape
 
     def __init__(self, arrays: Mapping[str, Any], shape: tuple[int, ...]) -> None:
-        _set(self, "_content", (tuple(arrays), tuple(arrays.values()), shape))
+        _set_attribute(self, "_content", (tuple(arrays), tuple(arrays.values()), shape))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -60,7 +60,7 @@ class Results(Shown):
         names, arrays, _ = self._content
         if name not in names:
             raise KeyError(name)
-        array: FloatArray = _seen(arrays[names.index(name)])
+        array: FloatArray = _user_view(arrays[names.index(name)])
         return array
 
     if not TYPE_CHECKING:  # the names of the outputs are known to a type checker, all others are mistakes
@@ -68,9 +68,9 @@ class Results(Shown):
         def __getattr__(self, name: str) -> Any:
             """Return an output that is looked at for the first time, or None of one that was not computed."""
             if name not in type(self).__slots__:
-                raise lacking(self, name)
+                raise missing_attribute_error(self, name)
             array = self[name] if name in self._content[0] else None
-            _set(self, name, array)
+            _set_attribute(self, name, array)
             return array
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -93,10 +93,10 @@ class Results(Shown):
         return type(self), (self.arrays(), self.shape)
 
 
-_set = object.__setattr__
+_set_attribute = object.__setattr__
 
 
-def _seen(array: Any) -> Any:
+def _user_view(array: Any) -> Any:
     """Return an array as a user sees it: a number of one state, else a view that cannot be written to."""
     if not isinstance(array, np.ndarray):
         return array
@@ -105,7 +105,7 @@ def _seen(array: Any) -> Any:
     return read_only(array) if array.flags.writeable else array
 
 
-def lacking(thing: object, name: str) -> AttributeError:
+def missing_attribute_error(value: object, name: str) -> AttributeError:
     """Return the error that a value has no such attribute, which says what it has."""
-    known = "" if name.startswith("_") else f"; it has {', '.join(dir(thing))}"
-    return AttributeError(f"{type(thing).__name__} has no {name!r}{known}", name=name, obj=thing)
+    known = "" if name.startswith("_") else f"; it has {', '.join(dir(value))}"
+    return AttributeError(f"{type(value).__name__} has no {name!r}{known}", name=name, obj=value)

@@ -28,20 +28,20 @@ class Value:
     Attributes:
         operation: "input", "+", "-", "*", "/", "negative", or one of FUNCTIONS.
         operands: values and numbers.
-        moves: whether it differs from sample to sample.
+        varies: whether it differs from sample to sample.
         name: what it is called in generated code, "" where nobody named it.
     """
 
     __array_ufunc__ = None  # NumPy leaves sums and products with its numbers to the methods below
-    __slots__ = ("moves", "name", "operands", "operation", "trace")
+    __slots__ = ("name", "operands", "operation", "trace", "varies")
 
     def __init__(
-        self, trace: Trace, operation: str, operands: tuple[Operand, ...], moves: bool, name: str = ""
+        self, trace: Trace, operation: str, operands: tuple[Operand, ...], varies: bool, name: str = ""
     ) -> None:
         self.trace = trace
         self.operation = operation
         self.operands = operands
-        self.moves = moves
+        self.varies = varies
         self.name = name
 
     def __add__(self, other: Operand) -> Operand:
@@ -120,9 +120,9 @@ class Trace:
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], Value] = {}
 
-    def input(self, name: str, moves: bool = True) -> Value:
+    def input(self, name: str, varies: bool = True) -> Value:
         """Return the traced value of an input."""
-        return Value(self, "input", (), moves, name)
+        return Value(self, "input", (), varies, name)
 
     def line(self, operation: str, *operands: Operand) -> Value:
         """Return the value of an operation; an operation that was recorded before is recorded once."""
@@ -131,12 +131,12 @@ class Trace:
         if found is None and operation in {"+", "*"}:
             found = self._known.get((operation, operands[1], operands[0]))
         if found is None:
-            moves = any(isinstance(one, Value) and one.moves for one in operands)
-            found = self._known[key] = Value(self, operation, operands, moves)
+            varies = any(isinstance(one, Value) and one.varies for one in operands)
+            found = self._known[key] = Value(self, operation, operands, varies)
         return found
 
 
-def needed_lines(results: Iterable[Operand]) -> list[Value]:
+def needed_values(results: Iterable[Operand]) -> list[Value]:
     """Return the values that lead to the results, inputs included, each after its operands."""
     lines: list[Value] = []
     seen: set[int] = set()
@@ -154,9 +154,9 @@ def needed_lines(results: Iterable[Operand]) -> list[Value]:
     return lines
 
 
-def operations(lines: Iterable[Value], moving: bool | None = None) -> int:
-    """Return the number of operations among the lines; where `moving` is given, of those that move or do not."""
-    return sum(v.operation != "input" and moving in {None, v.moves} for v in lines)
+def operation_count(lines: Iterable[Value], varying: bool | None = None) -> int:
+    """Return the number of operations among the lines; where `varying` is given, of those that move or do not."""
+    return sum(v.operation != "input" and varying in {None, v.varies} for v in lines)
 
 
 def square_root(x: Any) -> Any:
@@ -199,15 +199,15 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
 _PARTS: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")}
 
 
-def line_name(name: str, k: int, count: int) -> str:
+def component_name(name: str, k: int, count: int) -> str:
     """Return the name of component k of `count` in generated code."""
     parts = _PARTS.get(count)
     return name if count == 1 else f"{name}_{parts[k] if parts else k + 1}"
 
 
-def name_lines(name: str, value: Any, labels: Sequence[str] | None = None) -> None:
+def name_components(name: str, value: Any, labels: Sequence[str] | None = None) -> None:
     """Name the components of a result in generated code, where they are traced and have no name yet."""
     components = value if isinstance(value, tuple) else (value,)
     for k, component in enumerate(components):
         if isinstance(component, Value) and not component.name and component.operation != "negative":
-            component.name = labels[k] if labels else line_name(name, k, len(components))
+            component.name = labels[k] if labels else component_name(name, k, len(components))

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.engine.binding import bind
 from hingepair.engine.loops import Loop
 from hingepair.engine.native import can_compile
@@ -33,7 +33,7 @@ _WORTH_COMPILING = 5_000  # steps
 _F8 = np.dtype(np.float64)
 
 
-def euler_angles(omega: Signal, steps: Steps, how: How, start: NDArray[Any], *, body: bool) -> Array:
+def euler_angles(omega: Signal, steps: Steps, how: Execution, start: NDArray[Any], *, body: bool) -> Array:
     """The Euler angles of body 1 between steps, continuous in time, shape (steps + 1, 3).
 
     Raises:
@@ -86,7 +86,7 @@ def _step_of_floats(body: bool) -> Any:
 
 def _run_compiled(omega: Array, h: Array, start: Array, body: bool, rows: Array) -> None:
     given = {"phi": start[None], "omega": omega[None], "h": h[None]}
-    _steps(body).run(given, {"phi": rows[None]}, (1, len(h)), _F8, How("compiled", 1))
+    _steps(body).run(given, {"phi": rows[None]}, (1, len(h)), _F8, Execution("compiled", 1))
 
 
 @functools.cache

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError
 from hingepair.integration.methods import RULES, Rule, quaternion_product, rises, turns
 from hingepair.integration.signals import Constant, Signal
@@ -32,7 +32,7 @@ class _OfRate:
     name: str  # of the rate, for messages
     rate: Signal
     rule: Rule  # that makes the steps
-    how: How
+    how: Execution
     finite: ClassVar[str]
 
     def check_finite(self, rows: Array, steps: Steps) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Final, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.engine.backend import choose
+from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.integration.signals import Signal, read_position, read_signal
 from hingepair.integration.solve import METHODS, Course, Solution, solve
@@ -159,7 +159,7 @@ def integrate(
     check_choice("method", method, METHODS)
     check_choice("frame", frame, FRAMES)
     t = instants_of("t", t)
-    how = choose(backend, 1)
+    how = execution_of(backend, 1)
     course = Course(t, method, tol, how, frame == "body")
     hinge = finite_number("psi_0", psi_0)
     flat = isinstance(pair, PlanarPair)
@@ -208,7 +208,7 @@ def _state(
         values = rates[_RATES[name]].instants(course.t)
         known[name] = world_vectors(S1, values) if course.body and S1 is not None and values.ndim == 2 else values
     known = {name: known[name] for name in known.keys() & plan.inputs}
-    return compute(pair.constants, plan, known, {"t": course.t.shape}, how=course.how)
+    return compute(pair.constants, plan, known, {"t": course.t.shape}, execution=course.how)
 
 
 def _plan(pair: Constants, outputs: Outputs, given: Set[str], kind: Kind) -> Plan:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.engine.loops import Loop
 from hingepair.errors import ArgumentError, HingePairError, ShapeError
 from hingepair.numeric.arrays import Float64Array as Array
@@ -83,7 +83,7 @@ class Samples:
     Only differences of instants that are near each other enter, so that stamps since 1970 are not rounded again.
     """
 
-    def __init__(self, t: Array, values: Array, how: How) -> None:
+    def __init__(self, t: Array, values: Array, how: Execution) -> None:
         self.t = t
         self.values = values
         self.how = how
@@ -126,7 +126,7 @@ def _runs(lowest: NDArray[np.intp]) -> Iterator[tuple[slice, slice | NDArray[np.
 Signal: TypeAlias = Constant | Function | Samples
 
 
-def read_signal(name: str, value: Any, t: Array, tail: tuple[int, ...], how: How) -> Signal:
+def read_signal(name: str, value: Any, t: Array, tail: tuple[int, ...], how: Execution) -> Signal:
     """What was given as a signal: a callable of t; one value of shape `tail`; or samples at the instants t.
 
     Raises:

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError, GimbalLockError, MissingDependencyError
 from hingepair.integration.error_estimate import estimated_error
 from hingepair.integration.euler_angles import euler_angles, quaternions_of_euler
@@ -43,7 +43,7 @@ class Course(NamedTuple):
     t: Array  # the instants
     method: str  # one of METHODS; in the plane, of RULES
     tol: float | None  # the error that is aimed at [rad], or None: one step for each interval
-    how: How
+    how: Execution
     body: bool  # whether omega is in body axes
     names: tuple[str, str] = ("omega1", "psid")  # what the rates are called in errors
 

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.engine.loops import Loop
 from hingepair.integration.methods import quaternion_product, quaternion_unit
 from hingepair.numeric.arrays import Float64Array as Array
@@ -117,7 +117,7 @@ class Prefixes:
                           exact=exact)  # fmt: skip
 
     def over(
-        self, steps: Steps, start: tuple[float, ...], fill: Callable[[Array, HighLow, Array], None], how: How
+        self, steps: Steps, start: tuple[float, ...], fill: Callable[[Array, HighLow, Array], None], how: Execution
     ) -> Array:
         """What the steps come to, from a start; one row more than there are steps.
 
@@ -143,7 +143,7 @@ class Prefixes:
         rows[count:] = self.neutral
         return rows
 
-    def run(self, rows: Array, start: tuple[float, ...], how: How) -> Any:
+    def run(self, rows: Array, start: tuple[float, ...], how: Execution) -> Any:
         """Combine rows, as many as `room` has, after a start; returns what they come to without it."""
         if len(rows) <= FEW:
             own = list(itertools.accumulate(map(tuple, rows.tolist()), lambda a, b: self.combine(b, a)))
@@ -158,7 +158,7 @@ class Prefixes:
         self._run(self._join, groups, before[:, None], how)
         return whole
 
-    def _run(self, loop: Loop, own: Array, before: Array, how: How) -> None:
+    def _run(self, loop: Loop, own: Array, before: Array, how: Execution) -> None:
         loop.run({"own": own, "before": before}, {"own": own}, own.shape[:-1], _F8, how)
 
 

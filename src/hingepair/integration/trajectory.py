@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.results import lacking
+from hingepair.engine.results import missing_attribute_error
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Frozen, check_choice, read_only
@@ -107,7 +107,7 @@ class _OfState(Frozen, Result):
         state = object.__getattribute__(self, "state")
         if not name.startswith("_") and hasattr(type(state), name):
             return getattr(state, name)
-        raise lacking(self, name)
+        raise missing_attribute_error(self, name)
 
     def __repr__(self) -> str:
         t, method, steps, error = (object.__getattribute__(self, name) for name in ("t", "method", "steps", "_error"))

@@ -10,10 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.engine.binding import bind
 from hingepair.engine.calls import Call, Out
-from hingepair.engine.loops import Operations
+from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.arguments import AT_REST, LETTERS, NO_LOADS, Values, read_out
@@ -90,32 +90,34 @@ class Problem:
             shapes = {name: _TAILS.get(name, (self.form.dof,)) for name in given}
             shapes |= {name: tail for name, tail in loop.inputs if name in given}
             found = Call(
-                loop, shapes, constants, self.result, backend=backend, owner="robot",
-                limits=check, refuse=lambda values: check_rotation("S1", np.asarray(values["S1"])),
+                loop, shapes, constants, self.result, backend=backend, constants_name="robot",
+                limits=check, on_limit=lambda values: check_rotation("S1", np.asarray(values["S1"])),
             )  # fmt: skip
             if len(self._calls) >= _MAX_CALLS:
                 self._calls.clear()
             self._calls[key] = found
         return found
 
-    def run(self, values: Values, gravity: tuple[float, ...], out: Out, how: How, checked: bool = False) -> Any:
+    def run(
+        self, values: Values, gravity: tuple[float, ...], out: Out, execution: Execution, checked: bool = False
+    ) -> Any:
         """Return the outputs at all samples; arguments are those of `call`.
 
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
         """
         read_out(out, self.request.outputs)
-        call = self.call(tuple(values.parts), gravity, how.backend, checked)
+        call = self.call(tuple(values.parts), gravity, execution.backend, checked)
         if values.library is not None:
-            return call.run_foreign(values.parts, values.shapes, values.library, out, how.workers)
+            return call.run_foreign(values.parts, values.shapes, values.library, out, execution.workers)
         try:
-            return call.run(values.parts, values.shapes, out, how.workers)
+            return call.run(values.parts, values.shapes, out, execution.workers)
         except ArgumentError as error:
             if self.result is not None or error.name != f"out[{call.outputs[0]!r}]":
                 raise
             raise type(error)("out", error.expected, error.got) from None  # the one array is what users call out
 
-    def count_operations(self, given: Mapping[str, Any] | None = None) -> Operations:
+    def count_operations(self, given: Mapping[str, Any] | None = None) -> OperationCounts:
         """Return how many operations are left of a program for arrays of samples, of those with nothing known.
 
         Args:
@@ -130,4 +132,4 @@ class Problem:
             "constants": self.parameters,
             **{name: value for name, value in (given or {}).items() if name in many},
         }
-        return loop.program(bind(loop.inputs, known).pattern).count(full)
+        return loop.program(bind(loop.inputs, known).pattern).count_operations(full)

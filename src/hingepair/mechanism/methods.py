@@ -9,9 +9,9 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.engine.backend import choose
+from hingepair.engine.backend import execution_of
 from hingepair.engine.calls import Out
-from hingepair.engine.loops import Operations
+from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.accuracy import error_bounds
@@ -605,7 +605,7 @@ class MechanismMethods(Shown):
             backend=backend,
         )  # fmt: skip
         joints = self._constants.names
-        return PreparedMechanism(problem, joints, names, _gravity(gravity), choose(backend, workers), remade)
+        return PreparedMechanism(problem, joints, names, _gravity(gravity), execution_of(backend, workers), remade)
 
     def count_operations(
         self,
@@ -613,7 +613,7 @@ class MechanismMethods(Shown):
         outputs: Iterable[str],
         frames: str | Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
-    ) -> Operations:
+    ) -> OperationCounts:
         """Count the operations that these arguments take for each sample, and those with nothing known beforehand.
 
         Numbers among the coordinates by joint are known constants; what follows from them is left out, or computed
@@ -626,14 +626,15 @@ class MechanismMethods(Shown):
             base_motion: where the base is and how it moves.
 
         Returns:
-            `.each` for each sample, `.once` for all samples together, `.full` where nothing is known.
+            `.per_sample` for each sample, `.shared` once for all samples, `.unfolded` where no input is known
+            beforehand.
 
         >>> import numpy as np
         >>> import hingepair as hp
         >>> robot = hp.load_robot("ur5_robot")
         >>> q = {name: 0.0 for name in robot.names} | {"elbow_joint": np.zeros(5)}
         >>> counted = robot.count_operations(q, outputs=("R",), frames="tool0")
-        >>> counted.each < counted.full
+        >>> counted.per_sample < counted.unfolded
         True
         """
         named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
@@ -774,22 +775,22 @@ class MechanismMethods(Shown):
         acting: Mapping[str, tuple[Any, str]] | None = None,
     ) -> Any:
         """Return the outputs of a problem at all samples."""
-        how, fall = choose(backend, workers), _gravity(gravity)
+        execution, fall = execution_of(backend, workers), _gravity(gravity)
         if problem.weighs:
             self._say_doubts()
-        if base_motion is None and not acting and how.workers == 1:
+        if base_motion is None and not acting and execution.workers == 1:
             call = problem.call(tuple(coordinates), fall, backend)
             if out is None:
-                found = call.quick(*coordinates.values())
+                found = call.fast_path(*coordinates.values())
             else:
                 known = type(out) is dict and out.keys() <= {*call.outputs}
-                found = call.write(tuple(coordinates.values()), out) if known else None
+                found = call.run_into(tuple(coordinates.values()), out) if known else None
             if found is not None:
                 return found
         if holds_dask(coordinates, base_motion, acting):
             return self._lazily(problem, coordinates, base_motion, out, workers, backend, fall, acting or {})
         values = read_values(self._constants.names, coordinates, base_motion, problem.inputs, acting or {})
-        return problem.run(values, fall, out, how)
+        return problem.run(values, fall, out, execution)
 
     def _lazily(
         self,

@@ -7,9 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.engine.calls import Call, Out
-from hingepair.engine.loops import Operations
+from hingepair.engine.loops import OperationCounts
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.arguments import (
     LETTERS,
@@ -58,14 +58,14 @@ class PreparedMechanism:
         joints: tuple[str, ...],
         given: tuple[str, ...],
         gravity: tuple[float, ...],
-        how: How,
+        execution: Execution,
         remade: Callable[[], Any],
     ) -> None:
         self.given, self.outputs = given, problem.request.outputs
         self._joints = joints
-        self._problem, self._gravity, self._how, self._remade = problem, gravity, how, remade
-        self._call: Call = problem.call(given, gravity, how.backend, checked=True)
-        if how.backend == "auto":
+        self._problem, self._gravity, self._execution, self._remade = problem, gravity, execution, remade
+        self._call: Call = problem.call(given, gravity, execution.backend, checked=True)
+        if execution.backend == "auto":
             self._call.compile()
 
     def __repr__(self) -> str:
@@ -73,8 +73,8 @@ class PreparedMechanism:
 
     def __str__(self) -> str:
         count = self.operations
-        once = f", {count.once} once for all samples" if count.once else ""
-        left = f"{count.each} operations for each sample{once}, of {count.full} where nothing is known"
+        once = f", {count.shared} once for all samples" if count.shared else ""
+        left = f"{count.per_sample} operations for each sample{once}, of {count.unfolded} where nothing is known"
         return f"{', '.join(self.outputs)} from {', '.join(self.given)}: {left}"
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -91,7 +91,7 @@ class PreparedMechanism:
         return self._call.kernel.ir
 
     @property
-    def operations(self) -> Operations:
+    def operations(self) -> OperationCounts:
         """How many operations are left for each sample, once for all, and where nothing is known beforehand."""
         return self._problem.count_operations()
 
@@ -108,13 +108,13 @@ class PreparedMechanism:
         """
         if out is None:
             try:
-                result = self._call.quick(*given)
+                result = self._call.fast_path(*given)
             except TypeError:
                 result = None  # perhaps another number of arguments
             return self._general(given, None) if result is None else result
         arrays = {self.outputs[0]: out} if self._problem.result is None else out
         if type(arrays) is dict and arrays.keys() <= {*self.outputs} and len(given) == len(self.given):
-            result = self._call.write(given, arrays)
+            result = self._call.run_into(given, arrays)
             if result is not None:
                 return result
         return self._general(given, arrays)
@@ -126,7 +126,7 @@ class PreparedMechanism:
         read_out(out, self.outputs)
         named = dict(zip(self.given, given, strict=True))
         library = library_among(named)
-        parts, shapes, tails = {}, {}, self._call.given
+        parts, shapes, tails = {}, {}, self._call.argument_shapes
         for name, value in named.items():
             if value is None:
                 raise ArgumentError(name, "a value, since this was prepared for it", None)
@@ -137,7 +137,7 @@ class PreparedMechanism:
                 check_tail(name, value, *tails[name])
             parts[name] = value if library is not None else vectors(name, value, *tails[name])
             shapes[name] = tuple(np.shape(value)[: np.ndim(value) - len(tails[name])])
-        return self._problem.run(Values(parts, shapes, library), self._gravity, out, self._how, checked=True)
+        return self._problem.run(Values(parts, shapes, library), self._gravity, out, self._execution, checked=True)
 
 
 def _called(function: Callable[[], Any]) -> Any:

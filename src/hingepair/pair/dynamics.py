@@ -212,7 +212,7 @@ def compute(
     loads = {name: _load(name, value) if name in _FORCES else value for name, value in given.items()}
     call: Call | None = constants.prepared.get(what)
     if call is not None and type(body1) is BodyMotion:
-        state = call.quick(*(getattr(body1, letter) for letter in what.letters), fall, *loads.values())
+        state = call.fast_path(*(getattr(body1, letter) for letter in what.letters), fall, *loads.values())
         if state is not None:
             outputs: Iterable[FloatArray] = state.writable_arrays().values()
             return outputs

@@ -12,17 +12,17 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.engine.binding import bind
 from hingepair.engine.calls import Call, Out
-from hingepair.engine.loops import Operations
+from hingepair.engine.loops import OperationCounts
 from hingepair.errors import RotationError
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.plan import PLANAR, SPATIAL, Plan, loop_of, make_plan
 from hingepair.rotations.matrices import TOLERANCE, check_rotation
 
-AUTO: Final = How("auto", 1)  # how a call is run unless told
+AUTO: Final = Execution("auto", 1)  # how a call is run unless told
 STATES: Mapping[Any, type[PairState | PlanarState]] = {SPATIAL: PairState, PLANAR: PlanarState}
 """The class of the results, by the kind of plan."""
 
@@ -44,7 +44,7 @@ def call_of(pair: Constants, plan: Plan, given: tuple[str, ...], backend: str) -
         checks = {"attitude1_check": limits, "attitude2_check": _ROTATION_LIMITS}
         call = pair.prepared[key] = Call(
             loop, {name: shapes[name] for name in given}, {name: constants[name] for name in _needed(loop, given)},
-            STATES[plan.kind], shape=pair.shape, backend=backend, refuse=_refuse_attitude,
+            STATES[plan.kind], shape=pair.shape, backend=backend, on_limit=_refuse_attitude,
             limits={name: checks[name] for name in plan.outputs if name in checks},
         )  # fmt: skip
     return call
@@ -69,11 +69,11 @@ def compute(
     values: Mapping[str, Any],
     shapes: Mapping[str, tuple[int, ...]],
     out: Out = None,
-    how: How = AUTO,
+    execution: Execution = AUTO,
     dtype: np.dtype[Any] | None = None,
 ) -> Any:
     """Return the state at all samples; computed in the dtype of the values unless one is given."""
-    return call_of(pair, plan, tuple(values), how.backend).run(values, shapes, out, how.workers, dtype)
+    return call_of(pair, plan, tuple(values), execution.backend).run(values, shapes, out, execution.workers, dtype)
 
 
 def arrays_of(
@@ -90,7 +90,7 @@ def arrays_of(
     return arrays
 
 
-def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> Operations:
+def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> OperationCounts:
     """Return how many operations of a plan are left for a pair, where some coordinates are known numbers.
 
     Args:
@@ -108,4 +108,4 @@ def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> 
         name: tuple(map(unknown, v)) if isinstance(v, tuple) else unknown(v) for name, v in values.items()
     }
     full = loop.program(bind(loop.inputs, many).pattern)
-    return loop.program(bind(loop.inputs, {**many, **pair.values, **partly_known}).pattern).count(full)
+    return loop.program(bind(loop.inputs, {**many, **pair.values, **partly_known}).pattern).count_operations(full)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.engine.calls import Call, Out
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign, library_of
@@ -134,7 +134,15 @@ def component(name: str, value: Any) -> Any:
 
 
 def from_coordinates(
-    kind: Kind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: Outputs, out: Out, sequence: str | None, how: How
+    kind: Kind,
+    pair: Constants,
+    q: Any,
+    qd: Any,
+    qdd: Any,
+    outputs: Outputs,
+    out: Out,
+    sequence: str | None,
+    execution: Execution,
 ) -> Any:
     """Return the pair's state from its coordinates and as many derivatives as are given (E1-E11)."""
     rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
@@ -143,25 +151,25 @@ def from_coordinates(
     complete = qd is not None or qdd is None
     writes = out is None or (type(outputs) is tuple and type(out) is dict and out.keys() <= {*outputs})
     key = None
-    if how.workers == 1 and complete and writes and (outputs is None or type(outputs) is tuple):
-        key = outputs, sequence, how.backend, len(rows)
+    if execution.workers == 1 and complete and writes and (outputs is None or type(outputs) is tuple):
+        key = outputs, sequence, execution.backend, len(rows)
         try:
             call: Call | None = pair.prepared.get(key)
         except TypeError:  # names that are none, which are refused below
             call = key = None
         if call is not None:
-            state = call.quick(*rows) if out is None else call.write(rows, out)
+            state = call.fast_path(*rows) if out is None else call.run_into(rows, out)
             if state is None and out is None:  # lists and tuples of numbers
-                state = call.quick(*[float_row(value, len(kind.coordinates)) for value in rows])
+                state = call.fast_path(*[float_row(value, len(kind.coordinates)) for value in rows])
             if state is not None:
                 return state
     plan, given = plan_from_coordinates(kind, pair, q, qd, qdd, outputs, out, sequence, foreign=True)
-    call = call_of(pair, plan, tuple(given.parts), how.backend)
+    call = call_of(pair, plan, tuple(given.parts), execution.backend)
     if given.library is not None:
-        return call.run_foreign(given.parts, given.shapes, given.library, out, how.workers)
+        return call.run_foreign(given.parts, given.shapes, given.library, out, execution.workers)
     if key is not None:
         pair.prepared[key] = call
-    return call.run(given.parts, given.shapes, out, how.workers)
+    return call.run(given.parts, given.shapes, out, execution.workers)
 
 
 def plan_from_coordinates(
@@ -184,15 +192,22 @@ def plan_from_coordinates(
 
 
 def from_body1(
-    pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out, how: How
+    pair: Constants,
+    body1: BodyMotion,
+    psi: Any,
+    psid: Any,
+    psidd: Any,
+    outputs: Outputs,
+    out: Out,
+    execution: Execution,
 ) -> Any:
     """Return the pair's state from the motion of body 1 and the hinge angle with its derivatives (E1, E2, E5-E9)."""
     plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
     library = library_of({_BODY1_ARGUMENTS.get(name, name): value for name, value in values.items()})
-    call = call_of(pair, plan, tuple(values), how.backend)
+    call = call_of(pair, plan, tuple(values), execution.backend)
     if library is not None:
-        return call.run_foreign(values, shapes, library, out, how.workers)
-    return call.run(values, shapes, out, how.workers)
+        return call.run_foreign(values, shapes, library, out, execution.workers)
+    return call.run(values, shapes, out, execution.workers)
 
 
 def plan_from_body1(

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.engine.backend import choose
+from hingepair.engine.backend import execution_of
 from hingepair.engine.calls import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
@@ -191,9 +191,9 @@ class HingePair(Shown):
         if holds_dask(q, qd, qdd):
             options = {"outputs": outputs, "out": out, "sequence": sequence, "workers": workers, "backend": backend}
             return self._lazily(self.forward_kinematics, q=q, qd=qd, qdd=qdd, **options)
-        how = choose(backend, workers)
+        execution = execution_of(backend, workers)
         state: PairState = kinematics.from_coordinates(
-            SPATIAL, self.constants, q, qd, qdd, outputs, out, sequence, how
+            SPATIAL, self.constants, q, qd, qdd, outputs, out, sequence, execution
         )
         return state
 
@@ -245,7 +245,7 @@ class HingePair(Shown):
         >>> at(np.array([0.0, 0.0, 0.0, 1.0]), 0.0).jacobian @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return prepare(self, given, outputs, sequence, gravity, choose(backend, workers))
+        return prepare(self, given, outputs, sequence, gravity, execution_of(backend, workers))
 
     def forward_kinematics_from_body1(
         self,
@@ -274,8 +274,8 @@ class HingePair(Shown):
             given = {"body1": body1, "psi": psi, "psid": psid, "psidd": psidd}
             options = {"outputs": outputs, "out": out, "workers": workers, "backend": backend}
             return self._lazily(self.forward_kinematics_from_body1, **given, **options)
-        how = choose(backend, workers)
-        state: PairState = kinematics.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, how)
+        execution = execution_of(backend, workers)
+        state: PairState = kinematics.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, execution)
         return state
 
     def error_bounds(

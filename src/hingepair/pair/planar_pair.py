@@ -9,7 +9,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.engine.backend import choose
+from hingepair.engine.backend import execution_of
 from hingepair.engine.calls import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, vectors
@@ -136,8 +136,10 @@ class PlanarPair(Shown):
         if holds_dask(q, qd, qdd):
             options = {"outputs": outputs, "out": out, "workers": workers, "backend": backend}
             return self._lazily(self.forward_kinematics, q=q, qd=qd, qdd=qdd, **options)
-        how = choose(backend, workers)
-        state: PlanarState = kinematics.from_coordinates(PLANAR, self.constants, q, qd, qdd, outputs, out, None, how)
+        execution = execution_of(backend, workers)
+        state: PlanarState = kinematics.from_coordinates(
+            PLANAR, self.constants, q, qd, qdd, outputs, out, None, execution
+        )
         return state
 
     def error_bounds(

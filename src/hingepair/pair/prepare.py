@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.engine.backend import How
+from hingepair.engine.backend import Execution
 from hingepair.engine.calls import Call, Out
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.array_libraries import library_of
@@ -65,7 +65,7 @@ class Prepared:
     """
 
     def __init__(self, call: Call, pair: Constants, plan: Plan, workers: int, recipe: tuple[Any, ...]) -> None:
-        self.given, self.outputs = tuple(call.given), call.outputs
+        self.given, self.outputs = tuple(call.argument_shapes), call.outputs
         self._call, self._pair, self._plan, self._workers, self._recipe = call, pair, plan, workers, recipe
 
     def __repr__(self) -> str:
@@ -99,11 +99,11 @@ class Prepared:
         if len(given) != len(self.given):
             raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
         if out is None:
-            state = call.quick(*given)
+            state = call.fast_path(*given)
             if state is not None:
                 return state
         elif type(out) is dict and out.keys() <= {*self.outputs}:
-            state = call.write(given, out)
+            state = call.run_into(given, out)
             if state is not None:
                 return state
         return self._general(given, out)
@@ -113,7 +113,7 @@ class Prepared:
         values = dict(zip(self.given, given, strict=True))
         check_out(out, self.outputs)
         library = library_of(values)
-        tails = self._call.given
+        tails = self._call.argument_shapes
         if library is not None:  # whether an attitude is one is not checked
             shapes = {name: np.shape(v)[: np.ndim(v) - len(tails[name])] for name, v in values.items()}
             plan = Plan(self.outputs, *needed_steps(self._plan.steps, self.outputs), self._plan.kind)
@@ -130,8 +130,10 @@ def _array(name: str, value: Any, tail: tuple[int, ...]) -> NDArray[Any]:
     return vectors(name, value, *tail) if tail else real_array(name, value)
 
 
-def _prepared_again(pair: Any, given: Any, outputs: Any, sequence: str, gravity: Any, how: How) -> Prepared:
-    return prepare(pair, given, outputs, sequence, gravity, how)
+def _prepared_again(
+    pair: Any, given: Any, outputs: Any, sequence: str, gravity: Any, execution: Execution
+) -> Prepared:
+    return prepare(pair, given, outputs, sequence, gravity, execution)
 
 
 def prepare(
@@ -140,7 +142,7 @@ def prepare(
     outputs: Iterable[str] | None,
     sequence: str,
     gravity: ArrayLike,
-    how: How,
+    execution: Execution,
 ) -> Prepared:
     """Return a plan of a HingePair made ready; see `HingePair.prepare`."""
     names = _checked_given(given)
@@ -170,10 +172,10 @@ def prepare(
         missing = sorted(plan_of((name,), given=of_both).inputs - known - HINGE_FRAMES)
         if missing:
             raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
-    call = call_of(constants, plan, names, how.backend)
-    if how.backend == "auto":
+    call = call_of(constants, plan, names, execution.backend)
+    if execution.backend == "auto":
         call.compile()
-    return Prepared(call, constants, plan, how.workers, (pair, names, wanted, sequence, gravity, how))
+    return Prepared(call, constants, plan, execution.workers, (pair, names, wanted, sequence, gravity, execution))
 
 
 def _checked_given(given: str | Iterable[str]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from typing import IO, Any, ClassVar, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.results import lacking
+from hingepair.engine.results import missing_attribute_error
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.numeric.tables import Sheet, Shown, unit_of
 from hingepair.numeric.whole_file import whole_file
@@ -171,7 +171,7 @@ class Record(Result):
 
     def __getattr__(self, name: str) -> NDArray[Any]:
         if name.startswith("_") or name not in self._arrays:
-            raise lacking(self, name)
+            raise missing_attribute_error(self, name)
         return self._arrays[name]
 
     def _named(self) -> Iterable[str]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
 from hingepair.engine.loops import Loop
-from hingepair.engine.trace import name_lines
+from hingepair.engine.trace import name_components
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
@@ -148,7 +148,7 @@ class Plan:
         """Run the steps on values by name; the results join the values."""
         for result, function, arguments in self.steps:
             made = values[result] = function(*[values[name] for name in arguments])
-            name_lines(result, made, _LABELS.get(result))
+            name_components(result, made, _LABELS.get(result))
         return values
 
 

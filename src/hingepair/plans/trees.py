@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from hingepair.engine.loops import Loop
-from hingepair.engine.trace import name_lines, where_less
+from hingepair.engine.trace import name_components, where_less
 from hingepair.equations import trees as eq
 from hingepair.equations.dynamics import solve_symmetric
 from hingepair.equations.spatial import (
@@ -173,7 +173,7 @@ class Computation:
             for link, value in zip(self.links, self.q, strict=True)
         ]
         for name, turn in zip(self.form.names, turns, strict=True):
-            name_lines(name, turn, (f"sin_{name}", f"cos_{name}"))
+            name_components(name, turn, (f"sin_{name}", f"cos_{name}"))
         return eq.places(self.links, turns, self.q)
 
     # ---- kinematics
@@ -493,7 +493,7 @@ class Computation:
         """Name the values of every body for generated code, by letter and joint."""
         for name, own in zip(("base", *self.form.names), values, strict=True):
             for letter, part in zip(letters, own, strict=False):
-                name_lines(f"{letter}_{name}", part)
+                name_components(f"{letter}_{name}", part)
         return values
 
 

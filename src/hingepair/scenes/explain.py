@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hingepair.engine.loops import Operations
+from hingepair.engine.loops import OperationCounts
 from hingepair.pair.evaluate import count_operations
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -62,10 +62,10 @@ class ScenePlan:
     outputs: tuple[str, ...]
     computed: tuple[tuple[str, str], ...]
     skipped: tuple[tuple[str, str], ...]
-    operations: Operations
+    operations: OperationCounts
 
     def __str__(self) -> str:
-        left = f"{self.operations.each} operations at each instant, of {self.operations.full} in all"
+        left = f"{self.operations.per_sample} operations at each instant, of {self.operations.unfolded} in all"
         lines = [f"outputs: {', '.join(self.outputs)}", f"computed: {left}"]
         lines += [
             f"  {name:<10}{_MEANING[name]}{' - once' if often == 'once' else ''}" for name, often in self.computed
@@ -92,12 +92,12 @@ def explain(
             computed.append((step.result, "once" if once else "each"))
     reasons = ["no output needs them" if i < level else "the motion does not give them" for i in range(2)]
     skipped = [(f"{_DERIVATIVES[i]} derivatives of the coordinates", reasons[i]) for i in range(known.level, 2)]
-    if operations.known:
+    if operations.folded:
         skipped.append(
-            (f"{operations.known} of {operations.full} operations", "what is known to be 0, 1 or -1 folds")
+            (f"{operations.folded} of {operations.unfolded} operations", "what is known to be 0, 1 or -1 folds")
         )
-    if operations.once:
-        skipped.append((f"{operations.once} operations at each instant", "they depend on constants only"))
+    if operations.shared:
+        skipped.append((f"{operations.shared} operations at each instant", "they depend on constants only"))
     made = {step.result for step in plan.steps}
     skipped += [(_MEANING[name], "no output needs it") for name in others if name in _MEANING and name not in made]
     if known.sequence is None and kind is SPATIAL:

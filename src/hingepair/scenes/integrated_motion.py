@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hingepair.engine.backend import choose
+from hingepair.engine.backend import execution_of
 from hingepair.integration.integrate import FRAMES
 from hingepair.integration.methods import RULES
 from hingepair.integration.signals import Signal
@@ -42,7 +42,7 @@ def integrated(
     """
     body = not planar and table.choice("frame", FRAMES) == "body"
     method = table.choice("method", tuple(RULES) if planar else METHODS)
-    course = Course(t, method, tol, choose("auto", 1), body, ("omega1", "psi_dot"))
+    course = Course(t, method, tol, execution_of("auto", 1), body, ("omega1", "psi_dot"))
     start: Any
     with table.naming(**_KEYS):
         if planar:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.simulate import passed_stops
-from hingepair.engine.results import lacking
+from hingepair.engine.results import missing_attribute_error
 from hingepair.errors import ArgumentError, SceneError, choices, quoted
 from hingepair.integration.trajectory import span
 from hingepair.numeric.arrays import Frozen, read_only
@@ -146,7 +146,7 @@ class SceneResult(Frozen, Result):
             return None if not own else np.stack(own, -1) if name[0] == "q" else own[0]
         if not name.startswith("_") and name not in self.__dataclass_fields__ and hasattr(type(self.state), name):
             return getattr(self.state, name)
-        raise lacking(self, name)
+        raise missing_attribute_error(self, name)
 
     def __repr__(self) -> str:
         return f"SceneResult({span(self.t)}, state={self.state!r})"

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.backend import choose, compiling_at_once
+from hingepair.engine.backend import compile_at_first_call, execution_of
 from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, SceneError, choices, quoted
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.scene import scene_files
@@ -127,7 +127,7 @@ def load_sweep(path: str | Path) -> Sweep:
     contents = json.dumps(scene.values, sort_keys=True, default=str)
     job = Job(str(scene_path), contents, tuple(own.key for own in varied), _names(table, "outputs"), reductions)
     first = _variants(job)
-    with table.naming("outputs"), compiling_at_once():
+    with table.naming("outputs"), compile_at_first_call():
         first.compute(numbers[0])  # says at once what cannot be computed
     size = chunk or max(
         1, min(-(-len(numbers) // 4), max(len(numbers) // _MAX_CHUNKS, _CHUNK_STATES // first.samples))
@@ -218,7 +218,7 @@ def run_sweep(
             progress(done, sweep.chunks)
 
     if missing and scheduler is None:
-        _on_threads(sweep, missing, add, choose("auto", workers).workers)
+        _on_threads(sweep, missing, add, execution_of("auto", workers).workers)
     elif missing:
         with _client(str(scheduler)) as client:
             _on_cluster(client, sweep, missing, add)
@@ -319,7 +319,7 @@ def compute_chunk(job: Job, chunk: int, first: int, numbers: Float64Array) -> di
         ArgumentError: a variant cannot be computed: names it.
     """
     variants, rows = _variants(job), []
-    with compiling_at_once():
+    with compile_at_first_call():
         for i, own in enumerate(numbers):
             try:
                 t, arrays = variants.compute(own)

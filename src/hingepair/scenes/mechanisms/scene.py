@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.engine.loops import Operations
-from hingepair.engine.results import lacking
+from hingepair.engine.loops import OperationCounts
+from hingepair.engine.results import missing_attribute_error
 from hingepair.errors import ArgumentError, SceneError, choices, nearest, quoted
 from hingepair.integration.trajectory import span
 from hingepair.mechanism.mechanism import Mechanism
@@ -190,7 +190,7 @@ class MechanismSceneResult(Frozen, Result):
             return None if self.forces is None else getattr(self.forces, name)
         if name in MechanismState.__slots__:
             return None if self.state is None else getattr(self.state, name)
-        raise lacking(self, name)
+        raise missing_attribute_error(self, name)
 
     def __repr__(self) -> str:
         frames = ", ".join(self.state.frames) if self.state is not None else "none"
@@ -507,7 +507,7 @@ class MechanismPlan:
         base_rests: whether the base rests at the origin.
     """
 
-    computed: Mapping[str, Operations]
+    computed: Mapping[str, OperationCounts]
     still: tuple[str, ...]
     order: int
     level: int
@@ -516,9 +516,10 @@ class MechanismPlan:
     def __str__(self) -> str:
         lines = ["computed:"]
         for what, operations in self.computed.items():
-            lines.append(f"  {what}: {operations.each} operations at each instant, of {operations.full} in all")
-            if operations.once:
-                lines.append(f"    and {operations.once} once, since they depend on constants only")
+            left = f"{operations.per_sample} operations at each instant"
+            lines.append(f"  {what}: {left}, of {operations.unfolded} in all")
+            if operations.shared:
+                lines.append(f"    and {operations.shared} once, since they depend on constants only")
         skipped = [f"joints that do not move, whose sines and cosines are constants: {', '.join(self.still)}"]
         reasons = ["no output needs them" if i < self.level else "the motion does not give them" for i in range(2)]
         skipped = skipped if self.still else []
