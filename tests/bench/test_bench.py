@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import functools
+import hashlib
+import io
 import itertools
 import json
 import math
+import sys
+import threading
 
 import mpmath
 import numpy as np
@@ -13,10 +17,10 @@ import pytest
 from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.bench import direct, engines, measure, peers, skip, truth
+from hingepair.bench import direct, engines, measure, peers, plot, skip, truth
 from hingepair.bench.measure import Report, Row, Way, interleaved, present, rows_of
 from hingepair.bench.peers import LEVELS
-from hingepair.bench.plot import Curve, Panel, drawn
+from hingepair.bench.plot import Curve, Panel, drawn, write_picture
 from hingepair.cli import bench as command
 from hingepair.cli.main import app
 from support.reference import from_euler
@@ -151,6 +155,20 @@ def test_every_repeat_goes_through_all_jobs():
     assert order == ["a", "b"] * 5
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux shows the states of threads")
+def test_no_job_is_timed_while_a_neighbour_still_works():
+    seen, threads, data = [], [threading.Thread()], bytes(3_000_000)
+
+    def call_that_leaves_work_behind():
+        begun = threading.Event()
+        threads.append(threading.Thread(target=lambda: (begun.set(), hashlib.sha256(data))))
+        threads[-1].start()
+        begun.wait()
+
+    interleaved({"ours": lambda: seen.append(threads[-1].is_alive()), "theirs": call_that_leaves_work_behind}, 3)
+    assert not any(seen[1:])  # the first call finds nothing before it
+
+
 @pytest.mark.parametrize("shift", direct.SHIFTS.values())
 def test_outputs_begin_where_they_are_said_to(shift):
     array = direct.array_at((5, 3, 3), shift)
@@ -222,6 +240,22 @@ def test_more_methods_than_colours_are_drawn_each_with_its_name(tmp_path):
     text = path.read_text()
     for name in ("method 13", "infinite", "copying the outputs", "1e+14", "inf"):
         assert text.count(f"<!-- {name} -->") == 1
+
+
+@pytest.mark.slow
+def test_a_small_picture_keeps_the_colour_of_every_curve():
+    from PIL import Image
+
+    names = [f"robot {k}" for k in range(4)]
+    methods = ["hingepair", "Python loop", "C++ loop", "batches", "MuJoCo", "frax"]
+    curves = [Curve(name, [(10.0**i, float(k)) for k in range(4)]) for i, name in enumerate(methods)]
+    panel = Panel("pose", "run time", "", curves, names=names, span=(0.1, 1e6))
+    file = io.BytesIO()
+    write_picture([[panel, panel], [panel, panel]], file, "png")
+    assert len(file.getvalue()) < 100_000
+    colours = {colour for _, colour in Image.open(file).convert("RGB").getcolors(1_000_000)}
+    wanted = [tuple(bytes.fromhex(colour[1:])) for colour in plot._COLOURS[: len(methods)]]
+    assert [colour for colour in wanted if colour not in colours] == []
 
 
 @pytest.mark.slow

@@ -9,11 +9,14 @@ from __future__ import annotations
 import os
 import platform
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
+from pathlib import Path
 from statistics import median
 from timeit import timeit
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -28,6 +31,9 @@ Job: TypeAlias = Callable[[], Any]
 _PACKAGES = ("hingepair", "numpy", "llvmlite", "pin", "mujoco", "scipy", "jax")
 _LEAST = 2e-3  # seconds that one repeat should take
 _SHORT = 0.1  # seconds, in which what a job works on fits the caches
+_LOOK_SECONDS = 1e-3  # between two looks at the other threads of the process
+_LOOKS_AT_REST = 5  # looks, one after the other, that find no thread running before a job is timed
+_MAX_LOOKS = 10_000  # looks, after which a job is timed all the same
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -154,19 +160,48 @@ def rows_of(
 def interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]:
     """Seconds of a call in each repeat, by name; every repeat goes through all jobs, so that noise meets all alike.
 
-    A short job runs once untimed in every repeat: it finds the caches as it left them, not as its neighbour did.
+    Every timing waits until the other threads of the process are at rest: JAX frees its memory after the call has
+    returned, and until that is done a neighbour's new arrays wait for it. A short job then runs once untimed in every
+    repeat: it finds the caches as it left them, not as its neighbour did.
     """
     for job in jobs.values():
         job()
-    once = {name: timeit(job, number=1) for name, job in jobs.items()}
+    once = {}
+    for name, job in jobs.items():
+        wait_for_other_threads()
+        once[name] = timeit(job, number=1)
     times: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(repeats):
         for name, job in jobs.items():
+            wait_for_other_threads()
             if once[name] < _SHORT:
                 job()
             calls = max(1, int(_LEAST / max(once[name], 1e-9)))
             times[name].append(timeit(job, number=calls) / calls)
     return times
+
+
+def wait_for_other_threads() -> None:
+    """Wait until no other thread of this process runs or waits for a page of memory, or for ten seconds.
+
+    Only Linux shows the states of threads; elsewhere the function returns at once.
+    """
+    looks_at_rest = 0
+    for _ in range(_MAX_LOOKS):
+        looks_at_rest = 0 if _other_threads_run() else looks_at_rest + 1
+        if looks_at_rest == _LOOKS_AT_REST:
+            return
+        time.sleep(_LOOK_SECONDS)
+
+
+def _other_threads_run() -> bool:
+    """Return whether Linux lists another thread of this process as running (R) or waiting uninterruptibly (D)."""
+    for path in Path("/proc/self/task").glob("[0-9]*/stat"):
+        if int(path.parent.name) != threading.get_native_id():
+            with suppress(OSError):  # the thread has ended
+                if path.read_text().rpartition(")")[2].split()[0] in "RD":
+                    return True
+    return False
 
 
 def _cell(value: Any) -> str:

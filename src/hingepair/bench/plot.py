@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from math import inf, isfinite
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 from hingepair.errors import MissingDependencyError
 
 # Colours that stay apart for colour-blind eyes (Okabe and Ito, grey for yellow), and marks that stay apart in grey.
 _COLOURS = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#888888")
 _MARKS = "oDs^vP<>X*hpd"
+_DOTS_PER_INCH = 150  # of a PNG
+_PALETTE_COLOURS = 256  # of a PNG: those of the curves, and the shades of their edges
 
 
 class Curve(NamedTuple):
@@ -50,11 +53,36 @@ def drawn(rows: Sequence[Sequence[Panel]]) -> Any:
     for panels, line in zip(rows, grid, strict=True):
         for panel, axes in zip(panels, line, strict=True):
             _panel(axes, panel, styles)
+            if panel.names and panel is not panels[0] and panel.names == panels[0].names:
+                axes.tick_params(labelleft=False)  # the panel to the left names the same lines
             handles, labels = axes.get_legend_handles_labels()
             shown |= dict(zip(labels, handles, strict=True))
     columns = -(-len(shown) // 2) if len(shown) > 4 else len(shown)
     figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
     return figure
+
+
+def write_picture(rows: Sequence[Sequence[Panel]], file: IO[bytes], kind: str) -> None:
+    """Draw rows of panels and write the picture to a file.
+
+    Args:
+        rows: the panels, row by row.
+        file: open for writing bytes.
+        kind: "png", "svg" or "pdf". A PNG has a palette, which takes a third of the bytes.
+
+    Raises:
+        MissingDependencyError: Matplotlib is not installed.
+    """
+    figure = drawn(rows)
+    if kind != "png":
+        figure.savefig(file, format=kind)
+        return
+    from PIL import Image  # Matplotlib depends on it
+
+    pixels = io.BytesIO()
+    figure.savefig(pixels, format="png", dpi=_DOTS_PER_INCH)
+    picture = Image.open(pixels).convert("RGB").quantize(_PALETTE_COLOURS)
+    picture.save(file, format="png", optimize=True)
 
 
 def _panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:

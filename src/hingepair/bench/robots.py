@@ -40,8 +40,9 @@ WORKLOADS: Final = (POSE, JACOBIAN, INVERSE, FORWARD)
 _COMPARED: Final = 4
 """States whose results are compared with the exact ones."""
 _NOTES: Final = (
-    "A row is one engine at one task, on one thread, its code compiled before. N: states of a call; a call: its "
-    "time, the median of the repeats; each: that for one state; ratio: of that to the first row of the block.",
+    "A row is one engine at one task, on one thread (JAX takes as many as it likes), its code compiled before. N: "
+    "states of a call; a call: its time, the median of the repeats; each: that for one state; ratio: of that to the "
+    "first row of the block.",
     f"error: largest difference from {DIGITS}-digit arithmetic at {_COMPARED} random states, relative to the largest "
     "component of the result (a double has 1.1e-16).",
     "pose, Jacobian: of the joint furthest from the base. hingepair, prepared: a call made ready for one state. "

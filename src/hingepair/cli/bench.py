@@ -60,7 +60,7 @@ def _report(measure: Callable[[], Report], show_json: bool, plot: Path | None = 
 @contextlib.contextmanager
 def _picture(path: Path) -> Iterator[Callable[[Report], None]]:
     """Open the file of a picture; return what draws a report into it."""
-    from hingepair.bench.plot import drawn, new_figure
+    from hingepair.bench.plot import new_figure, write_picture
 
     check_picture("--plot", path)
     new_figure((1, 1))  # refused where Matplotlib is not installed
@@ -69,7 +69,7 @@ def _picture(path: Path) -> Iterator[Callable[[Report], None]]:
             file = opened.enter_context(whole_file(path))
         except ArgumentError as error:
             raise ArgumentError("--plot", error.expected, error.got) from None
-        yield lambda report: drawn(report.panels).savefig(file, format=path.suffix.lower()[1:], dpi=150)
+        yield lambda report: write_picture(report.panels, file, path.suffix.lower()[1:])
 
 
 def _counts(sizes: str) -> list[int]:
