@@ -151,3 +151,68 @@ def test_errors_are_within_the_intervals_in_hundreds_of_runs(late: float) -> Non
         inside += np.abs(off) < 1.96 * std
     assert (inside / 150).min() >= 0.9
     assert (inside / 150).max() <= 0.99
+
+
+def as_point(body: hp.BodyMotion) -> hp.BodyMotion:
+    return hp.BodyMotion(R=body.R)
+
+
+def true_centre(n: np.ndarray) -> np.ndarray:
+    """u1 of the circle on which body 2's reference point runs, closest to R1."""
+    centre = U1 - (HOME @ U2 @ N1) * N1
+    return centre - (centre @ n) * n
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [2e-3, 33e-3, -50e-3, 0.4])
+@pytest.mark.parametrize("loss", ["linear", "cauchy"])
+def test_an_offset_of_a_point_is_found_with_its_circle(late: float, loss: str) -> None:
+    t, body1, body2 = recorded(late)
+    R2 = body2.R.copy()
+    if loss == "cauchy":
+        R2[np.random.default_rng(1).random(2000) < 0.1] += 0.3
+    found = hp.fit(body1, hp.BodyMotion(R=R2), t=t, loss=loss)
+    assert found.ok
+    assert found.clock_offset == pytest.approx(late, abs=4 * found.std["clock_offset"])
+    assert found.std["clock_offset"] < (0.2e-3 if loss == "linear" else 1e-3)
+    assert (np.abs(found.pair.u1 - true_centre(N1)) < 4.5 * found.std["u1"]).all()
+    assert f"ms {'later' if late > 0 else 'earlier'} than its stamps say" in " ".join(found.findings)
+    assert found.body2.S is None
+
+
+def test_an_exact_offset_of_a_point_is_exact() -> None:
+    t, body1, body2 = recorded(12.5e-3, noise=0.0)
+    found = hp.fit(body1, as_point(body2), t=t)
+    assert found.clock_offset == pytest.approx(12.5e-3, abs=1e-7)
+    assert np.abs(found.pair.u1 - true_centre(N1)).max() < 1e-7
+    known = hp.fit(body1, as_point(body2), t=t, clock_offset=12.5e-3)
+    assert (known.clock_offset, known.std["clock_offset"]) == (12.5e-3, 0.0)
+    assert np.abs(known.pair.u1 - found.pair.u1).max() < 1e-7
+    with pytest.raises(
+        hp.ArgumentError, match="clock_offset: expected a time by which both recordings still overlap"
+    ):
+        hp.fit(body1, as_point(body2), t=t, clock_offset=100.0)
+
+
+def test_a_point_beside_a_body_1_at_rest_does_not_determine_the_offset() -> None:
+    """A delayed point runs along the same circle."""
+    t, body1, body2 = recorded(10e-3, moving=0.0)
+    found = hp.fit(body1, as_point(body2), t=t)
+    assert found.ok
+    assert (found.clock_offset, found.std["clock_offset"]) == (0.0, np.inf)
+    assert "clock offset: not determined by this motion" in str(found)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("late", [0.0, 13e-3])
+def test_errors_of_a_point_with_an_offset_are_within_the_intervals_in_hundreds_of_runs(late: float) -> None:
+    inside = np.zeros(7)
+    for seed in range(200):
+        t, body1, body2 = recorded(late, 400, 40.0, seed=seed)
+        found = hp.fit(body1, as_point(body2), t=t)
+        sign = np.sign(found.pair.n @ N1)
+        off = np.concatenate(([found.clock_offset - late], found.pair.u1 - true_centre(N1), found.pair.n - sign * N1))
+        std = np.concatenate(([found.std["clock_offset"]], found.std["u1"], found.std["n"]))
+        inside += np.abs(off) < 1.96 * std
+    assert (inside / 200).min() >= 0.9
+    assert (inside / 200).max() <= 0.99

@@ -1,7 +1,8 @@
 """The hinge of a body and a point: seen from body 1, a point of body 2 runs along a circle about the axis.
 
 Off the circle it is by noise alike in all directions, so that the most likely circle makes the sum of squared
-distances least, out of the plane and across it. Attitudes of body 2 are not seen: `home` is the identity.
+distances least, out of the plane and across it. Attitudes of body 2 are not seen: `home` is the identity. An offset
+between the clocks of the bodies takes the point off the circle where body 1 moves; it is one more parameter.
 """
 
 from __future__ import annotations
@@ -14,12 +15,25 @@ from numpy.typing import NDArray
 from hingepair.errors import FitError
 from hingepair.measured.findings import Finding
 from hingepair.measured.hinge import frame, sign_of, turned
-from hingepair.measured.likelihood import Loss, summed_neighbours
+from hingepair.measured.likelihood import (
+    MAX_OFFSET_STD,
+    MIN_OFFSET_SIGNAL,
+    Loss,
+    PosesAt,
+    solved,
+    summed_neighbours,
+)
+from hingepair.measured.relative_poses import RelativePoses
 from hingepair.numeric.arrays import Float64Array
 
-_TRIPLES = 300  # of samples, each of which gives a circle
+_TRIPLES, _ROUGH_TRIPLES = 300, 60  # of samples, each of which gives a circle; where clock offsets are compared
 _MAX_JUDGED = 300  # samples that tell which of these circles is best
-_MAX_STEPS = 60
+_CIRCLE_PARAMETERS = 6
+"""Those of `Circle.moved`, which come first; then the clock offset, where it is sought."""
+_THIN = 16384  # samples that the first steps are taken with
+_ALL_SAMPLES = 2**62
+_MAX_STEPS, _ROUGH_STEPS = 60, 6  # of a fit; of one that compares clock offsets
+_MAX_TURN = 0.3  # of the axis in one step [rad]; of lengths, in parts of the diameter
 _MAX_LAST_STEP = 1e-3  # in standard deviations
 _MAX_ACROSS_COMPONENT = 0.65
 """The first coordinate axis whose component of n is below this names the direction of psi = 0."""
@@ -74,62 +88,130 @@ class CircleFit(NamedTuple):
     outliers: Float64Array  # 1 where a sample is far off, else 0; (N,)
     covariance: Float64Array  # of u1, u2, n and home; (12, 12)
     findings: tuple[Finding, ...]
+    poses: RelativePoses  # at the clock offset
+    still: bool  # whether the steps came to rest
+    offset: float  # clock offset [s]
+    offset_std: float  # its standard deviation, 0 where it was not estimated [s]
+    normal: Float64Array  # matrix of the normal equations, in squares of metres; (6, 6), or (7, 7) with the offset
+
+    def shows_offset(self, noisy: RelativePoses) -> bool:
+        """Return whether the motion determines the clock offset beside the circle.
+
+        Args:
+            noisy: poses at the offset of the fit whose derivatives are as large as the noise in those.
+        """
+        k = _CIRCLE_PARAMETERS
+        across = np.linalg.lstsq(self.normal[:k, :k], self.normal[:k, k])[0]
+        shown = self.normal[k, k] - self.normal[k, :k] @ across
+        _, change = _linearised(self.circle, noisy)
+        noise = float(self.weights @ (change[:, :, k] ** 2).sum(axis=1))
+        certain = shown * MAX_OFFSET_STD**2 > self.noise**2
+        return self.still and bool(shown > MIN_OFFSET_SIGNAL * noise and certain)
 
 
-def fit_circle(p: Float64Array, given: Float64Array, loss: Loss | None, gauge: str) -> CircleFit:
-    """Return the most likely circle through places (N, 3) of weights (N,) as body 1 sees them [m].
+def fit_circle(
+    poses: RelativePoses, loss: Loss | None, gauge: str, at: PosesAt | None = None, offset: float = 0.0
+) -> CircleFit:
+    """Return the most likely circle on which body 2 runs as body 1 sees it.
+
+    Args:
+        poses: all samples, of which the places and the weights count.
+        loss: of a sample; None counts squares.
+        gauge: which point of the axis the levers name.
+        at: what gives the poses at other clock offsets, where the offset is an unknown too.
+        offset: clock offset that the steps begin with [s].
 
     Raises:
         FitError: the places show no circle: fewer than four, or on a line.
     """
-    circle = _start(p)
+    every = poses.samples if at is None else _ALL_SAMPLES
+    at = at or (lambda _, most: poses.thinned(most))
+    some = at(offset, _THIN)
+    circle = _start(some.p.T)
     variance, still = np.inf, False
-    for _ in range(_MAX_STEPS):
-        rest, change = _linearised(circle, p)
-        squares = (rest * rest).sum(axis=1)
-        if loss is None:
-            variance = float(given @ squares) / (2 * given.sum())
-            weights = given
-        else:
-            variance = float(np.median(squares)) / _MEDIAN
-            sizes = given * squares / max(variance, 1e-300)
-            weights = np.where(sizes > _GROSS_SIZE, 0.0, given * loss(sizes / _LOSS_SCALE)[0])
-        normal = np.einsum("n,nij,nik->jk", weights, change, change)
-        gradient = np.einsum("n,nij,ni->j", weights, change, rest)
-        step = -np.linalg.lstsq(normal, gradient)[0]
-        turn = max(float(np.abs(step[:2]).max()), float(np.abs(step[2:]).max()) / (2 * circle.radius))
-        circle = circle.moved(step * min(1.0, 0.3 / max(turn, 1e-300)))
-        still = bool(step @ normal @ step <= _MAX_LAST_STEP**2 * variance or turn < 1e-15)
-        if still:
-            break
+    for most in (_THIN, every) if poses.samples > _THIN else (every,):
+        some = at(offset, most)
+        for _ in range(_MAX_STEPS):
+            rest, change = _linearised(circle, some)
+            variance, weights = _weighted(rest, some.weights, loss)
+            normal = np.einsum("n,nij,nik->jk", weights, change, change)
+            gradient = np.einsum("n,nij,ni->j", weights, change, rest)
+            step = -solved(normal, gradient)
+            turn = max(float(np.abs(step[:2]).max()), float(np.abs(step[2:6]).max()) / (2 * circle.radius))
+            share = min(1.0, _MAX_TURN / max(turn, 1e-300))
+            circle = circle.moved(share * step)
+            if some.rates is not None:
+                offset += share * float(step[_CIRCLE_PARAMETERS])
+                some = at(offset, most)
+            still = bool(step @ normal @ step <= _MAX_LAST_STEP**2 * variance or turn < 1e-15)
+            if still:
+                break
     n = sign_of(circle.n) * circle.n
     circle = Circle(n, circle.centre, circle.radius - variance / (2 * circle.radius))  # noise makes circles too large
-    rest, change = _linearised(circle, p)
+    rest, change = _linearised(circle, some)
+    _, weights = _weighted(rest, some.weights, loss)
     squares = (rest * rest).sum(axis=1)
     outliers = squares > _OUTLIER_SIZE * max(float(np.median(squares)) / _MEDIAN, 1e-300)
-    outliers &= np.sqrt(squares) > 1e-12 * np.abs(p).max()
+    outliers &= np.sqrt(squares) > 1e-12 * np.abs(some.p).max()
     normal = np.einsum("n,nij,nik->jk", weights, change, change)
     scores = np.einsum("n,nij,ni->jn", weights, change, rest)
     together, _ = summed_neighbours(scores)
     sums = np.add.reduceat(scores, np.arange(0, scores.shape[1], together), axis=1)
-    inverse = np.linalg.pinv(normal)
-    free = 2 * p.shape[0] / max(2 * p.shape[0] - 6, 1)
-    own = free * inverse @ (sums @ sums.T) @ inverse
+    inverse = solved(normal, np.eye(normal.shape[0]))
+    free = 2 * some.samples / max(2 * some.samples - normal.shape[0], 1)
+    own = free * inverse @ (sums @ sums.T) @ inverse.T
     columns = [
         (_results(circle.moved(x), gauge) - _results(circle.moved(-x), gauge)) / (2 * _DIFFERENCE)
-        for x in _DIFFERENCE * np.eye(6)
+        for x in _DIFFERENCE * np.eye(_CIRCLE_PARAMETERS)
     ]
     derivatives = np.stack(columns, axis=-1)
-    covariance = derivatives @ own @ derivatives.T
-    noise = float(np.sqrt(variance * free))
+    covariance = derivatives @ own[:_CIRCLE_PARAMETERS, :_CIRCLE_PARAMETERS] @ derivatives.T
     neighbours = (rest[1:] * rest[:-1]).sum(axis=0) / np.maximum((rest * rest).sum(axis=0), 1e-300)
     findings = _findings(circle, rest, neighbours, weights, outliers, covariance, still, gauge)
-    good = p[(weights > 0) & ~outliers]
+    good = some.p.T[(weights > 0) & ~outliers]
     widths = np.linalg.svd(good - good.mean(axis=0), compute_uv=False) / np.sqrt(good.shape[0])
     if widths[1] < _MIN_CURVE * widths[2] and neighbours.max() <= _MAX_CORRELATION:
         text = f"The path of the point is straight within its noise, {widths[2]:.2g} m: let the point turn further."
         findings = [Finding(text, False)]
-    return CircleFit(circle, noise, rest, weights, outliers.astype(np.float64), covariance, tuple(findings))
+    return CircleFit(
+        circle=circle,
+        noise=float(np.sqrt(variance * free)),
+        residuals=rest,
+        weights=weights,
+        outliers=outliers.astype(np.float64),
+        covariance=covariance,
+        findings=tuple(findings),
+        poses=some,
+        still=still,
+        offset=offset,
+        offset_std=0.0 if some.rates is None else float(np.sqrt(own[-1, -1])),
+        normal=normal,
+    )
+
+
+def circle_misfit(poses: RelativePoses) -> float:
+    """Return how badly a circle fits places: minus the logarithm of the likelihood of a sample, by medians."""
+    circle = _start(poses.p.T, _ROUGH_TRIPLES)
+    for _ in range(_ROUGH_STEPS):
+        rest, change = _linearised(circle, poses._replace(rates=None))
+        size = np.sqrt(np.median((rest * rest).sum(axis=1))) + 1e-300
+        weights = 1 / (1 + (rest * rest).sum(axis=1) / (_LOSS_SCALE * size * size))
+        normal = np.einsum("n,nij,nik->jk", weights, change, change)
+        step = -solved(normal, np.einsum("n,nij,ni->j", weights, change, rest))
+        turn = max(float(np.abs(step[:2]).max()), float(np.abs(step[2:]).max()) / (2 * circle.radius))
+        circle = circle.moved(step * min(1.0, _MAX_TURN / max(turn, 1e-300)))
+    rest, _ = _linearised(circle, poses)
+    return float(np.log(np.median((rest * rest).sum(axis=1)) + 1e-30 * poses.size**2))
+
+
+def _weighted(rest: Float64Array, given: Float64Array, loss: Loss | None) -> tuple[float, Float64Array]:
+    """Return the variance of a coordinate [m^2] and the weights of samples that leave `rest` (N, 2); (N,)."""
+    squares = (rest * rest).sum(axis=1)
+    if loss is None:
+        return float(given @ squares) / (2 * float(given.sum())), given
+    variance = float(np.median(squares)) / _MEDIAN
+    sizes = given * squares / max(variance, 1e-300)
+    return variance, np.where(sizes > _GROSS_SIZE, 0.0, given * loss(sizes / _LOSS_SCALE)[0])
 
 
 def _results(circle: Circle, gauge: str) -> Float64Array:
@@ -137,24 +219,32 @@ def _results(circle: Circle, gauge: str) -> Float64Array:
     return np.concatenate((*circle.levers(gauge), circle.n, np.zeros(3)))
 
 
-def _linearised(circle: Circle, p: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return distances out of the plane and across the circle (N, 2), and their derivatives (N, 2, 6)."""
-    x, y, z = ((p - circle.centre) @ frame(circle.n)).T
+def _linearised(circle: Circle, poses: RelativePoses) -> tuple[Float64Array, Float64Array]:
+    """Return distances out of the plane and across the circle (N, 2), and their derivatives (N, 2, 6).
+
+    With rates the derivatives by the clock offset come last; (N, 2, 7).
+    """
+    axes = frame(circle.n)
+    x, y, z = ((poses.p.T - circle.centre) @ axes).T
     size = np.maximum(np.hypot(x, y), 1e-300)
-    change = np.zeros((x.size, 2, 6))
+    change = np.zeros((x.size, 2, _CIRCLE_PARAMETERS + (poses.rates is not None)))
     # n turns towards x: n' = n + s x, so that z grows by s x and x falls by s z
     change[:, 0, 0], change[:, 0, 1], change[:, 0, 4] = x, y, -1.0
     change[:, 1, 0], change[:, 1, 1] = -z * x / size, -z * y / size
     change[:, 1, 2], change[:, 1, 3], change[:, 1, 5] = -x / size, -y / size, -1.0
+    if poses.rates is not None:
+        along_x, along_y, along_z = axes.T @ poses.rates[9:]
+        change[:, 0, _CIRCLE_PARAMETERS] = along_z
+        change[:, 1, _CIRCLE_PARAMETERS] = (x * along_x + y * along_y) / size
     return np.stack((z, size - circle.radius), axis=-1), change
 
 
-def _start(p: Float64Array) -> Circle:
-    """Return the circle through three samples that most samples agree with."""
+def _start(p: Float64Array, triples: int = _TRIPLES) -> Circle:
+    """Return the circle through three samples that most samples agree with, of so many triples."""
     if p.shape[0] < 4:
         raise FitError("body2", "at least four samples of a point", f"{p.shape[0]}")
     rng = np.random.default_rng(0)
-    a, b, c = p[rng.integers(p.shape[0], size=(3, _TRIPLES))]
+    a, b, c = p[rng.integers(p.shape[0], size=(3, triples))]
     ab, ac = b - a, c - a
     normal = np.cross(ab, ac)
     area = np.linalg.norm(normal, axis=1)

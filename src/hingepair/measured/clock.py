@@ -8,11 +8,13 @@ derivative has no part of that sample's noise, so that the estimate is not biase
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.measured.hinge import Hinge
-from hingepair.measured.likelihood import Loss, PosesAt, seen_from
+from hingepair.measured.likelihood import Loss, seen_from
 from hingepair.measured.relative_poses import RelativePoses, closed_form, relative_poses
 from hingepair.measured.samples import Samples
 from hingepair.measured.smooth import smoothed_arrays
@@ -132,16 +134,18 @@ class ClockedPoses:
         scales = [rate / change for rate, change in ((v, a), (omega, alpha)) if rate > 0 and change > 0]
         return min(scales, default=1.0)
 
-    def likeliest(self, start: Hinge | None) -> float:
+    def likeliest(self, misfit: Callable[[RelativePoses], float]) -> float:
         """Return the offset to start from [s]: the best of a scan, or that near 0 unless a far one is clearly better.
 
-        A hinge `start` is judged by medians; without one each offset gets its own hinge in closed form.
+        Args:
+            misfit: minus the logarithm of the likelihood of a sample of the poses at an offset.
         """
         length = float(self._t[-1] - self._t[0])
         span = min(max(_MAX_SCANNED_OFFSET, 10 * self._step), _MAX_SCANNED_SHARE * length)
         count = int(np.clip(np.ceil(span / max(_SCAN_STEP * self.time_scale, self._step / 2)), 2, _MAX_TRIALS))
         offsets = np.linspace(-span, span, 2 * count + 1)
-        costs = np.array([_misfit(self.at, offset, start) for offset in offsets])
+        trials = [self.at(offset, _SCANNED_SAMPLES) for offset in offsets]
+        costs = np.array([np.inf if poses.samples < FEWEST else misfit(poses) for poses in trials])
         place = count
         while True:
             near = [k for k in (place - 1, place, place + 1) if 0 <= k < costs.size]
@@ -153,11 +157,11 @@ class ClockedPoses:
         return float(offsets[far if costs[far] < costs[place] - _MIN_GAIN else place])
 
 
-def _misfit(at: PosesAt, offset: float, start: Hinge | None) -> float:
-    """Return how badly a hinge fits at an offset: minus the logarithm of the likelihood of a sample."""
-    poses = at(offset, _SCANNED_SAMPLES)
-    if poses.samples < FEWEST:
-        return np.inf
+def hinge_misfit(poses: RelativePoses, start: Hinge | None) -> float:
+    """Return how badly a hinge fits poses: minus the logarithm of the likelihood of a sample.
+
+    A hinge `start` is judged by medians; without one the poses get their own hinge in closed form.
+    """
     hinge = closed_form(poses) if start is None else start
     seen = [seen for _, seen in seen_from(poses, hinge)]
     tilt, gap = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -10,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, MissingDependencyError
-from hingepair.measured.circle import fit_circle
-from hingepair.measured.clock import ClockedPoses
+from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
+from hingepair.measured.clock import ClockedPoses, hinge_misfit
 from hingepair.measured.findings import Poses, causes, check_turning, findings, outlying
 from hingepair.measured.hinge import GAUGES, derivatives, home_of, offset
 from hingepair.measured.likelihood import (
@@ -32,6 +33,7 @@ from hingepair.measured.likelihood import (
 )
 from hingepair.measured.relative_poses import RelativePoses, closed_form, closed_form_of_most
 from hingepair.measured.samples import Samples, checked_samples
+from hingepair.measured.spline import FEWEST
 from hingepair.numeric.arrays import Float64Array, check_choice, read_only
 from hingepair.numeric.suspicions import distance_suspicions, instant_suspicions
 from hingepair.numeric.tables import Sheet, Shown, cell, unit_of
@@ -265,7 +267,7 @@ def fit(
         body2: R and S of body 2 at the same instants; or R alone, of a point whose attitude is not measured. The
             circle about the axis on which a point runs tells the hinge, with the identity for home; psi = 0 is where
             the point lies, from the axis, in the direction of the first axis of body 1 (x, y or z) whose component of
-            n is below 0.65. A clock offset is not estimated then.
+            n is below 0.65.
         loss: "linear", or one that makes outliers count little: "soft_l1", "huber", "cauchy", "arctan", as SciPy's
             `least_squares` defines them, of each sample as a whole. Then the start is that which most samples agree
             with, and what is thirty standard deviations off counts nothing. "cauchy" and "arctan" mind outliers
@@ -332,9 +334,7 @@ def fit(
         texts += causes(Poses(*(array[used] for array in (samples.R1, samples.S1, samples.R2, samples.S2))))
     if not ok and penalty is None and 'loss="cauchy"' not in " ".join(texts):
         texts.append('Where some samples may be outliers, loss="cauchy" tells.')
-    if not used.all():
-        ends = "" if clock is None else ", or have no sample of body 2 at the same time"
-        texts.append(f"{int((~used).sum())} of {used.size} samples are missing or have no weight{ends}.")
+    texts += _missing(used, clock)
     if poses.samples < _FEW_SAMPLES:
         texts.append(f"Of {poses.samples} samples, the standard deviations are no more than a hint.")
     if samples.t is not None:
@@ -380,29 +380,28 @@ def _fit_of_point(
     for name, value in (("encoder", samples.encoder), ("noise1", samples.told)):
         if value is not None:
             raise ArgumentError(name, "none beside a body 2 without attitudes", "values")
-    used, moved = samples.known1 & samples.known2, body2
-    if clock_offset and samples.t is not None and ClockedPoses.possible(samples.t, samples.known2):
-        clock = ClockedPoses(samples, LOSSES[loss])
-        poses, used = clock.at(clock_offset), np.zeros_like(used)
-        used[clock.rows(clock_offset)] = True
-        moved = BodyMotion(R=clock.body2(clock_offset).R)
-    else:
-        poses = samples.poses(used)
-    fitted = fit_circle(poses.p.T, poses.weights, LOSSES[loss], gauge)
+    fitted, clock = _circle_of_point(samples, LOSSES[loss], gauge, clock_offset)
+    poses, used, moved = fitted.poses, samples.known1 & samples.known2, body2
+    if clock is not None:
+        used = np.zeros_like(used)
+        used[clock.rows(fitted.offset)] = True
+        moved = BodyMotion(R=clock.body2(fitted.offset).R)
     u1, u2 = fitted.circle.levers(gauge)
     deviations = np.sqrt(np.diagonal(fitted.covariance)).reshape(4, 3)
     std: dict[str, Any] = {
         name: read_only(value) for name, value in zip(("u1", "u2", "n", "home"), deviations, strict=True)
     }
     if samples.t is not None:
-        std["clock_offset"] = np.float64(np.inf if clock_offset is None else 0.0)
+        unknown = clock is None and clock_offset is None
+        std["clock_offset"] = np.float64(np.inf if unknown else fitted.offset_std)
     good = (fitted.outliers == 0) & (fitted.weights >= _MIN_GOOD_WEIGHT * poses.weights)
     psi = _unwrapped(fitted.circle.angles(poses.p.T), good)
     counted = psi[good] if good.any() else psi
     gaps = np.linalg.norm(fitted.residuals, axis=1)
     texts = [finding.text for finding in fitted.findings]
-    if not used.all():
-        texts.append(f"{int((~used).sum())} of {used.size} samples are missing or have no weight.")
+    if clock is not None and abs(fitted.offset) > _MIN_CERTAIN_OFFSET * fitted.offset_std > 0:
+        texts += clock.offset_suspicions(fitted.offset)
+    texts += _missing(used, clock)
     if samples.t is not None:
         texts += instant_suspicions("t", samples.t)
     texts += distance_suspicions("R2 - R1", np.linalg.norm(poses.p, axis=0))
@@ -416,7 +415,7 @@ def _fit_of_point(
         rms_angle=np.nan,
         noise_position=fitted.noise,
         noise_angle=np.nan,
-        clock_offset=None if samples.t is None else clock_offset or 0.0,
+        clock_offset=None if samples.t is None else fitted.offset,
         encoder=None,
         ok=all(finding.harmless for finding in fitted.findings),
         findings=tuple(texts),
@@ -430,6 +429,40 @@ def _fit_of_point(
         body2=moved,
         _body1=body1,
     )
+
+
+def _circle_of_point(
+    samples: Samples, loss: Loss | None, gauge: str, clock_offset: float | None
+) -> tuple[CircleFit, ClockedPoses | None]:
+    """Return the most likely circle, and the poses by clock offset where that is not 0 or not known to be."""
+    clock = None
+    if samples.t is not None and clock_offset != 0 and ClockedPoses.possible(samples.t, samples.known2):
+        clock = ClockedPoses(samples, loss)
+    if clock is not None and clock_offset is not None:
+        there = _overlapping(clock, clock_offset)
+        return fit_circle(there, loss, gauge)._replace(offset=clock_offset), clock
+    poses = samples.poses(samples.known1 & samples.known2)
+    if clock is not None and poses.samples >= FEWEST:
+        fitted = fit_circle(poses, loss, gauge, clock.at, clock.likeliest(circle_misfit))
+        if fitted.shows_offset(clock.noise_at(fitted.offset)):
+            return fitted, clock
+    return fit_circle(poses, loss, gauge), None
+
+
+def _overlapping(clock: ClockedPoses, clock_offset: float) -> RelativePoses:
+    """Return the poses at a known clock offset, or refuse one at which hardly any samples are left."""
+    there = clock.at(clock_offset)._replace(rates=None)
+    if there.samples < 2:
+        raise ArgumentError("clock_offset", "a time by which both recordings still overlap [s]", clock_offset)
+    return there
+
+
+def _missing(used: NDArray[np.bool_], clock: ClockedPoses | None) -> list[str]:
+    """Return a sentence on the samples that were not used."""
+    if used.all():
+        return []
+    ends = "" if clock is None else ", or have no sample of body 2 at the same time"
+    return [f"{int((~used).sum())} of {used.size} samples are missing or have no weight{ends}."]
 
 
 def _estimate(
@@ -459,13 +492,11 @@ def _most_likely(
     if samples.t is not None and clock_offset != 0 and ClockedPoses.possible(samples.t, samples.known2):
         clock = ClockedPoses(samples, loss)
     if clock is not None and clock_offset is not None:
-        there = clock.at(clock_offset)._replace(rates=None)
-        if there.samples < 2:
-            raise ArgumentError("clock_offset", "a time by which both recordings still overlap [s]", clock_offset)
+        there = _overlapping(clock, clock_offset)
         estimate = most_likely(there, start or closed_form(there.thinned(_MAX_STARTED)), loss)
         return estimate._replace(offset=clock_offset), clock
     if clock is not None:
-        near = clock.likeliest(start)
+        near = clock.likeliest(functools.partial(hinge_misfit, start=start))
         first = start or closed_form(clock.at(near, _MAX_STARTED))
         estimate = most_likely(poses, first, loss, clock.at, near)
         real, noisy = (at(estimate.offset, _MAX_STARTED) for at in (clock.at, clock.noise_at))

@@ -48,8 +48,8 @@ _ROUNDING_STEP = 2.0**-50  # a step, of turns or in parts of the bodies' largest
 _BIAS_SAMPLES, _MIN_BIAS = 300, 0.1  # samples that the bias is taken at; standard deviations from which it counts
 _MAX_FRAMED = 100  # samples that tell how the axes of `frame` turned
 _MAX_ENCODER_OUTLIER = 5.0  # of the median distance from the encoder's line, of samples that tell its zero
-_MIN_OFFSET_SIGNAL = 10.0  # of what noise adds to the normal matrix, from which the clock offset is shown
-_MAX_OFFSET_STD = 0.1  # [s]: an offset that is known less well is not shown
+MIN_OFFSET_SIGNAL = 10.0  # of what noise adds to the normal matrix, from which the clock offset is shown
+MAX_OFFSET_STD = 0.1  # [s]: an offset that is known less well is not shown
 _MIN_AXES_COSINE = -0.999999  # cosine of axes below which they point against each other
 _U = 2.0**-53
 _LOSS_SCALE = 11.07
@@ -228,7 +228,7 @@ def most_likely(
         some = at(offset, most)
         for _ in range(_MAX_STEPS):
             normal, gradient = _normal_equations(some, hinge, noise, loss, line)
-            step = -_solved(normal, gradient)
+            step = -solved(normal, gradient)
             delay = float(step[PARAMETERS]) if some.rates is not None else 0.0
             turn = max(float(np.abs(step[:4]).max()), _OFFSET_RATE * abs(delay))
             if turn > _MAX_TURN:
@@ -330,10 +330,10 @@ def shows_offset(poses: RelativePoses, noisy: RelativePoses, estimate: Estimate,
     ]
     k = PARAMETERS
     others = np.delete(np.arange(normals[0].shape[0]), k)
-    across = _solved(normals[0][np.ix_(others, others)], normals[0][others, k])
+    across = solved(normals[0][np.ix_(others, others)], normals[0][others, k])
     shown = normals[0][k, k] - normals[0][k, others] @ across
     share = poses.weights.sum() / max(poses.samples, 1)
-    return bool(shown > _MIN_OFFSET_SIGNAL * normals[1][k, k] and shown * share * _MAX_OFFSET_STD**2 > 1)
+    return bool(shown > MIN_OFFSET_SIGNAL * normals[1][k, k] and shown * share * MAX_OFFSET_STD**2 > 1)
 
 
 def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
@@ -364,7 +364,7 @@ def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
         np.ascontiguousarray(rows.T), np.ascontiguousarray(places.T), np.ones(places.shape[0]), poses.size
     )
     normal, gradient = _normal_equations(around, hinge, noise, None)
-    return hinge.moved(_solved(normal / len(exact), gradient / 2)).balanced()
+    return hinge.moved(solved(normal / len(exact), gradient / 2)).balanced()
 
 
 def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, line: Line | None = None) -> Judged:
@@ -412,7 +412,7 @@ def judged(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, 
     share = whole.shape[1] / count
     # a sample tells less of itself than of others, by its part of the parameters
     free = 5 * whole.shape[1] / max(5 * whole.shape[1] - slope.shape[0], 1)
-    inverse = _solved(slope, np.eye(slope.shape[0]))
+    inverse = solved(slope, np.eye(slope.shape[0]))
     covariance = share * free * inverse @ (added @ added.T) @ inverse.T
     return Judged(tilt, gap, psi, sizes, weights, alike, covariance, unresolved_lag, turn)
 
@@ -592,7 +592,7 @@ def variance_components(
     return Noise(*found.tolist()), covariance
 
 
-def _solved(matrix: Float64Array, right: Float64Array) -> Float64Array:
+def solved(matrix: Float64Array, right: Float64Array) -> Float64Array:
     """Return matrix^-1 right; directions that the matrix does not determine come out as 0."""
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
     found = np.linalg.lstsq(matrix * scale * scale[:, None], (right.T * scale).T, rcond=1e-13)[0]
