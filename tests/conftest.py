@@ -93,10 +93,10 @@ def each_backend(request, monkeypatch):
 
     In the fast loop that is NumPy, but for engine/test_compiled.py: each kernel takes a tenth of a second.
     """
-    choose = hingepair.pair.hinge_pair.choose
+    execution_of = hingepair.pair.hinge_pair.execution_of
 
     def forced(backend, workers):
-        return choose(request.param if backend == "auto" else backend, workers)
+        return execution_of(request.param if backend == "auto" else backend, workers)
 
-    monkeypatch.setattr(hingepair.pair.hinge_pair, "choose", forced)
+    monkeypatch.setattr(hingepair.pair.hinge_pair, "execution_of", forced)
     return request.param
