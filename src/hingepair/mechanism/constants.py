@@ -27,6 +27,8 @@ _ROUND_OFF: Final = 64 * 2.0**-53
 """Of the inertia of all matter beyond a joint: what is left below it of a pivot is rounding."""
 _PRODUCT_ROUND_OFF: Final = 16 * 2.0**-53
 """Of the largest entry: what is left of the roundings of axes that lie obliquely, and of products with them."""
+_PLACE_NUMBERS: Final = 12  # of a joint, before its masses: S and u
+_ROTOR_NUMBERS: Final = 4  # behind them: armature, multiplier, offset and smallest
 _PERMUTED: Final = {  # columns of the body's axes: x, y and z of the program's axes
     (1.0, 0.0, 0.0): ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
     (0.0, 1.0, 0.0): ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
@@ -64,8 +66,8 @@ class Constants:
 
 def constants_of(tree: Tree, free: bool) -> Constants:
     """Return the constants of a robot, whose base has mass where it is free."""
-    axes = [np.eye(3), *(_axes(joint.n) for joint in tree.joints)]
-    matter = _regrouped(tree, axes, free)
+    axes = _axes_of_bodies(tree)
+    matter = _regrouped(tree, axes, _matter_of_bodies(tree, axes, free))
     oblique = [bool((np.count_nonzero(own, axis=0) > 1).any()) for own in axes]
     smallest = _smallest_pivots(tree, axes)
     numbers = _rounded(matter[0])
@@ -94,6 +96,40 @@ def constants_of(tree: Tree, free: bool) -> Constants:
         by_column[column] += own * ratio * ratio
     names = tuple(joint.name for joint in tree.coordinates)
     return Constants(form, names, parameters, kept, read_only(by_column), tuple(map(read_only, axes)))
+
+
+def all_numbers(constants: Constants) -> list[float]:
+    """Return the numbers of a robot's programs, those that are folded and those that are parameters, in order."""
+    numbers = iter(constants.numbers)
+    return [next(numbers) if known is None else known for known in constants.form.known]
+
+
+def exact_masses(tree: Tree, free: bool) -> list[Fraction]:
+    """Return the exact masses and moments among a robot's numbers; 0 in place of all other numbers."""
+    axes = _axes_of_bodies(tree)
+    return _among_numbers(_regrouped(tree, axes, _matter_of_bodies(tree, axes, free)))
+
+
+def payload_slopes(tree: Tree, free: bool, frame: Frame) -> list[list[Fraction]]:
+    """Return the derivatives of a robot's numbers by the mass properties of a payload in a frame; exact (T9).
+
+    The ten properties are the mass, the first moment m c (x, y, z) and the second moment (xx, xy, xz, yy, yz, zz)
+    about the frame's origin, in the frame's axes. The numbers are linear in them.
+
+    Returns:
+        Ten rows, each as long as `all_numbers`. They are 0 for a payload of a fixed base, which moves nothing.
+    """
+    axes = _axes_of_bodies(tree)
+    nothing = [Fraction(0)] * 10
+    zero = Fraction(0)
+    rows = []
+    for k in range(10):
+        matter = [_Matter(zero, [zero] * 3, [zero] * 9) for _ in axes]
+        if frame.body or free:
+            unit = [*nothing[:k], Fraction(1), *nothing[k + 1 :]]
+            matter[frame.body] = _placed(_exact(frame.R), _exact(frame.S), _exact(axes[frame.body]), unit)
+        rows.append(_among_numbers(_regrouped(tree, axes, matter)))
+    return rows
 
 
 def frame_numbers(constants: Constants, frame: Frame) -> list[float]:
@@ -130,6 +166,11 @@ def _cleaned(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:
+    """Return the rotation from the program's axes to its own of every body, the base first."""
+    return [np.eye(3), *(_axes(joint.n) for joint in tree.joints)]
+
+
 def _axes(n: NDArray[np.float64]) -> NDArray[np.float64]:
     """A rotation whose third column is a unit axis."""
     size = tuple(np.abs(n).tolist())
@@ -158,19 +199,8 @@ def _product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[np.float
 class _Matter:
     """Mass, first and second moment of a body about its reference point, program's axes, exact."""
 
-    def __init__(self, body: MassProperties, axes: NDArray[np.float64]) -> None:
-        c, inertia, P = (_exact(array) for array in (body.center_of_mass, body.inertia, axes))
-        self.m = Fraction(body.mass)
-        half = (inertia[0] + inertia[4] + inertia[8]) / 2
-        N = [
-            (half if i == j else 0) - (inertia[3 * i + j] + inertia[3 * j + i]) / 2
-            for i in range(3)
-            for j in range(3)
-        ]
-        N = [N[3 * i + j] + self.m * c[i] * c[j] for i in range(3) for j in range(3)]
-        back = [P[3 * j + i] for i in range(3) for j in range(3)]
-        self.h = _times(back, [self.m * x for x in c])
-        self.N = _conjugated(back, N)
+    def __init__(self, m: Fraction, h: Exact, N: Exact) -> None:
+        self.m, self.h, self.N = m, h, N
 
     def add(self, m: Fraction, h: Exact, N: Exact) -> None:
         """Add matter."""
@@ -179,11 +209,36 @@ class _Matter:
         self.N = [x + y for x, y in zip(self.N, N, strict=True)]
 
 
-def _regrouped(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bool) -> list[_Matter]:
-    """The matter of every body, the base first, what moves with both bodies of a joint with the parent (T9)."""
+def _matter_of(body: MassProperties, axes: NDArray[np.float64]) -> _Matter:
+    """Return the matter of a body, whose properties are in its own axes."""
+    c, inertia, P = (_exact(array) for array in (body.center_of_mass, body.inertia, axes))
+    m = Fraction(body.mass)
+    half = (inertia[0] + inertia[4] + inertia[8]) / 2
+    N = [(half if i == j else 0) - (inertia[3 * i + j] + inertia[3 * j + i]) / 2 for i in range(3) for j in range(3)]
+    N = [N[3 * i + j] + m * c[i] * c[j] for i in range(3) for j in range(3)]
+    back = _transposed(P)
+    return _Matter(m, _times(back, [m * x for x in c]), _conjugated(back, N))
+
+
+def _matter_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bool) -> list[_Matter]:
+    """Return the matter of every body, the base first, as the robot has it."""
     zero = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
     bodies = [tree.base if free else zero, *(joint.body for joint in tree.joints)]
-    matter = [_Matter(body, own) for body, own in zip(bodies, axes, strict=True)]
+    return [_matter_of(body, own) for body, own in zip(bodies, axes, strict=True)]
+
+
+def _placed(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _Matter:
+    """Return the matter of a payload from its ten mass properties in a frame, which is at R, S in the body's axes."""
+    m, h = properties[0], _times(S, properties[1:4])
+    xx, xy, xz, yy, yz, zz = properties[4:]
+    N = _conjugated(S, [xx, xy, xz, xy, yy, yz, xz, yz, zz])
+    N = [N[3 * i + j] + h[i] * R[j] + R[i] * h[j] + m * R[i] * R[j] for i in range(3) for j in range(3)]
+    back = _transposed(axes)
+    return _Matter(m, _times(back, [x + m * y for x, y in zip(h, R, strict=True)]), _conjugated(back, N))
+
+
+def _regrouped(tree: Tree, axes: Sequence[NDArray[np.float64]], matter: list[_Matter]) -> list[_Matter]:
+    """Return the matter of every body, the base first; what moves with two bodies is the parent's (T9)."""
     for k in range(len(tree.joints), 0, -1):
         joint, own = tree.joints[k - 1], matter[k]
         S = _exact(_product(axes[joint.parent].T, _product(joint.S, axes[k])))
@@ -207,10 +262,21 @@ def _regrouped(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bool) -> l
     return matter
 
 
-def _rounded(own: _Matter) -> list[float]:
-    """Mass, first moment, second moment: ten numbers."""
+def _ten(own: _Matter) -> Exact:
+    """Return mass, first moment, second moment: ten numbers."""
     N = own.N
-    return [float(x) for x in (own.m, *own.h, N[0], N[1], N[2], N[4], N[5], N[8])]
+    return [own.m, *own.h, N[0], N[1], N[2], N[4], N[5], N[8]]
+
+
+def _rounded(own: _Matter) -> list[float]:
+    return [float(x) for x in _ten(own)]
+
+
+def _among_numbers(matter: Sequence[_Matter]) -> Exact:
+    """Return the masses of all bodies, the base first, in their places among a robot's numbers; 0 in all others."""
+    before, behind = [Fraction(0)] * _PLACE_NUMBERS, [Fraction(0)] * _ROTOR_NUMBERS
+    joints = (part for own in matter[1:] for part in (*before, *_ten(own), *behind))
+    return [*_ten(matter[0]), *joints]
 
 
 def _exact(array: NDArray[np.float64]) -> Exact:
@@ -219,6 +285,10 @@ def _exact(array: NDArray[np.float64]) -> Exact:
 
 def _times(A: Exact, v: Exact) -> Exact:
     return [_inner((A[3 * i + k], v[k]) for k in range(3)) for i in range(3)]
+
+
+def _transposed(A: Exact) -> Exact:
+    return [A[3 * j + i] for i in range(3) for j in range(3)]
 
 
 def _conjugated(A: Exact, N: Exact) -> Exact:

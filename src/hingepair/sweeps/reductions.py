@@ -12,18 +12,19 @@ from numpy.typing import NDArray
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.results import column_names
 
+# By name, from values (variants, samples, components) and instants (samples,) to (variants, components).
 _REDUCTIONS: Final[Mapping[str, Callable[[Float64Array, Float64Array], Any]]] = {
-    "min": lambda x, _: x.min(axis=0),
-    "max": lambda x, _: x.max(axis=0),
-    "absmax": lambda x, _: np.abs(x).max(axis=0),
-    "mean": lambda x, _: x.mean(axis=0),
-    "rms": lambda x, _: np.sqrt(np.square(x).mean(axis=0)),
-    "std": lambda x, _: x.std(axis=0),
-    "first": lambda x, _: x[0],
-    "last": lambda x, _: x[-1],
-    "t_min": lambda x, t: t[x.argmin(axis=0)],
-    "t_max": lambda x, t: t[x.argmax(axis=0)],
-    "t_absmax": lambda x, t: t[np.abs(x).argmax(axis=0)],
+    "min": lambda x, _: x.min(axis=1),
+    "max": lambda x, _: x.max(axis=1),
+    "absmax": lambda x, _: np.abs(x).max(axis=1),
+    "mean": lambda x, _: x.mean(axis=1),
+    "rms": lambda x, _: np.sqrt(np.square(x).mean(axis=1)),
+    "std": lambda x, _: x.std(axis=1),
+    "first": lambda x, _: x[:, 0],
+    "last": lambda x, _: x[:, -1],
+    "t_min": lambda x, t: t[x.argmin(axis=1)],
+    "t_max": lambda x, t: t[x.argmax(axis=1)],
+    "t_absmax": lambda x, t: t[np.abs(x).argmax(axis=1)],
 }
 NAMES: Final = (*_REDUCTIONS, "q5", "q50", "q95")
 """Names of reductions; of quantiles, examples. NaN at an instant makes them NaN, or the first such instant."""
@@ -38,13 +39,19 @@ def is_reduction(name: object) -> bool:
 
 def reduce_arrays(
     t: Float64Array, arrays: Mapping[str, NDArray[Any]], reductions: Sequence[str]
-) -> dict[str, np.float64]:
-    """Return the reductions of every component, by column name such as R2_x_max; one number each."""
-    names = column_names(arrays)
-    flat = np.concatenate([np.asarray(a, np.float64).reshape(len(t), -1) for a in arrays.values()], axis=1)
-    found: dict[str, Any] = {}
+) -> dict[str, Float64Array]:
+    """Return the reductions of every component, by column name such as R2_x_max; shape (variants,) each.
+
+    Args:
+        t: the instants; shape (samples,).
+        arrays: by output name; shape (variants, samples, ...).
+        reductions: their names.
+    """
+    names = column_names({name: array[0] for name, array in arrays.items()})
+    flat = np.concatenate([np.asarray(a, np.float64).reshape(*a.shape[:2], -1) for a in arrays.values()], axis=2)
+    reduced: dict[str, Any] = {}
     for reduction in reductions:
         quantile = _QUANTILE.fullmatch(reduction)
         part = float(quantile[1]) / 100 if quantile else None
-        found[reduction] = _REDUCTIONS[reduction](flat, t) if part is None else np.quantile(flat, part, axis=0)
-    return {f"{name}_{r}": found[r][k] for k, name in enumerate(names) for r in reductions}
+        reduced[reduction] = _REDUCTIONS[reduction](flat, t) if part is None else np.quantile(flat, part, axis=1)
+    return {f"{name}_{r}": reduced[r][:, k] for k, name in enumerate(names) for r in reductions}

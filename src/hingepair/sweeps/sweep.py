@@ -7,7 +7,7 @@ import hashlib
 import itertools
 import json
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -128,7 +128,10 @@ def load_sweep(path: str | Path) -> Sweep:
     job = Job(str(scene_path), contents, tuple(own.key for own in varied), _names(table, "outputs"), reductions)
     first = _variants(job)
     with table.naming("outputs"), compile_at_first_call():
-        first.compute(numbers[0])  # says at once what cannot be computed
+        try:
+            first.compute(numbers[0])  # says at once what cannot be computed
+        except SceneError as error:
+            raise SceneError(f"{_described(job, 0, numbers[0])}: {error.name}", error.expected, error.got) from None
     size = chunk or max(
         1, min(-(-len(numbers) // 4), max(len(numbers) // _MAX_CHUNKS, _CHUNK_STATES // first.samples))
     )
@@ -318,23 +321,51 @@ def compute_chunk(job: Job, chunk: int, first: int, numbers: Float64Array) -> di
     Raises:
         ArgumentError: a variant cannot be computed: names it.
     """
-    variants, rows = _variants(job), []
+    variants = _variants(job)
+    step = max(1, _CHUNK_STATES // variants.samples)
+    parts: list[dict[str, NDArray[Any]]] = []
     with compile_at_first_call():
-        for i, own in enumerate(numbers):
-            try:
-                t, arrays = variants.compute(own)
-                rows.append(reduce_arrays(t, arrays, job.reductions) if job.reductions else {"t": t, **arrays})
-            except ArgumentError as error:
-                values = ", ".join(f"{key} = {value:.6g}" for key, value in zip(job.keys, own.tolist(), strict=True))
-                where = f"chunk {chunk}, variant {first + i} ({values}): {error.name}"
-                raise ArgumentError(where, error.expected, error.got) from None
-    found = {"variant": np.arange(first, first + len(numbers))}
-    found |= {key: np.ascontiguousarray(numbers[:, k]) for k, key in enumerate(job.keys)}
+        for start in range(0, len(numbers), step):
+            rows = numbers[start : start + step]
+            together = variants.compute_together(rows)
+            if together is None:
+                parts += _one_by_one(variants, job, chunk, first + start, rows)
+            else:
+                parts.append(_kept(*together, job))
+    columns = {"variant": np.arange(first, first + len(numbers))}
+    columns |= {key: np.ascontiguousarray(numbers[:, k]) for k, key in enumerate(job.keys)}
     try:
-        return found | {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+        return columns | {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     except (ValueError, KeyError):
         expected = "variants with as many instants and the same outputs each, to be kept whole (or reduce = [...])"
         raise ArgumentError(f"chunk {chunk}", expected, "variants that differ") from None
+
+
+def _one_by_one(
+    variants: Variants, job: Job, chunk: int, first: int, numbers: Float64Array
+) -> Iterator[dict[str, NDArray[Any]]]:
+    """Yield what is kept of each variant; arguments and errors are those of `compute_chunk`."""
+    for i, row in enumerate(numbers):
+        try:
+            t, arrays = variants.compute(row)
+            yield _kept(t, {name: array[None] for name, array in arrays.items()}, job)
+        except ArgumentError as error:
+            where = f"chunk {chunk}, {_described(job, first + i, row)}: {error.name}"
+            raise ArgumentError(where, error.expected, error.got) from None
+
+
+def _described(job: Job, variant: int, row: Float64Array) -> str:
+    """Return how messages name a variant: by its number and its values."""
+    values = ", ".join(f"{key} = {value:.6g}" for key, value in zip(job.keys, row.tolist(), strict=True))
+    return f"variant {variant} ({values})"
+
+
+def _kept(t: Float64Array, arrays: Mapping[str, NDArray[Any]], job: Job) -> dict[str, NDArray[Any]]:
+    """Return the reductions of variants, (variants,) each, or "t" and all outputs, (variants, samples, ...)."""
+    if job.reductions:
+        return {**reduce_arrays(t, arrays, job.reductions)}
+    count = len(next(iter(arrays.values())))
+    return {"t": np.broadcast_to(t, (count, len(t))), **arrays}
 
 
 _LOCK = threading.Lock()  # of what the threads of a worker share

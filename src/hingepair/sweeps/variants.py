@@ -21,6 +21,7 @@ from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.scene import COORDINATES, SCENE_OUTPUTS, Scene, scene_of, with_constants
 from hingepair.scenes.tables import Key, Table, numbers
+from hingepair.sweeps.payloads import PayloadVariants, payload_variants
 
 FORCES: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
 """Outputs of a scene of a pair with masses, beside those of its motion."""
@@ -110,6 +111,7 @@ class Variants:
         self._outputs = None if outputs is None else tuple(outputs)
         self._scene = scene_of(with_constants(self._tables), path)
         self._kept = _leave_the_motion(self._scene, keys)
+        self._together: PayloadVariants | None = None
         self._payload: Mechanism | None = None  # the robot without payload, where nothing else is varied
         if self._kept and isinstance(self._scene, Scene):
             motion = self._scene.motion
@@ -131,6 +133,7 @@ class Variants:
                 bare = {name: own for name, own in table.values.items() if name != "payload"}
                 tables = replace(self._scene.tables, values={**values, "mechanism": bare})
                 self._payload = read_mechanism(tables, self._path.parent)
+                self._together = payload_variants(self._scene, self._payload, table, keys, self._outputs)
         self.samples = self._scene.samples
 
     def compute(self, row: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
@@ -146,6 +149,17 @@ class Variants:
         if isinstance(scene, MechanismScene):
             return _outputs_of_mechanism(scene, self._outputs)
         return _outputs_of_pair(scene, self._outputs)
+
+    def compute_together(self, rows: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
+        """Return the instants, (samples,), and the outputs by name, (variants, samples, ...), of several variants.
+
+        Args:
+            rows: the varied numbers; (variants, numbers).
+
+        Returns:
+            None where variants can only be computed one by one.
+        """
+        return None if self._together is None else self._together.compute(rows)
 
     def _variant(self, row: Float64Array) -> Scene | MechanismScene:
         values = dict(self._tables.values)

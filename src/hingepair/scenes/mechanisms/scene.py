@@ -125,7 +125,7 @@ class MechanismSceneResult(Frozen, Result):
             columns = {name: i for i, name in enumerate(self.scene.mechanism.names)} if joints else {}
             for joint in joints:
                 if quantity == "tau":
-                    arrays[f"tau_{joint}"] = np.asarray(self.tau)[:, columns[joint]]
+                    arrays[f"tau_{joint}"] = np.asarray(self.tau)[..., columns[joint]]
                 else:
                     order = _COORDINATES.index(quantity)
                     arrays[joint + RATES[order]] = self.known.column(order, columns[joint])

@@ -1,0 +1,198 @@
+"""Variants that differ in payload alone are computed together: each is the scene with its payload."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.errors import ArgumentError
+from hingepair.mechanism.constants import exact_masses, payload_slopes
+from hingepair.sweeps import sweep as sweeps
+from hingepair.sweeps.sweep import compute_chunk, load_sweep
+
+U = 2.0**-53
+CRANE = """
+[[joint]]
+name = "boom"
+u1 = [0, 0, 1]
+u2 = [0.1, 0, 0.2]
+n = [1, 2, 0]
+home = { axis = [0, 1, 1], deg = 20 }
+body2 = { mass = 3, inertia = [1, 1.1, 1.2], center_of_mass = [1, 0, 0] }
+[[joint]]
+name = "trolley"
+parent = "boom"
+kind = "slider"
+u1 = [0.3, 0, 0]
+u2 = [0, 0, 0]
+n = [1, 0, 0]
+body2 = { mass = 2, inertia = [0.1, 0.2, 0.2] }
+[[joint]]
+name = "hook"
+parent = "trolley"
+u1 = [0, 0.1, -0.5]
+u2 = [0, 0, 0]
+n = [0, 0.6, 0.8]
+body2 = { mass = 1, inertia = [0.1, 0.1, 0.1] }
+[mechanism]
+BASE
+[mechanism.frames.jaw]
+link = "hook"
+R = [0.05, 0.1, -0.2]
+S = { axis = [1, 1, 0], deg = 40 }
+[mechanism.payload.jaw]
+mass = 1
+inertia = [0.1, 0.12, 0.14]
+center_of_mass = [0.01, 0.02, -0.1]
+[mechanism.payload.boom]
+mass = 0.5
+center_of_mass = [0.3, 0, 0]
+shapes = [{ box = [0.6, 0.1, 0.1], center = [0.3, 0, 0] }]
+[mechanism.payload.trolley]
+mass = 0.25
+inertia = [0.01, 0.01, 0.01]
+[motion]
+boom = "t**2"
+trolley = "sin(t)"
+hook = "2*t - 0.3"
+MOTION
+[time]
+start = 0
+stop = 1
+samples = 5
+"""
+FREE = '[base]\nx = "t"\ny = 0\nz = "0.2*t**2"\nphi_x = "0.3*t"\nphi_y = 0.1\nphi_z = "sin(t)"\n'
+ON_A_BASE = {"fixed": ("", ""), "free": ('base = "free"', FREE)}
+BEAM = hp.Box((0.6, 0.1, 0.1), (0.3, 0, 0))
+VARIED = {
+    "jaw.mass": "low = 0.5\nhigh = 3",
+    "jaw.center_of_mass[1]": "mean = 0\nstd = 0.1",
+    "jaw.inertia[2]": "low = 0.08\nhigh = 0.2",
+    "boom.mass": "low = 0.1\nhigh = 2",
+}
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def sweep_of(text: str, varied: dict[str, str], outputs: str, reduce: str = "", samples: int = 7):
+    Path("crane.toml").write_text(text)
+    head = f'scene = "crane.toml"\noutputs = [{outputs}]\ndesign = "random"\nsamples = {samples}\nchunk = {samples}\n'
+    tables = "".join(f'[[vary]]\nkey = "mechanism.payload.{key}"\n{spread}\n' for key, spread in varied.items())
+    Path("sweep.toml").write_text(head + reduce + tables)
+    return load_sweep("sweep.toml")
+
+
+def crane(base: str) -> str:
+    return CRANE.replace("BASE", ON_A_BASE[base][0]).replace("MOTION", ON_A_BASE[base][1])
+
+
+def chunk_of(sweep):
+    return compute_chunk(sweep.job, 0, 0, sweep.numbers)
+
+
+@pytest.fixture
+def one_by_one(monkeypatch):
+    """Count the variants that are computed one by one."""
+    counted = []
+    plain = sweeps.Variants.compute
+    monkeypatch.setattr(sweeps.Variants, "compute", lambda self, row: counted.append(row) or plain(self, row))
+    return counted
+
+
+@pytest.mark.parametrize("base", ON_A_BASE)
+def test_variants_that_are_computed_together_are_the_scenes_with_their_payloads(base, one_by_one):
+    sweep = sweep_of(crane(base), VARIED, '"tau", "force1", "torque1", "R_jaw", "q"')
+    one_by_one.clear()
+    together = chunk_of(sweep)
+    assert not one_by_one
+    scene = hp.load_scene("crane.toml")
+    robot = scene.mechanism
+    bare = hp.load_scene(bare_scene(base)).mechanism
+    for i, (mass, lever, moment, boom) in enumerate(sweep.numbers.tolist()):
+        loaded = bare.with_payload("jaw", hp.Body(mass, (0.01, lever, -0.1), (0.1, 0.12, moment)))
+        loaded = loaded.with_payload("boom", hp.Body(boom, (0.3, 0, 0), shapes=[BEAM]))
+        loaded = loaded.with_payload("trolley", hp.Body(0.25, inertia=(0.01, 0.01, 0.01)))
+        expected = loaded.inverse_dynamics(*scene.motion(), base_motion=scene.base_motion(), gravity=scene.gravity)
+        forces = {f"tau_{name}": expected.tau[:, k] for k, name in enumerate(robot.names)}
+        forces |= {"force1": expected.force1, "torque1": expected.torque1}
+        size = max(np.abs(array).max() for array in forces.values())
+        for name, array in forces.items():
+            assert np.abs(together[name][i] - array).max() < 32 * U * size, name
+        assert np.abs(together["R_jaw"][i] - scene.evaluate(("R_jaw",)).R[:, 0]).max() < 16 * U
+        assert (together["hook"][i] == scene.motion().q[:, 2]).all()
+        assert (together["t"][i] == scene.t).all()
+
+
+def bare_scene(base: str) -> str:
+    before, _, rest = crane(base).partition("[mechanism.payload.jaw]")
+    Path("bare.toml").write_text(before + "[motion]" + rest.partition("[motion]")[2])
+    return "bare.toml"
+
+
+def test_the_masses_of_a_program_are_linear_in_a_payload():
+    robot = hp.load_scene(bare_scene("free")).mechanism
+    frame = robot.tree.known_frame("link", "jaw")
+    # Of a payload whose numbers, and those of the frame, have few bits all sums are exact.
+    m, c, principal = 2.0, np.array([0.5, -0.25, 0.125]), np.array([0.5, 0.75, 1.0])
+    second = np.diag(principal.sum() / 2 - principal) + m * np.outer(c, c)
+    ten = [m, *(m * c), *second[np.triu_indices(3)]]
+    loaded = exact_masses(robot.with_payload("jaw", hp.Body(m, c, principal)).tree, True)
+    bare, slopes = exact_masses(robot.tree, True), payload_slopes(robot.tree, True, frame)
+    for k, (with_it, without) in enumerate(zip(loaded, bare, strict=True)):
+        by_slopes = without + sum(row[k] * int(part * 1024) / 1024 for row, part in zip(slopes, ten, strict=True))
+        assert abs(float(with_it - by_slopes)) < 16 * U * 10, k
+    assert sum(any(row[k] for row in slopes) for k in range(len(bare))) > 20
+
+
+@pytest.mark.parametrize("ending", ["", 'reduce = ["absmax", "q50", "t_min"]\n'])
+def test_variants_come_in_their_order_however_many_are_computed_at_once(ending, monkeypatch):
+    sweep = sweep_of(crane("fixed"), VARIED, '"tau", "R"', ending)
+    whole = chunk_of(sweep)
+    monkeypatch.setattr(sweeps, "_CHUNK_STATES", 10)  # two variants
+    parts = chunk_of(sweep)
+    assert [*whole] == [*parts]
+    for name, column in whole.items():
+        np.testing.assert_array_equal(column, parts[name])
+
+
+def test_a_payload_on_a_fixed_base_changes_nothing():
+    text = crane("fixed").replace("payload.trolley", "payload.base")
+    sweep = sweep_of(text, {"base.mass": "low = 1\nhigh = 100"}, '"tau", "force1"')
+    found = chunk_of(sweep)
+    assert (found["tau_boom"] == found["tau_boom"][0]).all()
+    assert (found["force1"] == found["force1"][0]).all()
+
+
+def test_an_inertia_that_needs_a_closer_look_is_read_as_in_a_scene(one_by_one):
+    rounded = {"jaw.inertia[2]": "low = 0.22\nhigh = 0.2201"}  # of a flat body: just above the sum of the other two
+    with pytest.warns(hp.DynamicsWarning, match="which no rigid body has"):
+        found = chunk_of(sweep_of(crane("fixed"), rounded, '"tau"'))
+    assert len(one_by_one) == 1 + 7  # load_sweep computes the first
+    assert len(found["tau_hook"]) == 7
+
+
+def test_a_payload_that_no_body_has_names_its_variant():
+    sweep = sweep_of(crane("fixed"), {"jaw.mass": "mean = 3\nstd = 2"}, '"tau"', samples=40)
+    first = int(np.argmax(sweep.numbers[:, 0] <= 0))
+    assert first > 0
+    with pytest.raises(ArgumentError, match=rf"chunk 0, variant {first} \(mechanism.payload.jaw.mass = -") as refused:
+        chunk_of(sweep)
+    assert refused.value.expected == "a number above 0"
+
+
+def test_other_numbers_of_a_payload_are_varied_one_by_one(one_by_one):
+    text = crane("fixed").replace("[0.1, 0.12, 0.14]", "[[0.1, 0, 0], [0, 0.12, 0], [0, 0, 0.14]]")
+    found = chunk_of(sweep_of(text, {"jaw.inertia[0][0]": "low = 0.08\nhigh = 0.1"}, '"tau"'))
+    assert len(one_by_one) == 1 + 7
+    assert len(np.unique(found["tau_hook"][:, -1])) == 7
+
+
+def test_a_first_variant_that_no_body_has_is_named_when_the_sweep_is_read():
+    with pytest.raises(ArgumentError, match=r"variant 0 \(mechanism.payload.jaw.mass = -2\): crane.toml: mechanism"):
+        sweep_of(crane("fixed"), {"jaw.mass": "low = -2\nhigh = -2"}, '"tau"')
