@@ -9,17 +9,37 @@ import pytest
 
 from hingepair.engine import binding, llvm_ir, llvm_parts
 from hingepair.engine.backend import Execution
-from hingepair.engine.llvm_memory import MAX_STREAMED, PANEL
-from hingepair.engine.llvm_parts import MAX_NARROW
-from hingepair.engine.llvm_writer import LANES, LINE
+from hingepair.engine.llvm_memory import MAX_STREAMED_COMPONENTS, PANEL_COMPONENTS
+from hingepair.engine.llvm_parts import MAX_REGISTER_COMPONENTS
+from hingepair.engine.llvm_writer import CACHE_LINE_BYTES, LANES
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 
 F8, F4 = np.dtype(np.float64), np.dtype(np.float32)
 GUARD = 7.0
 LEAST_BYTES = {"streamed": 0, "plain": 2**62}
-FAST_WIDTHS = {1, 3, 8, MAX_NARROW, MAX_NARROW + 1, 24, PANEL + 3, MAX_STREAMED + 1}
-WIDTHS = sorted({*range(1, 41), *FAST_WIDTHS, PANEL - 1, PANEL, 2 * PANEL + 5, 300, MAX_STREAMED, 600})
+FAST_WIDTHS = {
+    1,
+    3,
+    8,
+    MAX_REGISTER_COMPONENTS,
+    MAX_REGISTER_COMPONENTS + 1,
+    24,
+    PANEL_COMPONENTS + 3,
+    MAX_STREAMED_COMPONENTS + 1,
+}
+WIDTHS = sorted(
+    {
+        *range(1, 41),
+        *FAST_WIDTHS,
+        PANEL_COMPONENTS - 1,
+        PANEL_COMPONENTS,
+        2 * PANEL_COMPONENTS + 5,
+        300,
+        MAX_STREAMED_COMPONENTS,
+        600,
+    }
+)
 SHIFTS = (0, 8, 16, 32, 56)
 
 
@@ -36,9 +56,9 @@ def doubled(width, stores):  # noqa: ARG001 (each way to store has kernels of it
 
 def room_of(count, shift, dtype):
     """An array full of guards, and where in it lie `count` elements that start so many bytes behind a cache line."""
-    lines = LINE // dtype.itemsize
+    lines = CACHE_LINE_BYTES // dtype.itemsize
     room = np.full(count + 3 * lines, GUARD, dtype)
-    start = (-room.ctypes.data % LINE + shift) // dtype.itemsize + lines
+    start = (-room.ctypes.data % CACHE_LINE_BYTES + shift) // dtype.itemsize + lines
     return room, slice(start, start + count)
 
 
@@ -54,7 +74,7 @@ def check_doubled(loop, shape, cut, shift, dtype, workers=1):
 
 
 def widths(dtype):
-    fast = FAST_WIDTHS if dtype == F8 else {5, MAX_NARROW + 1}
+    fast = FAST_WIDTHS if dtype == F8 else {5, MAX_REGISTER_COMPONENTS + 1}
     return [pytest.param(w, dtype, id=f"{w}-{dtype}", marks=[] if w in fast else [pytest.mark.slow]) for w in WIDTHS]
 
 
@@ -83,7 +103,7 @@ CUTS = {
 
 
 @pytest.mark.parametrize("cut", CUTS.values(), ids=CUTS)
-@pytest.mark.parametrize("width", [2, 36, 2 * MAX_STREAMED + 20])
+@pytest.mark.parametrize("width", [2, 36, 2 * MAX_STREAMED_COMPONENTS + 20])
 def test_outputs_of_any_layout(cut, width, stores):
     for shift in (0, 16):
         shape = (3, 8, 17, width)
@@ -138,8 +158,8 @@ def long_function(v):
 @pytest.mark.parametrize("dtype", [F8, F4], ids=str)
 def test_constants_as_numbers_or_as_vectors(most, dtype, monkeypatch):
     """Also where sines are taken of them, and where they are components of a wide output."""
-    monkeypatch.setattr(llvm_parts, "MAX_SHARED_VECTORS", most)
-    count = MAX_NARROW + 1
+    monkeypatch.setattr(llvm_parts, "MAX_UNIFORM_VECTORS", most)
+    count = MAX_REGISTER_COMPONENTS + 1
 
     def function(v):
         a, b, *c = v["c"]
@@ -173,8 +193,8 @@ def test_a_program_in_parts_gives_the_bits_of_the_whole(length, distance, still,
     rng = np.random.default_rng(2)
     values = {"x": rng.normal(size=(19, 20)), "c": 0.3 if still else rng.normal(size=19)}
     whole = run_long(values, 19)
-    monkeypatch.setattr(llvm_parts, "_MAX_WHOLE_LENGTH", 0)
-    monkeypatch.setattr(llvm_parts, "_STEP_LENGTH", length)
-    monkeypatch.setattr(llvm_parts, "_RELOAD_DISTANCE", distance)
+    monkeypatch.setattr(llvm_parts, "_MAX_UNSPLIT_OPERATIONS", 0)
+    monkeypatch.setattr(llvm_parts, "_STEP_OPERATIONS", length)
+    monkeypatch.setattr(llvm_parts, "_RELOAD_OPERATIONS", distance)
     for name, array in run_long(values, 19).items():
         np.testing.assert_array_equal(array, whole[name])

@@ -434,7 +434,7 @@ FAULTS = {
     "a difference fused as a sum": Fault(
         "engine/llvm_parts.py",
         'rest = self._f.put(f"fneg {self.vector} {rest}")',
-        "rest = self.of(second)",
+        "rest = self.operand(second)",
         "engine/test_loops.py::test_every_count[8-float64]",
     ),
     "float32 read as float64": Fault(
@@ -671,13 +671,13 @@ FAULTS = {
     ),
     "a scan that hands on what it was given": Fault(
         "engine/llvm_parts.py",
-        "after = [self.of(value) for value in self.carry.after]",
-        "after = [self.of(value) for value in self.carry.before]",
+        "after = [self.operand(value) for value in self.carry.after]",
+        "after = [self.operand(value) for value in self.carry.before]",
         "engine/test_loops.py::test_a_scan_hands_on",
     ),
     "what is left of a cache line lost between blocks": Fault(
         "engine/llvm_memory.py",
-        "f.do(f\"store {_LINE_TYPE} {bits}, ptr {f.step('%stage', -LINE)}, align {LINE}\")",
+        'f.do(f"store {_CACHE_LINE_TYPE} {bits}, ptr {before}, align {CACHE_LINE_BYTES}")',
         "pass",
         "engine/test_stores.py::test_every_width_at_every_offset[streamed-17-float64]",
     ),

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.llvm_ir import FIELDS
+from hingepair.engine.llvm_ir import TABLE_FIELDS
 
 # Offsets in bytes from the start of an object of CPython 3.11 to 3.14 with the interpreter's lock, on 64 bits.
 _TYPE_OFFSET: Final = 8
@@ -89,7 +89,7 @@ def call_layout(
     rows = [(tail, place + constants if place >= 0 else -1) for tail, place in inputs]
     rows += [(tail, int(constants) + kernel_inputs + k) for k, tail in enumerate(outputs)]
     groups = int(constants) + kernel_inputs + len(outputs)
-    numbers = [kernel, len(inputs), len(rows), int(constants), groups * FIELDS, long_call]
+    numbers = [kernel, len(inputs), len(rows), int(constants), groups * TABLE_FIELDS, long_call]
     for tail, row in rows:
         numbers += [row, len(tail), math.prod(tail), *tail, *(0,) * (MAX_RANK - len(tail))]
     return numbers
@@ -357,7 +357,7 @@ placed:
   %taken = icmp sge i64 %row, 0
   br i1 %taken, label %write, label %next
 write:
-  %row.place = mul i64 %row, {FIELDS}
+  %row.place = mul i64 %row, {TABLE_FIELDS}
   %row.at = getelementptr i64, ptr %table, i64 %row.place
   store i64 %at, ptr %row.at
   %row.outer = getelementptr i64, ptr %row.at, i64 1

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.array_heads import address
-from hingepair.engine.llvm_ir import FIELDS
+from hingepair.engine.llvm_ir import TABLE_FIELDS
 from hingepair.engine.llvm_writer import LANES
 
 SampleShape: TypeAlias = tuple[int, ...]
@@ -260,7 +260,7 @@ def run_kernel(
     table: list[int] = []
     if constants is not None:
         table += (address(constants), 0, 0, itemsize)
-    first = len(table) // FIELDS
+    first = len(table) // TABLE_FIELDS
     for array, strides in zip((*inputs, *outputs), layout.strides, strict=True):
         table += (address(array), *strides)
     table_type = ctypes.c_int64 * len(table)
@@ -271,12 +271,12 @@ def run_kernel(
 
     def run_chunk(start: int) -> None:
         chunk_table, count = list(table), min(chunk, shared - start)
-        for k in range(first, len(table) // FIELDS):
-            chunk_table[k * FIELDS] += start * chunk_table[k * FIELDS + column]
+        for k in range(first, len(table) // TABLE_FIELDS):
+            chunk_table[k * TABLE_FIELDS] += start * chunk_table[k * TABLE_FIELDS + column]
         for offsets in layout.offsets:
             call_table = list(chunk_table)
             for k, offset in enumerate(offsets, first):
-                call_table[k * FIELDS] += offset
+                call_table[k * TABLE_FIELDS] += offset
             run(table_type(*call_table), *((count, inner_length) if chained else (outer_length, count)))
 
     run_in_threads(run_chunk, range(0, shared, chunk))

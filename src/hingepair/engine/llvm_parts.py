@@ -1,9 +1,9 @@
-"""The arithmetic of a kernel: lines of a trace as straight LLVM functions over a frame.
+"""The arithmetic of a kernel: values of a trace as straight-line LLVM functions over a frame.
 
-A frame is an array of vectors, one slot for each value that more than one function reads; where samples share
-hundreds of inputs, these stand there as numbers. The lines are cut into
-steps: arithmetic of some length, and sines that are computed together. LLVM's time grows faster than the length of
-a function, and what stands in the frame need not be kept in registers meanwhile.
+A frame is an array of vectors, with one slot for each value that more than one function reads. Where samples share
+hundreds of inputs, these are stored in the frame as numbers. The values are computed in steps: arithmetic of limited
+length, and sines that are computed together. LLVM's time grows faster than the length of a function, and values in
+the frame need no registers between the functions.
 """
 
 from __future__ import annotations
@@ -14,32 +14,38 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
-from hingepair.engine.llvm_sines import DOUBLES, SINES
-from hingepair.engine.llvm_writer import LANES, Function, hexadecimal
+from hingepair.engine.llvm_sines import DOUBLE_VECTOR, SINE_OPERATIONS
+from hingepair.engine.llvm_writer import LANES, FunctionBuilder, hexadecimal
 from hingepair.engine.trace import Operand, Value, needed_values
 
-MAX_NARROW: Final = 16
-"""Number of components up to which outputs are put together in registers, and inputs loaded into them."""
+MAX_REGISTER_COMPONENTS: Final = 16
+"""Largest number of components of an output that is assembled in registers, and of an input loaded into them."""
 
-MAX_SHARED_VECTORS: Final = 256
-"""Number of components that all samples share up to which each stands in the frame as a vector, of 16 kB in all.
+MAX_UNIFORM_VECTORS: Final = 256
+"""Largest number of components shared by all samples that are each stored in the frame as a vector: 16 kB in all.
 
-More of them stand there as single numbers, so that they leave room in the first cache. Processors with few registers
-take longer to spread a number over a vector than to load one.
+More of them are stored as single numbers, so that they leave space in the first-level cache. Processors with few
+registers take longer to broadcast a number to a vector than to load a vector.
 """
 
-_MAX_WHOLE_LENGTH: Final = 1000  # operations up to which a part stays whole: fewer values pass through the frame
-_STEP_LENGTH: Final = 300  # operations of the steps of longer parts, in which LLVM keeps to the registers there are
-_RELOAD_DISTANCE: Final = 40  # operations after which a value is loaded from the frame again instead of kept
-_OPERATORS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}
+_MAX_UNSPLIT_OPERATIONS: Final = 1000
+"""Number of operations up to which a part is not split, so that fewer values pass through the frame."""
+
+_STEP_OPERATIONS: Final = 300
+"""Number of operations of each step of a longer part: few enough for LLVM to spill few registers."""
+
+_RELOAD_OPERATIONS: Final = 40
+"""Number of operations after which a value is loaded again from the frame, which lowers the register pressure."""
+
+_OPERATORS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}  # LLVM's instructions
 
 
-class Group(NamedTuple):
-    """Components that lie one stride apart.
+class ComponentGroup(NamedTuple):
+    """Components of one array, which follow each other at one stride.
 
     Attributes:
         values: the traced inputs, or results, in the order of the components.
-        varies: whether they vary along the inner axis (of a scan: along the samples that follow each other).
+        varies: whether they vary along the inner axis (in a scan: along the chain).
     """
 
     values: tuple[Operand, ...]
@@ -47,30 +53,30 @@ class Group(NamedTuple):
 
     @property
     def narrow(self) -> bool:
-        """Whether it is an output that is put together in registers; others are taken from the frame."""
-        return len(self.values) <= MAX_NARROW
+        """Whether the group is narrow enough to be assembled in registers; wider outputs are read from the frame."""
+        return len(self.values) <= MAX_REGISTER_COMPONENTS
 
 
 class Carry(NamedTuple):
-    """Values that a scan hands on.
+    """Values that a scan carries from each sample to the next.
 
     Attributes:
-        before: the traced inputs; the first of them stand where the kernel finds them among its inputs.
-        after: what becomes of them.
+        before: the traced inputs; their values at the first sample are inputs of the kernel.
+        after: the results that become `before` at the next sample.
     """
 
     before: tuple[Value, ...]
     after: tuple[Operand, ...]
 
 
-class Step(NamedTuple):
-    """A part of the program: lines of arithmetic, or angles whose sines are computed together.
+class KernelStep(NamedTuple):
+    """A part of the program: values that one function computes, or angles whose sines are computed together.
 
     Attributes:
-        name: of its function.
-        lines: in order.
-        angles: where it is a step of sines; then it has no lines.
-        loads: components of inputs that it loads, by the number of the input.
+        name: name of the LLVM function.
+        lines: the values to compute, in order; empty for a step of sines.
+        angles: the angles [rad] whose sines are computed; empty for a step of arithmetic.
+        loads: components of inputs to load, by the number of the input.
     """
 
     name: str
@@ -80,59 +86,67 @@ class Step(NamedTuple):
 
 
 class Arithmetic:
-    """The steps of a program, and the frame between them.
+    """The steps of a program, and the frame through which they pass values.
 
     Args:
-        inputs: groups of inputs.
-        outputs: groups of results.
-        carry: of a scan.
-        number: "double" or "float".
-        fuse: whether sums are fused with products.
+        inputs: groups of input components.
+        outputs: groups of output components.
+        carry: carried values of a scan, or None.
+        number: LLVM's type of the numbers, "double" or "float".
+        fuse: whether sums are fused with products (FMA).
 
     Attributes:
-        once: steps of what does not change along the inner axis.
-        block: steps of what does.
-        slots: the slot of each value that has one, by its identity.
+        uniform_steps: steps that compute the values which do not vary along the inner axis.
+        varying_steps: steps that compute the values which vary along the inner axis.
+        slots: number of the frame's slot of each value that has one, by the identity of the value.
         frame_size: number of slots.
-        loaded: numbers of the inputs that steps load into registers; the others are gathered into the frame.
-        input_slots: for each input the components that are needed as vectors, and the first slot of those that are
-            gathered.
-        input_numbers: for each input the components that are needed as one number of all samples, and the first slot
-            of them; a slot holds a number a lane.
-        words: where the words of each loaded input begin among the places, and where those of the outputs do: of an
-            input the address of its row, the distances of seven further samples, the bytes between components; of a
-            narrow output the address to which its rows go.
+        register_inputs: indices of the inputs that steps load into registers; other inputs are gathered into the
+            frame.
+        input_slots: for each input, the components needed as vectors, and the first slot of the gathered ones.
+        input_scalars: for each input, the components needed as one number for all samples, and their first slot; such
+            a slot holds LANES numbers.
+        constant_slots: number of the slot of each constant in a wide output.
+        word_offsets: for each input in registers, the index of its first word in the array `places`; last, the index
+            of the outputs' first word. The words of an input are the address of its row, the offsets of seven further
+            samples, and the bytes between components; the word of an output is the address of its rows.
     """
 
     def __init__(
-        self, inputs: Sequence[Group], outputs: Sequence[Group], carry: Carry | None, number: str, fuse: bool
+        self,
+        inputs: Sequence[ComponentGroup],
+        outputs: Sequence[ComponentGroup],
+        carry: Carry | None,
+        number: str,
+        fuse: bool,
     ) -> None:
         self.inputs, self.outputs, self.carry = inputs, outputs, carry
         self.number, self.fuse = number, fuse
         self.vector = f"<{LANES} x {number}>"
-        self.size = 8 if number == "double" else 4
+        self.number_bytes = 8 if number == "double" else 4
         results = [value for group in outputs for value in group.values]
         results += list(carry.after) if carry else []
         lines = needed_values(results)
         self._operands = {id(line): self._operands_of(line) for line in lines}
         read = itertools.chain(results, *self._operands.values())
-        self._kept = {id(value) for value in read}
+        self._read_values = {id(value) for value in read}
         self._needed = {id(value) for value in (*lines, *(carry.before if carry else ()))}
         self._sine_lines: defaultdict[int, list[Value]] = defaultdict(list)
         self._declared: set[str] = set()
         self._lanewise: set[str] = set()
-        self.once = self._steps("once", (value for value in lines if not value.varies))
-        self.block = self._steps("block", (value for value in lines if value.varies))
+        self.uniform_steps = self._split_steps("once", (value for value in lines if not value.varies))
+        self.varying_steps = self._split_steps("block", (value for value in lines if value.varies))
         used = [sum(id(value) in self._needed for value in group.values) for group in inputs]
-        self.loaded = {g for g, group in enumerate(inputs) if group.varies and used[g] <= MAX_NARROW}
-        self._finished = self._order_rows()
-        self._order_loads()
-        self._place_values()
+        self.register_inputs = {
+            g for g, group in enumerate(inputs) if group.varies and used[g] <= MAX_REGISTER_COMPONENTS
+        }
+        self._outputs_after_value = self._schedule_row_stores()
+        self._schedule_loads()
+        self._assign_slots()
 
     # ---- the order of the operations
 
     def _fused_product(self, value: Value) -> Value | None:
-        """Return the product that a sum is fused with, if any: its second operand before its first."""
+        """Return the product that is fused with a sum, or None; the second operand is preferred to the first."""
         if self.fuse and value.operation in {"+", "-"}:
             for one in reversed(value.operands):
                 if isinstance(one, Value) and one.operation == "*":
@@ -140,9 +154,9 @@ class Arithmetic:
         return None
 
     def _operands_of(self, value: Value) -> list[Value]:
-        """Return the values that the code of a line reads: what is computed within the line is none of them."""
+        """Return the operands that the code of a value reads, with the factors of a fused product."""
         read = list(value.operands)
-        if value.operation in SINES:
+        if value.operation in SINE_OPERATIONS:
             del read[1:]
         if value.operation == "where" and isinstance(read[0], Value):
             read[:1] = read[0].operands
@@ -153,18 +167,18 @@ class Arithmetic:
             read += product.operands
         return [one for one in read if isinstance(one, Value)]
 
-    def _steps(self, kind: str, lines: Iterable[Value]) -> list[Step]:
-        """Return lines as steps: sines as soon as their angles are there, with what the angles need before them."""
-        rest = [value for value in lines if value.operation != "input" and id(value) in self._kept]
+    def _split_steps(self, kind: str, lines: Iterable[Value]) -> list[KernelStep]:
+        """Split values into steps; each step of sines comes as early as its angles allow."""
+        rest = [value for value in lines if value.operation != "input" and id(value) in self._read_values]
         parts: list[tuple[list[Value], list[Value]]] = []
-        while any(value.operation in SINES for value in rest):
+        while any(value.operation in SINE_OPERATIONS for value in rest):
             late: set[int] = set()
             angles: dict[int, Value] = {}
             for value in rest:
                 operands = self._operands[id(value)]
                 if any(id(one) in late for one in operands):
                     late.add(id(value))
-                elif value.operation in SINES:
+                elif value.operation in SINE_OPERATIONS:
                     late.add(id(value))
                     angles[id(operands[0])] = operands[0]
                     self._sine_lines[id(operands[0])].append(value)
@@ -172,20 +186,20 @@ class Arithmetic:
             for value in reversed(rest):
                 if id(value) in first:
                     first.update(map(id, self._operands[id(value)]))
-            parts += _cut([value for value in rest if id(value) in first])
+            parts += _split_lines([value for value in rest if id(value) in first])
             parts.append(([], [*angles.values()]))
             first.update(id(line) for angle in angles for line in self._sine_lines[angle])
             rest = [value for value in rest if id(value) not in first]
-        parts += _cut(rest)
-        if kind == "block":  # it begins with loads, and ends with stores
+        parts += _split_lines(rest)
+        if kind == "block":  # the first step loads inputs, the last step stores outputs
             parts = [([], []), *parts] if not parts or parts[0][1] else parts
             parts = [*parts, ([], [])] if parts[-1][1] else parts
-        return [Step(f"{kind}{k}", *part, defaultdict(list)) for k, part in enumerate(parts)]
+        return [KernelStep(f"{kind}{k}", *part, defaultdict(list)) for k, part in enumerate(parts)]
 
-    def _order_rows(self) -> dict[int, list[int]]:
-        """Return the narrow outputs that are complete behind a line, by its identity; 0: at the end of the block."""
+    def _schedule_row_stores(self) -> dict[int, list[int]]:
+        """Return the indices of the narrow outputs to store behind each value, by its identity; key 0: at the end."""
         position: dict[int, tuple[int, int]] = {}
-        for step in self.block:
+        for step in self.varying_steps:
             sines = [line for angle in step.angles for line in self._sine_lines[id(angle)]]
             for value in (*step.lines, *sines):
                 position[id(value)] = len(position), 0 if step.angles else id(value)
@@ -196,259 +210,267 @@ class Arithmetic:
                 finished[max(places)[1] if places else 0].append(g)
         return finished
 
-    def _order_loads(self) -> None:
-        """Choose for each component of a loaded input the step that loads it.
+    def _schedule_loads(self) -> None:
+        """Choose the step that loads each component of an input in registers.
 
-        It is the step that reads it first, but none behind a step that stores: an output may lie over an input.
+        This is the first step that reads the component, but no step behind one that stores: an output may overlap an
+        input.
         """
-        reads = [{id(value) for value in self._read_by(step)} for step in self.block]
-        stores = [any(id(value) in self._finished for value in step.lines) for step in self.block]
-        latest = stores.index(True) if any(stores) else len(self.block) - 1
+        reads = [{id(value) for value in self._values_read_by(step)} for step in self.varying_steps]
+        stores = [any(id(value) in self._outputs_after_value for value in step.lines) for step in self.varying_steps]
+        latest = stores.index(True) if any(stores) else len(self.varying_steps) - 1
         for g, group in enumerate(self.inputs):
             for c, value in enumerate(group.values):
-                if g in self.loaded and id(value) in self._needed:
+                if g in self.register_inputs and id(value) in self._needed:
                     s = next((s for s in range(latest) if id(value) in reads[s]), latest)
-                    while self.block[s].angles:
+                    while self.varying_steps[s].angles:
                         s -= 1
-                    self.block[s].loads[g].append(c)
+                    self.varying_steps[s].loads[g].append(c)
 
-    def _read_by(self, step: Step) -> Iterator[Value]:
-        """Return the values that a step reads."""
+    def _values_read_by(self, step: KernelStep) -> Iterator[Value]:
+        """Yield the values that a step reads."""
         yield from step.angles
         for value in step.lines:
             yield from self._operands[id(value)]
-        last = step is self.block[-1]
-        results = [self._finished.get(id(value), ()) for value in step.lines]
-        for g in itertools.chain(*results, self._finished.get(0, ()) if last else ()):
+        last = step is self.varying_steps[-1]
+        results = [self._outputs_after_value.get(id(value), ()) for value in step.lines]
+        for g in itertools.chain(*results, self._outputs_after_value.get(0, ()) if last else ()):
             yield from (value for value in self.outputs[g].values if isinstance(value, Value))
         if self.carry and last:
             yield from (value for value in self.carry.after if isinstance(value, Value))
 
     # ---- the frame
 
-    def _place_values(self) -> None:
-        """Give a slot of the frame to each value that more than one function reads."""
+    def _assign_slots(self) -> None:
+        """Assign a slot of the frame to each value that more than one function reads; slots are reused."""
         self.slots: dict[int, int] = {}
         self.input_slots: list[tuple[list[int], int]] = []
-        self.input_numbers: list[tuple[list[int], int]] = []
-        self._numbers: dict[int, int] = {}
-        self.filled: dict[float, int] = {}
+        self.input_scalars: list[tuple[list[int], int]] = []
+        self._scalar_positions: dict[int, int] = {}
+        self.constant_slots: dict[float, int] = {}
         size = 0
-        steps = [*self.once, *self.block]
+        steps = [*self.uniform_steps, *self.varying_steps]
         wide = [value for group in self.outputs if not group.narrow for value in group.values]
         vectors = {id(value) for value in (*wide, *(angle for step in steps for angle in step.angles))}
         for g, group in enumerate(self.inputs):
             used = [c for c, value in enumerate(group.values) if id(value) in self._needed]
-            many = len(used) > MAX_SHARED_VECTORS and not group.varies and self.carry is None
+            many = len(used) > MAX_UNIFORM_VECTORS and not group.varies and self.carry is None
             shared = used if many else []
-            own = [c for c in used if id(group.values[c]) in vectors] if shared else used
-            self.input_numbers.append((shared, size))
-            self._numbers |= {id(group.values[c]): size * LANES + k for k, c in enumerate(shared)}
+            gathered = [c for c in used if id(group.values[c]) in vectors] if shared else used
+            self.input_scalars.append((shared, size))
+            self._scalar_positions |= {id(group.values[c]): size * LANES + k for k, c in enumerate(shared)}
             size += -(-len(shared) // LANES)
-            self.input_slots.append((own, size))
-            if g not in self.loaded:
-                self.slots |= {id(group.values[c]): size + k for k, c in enumerate(own)}
-                size += len(own)
+            self.input_slots.append((gathered, size))
+            if g not in self.register_inputs:
+                self.slots |= {id(group.values[c]): size + k for k, c in enumerate(gathered)}
+                size += len(gathered)
         for value in wide:
-            if not isinstance(value, Value) and value not in self.filled:
-                self.filled[value] = size
+            if not isinstance(value, Value) and value not in self.constant_slots:
+                self.constant_slots[value] = size
                 size += 1
         made: dict[int, int] = {}
         for s, step in enumerate(steps):
-            made |= {id(value): s for value in self._made_by(step)}
+            made |= {id(value): s for value in self._values_made_by(step)}
             for angle in step.angles:
                 lines = self._sine_lines[id(angle)]
-                self.slots |= {id(line): size + SINES.index(line.operation) for line in lines}
-                size += len(SINES)
+                self.slots |= {id(line): size + SINE_OPERATIONS.index(line.operation) for line in lines}
+                size += len(SINE_OPERATIONS)
         last: dict[int, int] = {}
         for s, step in enumerate(steps):
-            last |= {id(value): s for value in self._read_by(step) if made.get(id(value), s) != s}
+            last |= {id(value): s for value in self._values_read_by(step) if made.get(id(value), s) != s}
         last |= {id(value): len(steps) for value in wide if id(value) in made}
         ending: defaultdict[int, list[int]] = defaultdict(list)
         for value, s in last.items():
-            if s < len(self.once) or made[value] >= len(self.once):  # what is made once stays for all blocks
+            first_varying = len(self.uniform_steps)
+            if s < first_varying or made[value] >= first_varying:  # uniform values keep their slots for all blocks
                 ending[s].append(value)
         free: list[int] = []
         for s, step in enumerate(steps):
-            for value in self._made_by(step):
+            for value in self._values_made_by(step):
                 if id(value) in last:
                     self.slots[id(value)] = free.pop() if free else size
                     size = max(size, self.slots[id(value)] + 1)
             free += [self.slots[value] for value in ending[s]]
         self.frame_size = size
-        words = (LANES + 1 if g in self.loaded else 0 for g in range(len(self.inputs)))
-        self.words = list(itertools.accumulate(words, initial=0))
+        words = (LANES + 1 if g in self.register_inputs else 0 for g in range(len(self.inputs)))
+        self.word_offsets = list(itertools.accumulate(words, initial=0))
 
-    def _made_by(self, step: Step) -> list[Value]:
-        """Return the values that a step of arithmetic loads or computes."""
+    def _values_made_by(self, step: KernelStep) -> list[Value]:
+        """Return the values that a step loads or computes."""
         loaded = (self.inputs[g].values[c] for g, components in step.loads.items() for c in components)
         return [*(value for value in loaded if isinstance(value, Value)), *step.lines]
 
-    def slot(self, f: Function, number: int) -> str:
-        """Write the address of a slot."""
-        return f.step("%frame", number * LANES * self.size)
+    def slot_address(self, f: FunctionBuilder, number: int) -> str:
+        """Append the computation of the address of a slot, and return its name."""
+        return f.pointer_at("%frame", number * LANES * self.number_bytes)
 
-    def keep(self, f: Function, number: int, value: str) -> None:
-        """Write the store of a vector in a slot."""
-        f.do(f"store {self.vector} {value}, ptr {self.slot(f, number)}, align {LANES * self.size}")
+    def store_slot(self, f: FunctionBuilder, number: int, value: str) -> None:
+        """Append the store of a vector into a slot."""
+        f.do(f"store {self.vector} {value}, ptr {self.slot_address(f, number)}, align {LANES * self.number_bytes}")
 
-    def tiles(self, group: Group) -> list[int]:
-        """Return where in the frame the components of a wide output are, as `llvm_memory` takes them."""
+    def tile_offsets(self, group: ComponentGroup) -> list[int]:
+        """Return the byte offsets in the frame of a wide output's components, for the shared function `rows`."""
         offsets: list[int] = []
         for c in range(0, len(group.values), LANES):
             first = min(c, len(group.values) - LANES)
             values = group.values[first : first + LANES]
-            slots = [self.slots[id(v)] if isinstance(v, Value) else self.filled[v] for v in values]
-            places = [slot * LANES * self.size for slot in slots]
+            slots = [self.slots[id(v)] if isinstance(v, Value) else self.constant_slots[v] for v in values]
+            places = [slot * LANES * self.number_bytes for slot in slots]
             constant = len(set(slots)) == 1 and not isinstance(values[0], Value)
             offsets += [~places[0], *places[1:]] if constant else places
         return offsets
 
-    def sine_slots(self, step: Step) -> tuple[list[int], int]:
-        """Return the slots of the angles of a step of sines, and the first slot of its results."""
+    def sine_slots(self, step: KernelStep) -> tuple[list[int], int]:
+        """Return the slots of the angles of a step of sines, and the first slot of the results."""
         line = self._sine_lines[id(step.angles[0])][0]
-        return [self.slots[id(angle)] for angle in step.angles], self.slots[id(line)] - SINES.index(line.operation)
+        first = self.slots[id(line)] - SINE_OPERATIONS.index(line.operation)
+        return [self.slots[id(angle)] for angle in step.angles], first
 
     # ---- the functions of the steps
 
-    def functions(self) -> list[str]:
-        """Return the code of all steps of arithmetic, and the declarations of what they call."""
-        steps = [self._function(step) for step in (*self.once, *self.block) if not step.angles]
+    def step_functions(self) -> list[str]:
+        """Return the LLVM functions of all steps of arithmetic, behind declarations of their intrinsics."""
+        steps = [self._step_function(step) for step in (*self.uniform_steps, *self.varying_steps) if not step.angles]
         return [*sorted(self._declared), *steps]
 
     @property
-    def lanewise(self) -> list[str]:
-        """Names of the functions of the C library that the steps call lane by lane."""
+    def lanewise_functions(self) -> list[str]:
+        """Names of the functions of the C library that the steps call for each lane."""
         return sorted(self._lanewise)
 
-    def _function(self, step: Step) -> str:
-        """Return the function of a step of arithmetic, from the frame to the frame; it stores narrow outputs."""
-        self._f = f = Function(f"internal void @{step.name}(ptr noalias %frame, ptr noalias %places)")
+    def _step_function(self, step: KernelStep) -> str:
+        """Return the LLVM function of a step, which reads and writes the frame and stores narrow outputs."""
+        self._f = f = FunctionBuilder(f"internal void @{step.name}(ptr noalias %frame, ptr noalias %places)")
         self._names: dict[int, tuple[str, int]] = {}
         self._position = 0
         for g, components in step.loads.items():
-            self._load_lanes(g, components)
+            self._load_components(g, components)
         for self._position, value in enumerate(step.lines):
-            name = self._operation(value)
+            name = self._write_operation(value)
             self._names[id(value)] = name, self._position
             if id(value) in self.slots:
-                self.keep(f, self.slots[id(value)], name)
-            for g in self._finished.get(id(value), ()):
-                self._store_rows(g)
-        if step is self.block[-1]:
-            for g in self._finished.get(0, ()):
-                self._store_rows(g)
+                self.store_slot(f, self.slots[id(value)], name)
+            for g in self._outputs_after_value.get(id(value), ()):
+                self._store_sample_rows(g)
+        if step is self.varying_steps[-1]:
+            for g in self._outputs_after_value.get(0, ()):
+                self._store_sample_rows(g)
             if self.carry:
-                after = [self.of(value) for value in self.carry.after]
+                after = [self.operand(value) for value in self.carry.after]
                 for value, name in zip(self.carry.before, after, strict=True):
-                    self.keep(f, self.slots[id(value)], name)
+                    self.store_slot(f, self.slots[id(value)], name)
         f.do("ret void")
         return f.text()
 
-    def of(self, one: Operand) -> str:
-        """Write what is needed to name an operand: a vector, or a number in all lanes."""
+    def operand(self, one: Operand) -> str:
+        """Return the name of an operand's vector, loaded from the frame if necessary; or a constant in all lanes."""
         if not isinstance(one, Value):
-            rounded = one if self.size == 8 else struct.unpack("f", struct.pack("f", one))[0]
+            rounded = one if self.number_bytes == 8 else struct.unpack("f", struct.pack("f", one))[0]
             return f"splat ({self.number} {hexadecimal(rounded)})"
         name, seen = self._names.get(id(one), ("", 0))
-        if not name or self._position - seen > _RELOAD_DISTANCE:
-            if id(one) in self._numbers:
-                place = self._f.step("%frame", self._numbers[id(one)] * self.size)
-                number = self._f.put(f"load {self.number}, ptr {place}, align {self.size}", one.name)
+        if not name or self._position - seen > _RELOAD_OPERATIONS:
+            if id(one) in self._scalar_positions:
+                place = self._f.pointer_at("%frame", self._scalar_positions[id(one)] * self.number_bytes)
+                number = self._f.put(f"load {self.number}, ptr {place}, align {self.number_bytes}", one.name)
                 name = self._f.splat(self.vector, f"{self.number} {number}")
             elif id(one) in self.slots:
-                place = self.slot(self._f, self.slots[id(one)])
-                name = self._f.put(f"load {self.vector}, ptr {place}, align {LANES * self.size}", one.name)
+                place = self.slot_address(self._f, self.slots[id(one)])
+                name = self._f.put(f"load {self.vector}, ptr {place}, align {LANES * self.number_bytes}", one.name)
         self._names[id(one)] = name, self._position
         return name
 
-    def _operation(self, value: Value) -> str:
-        """Write a line; returns the name of its value."""
+    def _write_operation(self, value: Value) -> str:
+        """Append the operation of a value, and return the name of the result."""
         put, kind, note = self._f.put, self.vector, value.name
         if value.operation == "where":
             condition, *both = value.operands
-            chosen = ", ".join(f"{kind} {self.of(one)}" for one in both)
-            return put(f"select <{LANES} x i1> {self._comparison(condition)}, {chosen}", note)
+            chosen = ", ".join(f"{kind} {self.operand(one)}" for one in both)
+            return put(f"select <{LANES} x i1> {self._write_comparison(condition)}, {chosen}", note)
         product = self._fused_product(value)
         if product is not None:
-            return self._fused_sum(product, value)
-        parts = [self.of(one) for one in value.operands]
+            return self._write_fma(product, value)
+        parts = [self.operand(one) for one in value.operands]
         if value.operation in _OPERATORS:
             return put(f"{_OPERATORS[value.operation]} {kind} {', '.join(parts)}", note)
         if value.operation == "sqrt":
-            return self._intrinsic("sqrt", parts, note)
-        return self._call_by_lanes(value.operation.replace("arctan2", "atan2"), parts, note)
+            return self._call_intrinsic("sqrt", parts, note)
+        return self._call_lanewise(value.operation.replace("arctan2", "atan2"), parts, note)
 
-    def _comparison(self, condition: Operand) -> str:
-        """Write the comparison of two values, once in a function; the frame holds none."""
+    def _write_comparison(self, condition: Operand) -> str:
+        """Append the comparison a < b, once in a function, and return its name; the frame holds no comparisons."""
         name, _ = self._names.get(id(condition), ("", 0))
         if not name and isinstance(condition, Value):
-            both = ", ".join(self.of(one) for one in condition.operands)
+            both = ", ".join(self.operand(one) for one in condition.operands)
             name = self._f.put(f"fcmp olt {self.vector} {both}")
             self._names[id(condition)] = name, 0
         return name
 
-    def _fused_sum(self, product: Value, value: Value) -> str:
-        """Write a sum or difference with a product, rounded once."""
+    def _write_fma(self, product: Value, value: Value) -> str:
+        """Append a fused multiply-add (FMA) of a sum or difference and its product, and return the name."""
         first, second = value.operands
-        x, y = (self.of(one) for one in product.operands)
+        x, y = (self.operand(one) for one in product.operands)
         if second is product:
             if value.operation == "-":
                 x = self._f.put(f"fneg {self.vector} {x}")
-            return self._intrinsic("fma", [x, y, self.of(first)], value.name)
-        rest = self.of(second)
+            return self._call_intrinsic("fma", [x, y, self.operand(first)], value.name)
+        rest = self.operand(second)
         if value.operation == "-":
             rest = self._f.put(f"fneg {self.vector} {rest}")
-        return self._intrinsic("fma", [x, y, rest], value.name)
+        return self._call_intrinsic("fma", [x, y, rest], value.name)
 
-    def _intrinsic(self, name: str, parts: Sequence[str], note: str) -> str:
-        """Write a call of one of LLVM's own functions."""
-        kind, full = self.vector, f"@llvm.{name}.v{LANES}f{8 * self.size}"
+    def _call_intrinsic(self, name: str, parts: Sequence[str], note: str) -> str:
+        """Append the call of an intrinsic of LLVM, and return the name of its value."""
+        kind, full = self.vector, f"@llvm.{name}.v{LANES}f{8 * self.number_bytes}"
         self._declared.add(f"declare {kind} {full}({', '.join([kind] * len(parts))})")
         return self._f.put(f"call {kind} {full}({', '.join(f'{kind} {part}' for part in parts)})", note)
 
-    def _call_by_lanes(self, name: str, parts: Sequence[str], note: str) -> str:
-        """Write the call of a function of the C library for each lane."""
+    def _call_lanewise(self, name: str, parts: Sequence[str], note: str) -> str:
+        """Append the call of a function of the C library for each lane, and return the name of the vector."""
         self._lanewise.add(name)
-        if self.size == 4:
-            parts = [self._f.put(f"fpext {self.vector} {part} to {DOUBLES}") for part in parts]
-        value = self._f.put(f"call {DOUBLES} @lanes.{name}({', '.join(f'{DOUBLES} {part}' for part in parts)})", note)
-        return value if self.size == 8 else self._f.put(f"fptrunc {DOUBLES} {value} to {self.vector}")
+        if self.number_bytes == 4:
+            parts = [self._f.put(f"fpext {self.vector} {part} to {DOUBLE_VECTOR}") for part in parts]
+        value = self._f.put(
+            f"call {DOUBLE_VECTOR} @lanes.{name}({', '.join(f'{DOUBLE_VECTOR} {part}' for part in parts)})", note
+        )
+        return value if self.number_bytes == 8 else self._f.put(f"fptrunc {DOUBLE_VECTOR} {value} to {self.vector}")
 
     # ---- narrow inputs and outputs
 
-    def _load_lanes(self, g: int, components: Sequence[int]) -> None:
-        """Write the loads of components of eight samples: one scalar load a lane."""
-        f, word = self._f, 8 * self.words[g]
-        row, step = f.word("%places", word, "ptr"), f.word("%places", word + 8 * LANES)
-        samples = [row, *(f.step(row, f.word("%places", word + 8 * k)) for k in range(1, LANES))]
+    def _load_components(self, g: int, components: Sequence[int]) -> None:
+        """Append the loads of an input's components of eight samples: one scalar load for each lane."""
+        f, word = self._f, 8 * self.word_offsets[g]
+        row, step = f.load_word("%places", word, "ptr"), f.load_word("%places", word + 8 * LANES)
+        samples = [row, *(f.pointer_at(row, f.load_word("%places", word + 8 * k)) for k in range(1, LANES))]
         for c in components:
-            value, offset, vector = self.inputs[g].values[c], f.product(step, c) if c else 0, "poison"
+            value, offset, vector = self.inputs[g].values[c], f.multiply(step, c) if c else 0, "poison"
             for k, sample in enumerate(samples):
-                one = f.put(f"load {self.number}, ptr {f.step(sample, offset)}, align 1")
+                one = f.put(f"load {self.number}, ptr {f.pointer_at(sample, offset)}, align 1")
                 note = value.name if k == LANES - 1 and isinstance(value, Value) else ""
                 vector = f.put(f"insertelement {self.vector} {vector}, {self.number} {one}, i32 {k}", note)
             self._names[id(value)] = vector, 0
             if id(value) in self.slots:
-                self.keep(f, self.slots[id(value)], vector)
+                self.store_slot(f, self.slots[id(value)], vector)
 
-    def _store_rows(self, g: int) -> None:
-        """Write the stores of an output's eight samples, one behind the other."""
+    def _store_sample_rows(self, g: int) -> None:
+        """Append the stores of an output's eight samples, one behind the other."""
         f = self._f
-        parts = [self.of(value) for value in self.outputs[g].values]
-        to = f.word("%places", 8 * (self.words[-1] + g), "ptr")
+        parts = [self.operand(value) for value in self.outputs[g].values]
+        to = f.load_word("%places", 8 * (self.word_offsets[-1] + g), "ptr")
         whole = len(parts) // LANES * LANES
         blocks = [f.transpose(self.vector, parts[k : k + LANES]) for k in range(0, whole, LANES)]
         samples = [list(sample) for sample in zip(*blocks, strict=True)]
         for first in range(0, LANES * len(parts), LANES):
-            piece = self._piece(samples, parts[whole:], len(parts), first)
-            f.do(f"store {self.vector} {piece}, ptr {f.step(to, self.size * first)}, align 1")
+            piece = self._pack_numbers(samples, parts[whole:], len(parts), first)
+            f.do(f"store {self.vector} {piece}, ptr {f.pointer_at(to, self.number_bytes * first)}, align 1")
 
-    def _piece(self, samples: list[list[str]], left: list[str], count: int, first: int) -> str:
-        """Write eight numbers that follow each other, from the first-th of eight samples of `count` components on.
+    def _pack_numbers(self, samples: list[list[str]], left: list[str], count: int, first: int) -> str:
+        """Append the shuffles that collect eight consecutive numbers of a block in memory order; return the vector.
 
-        They come out of vectors of a sample, of as many components as fill one, and of what is left of the
-        components, vectors of a component.
+        Args:
+            samples: for each sample, vectors that hold eight of its components each.
+            left: vectors of the remaining components, each over all samples.
+            count: number of components.
+            first: index of the first number in the block, whose rows follow each other.
         """
         picked = []
         for sample, c in (divmod(j, count) for j in range(first, first + LANES)):
@@ -463,8 +485,8 @@ class Arithmetic:
         return vector
 
 
-def _cut(lines: Sequence[Value]) -> list[tuple[list[Value], list[Value]]]:
-    """Return lines whole, or in parts of about the same length."""
-    count = -(-len(lines) // _STEP_LENGTH) if len(lines) > _MAX_WHOLE_LENGTH else min(len(lines), 1)
+def _split_lines(lines: Sequence[Value]) -> list[tuple[list[Value], list[Value]]]:
+    """Split a long list of values into parts of about equal length; return each with an empty list of angles."""
+    count = -(-len(lines) // _STEP_OPERATIONS) if len(lines) > _MAX_UNSPLIT_OPERATIONS else min(len(lines), 1)
     ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]
     return [(list(lines[a:b]), []) for a, b in itertools.pairwise(ends)]

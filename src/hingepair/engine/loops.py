@@ -34,7 +34,7 @@ from hingepair.engine.binding import (
     shapes_and_strides,
 )
 from hingepair.engine.llvm_ir import kernel_ir
-from hingepair.engine.llvm_parts import Carry, Group
+from hingepair.engine.llvm_parts import Carry, ComponentGroup
 from hingepair.engine.llvm_writer import number_type
 from hingepair.engine.trace import (
     FUNCTIONS,
@@ -308,11 +308,11 @@ class Program:
             fuse: whether a product and a sum become one instruction (FMA).
         """
         traced = self.traced(uniform)
-        inputs = [Group(traced.constants, False)] if traced.constants else []
-        inputs += [Group(array, not same) for array, same in zip(traced.arrays, uniform, strict=True)]
+        inputs = [ComponentGroup(traced.constants, False)] if traced.constants else []
+        inputs += [ComponentGroup(array, not same) for array, same in zip(traced.arrays, uniform, strict=True)]
         flat, outputs = traced.output_components(self.loop.outputs), []
         for width in widths:
-            outputs.append(Group(tuple(flat[:width])))
+            outputs.append(ComponentGroup(tuple(flat[:width])))
             del flat[:width]
         carry = None
         if self.loop.carry:
