@@ -338,7 +338,7 @@ def test_the_plan_counts_what_resting_joints_save(tmp_path: Path) -> None:
     assert "joints that do not move" in str(plan)
     ((_, less),) = plan.computed.items()
     ((_, more),) = scene_of(tmp_path, all_move).plan().computed.items()
-    assert less.each < more.each < more.full == less.full
+    assert less.per_sample < more.per_sample < more.unfolded == less.unfolded
 
 
 STRAY = r"expected the motion of a joint under \[motion\], got a joint in another table"
