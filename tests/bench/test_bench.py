@@ -1,4 +1,4 @@
-"""The bench measures what it says: every way computes the same, and its reports are whole. No speed here."""
+"""The bench measures what it says: every method computes the same, and its reports are whole. No speed here."""
 
 from __future__ import annotations
 
@@ -18,18 +18,22 @@ from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.bench import direct, engines, measure, peers, plot, skip, truth
-from hingepair.bench.measure import Report, Row, Way, interleaved, present, rows_of
-from hingepair.bench.peers import LEVELS
-from hingepair.bench.plot import Curve, Panel, drawn, write_picture
+from hingepair.bench.measure import Method, Report, Row, available_methods, make_rows, time_interleaved
+from hingepair.bench.peers import LEVEL_OUTPUTS
+from hingepair.bench.plot import Curve, Panel, draw_panels, write_picture
 from hingepair.cli import bench as command
 from hingepair.cli.main import app
 from support.reference import from_euler
 from support.states import generator
 
-PAIR = hp.HingePair(**peers.CONSTANTS)
-PRESENT, _ = present(peers.WAYS, {engines.CPP: "not here"})
-MEASURED = [way for way in PRESENT if way.name not in {peers.FLOOR, peers.FRESH_FLOOR}]
-FEW = tuple(way for way in PRESENT if way.name in {peers.OURS, engines.PYTHON_LOOP, peers.FLOOR})
+PAIR = hp.HingePair(**peers.BENCH_PAIR_CONSTANTS)
+PRESENT, _ = available_methods(peers.KINEMATICS_METHODS, {engines.PINOCCHIO_CPP_NAME: "not here"})
+MEASURED = [method for method in PRESENT if method.name not in {peers.COPY_FLOOR_NAME, peers.FRESH_COPY_FLOOR_NAME}]
+FEW = tuple(
+    method
+    for method in PRESENT
+    if method.name in {peers.HINGEPAIR_NAME, engines.PINOCCHIO_LOOP_NAME, peers.COPY_FLOOR_NAME}
+)
 
 
 def run(*options):
@@ -38,23 +42,27 @@ def run(*options):
 
 @pytest.fixture
 def few(monkeypatch):
-    """The ways that start quickly, and few states to compare them by."""
-    monkeypatch.setattr(peers, "WAYS", FEW)
-    monkeypatch.setattr(direct, "_COMPARED", 3)
+    """The methods that start quickly, and few states to compare them by."""
+    monkeypatch.setattr(peers, "KINEMATICS_METHODS", FEW)
+    monkeypatch.setattr(direct, "_ACCURACY_STATES", 3)
     monkeypatch.setattr(direct, "hard_states", lambda rng, parts: tuple(c[:3] for c in truth.hard_states(rng, parts)))
 
 
 @pytest.fixture(scope="module")
 def ordinary():
     return {
-        level: truth.Truth(peers.CONSTANTS, truth.random_states(generator(80), 3, parts), LEVELS[level])
-        for parts, level in enumerate(LEVELS, 1)
+        level: truth.ExactResults(
+            peers.BENCH_PAIR_CONSTANTS, truth.random_states(generator(80), 3, parts), LEVEL_OUTPUTS[level]
+        )
+        for parts, level in enumerate(LEVEL_OUTPUTS, 1)
     }
 
 
 @pytest.fixture(scope="module")
 def hard():
-    return truth.Truth(peers.CONSTANTS, truth.hard_states(generator(82), 3), LEVELS["acceleration"])
+    return truth.ExactResults(
+        peers.BENCH_PAIR_CONSTANTS, truth.hard_states(generator(82), 3), LEVEL_OUTPUTS["acceleration"]
+    )
 
 
 @pytest.mark.slow
@@ -62,46 +70,46 @@ def test_the_truth_is_that_of_the_tests():
     """Two routes, differences in time and Taylor series, meet in 40 digits."""
     states = (*truth.random_states(generator(79), 1, 3), *truth.hard_states(generator(79), 3))
     for motion in (states[:3], states[3:]):
-        constants = [np.array(peers.CONSTANTS[key]) for key in ("u1", "u2", "n", "home")]
+        constants = [np.array(peers.BENCH_PAIR_CONSTANTS[key]) for key in ("u1", "u2", "n", "home")]
         expected = from_euler(constants, *motion)
         for i, state in enumerate(zip(*motion, strict=True)):
-            found = truth.exact(peers.CONSTANTS, *state)
+            found = truth.compute_exact_outputs(peers.BENCH_PAIR_CONSTANTS, *state)
             with mpmath.workdps(60):
-                for name in LEVELS["acceleration"]:
+                for name in LEVEL_OUTPUTS["acceleration"]:
                     true, scale = expected.values[name][i].ravel(), mpmath.mpf(float(expected.scales[name][i]))
                     gap = max(abs(a - b) for a, b in zip(found[name], true, strict=True))
                     assert gap <= mpmath.mpf("1e-40") * scale, (name, i)
 
 
 def _cases():
-    for way in MEASURED:
-        for level in LEVELS:
-            slow = way.needs == "jax" or level != "acceleration"
-            yield pytest.param(way, level, marks=[pytest.mark.slow] * slow, id=f"{way.name}-{level}")
+    for method in MEASURED:
+        for level in LEVEL_OUTPUTS:
+            slow = method.package == "jax" or level != "acceleration"
+            yield pytest.param(method, level, marks=[pytest.mark.slow] * slow, id=f"{method.name}-{level}")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("way", "level"), [*_cases()])
-def test_every_way_computes_the_truth(way, level, ordinary):
-    assert direct.errors(PAIR, [way], ordinary[level])[way.name] < 20
+@pytest.mark.parametrize(("method", "level"), [*_cases()])
+def test_every_way_computes_the_truth(method, level, ordinary):
+    assert direct.method_errors(PAIR, [method], ordinary[level])[method.name] < 20
 
 
 def test_one_state_is_computed_as_a_batch_is(ordinary):
-    one = [way for way in MEASURED if way.needs != "jax" and way.least == 1]
+    one = [method for method in MEASURED if method.package != "jax" and method.min_samples == 1]
     motion = tuple(c[:1] for c in ordinary["acceleration"].motion)
-    single = truth.Truth(peers.CONSTANTS, motion, LEVELS["acceleration"])
-    found = direct.errors(PAIR, one, single)
-    assert found.keys() == {way.name for way in one}
+    single = truth.ExactResults(peers.BENCH_PAIR_CONSTANTS, motion, LEVEL_OUTPUTS["acceleration"])
+    found = direct.method_errors(PAIR, one, single)
+    assert found.keys() == {method.name for method in one}
     assert max(found.values()) < 20
 
 
 def _changed(change):
     """Our results, changed."""
-    return lambda task: lambda: change(_named(task, peers.ours()(task)()))
+    return lambda task: lambda: change(_named(task, peers.hingepair_job_maker()(task)()))
 
 
 def _named(task, results):
-    return {name: result.copy() for name, result in zip(task.room, results, strict=True)}
+    return {name: result.copy() for name, result in zip(task.buffers, results, strict=True)}
 
 
 def _with_nan(found):
@@ -113,7 +121,7 @@ def _reduced(task):
     """Reduces psi modulo 2 pi in double."""
     q = task.motion[0].copy()
     q[:, 6] %= 2 * np.pi
-    return peers.ours()(task._replace(motion=(q, *task.motion[1:])))
+    return peers.hingepair_job_maker()(task._replace(motion=(q, *task.motion[1:])))
 
 
 def _refuses(*_):
@@ -123,17 +131,17 @@ def _refuses(*_):
 @pytest.mark.slow
 def test_the_error_columns_see_errors_and_what_is_not_finite(ordinary, hard):
     wrong = [
-        Way("right", peers.ours()),
-        Way("off", _changed(lambda found: {name: value + 1e-9 for name, value in found.items()})),
-        Way("nan", _changed(_with_nan)),
-        Way("refuses", _refuses),
-        Way("reduced", _reduced),
+        Method("right", peers.hingepair_job_maker()),
+        Method("off", _changed(lambda found: {name: value + 1e-9 for name, value in found.items()})),
+        Method("nan", _changed(_with_nan)),
+        Method("refuses", _refuses),
+        Method("reduced", _reduced),
     ]
-    found = direct.errors(PAIR, wrong, ordinary["velocity"])
+    found = direct.method_errors(PAIR, wrong, ordinary["velocity"])
     assert found["right"] < 12
     assert 1e4 < found["off"] < math.inf
     assert found["nan"] == found["refuses"] == math.inf
-    found = direct.errors(PAIR, wrong, hard)
+    found = direct.method_errors(PAIR, wrong, hard)
     assert found["right"] < 12
     assert found["reduced"] > 1e6
 
@@ -141,15 +149,15 @@ def test_the_error_columns_see_errors_and_what_is_not_finite(ordinary, hard):
 def test_rows_are_medians_of_one_run_and_ratios_to_the_first():
     """A call of b does 10 samples; its second repeat met noise that a's did not."""
     times = {"a": [1.0, 2.0, 4.0], "b": [5.0, 90.0, 16.0]}
-    one, other = rows_of("a case", times, {"a": 1, "b": 10}, {"b": 2.0})
+    one, other = make_rows("a case", times, {"a": 1, "b": 10}, {"b": 2.0})
     assert one == Row("a case", "a", 1, 2.0, 1.0, 1.0, None, {})
     assert other == Row("a case", "b", 10, 16.0, 5.0, 0.5, 2.0, {})
-    assert (one.each, other.each) == (2.0, 1.6)
+    assert (one.seconds_per_sample, other.seconds_per_sample) == (2.0, 1.6)
 
 
 def test_every_repeat_goes_through_all_jobs():
     called = []
-    times = interleaved({name: functools.partial(called.append, name) for name in "ab"}, 3)
+    times = time_interleaved({name: functools.partial(called.append, name) for name in "ab"}, 3)
     assert {name: len(own) for name, own in times.items()} == {"a": 3, "b": 3}
     order = [name for name, _ in itertools.groupby(called)]
     assert order == ["a", "b"] * 5
@@ -165,27 +173,27 @@ def test_no_job_is_timed_while_a_neighbour_still_works():
         threads[-1].start()
         begun.wait()
 
-    interleaved({"ours": lambda: seen.append(threads[-1].is_alive()), "theirs": call_that_leaves_work_behind}, 3)
+    time_interleaved({"ours": lambda: seen.append(threads[-1].is_alive()), "theirs": call_that_leaves_work_behind}, 3)
     assert not any(seen[1:])  # the first call finds nothing before it
 
 
-@pytest.mark.parametrize("shift", direct.SHIFTS.values())
+@pytest.mark.parametrize("shift", direct.OUTPUT_OFFSETS.values())
 def test_outputs_begin_where_they_are_said_to(shift):
-    array = direct.array_at((5, 3, 3), shift)
+    array = direct.allocate_at_offset((5, 3, 3), shift)
     assert array.shape == (5, 3, 3)
     assert array.flags.c_contiguous
     assert array.ctypes.data % 64 == shift
 
 
 def test_each_offset_has_a_row_beside_the_floor():
-    rows = direct.offsets(9, ["pose", "velocity"], 1)
-    assert [row.method for row in rows] == [peers.FLOOR, *direct.SHIFTS] * 2
+    rows = direct.measure_offsets(9, ["pose", "velocity"], 1)
+    assert [row.method for row in rows] == [peers.COPY_FLOOR_NAME, *direct.OUTPUT_OFFSETS] * 2
     assert list(dict.fromkeys(row.case for row in rows)) == [
-        f"{direct.OFFSETS}: pose, N = 9",
-        f"{direct.OFFSETS}: velocity, N = 9",
+        f"{direct.OFFSETS_CASE}: pose, N = 9",
+        f"{direct.OFFSETS_CASE}: velocity, N = 9",
     ]
     assert all(row.count == 9 and row.seconds > 0 for row in rows)
-    assert direct.offsets(1, ["pose"], 1) == []
+    assert direct.measure_offsets(1, ["pose"], 1) == []
 
 
 @pytest.mark.slow
@@ -193,7 +201,13 @@ def test_direct_prints_writes_and_draws(few, tmp_path):  # noqa: ARG001
     picture = tmp_path / "b.png"
     done = run("direct", "--sizes", "1,2", "--levels", "pose", "--repeats", "1", "--no-cold", "--plot", str(picture))
     assert done.exit_code == 0, done.output
-    for words in (*(way.name for way in FEW), *direct.SHIFTS, "pose, N = 1", "pose, N = 2", direct.MADE):
+    for words in (
+        *(method.name for method in FEW),
+        *direct.OUTPUT_OFFSETS,
+        "pose, N = 1",
+        "pose, N = 2",
+        direct.CONSTRUCTION_CASE,
+    ):
         assert words in done.stdout
     assert picture.read_bytes().startswith(b"\x89PNG")
 
@@ -203,10 +217,10 @@ def test_json_has_every_row_both_errors_and_the_machine(few):  # noqa: ARG001
     done = run("direct", "--sizes", "2", "--levels", "pose", "--repeats", "1", "--no-cold", "--json")
     found = json.loads(done.stdout, parse_constant=pytest.fail)
     rows = {row["method"]: row for row in found["rows"] if row["case"] == "pose, N = 2"}
-    assert rows.keys() == {way.name for way in FEW}
-    assert rows[peers.FLOOR]["error"] is None
-    assert rows[peers.OURS]["error"] > 0
-    assert rows[peers.OURS]["more"][direct.HARD] > 0
+    assert rows.keys() == {method.name for method in FEW}
+    assert rows[peers.COPY_FLOOR_NAME]["error"] is None
+    assert rows[peers.HINGEPAIR_NAME]["error"] > 0
+    assert rows[peers.HINGEPAIR_NAME]["more"][direct.HARD_ERROR_COLUMN] > 0
     assert {"processor", "machine", "cores", "numpy", "pin"} <= found["facts"].keys()
 
 
@@ -216,27 +230,38 @@ def _row(case, method, ratio, seconds=1e-3):
 
 def test_no_cell_of_the_report_is_cut(capsys):
     rows = [
-        Row(direct.case_of(level, size), way.name, 10**6, 0.123456, 0.123456, 123.456, 1.2e-16, {direct.HARD: 3e14})
-        for level in LEVELS
+        Row(
+            direct.case_name(level, size),
+            method.name,
+            10**6,
+            0.123456,
+            0.123456,
+            123.456,
+            1.2e-16,
+            {direct.HARD_ERROR_COLUMN: 3e14},
+        )
+        for level in LEVEL_OUTPUTS
         for size in (1, 100, 10_000, 1_000_000)
-        for way in peers.WAYS
+        for method in peers.KINEMATICS_METHODS
     ]
-    cases = [f"{direct.STARTS}: {name}" for name in (*direct.SEQUENCES, "import")]
-    rows += [_row(case, method, 123.0) for case in cases for method in (*direct.BACKENDS, "hingepair")]
-    rows += [_row(case, peers.OURS, 1.0) for case in (direct.CYCLE, direct.MADE)]
-    cases = [direct.case_of(f"{direct.OFFSETS}: {level}", 1_000_000) for level in LEVELS]
-    rows += [_row(case, method, 1.0) for case in cases for method in direct.SHIFTS]
+    cases = [f"{direct.FRESH_PROCESS_CASE}: {name}" for name in (*direct.CALL_SEQUENCES, "import")]
+    rows += [_row(case, method, 123.0) for case in cases for method in (*direct.BACKEND_NAMES, "hingepair")]
+    rows += [_row(case, peers.HINGEPAIR_NAME, 1.0) for case in (direct.CYCLE_CASE, direct.CONSTRUCTION_CASE)]
+    cases = [direct.case_name(f"{direct.OFFSETS_CASE}: {level}", 1_000_000) for level in LEVEL_OUTPUTS]
+    rows += [_row(case, method, 1.0) for case in cases for method in direct.OUTPUT_OFFSETS]
     command._report(lambda: Report(rows, "error"), False)
     assert "…" not in capsys.readouterr().out
 
 
 @pytest.mark.slow
 def test_more_methods_than_colours_are_drawn_each_with_its_name(tmp_path):
-    curves = [Curve(f"method {i}", [(10.0 + i, 3.0), (10.0 + i, 10.0 ** (i + 1))], hard=True) for i in range(14)]
-    curves.append(Curve("infinite", [(5.0, 2.0), (5.0, math.inf)], hard=True))
-    panel = Panel("a", "x", "y", curves, floor=1.0, most=10.0)
+    curves = [
+        Curve(f"method {i}", [(10.0 + i, 3.0), (10.0 + i, 10.0 ** (i + 1))], second_is_hard=True) for i in range(14)
+    ]
+    curves.append(Curve("infinite", [(5.0, 2.0), (5.0, math.inf)], second_is_hard=True))
+    panel = Panel("a", "x", "y", curves, min_x=1.0, max_y=10.0)
     path = tmp_path / "p.svg"
-    drawn([[panel, panel._replace(most=None, falling=True, curves=curves[:3])]]).savefig(path)
+    draw_panels([[panel, panel._replace(max_y=None, x_descending=True, curves=curves[:3])]]).savefig(path)
     text = path.read_text()
     for name in ("method 13", "infinite", "copying the outputs", "1e+14", "inf"):
         assert text.count(f"<!-- {name} -->") == 1
@@ -249,12 +274,12 @@ def test_a_small_picture_keeps_the_colour_of_every_curve():
     names = [f"robot {k}" for k in range(4)]
     methods = ["hingepair", "Python loop", "C++ loop", "batches", "MuJoCo", "frax"]
     curves = [Curve(name, [(10.0**i, float(k)) for k in range(4)]) for i, name in enumerate(methods)]
-    panel = Panel("pose", "run time", "", curves, names=names, span=(0.1, 1e6))
+    panel = Panel("pose", "run time", "", curves, y_names=names, x_range=(0.1, 1e6))
     file = io.BytesIO()
     write_picture([[panel, panel], [panel, panel]], file, "png")
     assert len(file.getvalue()) < 100_000
     colours = {colour for _, colour in Image.open(file).convert("RGB").getcolors(1_000_000)}
-    wanted = [tuple(bytes.fromhex(colour[1:])) for colour in plot._COLOURS[: len(methods)]]
+    wanted = [tuple(bytes.fromhex(colour[1:])) for colour in plot._CURVE_COLOURS[: len(methods)]]
     assert [colour for colour in wanted if colour not in colours] == []
 
 
@@ -264,8 +289,8 @@ def test_a_small_picture_keeps_the_colour_of_every_curve():
 def test_a_picture_that_cannot_be_written_is_refused_before_measuring(bench, path, tmp_path, monkeypatch):
     from hingepair.bench import integrate
 
-    monkeypatch.setattr(direct, "direct", lambda *_: pytest.fail("measured"))
-    monkeypatch.setattr(integrate, "integrate", lambda *_: pytest.fail("measured"))
+    monkeypatch.setattr(direct, "measure_kinematics", lambda *_: pytest.fail("measured"))
+    monkeypatch.setattr(integrate, "measure_integration", lambda *_: pytest.fail("measured"))
     done = run(bench, "--plot", str(tmp_path / path))
     assert isinstance(done.exception, hp.ArgumentError)
     assert done.exception.name == "--plot"
@@ -278,51 +303,53 @@ def test_bad_options(option):
 
 def test_a_way_that_is_not_installed_is_a_line(monkeypatch):
     monkeypatch.setattr(measure, "find_spec", lambda name: None if name in {"jax", "mujoco"} else True)
-    found, left_out = present(peers.WAYS, {engines.CPP: engines.cpp_missing(False)})
-    assert not [way for way in found if way.needs in {"jax", "mujoco"}]
+    found, left_out = available_methods(
+        peers.KINEMATICS_METHODS, {engines.PINOCCHIO_CPP_NAME: engines.cpp_missing_reason(False)}
+    )
+    assert not [method for method in found if method.package in {"jax", "mujoco"}]
     assert {f"left out: {name}" for name in ("MuJoCo", "JAX", "Pinocchio")} <= {
         line.split(",")[0] for line in left_out
     }
 
 
 def test_without_a_compiler_or_headers_the_cpp_loop_is_a_line(monkeypatch):
-    engines.compiled_library.cache_clear()
-    monkeypatch.setattr(engines, "_headers", lambda: iter(()))
-    assert "pinocchio/algorithm/" in engines.cpp_missing(True)
+    engines.compile_library.cache_clear()
+    monkeypatch.setattr(engines, "_header_folders", lambda: iter(()))
+    assert "pinocchio/algorithm/" in engines.cpp_missing_reason(True)
     monkeypatch.setenv("PATH", "")
-    assert "a C++ compiler" in engines.cpp_missing(True)
+    assert "a C++ compiler" in engines.cpp_missing_reason(True)
 
 
 @pytest.mark.slow(20)
 def test_the_cpp_loop_computes_the_truth(ordinary, monkeypatch):
     """Not optimised, and with what Pinocchio's library has compiled already, which takes a tenth of the time."""
-    engines.compiled_library.cache_clear()
-    library = next(engines._headers()).parent / "lib"
+    engines.compile_library.cache_clear()
+    library = next(engines._header_folders()).parent / "lib"
     linked = ("-Wl,--no-as-needed", f"-L{library}", f"-Wl,-rpath,{library}", "-lpinocchio_default")
-    kept = [flag for flag in engines._FLAGS if flag not in {"-O3", "-march=native"}]
+    kept = [flag for flag in engines._COMPILER_FLAGS if flag not in {"-O3", "-march=native"}]
     flags = (*kept, "-O0", "-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION", *linked)
-    monkeypatch.setattr(engines, "_FLAGS", flags)
-    assert engines.cpp_missing(True) is None
-    way = next(way for way in peers.WAYS if way.name == engines.CPP)
-    for level in LEVELS:
-        assert direct.errors(PAIR, [way], ordinary[level])[way.name] < 20
+    monkeypatch.setattr(engines, "_COMPILER_FLAGS", flags)
+    assert engines.cpp_missing_reason(True) is None
+    method = next(method for method in peers.KINEMATICS_METHODS if method.name == engines.PINOCCHIO_CPP_NAME)
+    for level in LEVEL_OUTPUTS:
+        assert direct.method_errors(PAIR, [method], ordinary[level])[method.name] < 20
 
 
 @pytest.mark.slow
 def test_skip_compares_every_program_with_the_whole_one():
     done = run("skip", "--samples", "50", "--repeats", "1", "--json")
     found = json.loads(done.stdout)["rows"]
-    for name in skip.cases(2):
+    for name in skip.make_folding_cases(2):
         assert len([row for row in found if row["method"] == name]) == 2
-    assert [row["ratio"] for row in found if row["method"] == skip.WHOLE] == [1, 1]
+    assert [row["ratio"] for row in found if row["method"] == skip.FULL_CASE_NAME] == [1, 1]
     operations = {row["method"]: row["more"]["operations"] for row in found}
-    whole = operations.pop(skip.WHOLE)
+    whole = operations.pop(skip.FULL_CASE_NAME)
     assert operations.pop("float32") == operations.pop("constant rates") == whole
     assert all(0 < left < whole for left in operations.values())
 
 
 def test_what_is_known_changes_no_output():
-    known = skip.cases(20)
+    known = skip.make_folding_cases(20)
     for pair, motion, outputs in known.values():
         folded = pair.forward_kinematics(*motion, outputs=outputs)
         full = pair.forward_kinematics(
@@ -335,8 +362,8 @@ def test_what_is_known_changes_no_output():
 
 @pytest.mark.slow(9)
 def test_starts_are_measured_in_fresh_processes(monkeypatch):
-    monkeypatch.setattr(direct, "SEQUENCES", {direct.FIRST_CALL: "[3, 1]"})
-    rows = direct.starts(1)
-    assert len(rows) == 2 + 1 + len(direct.BACKENDS)
+    monkeypatch.setattr(direct, "CALL_SEQUENCES", {direct.FIRST_CALL_NAME: "[3, 1]"})
+    rows = direct.measure_starts(1)
+    assert len(rows) == 2 + 1 + len(direct.BACKEND_NAMES)
     assert all(row.seconds > 0 for row in rows)
-    assert {direct.IMPORT, direct.RUN} < {row.case for row in rows}
+    assert {direct.IMPORT_CASE, direct.RUN_CASE} < {row.case for row in rows}

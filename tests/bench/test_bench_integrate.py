@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from hingepair.bench import integrate
-from hingepair.bench.integrate import SPINS
+from hingepair.bench.integrate import ROTATION_CASES
 from hingepair.cli.main import app
 from support.spins import REFERENCE
 
@@ -20,41 +20,44 @@ from support.spins import REFERENCE
 def test_the_motions_are_what_their_closed_forms_say():
     """Omega is that of the exact attitudes, which agree with the tests' own."""
     t = np.array([0.3, 1.7])
-    for spin in SPINS:
-        near = spin.exact(np.concatenate([t - 1e-6, t + 1e-6]))
-        for k, omega in enumerate(spin.omega(t)):
-            rate = (near[k + 2] - near[k]) / mpmath.mpf(2e-6) * spin.exact(t)[k].T
+    for motion in ROTATION_CASES:
+        near = motion.exact_attitudes(np.concatenate([t - 1e-6, t + 1e-6]))
+        for k, omega in enumerate(motion.omega(t)):
+            rate = (near[k + 2] - near[k]) / mpmath.mpf(2e-6) * motion.exact_attitudes(t)[k].T
             found = [rate[2, 1], rate[0, 2], rate[1, 0]]
             np.testing.assert_allclose([float(w) for w in found], omega, rtol=0, atol=1e-9)
         np.testing.assert_allclose(
-            np.array(spin.exact(np.zeros(1))[0].tolist(), dtype=float), spin.start(), rtol=0, atol=1e-15
+            np.array(motion.exact_attitudes(np.zeros(1))[0].tolist(), dtype=float),
+            motion.initial_attitude(),
+            rtol=0,
+            atol=1e-15,
         )
-    exact = np.array(SPINS[0].exact(t)[0].tolist(), dtype=float)
+    exact = np.array(ROTATION_CASES[0].exact_attitudes(t)[0].tolist(), dtype=float)
     np.testing.assert_allclose(exact, REFERENCE.exact(t[0]).astype(float), rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("spin", SPINS, ids=lambda spin: spin.name)
-def test_the_error_column_sees_an_error(spin):
+@pytest.mark.parametrize("motion", ROTATION_CASES, ids=lambda motion: motion.name)
+def test_the_error_column_sees_an_error(motion):
     """A turn by 1e-7 rad is found, half a turn is not taken for none, and no number is no attitude."""
-    exact = spin.exact(np.linspace(0, 1, 4))
+    exact = motion.exact_attitudes(np.linspace(0, 1, 4))
     found = Rotation.from_matrix(np.array([matrix.tolist() for matrix in exact], dtype=float))
     quats = found.as_quat()[:, [3, 0, 1, 2]]
-    assert spin.error(quats, exact) < 1e-15
-    assert spin.error(-quats, exact) < 1e-15
+    assert motion.largest_error(quats, exact) < 1e-15
+    assert motion.largest_error(-quats, exact) < 1e-15
     for off in (1e-7, np.pi):
         turned = (Rotation.from_rotvec([off, 0, 0]) * found).as_quat()[:, [3, 0, 1, 2]]
-        assert spin.error(2 * turned, exact) == pytest.approx(off, rel=1e-7)
+        assert motion.largest_error(2 * turned, exact) == pytest.approx(off, rel=1e-7)
     quats[2, 1] = np.nan
-    assert spin.error(quats, exact) == math.inf
+    assert motion.largest_error(quats, exact) == math.inf
 
 
 @pytest.mark.slow
 def test_integrate_prints_writes_and_draws(tmp_path, monkeypatch):
     methods = ("magnus6", "midpoint")
-    monkeypatch.setattr(integrate, "_OURS", methods)
-    monkeypatch.setattr(integrate, "_STEPS", (500, 1000))
-    monkeypatch.setattr(integrate, "_SCIPY", ("LSODA",))
-    monkeypatch.setattr(integrate, "_TOLERANCES", (1e-2, 1e-4))
+    monkeypatch.setattr(integrate, "_HINGEPAIR_METHODS", methods)
+    monkeypatch.setattr(integrate, "_STEP_COUNTS", (500, 1000))
+    monkeypatch.setattr(integrate, "_SCIPY_SOLVERS", ("LSODA",))
+    monkeypatch.setattr(integrate, "_SCIPY_TOLERANCES", (1e-2, 1e-4))
     picture = tmp_path / "i.png"
     options = ["bench", "integrate", "--repeats", "1", "--steps", "3000"]
     done = CliRunner().invoke(app, [*options, "--plot", str(picture)])
@@ -77,4 +80,4 @@ def test_the_time_to_an_error_is_read_between_finenesses():
         for n, t, error in ((10, 1.0, 1e-9), (20, 2.0, 1e-11), (40, 4.0, 1e-13))
     ]
     rows.append(integrate.Row("turned", "midpoint, 10 steps", 1, 1.0, 1.0, 1.0, math.inf))
-    assert integrate.time_to_goal(rows, "turned") == {"magnus6": pytest.approx(2.0)}
+    assert integrate.times_to_target_error(rows, "turned") == {"magnus6": pytest.approx(2.0)}

@@ -23,6 +23,6 @@ def test_the_command_prints_rows():
     assert len(set(cases)) == 5
     methods = {row["method"] for row in rows if row["case"] == "velocity"}
     assert methods == {"plain call, 1 thread", "Dask, 1 thread", "plain call, 2 threads", "Dask, 2 threads"}
-    (long,) = [row for row in rows if bench.MEMORY in row["more"]]
+    (long,) = [row for row in rows if bench.MEMORY_COLUMN in row["more"]]
     assert long["count"] == 600_000
-    assert long["more"][bench.MEMORY] > 0  # of the whole process, whatever else it holds
+    assert long["more"][bench.MEMORY_COLUMN] > 0  # of the whole process, whatever else it holds

@@ -1,4 +1,4 @@
-"""`hingepair bench direct`: run time against error at every size, beside what a user would pick instead."""
+"""`hingepair bench direct`: run time and error of forward kinematics at several batch sizes, beside alternatives."""
 
 from __future__ import annotations
 
@@ -14,175 +14,207 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.bench import peers
-from hingepair.bench.engines import CPP, cpp_missing
+from hingepair.bench.engines import PINOCCHIO_CPP_NAME, cpp_missing_reason
 from hingepair.bench.measure import (
+    Method,
     Report,
     Row,
-    Way,
-    compared,
-    interleaved,
-    present,
-    rows_of,
-    tell,
+    available_methods,
+    case_name,
+    make_rows,
+    measure_methods,
+    print_progress,
+    time_interleaved,
 )
-from hingepair.bench.peers import CONSTANTS, FLOOR, FRESH_FLOOR, LEVELS, OURS, task_of
+from hingepair.bench.peers import (
+    BENCH_PAIR_CONSTANTS,
+    COPY_FLOOR_NAME,
+    FRESH_COPY_FLOOR_NAME,
+    HINGEPAIR_NAME,
+    LEVEL_OUTPUTS,
+    make_kinematics_task,
+)
 from hingepair.bench.plot import Curve, Panel
-from hingepair.bench.truth import DIGITS, Truth, hard_states, random_states
+from hingepair.bench.truth import TRUTH_DIGITS, ExactResults, hard_states, random_states
 from hingepair.pair.hinge_pair import HingePair
 
-HARD = "on hard states"
-CYCLE = "one state: FK, Jacobian, bias from a quaternion"
-MADE = "a pair made"
-STARTS = "a fresh process"
-OFFSETS = "outputs that begin behind a cache line"
-SHIFTS = {f"{shift} bytes behind a line": shift for shift in (0, 8, 16, 32)}
-"""Bytes from a cache line to the beginning of each output, by the name of the row; NumPy's large arrays have 16."""
+HARD_ERROR_COLUMN = "on hard states"  # heading of a column of the table
+# Names of cases; the third and the fourth are the beginnings of names.
+CYCLE_CASE = "one state: FK, Jacobian, bias from a quaternion"
+CONSTRUCTION_CASE = "construction of a pair"
+FRESH_PROCESS_CASE = "a fresh process"
+OFFSETS_CASE = "outputs at offsets from a cache line"
+OUTPUT_OFFSETS = {f"{shift} bytes after a line": shift for shift in (0, 8, 16, 32)}
+"""Offsets of the outputs from a cache line [bytes], by the name of the row; NumPy's large arrays are at 16."""
 
-_LINE = 64  # bytes of a cache line
-_COMPARED = 40  # random states, compared with the exact ones
-_NOTE = (
-    "a call, each: medians, kernels compiled before; ratio: of a sample's time, against the first way of a case; "
-    f"errors: largest of any output against {DIGITS} digits [u * scale], on random and on hard states; "
-    "inf: refuses one, or has no finite result where there is one"
+_CACHE_LINE_BYTES = 64
+"""Size of a cache line [bytes]."""
+_ACCURACY_STATES = 40  # number of random states whose results are compared with the exact ones
+# Explains the columns below the table.
+_TABLE_NOTE = (
+    "a call, each: medians, kernels are compiled before; ratio: time of a sample divided by that of the first method "
+    "of the case; "
+    f"errors: largest of any output against {TRUTH_DIGITS} digits [u * scale], on random and on hard states; "
+    "inf: the method refuses a state, or its result is not finite where the exact one is"
 )
 
 
-def direct(sizes: Sequence[int], levels: Sequence[str], repeats: int, cpp: bool, cold: bool) -> Report:
+def measure_kinematics(sizes: Sequence[int], levels: Sequence[str], repeats: int, cpp: bool, cold: bool) -> Report:
     """Measure all ways at all sizes beside the copy floor, outputs at several offsets, and single states.
 
-    With `cold`, the first seconds of a process too.
+    Args:
+        sizes: batch sizes.
+        levels: names of levels: pose, velocity, acceleration.
+        repeats: of each measurement.
+        cpp: whether the C++ loop of Pinocchio is compiled and measured.
+        cold: whether imports and first calls are measured too, in fresh processes.
     """
     if cpp:
-        tell("compiling Pinocchio's C++ loop (up to a minute)")
-    ways, left_out = present(peers.WAYS, {CPP: cpp_missing(cpp)})
-    rows = batches(ways, sizes, levels, repeats) + offsets(max(sizes), levels, repeats) + singles(repeats)
-    rows += starts(repeats) if cold else []
-    return Report(rows, "error", [*left_out, _NOTE], [panels(rows)])
+        print_progress("compiling Pinocchio's C++ loop (up to a minute)")
+    methods, left_out = available_methods(peers.KINEMATICS_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(cpp)})
+    rows = (
+        measure_batches(methods, sizes, levels, repeats)
+        + measure_offsets(max(sizes), levels, repeats)
+        + measure_single_states(repeats)
+    )
+    rows += measure_starts(repeats) if cold else []
+    return Report(rows, "error", [*left_out, _TABLE_NOTE], [make_error_panels(rows)])
 
 
-def batches(ways: Sequence[Way], sizes: Sequence[int], levels: Sequence[str], repeats: int) -> list[Row]:
-    """All ways at all sizes, interleaved; a way with a limit is given fewer samples."""
+def measure_batches(
+    methods: Sequence[Method], sizes: Sequence[int], levels: Sequence[str], repeats: int
+) -> list[Row]:
+    """Measure all methods at all batch sizes; a method with a limit computes fewer samples."""
     rng = np.random.default_rng(20)
-    pair = HingePair(**CONSTANTS)
+    pair = HingePair(**BENCH_PAIR_CONSTANTS)
     rows: list[Row] = []
     for level in levels:
-        parts, outputs = list(LEVELS).index(level) + 1, LEVELS[level]
+        parts, outputs = list(LEVEL_OUTPUTS).index(level) + 1, LEVEL_OUTPUTS[level]
         random, hard = (
-            errors(pair, ways, Truth(CONSTANTS, states, outputs))
-            for states in (random_states(rng, _COMPARED, parts), hard_states(rng, parts))
+            method_errors(pair, methods, ExactResults(BENCH_PAIR_CONSTANTS, states, outputs))
+            for states in (random_states(rng, _ACCURACY_STATES, parts), hard_states(rng, parts))
         )
-        more = {name: {HARD: value} for name, value in hard.items()}
-        found = {}
+        more = {name: {HARD_ERROR_COLUMN: value} for name, value in hard.items()}
+        rows_by_size = {}
         for size in sorted(sizes, reverse=True):  # the largest first: what is measured of small ones is warm
-            tell(f"{level}, N = {size:,}: {repeats} repeats")
-            task = task_of(pair, random_states(rng, size, parts), outputs)
-            found[size] = compared(case_of(level, size), ways, task.first, size, repeats, random, more)
-        rows += [row for size in sizes for row in found[size]]
+            print_progress(f"{level}, N = {size:,}: {repeats} repeats")
+            task = make_kinematics_task(pair, random_states(rng, size, parts), outputs)
+            rows_by_size[size] = measure_methods(
+                case_name(level, size), methods, task.first_samples, size, repeats, random, more
+            )
+        rows += [row for size in sizes for row in rows_by_size[size]]
     return rows
 
 
-def offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]:
+def measure_offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]:
     """Measure batches into outputs that begin at several offsets from a cache line, beside the copy floor."""
-    rng, pair, rows = np.random.default_rng(22), HingePair(**CONSTANTS), []
-    into = peers.ours(backend="compiled", workers=1)
+    rng, pair, rows = np.random.default_rng(22), HingePair(**BENCH_PAIR_CONSTANTS), []
+    make_job = peers.hingepair_job_maker(backend="compiled", workers=1)
     for level in levels if size > 1 else ():  # the outputs of one state are new arrays
-        tell(f"{level}, N = {size:,}, outputs at {len(SHIFTS)} offsets: {repeats} repeats")
-        task = task_of(pair, random_states(rng, size, list(LEVELS).index(level) + 1), LEVELS[level])
-        jobs = {FLOOR: peers.copies(task)}
-        for name, shift in SHIFTS.items():
-            room = {output: array_at(array.shape, shift) for output, array in task.room.items()}
-            jobs[name] = into(task._replace(room=room))
-        rows += rows_of(case_of(f"{OFFSETS}: {level}", size), interleaved(jobs, repeats), size)
+        print_progress(f"{level}, N = {size:,}, outputs at {len(OUTPUT_OFFSETS)} offsets: {repeats} repeats")
+        task = make_kinematics_task(
+            pair, random_states(rng, size, list(LEVEL_OUTPUTS).index(level) + 1), LEVEL_OUTPUTS[level]
+        )
+        jobs = {COPY_FLOOR_NAME: peers.copy_job(task)}
+        for name, shift in OUTPUT_OFFSETS.items():
+            buffers = {output: allocate_at_offset(array.shape, shift) for output, array in task.buffers.items()}
+            jobs[name] = make_job(task._replace(buffers=buffers))
+        rows += make_rows(case_name(f"{OFFSETS_CASE}: {level}", size), time_interleaved(jobs, repeats), size)
     return rows
 
 
-def array_at(shape: tuple[int, ...], shift: int) -> NDArray[np.float64]:
-    """Return an array, every page of it touched, that begins so many bytes behind a cache line: a multiple of 8."""
+def allocate_at_offset(shape: tuple[int, ...], shift: int) -> NDArray[np.float64]:
+    """Return an array that begins a number of bytes after the start of a cache line, a multiple of 8.
+
+    Every memory page of the array has been written to.
+    """
     count = math.prod(shape)
-    memory = np.ones(count + 2 * _LINE // 8)
-    start = (-memory.ctypes.data % _LINE + shift) // 8
+    memory = np.ones(count + 2 * _CACHE_LINE_BYTES // 8)
+    start = (-memory.ctypes.data % _CACHE_LINE_BYTES + shift) // 8
     return memory[start : start + count].reshape(shape)
 
 
-def case_of(what: str, size: int) -> str:
-    """The name of a case."""
-    return f"{what}, N = {size:,}"
-
-
-def errors(pair: HingePair, ways: Iterable[Way], truth: Truth) -> dict[str, float]:
-    """Each way's largest error, in units of u * scale; infinite where it refuses a state."""
-    found = {}
-    for way in ways:
-        task = task_of(pair, truth.motion, truth.outputs)
+def method_errors(pair: HingePair, methods: Iterable[Method], truth: ExactResults) -> dict[str, float]:
+    """Return the largest error of each method [u * scale], by its name; infinite if the method refuses a state."""
+    largest_errors = {}
+    for method in methods:
+        task = make_kinematics_task(pair, truth.motion, truth.outputs)
         try:
             with np.errstate(all="ignore"):
-                results = way.make(task)()
+                results = method.make_job(task)()
         except ValueError:
-            results = {name: np.full_like(array, np.nan) for name, array in task.room.items()}
-        if way.name not in {FLOOR, FRESH_FLOOR}:
+            results = {name: np.full_like(array, np.nan) for name, array in task.buffers.items()}
+        if method.name not in {COPY_FLOOR_NAME, FRESH_COPY_FLOOR_NAME}:
             named = results if isinstance(results, dict) else dict(zip(truth.outputs, results, strict=True))
-            found[way.name] = truth.error(named)
-    return found
+            largest_errors[method.name] = truth.largest_error(named)
+    return largest_errors
 
 
-def panels(rows: Sequence[Row]) -> list[Panel]:
-    """The picture: error against run time at the largest size of each level, ordinary states and hard ones.
+def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
+    """Return the panels of the picture: error against run time at the largest batch size of each level.
 
-    The smallest times of the repeats: beside other work, medians of neighbouring points trade places.
+    Run times are the minima of the repeats: medians change order when other programs run beside the benchmark.
     """
-    drawn = {way.name for way in peers.WAYS if way.drawn}
-    found: list[Panel] = []
-    for level in LEVELS:
+    drawn = {method.name for method in peers.KINEMATICS_METHODS if method.in_picture}
+    panels: list[Panel] = []
+    for level in LEVEL_OUTPUTS:
         cases = [row.case for row in rows if row.case.startswith(f"{level},")]
-        times = {row.method: (row.least / row.count * 1e9, row) for row in rows if cases and row.case == cases[-1]}
+        times = {
+            row.method: (row.min_seconds / row.count * 1e9, row) for row in rows if cases and row.case == cases[-1]
+        }
         curves = [
-            Curve(name, [(ns, row.error), (ns, row.more[HARD])], hard=True)
+            Curve(name, [(ns, row.error), (ns, row.more[HARD_ERROR_COLUMN])], second_is_hard=True)
             for name, (ns, row) in times.items()
             if name in drawn and row.error is not None
         ]
         if curves:
-            up, floor = "" if found else "largest error [u * scale]", times.get(FLOOR)
-            found.append(Panel(cases[-1], "run time [ns a sample]", up, curves, floor and floor[0], most=10.0))
-    return found
+            y_label, floor = "" if panels else "largest error [u * scale]", times.get(COPY_FLOOR_NAME)
+            panels.append(Panel(cases[-1], "run time [ns a sample]", y_label, curves, floor and floor[0], max_y=10.0))
+    return panels
 
 
-def singles(repeats: int) -> list[Row]:
-    """What one state costs beside forward kinematics: a pair made, and a control cycle from a quaternion."""
-    tell(f"one state: a pair made, a control cycle; {repeats} repeats")
-    pair = HingePair(**CONSTANTS)
+def measure_single_states(repeats: int) -> list[Row]:
+    """Measure calls for one state: the construction of a pair, and a control cycle from a quaternion."""
+    print_progress(f"one state: construction of a pair, a control cycle; {repeats} repeats")
+    pair = HingePair(**BENCH_PAIR_CONSTANTS)
     rng = np.random.default_rng(21)
     R, quat, v, omega = (rng.normal(size=k) for k in (3, 4, 3, 3))
-    given = R, quat / np.sqrt(quat @ quat), v, omega, 0.3, -0.7
-    plain = {key: value for key, value in CONSTANTS.items() if key != "home"}
-    jobs = {"Pinocchio": peers.pinocchio_cycle(pair, *given), OURS: peers.our_cycle(pair, *given)}
-    made = interleaved({OURS: lambda: HingePair(**plain)}, repeats)
-    return rows_of(CYCLE, interleaved(jobs, repeats)) + rows_of(MADE, made)
+    state = R, quat / np.sqrt(quat @ quat), v, omega, 0.3, -0.7
+    plain = {key: value for key, value in BENCH_PAIR_CONSTANTS.items() if key != "home"}
+    jobs = {
+        "Pinocchio": peers.pinocchio_cycle_job(pair, *state),
+        HINGEPAIR_NAME: peers.hingepair_cycle_job(pair, *state),
+    }
+    construction_times = time_interleaved({HINGEPAIR_NAME: lambda: HingePair(**plain)}, repeats)
+    return make_rows(CYCLE_CASE, time_interleaved(jobs, repeats)) + make_rows(CONSTRUCTION_CASE, construction_times)
 
 
-_TIMED = """
+# Code of a process that prints the time [s] from {timed} to its end; and code that is inserted into it.
+_TIMING_TEMPLATE = """
 import atexit, sys, time
 {before}
 atexit.register(lambda start: print(time.perf_counter() - start, file=sys.stderr), time.perf_counter())
 {timed}
 """
-_PAIR = """
+_PAIR_TEMPLATE = """
 import numpy as np
 import hingepair as hp
 pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
 rng = np.random.default_rng(0)
 calls = [(rng.normal(size=(n, 7) if n > 1 else 7), rng.normal(size=(n, 7) if n > 1 else 7)) for n in {sizes}]
 """
-_CALLS = "for q, qd in calls: pair.forward_kinematics(q, qd, backend={backend!r})"
-_SCENE = """
+_CALLS_TEMPLATE = "for q, qd in calls: pair.forward_kinematics(q, qd, backend={backend!r})"
+_SCENE_TEXT = """
 pair = {u1 = [0.5, 0.2, 0.1], u2 = [-0.25, 0.1, 0.3], n = [1, 0, 0]}
 motion = {x = "3*t", y = "3*t", z = "3*t", phi_x = "3*t", phi_y = "t", phi_z = "5*t", psi = "10*t"}
 time = {start = 0, stop = 10, samples = 10001}
 """
-_RUN = "from hingepair.cli.main import main; main()"
-IMPORT, RUN = f"{STARTS}: import", f"{STARTS}: hingepair run, reference scene"
-FIRST_CALL = "1 x 200,000"
-SEQUENCES = {
-    FIRST_CALL: "[200_000]",
+_RUN_CODE = "from hingepair.cli.main import main; main()"
+# Names of cases, and the batch sizes of sequences of calls, by the name of the sequence.
+IMPORT_CASE, RUN_CASE = f"{FRESH_PROCESS_CASE}: import", f"{FRESH_PROCESS_CASE}: hingepair run, reference scene"
+FIRST_CALL_NAME = "1 x 200,000"
+CALL_SEQUENCES = {
+    FIRST_CALL_NAME: "[200_000]",
     "1,000 x 1": "[1] * 1000",
     "2,000 x 20": "[20] * 2000",
     "300 x 1,000": "[1000] * 300",
@@ -190,35 +222,48 @@ SEQUENCES = {
     "3 x 1,000,000": "[1_000_000] * 3",
     "1 x 100,000 among 200 x 1": "[1] * 100 + [100_000] + [1] * 100",
 }
-BACKENDS = ("auto", "numpy", "compiled")
+# Backends that the sequences of calls are measured with.
+BACKEND_NAMES = ("auto", "numpy", "compiled")
 
 
-def starts(repeats: int) -> list[Row]:
-    """The first seconds of a process: imports, a scene, sequences of calls by each backend; each in a fresh one."""
-    tell(f"fresh processes: imports and {len(SEQUENCES)} sequences of calls, {repeats} repeats")
+def measure_starts(repeats: int) -> list[Row]:
+    """Measure imports, a scene and sequences of calls by each backend, each in a fresh process."""
+    print_progress(f"fresh processes: imports and {len(CALL_SEQUENCES)} sequences of calls, {repeats} repeats")
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.toml"
-        scene.write_text(_SCENE, encoding="utf-8")
-        run = _TIMED.format(before=f"sys.argv = ['hingepair', 'run', {str(scene)!r}]", timed=_RUN)
+        scene.write_text(_SCENE_TEXT, encoding="utf-8")
+        run = _TIMING_TEMPLATE.format(before=f"sys.argv = ['hingepair', 'run', {str(scene)!r}]", timed=_RUN_CODE)
         codes = {
-            IMPORT: {name: _TIMED.format(before="", timed=f"import {name}") for name in ("numpy", "hingepair")},
-            RUN: {OURS: run},
+            IMPORT_CASE: {
+                name: _TIMING_TEMPLATE.format(before="", timed=f"import {name}") for name in ("numpy", "hingepair")
+            },
+            RUN_CASE: {HINGEPAIR_NAME: run},
         }
-        for name, sizes in SEQUENCES.items():
-            calls = {backend: _CALLS.format(backend=backend) for backend in BACKENDS}
-            before = _PAIR.format(sizes=sizes)
-            codes[f"{STARTS}: {name}"] = {b: _TIMED.format(before=before, timed=call) for b, call in calls.items()}
-        own = os.environ | {"PYTHONPYCACHEPREFIX": folder, "PYTHONDONTWRITEBYTECODE": ""}
-        for code in (run, *codes[f"{STARTS}: {FIRST_CALL}"].values()):  # modules are compiled to bytecode
-            _seconds_in(code, own)
+        for name, sizes in CALL_SEQUENCES.items():
+            calls = {backend: _CALLS_TEMPLATE.format(backend=backend) for backend in BACKEND_NAMES}
+            before = _PAIR_TEMPLATE.format(sizes=sizes)
+            codes[f"{FRESH_PROCESS_CASE}: {name}"] = {
+                b: _TIMING_TEMPLATE.format(before=before, timed=call) for b, call in calls.items()
+            }
+        environment = os.environ | {"PYTHONPYCACHEPREFIX": folder, "PYTHONDONTWRITEBYTECODE": ""}
+        for code in (
+            run,
+            *codes[f"{FRESH_PROCESS_CASE}: {FIRST_CALL_NAME}"].values(),
+        ):  # an unmeasured run compiles the modules to bytecode
+            _run_fresh_process(code, environment)
         rows = []
-        for case, ways in codes.items():
-            times = [{name: _seconds_in(code, own) for name, code in ways.items()} for _ in range(repeats)]
-            rows += rows_of(case, {name: [one[name] for one in times] for name in ways})
+        for case, methods in codes.items():
+            times = [
+                {name: _run_fresh_process(code, environment) for name, code in methods.items()}
+                for _ in range(repeats)
+            ]
+            rows += make_rows(case, {name: [one[name] for one in times] for name in methods})
     return rows
 
 
-def _seconds_in(code: str, environment: dict[str, str]) -> float:
-    """The seconds that a fresh process says last."""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
-    return float(done.stderr.split()[-1])
+def _run_fresh_process(code: str, environment: dict[str, str]) -> float:
+    """Run code in a fresh process; return the seconds that it prints last."""
+    process = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+    )
+    return float(process.stderr.split()[-1])

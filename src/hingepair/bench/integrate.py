@@ -1,4 +1,4 @@
-"""`hingepair bench integrate`: error against step and run time, attitudes from angular velocity by all methods."""
+"""`hingepair bench integrate`: attitudes from angular velocity by all methods; error against step and run time."""
 
 from __future__ import annotations
 
@@ -13,164 +13,187 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.bench.measure import Job, Report, Row, interleaved, rows_of, tell
+from hingepair.bench.measure import Job, Report, Row, make_rows, print_progress, time_interleaved
 from hingepair.bench.plot import Curve, Panel
-from hingepair.bench.truth import rotation, turn, vee
+from hingepair.bench.truth import rotation_about_axis, rotation_of_quaternion, skew_vector
 from hingepair.errors import GimbalLockError
 from hingepair.integration.integrate import integrate as integrate_pair
 from hingepair.pair.hinge_pair import HingePair
 
 Array = NDArray[np.float64]
 
-ERROR: Final = "error [rad]"
-STEP: Final = "h [s]"
-ORDER: Final = "order"
-LONG: Final = "magnus6, omega at hand"
-STOP: Final = 10.0
-COMPARED: Final = 25  # instants, evenly spread; every method has them among its own
-GOAL: Final = 1e-11
+ERROR_LABEL: Final = "error [rad]"  # heading of the errors, and label of an axis
+STEP_COLUMN: Final = "h [s]"  # headings of columns
+ORDER_COLUMN: Final = "order"
+LONG_RUN_NAME: Final = "magnus6, omega computed before"  # name of the method of the long run
+STOP_TIME: Final = 10.0  # end of the motion [s]
+COMPARED_INSTANTS: Final = 25  # evenly spread instants at which errors are computed; each method's steps include them
+TARGET_ERROR: Final = 1e-11
 """Error at which the methods' run times are compared [rad]."""
 
-_DIGITS: Final = 50
-_PAIR = HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))
-_OURS = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
-_STEPS = tuple(COMPARED * k for k in (2, 5, 10, 20, 40, 100, 200, 400))
-_SCIPY = ("DOP853", "RK45", "LSODA")
-_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)
+_ATTITUDE_DIGITS: Final = 50  # decimal digits of exact attitudes
+# The pair that is integrated; its hinge does not turn.
+_INTEGRATED_PAIR = HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))
+# Methods of hingepair and their numbers of steps; SciPy's solvers and their tolerances.
+_HINGEPAIR_METHODS = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
+_STEP_COUNTS = tuple(COMPARED_INSTANTS * k for k in (2, 5, 10, 20, 40, 100, 200, 400))
+_SCIPY_SOLVERS = ("DOP853", "RK45", "LSODA")
+_SCIPY_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)
 
 
-class Spin(NamedTuple):
-    """The reference example's attitude S(t), turned: S = Q S_ref, omega = Q omega_ref."""
+class RotationCase(NamedTuple):
+    """A rotating body with a known attitude: the reference example rotated by Q, S = Q S_ref, omega = Q omega_ref."""
 
-    name: str  # of the motion
-    turn: tuple[int, int, int, int]  # Q, a quaternion (w, x, y, z) of whole numbers, so that Q is known exactly
+    name: str
+    quat: tuple[int, int, int, int]  # quaternion (w, x, y, z) of Q; its components are integers, so Q is exact
 
-    def matrix(self) -> tuple[list[list[int]], int]:
-        """Q: whole numbers, and what they are divided by."""
-        size = sum(c * c for c in self.turn)
-        return [[round(c) for c in row] for row in (rotation(self.turn) * size).tolist()], size
+    def scaled_matrix(self) -> tuple[list[list[int]], int]:
+        """Return Q as a matrix of integers and their common denominator."""
+        size = sum(c * c for c in self.quat)
+        return [[round(c) for c in row] for row in (rotation_of_quaternion(self.quat) * size).tolist()], size
 
-    def start(self) -> Array:
-        """The attitude at t = 0."""
-        rows, size = self.matrix()
+    def initial_attitude(self) -> Array:
+        """Return the attitude at t = 0; shape (3, 3)."""
+        rows, size = self.scaled_matrix()
         return np.array(rows) / size
 
     def omega(self, t: Array) -> Array:
-        """The angular velocity, world axes; shape (n, 3)."""
+        """Return the angular velocity in world axes at times t [rad/s]; shape (N, 3)."""
         x = 3 + 5 * np.sin(t)
         y = np.cos(3 * t) - 2.5 * (np.sin(2 * t) + np.sin(4 * t))
         z = np.sin(3 * t) + 2.5 * (np.cos(4 * t) + np.cos(2 * t))
-        rows, size = self.matrix()
+        rows, size = self.scaled_matrix()
         return np.stack([(a * x + b * y + c * z) / size for a, b, c in rows], axis=-1)
 
-    def exact(self, t: Array) -> list[Any]:
-        """The attitudes to 50 digits: Q, and turns about x, y and z by 3t, t and 5t."""
+    def exact_attitudes(self, t: Array) -> list[Any]:
+        """Return the attitudes at times t to 50 digits: Q times rotations about x, y and z by 3t, t and 5t."""
         x, y, z = np.eye(3).tolist()
-        with mpmath.workdps(_DIGITS):
-            Q, times = rotation(self.turn), [mpmath.mpf(s) for s in t.tolist()]
-            return [Q * turn(x, 3 * s) * turn(y, s) * turn(z, 5 * s) for s in times]
+        with mpmath.workdps(_ATTITUDE_DIGITS):
+            Q, times = rotation_of_quaternion(self.quat), [mpmath.mpf(s) for s in t.tolist()]
+            return [
+                Q * rotation_about_axis(x, 3 * s) * rotation_about_axis(y, s) * rotation_about_axis(z, 5 * s)
+                for s in times
+            ]
 
-    def error(self, quats: Array, exact: list[Any]) -> float:
-        """The largest angle between attitudes (w, x, y, z) and the exact ones [rad]; infinite where one is none."""
+    def largest_error(self, quats: Array, exact: list[Any]) -> float:
+        """Return the largest angle between quaternions (w, x, y, z) and exact attitudes [rad]; inf if not finite."""
         if not np.isfinite(quats).all():
             return math.inf
-        with mpmath.workdps(_DIGITS):
+        with mpmath.workdps(_ATTITUDE_DIGITS):
             worst = mpmath.mpf(0)
             for quat, truth in zip(quats.tolist(), exact, strict=True):
-                off = rotation([mpmath.mpf(c) for c in quat]).T * truth
-                cosine = (off[0, 0] + off[1, 1] + off[2, 2] - 1) / 2
-                worst = max(worst, mpmath.atan2(mpmath.norm(vee(off)), cosine))
+                difference = rotation_of_quaternion([mpmath.mpf(c) for c in quat]).T * truth
+                cosine = (difference[0, 0] + difference[1, 1] + difference[2, 2] - 1) / 2
+                worst = max(worst, mpmath.atan2(mpmath.norm(skew_vector(difference)), cosine))
             return float(worst)
 
 
-SPINS: Final = (Spin("reference", (1, 0, 0, 0)), Spin("turned", (6, 1, -1, 1)))
+# The reference example itself, and rotated, so that its Euler angles are not linear in time.
+ROTATION_CASES: Final = (RotationCase("reference", (1, 0, 0, 0)), RotationCase("turned", (6, 1, -1, 1)))
 
 
-def runs(spin: Spin) -> dict[str, tuple[Job, float | None]]:
-    """All methods at all finenesses, ours first: what finds attitudes (w, x, y, z), and its step, if it is given."""
-    found: dict[str, tuple[Job, float | None]] = {}
-    for method, steps in itertools.product(_OURS, _STEPS):
-        found[f"{method}, {steps} steps"] = functools.partial(_ours, method, spin, steps), STOP / steps
-    for solver, tol in itertools.product(_SCIPY if find_spec("scipy") else (), _TOLERANCES):
-        found[f"SciPy {solver}, {tol:g}"] = functools.partial(_scipy, solver, spin, tol), None
-    return found
+def make_runs(motion: RotationCase) -> dict[str, tuple[Job, float | None]]:
+    """Return jobs that compute quaternions (w, x, y, z) by each method, with their steps [s]; None of variable steps.
+
+    Methods of hingepair with each number of steps come first, SciPy's with each tolerance follow.
+    """
+    jobs: dict[str, tuple[Job, float | None]] = {}
+    for method, steps in itertools.product(_HINGEPAIR_METHODS, _STEP_COUNTS):
+        jobs[f"{method}, {steps} steps"] = (
+            functools.partial(_integrate_by_hingepair, method, motion, steps),
+            STOP_TIME / steps,
+        )
+    for solver, tol in itertools.product(_SCIPY_SOLVERS if find_spec("scipy") else (), _SCIPY_TOLERANCES):
+        jobs[f"SciPy {solver}, {tol:g}"] = functools.partial(_integrate_by_scipy, solver, motion, tol), None
+    return jobs
 
 
-def integrate(repeats: int, steps: int) -> Report:
-    """All methods at all their finenesses on all motions; with `steps`, a long run too."""
-    rows = [row for spin in SPINS for row in _all_ways(spin, repeats)]
-    more = goals(rows) + (long_run(steps, min(repeats, 3)) if steps else [])
-    notes = ["left out: finenesses at which a method stops at gimbal lock"]
-    return Report([*rows, *more], ERROR, notes, panels(rows))
+def measure_integration(repeats: int, steps: int) -> Report:
+    """Measure all methods with all steps and tolerances on all motions, and a long run unless `steps` is 0."""
+    rows = [row for motion in ROTATION_CASES for row in _measure_all_methods(motion, repeats)]
+    more = make_target_rows(rows) + (measure_long_run(steps, min(repeats, 3)) if steps else [])
+    notes = ["left out: numbers of steps with which a method meets gimbal lock"]
+    return Report([*rows, *more], ERROR_LABEL, notes, make_convergence_panels(rows))
 
 
-def _all_ways(spin: Spin, repeats: int) -> list[Row]:
-    exact = spin.exact(np.linspace(0, STOP, COMPARED + 1))
+def _measure_all_methods(motion: RotationCase, repeats: int) -> list[Row]:
+    """Measure all methods with all steps and tolerances on one motion."""
+    exact = motion.exact_attitudes(np.linspace(0, STOP_TIME, COMPARED_INSTANTS + 1))
     jobs: dict[str, Job] = {}
     errors: dict[str, float] = {}
     more: dict[str, dict[str, float | None]] = {}
     before: dict[str, tuple[float, float]] = {}
-    for label, (job, step) in runs(spin).items():
+    for label, (job, step) in make_runs(motion).items():
         try:
-            errors[label] = error = spin.error(job(), exact)
+            errors[label] = error = motion.largest_error(job(), exact)
         except GimbalLockError:
             continue
-        method = _method(label)
-        jobs[label], more[label] = job, {STEP: step, ORDER: None}
+        method = _method_of_label(label)
+        jobs[label], more[label] = job, {STEP_COLUMN: step, ORDER_COLUMN: None}
         if step is not None:
-            more[label][ORDER] = _order(before.get(method), (step, error))
+            more[label][ORDER_COLUMN] = _observed_order(before.get(method), (step, error))
             before[method] = step, error
-    tell(f"{spin.name}: {len(jobs)} runs, {repeats} repeats")
-    return rows_of(spin.name, interleaved(jobs, repeats), 1, errors, more)
+    print_progress(f"{motion.name}: {len(jobs)} runs, {repeats} repeats")
+    return make_rows(motion.name, time_interleaved(jobs, repeats), 1, errors, more)
 
 
-def _order(before: tuple[float, float] | None, own: tuple[float, float]) -> float | None:
-    """How fast the error falls between two steps; each is (h, error). Where rounding is all: none."""
-    if before is None or min(before[1], own[1]) <= 1e-14:
+def _observed_order(before: tuple[float, float] | None, current: tuple[float, float]) -> float | None:
+    """Return the order of convergence between two runs (h, error); None if the errors are those of rounding."""
+    if before is None or min(before[1], current[1]) <= 1e-14:
         return None
-    return math.log(before[1] / own[1]) / math.log(before[0] / own[0])
+    return math.log(before[1] / current[1]) / math.log(before[0] / current[0])
 
 
-def long_run(steps: int, repeats: int) -> list[Row]:
-    """`magnus6` in so many steps, omega at its nodes computed beforehand: the time for a step, and the drift."""
+def measure_long_run(steps: int, repeats: int) -> list[Row]:
+    """Measure `magnus6` with many steps, where omega is computed before: the time for a step and the final error."""
     rows = []
-    for spin in SPINS:
-        tell(f"{spin.name}: {steps:,} steps")
-        t = np.linspace(0, STOP, steps + 1)
-        job = _long_job(spin, t)
-        picked = np.unique(np.linspace(1, steps, 100).astype(int))
-        error = spin.error(job().quat_wxyz[picked], spin.exact(t[picked]))
-        rows += rows_of(_long(spin), interleaved({LONG: job}, repeats), steps, {LONG: error})
+    for motion in ROTATION_CASES:
+        print_progress(f"{motion.name}: {steps:,} steps")
+        t = np.linspace(0, STOP_TIME, steps + 1)
+        job = _long_run_job(motion, t)
+        compared = np.unique(np.linspace(1, steps, 100).astype(int))
+        error = motion.largest_error(job().quat_wxyz[compared], motion.exact_attitudes(t[compared]))
+        rows += make_rows(
+            _long_case_name(motion), time_interleaved({LONG_RUN_NAME: job}, repeats), steps, {LONG_RUN_NAME: error}
+        )
     return rows
 
 
-def _long(spin: Spin) -> str:
-    return f"{spin.name}, long"
+def _long_case_name(motion: RotationCase) -> str:
+    """Return the name of the case of the long run."""
+    return f"{motion.name}, long"
 
 
-def _long_job(spin: Spin, t: Array) -> Job:
+def _long_run_job(motion: RotationCase, t: Array) -> Job:
+    """Return the job of the long run; its first call stores the values of omega, which later calls read."""
     computed: dict[Any, Array] = {}
 
     def omega(nodes: Array) -> Array:
         key = len(nodes), nodes[0], nodes[-1]
         if key not in computed:
-            computed[key] = spin.omega(nodes)
+            computed[key] = motion.omega(nodes)
         return computed[key]
 
-    return lambda: integrate_pair(_PAIR, t, omega, 0.0, S1_0=spin.start(), outputs=())
+    return lambda: integrate_pair(_INTEGRATED_PAIR, t, omega, 0.0, S1_0=motion.initial_attitude(), outputs=())
 
 
-def _ours(method: str, spin: Spin, steps: int) -> Array:
-    t = np.linspace(0, STOP, steps + 1)
-    motion = integrate_pair(_PAIR, t, spin.omega, 0.0, S1_0=spin.start(), method=method, outputs=())
-    return motion.quat_wxyz[:: steps // COMPARED]
+def _integrate_by_hingepair(method: str, motion: RotationCase, steps: int) -> Array:
+    """Integrate a motion by a method of hingepair; return quaternions (w, x, y, z) at the compared instants."""
+    t = np.linspace(0, STOP_TIME, steps + 1)
+    trajectory = integrate_pair(
+        _INTEGRATED_PAIR, t, motion.omega, 0.0, S1_0=motion.initial_attitude(), method=method, outputs=()
+    )
+    return trajectory.quat_wxyz[:: steps // COMPARED_INSTANTS]
 
 
-def _scipy(solver: str, spin: Spin, tol: float) -> Array:
-    """SciPy on the quaternion's four equations, written out for a single time, which Python computes fastest."""
+def _integrate_by_scipy(solver: str, motion: RotationCase, tol: float) -> Array:
+    """Integrate a motion by a solver of SciPy; return quaternions (w, x, y, z) at the compared instants.
+
+    The four equations of the quaternion are written out in Python floats, which is the fastest way for SciPy.
+    """
     from scipy.integrate import solve_ivp
 
-    rows, size = spin.matrix()
+    rows, size = motion.scaled_matrix()
     (a, b, c), (d, e, f), (g, h, i) = rows
     sin, cos = math.sin, math.cos
 
@@ -182,56 +205,67 @@ def _scipy(solver: str, spin: Spin, tol: float) -> Array:
         k, l, m, n = quat.tolist()  # noqa: E741
         return -(x * l + y * m + z * n), x * k + y * n - z * m, y * k + z * l - x * n, z * k + x * m - y * l
 
-    begin = np.array(spin.turn) / math.sqrt(size)
-    instants = np.linspace(0, STOP, COMPARED + 1)
-    done = solve_ivp(rate, (0, STOP), begin, method=solver, t_eval=instants, rtol=max(tol, 3e-14), atol=tol)
-    return np.asarray(done.y.T)
+    initial_quat = np.array(motion.quat) / math.sqrt(size)
+    instants = np.linspace(0, STOP_TIME, COMPARED_INSTANTS + 1)
+    solution = solve_ivp(
+        rate, (0, STOP_TIME), initial_quat, method=solver, t_eval=instants, rtol=max(tol, 3e-14), atol=tol
+    )
+    return np.asarray(solution.y.T)
 
 
-def _method(label: str) -> str:
-    """The method, without its fineness."""
+def _method_of_label(label: str) -> str:
+    """Return the method of a label, without its number of steps or tolerance."""
     return label.rpartition(", ")[0]
 
 
-def time_to_goal(rows: Sequence[Row], case: str) -> dict[str, float]:
-    """By method, the run time [s] at which its error is GOAL, between its finenesses; without those that miss it."""
-    found = {}
-    for method in dict.fromkeys(_method(row.method) for row in rows):
-        own = [
-            (row.error, row.least) for row in rows if row.case == case and _method(row.method) == method and row.error
+def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
+    """Return the run time of each method at the error TARGET_ERROR [s], interpolated; a method above it has none."""
+    times = {}
+    for method in dict.fromkeys(_method_of_label(row.method) for row in rows):
+        points = [
+            (row.error, row.min_seconds)
+            for row in rows
+            if row.case == case and _method_of_label(row.method) == method and row.error
         ]
-        for (e1, t1), (e2, t2) in itertools.pairwise(own):
-            if e1 > GOAL >= e2 and math.isfinite(e1):
-                found[method] = t1 * (t2 / t1) ** (math.log(e1 / GOAL) / math.log(e1 / e2))
-    return found
+        for (e1, t1), (e2, t2) in itertools.pairwise(points):
+            if e1 > TARGET_ERROR >= e2 and math.isfinite(e1):
+                times[method] = t1 * (t2 / t1) ** (math.log(e1 / TARGET_ERROR) / math.log(e1 / e2))
+    return times
 
 
-def goals(rows: Sequence[Row]) -> list[Row]:
-    """The run times at the same error as rows."""
-    found = []
-    for spin in SPINS:
-        times = time_to_goal(rows, spin.name)
+def make_target_rows(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of run times at the error TARGET_ERROR."""
+    target_rows = []
+    for motion in ROTATION_CASES:
+        times = times_to_target_error(rows, motion.name)
         first = next(iter(times.values()), math.nan)
-        case = f"{spin.name}, an error of {GOAL:g} rad"
-        found += [Row(case, name, 1, t, t, t / first, GOAL) for name, t in times.items()]
-    return found
+        case = f"{motion.name}, an error of {TARGET_ERROR:g} rad"
+        target_rows += [Row(case, name, 1, t, t, t / first, TARGET_ERROR) for name, t in times.items()]
+    return target_rows
 
 
-def panels(rows: Sequence[Row]) -> list[list[Panel]]:
-    """The picture: error against step and against run time, a row for each motion."""
+def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
+    """Return the panels of the picture: error against step and against run time, a row for each motion."""
     return [
         [
-            Panel(f"{spin.name}: step", "step h [s]", ERROR, _curves(rows, spin.name, STEP), falling=True),
-            Panel(f"{spin.name}: time", "run time [ms]", "", _curves(rows, spin.name, None)),
+            Panel(
+                f"{motion.name}: step",
+                "step h [s]",
+                ERROR_LABEL,
+                _error_curves(rows, motion.name, STEP_COLUMN),
+                x_descending=True,
+            ),
+            Panel(f"{motion.name}: time", "run time [ms]", "", _error_curves(rows, motion.name, None)),
         ]
-        for spin in SPINS
+        for motion in ROTATION_CASES
     ]
 
 
-def _curves(rows: Sequence[Row], case: str, column: str | None) -> list[Curve]:
+def _error_curves(rows: Sequence[Row], case: str, column: str | None) -> list[Curve]:
+    """Return the curves of errors against a column of a case, or against the run time [ms] for None."""
     points: dict[str, list[tuple[float, float]]] = {}
     for row in rows:
-        x = row.least * 1e3 if column is None else row.more.get(column)
+        x = row.min_seconds * 1e3 if column is None else row.more.get(column)
         if row.case == case and x is not None and row.error is not None:
-            points.setdefault(_method(row.method), []).append((x, row.error))
-    return [Curve(name, own) for name, own in points.items()]
+            points.setdefault(_method_of_label(row.method), []).append((x, row.error))
+    return [Curve(name, curve_points) for name, curve_points in points.items()]

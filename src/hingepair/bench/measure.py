@@ -1,7 +1,7 @@
-"""What every bench is made of: ways to do a case, one timer, one row, one report.
+"""The parts of every benchmark: methods that are compared on a case, the timer, rows of results, the report.
 
-A bench is a function that gives a `Report`. It makes the jobs of a case (functions of no argument, by the name of who
-does the case this way), times them with `interleaved`, and adds what it alone knows to `Row.more`.
+A benchmark is a function that returns a `Report`. It makes one job for each method of a case (a job is a function
+without arguments), times all jobs with `time_interleaved`, and adds columns of its own to `Row.more`.
 """
 
 from __future__ import annotations
@@ -27,68 +27,76 @@ if TYPE_CHECKING:
     from hingepair.bench.plot import Panel
 
 Job: TypeAlias = Callable[[], Any]
+"""A call that is timed; it returns what the method computes."""
 
-_PACKAGES = ("hingepair", "numpy", "llvmlite", "pin", "mujoco", "scipy", "jax")
-_LEAST = 2e-3  # seconds that one repeat should take
-_SHORT = 0.1  # seconds, in which what a job works on fits the caches
-_LOOK_SECONDS = 1e-3  # between two looks at the other threads of the process
-_LOOKS_AT_REST = 5  # looks, one after the other, that find no thread running before a job is timed
-_MAX_LOOKS = 10_000  # looks, after which a job is timed all the same
-_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-
-
-class Way(NamedTuple):
-    """One way to do a case: this library's, or what a user could take instead."""
-
-    name: str  # it
-    # makes a job of a problem; what can be made once is made before the job, what a user would read out of an engine
-    # is read out in it
-    make: Callable[[Any], Job]
-    least: int = 1  # samples below which it is not asked
-    most: int = 10**7  # samples that it is given at most, the first of all
-    needs: str = ""  # the package it needs
-    drawn: bool = True  # whether it is in the picture
+_REPORTED_PACKAGES = ("hingepair", "numpy", "llvmlite", "pin", "mujoco", "scipy", "jax")  # their versions are shown
+_MIN_REPEAT_SECONDS = 2e-3  # [s]; a faster job is called several times in each repeat
+_MAX_WARMED_SECONDS = 0.1  # [s]; a faster job is called once untimed before each repeat, which fills the caches
+_POLL_SECONDS = 1e-3  # [s] between two polls of the states of the other threads
+_MIN_IDLE_POLLS = 5  # successive polls that must find all other threads idle before a job is timed
+_MAX_POLLS = 10_000  # polls after which a job is timed although other threads are busy
+_TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], the largest first
 
 
-def present(ways: Iterable[Way], lacking: Mapping[str, str | None]) -> tuple[list[Way], list[str]]:
-    """The ways that can be had, and a line for each that cannot; `lacking` are reasons by name, found beforehand."""
-    found, missing = [], []
-    for way in ways:
-        absent = f"{way.needs} is not installed" if way.needs and find_spec(way.needs) is None else None
-        if reason := absent or lacking.get(way.name):
-            missing.append(f"left out: {way.name} ({reason})")
+class Method(NamedTuple):
+    """A method of computing a case: a call of this library, or another library that a user could take instead."""
+
+    name: str
+    # Returns the job of a task. Whatever can be set up once is set up before the job is timed; the results that a
+    # user would read out of an engine are read out inside the job.
+    make_job: Callable[[Any], Job]
+    min_samples: int = 1  # smallest batch for which the method is measured
+    max_samples: int = 10**7  # of a larger batch the method computes only the first samples
+    package: str = ""  # the package that must be installed; "" for none
+    in_picture: bool = True  # whether the picture shows the method
+
+
+def available_methods(methods: Iterable[Method], reasons: Mapping[str, str | None]) -> tuple[list[Method], list[str]]:
+    """Return the methods that can be measured here, and a sentence for each that cannot.
+
+    Args:
+        methods: all methods.
+        reasons: why a method cannot be measured, by its name; None for no reason. Missing packages are detected here.
+    """
+    available, missing = [], []
+    for method in methods:
+        absent = (
+            f"{method.package} is not installed" if method.package and find_spec(method.package) is None else None
+        )
+        if reason := absent or reasons.get(method.name):
+            missing.append(f"left out: {method.name} ({reason})")
         else:
-            found.append(way)
-    return found, missing
+            available.append(method)
+    return available, missing
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One way to do a case, measured."""
+    """The measurements of one method on one case."""
 
-    case: str  # what all ways of it compute
-    method: str  # the way
+    case: str  # what all methods of the case compute
+    method: str  # name of the method
     count: int  # samples or steps of a call
     seconds: float  # of a call, the median of the repeats
-    least: float  # the smallest of them
-    ratio: float  # time for a sample against that of the case's first way: the median over the repeats of both in one
-    # largest error, in the unit that the bench names; infinite where a result is not finite; None where there is
-    # nothing to compare
+    min_seconds: float  # of a call, the minimum of the repeats
+    # Time for a sample divided by that of the first method of the case: the median of the ratios within one repeat.
+    ratio: float
+    # Largest error; infinite if a result is not finite, None if there is nothing to compare with.
     error: float | None = None
-    more: Mapping[str, Any] = field(default_factory=dict)  # what one bench alone measures, by column
+    more: Mapping[str, Any] = field(default_factory=dict)  # further columns of one benchmark, by heading
 
     @property
-    def each(self) -> float:
-        """Seconds for a sample."""
+    def seconds_per_sample(self) -> float:
+        """Return the time for one sample or step [s]."""
         return self.seconds / self.count
 
 
 class Report(NamedTuple):
-    """What a bench found."""
+    """The results of a benchmark."""
 
-    rows: Sequence[Row]  # a block of them for each case
-    unit: str = ""  # of their errors
-    notes: Sequence[str] = ()  # lines to read the numbers by
+    rows: Sequence[Row]  # the rows of a case stand together
+    error_label: str = ""  # heading of the column of errors, with their unit
+    notes: Sequence[str] = ()  # sentences below the table, which explain its columns
     panels: Sequence[Sequence[Panel]] = ()  # of the picture, row by row
 
     def table(self, width: int | None = None) -> list[str]:
@@ -98,71 +106,89 @@ class Report(NamedTuple):
             width: of a line [characters]; None for lines of any length.
         """
         columns = list(dict.fromkeys(key for row in self.rows for key in row.more))
-        errors = [self.unit] if any(row.error is not None for row in self.rows) else []
+        errors = [self.error_label] if any(row.error is not None for row in self.rows) else []
         heading = ("", "N", "a call", "each", "ratio", *errors, *columns)
         lines: list[Sequence[str]] = [heading]
         for i, row in enumerate(self.rows):
             if i == 0 or self.rows[i - 1].case != row.case:
                 lines += [()] if i else []
                 lines.append((row.case, *[""] * (len(heading) - 1)))
-            cells = [f"{row.count:,}", duration(row.seconds), duration(row.each), digits(row.ratio)]
-            cells += [_cell(number) for number in (*([row.error] if errors else []), *map(row.more.get, columns))]
+            cells = [
+                f"{row.count:,}",
+                format_duration(row.seconds),
+                format_duration(row.seconds_per_sample),
+                format_number(row.ratio),
+            ]
+            cells += [
+                _format_cell(number) for number in (*([row.error] if errors else []), *map(row.more.get, columns))
+            ]
             lines.append((f"  {row.method}", *cells))
         return ["", *ruled_table(lines, 1, width), ""]
 
     def to_json(self) -> str:
-        """Everything but the picture, and the machine, as JSON; a number that is not finite is null."""
-        return json_text({"facts": facts(), "rows": [asdict(row) for row in self.rows], "notes": self.notes})
+        """Return the machine, the rows and the notes as JSON text; a number that is not finite becomes null."""
+        return json_text({"facts": machine_facts(), "rows": [asdict(row) for row in self.rows], "notes": self.notes})
 
 
-def compared(
+def measure_methods(
     case: str,
-    ways: Iterable[Way],
-    problem: Callable[[int], Any],
+    methods: Iterable[Method],
+    make_task: Callable[[int], Any],
     size: int,
     repeats: int,
     errors: Mapping[str, float] | None = None,
     more: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
-    """A case by all ways that are asked at this size, of a problem of as many samples as each is given."""
-    given = {way: min(size, way.most) for way in ways if way.least <= size}
-    jobs = {way.name: way.make(problem(count)) for way, count in given.items()}
-    counts = {way.name: count for way, count in given.items()}
-    return rows_of(case, interleaved(jobs, repeats), counts, errors, more)
+    """Measure the methods of a case that apply to a batch size, and return their rows.
+
+    Args:
+        case: name of the case.
+        methods: all methods; those whose `min_samples` exceed the size are left out.
+        make_task: returns the task of a number of samples.
+        size: samples of the batch; a method gets `max_samples` of them at most.
+        repeats: of each measurement.
+        errors: largest errors, by the method's name.
+        more: further columns, by the method's name.
+    """
+    sample_counts = {method: min(size, method.max_samples) for method in methods if method.min_samples <= size}
+    jobs = {method.name: method.make_job(make_task(count)) for method, count in sample_counts.items()}
+    counts = {method.name: count for method, count in sample_counts.items()}
+    return make_rows(case, time_interleaved(jobs, repeats), counts, errors, more)
 
 
-def rows_of(
+def make_rows(
     case: str,
     times: Mapping[str, Sequence[float]],
     counts: int | Mapping[str, int] = 1,
     errors: Mapping[str, float] | None = None,
     more: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Row]:
-    """The rows of a case.
+    """Return the rows of a case.
 
     Args:
-        case: what is computed.
-        times: seconds of a call in each repeat, by name; ratios are against the first.
-        counts: samples of a call, one number or by name.
-        errors: by name, as far as known.
-        more: further columns, by name.
+        case: name of the case.
+        times: time of a call in each repeat [s], by the method's name; ratios refer to the first method.
+        counts: samples of a call: one number, or numbers by the method's name.
+        errors: largest errors, by the method's name.
+        more: further columns, by the method's name.
     """
-    number = {name: counts if isinstance(counts, int) else counts[name] for name in times}
+    sample_counts = {name: counts if isinstance(counts, int) else counts[name] for name in times}
     first, rows = next(iter(times), ""), []
-    for name, own in times.items():
-        scale = number[first] / number[name]
-        ratio = median(scale * t / base for t, base in zip(own, times[first], strict=True))
+    for name, seconds in times.items():
+        scale = sample_counts[first] / sample_counts[name]
+        ratio = median(scale * t / base for t, base in zip(seconds, times[first], strict=True))
         extra = (errors or {}).get(name), (more or {}).get(name, {})
-        rows.append(Row(case, name, number[name], median(own), min(own), ratio, *extra))
+        rows.append(Row(case, name, sample_counts[name], median(seconds), min(seconds), ratio, *extra))
     return rows
 
 
-def interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]:
-    """Seconds of a call in each repeat, by name; every repeat goes through all jobs, so that noise meets all alike.
+def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]:
+    """Return the time of a call in each repeat [s], by the job's name.
 
-    Every timing waits until the other threads of the process are at rest: JAX frees its memory after the call has
-    returned, and until that is done a neighbour's new arrays wait for it. A short job then runs once untimed in every
-    repeat: it finds the caches as it left them, not as its neighbour did.
+    Every repeat runs all jobs, one after the other, so that disturbances affect all of them alike. Before a job is
+    timed, the other threads of the process must be idle: JAX frees its memory after a call has returned, which delays
+    new arrays of the next job. A short job is then called once untimed, so that the caches hold its own data and not
+    those of the job before.
     """
     for job in jobs.values():
         job()
@@ -174,9 +200,9 @@ def interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]
     for _ in range(repeats):
         for name, job in jobs.items():
             wait_for_other_threads()
-            if once[name] < _SHORT:
+            if once[name] < _MAX_WARMED_SECONDS:
                 job()
-            calls = max(1, int(_LEAST / max(once[name], 1e-9)))
+            calls = max(1, int(_MIN_REPEAT_SECONDS / max(once[name], 1e-9)))
             times[name].append(timeit(job, number=calls) / calls)
     return times
 
@@ -186,12 +212,12 @@ def wait_for_other_threads() -> None:
 
     Only Linux shows the states of threads; elsewhere the function returns at once.
     """
-    looks_at_rest = 0
-    for _ in range(_MAX_LOOKS):
-        looks_at_rest = 0 if _other_threads_run() else looks_at_rest + 1
-        if looks_at_rest == _LOOKS_AT_REST:
+    idle_polls = 0
+    for _ in range(_MAX_POLLS):
+        idle_polls = 0 if _other_threads_run() else idle_polls + 1
+        if idle_polls == _MIN_IDLE_POLLS:
             return
-        time.sleep(_LOOK_SECONDS)
+        time.sleep(_POLL_SECONDS)
 
 
 def _other_threads_run() -> bool:
@@ -204,12 +230,12 @@ def _other_threads_run() -> bool:
     return False
 
 
-def _cell(value: Any) -> str:
+def _format_cell(value: Any) -> str:
     return "-" if value is None else f"{value:.2g}" if isinstance(value, float) else str(value)
 
 
-def digits(number: float) -> str:
-    """Three digits, or all before the point.
+def format_number(number: float) -> str:
+    """Return a number as text with three significant digits, or with all digits before the point.
 
     >>> digits(1234.5), digits(0.0123456)
     ('1,234', '0.0123')
@@ -217,29 +243,34 @@ def digits(number: float) -> str:
     return f"{number:,.0f}" if number >= 100 else f"{number:.3g}"
 
 
-def duration(seconds: float) -> str:
-    """Seconds in a unit in which they read well.
+def format_duration(seconds: float) -> str:
+    """Return a duration as text, with the largest unit in which it is at least 1.
 
     >>> duration(1.234e-8), duration(0.25)
     ('12.3 ns', '250 ms')
     """
-    unit = next((unit for unit, size in _UNITS.items() if seconds >= size), "ns")
-    return f"{digits(seconds / _UNITS[unit])} {unit}"
+    unit = next((unit for unit, size in _TIME_UNITS.items() if seconds >= size), "ns")
+    return f"{format_number(seconds / _TIME_UNITS[unit])} {unit}"
 
 
-def facts() -> dict[str, Any]:
-    """The machine and the versions that a measurement belongs to."""
+def case_name(description: str, size: int) -> str:
+    """Return the name of a case: what is computed, and the number of samples."""
+    return f"{description}, N = {size:,}"
+
+
+def machine_facts() -> dict[str, Any]:
+    """Return the processor, the system and the versions of packages, which belong to a measurement."""
     processor = platform.processor()
     with suppress(OSError, StopIteration), open("/proc/cpuinfo", encoding="utf-8") as lines:
         processor = next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    found = {"processor": processor, "machine": platform.machine(), "cores": os.cpu_count()}
-    found |= {"system": platform.system(), "python": platform.python_version()}
-    for name in _PACKAGES:
+    facts = {"processor": processor, "machine": platform.machine(), "cores": os.cpu_count()}
+    facts |= {"system": platform.system(), "python": platform.python_version()}
+    for name in _REPORTED_PACKAGES:
         with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
+            facts[name] = version(name)
+    return facts
 
 
-def tell(text: str) -> None:
-    """Say what is about to be measured."""
+def print_progress(text: str) -> None:
+    """Print a line about the progress of a benchmark to standard error."""
     print(text, file=sys.stderr, flush=True)

@@ -1,7 +1,7 @@
-"""Ways to body 2 from the same coordinates: this library's, and what a Python user would take instead.
+"""Methods that compute body 2 from the same coordinates: those of this library and its alternatives.
 
-A way makes a job of a task: a pair, a motion (q, qd, qdd as far as they go, shape (N, 7)) and room for the outputs;
-the job returns the outputs of the level in their order, or by name.
+A method makes the job of a task: a pair, a motion (q; q and qd; or q, qd and qdd, each of shape (N, 7)) and buffers
+for the outputs. The job returns the outputs of the level in their order, or by name.
 """
 
 from __future__ import annotations
@@ -15,142 +15,161 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.bench.engines import CPP, FEW, MUJOCO, PYTHON_LOOP, cpp_job, mujoco_rows, pinocchio_rows
-from hingepair.bench.measure import Job, Way
+from hingepair.bench.engines import (
+    MAX_LOOP_SAMPLES,
+    MUJOCO_NAME,
+    PINOCCHIO_CPP_NAME,
+    PINOCCHIO_LOOP_NAME,
+    make_cpp_job,
+    mujoco_coordinates,
+    pinocchio_coordinates,
+)
+from hingepair.bench.measure import Job, Method
+from hingepair.bench.truth import Motion
 from hingepair.formats.model_writers import to_mjcf
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.validation.pinocchio_twin import to_pinocchio
 
 Array: TypeAlias = NDArray[Any]
-Motion: TypeAlias = tuple[Array, ...]
-Room: TypeAlias = dict[str, Array]
+OutputArrays: TypeAlias = dict[str, Array]
 
-LEVELS = {"pose": ("R2", "S2"), "velocity": ("R2", "S2", "v2", "omega2")}
-LEVELS["acceleration"] = (*LEVELS["velocity"], "a2", "alpha2")
+# The outputs that are computed, by the level of the motion.
+LEVEL_OUTPUTS = {"pose": ("R2", "S2"), "velocity": ("R2", "S2", "v2", "omega2")}
+LEVEL_OUTPUTS["acceleration"] = (*LEVEL_OUTPUTS["velocity"], "a2", "alpha2")
 
-CONSTANTS: dict[str, Any] = {
+BENCH_PAIR_CONSTANTS: dict[str, Any] = {
     "u1": [0.5, 0.2, 0.1],
     "u2": [-0.25, 0.1, 0.3],
     "n": [1.0, 2.0, -0.5],
     "home": [[2 / 3, -2 / 3, -1 / 3], [1 / 3, 2 / 3, -2 / 3], [2 / 3, 1 / 3, 2 / 3]],
 }
-"""Of the pair that is measured."""
+"""The arguments of the pair that is measured."""
 
 
-class Task(NamedTuple):
-    """What all ways compute."""
+class KinematicsTask(NamedTuple):
+    """A batch of states of which every method computes the motion of body 2."""
 
     pair: HingePair
     motion: Motion
-    room: Room
+    buffers: OutputArrays
 
     @property
-    def given(self) -> Motion:
-        """The motion; of one sample, as one state."""
+    def arguments(self) -> Motion:
+        """Return q, qd, qdd of shape (N, 7); of a batch of one sample those of one state, shape (7,)."""
         return tuple(c[0] for c in self.motion) if len(self.motion[0]) == 1 else self.motion
 
-    def first(self, count: int) -> Task:
-        """The task of the first samples."""
-        room = {name: array[:count] for name, array in self.room.items()}
-        return Task(self.pair, tuple(c[:count] for c in self.motion), room)
+    def first_samples(self, count: int) -> KinematicsTask:
+        """Return the task that consists of the first samples."""
+        buffers = {name: array[:count] for name, array in self.buffers.items()}
+        return KinematicsTask(self.pair, tuple(c[:count] for c in self.motion), buffers)
 
 
-def task_of(pair: HingePair, motion: Motion, outputs: tuple[str, ...]) -> Task:
-    """A task with room, every page of it touched."""
+def make_kinematics_task(pair: HingePair, motion: Motion, outputs: tuple[str, ...]) -> KinematicsTask:
+    """Return a task with output buffers, every memory page of which has been written to."""
     samples = len(motion[0])
-    return Task(pair, motion, {name: np.ones((samples, 3, 3) if name == "S2" else (samples, 3)) for name in outputs})
+    return KinematicsTask(
+        pair, motion, {name: np.ones((samples, 3, 3) if name == "S2" else (samples, 3)) for name in outputs}
+    )
 
 
-def ours(*, fresh: bool = False, **how: Any) -> Callable[[Task], Job]:
-    """`pair.forward_kinematics`, into arrays that are there or into fresh ones; one sample is given as one state."""
+def hingepair_job_maker(*, fresh: bool = False, **options: Any) -> Callable[[KinematicsTask], Job]:
+    """Return a function that makes jobs of `pair.forward_kinematics`.
 
-    def make(task: Task) -> Job:
-        call, given, names = task.pair.forward_kinematics, task.given, tuple(task.room)
-        out, read = None if given[0].ndim == 1 or fresh else task.room, attrgetter(*names)
-        return lambda: read(call(*given, outputs=names, out=out, **how))
+    Args:
+        fresh: whether the outputs are new arrays; otherwise they are the buffers of the task.
+        options: further options of `forward_kinematics`.
+    """
+
+    def make(task: KinematicsTask) -> Job:
+        call, arguments, names = task.pair.forward_kinematics, task.arguments, tuple(task.buffers)
+        out, read = None if arguments[0].ndim == 1 or fresh else task.buffers, attrgetter(*names)
+        return lambda: read(call(*arguments, outputs=names, out=out, **options))
 
     return make
 
 
-def prepared(task: Task) -> Job:
-    """`pair.prepare`, called with one state or a batch; the outputs are new arrays."""
-    given, names = task.given, tuple(task.room)
-    call, read = task.pair.prepare(list(LEVELS)[len(given) - 1], outputs=names), attrgetter(*names)
-    return lambda: read(call(*given))
+def prepared_kinematics_job(task: KinematicsTask) -> Job:
+    """Return a job that calls the result of `pair.prepare` with one state or a batch; the outputs are new arrays."""
+    arguments, names = task.arguments, tuple(task.buffers)
+    call, read = task.pair.prepare(list(LEVEL_OUTPUTS)[len(arguments) - 1], outputs=names), attrgetter(*names)
+    return lambda: read(call(*arguments))
 
 
-def copies(task: Task) -> Job:
-    """The floor: as many bytes as the outputs have, copied into arrays that are there."""
-    source = {name: np.ones_like(array) for name, array in task.room.items()}
+def copy_job(task: KinematicsTask) -> Job:
+    """Return a job that copies as many bytes as the outputs have into existing arrays: a lower bound of run time."""
+    source = {name: np.ones_like(array) for name, array in task.buffers.items()}
 
     def run() -> None:
         for name, array in source.items():
-            np.copyto(task.room[name], array)
+            np.copyto(task.buffers[name], array)
 
     return run
 
 
-def fresh_copies(task: Task) -> Job:
-    """The same into new arrays."""
-    source = [np.ones_like(array) for array in task.room.values()]
+def fresh_copy_job(task: KinematicsTask) -> Job:
+    """Return a job that copies as many bytes as the outputs have into new arrays."""
+    source = [np.ones_like(array) for array in task.buffers.values()]
     return lambda: [array.copy() for array in source]
 
 
-def _engine_rows(task: Task) -> list[Array]:
-    """Pinocchio's q, v, a, as far as the motion goes."""
+def _pinocchio_inputs(task: KinematicsTask) -> list[Array]:
+    """Return Pinocchio's q, v, a for the levels of the motion."""
     names = ("R1", "S1", "v1", "omega1", "a1", "alpha1")[: 2 * len(task.motion)]
     state = task.pair.forward_kinematics(*task.motion, outputs=names, backend="numpy")
-    given: Any = {name[:-1]: getattr(state, name) for name in names}
-    return pinocchio_rows(task.pair, BodyMotion(**given), [c[:, 6] for c in task.motion])
+    quantities: Any = {name[:-1]: getattr(state, name) for name in names}
+    return pinocchio_coordinates(task.pair, BodyMotion(**quantities), [c[:, 6] for c in task.motion])
 
 
-def pinocchio_loop(task: Task) -> Job:
-    """Pinocchio from Python, sample by sample, results copied into arrays; of one sample, read and no more."""
+def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
+    """Return a job that loops over the samples in Python and calls Pinocchio.
+
+    The results are copied into the buffers; those of a single sample are only read out.
+    """
     import pinocchio as pin
 
     twin = to_pinocchio(task.pair)
     model, data, frame = twin.model, twin.data, twin.body2_frame
-    made, room = _engine_rows(task), task.room
-    level, world = len(made), pin.LOCAL_WORLD_ALIGNED
+    inputs, buffers = _pinocchio_inputs(task), task.buffers
+    level, world = len(inputs), pin.LOCAL_WORLD_ALIGNED
 
-    def read(*given: Array) -> Room:
-        pin.forwardKinematics(model, data, *given)
+    def read(*rows: Array) -> OutputArrays:
+        pin.forwardKinematics(model, data, *rows)
         placement = pin.updateFramePlacement(model, data, frame)
-        found = {"R2": placement.translation, "S2": placement.rotation}
+        outputs = {"R2": placement.translation, "S2": placement.rotation}
         if level > 1:
             twist = pin.getFrameVelocity(model, data, frame, world)
-            found["v2"], found["omega2"] = twist.linear, twist.angular
+            outputs["v2"], outputs["omega2"] = twist.linear, twist.angular
         if level > 2:
             change = pin.getFrameClassicalAcceleration(model, data, frame, world)
-            found["a2"], found["alpha2"] = change.linear, change.angular
-        return found
+            outputs["a2"], outputs["alpha2"] = change.linear, change.angular
+        return outputs
 
-    if len(made[0]) == 1:
-        first = tuple(c[0] for c in made)
+    if len(inputs[0]) == 1:
+        first = tuple(c[0] for c in inputs)
         return lambda: read(*first)
 
-    def run() -> Room:
-        for i, given in enumerate(zip(*made, strict=True)):
-            for name, value in read(*given).items():
-                room[name][i] = value
-        return room
+    def run() -> OutputArrays:
+        for i, rows in enumerate(zip(*inputs, strict=True)):
+            for name, value in read(*rows).items():
+                buffers[name][i] = value
+        return buffers
 
     return run
 
 
-def pinocchio_cpp(task: Task) -> Job:
-    """Pinocchio from C++: the same inputs and outputs as from Python, the loop compiled."""
-    rows = [*_engine_rows(task), None, None][:3]
-    outputs = [task.room.get(name) for name in LEVELS["acceleration"]]
-    return cpp_job(task.pair, [len(task.motion[0]), *rows, *outputs], task.room)
+def pinocchio_cpp_kinematics_job(task: KinematicsTask) -> Job:
+    """Return a job that calls Pinocchio in a C++ loop, with the inputs and outputs of the Python loop."""
+    rows = [*_pinocchio_inputs(task), None, None][:3]
+    outputs = [task.buffers.get(name) for name in LEVEL_OUTPUTS["acceleration"]]
+    return make_cpp_job(task.pair, [len(task.motion[0]), *rows, *outputs], task.buffers)
 
 
-def mujoco_loop(task: Task) -> Job:
-    """MuJoCo from Python: the stages of its dynamics that make poses, velocities, accelerations, and no others."""
+def mujoco_kinematics_job(task: KinematicsTask) -> Job:
+    """Return a job that loops over the samples in Python and calls those stages of MuJoCo that the level needs."""
     import mujoco as mj
 
-    made, room = mujoco_rows(_engine_rows(task), *(c[:, :3] for c in task.motion[1:])), task.room
+    inputs, buffers = mujoco_coordinates(_pinocchio_inputs(task), *(c[:, :3] for c in task.motion[1:])), task.buffers
     model = mj.MjModel.from_xml_string(to_mjcf(task.pair))
     data = mj.MjData(model)
     body2, kind = model.body("body2").id, mj.mjtObj.mjOBJ_XBODY
@@ -159,77 +178,85 @@ def mujoco_loop(task: Task) -> Job:
     six = np.zeros((6, 1))
     angular, linear = six[:3, 0], six[3:, 0]
 
-    def run() -> Room:
-        for i, given in enumerate(zip(*made, strict=True)):
-            for target, source in zip(targets, given, strict=False):
+    def run() -> OutputArrays:
+        for i, rows in enumerate(zip(*inputs, strict=True)):
+            for target, source in zip(targets, rows, strict=False):
                 target[:] = source
             mj.mj_kinematics(model, data)
-            room["R2"][i], room["S2"][i] = position, matrix
-            if len(made) > 1:
+            buffers["R2"][i], buffers["S2"][i] = position, matrix
+            if len(inputs) > 1:
                 mj.mj_comPos(model, data)
                 mj.mj_comVel(model, data)
                 mj.mj_objectVelocity(model, data, kind, body2, six, 0)
-                room["v2"][i], room["omega2"][i] = linear, angular
-            if len(made) > 2:
+                buffers["v2"][i], buffers["omega2"][i] = linear, angular
+            if len(inputs) > 2:
                 mj.mj_rnePostConstraint(model, data)
                 mj.mj_objectAcceleration(model, data, kind, body2, six, 0)
-                room["a2"][i], room["alpha2"][i] = linear, angular
-        return room
+                buffers["a2"][i], buffers["alpha2"][i] = linear, angular
+        return buffers
 
     return run
 
 
-def scipy_rotation(task: Task) -> Job:
-    """SciPy's Rotation for the attitudes, NumPy for the rest."""
+def scipy_rotation_job(task: KinematicsTask) -> Job:
+    """Return a job that computes attitudes by SciPy's Rotation and all else by NumPy."""
     from scipy.spatial.transform import Rotation
 
     pair, q = task.pair, task.motion[0]
     home = Rotation.from_matrix(pair.home)
 
-    def run() -> Room:
+    def run() -> OutputArrays:
         first = Rotation.from_euler("XYZ", q[:, 3:6])
         second = first * Rotation.from_rotvec(q[:, 6:] * pair.n) * home
-        return _by_stacks(np, pair, task.motion, first.as_matrix(), second.as_matrix())
+        return _body2_from_stacks(np, pair, task.motion, first.as_matrix(), second.as_matrix())
 
     return run
 
 
-def numpy_stacks(task: Task) -> Job:
-    """NumPy on stacks of 3 x 3 matrices: products with @, vector products with numpy.cross."""
+def numpy_stacks_job(task: KinematicsTask) -> Job:
+    """Return a job that computes on stacks of 3 x 3 matrices by NumPy, with @ and numpy.cross."""
     pair, motion, _ = task
-    return lambda: _by_stacks(np, pair, motion, *_attitudes(np, pair, motion[0]))
+    return lambda: _body2_from_stacks(np, pair, motion, *_stacked_attitudes(np, pair, motion[0]))
 
 
-def jax_compiled(task: Task) -> Job:
-    """The same stacks, compiled by jax.jit, on one core; its inputs are JAX arrays beforehand."""
-    with _one_core():
+def jax_job(task: KinematicsTask) -> Job:
+    """Return a job that computes on stacks of matrices by jax.jit on one core; its inputs are JAX arrays already."""
+    with _restrict_to_one_core():
         import jax
         import jax.numpy as jnp
 
         device = jax.devices("cpu")[0]
     pair = task.pair
-    function = jax.jit(lambda *given: _by_stacks(jnp, pair, given, *_attitudes(jnp, pair, given[0])))
+    function = jax.jit(
+        lambda *motion: _body2_from_stacks(jnp, pair, motion, *_stacked_attitudes(jnp, pair, motion[0]))
+    )
     with jax.enable_x64(True):
-        made = [jax.device_put(c, device) for c in task.motion]
+        inputs = [jax.device_put(c, device) for c in task.motion]
 
-    def run() -> Room:
+    def run() -> OutputArrays:
         with jax.enable_x64(True):
-            return {name: np.asarray(array) for name, array in function(*made).items()}
+            return {name: np.asarray(array) for name, array in function(*inputs).items()}
 
     return run
 
 
-def _attitudes(xp: Any, pair: HingePair, q: Any) -> tuple[Any, Any]:
-    """S1 and S2 as stacks, written as a NumPy user would, by NumPy or what is written like it."""
+def _stacked_attitudes(xp: Any, pair: HingePair, q: Any) -> tuple[Any, Any]:
+    """Return S1 and S2, shape (N, 3, 3), as a user of NumPy would compute them.
+
+    Args:
+        xp: the array library, numpy or jax.numpy.
+        pair: its axis and home rotation are used.
+        q: coordinates; shape (N, 7).
+    """
     x, y, z = pair.n
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    S1 = _about(xp, 0, q[:, 3]) @ _about(xp, 1, q[:, 4]) @ _about(xp, 2, q[:, 5])
+    S1 = _stacked_rotation(xp, 0, q[:, 3]) @ _stacked_rotation(xp, 1, q[:, 4]) @ _stacked_rotation(xp, 2, q[:, 5])
     s, c = xp.sin(q[:, 6])[:, None, None], xp.cos(q[:, 6])[:, None, None]
     return S1, S1 @ (np.eye(3) + s * K + (1 - c) * (K @ K)) @ pair.home
 
 
-def _about(xp: Any, axis: int, angle: Any) -> Any:
-    """Turns about a coordinate axis."""
+def _stacked_rotation(xp: Any, axis: int, angle: Any) -> Any:
+    """Return rotation matrices about a coordinate axis; shape (N, 3, 3)."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     rows: list[list[Any]] = [[xp.zeros_like(angle)] * 3 for _ in range(3)]
     rows[axis][axis] = xp.ones_like(angle)
@@ -239,34 +266,34 @@ def _about(xp: Any, axis: int, angle: Any) -> Any:
     return xp.stack([xp.stack(row, -1) for row in rows], -2)
 
 
-def _by_stacks(xp: Any, pair: HingePair, motion: tuple[Any, ...], S1: Any, S2: Any) -> Room:
-    """Body 2 from stacks of attitudes."""
+def _body2_from_stacks(xp: Any, pair: HingePair, motion: tuple[Any, ...], S1: Any, S2: Any) -> OutputArrays:
+    """Return the motion of body 2, by name, from attitudes of shape (N, 3, 3)."""
     q = motion[0]
     r1, r2 = S1 @ pair.u1, S2 @ pair.u2
-    found = {"R2": q[:, :3] + r1 - r2, "S2": S2}
+    outputs = {"R2": q[:, :3] + r1 - r2, "S2": S2}
     if len(motion) > 1:
         qd = motion[1]
         c, s = xp.cos(q[:, 3]), xp.sin(q[:, 3])
         zero = xp.zeros_like(c)
         b = xp.stack([zero, c, s], axis=-1)
-        turn_x, turn_y = xp.stack([qd[:, 3], zero, zero], axis=-1), b * qd[:, 4:5]
-        omega1 = turn_x + turn_y + S1[:, :, 2] * qd[:, 5:6]
+        omega_x, omega_y = xp.stack([qd[:, 3], zero, zero], axis=-1), b * qd[:, 4:5]
+        omega1 = omega_x + omega_y + S1[:, :, 2] * qd[:, 5:6]
         axis = S1 @ pair.n
         omega2 = omega1 + axis * qd[:, 6:]
-        found |= {"v2": qd[:, :3] + xp.cross(omega1, r1) - xp.cross(omega2, r2), "omega2": omega2}
+        outputs |= {"v2": qd[:, :3] + xp.cross(omega1, r1) - xp.cross(omega2, r2), "omega2": omega2}
     if len(motion) > 2:
         qdd = motion[2]
         alpha1 = xp.stack([qdd[:, 3], zero, zero], axis=-1) + b * qdd[:, 4:5] + S1[:, :, 2] * qdd[:, 5:6]
-        alpha1 += xp.cross(turn_x, turn_y) + xp.cross(turn_x + turn_y, S1[:, :, 2] * qd[:, 5:6])
+        alpha1 += xp.cross(omega_x, omega_y) + xp.cross(omega_x + omega_y, S1[:, :, 2] * qd[:, 5:6])
         alpha2 = alpha1 + axis * qdd[:, 6:] + xp.cross(omega1, axis) * qd[:, 6:]
         a1 = qdd[:, :3] + xp.cross(alpha1, r1) + xp.cross(omega1, xp.cross(omega1, r1))
-        found |= {"a2": a1 - xp.cross(alpha2, r2) - xp.cross(omega2, xp.cross(omega2, r2)), "alpha2": alpha2}
-    return found
+        outputs |= {"a2": a1 - xp.cross(alpha2, r2) - xp.cross(omega2, xp.cross(omega2, r2)), "alpha2": alpha2}
+    return outputs
 
 
 @contextmanager
-def _one_core() -> Iterator[None]:
-    """JAX makes as many threads as the process may use cores when it first names its devices (Linux only)."""
+def _restrict_to_one_core() -> Iterator[None]:
+    """Restrict the process to one core (Linux only); JAX then makes one thread when it first lists its devices."""
     if not hasattr(os, "sched_setaffinity"):
         yield
         return
@@ -278,25 +305,32 @@ def _one_core() -> Iterator[None]:
         os.sched_setaffinity(0, cores)
 
 
-def our_cycle(pair: HingePair, *given: Any) -> Job:
-    """Body 2, its Jacobian and its bias from R1, quat_xyzw, v1, omega1, psi, psi', as a controller asks for them."""
+def hingepair_cycle_job(pair: HingePair, *state: Any) -> Job:
+    """Return a job that computes body 2, its Jacobian and bias of one state, as a controller needs them.
+
+    Args:
+        pair: the pair.
+        state: R1, quat_xyzw, v1, omega1, psi, psi'.
+    """
     names = ("R2", "S2", "v2", "omega2", "jacobian", "acceleration_bias")
     cycle = pair.prepare(("R1", "quat_xyzw", "v1", "omega1", "psi", "psid"), outputs=names)
     read = attrgetter(*names)
-    return lambda: read(cycle(*given))
+    return lambda: read(cycle(*state))
 
 
-def pinocchio_cycle(pair: HingePair, R: Array, quat: Array, v: Array, omega: Array, psi: float, psid: float) -> Job:
-    """The same of Pinocchio, whose q and v are made beforehand."""
+def pinocchio_cycle_job(
+    pair: HingePair, R: Array, quat: Array, v: Array, omega: Array, psi: float, psid: float
+) -> Job:
+    """Return a job in which Pinocchio computes what `hingepair_cycle_job` does; q and v are inputs before the job."""
     import pinocchio as pin
 
     twin = to_pinocchio(pair)
     model, data, frame, world = twin.model, twin.data, twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
     body1 = BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=quat, v=v, omega=omega)
-    q, rates, still = np.array([*R, *quat, psi]), twin.velocity(body1, psi, psid), np.zeros(7)
+    q, rates, zeros = np.array([*R, *quat, psi]), twin.velocity(body1, psi, psid), np.zeros(7)
 
     def run() -> Any:
-        pin.forwardKinematics(model, data, q, rates, still)
+        pin.forwardKinematics(model, data, q, rates, zeros)
         placement = pin.updateFramePlacement(model, data, frame)
         twist = pin.getFrameVelocity(model, data, frame, world)
         pin.computeJointJacobians(model, data)
@@ -308,21 +342,28 @@ def pinocchio_cycle(pair: HingePair, R: Array, quat: Array, v: Array, omega: Arr
     return run
 
 
-FLOOR, FRESH_FLOOR = "copy floor", "copy floor, fresh"
-OURS, FRESH, PREPARED, NUMPY = "hingepair", "hingepair, fresh", "hingepair, prepared", "hingepair, NumPy"
+# Names of the methods.
+COPY_FLOOR_NAME, FRESH_COPY_FLOOR_NAME = "copy floor", "copy floor, fresh"
+HINGEPAIR_NAME, FRESH_NAME, PREPARED_NAME, NUMPY_NAME = (
+    "hingepair",
+    "hingepair, fresh",
+    "hingepair, prepared",
+    "hingepair, NumPy",
+)
 
-WAYS = (
-    Way(OURS, ours(backend="compiled")),
-    Way(PREPARED, prepared, drawn=False),
-    Way(FRESH, ours(fresh=True, backend="compiled"), least=2, drawn=False),
-    Way("hingepair, 2 workers", ours(workers=2, backend="compiled"), least=10**5),
-    Way(NUMPY, ours(backend="numpy")),
-    Way(PYTHON_LOOP, pinocchio_loop, most=FEW, needs="pinocchio"),
-    Way(CPP, pinocchio_cpp, most=10**6, needs="pinocchio"),
-    Way(MUJOCO, mujoco_loop, most=FEW, needs="mujoco"),
-    Way("JAX, compiled, one core", jax_compiled, needs="jax"),
-    Way("SciPy Rotation + NumPy", scipy_rotation, most=10**5, needs="scipy"),
-    Way("NumPy, stacks of 3x3", numpy_stacks, most=10**5),
-    Way(FLOOR, copies, least=2, drawn=False),
-    Way(FRESH_FLOOR, fresh_copies, least=2, drawn=False),
+# All methods of `hingepair bench direct`; ratios refer to the first one.
+KINEMATICS_METHODS = (
+    Method(HINGEPAIR_NAME, hingepair_job_maker(backend="compiled")),
+    Method(PREPARED_NAME, prepared_kinematics_job, in_picture=False),
+    Method(FRESH_NAME, hingepair_job_maker(fresh=True, backend="compiled"), min_samples=2, in_picture=False),
+    Method("hingepair, 2 workers", hingepair_job_maker(workers=2, backend="compiled"), min_samples=10**5),
+    Method(NUMPY_NAME, hingepair_job_maker(backend="numpy")),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_kinematics_job, max_samples=MAX_LOOP_SAMPLES, package="pinocchio"),
+    Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_kinematics_job, max_samples=10**6, package="pinocchio"),
+    Method(MUJOCO_NAME, mujoco_kinematics_job, max_samples=MAX_LOOP_SAMPLES, package="mujoco"),
+    Method("JAX, compiled, one core", jax_job, package="jax"),
+    Method("SciPy Rotation + NumPy", scipy_rotation_job, max_samples=10**5, package="scipy"),
+    Method("NumPy, stacks of 3x3", numpy_stacks_job, max_samples=10**5),
+    Method(COPY_FLOOR_NAME, copy_job, min_samples=2, in_picture=False),
+    Method(FRESH_COPY_FLOOR_NAME, fresh_copy_job, min_samples=2, in_picture=False),
 )

@@ -1,4 +1,4 @@
-"""The pictures of the bench: error against time, panels side by side, one legend."""
+"""The pictures of the benchmarks: errors and run times in panels side by side, with one legend."""
 
 from __future__ import annotations
 
@@ -9,37 +9,37 @@ from typing import IO, Any, NamedTuple
 
 from hingepair.errors import MissingDependencyError
 
-# Colours that stay apart for colour-blind eyes (Okabe and Ito, grey for yellow), and marks that stay apart in grey.
-_COLOURS = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#888888")
-_MARKS = "oDs^vP<>X*hpd"
-_DOTS_PER_INCH = 150  # of a PNG
-_PALETTE_COLOURS = 256  # of a PNG: those of the curves, and the shades of their edges
+# Colours that colour-blind readers can tell apart (Okabe and Ito; grey in place of yellow).
+_CURVE_COLOURS = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#888888")
+_DOTS_PER_INCH = 150  # resolution of a PNG
+_PALETTE_SIZE = 256  # colours of a PNG: those of the curves, and the shades of their edges
+_CURVE_MARKERS = "oDs^vP<>X*hpd"  # Matplotlib's codes; readers of a black-and-white print can tell them apart
 
 
 class Curve(NamedTuple):
-    """A method in a panel."""
+    """The curve of one method in a panel."""
 
-    name: str  # it
-    points: list[tuple[float, float]]  # (x, y) each
-    hard: bool = False  # the second point is the same under hardship, and drawn hollow
+    name: str  # of the method, in the legend
+    points: list[tuple[float, float]]  # (x, y)
+    second_is_hard: bool = False  # the second point is the error on hard states; it is drawn hollow
 
 
 class Panel(NamedTuple):
-    """Curves over one axis."""
+    """One diagram: its axes and its curves; x is logarithmic."""
 
-    title: str  # of the panel
-    across: str  # what its x is
-    up: str  # what its y is
-    curves: list[Curve]  # in it
-    floor: float | None = None  # x below which nothing can be
-    # y runs from 0 to here, evenly; what lies beyond stands on the edge with its number. Logarithmic if None
-    most: float | None = None
-    falling: bool = False  # x falls to the right
-    names: Sequence[str] = ()  # what stands at y = 0, 1, ..., from above; points are then not joined
-    span: tuple[float, float] | None = None  # of x; as its points need it if None
+    title: str
+    x_label: str
+    y_label: str
+    curves: list[Curve]
+    min_x: float | None = None  # a vertical line marks this lower limit of x: the time of copying the outputs
+    # Upper end of a linear y axis from 0; points above it stand at the edge with their number. Logarithmic if None.
+    max_y: float | None = None
+    x_descending: bool = False  # x decreases to the right
+    y_names: Sequence[str] = ()  # labels of y = 0, 1, ... from the top; the points of a curve are then not joined
+    x_range: tuple[float, float] | None = None  # limits of x; those of the points if None
 
 
-def drawn(rows: Sequence[Sequence[Panel]]) -> Any:
+def draw_panels(rows: Sequence[Sequence[Panel]]) -> Any:
     """Return a Matplotlib figure of rows of panels, with the names of all curves in one legend below.
 
     Raises:
@@ -47,75 +47,87 @@ def drawn(rows: Sequence[Sequence[Panel]]) -> Any:
     """
     figure = new_figure((4.1 * len(rows[0]) + 0.4, 3.4 * len(rows) + 0.8))
     names = list(dict.fromkeys(c.name for panels in rows for panel in panels for c in panel.curves))
-    styles = {name: (_COLOURS[i % len(_COLOURS)], _MARKS[i % len(_MARKS)]) for i, name in enumerate(names)}
-    grid = figure.subplots(len(rows), len(rows[0]), squeeze=False)
-    shown: dict[str, Any] = {}
-    for panels, line in zip(rows, grid, strict=True):
-        for panel, axes in zip(panels, line, strict=True):
-            _panel(axes, panel, styles)
-            if panel.names and panel is not panels[0] and panel.names == panels[0].names:
-                axes.tick_params(labelleft=False)  # the panel to the left names the same lines
+    styles = {
+        name: (_CURVE_COLOURS[i % len(_CURVE_COLOURS)], _CURVE_MARKERS[i % len(_CURVE_MARKERS)])
+        for i, name in enumerate(names)
+    }
+    axes_grid = figure.subplots(len(rows), len(rows[0]), squeeze=False)
+    legend: dict[str, Any] = {}
+    for panels, axes_row in zip(rows, axes_grid, strict=True):
+        for panel, axes in zip(panels, axes_row, strict=True):
+            _draw_panel(axes, panel, styles)
+            if panel.y_names and panel is not panels[0] and panel.y_names == panels[0].y_names:
+                axes.tick_params(labelleft=False)  # the panel to the left has the same labels
             handles, labels = axes.get_legend_handles_labels()
-            shown |= dict(zip(labels, handles, strict=True))
-    columns = -(-len(shown) // 2) if len(shown) > 4 else len(shown)
-    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+            legend |= dict(zip(labels, handles, strict=True))
+    columns = -(-len(legend) // 2) if len(legend) > 4 else len(legend)
+    figure.legend(
+        legend.values(), legend.keys(), loc="outside lower center", ncols=columns, frameon=False, fontsize=9
+    )
     return figure
 
 
-def write_picture(rows: Sequence[Sequence[Panel]], file: IO[bytes], kind: str) -> None:
+def write_picture(rows: Sequence[Sequence[Panel]], file: IO[bytes], file_format: str) -> None:
     """Draw rows of panels and write the picture to a file.
 
     Args:
         rows: the panels, row by row.
         file: open for writing bytes.
-        kind: "png", "svg" or "pdf". A PNG has a palette, which takes a third of the bytes.
+        file_format: "png", "svg" or "pdf". A PNG has a palette, which takes a third of the bytes.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.
     """
-    figure = drawn(rows)
-    if kind != "png":
-        figure.savefig(file, format=kind)
+    figure = draw_panels(rows)
+    if file_format != "png":
+        figure.savefig(file, format=file_format)
         return
     from PIL import Image  # Matplotlib depends on it
 
     pixels = io.BytesIO()
     figure.savefig(pixels, format="png", dpi=_DOTS_PER_INCH)
-    picture = Image.open(pixels).convert("RGB").quantize(_PALETTE_COLOURS)
+    picture = Image.open(pixels).convert("RGB").quantize(_PALETTE_SIZE)
     picture.save(file, format="png", optimize=True)
 
 
-def _panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:
-    axes.set(xscale="log", title=panel.title, xlabel=panel.across, ylabel=panel.up)
-    if panel.span is not None:
-        axes.set_xlim(*panel.span)
-    if panel.names:
-        axes.set_yticks(range(len(panel.names)), panel.names)
-        axes.set_ylim(len(panel.names) - 0.5, -0.5)
-    elif panel.most is None:
+def _draw_panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:
+    axes.set(xscale="log", title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
+    if panel.x_range is not None:
+        axes.set_xlim(*panel.x_range)
+    if panel.y_names:
+        axes.set_yticks(range(len(panel.y_names)), panel.y_names)
+        axes.set_ylim(len(panel.y_names) - 0.5, -0.5)
+    elif panel.max_y is None:
         axes.set_yscale("log")
     else:
-        axes.set_ylim(0, 1.15 * panel.most)
-    edge = inf if panel.most is None else panel.most
-    beyond: list[tuple[float, float]] = []
+        axes.set_ylim(0, 1.15 * panel.max_y)
+    edge = inf if panel.max_y is None else panel.max_y
+    clipped: list[tuple[float, float]] = []
     for curve in panel.curves:
         colour, mark = styles[curve.name]
         points = [(x, y) for x, y in curve.points if isfinite(min(y, edge))]
-        across, up = [x for x, _ in points], [min(y, edge) for _, y in points]
+        x_values, y_values = [x for x, _ in points], [min(y, edge) for _, y in points]
         style: dict[str, Any] = {"marker": mark, "color": colour, "markersize": 6}
-        width = 0.0 if panel.names else 1.2
-        axes.plot(across, up, **style, lw=width, markevery=slice(0, 1) if curve.hard else None, label=curve.name)
-        if curve.hard:
-            axes.plot(across, up, **style, ls="none", markevery=slice(1, None), markerfacecolor="white")
-        beyond += [(x, y) for x, y in points if y > edge]
-    if any(curve.hard for curve in panel.curves):
+        width = 0.0 if panel.y_names else 1.2
+        axes.plot(
+            x_values,
+            y_values,
+            **style,
+            lw=width,
+            markevery=slice(0, 1) if curve.second_is_hard else None,
+            label=curve.name,
+        )
+        if curve.second_is_hard:
+            axes.plot(x_values, y_values, **style, ls="none", markevery=slice(1, None), markerfacecolor="white")
+        clipped += [(x, y) for x, y in points if y > edge]
+    if any(curve.second_is_hard for curve in panel.curves):
         axes.plot([], [], "o", color="0.3", markerfacecolor="white", label="hollow: on hard states")
-    for i, (x, y) in enumerate(sorted(beyond)):
+    for i, (x, y) in enumerate(sorted(clipped)):
         above = (0, 6 + 9 * (i % 2))
         axes.annotate(f"{y:.0e}", (x, edge), above, textcoords="offset points", ha="center", fontsize=7)
-    if panel.floor is not None:
-        axes.axvline(panel.floor, color="0.5", linestyle="--", linewidth=1, label="copying the outputs")
-    if panel.falling:
+    if panel.min_x is not None:
+        axes.axvline(panel.min_x, color="0.5", linestyle="--", linewidth=1, label="copying the outputs")
+    if panel.x_descending:
         axes.invert_xaxis()
     axes.grid(visible=True, which="major", color="0.9")
 

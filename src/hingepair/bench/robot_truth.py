@@ -1,7 +1,7 @@
-"""What is true of a robot, to fifty digits: Newton's and Euler's laws body by body in world axes, nothing folded.
+"""Exact results of robots in fifty-digit arithmetic: Newton's and Euler's laws, body by body in world axes.
 
-The numbers of the robot's record stand for themselves. Forward dynamics solves M q'' = tau - bias, whose column k is
-what unit acceleration of joint k alone needs.
+The numbers of the robot's record are taken as exact. Forward dynamics solves M q'' = tau - bias; column k of M is the
+efforts that a unit acceleration of joint k alone requires.
 """
 
 from __future__ import annotations
@@ -16,29 +16,31 @@ from hingepair.mechanism.tree import Joint, Tree
 
 Array: TypeAlias = NDArray[Any]
 
-DIGITS: Final = 50
-_GRAVITY: Final = 9.81  # m/s^2, along -z of the world
+ROBOT_TRUTH_DIGITS: Final = 50
+"""Decimal digits of the exact results."""
+_GRAVITY_SIZE: Final = 9.81  # m/s^2, along -z of the world
 
-_exactly: Any = np.frompyfunc(mpmath.mpf, 1, 1)
-
-
-class _Body(NamedTuple):
-    """A body at one state, world axes."""
-
-    R: Array  # point of its joint
-    S: Array
-    axis: Array  # of its joint
-    omega: Array
-    alpha: Array
-    a: Array  # of R, plus what holds against gravity
+# Converts numbers into mpmath numbers without rounding, elementwise.
+_to_mpf: Any = np.frompyfunc(mpmath.mpf, 1, 1)
 
 
-class RobotTruth:
-    """A robot at one state, in arrays of mpmath numbers.
+class _BodyState(NamedTuple):
+    """The pose and motion of a body, in world axes."""
+
+    R: Array  # point of the joint that carries the body [m]
+    S: Array  # rotation, body to world
+    axis: Array  # unit axis of that joint
+    omega: Array  # angular velocity [rad/s]
+    alpha: Array  # angular acceleration [rad/s^2]
+    a: Array  # acceleration of R minus that of gravity [m/s^2]
+
+
+class ExactRobot:
+    """Exact results of a robot on a fixed base at given positions, in arrays of mpmath numbers.
 
     Args:
-        tree: the record of the robot, whose base stands.
-        q: positions; shape (dof,).
+        tree: the record of the robot.
+        q: positions [rad, m]; shape (dof,).
     """
 
     def __init__(self, tree: Tree, q: Array) -> None:
@@ -49,107 +51,110 @@ class RobotTruth:
         self._ratios = [mpmath.mpf(1 if joint.mimic is None else joint.mimic.multiplier) for joint in tree.joints]
         self._dof = len(coordinates)
         offsets = [0.0 if joint.mimic is None else joint.mimic.offset for joint in tree.joints]
-        self._q = self._of_joints(q) + _exactly(np.array(offsets))
+        self._q = self._joint_values(q) + _to_mpf(np.array(offsets))
 
     def pose(self, joint: str) -> Array:
-        """Return position and rotation of a joint's body; shape (12,)."""
-        with mpmath.workdps(DIGITS):
-            body = self._bodies(np.zeros(self._dof), np.zeros(self._dof), 0.0)[self._number(joint)]
+        """Return position and rotation of the body that a joint carries; shape (12,)."""
+        with mpmath.workdps(ROBOT_TRUTH_DIGITS):
+            body = self._body_states(np.zeros(self._dof), np.zeros(self._dof), 0.0)[self._joint_number(joint)]
             return np.concatenate([body.R, body.S.ravel()])
 
     def jacobian(self, joint: str) -> Array:
-        """Return the Jacobian of a joint's body, rows (v, omega) of its point; shape (6, dof)."""
-        with mpmath.workdps(DIGITS):
-            bodies = self._bodies(np.zeros(self._dof), np.zeros(self._dof), 0.0)
-            number = tip = self._number(joint)
-            J: Array = _exactly(np.zeros((6, self._dof)))
+        """Return the Jacobian of the body that a joint carries: (v, omega) of its reference point; shape (6, dof)."""
+        with mpmath.workdps(ROBOT_TRUTH_DIGITS):
+            bodies = self._body_states(np.zeros(self._dof), np.zeros(self._dof), 0.0)
+            number = tip = self._joint_number(joint)
+            J: Array = _to_mpf(np.zeros((6, self._dof)))
             while number:
-                joint_here, body = self._tree.joints[number - 1], bodies[number]
-                hinged = joint_here.kind == "hinge"
-                linear = _cross(body.axis, bodies[tip].R - body.R) if hinged else body.axis
+                ancestor, body = self._tree.joints[number - 1], bodies[number]
+                hinged = ancestor.kind == "hinge"
+                linear = _cross_product(body.axis, bodies[tip].R - body.R) if hinged else body.axis
                 column = np.concatenate([linear, body.axis if hinged else 0 * body.axis])
                 J[:, self._columns[number - 1]] += column * self._ratios[number - 1]
-                number = joint_here.parent
+                number = ancestor.parent
             return J
 
-    def inverse_dynamics(self, qd: Array, qdd: Array, gravity: float = _GRAVITY) -> Array:
-        """Return the efforts of a motion; shape (dof,)."""
-        with mpmath.workdps(DIGITS):
-            bodies = self._bodies(qd, qdd, gravity)
-            zero = _exactly(np.zeros(3))
+    def inverse_dynamics(self, qd: Array, qdd: Array, gravity: float = _GRAVITY_SIZE) -> Array:
+        """Return the efforts that rates and accelerations require [N m, N]; shape (dof,)."""
+        with mpmath.workdps(ROBOT_TRUTH_DIGITS):
+            bodies = self._body_states(qd, qdd, gravity)
+            zero = _to_mpf(np.zeros(3))
             force, torque = [zero] * len(bodies), [zero] * len(bodies)
-            efforts: Array = _exactly(np.zeros(self._dof))
+            efforts: Array = _to_mpf(np.zeros(self._dof))
             for number in range(len(bodies) - 1, 0, -1):
                 joint, body = self._tree.joints[number - 1], bodies[number]
-                own_force, own_torque = _needed(joint, body)
-                f, t = force[number] + own_force, torque[number] + own_torque
+                body_force, body_torque = _required_wrench(joint, body)
+                f, t = force[number] + body_force, torque[number] + body_torque
                 effort = body.axis @ (t if joint.kind == "hinge" else f)
                 efforts[self._columns[number - 1]] += effort * self._ratios[number - 1]
                 force[joint.parent] = force[joint.parent] + f
                 arm = body.R - bodies[joint.parent].R
-                torque[joint.parent] = torque[joint.parent] + t + _cross(arm, f)
+                torque[joint.parent] = torque[joint.parent] + t + _cross_product(arm, f)
             return efforts
 
     def forward_dynamics(self, qd: Array, tau: Array) -> Array:
-        """Return the accelerations that efforts make; shape (dof,)."""
-        with mpmath.workdps(DIGITS):
+        """Return the accelerations that efforts cause [rad/s^2, m/s^2]; shape (dof,)."""
+        with mpmath.workdps(ROBOT_TRUTH_DIGITS):
             zero = np.zeros(self._dof)
             columns = [self.inverse_dynamics(zero, unit, 0.0) for unit in np.eye(self._dof)]
-            left = _exactly(tau) - self.inverse_dynamics(qd, zero)
+            remaining = _to_mpf(tau) - self.inverse_dynamics(qd, zero)
             solution = mpmath.lu_solve(
-                mpmath.matrix(np.stack(columns, axis=1).tolist()), mpmath.matrix(left.tolist())
+                mpmath.matrix(np.stack(columns, axis=1).tolist()), mpmath.matrix(remaining.tolist())
             )
             return np.array(list(solution), dtype=object)
 
-    def _number(self, joint: str) -> int:
-        return 1 + [one.name for one in self._tree.joints].index(joint)
+    def _joint_number(self, name: str) -> int:
+        """Return the number of a joint, counted from 1."""
+        return 1 + [joint.name for joint in self._tree.joints].index(name)
 
-    def _of_joints(self, values: Array) -> Array:
-        """Return values of all joints, followers included, of those of the coordinates."""
-        followed: Array = _exactly(np.asarray(values, float))[self._columns] * np.array(self._ratios, dtype=object)
-        return followed
+    def _joint_values(self, values: Array) -> Array:
+        """Return the values of all joints, mimic joints included, from those of the coordinates."""
+        joint_values: Array = _to_mpf(np.asarray(values, float))[self._columns] * np.array(self._ratios, dtype=object)
+        return joint_values
 
-    def _bodies(self, qd: Array, qdd: Array, gravity: float) -> list[_Body]:
-        zero = _exactly(np.zeros(3))
-        bodies = [_Body(zero, _exactly(np.eye(3)), zero, zero, zero, _exactly(np.array([0.0, 0.0, gravity])))]
-        rates, accelerations = self._of_joints(qd), self._of_joints(qdd)
+    def _body_states(self, qd: Array, qdd: Array, gravity: float) -> list[_BodyState]:
+        """Return the pose and motion of the base and of all bodies."""
+        zero = _to_mpf(np.zeros(3))
+        bodies = [_BodyState(zero, _to_mpf(np.eye(3)), zero, zero, zero, _to_mpf(np.array([0.0, 0.0, gravity])))]
+        rates, accelerations = self._joint_values(qd), self._joint_values(qdd)
         for joint, q, v, w in zip(self._tree.joints, self._q, rates, accelerations, strict=True):
             p = bodies[joint.parent]
-            turned = p.S @ _exactly(joint.S)
-            n = _exactly(joint.n)
+            S_fixed = p.S @ _to_mpf(joint.S)
+            n = _to_mpf(joint.n)
             n = n / mpmath.sqrt(n @ n)
-            axis = turned @ n
-            R = p.R + p.S @ _exactly(joint.u)
+            axis = S_fixed @ n
+            R = p.R + p.S @ _to_mpf(joint.u)
             if joint.kind == "hinge":
-                S, omega = turned @ _turn(n, q), p.omega + axis * v
-                alpha, slide = p.alpha + _cross(p.omega, axis) * v + axis * w, zero
+                S, omega = S_fixed @ _axis_rotation(n, q), p.omega + axis * v
+                alpha, sliding = p.alpha + _cross_product(p.omega, axis) * v + axis * w, zero
             else:
-                R, S, omega, alpha = R + axis * q, turned, p.omega, p.alpha
-                slide = 2 * _cross(p.omega, axis) * v + axis * w
+                R, S, omega, alpha = R + axis * q, S_fixed, p.omega, p.alpha
+                sliding = 2 * _cross_product(p.omega, axis) * v + axis * w
             arm = R - p.R
-            a = p.a + _cross(p.alpha, arm) + _cross(p.omega, _cross(p.omega, arm)) + slide
-            bodies.append(_Body(R, S, axis, omega, alpha, a))
+            a = p.a + _cross_product(p.alpha, arm) + _cross_product(p.omega, _cross_product(p.omega, arm)) + sliding
+            bodies.append(_BodyState(R, S, axis, omega, alpha, a))
         return bodies
 
 
-def _needed(joint: Joint, body: _Body) -> tuple[Array, Array]:
-    """Return the force that a body's motion needs, and the torque about its joint's point."""
-    c = body.S @ _exactly(joint.body.center_of_mass)
-    inertia = body.S @ _exactly(joint.body.inertia) @ body.S.T
-    swing = _cross(body.alpha, c) + _cross(body.omega, _cross(body.omega, c))
-    force = (body.a + swing) * mpmath.mpf(joint.body.mass)
-    return force, inertia @ body.alpha + _cross(body.omega, inertia @ body.omega) + _cross(c, force)
+def _required_wrench(joint: Joint, body: _BodyState) -> tuple[Array, Array]:
+    """Return the force that the motion of a body requires, and the torque about the point of its joint."""
+    c = body.S @ _to_mpf(joint.body.center_of_mass)
+    inertia = body.S @ _to_mpf(joint.body.inertia) @ body.S.T
+    relative_a = _cross_product(body.alpha, c) + _cross_product(body.omega, _cross_product(body.omega, c))
+    force = (body.a + relative_a) * mpmath.mpf(joint.body.mass)
+    return force, inertia @ body.alpha + _cross_product(body.omega, inertia @ body.omega) + _cross_product(c, force)
 
 
-def _turn(n: Array, angle: Any) -> Array:
+def _axis_rotation(n: Array, angle: Any) -> Array:
     """Return the rotation about a unit axis, by Rodrigues' formula."""
     x, y, z = n
     zero = mpmath.mpf(0)
     N = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]], dtype=object)
-    turned: Array = _exactly(np.eye(3)) + N * mpmath.sin(angle) + (N @ N) * (1 - mpmath.cos(angle))
-    return turned
+    rotation: Array = _to_mpf(np.eye(3)) + N * mpmath.sin(angle) + (N @ N) * (1 - mpmath.cos(angle))
+    return rotation
 
 
-def _cross(a: Array, b: Array) -> Array:
+def _cross_product(a: Array, b: Array) -> Array:
+    """Return the cross product of two vectors."""
     products = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     return np.array(products, dtype=object)

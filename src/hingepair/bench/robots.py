@@ -1,6 +1,6 @@
 """`hingepair bench robots`: poses, Jacobians and dynamics of whole robots, beside Pinocchio, MuJoCo and frax (JAX).
 
-The error of a result is its distance from what fifty-digit arithmetic says, relative to its largest component.
+The error of a result is its difference from the result of fifty-digit arithmetic, relative to its largest component.
 """
 
 from __future__ import annotations
@@ -15,137 +15,179 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.bench.direct import case_of
-from hingepair.bench.engines import CPP, FEW, MUJOCO, PYTHON_LOOP, compiled_library, cpp_missing
-from hingepair.bench.measure import Job, Report, Row, Way, compared, present, tell
-from hingepair.bench.peers import OURS, PREPARED
+from hingepair.bench.engines import (
+    FORWARD_WORKLOAD,
+    INVERSE_WORKLOAD,
+    MAX_LOOP_SAMPLES,
+    MUJOCO_NAME,
+    PINOCCHIO_CPP_NAME,
+    PINOCCHIO_LOOP_NAME,
+    compile_library,
+    cpp_missing_reason,
+)
+from hingepair.bench.measure import (
+    Job,
+    Method,
+    Report,
+    Row,
+    available_methods,
+    case_name,
+    measure_methods,
+    print_progress,
+)
+from hingepair.bench.peers import HINGEPAIR_NAME, PREPARED_NAME
 from hingepair.bench.plot import Curve, Panel
-from hingepair.bench.robot_truth import DIGITS, RobotTruth
+from hingepair.bench.robot_truth import ROBOT_TRUTH_DIGITS, ExactRobot
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
 
 Array: TypeAlias = NDArray[Any]
 
-ROBOTS: Final = {
+LOCKED_JOINTS: Final = {
     "ur5_robot": {},
     "panda": {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0},
     "solo12": {},
     "talos_reduced": {},
 }
-"""Robots, and the joints of each that are locked."""
+"""The robots that are measured unless given, and the positions of their locked joints [m]."""
 
-POSE, JACOBIAN, INVERSE, FORWARD = "pose", "Jacobian", "inverse dynamics", "forward dynamics"
-WORKLOADS: Final = (POSE, JACOBIAN, INVERSE, FORWARD)
+POSE_WORKLOAD, JACOBIAN_WORKLOAD = "pose", "Jacobian"  # names of workloads
+# All workloads, in the order of the table and of the constants in robots_loop.cpp.
+WORKLOAD_NAMES: Final = (POSE_WORKLOAD, JACOBIAN_WORKLOAD, INVERSE_WORKLOAD, FORWARD_WORKLOAD)
 
-_COMPARED: Final = 4
-"""States whose results are compared with the exact ones."""
-_NOTES: Final = (
-    "A row is one engine at one task, on one thread (JAX takes as many as it likes), its code compiled before. N: "
-    "states of a call; a call: its time, the median of the repeats; each: that for one state; ratio: of that to the "
-    "first row of the block.",
-    f"error: largest difference from {DIGITS}-digit arithmetic at {_COMPARED} random states, relative to the largest "
-    "component of the result (a double has 1.1e-16).",
-    "pose, Jacobian: of the joint furthest from the base. hingepair, prepared: a call made ready for one state. "
-    "Pinocchio, its own batches: rneaInParallel, abaInParallel. Python loops are given at most 10,000 states.",
+_COMPARED_STATES: Final = 4
+"""Number of states whose results are compared with the exact ones."""
+
+# Sentences below the table.
+_TABLE_NOTES: Final = (
+    "Each row is one engine on one task, on one thread (JAX chooses its threads itself), compiled before the "
+    "measurement. N: states of a call; a call: median time of a call; each: time for one state; ratio: that time "
+    "divided by the time of the first row.",
+    f"error: largest difference from {ROBOT_TRUTH_DIGITS}-digit arithmetic at {_COMPARED_STATES} random "
+    "states, relative to the largest component of the result (the unit roundoff of a double is 1.1e-16).",
+    "pose, Jacobian: of the joint that is furthest from the base. hingepair, prepared: the result of robot.prepare, "
+    "called with one state. Pinocchio, its own batches: rneaInParallel, abaInParallel. Python loops compute at most "
+    f"{MAX_LOOP_SAMPLES:,} states.",
 )
 
-PARALLEL, FRAX = "Pinocchio, its own batches", "frax (JAX, one batch)"
+# Names of further methods.
+PINOCCHIO_PARALLEL_NAME, FRAX_NAME = "Pinocchio, its own batches", "frax (JAX, one batch)"
 
-_KINDS: Final = ("RX", "RY", "RZ", "RevoluteUnaligned", "PX", "PY", "PZ", "PrismaticUnaligned")
-_AXES: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+# Pinocchio's joint models, in the order of the constants in robots_loop.cpp, and the axes of those along x, y, z.
+_CPP_JOINT_KINDS: Final = ("RX", "RY", "RZ", "RevoluteUnaligned", "PX", "PY", "PZ", "PrismaticUnaligned")
+_COORDINATE_AXES: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 
 
-class Task(NamedTuple):
-    """Random states of a robot, and what is computed of them."""
+class RobotTask(NamedTuple):
+    """Random states of a robot, and the workload that is computed at them."""
 
     name: str  # of the robot
     robot: Mechanism
-    model: Any  # Pinocchio's, of the same robot
-    workload: str  # one of WORKLOADS
+    model: Any  # Pinocchio's model of the same robot
+    workload: str  # one of WORKLOAD_NAMES
     tip: int  # Pinocchio's number of the joint furthest from the base
-    rows: tuple[Array, Array, Array]  # q, q', and q'' or, of forward dynamics, the efforts
+    rows: tuple[Array, Array, Array]  # q, q' and q'', or for forward dynamics the efforts; shape (N, dof)
 
 
-def robots(names: Sequence[str], sizes: Sequence[int], repeats: int, cpp: bool) -> Report:
-    """Measure every workload of some robots at some numbers of states."""
+def measure_robots(names: Sequence[str], sizes: Sequence[int], repeats: int, cpp: bool) -> Report:
+    """Measure every workload for robots and batch sizes."""
     if cpp:
-        tell("compiling Pinocchio's C++ loop (one or two minutes)")
-    ways, left_out = present(WAYS, {CPP: cpp_missing(cpp, "robots_loop.cpp")})
+        print_progress("compiling Pinocchio's C++ loop (one or two minutes)")
+    methods, left_out = available_methods(
+        ROBOT_METHODS, {PINOCCHIO_CPP_NAME: cpp_missing_reason(cpp, "robots_loop.cpp")}
+    )
     rows = list[Row]()
     for name in names:
-        robot, model = _models(name)
-        for workload in WORKLOADS:
-            task = functools.cache(functools.partial(task_of, name, robot, model, workload))
-            suited = [way for way in ways if workload in _WORKLOADS_OF.get(way.name, WORKLOADS)]
-            errors = _errors(suited, task)
+        robot, model = _load_models(name)
+        for workload in WORKLOAD_NAMES:
+            task = functools.cache(functools.partial(make_robot_task, name, robot, model, workload))
+            suitable = [
+                method for method in methods if workload in _METHOD_WORKLOADS.get(method.name, WORKLOAD_NAMES)
+            ]
+            errors = _robot_errors(suitable, task)
             for size in sizes:
-                tell(f"{name}, {workload}, N = {size:,}: {repeats} repeats")
-                asked = [way for way in suited if way.name != PREPARED or size == 1]
-                rows += compared(_case(robot, workload, size), asked, task, size, repeats, errors)
-    return Report(rows, "error", [*left_out, *_NOTES], _panels(rows, max(sizes)))
+                print_progress(f"{name}, {workload}, N = {size:,}: {repeats} repeats")
+                measured = [method for method in suitable if method.name != PREPARED_NAME or size == 1]
+                rows += measure_methods(
+                    _robot_case_name(robot, workload, size), measured, task, size, repeats, errors
+                )
+    return Report(rows, "error", [*left_out, *_TABLE_NOTES], _run_time_panels(rows, max(sizes)))
 
 
-def _case(robot: Mechanism, workload: str, size: int) -> str:
-    return case_of(f"{robot.name} ({robot.dof} joints), {workload}", size)
+def _robot_case_name(robot: Mechanism, workload: str, size: int) -> str:
+    """Return the name of the case of a workload at a number of states."""
+    return case_name(f"{robot.name} ({robot.dof} joints), {workload}", size)
 
 
-def _errors(ways: Sequence[Way], task: Callable[[int], Task]) -> dict[str, float]:
-    """Return each way's largest error."""
-    tell(f"{task(1).name}, {task(1).workload}: {DIGITS} digits")
-    truth = truth_of(task(_COMPARED))
-    return {way.name: error_of(way, task(1 if way.name == PREPARED else _COMPARED), truth) for way in ways}
+def _robot_errors(methods: Sequence[Method], task: Callable[[int], RobotTask]) -> dict[str, float]:
+    """Return the largest error of each method, by its name."""
+    print_progress(f"{task(1).name}, {task(1).workload}: {ROBOT_TRUTH_DIGITS} digits")
+    truth = exact_robot_results(task(_COMPARED_STATES))
+    return {
+        method.name: robot_error(method, task(1 if method.name == PREPARED_NAME else _COMPARED_STATES), truth)
+        for method in methods
+    }
 
 
-def _panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
-    """Return the picture: run times of the largest batch, a panel for each workload and a line for each robot.
+def _run_time_panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
+    """Return the panels of the picture: run times of the largest batch, a panel a workload and a line a robot.
 
-    The names of the engines say the largest of all their errors.
+    The legend shows the largest error of each engine.
     """
-    batches = [row for row in rows if row.case.endswith(case_of("", size)) and row.method != PREPARED]
+    batches = [row for row in rows if row.case.endswith(case_name("", size)) and row.method != PREPARED_NAME]
     errors: dict[str, float] = {}
     for row in batches:
         errors[row.method] = max(errors.get(row.method, 0.0), row.error or 0.0)
-    times = [row.least / row.count * 1e9 for row in batches]
-    span = (min(times) / 2, 2 * max(times))
-    found: list[Panel] = []
-    for workload in WORKLOADS:
-        cases = [row for row in batches if row.case.endswith(case_of(f", {workload}", size))]
+    times = [row.min_seconds / row.count * 1e9 for row in batches]
+    x_range = (min(times) / 2, 2 * max(times))
+    panels: list[Panel] = []
+    for workload in WORKLOAD_NAMES:
+        cases = [row for row in batches if row.case.endswith(case_name(f", {workload}", size))]
         names = list(dict.fromkeys(row.case.partition(",")[0] for row in cases))
         curves: dict[str, list[tuple[float, float]]] = {}
         for row in cases:
-            place = row.least / row.count * 1e9, float(names.index(row.case.partition(",")[0]))
-            curves.setdefault(f"{row.method}: error {errors[row.method]:.0e}", []).append(place)
-        drawn = [Curve(*item) for item in curves.items()]
-        found.append(Panel(case_of(workload, size), "run time [ns a state]", "", drawn, names=names, span=span))
-    return [found[:2], found[2:]]
+            point = row.min_seconds / row.count * 1e9, float(names.index(row.case.partition(",")[0]))
+            curves.setdefault(f"{row.method}: error {errors[row.method]:.0e}", []).append(point)
+        workload_curves = [Curve(*item) for item in curves.items()]
+        panels.append(
+            Panel(
+                case_name(workload, size),
+                "run time [ns a state]",
+                "",
+                workload_curves,
+                y_names=names,
+                x_range=x_range,
+            )
+        )
+    return [panels[:2], panels[2:]]
 
 
-def _models(name: str) -> tuple[Mechanism, Any]:
+def _load_models(name: str) -> tuple[Mechanism, Any]:
     """Return a robot and Pinocchio's model of it, read from the same file."""
     import pinocchio as pin
 
     full = pin.buildModelFromUrdf(str(robot_urdf(name)))
-    locked = [full.getJointId(joint) for joint in ROBOTS.get(name, {})]
+    locked = [full.getJointId(joint) for joint in LOCKED_JOINTS.get(name, {})]
     model = pin.buildReducedModel(full, locked, pin.neutral(full)) if locked else full
-    return load_robot(name, locked=ROBOTS.get(name, {})), model
+    return load_robot(name, locked=LOCKED_JOINTS.get(name, {})), model
 
 
-def task_of(name: str, robot: Mechanism, model: Any, workload: str, count: int) -> Task:
-    """Return so many random states of a robot."""
+def make_robot_task(name: str, robot: Mechanism, model: Any, workload: str, count: int) -> RobotTask:
+    """Return a task of random states of a robot; a larger task begins with the states of a smaller one."""
     rng = np.random.default_rng(31)
     depth = [0]
     for joint in range(1, model.njoints):
         depth.append(depth[model.parents[joint]] + 1)
-    states = rng.uniform(-1, 1, (count, 3, robot.dof))  # the first are the same, however many there are
+    states = rng.uniform(-1, 1, (count, 3, robot.dof))
     q, v, w = np.ascontiguousarray(states.transpose(1, 0, 2))
-    return Task(name, robot, model, workload, int(np.argmax(depth)), (q, v, w))
+    return RobotTask(name, robot, model, workload, int(np.argmax(depth)), (q, v, w))
 
 
-def truth_of(task: Task) -> Array:
-    """Return the results in numbers of many digits; an array of mpmath numbers, a row a state."""
+def exact_robot_results(task: RobotTask) -> Array:
+    """Return the exact results of a task as mpmath numbers; shape (N, components)."""
     joint, rows = task.model.names[task.tip], []
     for q, v, w in zip(*task.rows, strict=True):
-        truth = RobotTruth(task.robot.tree, q)
+        truth = ExactRobot(task.robot.tree, q)
         match task.workload:
             case "pose":
                 rows.append(truth.pose(joint))
@@ -158,47 +200,48 @@ def truth_of(task: Task) -> Array:
     return np.array(rows)
 
 
-def error_of(way: Way, task: Task, truth: Array) -> float:
+def robot_error(method: Method, task: RobotTask, truth: Array) -> float:
     """Return the largest error of an engine's results, relative to the largest component of the true ones."""
-    known = truth[: len(task.rows[0])]
-    result = np.asarray(way.make(task)(), dtype=float).reshape(known.shape)
-    return max(float(abs(a - b).max() / abs(b).max()) for a, b in zip(result, known, strict=True))
+    expected = truth[: len(task.rows[0])]
+    result = np.asarray(method.make_job(task)(), dtype=float).reshape(expected.shape)
+    return max(float(abs(a - b).max() / abs(b).max()) for a, b in zip(result, expected, strict=True))
 
 
 def _read_pose(state: Any) -> Array:
+    """Return position and rotation of the first frame of a state; shape (..., 12)."""
     R, S = state.R[..., 0, :], state.S[..., 0, :, :]
     return np.concatenate([R, S.reshape(*R.shape[:-1], 9)], axis=-1)
 
 
-def ours(task: Task) -> Job:
-    """Return a call of the robot's method, compiled from the first call on."""
+def hingepair_robot_job(task: RobotTask) -> Job:
+    """Return a job that calls the robot's method, which is compiled at the first call."""
     (q, v, w), tip = task.rows, task.model.names[task.tip]
-    if task.workload == POSE:
-        # both arrays are ready to be read; to put them side by side is no part of the work of any engine
+    if task.workload == POSE_WORKLOAD:
+        # Position and rotation are put into one array only for the comparison, which is no work of the engine.
         job = functools.partial(
             task.robot.forward_kinematics, q, frames=(tip,), outputs=("R", "S"), backend="compiled"
         )
-        return _Reading(job, _read_pose)
+        return _JobWithReader(job, _read_pose)
     calls = {
-        JACOBIAN: lambda: task.robot.jacobian(q, tip, backend="compiled"),
-        INVERSE: lambda: task.robot.inverse_dynamics(q, v, w, outputs=("tau",), backend="compiled").tau,
-        FORWARD: lambda: task.robot.forward_dynamics(q, v, w, backend="compiled").qdd,
+        JACOBIAN_WORKLOAD: lambda: task.robot.jacobian(q, tip, backend="compiled"),
+        INVERSE_WORKLOAD: lambda: task.robot.inverse_dynamics(q, v, w, outputs=("tau",), backend="compiled").tau,
+        FORWARD_WORKLOAD: lambda: task.robot.forward_dynamics(q, v, w, backend="compiled").qdd,
     }
     return calls[task.workload]
 
 
-class _Reading:
-    """A job whose result is put into one array when it is compared, not when it is timed."""
+class _JobWithReader:
+    """A job whose result is converted into one array when it is compared, not when it is timed."""
 
     def __init__(self, job: Job, read: Any) -> None:
         self._job, self._read = job, read
 
     def __call__(self) -> Any:
-        return _Lazy(self._job(), self._read)
+        return _LazyArray(self._job(), self._read)
 
 
-class _Lazy:
-    """A result that is read when NumPy asks for it."""
+class _LazyArray:
+    """A result that is converted into an array when NumPy asks for one."""
 
     def __init__(self, result: Any, read: Any) -> None:
         self._result, self._read = result, read
@@ -207,30 +250,30 @@ class _Lazy:
         return np.array(self._read(self._result), dtype=dtype, copy=copy)
 
 
-def prepared(task: Task) -> Job:
-    """One state by a prepared call."""
+def prepared_robot_job(task: RobotTask) -> Job:
+    """Return a job that calls the result of `robot.prepare` with one state."""
     q, v, w = (row[0].copy() for row in task.rows)
     tip = task.model.names[task.tip]
-    if task.workload == POSE:
+    if task.workload == POSE_WORKLOAD:
         pose = task.robot.prepare("pose", frames=(tip,), outputs=("R", "S"))
-        return _Reading(lambda: pose(q), _read_pose)
-    if task.workload == JACOBIAN:
+        return _JobWithReader(lambda: pose(q), _read_pose)
+    if task.workload == JACOBIAN_WORKLOAD:
         jacobian = task.robot.prepare("jacobian", frames=(tip,))
         return lambda: jacobian(q)
-    if task.workload == INVERSE:
+    if task.workload == INVERSE_WORKLOAD:
         inverse = task.robot.prepare("inverse_dynamics", outputs=("tau",))
         return lambda: inverse(q, v, w).tau
     forward = task.robot.prepare("forward_dynamics")
     return lambda: forward(q, v, w).qdd
 
 
-def pinocchio_loop(task: Task) -> Job:
-    """Pinocchio's calls from Python, one state after the other."""
+def pinocchio_robot_job(task: RobotTask) -> Job:
+    """Return a job that loops over the states in Python and calls Pinocchio."""
     import pinocchio as pin
 
     model, (q, v, w), tip = task.model, task.rows, task.tip
     data, frame = model.createData(), pin.LOCAL_WORLD_ALIGNED
-    results = np.empty((len(q), {POSE: 12, JACOBIAN: 6 * model.nv}.get(task.workload, model.nv)))
+    results = np.empty((len(q), {POSE_WORKLOAD: 12, JACOBIAN_WORKLOAD: 6 * model.nv}.get(task.workload, model.nv)))
 
     def pose(i: int) -> None:
         pin.forwardKinematics(model, data, q[i])
@@ -247,32 +290,37 @@ def pinocchio_loop(task: Task) -> Job:
     def forward(i: int) -> None:
         results[i] = pin.aba(model, data, q[i], v[i], w[i])
 
-    one = {POSE: pose, JACOBIAN: jacobian, INVERSE: inverse, FORWARD: forward}[task.workload]
+    compute = {
+        POSE_WORKLOAD: pose,
+        JACOBIAN_WORKLOAD: jacobian,
+        INVERSE_WORKLOAD: inverse,
+        FORWARD_WORKLOAD: forward,
+    }[task.workload]
 
     def run() -> Array:
         for i in range(len(q)):
-            one(i)
+            compute(i)
         return results
 
     return run
 
 
-def pinocchio_batches(task: Task) -> Job:
-    """Pinocchio's own batches of dynamics, on one thread as all others here."""
+def pinocchio_batch_job(task: RobotTask) -> Job:
+    """Return a job of Pinocchio's batch functions for dynamics, on one thread like all other methods."""
     import pinocchio as pin
 
     pool = pin.ModelPool(task.model, 1)
     rows = [np.asfortranarray(row.T) for row in task.rows]
-    batch = pin.rneaInParallel if task.workload == INVERSE else pin.abaInParallel
+    batch = pin.rneaInParallel if task.workload == INVERSE_WORKLOAD else pin.abaInParallel
     return lambda: batch(1, pool, *rows).T
 
 
-def pinocchio_cpp(task: Task) -> Job:
-    """The same loop in C++."""
-    library, model = _robots_library(), task.model
+def pinocchio_cpp_robot_job(task: RobotTask) -> Job:
+    """Return a job that loops over the states in C++ and calls Pinocchio."""
+    library, model = _load_robots_library(), task.model
     joints = [model.joints[k] for k in range(1, model.njoints)]
-    kinds = [_KINDS.index(joint.shortname().removeprefix("JointModel")) for joint in joints]
-    axes = [_AXES.get(joint.shortname()[-1]) or joint.extract().axis for joint in joints]
+    kinds = [_CPP_JOINT_KINDS.index(joint.shortname().removeprefix("JointModel")) for joint in joints]
+    axes = [_COORDINATE_AXES.get(joint.shortname()[-1]) or joint.extract().axis for joint in joints]
     places = list(model.jointPlacements)[1:]
     bodies = list(model.inertias)[1:]
     arrays = [
@@ -285,22 +333,25 @@ def pinocchio_cpp(task: Task) -> Job:
         np.array([body.inertia.ravel() for body in bodies]),
     ]
     handle = library.robot_new(len(joints), task.tip, *(array.ctypes.data for array in arrays))
-    count, what = len(task.rows[0]), WORKLOADS.index(task.workload)
-    results = np.empty((count, {POSE: 12, JACOBIAN: 6 * model.nv}.get(task.workload, model.nv)))
+    count, workload = len(task.rows[0]), WORKLOAD_NAMES.index(task.workload)
+    results = np.empty((count, {POSE_WORKLOAD: 12, JACOBIAN_WORKLOAD: 6 * model.nv}.get(task.workload, model.nv)))
     inputs = [np.ascontiguousarray(row) for row in task.rows]
     pointers = [array.ctypes.data for array in (*inputs, results)]
 
     def run() -> Array:
-        library.robot_run(handle, what, count, *pointers)
+        library.robot_run(handle, workload, count, *pointers)
         return results
 
-    weakref.finalize(run, lambda *_: library.robot_delete(handle), *inputs)  # which live as long
+    weakref.finalize(
+        run, lambda *_: library.robot_delete(handle), *inputs
+    )  # keeps the inputs alive as long as the job
     return run
 
 
 @functools.cache
-def _robots_library() -> Any:
-    library = compiled_library("robots_loop.cpp")
+def _load_robots_library() -> Any:
+    """Compile and load the C++ loops over robots."""
+    library = compile_library("robots_loop.cpp")
     pointer: Any = ctypes.c_void_p
     number: Any = ctypes.c_long
     library.robot_new.argtypes, library.robot_new.restype = [number, number] + [pointer] * 7, pointer
@@ -309,26 +360,28 @@ def _robots_library() -> Any:
     return library
 
 
-def mujoco_loop(task: Task) -> Job:
-    """MuJoCo on the exported robot."""
+def mujoco_robot_job(task: RobotTask) -> Job:
+    """Return a job that loops over the states in Python and calls MuJoCo on the exported robot."""
     import mujoco as mj
 
     from hingepair.formats.model_writers import to_urdf
 
     model = mj.MjModel.from_xml_string(to_urdf(task.robot))
-    model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_CONSTRAINT  # limits push back where a state is beyond them
+    model.opt.disableflags |= (
+        mj.mjtDisableBit.mjDSBL_CONSTRAINT
+    )  # joint limits would exert forces on states outside them
     model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
     data, rows = mj.MjData(model), task.rows
     last, solve, result = (
         (data.qacc, mj.mj_inverse, data.qfrc_inverse)
-        if task.workload == INVERSE
+        if task.workload == INVERSE_WORKLOAD
         else (data.qfrc_applied, mj.mj_forward, data.qacc)
     )
     results = np.empty_like(rows[1])
 
     def run() -> Array:
-        for i, given in enumerate(zip(*rows, strict=True)):
-            data.qpos[:], data.qvel[:], last[:] = given
+        for i, row in enumerate(zip(*rows, strict=True)):
+            data.qpos[:], data.qvel[:], last[:] = row
             solve(model, data)
             results[i] = result
         return results
@@ -336,8 +389,8 @@ def mujoco_loop(task: Task) -> Job:
     return run
 
 
-def frax_batch(task: Task) -> Job:
-    """frax, compiled by JAX for a whole batch in float64."""
+def frax_job(task: RobotTask) -> Job:
+    """Return a job of frax, compiled by JAX for a whole batch in float64."""
     import tempfile
 
     import jax
@@ -345,7 +398,7 @@ def frax_batch(task: Task) -> Job:
     from hingepair.formats.model_writers import to_urdf
 
     jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
-    with warnings.catch_warnings():  # frax recommends settings of its own
+    with warnings.catch_warnings():  # frax warns about settings that it recommends
         warnings.simplefilter("ignore")
         from frax.core.robot import Robot
 
@@ -355,23 +408,28 @@ def frax_batch(task: Task) -> Job:
         robot = Robot(file.name, joint_ordering=list(task.robot.names))
     gravity = np.array([0, 0, 9.81, 0, 0, 0])
     functions = {
-        INVERSE: lambda q, v, w: robot.rnea(q, v, w, gravity, None),
-        FORWARD: lambda q, v, w: robot.forward_dynamics(q, v, w, None),
+        INVERSE_WORKLOAD: lambda q, v, w: robot.rnea(q, v, w, gravity, None),
+        FORWARD_WORKLOAD: lambda q, v, w: robot.forward_dynamics(q, v, w, None),
     }
     call = jax.jit(jax.vmap(functions[task.workload]))
     rows = [jax.numpy.asarray(row) for row in task.rows]
     return lambda: call(*rows).block_until_ready()
 
 
-WAYS: Final = (
-    Way(PREPARED, prepared),
-    Way(OURS, ours),
-    Way(PYTHON_LOOP, pinocchio_loop, most=FEW, needs="pinocchio"),
-    Way(PARALLEL, pinocchio_batches, least=2, most=FEW, needs="pinocchio"),
-    Way(CPP, pinocchio_cpp, needs="pinocchio"),
-    Way(MUJOCO, mujoco_loop, most=FEW, needs="mujoco"),
-    Way(FRAX, frax_batch, least=2, needs="frax"),
+ROBOT_METHODS: Final = (
+    Method(PREPARED_NAME, prepared_robot_job),
+    Method(HINGEPAIR_NAME, hingepair_robot_job),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_robot_job, max_samples=MAX_LOOP_SAMPLES, package="pinocchio"),
+    Method(
+        PINOCCHIO_PARALLEL_NAME, pinocchio_batch_job, min_samples=2, max_samples=MAX_LOOP_SAMPLES, package="pinocchio"
+    ),
+    Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_robot_job, package="pinocchio"),
+    Method(MUJOCO_NAME, mujoco_robot_job, max_samples=MAX_LOOP_SAMPLES, package="mujoco"),
+    Method(FRAX_NAME, frax_job, min_samples=2, package="frax"),
 )
-"""The first is of one state only."""
+"""All methods of `hingepair bench robots`; the first one computes one state only."""
 
-_WORKLOADS_OF: Final = dict.fromkeys((PARALLEL, MUJOCO, FRAX), (INVERSE, FORWARD))
+# The workloads of the methods that do not compute all of them.
+_METHOD_WORKLOADS: Final = dict.fromkeys(
+    (PINOCCHIO_PARALLEL_NAME, MUJOCO_NAME, FRAX_NAME), (INVERSE_WORKLOAD, FORWARD_WORKLOAD)
+)

@@ -1,4 +1,4 @@
-"""`hingepair bench scale`: what Dask costs beside the plain call, what threads gain, how much memory it takes."""
+"""`hingepair bench scale`: the overhead of Dask over the plain call, the gain of threads, and the memory."""
 
 from __future__ import annotations
 
@@ -12,24 +12,26 @@ from typing import Any, Final
 
 import numpy as np
 
-from hingepair.bench.measure import Job, Report, Row, interleaved, rows_of, tell
-from hingepair.bench.peers import CONSTANTS
+from hingepair.bench.measure import Job, Report, Row, make_rows, print_progress, time_interleaved
+from hingepair.bench.peers import BENCH_PAIR_CONSTANTS
 from hingepair.errors import MissingDependencyError
 from hingepair.formats.robots import load_robot
 from hingepair.pair.hinge_pair import HingePair
 
-CHUNK: Final = 1_000_000
-"""Samples of a chunk."""
-PLAIN, LAZY = "plain call", "Dask"
-MEMORY: Final = "peak memory [MB]"
+CHUNK_SAMPLES: Final = 1_000_000
+"""Samples of a chunk at most."""
+PLAIN_NAME, DASK_NAME = "plain call", "Dask"  # names of the methods
+MEMORY_COLUMN: Final = "peak memory [MB]"  # heading of a column of the table
 
-_LEAST_CHUNKS = 8  # of a case, however few samples it has
-_ROBOT = "panda"
-_LOCKED = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
-_VARIANTS = 1000  # of a sweep
-_OUTPUTS = ("R2", "v2", "omega2")
+_MIN_CHUNKS = 8  # chunks of a case; with few samples the chunks are smaller
+# The robot of forward dynamics, and its locked joints [m].
+_ROBOT_NAME = "panda"
+_LOCKED_JOINTS = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
+_SWEEP_VARIANTS = 1000  # variants of each sweep
+_PAIR_OUTPUTS = ("R2", "v2", "omega2")  # outputs of the velocity case
 
-_REDUCED_IN_LITTLE_MEMORY = """
+# A process that reduces lazy poses and prints its run time [s] and its peak memory [MB]; arguments: samples, threads.
+_REDUCTION_CODE = """
 import resource, sys, time
 import dask, dask.array as da
 import hingepair as hp
@@ -43,7 +45,8 @@ with dask.config.set(scheduler="threads", num_workers=threads):
 print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 """
 
-_ARM: Final = """
+# Scenes of the sweeps.
+_ARM_SCENE: Final = """
 [pair]
 u1 = [0.5, 0.2, 0.1]
 u2 = [-0.25, 0.1, 0.3]
@@ -62,7 +65,7 @@ start = 0
 stop = 10
 samples = 2001
 """
-_PANDA: Final = """
+_PANDA_SCENE: Final = """
 [mechanism]
 robot = "panda"
 locked = { panda_finger_joint1 = 0.02, panda_finger_joint2 = 0.02 }
@@ -76,20 +79,21 @@ start = 0
 stop = 2
 samples = 101
 """
-_SWEEPS: Final = {
-    "forces of a hinge, 2001 instants": (_ARM, "hinge_torque", "pair.body2.mass"),
-    "torques of Panda, 101 instants": (_PANDA, "tau", "mechanism.payload.panda_hand.mass"),
+# Scene, output and varied key of each sweep, by the name of its case.
+_SWEEP_CASES: Final = {
+    "forces of a hinge, 2001 instants": (_ARM_SCENE, "hinge_torque", "pair.body2.mass"),
+    "torques of Panda, 101 instants": (_PANDA_SCENE, "tau", "mechanism.payload.panda_hand.mass"),
 }
 
 
-def scale(samples: int, long: int, threads: int, repeats: int) -> Report:
-    """Measure Dask beside the plain call, threads beside one, a long reduction, and sweeps.
+def measure_dask(samples: int, long: int, threads: int, repeats: int) -> Report:
+    """Measure Dask beside the plain call, several threads beside one, the memory of a long reduction, and sweeps.
 
     Args:
-        samples: of the calls that are compared.
-        long: samples of the reduction whose memory is measured; 0 for none.
-        threads: that are compared with one.
-        repeats: of each measurement.
+        samples: number of samples of the calls that are compared.
+        long: number of samples of the reduction whose memory is measured; 0 for no reduction.
+        threads: number of threads that are compared with one thread.
+        repeats: number of repeats of each measurement.
 
     Raises:
         MissingDependencyError: Dask is not installed.
@@ -97,47 +101,52 @@ def scale(samples: int, long: int, threads: int, repeats: int) -> Report:
     try:
         import dask.array  # noqa: F401
     except ImportError as error:
-        needed = "the package dask: pip install 'hingepair[dask]'"
-        raise MissingDependencyError("bench scale", needed, str(error)) from None
-    tell(f"velocities and forward dynamics, N = {samples:,}, 1 and {threads} threads, {repeats} repeats")
-    rows = [*_velocities(samples, threads, repeats), *_dynamics(max(samples // 10, 1), threads, repeats)]
+        requirement = "the package dask: pip install 'hingepair[dask]'"
+        raise MissingDependencyError("bench scale", requirement, str(error)) from None
+    print_progress(f"velocities and forward dynamics, N = {samples:,}, 1 and {threads} threads, {repeats} repeats")
+    rows = [
+        *_measure_velocities(samples, threads, repeats),
+        *_measure_forward_dynamics(max(samples // 10, 1), threads, repeats),
+    ]
     if long:
-        tell(f"a reduction of {long:,} samples in a process of its own")
-        rows.append(_long(long, threads))
-    tell(f"sweeps of {_VARIANTS} variants")
-    rows += _swept(threads)
+        print_progress(f"a reduction of {long:,} samples in a process of its own")
+        rows.append(_measure_long_reduction(long, threads))
+    print_progress(f"sweeps of {_SWEEP_VARIANTS} variants")
+    rows += _measure_sweeps(threads)
     notes = [
-        f"{LAZY}: chunks of {CHUNK:,} samples at most; the largest value of every component is kept by both",
-        "velocities move 112 bytes in and 72 out for each sample: there memory is the wall, and threads gain "
-        "less than for forward dynamics, whose arithmetic is",
+        f"plain call and {DASK_NAME} keep only the largest value of each component; {DASK_NAME}: chunks of "
+        f"{CHUNK_SAMPLES:,} samples at most",
+        "velocity: the memory bandwidth limits the run time (112 bytes are read and 72 written for each sample), "
+        "so threads gain less than for forward dynamics, which arithmetic limits",
     ]
     return Report(rows, notes=notes)
 
 
-def _chunk(samples: int) -> int:
-    return max(1, min(CHUNK, samples // _LEAST_CHUNKS))
+def _chunk_size(samples: int) -> int:
+    """Return the number of samples of a chunk."""
+    return max(1, min(CHUNK_SAMPLES, samples // _MIN_CHUNKS))
 
 
-def _velocities(samples: int, threads: int, repeats: int) -> list[Row]:
-    """Measure velocities of a pair: little arithmetic, much memory."""
-    pair, rng = HingePair(**CONSTANTS), np.random.default_rng(51)
+def _measure_velocities(samples: int, threads: int, repeats: int) -> list[Row]:
+    """Measure velocities of a pair, whose run time memory bandwidth limits."""
+    pair, rng = HingePair(**BENCH_PAIR_CONSTANTS), np.random.default_rng(51)
     q, qd = rng.normal(size=(2, samples, 7))
 
     def largest(state: Any) -> list[Any]:
-        return [state[name].max(axis=0) for name in _OUTPUTS]
+        return [state[name].max(axis=0) for name in _PAIR_OUTPUTS]
 
     def plain(workers: int) -> Job:
-        return lambda: largest(pair.forward_kinematics(q, qd, outputs=_OUTPUTS, workers=workers))
+        return lambda: largest(pair.forward_kinematics(q, qd, outputs=_PAIR_OUTPUTS, workers=workers))
 
     def lazy(*arrays: Any) -> list[Any]:
-        return largest(pair.forward_kinematics(*arrays, outputs=_OUTPUTS))
+        return largest(pair.forward_kinematics(*arrays, outputs=_PAIR_OUTPUTS))
 
     return _measure_beside_dask("velocity", plain, lazy, (q, qd), threads, repeats)
 
 
-def _dynamics(samples: int, threads: int, repeats: int) -> list[Row]:
-    """Measure forward dynamics of a robot: much arithmetic, little memory."""
-    robot, rng = load_robot(_ROBOT, locked=_LOCKED), np.random.default_rng(52)
+def _measure_forward_dynamics(samples: int, threads: int, repeats: int) -> list[Row]:
+    """Measure forward dynamics of a robot, whose run time arithmetic limits."""
+    robot, rng = load_robot(_ROBOT_NAME, locked=_LOCKED_JOINTS), np.random.default_rng(52)
     q, qd, tau = rng.uniform(-1, 1, (3, samples, robot.dof))
 
     def plain(workers: int) -> Job:
@@ -146,7 +155,7 @@ def _dynamics(samples: int, threads: int, repeats: int) -> list[Row]:
     def lazy(*arrays: Any) -> list[Any]:
         return [robot.forward_dynamics(*arrays).qdd.max(axis=0)]
 
-    return _measure_beside_dask(f"forward dynamics of {_ROBOT}", plain, lazy, (q, qd, tau), threads, repeats)
+    return _measure_beside_dask(f"forward dynamics of {_ROBOT_NAME}", plain, lazy, (q, qd, tau), threads, repeats)
 
 
 def _measure_beside_dask(
@@ -157,38 +166,47 @@ def _measure_beside_dask(
     threads: int,
     repeats: int,
 ) -> list[Row]:
-    """Measure plain calls and Dask on one thread and on several, in one run."""
+    """Measure plain calls and Dask on one thread and on several, in one run.
+
+    Args:
+        case: name of the case.
+        plain: returns the job of the plain call on a number of threads.
+        lazy: returns the lazy results of Dask arrays.
+        arrays: inputs; shape (samples, ...).
+        threads: number of threads that are compared with one thread.
+        repeats: number of repeats of each measurement.
+    """
     import dask
     import dask.array as da
 
     samples = len(arrays[0])
-    chunked = [da.from_array(own, chunks=(_chunk(samples), own.shape[1]), name=False) for own in arrays]
+    chunked = [da.from_array(array, chunks=(_chunk_size(samples), array.shape[1]), name=False) for array in arrays]
 
     def by_dask(workers: int) -> Job:
         return lambda: dask.compute(*lazy(*chunked), scheduler="threads", num_workers=workers)
 
     jobs: dict[str, Job] = {}
     for workers in dict.fromkeys((1, threads)):
-        of = f"{workers} thread{'s' * (workers > 1)}"
-        jobs |= {f"{PLAIN}, {of}": plain(workers), f"{LAZY}, {of}": by_dask(workers)}
-    return rows_of(case, interleaved(jobs, repeats), samples)
+        threads_text = f"{workers} thread{'s' * (workers > 1)}"
+        jobs |= {f"{PLAIN_NAME}, {threads_text}": plain(workers), f"{DASK_NAME}, {threads_text}": by_dask(workers)}
+    return make_rows(case, time_interleaved(jobs, repeats), samples)
 
 
-def _long(samples: int, threads: int) -> Row:
-    """Measure run time and memory of a reduction that holds a few chunks at a time."""
-    command = [sys.executable, "-c", _REDUCED_IN_LITTLE_MEMORY, str(samples), str(threads)]
+def _measure_long_reduction(samples: int, threads: int) -> Row:
+    """Measure run time and memory of a reduction that holds only a few chunks at a time."""
+    command = [sys.executable, "-c", _REDUCTION_CODE, str(samples), str(threads)]
     seconds, peak = map(float, subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
-    case, method = "random poses, the largest of each component", f"{LAZY}, {threads} threads"
-    return Row(case, method, samples, seconds, seconds, 1.0, more={MEMORY: round(peak)})
+    case, method = "random poses, the largest of each component", f"{DASK_NAME}, {threads} threads"
+    return Row(case, method, samples, seconds, seconds, 1.0, more={MEMORY_COLUMN: round(peak)})
 
 
-def _swept(threads: int) -> list[Row]:
-    """Measure `hingepair sweep`, the start of its process included."""
+def _measure_sweeps(threads: int) -> list[Row]:
+    """Measure `hingepair sweep`, including the start of its process."""
     rows = []
-    for case, (scene, output, key) in _SWEEPS.items():
+    for case, (scene, output, key) in _SWEEP_CASES.items():
         with tempfile.TemporaryDirectory() as folder:
             Path(folder, "scene.toml").write_text(scene, encoding="utf-8")
-            design = f'design = "random"\nsamples = {_VARIANTS}\nchunk = {_VARIANTS // 8}\n'
+            design = f'design = "random"\nsamples = {_SWEEP_VARIANTS}\nchunk = {_SWEEP_VARIANTS // 8}\n'
             vary = f'[[vary]]\nkey = "{key}"\nlow = 0.5\nhigh = 3\n'
             text = f'scene = "scene.toml"\noutputs = ["{output}"]\nreduce = ["absmax", "rms"]\n{design}{vary}'
             path = Path(folder, "sweep.toml")
@@ -197,5 +215,5 @@ def _swept(threads: int) -> list[Row]:
             start = time.perf_counter()
             subprocess.run([*command, "--out", str(Path(folder, "out.parquet"))], capture_output=True, check=True)
             seconds = time.perf_counter() - start
-        rows.append(Row(f"sweep: {case}", f"{threads} threads", _VARIANTS, seconds, seconds, 1.0))
+        rows.append(Row(f"sweep: {case}", f"{threads} threads", _SWEEP_VARIANTS, seconds, seconds, 1.0))
     return rows

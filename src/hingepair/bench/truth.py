@@ -1,8 +1,8 @@
-"""What is true, to hundreds of digits and from the definitions alone: nothing here comes from the library.
+"""Exact results to hundreds of digits, computed from the definitions and independently of the library.
 
 S1(t) is the product of three turns about fixed axes by phi + phi' t + phi'' t^2/2 (E10), S2(t) and R2(t) follow (E5,
-E6, E7). Velocities and accelerations are differences of S2(t) and R2(t) over a time so short that their error lies
-far beyond the digits of a double, and omega is read off S' S^T of S = S1 Sh (E3).
+E6, E7). Velocities and accelerations are finite differences of S2(t) and R2(t) over a time step so short that their
+error is far below the rounding of a double. omega is the skew part of S' S^T with S = S1 Sh (E3).
 """
 
 from __future__ import annotations
@@ -21,54 +21,64 @@ Array: TypeAlias = NDArray[Any]
 Motion: TypeAlias = tuple[Array, ...]
 PairNumbers: TypeAlias = Mapping[str, Any]
 
-DIGITS = 700
-"""An angle of 1e300 keeps 400 digits, and second differences over 1e-100 s another 200."""
-_STEP = 100
-_UNIT = 2.0**-53
+TRUTH_DIGITS = 700
+"""Decimal digits; an angle of 1e300 keeps 400 of them, and second differences over 1e-100 s take another 200."""
+_DIFFERENCE_EXPONENT = 100  # the time step of finite differences is 1e-100 s divided by the size of the rates
+_UNIT_ROUNDOFF = 2.0**-53  # u of doubles
 
-_PHI_Y, _PSI = 4, 6
-_ANGLES = slice(3, 7)
+# Places of phi_y, of psi and of all angles among the seven coordinates.
+_PHI_Y_INDEX, _PSI_INDEX = 4, 6
+_ANGLE_SLICE = slice(3, 7)
 
 
-def exact(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = None) -> dict[str, Any]:
-    """Body 2 of one state: R2, S2, v2, omega2, a2, alpha2, flat lists of mpmath numbers."""
-    with mpmath.workdps(DIGITS):
+def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = None) -> dict[str, Any]:
+    """Return the motion of body 2 at one state: R2, S2, v2, omega2, a2, alpha2 as flat lists of mpmath numbers.
+
+    Args:
+        pair: u1, u2, n, home as numbers.
+        q: coordinates; shape (7,).
+        qd: their rates; zero unless given.
+        qdd: their second derivatives; zero unless given.
+    """
+    with mpmath.workdps(TRUTH_DIGITS):
         zero = [0.0] * 7
         parts = [[mpmath.mpf(float(x)) for x in (zero if c is None else c)] for c in (q, qd, qdd)]
-        h = mpmath.mpf(10) ** -_STEP / (1 + sum(abs(x) for x in parts[1]) + mpmath.sqrt(sum(map(abs, parts[2]))))
-        (R0, _, T0), (R, S, T), (R3, _, T3) = (_body2(pair, parts, t) for t in (-h, mpmath.mpf(0), h))
+        h = mpmath.mpf(10) ** -_DIFFERENCE_EXPONENT / (
+            1 + sum(abs(x) for x in parts[1]) + mpmath.sqrt(sum(map(abs, parts[2])))
+        )
+        (R0, _, T0), (R, S, T), (R3, _, T3) = (_exact_body2(pair, parts, t) for t in (-h, mpmath.mpf(0), h))
         rate, change = (T3 - T0) / (2 * h), (T3 - 2 * T + T0) / h**2
-        found = {
+        outputs = {
             "R2": R,
             "S2": S,
             "v2": (R3 - R0) / (2 * h),
-            "omega2": vee(rate * T.T),
+            "omega2": skew_vector(rate * T.T),
             "a2": (R3 - 2 * R + R0) / h**2,
-            "alpha2": vee(change * T.T),  # S' S'^T, the other part of the derivative, is symmetric
+            "alpha2": skew_vector(change * T.T),  # S' S'^T, the other part of the derivative, is symmetric
         }
-        return {name: list(value) for name, value in found.items()}
+        return {name: list(value) for name, value in outputs.items()}
 
 
-def _body2(pair: PairNumbers, parts: Any, t: Any) -> tuple[Any, Any, Any]:
-    """R2 and S2 at a time, and S1 Sh: home is taken as it stands, and may be a rotation to sixteen digits only."""
+def _exact_body2(pair: PairNumbers, parts: Any, t: Any) -> tuple[Any, Any, Any]:
+    """Return R2, S2 and S1 Sh at a time [s]; S1 Sh is a rotation to all digits, home is not."""
     x, y, z, *angles, psi = (a + t * (b + t * c / 2) for a, b, c in zip(*parts, strict=True))
     S1 = mpmath.eye(3)
     for axis, angle in zip(np.eye(3).tolist(), angles, strict=True):
-        S1 = S1 * turn(axis, angle)
-    turned = S1 * turn(pair["n"], psi)
-    S2 = turned * mpmath.matrix(pair["home"])
+        S1 = S1 * rotation_about_axis(axis, angle)
+    S1_Sh = S1 * rotation_about_axis(pair["n"], psi)
+    S2 = S1_Sh * mpmath.matrix(pair["home"])
     u1, u2 = mpmath.matrix(pair["u1"]), mpmath.matrix(pair["u2"])
-    return mpmath.matrix([x, y, z]) + S1 * u1 - S2 * u2, S2, turned
+    return mpmath.matrix([x, y, z]) + S1 * u1 - S2 * u2, S2, S1_Sh
 
 
-def turn(axis: Any, angle: Any) -> Any:
-    """The turn about an axis of any length."""
+def rotation_about_axis(axis: Any, angle: Any) -> Any:
+    """Return the rotation matrix about an axis of any length."""
     part = mpmath.sin(angle / 2) / mpmath.norm(mpmath.matrix(axis))
-    return rotation((mpmath.cos(angle / 2), *(part * c for c in axis)))
+    return rotation_of_quaternion((mpmath.cos(angle / 2), *(part * c for c in axis)))
 
 
-def rotation(quat: Any) -> Any:
-    """The rotation of a quaternion (w, x, y, z) of any length but zero."""
+def rotation_of_quaternion(quat: Any) -> Any:
+    """Return the rotation matrix of a quaternion (w, x, y, z) of any non-zero length."""
     w, x, y, z = quat
     rows = [
         [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -78,42 +88,43 @@ def rotation(quat: Any) -> Any:
     return mpmath.matrix(rows) / (w * w + x * x + y * y + z * z)
 
 
-def vee(W: Any) -> Any:
-    """The vector of the skew part of a matrix."""
+def skew_vector(W: Any) -> Any:
+    """Return the vector w of the skew part [w]x of a matrix."""
     return mpmath.matrix([(W[2, 1] - W[1, 2]) / 2, (W[0, 2] - W[2, 0]) / 2, (W[1, 0] - W[0, 1]) / 2])
 
 
-class Truth:
-    """Exact results of some states, and how far others are from them.
+class ExactResults:
+    """Exact results of a batch of states, with which the results of methods are compared.
 
     Args:
-        pair: u1, u2, n, home, lists of numbers as the pair was made of.
-        motion: q, qd, qdd, as far as they go; shape (N, 7).
-        outputs: the names that are compared.
+        pair: u1, u2, n, home: the arguments of the pair.
+        motion: q; q and qd; or q, qd and qdd, each of shape (N, 7).
+        outputs: names of the outputs that are compared.
     """
 
     def __init__(self, pair: PairNumbers, motion: Motion, outputs: tuple[str, ...]):
         self.motion = motion
         self.outputs = outputs
-        self.scales = _scales(pair, self.motion)
-        self.exact = [exact(pair, *state) for state in zip(*self.motion, strict=True)]
+        self.scales = _error_scales(pair, self.motion)
+        self.exact = [compute_exact_outputs(pair, *state) for state in zip(*self.motion, strict=True)]
 
-    def error(self, found: Mapping[str, Array]) -> float:
-        """The largest error of any output, in units of u * scale; infinite where one is not finite."""
+    def largest_error(self, results: Mapping[str, Array]) -> float:
+        """Return the largest error of all outputs [u * scale]; infinite if one is not finite."""
         worst = 0.0
         for name in self.outputs:
-            rows = np.asarray(found[name], dtype=np.float64).reshape(len(self.exact), -1)
+            rows = np.asarray(results[name], dtype=np.float64).reshape(len(self.exact), -1)
             if not np.isfinite(rows).all():
                 return math.inf
             scales = np.broadcast_to(self.scales[name], len(rows)).tolist()
-            with mpmath.workdps(DIGITS):
+            with mpmath.workdps(TRUTH_DIGITS):
                 for row, true, scale in zip(rows.tolist(), self.exact, scales, strict=True):
                     gap = max(abs(x - y) for x, y in zip(row, true[name], strict=True))
-                    worst = max(worst, float(gap / max(_UNIT * mpmath.mpf(scale), np.finfo(float).tiny)))
+                    worst = max(worst, float(gap / max(_UNIT_ROUNDOFF * mpmath.mpf(scale), np.finfo(float).tiny)))
         return worst
 
 
-def _scales(pair: PairNumbers, motion: Motion) -> dict[str, NDArray[np.float64]]:
+def _error_scales(pair: PairNumbers, motion: Motion) -> dict[str, NDArray[np.float64]]:
+    """Return the scale of each output's error, by name; shape (N,) or a number."""
     q, qd, qdd = (*motion, None, None)[:3]
     W1, A1 = euler_rate_sizes(None if qd is None else qd[:, 3:6], None if qdd is None else qdd[:, 3:6])
     linear: dict[str, Any] = {name: c[:, :3] for name, c in (("R1", q), ("v1", qd), ("a1", qdd)) if c is not None}
@@ -122,18 +133,29 @@ def _scales(pair: PairNumbers, motion: Motion) -> dict[str, NDArray[np.float64]]
 
 
 def random_states(rng: np.random.Generator, count: int, parts: int) -> Motion:
-    """Ordinary states: so many of q, qd, qdd, of shape (count, 7)."""
+    """Return normally distributed q, qd, qdd of shape (count, 7).
+
+    Args:
+        rng: source of the numbers.
+        count: number of states.
+        parts: 1 for q alone, 2 for q and qd, 3 for all.
+    """
     return tuple(rng.normal(size=(parts, count, 7)))
 
 
 def hard_states(rng: np.random.Generator, parts: int) -> Motion:
-    """States at which such computations go wrong: each an ordinary one but for what is said here."""
+    """Return q, qd, qdd of states that are numerically difficult, each a random state with one change.
+
+    Args:
+        rng: source of the numbers.
+        parts: 1 for q alone, 2 for q and qd, 3 for all.
+    """
     quarter = math.pi / 2
-    changes: list[tuple[Any, Any, float]] = [(_PSI, psi, 1.0) for psi in (1e-160, 1e-9, -1e-5, 0.0)]
-    changes += [(_PSI, psi, 1.0) for psi in (math.pi, math.pi - 1e-9, math.pi + 1e-9, 1e5, -1e16, 1e300)]
-    changes += [(_PHI_Y, angle, 1.0) for angle in (quarter, -quarter, quarter - 1e-9, quarter + 1e-9)]
-    changes += [(_ANGLES, (quarter, 2 * quarter, -quarter, 4 * quarter), 1.0)]
-    changes += [(_ANGLES, angle, 1.0) for angle in (1e-9, 1e6, 1e16)]
+    changes: list[tuple[Any, Any, float]] = [(_PSI_INDEX, psi, 1.0) for psi in (1e-160, 1e-9, -1e-5, 0.0)]
+    changes += [(_PSI_INDEX, psi, 1.0) for psi in (math.pi, math.pi - 1e-9, math.pi + 1e-9, 1e5, -1e16, 1e300)]
+    changes += [(_PHI_Y_INDEX, angle, 1.0) for angle in (quarter, -quarter, quarter - 1e-9, quarter + 1e-9)]
+    changes += [(_ANGLE_SLICE, (quarter, 2 * quarter, -quarter, 4 * quarter), 1.0)]
+    changes += [(_ANGLE_SLICE, angle, 1.0) for angle in (1e-9, 1e6, 1e16)]
     changes += [(slice(0, 3), (far, -far / 3, far), 1.0) for far in (1e8, 1e15)]
     changes += [(slice(0, 0), (), rate) for rate in (0.0, 1e-60, 1e20, 1e100)]
     motion = rng.normal(size=(3, len(changes), 7))

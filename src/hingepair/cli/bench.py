@@ -37,19 +37,19 @@ def _report(measure: Callable[[], Report], show_json: bool, plot: Path | None = 
 
     The file is opened before, so that no minutes of measuring end in a picture that cannot be written.
     """
-    from hingepair.bench.measure import facts, tell
+    from hingepair.bench.measure import machine_facts, print_progress
 
     with contextlib.ExitStack() as opened:
         draw = None if plot is None else opened.enter_context(_picture(plot))
         found = measure()
         if draw is not None:
             draw(found)
-            tell(f"written: {plot}")
+            print_progress(f"written: {plot}")
     if show_json:
         print(found.to_json())
         return
     screen = console()
-    machine = ", ".join(f"{key} {value}" for key, value in facts().items())
+    machine = ", ".join(f"{key} {value}" for key, value in machine_facts().items())
     for line in found.table(line_width(screen)):
         screen.print(line)
     for sentence in (*found.notes, machine):
@@ -94,12 +94,12 @@ def direct(
 ) -> None:
     """Run time against error: this library, Pinocchio, MuJoCo, JAX, SciPy, NumPy, in one run."""
     from hingepair.bench import direct as bench
-    from hingepair.bench.peers import LEVELS
+    from hingepair.bench.peers import LEVEL_OUTPUTS
 
     counts, chosen = _counts(sizes), [level.strip() for level in levels.split(",")]
     for level in chosen:
-        check_choice("levels", level, tuple(LEVELS))
-    _report(lambda: bench.direct(counts, chosen, repeats, cpp, cold), show_json, plot)
+        check_choice("levels", level, tuple(LEVEL_OUTPUTS))
+    _report(lambda: bench.measure_kinematics(counts, chosen, repeats, cpp, cold), show_json, plot)
 
 
 @app.command()
@@ -115,7 +115,7 @@ def integrate(
     """Error against step and run time: attitudes from angular velocity by all methods, and by SciPy's solvers."""
     from hingepair.bench import integrate as bench
 
-    _report(lambda: bench.integrate(repeats, steps), show_json, plot)
+    _report(lambda: bench.measure_integration(repeats, steps), show_json, plot)
 
 
 @app.command()
@@ -124,7 +124,7 @@ def fit(sizes: Sizes = "1000,10000,1000000", repeats: Repeats = 5, show_json: Js
     """The hinge from recordings: time and error, beside SciPy's least_squares on the constraints as they are."""
     from hingepair.bench import fit as bench
 
-    _report(lambda: bench.fit(_counts(sizes), repeats), show_json)
+    _report(lambda: bench.measure_fits(_counts(sizes), repeats), show_json)
 
 
 @app.command()
@@ -137,7 +137,7 @@ def skip(
     """What it is worth to leave out what a scene does not need."""
     from hingepair.bench import skip as bench
 
-    _report(lambda: bench.skip(samples, repeats), show_json)
+    _report(lambda: bench.measure_folding(samples, repeats), show_json)
 
 
 @app.command()
@@ -151,7 +151,7 @@ def dynamics(
     """Forces from motion, motion from forces, and a simulation: beside Pinocchio, MuJoCo and SciPy."""
     from hingepair.bench import dynamics as bench
 
-    _report(lambda: bench.dynamics(samples, repeats, cpp), show_json)
+    _report(lambda: bench.measure_dynamics(samples, repeats, cpp), show_json)
 
 
 @app.command()
@@ -175,7 +175,7 @@ def robots(
     from hingepair.bench import robots as bench
 
     chosen = [name.strip() for name in names.split(",")]
-    _report(lambda: bench.robots(chosen, _counts(sizes), repeats, cpp), show_json, plot)
+    _report(lambda: bench.measure_robots(chosen, _counts(sizes), repeats, cpp), show_json, plot)
 
 
 @app.command()
@@ -192,4 +192,4 @@ def scale(
     """Dask beside the plain call, threads beside one, a reduction in little memory, and sweeps."""
     from hingepair.bench import scale as bench
 
-    _report(lambda: bench.scale(samples, long, workers, repeats), show_json)
+    _report(lambda: bench.measure_dask(samples, long, workers, repeats), show_json)
