@@ -1,0 +1,69 @@
+"""The documentation: its code runs and prints what the pages say, and the reference has every public name."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+import hingepair as hp
+from hingepair.pair.accuracy import PROMISES
+from support.pages import page_steps, run_page
+
+DOCS = Path(__file__).parent.parent / "docs"
+REFERENCE = sorted((DOCS / "reference").glob("*.md"))
+QUICK = {"index", "concepts/engine", "howto/arrays", "howto/control_loop", "howto/rates"}
+"""Pages whose code takes less than a second."""
+
+
+def pages():
+    """Return the pages that hold code to run, the quick ones unmarked."""
+    found = []
+    folders = ("_build", "auto_examples", "gallery")
+    for page in sorted(DOCS.rglob("*.md")):
+        name = page.relative_to(DOCS).with_suffix("").as_posix()
+        if not name.startswith(folders) and any(step.kind != "file" for step in page_steps(page)):
+            found.append(pytest.param(page, id=name, marks=[] if name in QUICK else [pytest.mark.slow(20)]))
+    return found
+
+
+@pytest.mark.parametrize("page", pages())
+def test_code_prints_what_the_page_says(page, tmp_path, monkeypatch):
+    if "import dask" in page.read_text(encoding="utf-8"):
+        pytest.importorskip("dask", reason="the extra dask is not installed")
+    (tmp_path / "models").symlink_to(DOCS.parent / "models")
+    monkeypatch.chdir(tmp_path)
+    for step, printed in run_page(page):
+        assert printed == step.expected, f"line {step.line} of {page.name}"
+
+
+def test_the_reference_has_every_public_name_once():
+    names = [
+        name
+        for page in REFERENCE
+        for name in re.findall(r"^\.\. auto\w+:: hingepair\.(\w+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    assert sorted(names) == sorted(hp.__all__)
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("*/*.md")) + sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
+def test_names_of_the_package_exist(page):
+    for name in set(re.findall(r"\bhp\.([a-zA-Z]\w*)", page.read_text(encoding="utf-8"))):
+        assert hasattr(hp, name), name
+
+
+def test_every_block_of_the_pages_is_a_step():
+    for page in (*DOCS.glob("*.md"), *DOCS.glob("[!_ag]*/*.md")):
+        text = page.read_text(encoding="utf-8")
+        kinds = [step.kind for step in page_steps(page)]
+        assert kinds.count("python") == len(re.findall("^```python$", text, re.MULTILINE)), page
+        assert kinds.count("command") == len(re.findall(r"^\$ hingepair", text, re.MULTILINE)), page
+        assert kinds.count("file") == len(re.findall("^:caption:", text, re.MULTILINE)), page
+
+
+@pytest.mark.parametrize("output", PROMISES)
+def test_the_table_of_accuracy_is_the_promise(output):
+    promise = PROMISES[output]
+    row = f"| {output} | {promise.proved} | {promise.seen} | {promise.scale} |"
+    assert row in (DOCS / "concepts" / "accuracy.md").read_text(encoding="utf-8")
