@@ -6,6 +6,7 @@ import json
 import re
 
 import numpy as np
+import pytest
 from typer.testing import CliRunner
 
 import hingepair as hp
@@ -75,3 +76,112 @@ def test_a_known_clock_offset_is_printed_and_a_scene_needs_instants(tmp_path):
     assert "clock offset: " in done.output
     bad = CliRunner().invoke(app, ["fit", saved(tmp_path / "a.npz", made), "--scene", "x.json"])
     assert isinstance(bad.exception, hp.ArgumentError) or bad.exit_code == 2
+
+
+def invoke(*arguments):
+    done = CliRunner().invoke(app, ["fit", *map(str, arguments)])
+    assert done.exit_code in (0, 1), done.output
+    return done
+
+
+def saved_columns(path, made, **columns):
+    """Poses of body 1, and of body 2 what is given."""
+    return Record(made.t, {"R1": made.R1, "S1": made.S1} | columns).save(path)
+
+
+def test_an_encoder_is_a_column_of_the_file(tmp_path):
+    made = recording(600, 1e-3, 1e-2)
+    reading = np.degrees(0.4 - made.psi + 1e-3 * np.random.default_rng(1).standard_normal(600))
+    file = saved_columns(tmp_path / "a.npz", made, R2=made.R2, S2=made.S2, enc=reading)
+    told = json.loads(invoke(file, "--encoder", "enc", "--clock-offset", 0, "--json").output)
+    assert told["ok"] is True
+    assert abs(told["encoder"]["scale"]) == pytest.approx(np.pi / 180, abs=4 * told["encoder"]["std"]["scale"])
+    assert 0 < told["encoder"]["noise"] < 3e-3  # poorly known beside attitudes that are ten times as rough
+    assert "* encoder, whose noise is" in invoke(file, "--encoder", "enc").output
+    scene, out = tmp_path / "fitted.toml", tmp_path / "psi.csv"
+    done = invoke(file, "--encoder", "enc", "--clock-offset", 0, "--scene", scene, "--out", out)
+    assert done.exit_code == 0, done.output
+    psi = np.genfromtxt(out, delimiter=",", names=True)["psi"]
+    turned = psi - np.sign(np.polyfit(made.psi, psi, 1)[0]) * made.psi
+    assert np.std(turned) < 2e-3  # the attitudes alone leave 14
+    result = hp.load_scene(scene).evaluate(outputs=("R2",))
+    assert np.sqrt(np.mean((result.R2 - recording(600).R2)[50:-50] ** 2)) < 3e-3
+
+
+def test_a_point_is_fitted_reported_and_moved_in_a_scene(tmp_path):
+    made = recording(600, 1e-3, 2e-3)
+    file = saved_columns(tmp_path / "a.npz", made, R2=made.R2)
+    scene, out, report = (tmp_path / name for name in ("fitted.toml", "psi.csv", "fit.md"))
+    done = invoke(file, "--scene", scene, "--out", out, "--report", report)
+    assert done.exit_code == 0, done.output
+    assert "body 2 is a point" in done.output
+    assert "tilt" not in np.genfromtxt(out, delimiter=",", names=True).dtype.names
+    assert "tilt" not in report.read_text()
+    result = hp.load_scene(scene).evaluate(outputs=("R2",))
+    assert np.sqrt(np.mean((result.R2 - recording(600).R2)[50:-50] ** 2)) < 3e-3
+
+
+def refused(*arguments):
+    with pytest.raises(hp.ArgumentError) as caught:
+        CliRunner().invoke(app, ["fit", *map(str, arguments)], catch_exceptions=False)
+    return str(caught.value)
+
+
+def test_columns_that_are_missing_are_named(tmp_path):
+    made = recording(50, 1e-3, 2e-3)
+    file = saved_columns(tmp_path / "a.npz", made, R2=made.R2, S2=made.S2, angle=made.psi)
+    assert "nearest: angle" in refused(file, "--encoder", "angel", "--ignore", "angle")
+    assert "--encoder 'angle' if it reads the hinge angle, or --ignore 'angle'" in refused(file)
+    point = Record(made.t, {"R1": made.R1, "R2": made.R2, "S2": made.S2}).save(tmp_path / "b.npz")
+    assert "a body that is known by its position alone must be body 2" in refused(point)
+    file = saved_columns(tmp_path / "c.npz", made, R2=made.R2, enc=made.psi)
+    assert "encoder: expected none beside a body 2 without attitudes" in refused(file, "--encoder", "enc")
+    assert "report: expected a file name that ends in .md" in refused(file, "--report", tmp_path / "fit.pdf")
+
+
+def test_the_report_says_what_was_found_and_what_to_do(tmp_path):
+    made = recording(600, 1e-3, 2e-3)
+    file, report, plot = saved(tmp_path / "a.npz", made), tmp_path / "out" / "fit.md", tmp_path / "fit.png"
+    report.parent.mkdir()
+    done = invoke(file, "--report", report, "--plot", plot)
+    assert f"written: {report}" in done.output
+    text = report.read_text()
+    found = hp.fit(hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2, S=made.S2), t=made.t)
+    assert "**ok**" in text
+    assert "600 samples, 0 missing" in text
+    row = ", ".join(f"{v:.6g} ± {s:.2g}" for v, s in zip(found.pair.u1, found.std["u1"], strict=True))
+    assert f"| u1 | {row} | m |" in text
+    worst = int(np.argmax(found.gap))
+    assert f"| {1e3 * found.gap[worst]:.3g} | t = {made.t[worst]:.6g} s |" in text
+    assert "](../fit.png)" in text
+    assert "`--clock-offset 0` if both bodies were recorded by one clock" in text
+    assert all(f"- {finding}" in text for finding in found.findings or ("None.",))
+    code = text.partition("```python\n")[2].partition("```")[0]
+    names = {"hingepair": hp}
+    exec(code, names)
+    assert (names["pair"].u1 == found.pair.u1).all()
+    assert np.abs(names["pair"].home - found.pair.home).max() < 1e-15
+
+
+def test_a_report_on_what_is_no_hinge_says_so(tmp_path):
+    report = tmp_path / "fit.md"
+    slides = recording(300, slip=0.1 * np.sin(recording(300).t)[:, None] * (1, 2, -0.5))
+    assert invoke(saved(tmp_path / "slides.csv", slides), "--report", report).exit_code == 1
+    text = report.read_text()
+    assert "**Not a hinge to rely on.**" in text
+    assert text.index("slides along the axis") < text.index("Do not use these numbers")
+    assert "**ok**" not in text
+    assert "HingePair(" not in text
+    assert invoke(saved(tmp_path / "fixed.csv", recording(300, Q=HOME)), "--report", report).exit_code == 1
+    assert "**No hinge.**" in report.read_text()
+    assert "a fixed pair" in report.read_text()
+
+
+def test_a_scene_of_a_recording_with_missing_samples_moves(tmp_path):
+    made = recording(600, 1e-3, 2e-3)
+    made.R2[200:203] = np.nan
+    scene = tmp_path / "fitted.toml"
+    done = invoke(saved(tmp_path / "a.npz", made), "--scene", scene, "--clock-offset", 0)
+    assert done.exit_code == 0, done.output
+    result = hp.load_scene(scene).evaluate(outputs=("R2",))
+    assert np.nanmax(np.abs(result.R2 - recording(600).R2)) < 0.02

@@ -100,12 +100,15 @@ def test_two_files_with_clocks_of_their_own_meet(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"temperature": MADE.t}, "'temperature': expected columns of poses.*--ignore 'temperature'"),
+        (
+            {"temperature": MADE.t},
+            "columns of poses, --encoder 'temperature' if it reads the hinge angle, or --ignore 'temperature'",
+        ),
         ({"qx3": MADE.t}, "nearest: qx"),
         ({"time": MADE.t}, r"'time': expected columns of poses \(nearest: t\), or --ignore 'time'"),
         ({"px1": MADE.t}, r"nearest: x1\)"),
         ({"pos_z": MADE.t}, r"nearest: z\)"),
-        ({"y2": None}, "y2: expected a column, got no such column"),
+        ({"y2": None}, "y2: expected a column, beside x2, z2, got none"),
         ({"qw1": None}, "qw1: expected a column"),
     ],
     ids=["unknown", "misspelt", "time", "px1", "pos_z", "lacking", "no scalar"],
@@ -115,6 +118,50 @@ def test_columns_that_cannot_be_used_are_named(tmp_path: Path, change: dict, wor
     path = table(tmp_path / "a.csv", **columns)
     with pytest.raises(hp.ArgumentError, match=words):
         read_recording([path])
+
+
+def test_a_body_2_without_attitudes_is_a_point(tmp_path: Path) -> None:
+    columns = {name: array for name, array in both().items() if not name.startswith("q") or name.endswith("1")}
+    found = read_recording([table(tmp_path / "a.csv", **columns)])
+    assert found.body1.S is not None
+    assert found.body2.S is None
+    assert np.abs(found.body2.R - MADE.R2).max() < 1e-15
+    assert hp.fit(found.body1, found.body2).ok
+    first = table(tmp_path / "one.csv", t=MADE.t, **pose("", MADE.R1, MADE.S1))
+    point = table(tmp_path / "two.csv", t=MADE.t[1::2], x=MADE.R2[1::2, 0], y=MADE.R2[1::2, 1], z=MADE.R2[1::2, 2])
+    assert read_recording([first, point]).body2.shape == (150,)
+    with pytest.raises(hp.ArgumentError, match=r"two\.csv: expected columns of the attitude of body 1: S_xx"):
+        read_recording([point, first])
+
+
+def test_an_encoder_is_a_column_that_is_named(tmp_path: Path) -> None:
+    columns = both() | {"angle": np.where(np.arange(300) == 5, np.nan, MADE.psi)}
+    path = table(tmp_path / "a.csv", **columns)
+    found = read_recording([path], ["ang*"], encoder="angle")
+    assert np.isnan(found.encoder[5])
+    assert np.nanmax(np.abs(found.encoder - MADE.psi)) == 0
+    assert read_recording([path], ["angle"]).encoder is None
+    for name, words in (
+        ("angel", "encoder: expected a column of .*a.csv, the file of body 1, .*nearest: angle.*, got 'angel'"),
+        ("x1", "encoder: expected a column that is not t and not of a pose, got 'x1'"),
+    ):
+        with pytest.raises(hp.ArgumentError, match=words):
+            read_recording([path], ["angle"], encoder=name)
+
+
+def test_an_encoder_has_the_clock_of_body_1(tmp_path: Path) -> None:
+    """Wrapped readings are brought to the slower recording without their jumps."""
+    made = recording(1000, turn=3.0)
+    kept = np.arange(3, 990, 7)
+    reading = {"enc": np.mod(made.psi, 2 * np.pi)}
+    first = table(tmp_path / "one.csv", t=made.t, **pose("", made.R1, made.S1), **reading)
+    second = table(tmp_path / "two.csv", t=made.t[kept] + 1e-3, **pose("", made.R2[kept], made.S2[kept]))
+    found = read_recording([first, second], gaps=0.1, encoder="enc")
+    angle = np.interp(made.t[kept] + 1e-3, made.t, made.psi)
+    turns_off = (found.encoder - angle) / (2 * np.pi)
+    assert np.abs(turns_off - np.rint(turns_off[0])).max() < 1e-3
+    with pytest.raises(hp.ArgumentError, match=r"the file of body 1, .* got 'enc' in .*one.csv"):
+        read_recording([second, first], encoder="enc")
 
 
 def test_columns_of_no_concern_may_hold_anything(tmp_path: Path) -> None:
@@ -127,7 +174,10 @@ def test_columns_of_no_concern_may_hold_anything(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("t;x1\n0;1\n", "separated by commas"),
-        ("t,x1,y1,z1\n0,1,2,3\n", "qx1: expected a column"),
+        (
+            "t,x1,y1,z1\n0,1,2,3\n",
+            "the attitude of body 1: S1_xx, .*a body that is known by its position alone must be body 2",
+        ),
         ("t\n0\n", "columns of body 1"),
         ("t,x1\n0,one\n", "line 2: x1: expected a number"),
         ("t,x1\n0,1\n0\n", "line 3: expected 2 fields"),
