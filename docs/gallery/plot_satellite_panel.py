@@ -1,0 +1,76 @@
+"""
+A satellite unfolds a panel
+===========================
+
+In orbit nothing holds the satellite: while a spring swings its solar panel out, the satellite turns the other
+way. How far does it turn, and how hard does the panel arrive? Both bodies are free, and the motion follows from
+their masses.
+
+The satellite has the size of ESA's PROBA-1 (0.6 x 0.6 x 0.8 m, 94 kg); the panel is 1.2 m long and weighs 4 kg.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import hingepair as hp
+
+# %%
+# Reference points are the middles of the bodies. Stowed (psi = 0), the panel lies along the side of the
+# satellite; at 90 degrees it points away from it. `home` turns the panel's x axis, its long side, into the
+# direction of -z.
+satellite = hp.Body(mass=94, shapes=[hp.Box(size=(0.6, 0.6, 0.8))])
+panel = hp.Body(mass=4, shapes=[hp.Box(size=(1.2, 0.6, 0.02))])
+stowed = hp.rodrigues((0, 1, 0), np.pi / 2)
+pair = hp.HingePair(u1=(0.31, 0, 0.4), u2=(-0.6, 0, 0), n=(0, -1, 0), home=stowed, body1=satellite, body2=panel)
+start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+
+# %%
+# The spring has 0.3 N m when stowed and 0.1 N m when the panel is out, which keeps it against the stop. There
+# is dry friction of 0.03 N m. The hinge is computed without and with an eddy-current damper.
+t = np.linspace(0, 15, 1501)
+figure, (plan, angles, rates) = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained", width_ratios=(0.9, 1, 1))
+motions = {}
+for name, damping in {"no damper": 0.0, "1 N m s/rad": 1.0}.items():
+    hinge = hp.HingeLoad(
+        stiffness=0.127,
+        rest=2.36,
+        damping=damping,
+        friction=0.03,
+        stops=(0, np.pi / 2),
+        stop_restitution=0.3,
+    )
+    motion = motions[name] = hp.simulate(pair, t, start, 0.0, 0.0, hinge_torque=hinge, gravity=(0, 0, 0))
+    turn = np.degrees(np.arctan2(motion.S1[:, 0, 2], motion.S1[:, 2, 2]))  # of the satellite about y
+    arrival = np.argmax(motion.psi > np.radians(89))
+    kinetic = motion.energy().kinetic
+    momentum = motion.momentum()
+    print(
+        f"{name:12} out after {t[arrival]:5.2f} s at {np.degrees(motion.psid[arrival]):5.2f} deg/s with "
+        f"{1000 * kinetic[arrival]:.0f} mJ; the satellite ends at {turn[-1]:.2f} degrees; "
+        f"angular momentum within {np.abs(momentum.angular).max():.0e} N m s of zero"
+    )
+    (line,) = angles.plot(t, np.degrees(motion.psi), label=f"panel, {name}")
+    angles.plot(t, 10 * turn, "--", color=line.get_color(), label="satellite, ten times")
+    rates.plot(t, np.degrees(motion.psid), color=line.get_color(), label=name)
+
+# %%
+# How far the satellite turns does not depend on the damper: no torque acts from outside, so its attitude
+# follows from the hinge angle alone (as long as the motion is planar). The damper takes the energy that the
+# stop would otherwise get.
+motion = motions["1 N m s/rad"]
+half_satellite, half_panel = np.array((0.3, 0, 0.4)), np.array((0.6, 0, 0.01))
+outline = np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)])
+for now in (0, 500, 1500):
+    shade = plt.cm.cividis(0.85 - 0.85 * motion.psi[now] / (np.pi / 2))
+    for R, S, half, colour in (
+        (motion.R1[now], motion.S1[now], half_satellite, "0.5"),
+        (motion.R2[now], motion.S2[now], half_panel, shade),
+    ):
+        points = R + (outline * half) @ S.T
+        plan.fill(points[:, 0], points[:, 2], fc="none" if colour == "0.5" else shade, ec=colour, lw=1.5)
+plan.set(aspect="equal", xlabel="x [m]", ylabel="z [m]", title="From the side, at 0, 5 and 15 s")
+angles.set(xlabel="t [s]", ylabel="angle [degrees]", title="Panel and satellite")
+angles.legend(fontsize="small")
+rates.set(xlabel="t [s]", ylabel="hinge rate [deg/s]", title="How fast the panel swings")
+rates.legend()
+plt.show()

@@ -1,0 +1,58 @@
+"""
+The workspace of a UR5
+======================
+
+Where can the tool of a robot be? One million random configurations of a UR5, in one call, show which places it
+reaches, and in how many ways: bright places can be reached with many postures, dark ones with few.
+
+The data sheet of the UR5 (Universal Robots) gives a reach of 850 mm, measured from the axis of joint 1 to the
+wrist; the frame of the tool is further out.
+"""
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+
+import hingepair as hp
+
+# %%
+# The robot is read from its URDF in the package example-robot-data. All joints are drawn uniformly within their
+# limits.
+COUNT = 1_000_000
+robot = hp.load_robot("ur5_robot")
+least, most = robot.position_limits.T
+q = np.random.default_rng(1).uniform(least, most, (COUNT, robot.dof))
+
+# %%
+# Only the position of the tool is computed, since only this is asked for. Everything else is left out of the
+# program that is compiled for the call.
+x, y, z = robot.forward_kinematics(q, frames=("tool0",), outputs=("R",))["tool0"].R.T
+print(f"smallest distance of the tool from the axis of joint 1: {np.hypot(x, y).min():.3f} m")
+print(f"largest distance of the tool from the shoulder: {np.sqrt(x**2 + y**2 + (z - 0.089159) ** 2).max():.3f} m")
+
+# %%
+# Configurations per litre: in rings about the axis of joint 1, and in squares of a horizontal slice.
+rings, edges, heights = np.histogram2d(np.hypot(x, y), z, (95, 200), ((0, 0.95), (-0.9, 1.1)))
+rings /= 1000 * np.pi * np.diff(edges**2)[:, None] * np.diff(heights)
+low, high = -0.1, 0.3  # the slice [m]
+inside = (z > low) & (z < high)
+squares, across, along = np.histogram2d(x[inside], y[inside], 95, ((-0.95, 0.95), (-0.95, 0.95)))
+squares /= 1000 * (high - low) * np.diff(across)[:, None] * np.diff(along)
+
+figure, (side, above) = plt.subplots(1, 2, figsize=(9, 5), layout="constrained")
+style = {"cmap": "magma", "norm": mpl.colors.LogNorm(30, 3000), "rasterized": True}
+side.pcolormesh(edges, heights, np.where(rings > 0, rings, np.nan).T, **style)
+side.pcolormesh(-edges[::-1], heights, np.where(rings > 0, rings, np.nan)[::-1].T, **style)
+side.axhspan(low, high, fill=False, ec="0.6", ls="--")
+side.set(
+    aspect="equal", xlabel="distance from the axis of joint 1, both sides [m]", ylabel="z [m]", title="From the side"
+)
+mesh = above.pcolormesh(across, along, np.where(squares > 0, squares, np.nan).T, **style)
+above.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="From above, between the dashed lines")
+figure.colorbar(mesh, ax=above, label="configurations per litre", shrink=0.8, extend="both")
+figure.suptitle(f"Where the tool of a UR5 is, at {COUNT:,} random configurations")
+plt.show()
+
+# %%
+# The tool never reaches the axis of joint 1: the wrist is 109 mm beside the plane of the arm, and the tool is
+# 82 mm from there, so that 27 mm remain in every posture.
