@@ -12,8 +12,8 @@ import pytest
 import hingepair as hp
 from hingepair.engine.backend import BreakEvenCounter
 from hingepair.integration import error_estimate
-from hingepair.integration.methods import RULES, rises, turns
-from hingepair.integration.signals import interpolation
+from hingepair.integration.methods import RULES, angle_loop, rotation_loop
+from hingepair.integration.signals import interpolation_loop
 from support.reference import DIGITS
 from support.sparse import sparse
 from support.spins import REFERENCE, SPINS, TURNED, U, angle
@@ -81,7 +81,7 @@ def test_error_estimate_is_honest(spin, kind, method):
 @pytest.mark.parametrize("kind", sparse(["callable", "samples"], 2))
 def test_numpy_is_numpy_where_kernels_are_there_already(kind, tol, monkeypatch):
     """The same bits of motion and estimates, before and after all that runs was compiled."""
-    for loops in (turns, rises, interpolation):
+    for loops in (rotation_loop, angle_loop, interpolation_loop):
         loops.cache_clear()
     t = np.linspace(0, 1, 200)
     given = TURNED.omega(t) if kind == "samples" else TURNED.omega
@@ -102,7 +102,7 @@ def test_numpy_is_numpy_where_kernels_are_there_already(kind, tol, monkeypatch):
 @pytest.mark.parametrize("shift", range(3))
 def test_error_estimate_is_honest_where_some_steps_are_measured(shift, monkeypatch):
     """More steps than are measured; nearly all of the error is in one long step, wherever that is."""
-    monkeypatch.setattr(error_estimate, "MAX_MEASURED", 2048)
+    monkeypatch.setattr(error_estimate, "MAX_MEASURED_STEPS", 2048)
     t = np.concatenate([np.linspace(0, 1, 4096 + shift), np.linspace(1.1, 1.2, 2048)])
     motion = attitudes(TURNED, t)
     true = TURNED.error(t, motion.S1)
@@ -209,7 +209,10 @@ def _with_nan(shape, index):
         ({"t": [0, np.nan, 1]}, "t: expected finite instants, got nan at index 1"),
         ({"t": []}, r"t: expected shape \(N,\)"),
         ({"t": 1.0}, r"t: expected shape \(N,\)"),
-        ({"omega1": (0, 0, 1e200)}, "omega1: expected angles of each step that have a sine, got overflow between"),
+        (
+            {"omega1": (0, 0, 1e200)},
+            "omega1: expected a rate that turns by a finite angle in each step, got overflow between",
+        ),
         ({"psid": 1e308, "t": 10 * T}, "psid: expected a rate whose integral is finite, got overflow between the"),
         ({"psid": lambda t: 1e308 * (t > 5), "t": 10 * T}, "overflow between the instants 50 and 51"),
         ({"method": "euler"}, "method: expected one of magnus6, magnus4, cf4"),
@@ -222,8 +225,8 @@ def _with_nan(shape, index):
         ({"R1": np.zeros((100, 3))}, r"R1: expected shape \(3,\) or \(101, 3\)"),
         ({"R1": (np.zeros((101, 3)), np.zeros(2))}, r"R1\[1\]: expected shape"),
         ({"R1": lambda _: None}, r"R1\(t\): expected a point"),
-        ({"phi_0": 1.0}, "phi_0: expected nothing beside a HingePair"),
-        ({"pair": FLAT, "omega1": 1.0, "S1_0": np.eye(3)}, "S1_0: expected nothing beside a PlanarPair"),
+        ({"phi_0": 1.0}, "phi_0: expected None for a HingePair"),
+        ({"pair": FLAT, "omega1": 1.0, "S1_0": np.eye(3)}, "S1_0: expected None for a PlanarPair"),
         ({"pair": FLAT, "omega1": 1.0, "frame": "body"}, "frame: expected one of world"),
         ({"pair": FLAT, "omega1": 1.0, "method": "dop853"}, "method: expected one of magnus6"),
         ({"pair": None}, "pair: expected a HingePair"),

@@ -12,10 +12,10 @@ import pytest
 import hingepair as hp
 from hingepair.engine.backend import execution_of
 from hingepair.integration import error_estimate, solve, step_selection
-from hingepair.integration.integrals import Attitude
+from hingepair.integration.integrals import AttitudeIntegral
 from hingepair.integration.methods import RULES
-from hingepair.integration.signals import Function
-from hingepair.integration.stepping import Steps, divided
+from hingepair.integration.signals import CallableSignal
+from hingepair.integration.stepping import Steps, subdivide
 from support.reference import DIGITS
 from support.sparse import sparse
 from support.spins import U
@@ -95,9 +95,9 @@ def test_probes_do_not_enlarge_rounding():
 
 def test_steps_do_not_chase_rounding():
     """What is left of the errors of intervals is rounding, which more steps do not mend."""
-    omega = Function("omega1", about_x(np.exp), (3,))
-    turning = Attitude("omega1", omega, RULES["magnus6"], execution_of("numpy", 1), False)
-    assert step_selection.selected_steps((turning,), np.linspace(0, 10, 3), 1e-14).steps.made <= 3000
+    omega = CallableSignal("omega1", about_x(np.exp), (3,))
+    turning = AttitudeIntegral("omega1", omega, RULES["magnus6"], execution_of("numpy", 1), False)
+    assert step_selection.select_steps((turning,), np.linspace(0, 10, 3), 1e-14).steps.step_count <= 3000
     smooth = hp.integrate(PAIR, [0, 1], about_x(np.cos), np.cos, tol=1e-2, outputs=())
     assert smooth.steps == 16
 
@@ -109,12 +109,12 @@ def test_no_attitude_is_off_by_more_than_half_a_turn():
 def test_lengths_of_steps_add_up():
     """Exactly: no length is rounded alike in all steps of an interval."""
     t, counts = np.array([0.1, 1 / 3, 10.7, 1e4]), np.array([7, 1, 1000])
-    parts = divided(t[:-1], t[1:], counts)
+    parts = subdivide(t[:-1], t[1:], counts)
     assert [parts.start[i] for i in (0, 7, 8)] == t[:-1].tolist()
     assert parts.part.tolist() == [*range(7), 0, *range(1000)]
-    steps = Steps(t).refined(parts.start)
-    assert (steps.made, steps.own.tolist()) == (1008, [0, 7, 8, 1008])
-    _, (h, low) = steps.within(0, 1008)
+    steps = Steps(t).refine(parts.start)
+    assert (steps.step_count, steps.instant_indices.tolist()) == (1008, [0, 7, 8, 1008])
+    _, (h, low) = steps.starts_and_lengths(0, 1008)
     assert sum(Fraction(float(x)) for x in (*h, *low)) == Fraction(1e4) - Fraction(0.1)
     assert (h > 0).all()
 
@@ -194,7 +194,7 @@ def uneven_instants(kind, random):
 @pytest.mark.parametrize("kind", ["any", "all sizes", "few long ones", "late ones", "growing"])
 def test_uneven_intervals_that_are_not_measured(kind, tol, monkeypatch):
     """The step that a tolerance asks for is a length, whatever the length of the intervals."""
-    monkeypatch.setattr(error_estimate, "MAX_MEASURED", 2048)
+    monkeypatch.setattr(error_estimate, "MAX_MEASURED_STEPS", 2048)
     random = generator(165)
     for speed in 10 ** random.uniform(0, 1.5, 3):
         t = uneven_instants(kind, random)
@@ -218,7 +218,7 @@ def test_few_samples_of_a_constant_rate(count):
 @pytest.mark.parametrize("jump", [1.6851933, 2.8944841, 7.4101957])
 def test_a_jump_is_measured_where_few_of_many_steps_are(jump, monkeypatch):
     """One of 20,000 steps has all of the error, and a tenth of them are measured."""
-    monkeypatch.setattr(error_estimate, "MAX_MEASURED", 2048)
+    monkeypatch.setattr(error_estimate, "MAX_MEASURED_STEPS", 2048)
     t = np.linspace(0, 10, 20_001)
     rate = lambda t: np.where(t < jump, 0.3, 5.3)  # noqa: E731
     motion = hp.integrate(PAIR, t, about_x(rate), rate, outputs=())
@@ -229,7 +229,7 @@ def test_a_jump_is_measured_where_few_of_many_steps_are(jump, monkeypatch):
 
 
 def test_intervals_that_are_not_measured_are_divided_like_their_neighbours(monkeypatch):
-    monkeypatch.setattr(error_estimate, "MAX_MEASURED", 2048)
+    monkeypatch.setattr(error_estimate, "MAX_MEASURED_STEPS", 2048)
     t = np.linspace(0, 1, 6144)
     motion = hp.integrate(PAIR, t, (0, 0, 0), lambda t: 1e4 * np.cos(1e4 * t), tol=1e-6, outputs=())
     assert np.abs(motion.psi - np.sin(1e4 * t)).max() <= 1e-6
@@ -250,7 +250,7 @@ def test_euler_angles_halve_their_steps_far_from_lock():
 
 
 def test_a_solver_does_not_work_for_minutes(monkeypatch):
-    monkeypatch.setattr(solve, "MOST_LOOKS", 2000)
+    monkeypatch.setattr(solve, "MAX_EVALUATIONS", 2000)
     with pytest.raises(
         hp.ArgumentError, match=r"method: expected 'magnus6' for a motion so .* 'dop853' takes minutes"
     ):
@@ -272,7 +272,7 @@ def random_rate(random, kinds=9, largest=7):
 @pytest.mark.parametrize("wild", [False, True], ids=["tame", "wild"])
 def test_steps_are_counted_for_any_rate(wild, seed, monkeypatch):
     """Wild rates over spans up to 1e6 may be refused, in our words; of tame ones the steps are within the bound."""
-    monkeypatch.setattr(step_selection, "MOST_STEPS", 5000)
+    monkeypatch.setattr(step_selection, "MAX_STEPS", 5000)
     random = generator(162, seed, int(wild))
     rates = [random_rate(random) if wild else random_rate(random, 7, 0) for _ in range(4)]
     start, span = random.choice([0, -1, 1000]) if wild else 0.0, 10 ** random.uniform(-3, 6 if wild else 0)
@@ -319,7 +319,7 @@ def test_long_times_need_only_many_steps(omega, psid, stop, samples):
 
 def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, monkeypatch):
     """And then says that psi_dot, which is too fast for so few steps, is what leaves so much."""
-    monkeypatch.setattr(step_selection, "MOST_STEPS", 2000)
+    monkeypatch.setattr(step_selection, "MAX_STEPS", 2000)
     fast = SCENE.replace("sqrt(t)", "cos(400*t)")
     (tmp_path / "my.toml").write_text(fast.format(tol=""))
     scene = hp.load_scene(tmp_path / "my.toml")
@@ -335,7 +335,7 @@ def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, m
 @pytest.mark.slow
 def test_a_corner_costs_some_sixty_steps(tmp_path, monkeypatch):
     """Jumps, kinks and a root, to the last digits of what a scene aims at, though steps there are ever shorter."""
-    monkeypatch.setattr(step_selection, "MOST_STEPS", 20_000)
+    monkeypatch.setattr(step_selection, "MAX_STEPS", 20_000)
     rates = {
         "step(t - 1.234)": lambda t: max(0, t - 1.234),
         "abs(t - 1.234)": lambda t: ((t - 1.234) * abs(t - 1.234) + 1.234**2) / 2,
@@ -370,7 +370,7 @@ def test_samples_beside_a_callable_that_jumps():
 
 def test_a_pole_is_reported(tmp_path, monkeypatch):
     """No number of steps follows the attitude through it; that is said."""
-    monkeypatch.setattr(step_selection, "MOST_STEPS", 2000)
+    monkeypatch.setattr(step_selection, "MAX_STEPS", 2000)
     text = SCENE.replace('"1000*t", 0, 0', '"1e9*t", "cos(t)", 1').replace("sqrt(t)", "1/(t - 0.987)")
     (tmp_path / "my.toml").write_text(text.format(tol=""))
     assert hp.load_scene(tmp_path / "my.toml").motion.error_estimate >= 1

@@ -233,8 +233,8 @@ def test_euler_angles_do_not_halve_their_steps_in_vain(monkeypatch):
         made.append(steps)
         return plain(omega, steps, *rest, **options)
 
-    plain = solve.euler_angles
-    monkeypatch.setattr(solve, "euler_angles", counted)
+    plain = solve.integrate_euler_angles
+    monkeypatch.setattr(solve, "integrate_euler_angles", counted)
     omega = 0.3 * np.stack([np.cos(GAP), np.sin(2 * GAP), np.sin(GAP)], axis=-1)
     with pytest.raises(hp.ArgumentError, match="tol: expected at least the error that is left"):
         hp.integrate(PAIR, GAP, omega, 0.0, method="euler_angles", tol=1e-9, outputs=())

@@ -243,7 +243,7 @@ def test_run_says_how_far_the_integration_is_off(tmp_path):
         ("psi_dot = 10\n", "psi_dot = 10\ntol = 1e-17\n", "left, .* rad \\(omega1 leaves .*, psi_dot leaves"),
         ("psi_dot = 10\n", "psi_dot = 10\ntol = 0\n", "motion.tol: expected a positive number"),
         ("stop = 2", "stop = 1e300", "motion.omega1"),
-        ('"3 + 5*sin(t)"', "1e200", "motion.omega1: expected angles of each step that have a sine"),
+        ('"3 + 5*sin(t)"', "1e200", "motion.omega1: expected a rate that turns by a finite angle in each step"),
         ("psi_dot = 10\n", "psi_dot = 10\nphi_x = 1\n", "motion.phi_x: expected one of"),
         ("psi_dot = 10\n", "psi_dot = 10\nS1_0 = 3\n", "motion.S1_0: expected 3 lists of 3 finite numbers"),
         ("psi_dot = 10\n", "psi_dot = 10\nS1_0 = [[2,0,0],[0,1,0],[0,0,1]]\n", "motion.S1_0: expected rotations"),

@@ -330,8 +330,8 @@ FAULTS = {
     ),
     "products in the order of time backwards": Fault(
         "integration/stepping.py",
-        'lambda v: {"own": combine(v["own"], v["before"])}',
-        'lambda v: {"own": combine(v["before"], v["own"])}',
+        'lambda v: {"element": combine(v["element"], v["prefix"])}',
+        'lambda v: {"element": combine(v["prefix"], v["element"])}',
         "integration/test_integrate.py::test_the_tree_is_the_product_in_order",
     ),
     "a few products in the order of time backwards": Fault(
@@ -348,8 +348,8 @@ FAULTS = {
     ),
     "psi by plain sums": Fault(
         "integration/stepping.py",
-        'Prefixes("sums", pair_sum,',
-        'Prefixes("sums", lambda a, b: (a[0] + b[0], 0.0),',
+        'PrefixScan("sums", pair_sum,',
+        'PrefixScan("sums", lambda a, b: (a[0] + b[0], 0.0),',
         "integration/test_integrate.py::test_psi_is_a_compensated_sum",
     ),
     "lengths of steps rounded": Fault(
@@ -372,8 +372,8 @@ FAULTS = {
     ),
     "samples interpolated at full time": Fault(
         "integration/signals.py",
-        "x = (t[rows].T - start[own]).T",
-        "x, later = t[rows], later + start[:, None]",
+        "x = (t[rows].T - start[steps]).T",
+        "x, offsets = t[rows], offsets + start[:, None]",
         "integration/test_integrate_given.py::test_stamps_since_1970_lose_nothing",
     ),
     "the rounding of stamps forgotten": Fault(
@@ -384,7 +384,7 @@ FAULTS = {
     ),
     "jumps that two quadratures hide": Fault(
         "integration/error_estimate.py",
-        "np.where(squares > (_SURE * shown) ** 2, squares, 0.0)",
+        "np.where(squares > (_NOISE_FACTOR * measured) ** 2, squares, 0.0)",
         "0 * squares",
         "integration/test_integrate_steps.py::test_a_jump_of_a_callable_is_seen",
     ),
@@ -396,25 +396,25 @@ FAULTS = {
     ),
     "one step for intervals that are not looked at": Fault(
         "integration/step_selection.py",
-        "like[measured.steps] = 1",
-        "like[:] = 1",
+        "part_counts[measured.steps] = 1",
+        "part_counts[:] = 1",
         "integration/test_integrate_steps.py::test_intervals_that_are_not_measured_are_divided_like_their_neighbours",
     ),
     "corners not divided again and again": Fault(
         "integration/step_selection.py",
-        "len(totals) < _ROUNDS",
+        "len(totals) < _MAX_ROUNDS",
         "len(totals) < 8",
         "integration/test_integrate_steps.py::test_a_corner_costs_some_sixty_steps",
     ),
     "lock taken for lock at the first step": Fault(
         "integration/solve.py",
-        "if course.tol is None or 2 * steps.made",
-        "if course.tol is not None or 2 * steps.made",
+        "if options.tol is None or 2 * steps.step_count",
+        "if options.tol is not None or 2 * steps.step_count",
         "integration/test_integrate_steps.py::test_euler_angles_halve_their_steps_far_from_lock",
     ),
     "components side by side at three instants": Fault(
         "integration/signals.py",
-        "np.append(row, row[-1]) if row.shape == tail else row",
+        "np.append(row, row[-1]) if row.shape == value_shape else row",
         "row",
         "integration/test_integrate_given.py::test_components_side_by_side_are_refused_at_any_number_of_instants",
     ),

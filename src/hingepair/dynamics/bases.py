@@ -24,7 +24,7 @@ from hingepair.equations import dynamics as dyn
 from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError
 from hingepair.integration.methods import quaternion_product
-from hingepair.integration.trajectory import rotations
+from hingepair.integration.trajectory import quaternions_to_matrices
 from hingepair.numeric.blocks import turn_terms
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
@@ -126,7 +126,7 @@ class PairMotion:
         known = masses | loads.known | pair.constants.values | still
         kind = str(base) if self._turning else "carried"
         self.quat = matrix_to_quaternion(S)
-        self._S0 = rotations(self.quat[None]).reshape(1, 9)
+        self._S0 = quaternions_to_matrices(self.quat[None]).reshape(1, 9)
 
         constants = Constants(known, {}, ())
 
@@ -224,7 +224,7 @@ class PairMotion:
         if self._flat or not self._turning:
             return state
         self.quat = _turned(state[_G], self.quat)
-        self._S0 = rotations(self.quat[None]).reshape(1, 9)
+        self._S0 = quaternions_to_matrices(self.quat[None]).reshape(1, 9)
         state = state.copy()
         state[_G] = 0.0
         return state
@@ -242,7 +242,7 @@ class PairMotion:
         S0 = self._S0
         if self._turning and not self._flat:
             quats = _turned(states[:, _G], quats)
-            S0, states = rotations(quats).reshape(-1, 9), states.copy()
+            S0, states = quaternions_to_matrices(quats).reshape(-1, 9), states.copy()
             states[:, _G] = 0.0
         given = self._given(t, states, S0)
         now = self._now(given)

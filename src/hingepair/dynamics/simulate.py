@@ -19,7 +19,7 @@ from hingepair.dynamics.loads import Base, Load, Loads
 from hingepair.dynamics.switches import HingeSwitches, Until
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, HingePairError, quoted
-from hingepair.integration.trajectory import Later, PlanarTrajectory, Trajectory
+from hingepair.integration.trajectory import LazyValue, PlanarTrajectory, Trajectory
 from hingepair.numeric.arrays import check_choice, finite_number, read_only, real_array
 from hingepair.numeric.instants import instants_of
 from hingepair.numeric.suspicions import degree_suspicions, inertia_suspicions
@@ -74,7 +74,7 @@ class _Moved:
     base: str
     psi: Array
     ended_by_event: bool
-    _error: Later
+    _error: LazyValue
     _balance: BalanceOnDemand
 
     @property
@@ -283,8 +283,8 @@ def simulate(
         "method": "collocation",
         "steps": found.steps,
         "ended_by_event": ended_by_event,
-        "_error": Later(lambda: _angle_between(found.quats, finer().quats)),
-        "_psi_error": Later(lambda: float(np.abs(now.psi - finer().now.psi).max(initial=0.0))),
+        "_error": LazyValue(lambda: _angle_between(found.quats, finer().quats)),
+        "_psi_error": LazyValue(lambda: float(np.abs(now.psi - finer().now.psi).max(initial=0.0))),
         "_balance": BalanceOnDemand(
             lambda: energy_balance(motion, begin, legs, found.t, space, loads.known["gravity"], found)
         ),

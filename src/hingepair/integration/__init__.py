@@ -1,8 +1,8 @@
-"""From rates to motion (E12).
+"""Integration of rates to motion (E12).
 
-Attitudes and hinge angles integrated from omega1(t) and psi'(t), with an estimate of the error. `integrate` reads
-what is given (`signals`), lets `solve` find the angles and makes a `trajectory`; `step_selection` finds the steps
-that a tolerance asks for, `methods` says what a step is, `stepping` multiplies them, for attitudes and angles alike
-(`integrals`); `error_estimate` and, of samples, `interpolation_error` say how far off the result is. Imports pair and
-what lies below it.
+Attitudes and hinge angles are integrated from omega1(t) and psi'(t), with an estimate of the error. `integrate` reads
+its arguments (`signals`), calls `solve` for the angles and returns a `trajectory`. `methods` has the one-step
+methods; `step_selection` selects steps by a tolerance; `stepping` combines steps by prefix scans, for attitudes and
+angles alike (`integrals`); `error_estimate` estimates the error, for samples with `interpolation_error` and
+`stamp_rounding`. Imports pair and what lies below it.
 """

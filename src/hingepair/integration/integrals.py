@@ -1,7 +1,7 @@
-"""What is integrated (E12): the attitude that an angular velocity makes, and the angle that a rate makes.
+"""Integrals of rates (E12): the attitude of an angular velocity, and the angle of a scalar rate.
 
-Each knows what its steps come to, and how far apart two ways to take them are: `step_selection` and `error_estimate`
-ask no more of it.
+An integral can be evaluated over steps and compared between two subdivisions of the same intervals, which is all that
+`step_selection` and `error_estimate` need.
 """
 
 from __future__ import annotations
@@ -14,151 +14,159 @@ import numpy as np
 
 from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError
-from hingepair.integration.methods import RULES, Rule, quaternion_product, rises, turns
-from hingepair.integration.signals import Constant, Signal
-from hingepair.integration.stepping import ROTATIONS, SUMS, Division, Steps
+from hingepair.integration.methods import RULES, Rule, angle_loop, quaternion_product, rotation_loop
+from hingepair.integration.signals import ConstantSignal, Signal
+from hingepair.integration.stepping import ROTATION_SCAN, SUM_SCAN, Steps, Subdivision
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.twofold import HighLow, exact_sum, pair_product, pair_sum
 
-_U = 2.0**-53
-_INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
-_F8 = np.dtype(np.float64)
+_UNIT_ROUNDOFF = 2.0**-53  # u of doubles
+_CONJUGATE_SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
+_FLOAT64 = np.dtype(np.float64)  # of all integrals
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _OfRate:
-    """What a rate makes."""
+class _RateIntegral:
+    """Integral of a rate by the steps of a rule."""
 
     name: str  # of the rate, for messages
     rate: Signal
-    rule: Rule  # that makes the steps
-    how: Execution
-    finite: ClassVar[str]
+    rule: Rule  # the one-step method
+    execution: Execution
+    expected_rate: ClassVar[str]  # of messages on overflow
 
     def check_finite(self, rows: Array, steps: Steps) -> None:
-        """Refuse what has overflowed on the way, which the last row shows; names the first interval that did."""
+        """Refuse results that have overflowed, which the last row shows; the error names the first such interval."""
         if not np.isfinite(rows[-1]).all():
-            first = int(np.argmin(np.isfinite(steps.asked(rows)).all(axis=1)))
-            raise ArgumentError(self.name, self.finite, f"overflow between the instants {first - 1} and {first}")
+            first = int(np.argmin(np.isfinite(steps.at_instants(rows)).all(axis=1)))
+            raise ArgumentError(
+                self.name, self.expected_rate, f"overflow between the instants {first - 1} and {first}"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Angle(_OfRate):
-    """The integral of a rate."""
+class AngleIntegral(_RateIntegral):
+    """Integral of a scalar rate, an angle [rad]."""
 
-    finite: ClassVar[str] = "a rate whose integral is finite"
-    neutral: ClassVar[Any] = 0.0  # where it may start if only changes matter
-    farthest: ClassVar[float] = math.inf
+    expected_rate: ClassVar[str] = "a rate whose integral is finite"
+    default_start: ClassVar[Any] = 0.0  # where only changes matter
+    max_error: ClassVar[float] = math.inf  # rad
 
     @property
-    def exact(self) -> bool:
+    def is_exact(self) -> bool:
         """Whether steps of any length are exact."""
-        return isinstance(self.rate, Constant)
+        return isinstance(self.rate, ConstantSignal)
 
     @np.errstate(all="ignore")
-    def over(self, steps: Steps, start: float) -> Array:
-        """The angles between steps, to the last bit or so of the sum; shape (steps + 1,)."""
-        if isinstance(self.rate, Constant):
-            turned = pair_product((self.rate.value, 0.0), exact_sum(steps.t, -steps.t[0]))
-            found = np.stack(pair_sum(turned, (start, 0.0)), axis=-1)
+    def integrate(self, steps: Steps, start: float) -> Array:
+        """Return the angles between steps, accurate to the last bit or so of the sum; shape (steps + 1,)."""
+        if isinstance(self.rate, ConstantSignal):
+            change = pair_product((self.rate.value, 0.0), exact_sum(steps.t, -steps.t[0]))
+            angles = np.stack(pair_sum(change, (start, 0.0)), axis=-1)
         else:
-            found = SUMS.over(steps, (start, 0.0), self._fill, self.how)
-        self.check_finite(found, steps)
-        return found[:, 0].copy()
+            angles = SUM_SCAN.scan_steps(steps, (start, 0.0), self._fill, self.execution)
+        self.check_finite(angles, steps)
+        return angles[:, 0].copy()
 
     def _fill(self, begin: Array, h: HighLow, rows: Array) -> None:
-        given = {"rate": self.rate.nodes(begin, h[0], self.rule.nodes), "h": h}
-        rises(self.rule).run(given, {"sum": rows}, h[0].shape, _F8, self.how)
+        """Write the integrals of the rate over steps into rows, as sums of two doubles."""
+        arguments = {"rate": self.rate.values_at_nodes(begin, h[0], self.rule.nodes), "h": h}
+        angle_loop(self.rule).run(arguments, {"sum": rows}, h[0].shape, _FLOAT64, self.execution)
 
-    def apart(self, coarse: Division, fine: Division, nodes: tuple[Array, Array]) -> Array:
-        """What the steps of one division of intervals make less what those of a finer one make; shape (P, 1)."""
+    def difference(self, coarse: Subdivision, fine: Subdivision, nodes: tuple[Array, Array]) -> Array:
+        """Return the integrals by coarse steps less those by finer steps of the same intervals; shape (P, 1)."""
         sums = [
-            parts.added(self.rule.integral(values, parts.h))
-            for parts, values in zip((coarse, fine), nodes, strict=True)
+            steps.sum_over_intervals(self.rule.integral(values, steps.h))
+            for steps, values in zip((coarse, fine), nodes, strict=True)
         ]
         return sums[0] - sums[1]
 
-    def rounded(self, sizes: Array, _: Array) -> Array:
-        """How far rounding takes sums over intervals, whose size is that of the integral."""
-        return _U * sizes
+    def rounding_of_sums(self, sizes: Array, _: Array) -> Array:
+        """Return the rounding error of sums over intervals, whose sizes are the integrals of abs(rate)."""
+        return _UNIT_ROUNDOFF * sizes
 
-    def rounded_on_the_way(self, values: Array, _: float) -> float:
-        """How far rounding takes the angles at the instants, beside that of steps."""
-        return _U * float(np.abs(values).max())
+    def rounding_at_instants(self, values: Array, _: float) -> float:
+        """Return the rounding error of the angles at the instants, beside that of steps."""
+        return _UNIT_ROUNDOFF * float(np.abs(values).max())
 
-    def added_up(self, _: Array, errors: Array) -> Array:
-        """Errors of intervals as they add up."""
+    def errors_at_start(self, _: Array, errors: Array) -> Array:
+        """Return the errors of intervals in a form in which they add up: angles do as they are."""
         return errors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Attitude(_OfRate):
+class AttitudeIntegral(_RateIntegral):
     """The solution of S' = [omega]x S, or of S' = S [omega]x in body axes, as unit quaternions (w, x, y, z).
 
-    The latter is the former for S^T and -omega; a step depends on h omega only, so that -h serves.
+    In body axes S^T solves the first equation with -omega; a step depends on h omega only, so that h is negated.
     """
 
-    body: bool
-    finite: ClassVar[str] = "angles of each step that have a sine"
-    neutral: ClassVar[Any] = np.array([1.0, 0.0, 0.0, 0.0])
-    farthest: ClassVar[float] = math.pi
+    body: bool  # whether omega is in body axes
+    expected_rate: ClassVar[str] = "a rate that turns by a finite angle in each step"
+    default_start: ClassVar[Any] = np.array([1.0, 0.0, 0.0, 0.0])  # where only changes matter
+    max_error: ClassVar[float] = math.pi  # rad
 
     @property
-    def exact(self) -> bool:
-        """Whether steps have no truncation: rotations about one axis, but for Runge and Kutta's."""
-        return isinstance(self.rate, Constant) and self.rule is not RULES["rk4_quaternion"]
+    def is_exact(self) -> bool:
+        """Whether steps have no truncation error: a constant rate, but not by Runge-Kutta steps."""
+        return isinstance(self.rate, ConstantSignal) and self.rule is not RULES["rk4_quaternion"]
 
     @np.errstate(all="ignore")
-    def over(self, steps: Steps, start: Array) -> Array:
-        """The attitudes between steps, without a jump of their sign; shape (steps + 1, 4)."""
-        begin = start * _INVERSE if self.body else start
-        found = ROTATIONS.over(steps, tuple(begin.tolist()), self._fill, self.how)
-        self.check_finite(found, steps)
-        return found * _INVERSE if self.body else found
+    def integrate(self, steps: Steps, start: Array) -> Array:
+        """Return the attitudes between steps, without a jump of their sign; shape (steps + 1, 4)."""
+        begin = start * _CONJUGATE_SIGNS if self.body else start
+        quats = ROTATION_SCAN.scan_steps(steps, tuple(begin.tolist()), self._fill, self.execution)
+        self.check_finite(quats, steps)
+        return quats * _CONJUGATE_SIGNS if self.body else quats
 
     def _fill(self, begin: Array, h: HighLow, rows: Array) -> None:
-        self._turns(self.rate.nodes(begin, h[0], self.rule.nodes), h[0], rows)
+        """Write the rotations of steps into rows."""
+        self._compute_rotations(self.rate.values_at_nodes(begin, h[0], self.rule.nodes), h[0], rows)
 
-    def _turns(self, nodes: Array, h: Array, rows: Array) -> None:
-        turns(self.rule).run({"omega": nodes, "h": -h if self.body else h}, {"q": rows}, h.shape, _F8, self.how)
+    def _compute_rotations(self, nodes: Array, h: Array, rows: Array) -> None:
+        """Write the rotations of steps into rows, from omega at their nodes."""
+        rotation_loop(self.rule).run(
+            {"omega": nodes, "h": -h if self.body else h}, {"q": rows}, h.shape, _FLOAT64, self.execution
+        )
 
-    def apart(self, coarse: Division, fine: Division, nodes: tuple[Array, Array]) -> Array:
-        """The rotation from what a finer division of intervals makes to what a coarse one makes; vectors (P, 3)."""
-        a, b = (self._whole(*of) for of in zip((coarse, fine), nodes, strict=True))
+    def difference(self, coarse: Subdivision, fine: Subdivision, nodes: tuple[Array, Array]) -> Array:
+        """Return the rotation vectors from the attitudes by finer steps to those by coarse steps; shape (P, 3)."""
+        a, b = (self._interval_rotations(*steps) for steps in zip((coarse, fine), nodes, strict=True))
         w, x, y, z = quaternion_product(tuple(a), (b[0], -b[1], -b[2], -b[3]))
         length = np.sqrt(x * x + y * y + z * z)
         factor = np.where(length > 0, 2 * np.arctan2(length, np.abs(w)) / np.where(length > 0, length, 1.0), 2.0)
         factor *= np.copysign(1.0, -w if self.body else w)
         return np.asarray(np.stack([x, y, z], axis=-1) * factor[:, None])
 
-    def _whole(self, division: Division, nodes: Array) -> Array:
-        """The rotations over intervals, shape (4, P): neighbours are multiplied until one is left."""
+    def _interval_rotations(self, division: Subdivision, nodes: Array) -> Array:
+        """Return the rotations over intervals, (4, P), by multiplying neighbours until one is left of each."""
         rows = np.empty((len(division.h), 4))
-        self._turns(nodes, division.h, rows)
+        self._compute_rotations(nodes, division.h, rows)
         q, part = rows.T.copy(), division.part
         while len(part) > len(division.counts):
             even = np.flatnonzero(part % 2 == 0)
             later = np.minimum(even + 1, len(part) - 1)
             paired = part[later] == part[even] + 1
-            rest, last = even[paired], later[paired]
-            q[:, rest] = quaternion_product(tuple(q[:, last]), tuple(q[:, rest]))
+            first, second = even[paired], later[paired]
+            q[:, first] = quaternion_product(tuple(q[:, second]), tuple(q[:, first]))
             q, part = q[:, even], part[even] // 2
         return q
 
-    def rounded(self, sizes: Array, steps: Array) -> Array:
-        """How far rounding takes products over intervals that turn by so much in so many steps: a random walk."""
-        return np.asarray(_U * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
+    def rounding_of_sums(self, sizes: Array, steps: Array) -> Array:
+        """Return the rounding error of products over intervals that turn by `sizes` in `steps`: a random walk."""
+        return np.asarray(_UNIT_ROUNDOFF * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
 
-    def rounded_on_the_way(self, values: Array, size: float) -> float:
-        """How far rounding takes the attitudes at the instants, beside that of steps that turn by so much in all."""
-        return _U * (8 + 4 * math.sqrt(min(size, len(values))))
+    def rounding_at_instants(self, values: Array, size: float) -> float:
+        """Return the rounding error of the attitudes at the instants, beside that of steps; they turn by `size`."""
+        return _UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
 
-    def added_up(self, quats: Array, errors: Array) -> Array:
-        """Errors of intervals turned back to the first instant, where they add up; quats at their ends."""
-        q = quats if self.body else quats * _INVERSE
+    def errors_at_start(self, quats: Array, errors: Array) -> Array:
+        """Rotate errors of intervals to the axes of the first instant, where they add up; quats at their ends."""
+        q = quats if self.body else quats * _CONJUGATE_SIGNS
         w, axis = q[:, :1], q[:, 1:]
         twice = 2 * np.cross(axis, errors)
         return np.asarray(errors + w * twice + np.cross(axis, twice))
 
 
-Integral: TypeAlias = Angle | Attitude
+Integral: TypeAlias = AngleIntegral | AttitudeIntegral
+"""Integral of a rate."""

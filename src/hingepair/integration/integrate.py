@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, quoted
 from hingepair.integration.signals import Signal, read_position, read_signal
-from hingepair.integration.solve import METHODS, Course, Solution, solve
-from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, rotations, world_vectors
+from hingepair.integration.solve import METHODS, Solution, SolveOptions, solve
+from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, quaternions_to_matrices, rotate_to_world
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only
 from hingepair.numeric.instants import instants_of
@@ -34,25 +34,29 @@ from hingepair.plans.plan import (
 from hingepair.rotations.matrices import check_rotation
 
 FRAMES: Final = ("world", "body")
+"""Axes in which omega1 and alpha1 may be given."""
 
-Given: TypeAlias = ArrayLike | Callable[[Array], Any]
-Rates: TypeAlias = Mapping[str, Signal]
+RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
+"""A rate as users give it."""
+SignalsByName: TypeAlias = Mapping[str, Signal]
+"""The rates, by the names of the arguments."""
 
-_RATES: Final = {
+_RATE_ARGUMENTS: Final = {
     **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
     **{"psid": "psid", "psidd": "psidd"},
 }
-"""Of what a plan may need, that which is a rate, and the argument it comes from."""
+"""Arguments of rates, by the input of a plan that they give."""
 
-_WANTED: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
+_R1_FORMS: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
+"""What the argument R1 must be so that it gives an input of a plan."""
 
 
 @overload
 def integrate(
     pair: HingePair,
     t: ArrayLike,
-    omega1: Given,
-    psid: Given,
+    omega1: RateArgument,
+    psid: RateArgument,
     *,
     R1: Any = ...,
     S1_0: ArrayLike | None = ...,
@@ -60,8 +64,8 @@ def integrate(
     method: str = ...,
     frame: str = ...,
     tol: float | None = ...,
-    alpha1: Given | None = ...,
-    psidd: Given | None = ...,
+    alpha1: RateArgument | None = ...,
+    psidd: RateArgument | None = ...,
     outputs: Outputs = ...,
     backend: str = ...,
 ) -> Trajectory: ...
@@ -69,24 +73,24 @@ def integrate(
 def integrate(
     pair: PlanarPair,
     t: ArrayLike,
-    omega1: Given,
-    psid: Given,
+    omega1: RateArgument,
+    psid: RateArgument,
     *,
     R1: Any = ...,
     phi_0: float = ...,
     psi_0: float = ...,
     method: str = ...,
     tol: float | None = ...,
-    alpha1: Given | None = ...,
-    psidd: Given | None = ...,
+    alpha1: RateArgument | None = ...,
+    psidd: RateArgument | None = ...,
     outputs: Outputs = ...,
     backend: str = ...,
 ) -> PlanarTrajectory: ...
 def integrate(
     pair: Any,
     t: ArrayLike,
-    omega1: Given,
-    psid: Given,
+    omega1: RateArgument,
+    psid: RateArgument,
     *,
     R1: Any = None,
     S1_0: ArrayLike | None = None,
@@ -95,12 +99,12 @@ def integrate(
     method: str = "magnus6",
     frame: str = "world",
     tol: float | None = None,
-    alpha1: Given | None = None,
-    psidd: Given | None = None,
+    alpha1: RateArgument | None = None,
+    psidd: RateArgument | None = None,
     outputs: Outputs = None,
     backend: str = "auto",
 ) -> Any:
-    """The motion of a pair from the angular velocity of body 1 and the hinge rate (E12).
+    """Integrate the motion of a pair from the angular velocity of body 1 and the hinge rate (E12).
 
     omega1, psid, alpha1 and psidd are each a callable of an array of times (n,) that returns (n, 3) or (n,), or one
     constant (3,) or (); samples at t; or a constant. Samples are interpolated by polynomials of degree 5, which
@@ -124,14 +128,14 @@ def integrate(
         S1_0: attitude of body 1 at t[0]; shape (3, 3); the identity unless given.
         phi_0: angle of body 1 at t[0] [rad], of a PlanarPair; 0 unless given.
         psi_0: hinge angle at t[0] [rad].
-        method: one of those above.
+        method: one of the methods above.
         frame: axes of omega1 and alpha1, "world" or "body".
-        tol: largest error of the attitude and of psi at any instant [rad]. A callable is looked at in 509 steps or
-            more, spread over the whole time: what is narrower than that may be missed, by `error_estimate` as well.
-            A jump or a kink is seen, and costs some sixty steps; none where it is at one of the instants.
+        tol: largest error of the attitude and of psi at any instant [rad]. A callable is evaluated in at least 509
+            steps, spread over the whole time: a feature narrower than one of them may be missed, by
+            `error_estimate` as well. A jump or a kink is found, and costs some sixty steps; at an instant, none.
         alpha1: angular acceleration of body 1 [rad/s^2], where accelerations are wanted.
         psidd: psi'' [rad/s^2], likewise.
-        outputs: as for `forward_kinematics`; all of body 2 that the inputs allow unless given; () for none.
+        outputs: as for `forward_kinematics`; unless given, all of body 2 that the inputs allow; () for none.
         backend: as for `forward_kinematics`.
 
     Returns:
@@ -140,8 +144,8 @@ def integrate(
 
     Raises:
         ArgumentError: an argument cannot be used, a rate is not finite (names the first index), or tol is not
-            reached. What is not finite in R1 stays in its instant.
-        GimbalLockError: `euler_angles` came too near to lock, or its steps are too long.
+            reached. A value of R1 that is not finite affects its own instant only.
+        GimbalLockError: `euler_angles` came too near to gimbal lock, or its steps are too long.
         MissingDependencyError: `dop853` without SciPy.
 
     >>> import numpy as np
@@ -159,77 +163,94 @@ def integrate(
     check_choice("method", method, METHODS)
     check_choice("frame", frame, FRAMES)
     t = instants_of("t", t)
-    how = execution_of(backend, 1)
-    course = Course(t, method, tol, how, frame == "body")
+    execution = execution_of(backend, 1)
+    options = SolveOptions(t, method, tol, execution, frame == "body")
     hinge = finite_number("psi_0", psi_0)
-    flat = isinstance(pair, PlanarPair)
+    is_planar = isinstance(pair, PlanarPair)
     start: Array | float
-    if flat:
+    if is_planar:
         if S1_0 is not None:
-            raise ArgumentError("S1_0", "nothing beside a PlanarPair, which takes phi_0", quoted(S1_0))
+            raise ArgumentError("S1_0", "None for a PlanarPair, which takes phi_0", quoted(S1_0))
         check_choice("frame", frame, ("world",))
         start = finite_number("phi_0", 0.0 if phi_0 is None else phi_0)
     else:
         check_pair(pair)
         if phi_0 is not None:
-            raise ArgumentError("phi_0", "nothing beside a HingePair, which takes S1_0", quoted(phi_0))
+            raise ArgumentError("phi_0", "None for a HingePair, which takes S1_0", quoted(phi_0))
         start = one_constant("S1_0", np.eye(3) if S1_0 is None else S1_0, 3, 3)
         check_rotation("S1_0", start)
     values = {"omega1": omega1, "alpha1": alpha1, "psid": psid, "psidd": psidd}
     rates = {
-        name: read_signal(name, value, t, () if flat or name in {"psid", "psidd"} else (3,), how)
+        name: read_signal(name, value, t, () if is_planar or name in {"psid", "psidd"} else (3,), execution)
         for name, value in values.items()
         if value is not None or name in {"omega1", "psid"}
     }
-    size = 2 if flat else 3
+    size = 2 if is_planar else 3
     point = read_position(np.zeros(size) if R1 is None else R1, t, size)
-    found = solve(course, rates["omega1"], rates["psid"], start, hinge)
-    found.check(course)
-    state = _state(pair, course, found, rates, point, outputs)
-    turned, place = read_only(found.turned), read_only(np.broadcast_to(point["R1"], (len(t), size)))
-    own = {"phi": turned} if flat else {"quat_wxyz": turned, "R1": place, "pair": pair}
-    return (PlanarTrajectory if flat else Trajectory)(
-        t=read_only(t), psi=read_only(found.psi), state=state, method=method, steps=found.steps,
-        _error=found.error, _psi_error=found.psi_error, **own,
+    solution = solve(options, rates["omega1"], rates["psid"], start, hinge)
+    solution.check_tolerance(options)
+    state = _compute_state(pair, options, solution, rates, point, outputs)
+    orientations, positions = (
+        read_only(solution.orientations),
+        read_only(np.broadcast_to(point["R1"], (len(t), size))),
+    )
+    fields = {"phi": orientations} if is_planar else {"quat_wxyz": orientations, "R1": positions, "pair": pair}
+    return (PlanarTrajectory if is_planar else Trajectory)(
+        t=read_only(t), psi=read_only(solution.psi), state=state, method=method, steps=solution.steps,
+        _error=solution.error, _psi_error=solution.psi_error, **fields,
     )  # fmt: skip
 
 
-def _state(
-    pair: Any, course: Course, found: Solution, rates: Rates, point: Mapping[str, NDArray[Any]], outputs: Outputs
+def _compute_state(
+    pair: Any,
+    options: SolveOptions,
+    solution: Solution,
+    rates: SignalsByName,
+    point: Mapping[str, NDArray[Any]],
+    outputs: Outputs,
 ) -> Any:
-    """The state of the pair at the instants."""
+    """Compute the state of the pair at the instants from the solution and the signals."""
     kind = PLANAR if isinstance(pair, PlanarPair) else SPATIAL
     plan = _plan(pair.constants, outputs, rates.keys() | point.keys(), kind)
     if not plan.outputs:
-        return STATES[kind]({}, course.t.shape)
-    S1 = None if kind is PLANAR else rotations(found.turned)
-    known: dict[str, Any] = {**point, "psi": found.psi, **({"phi1": found.turned} if S1 is None else {"S1": S1})}
-    for name in plan.inputs & _RATES.keys():
-        values = rates[_RATES[name]].instants(course.t)
-        known[name] = world_vectors(S1, values) if course.body and S1 is not None and values.ndim == 2 else values
-    known = {name: known[name] for name in known.keys() & plan.inputs}
-    return compute(pair.constants, plan, known, {"t": course.t.shape}, execution=course.how)
+        return STATES[kind]({}, options.t.shape)
+    S1 = None if kind is PLANAR else quaternions_to_matrices(solution.orientations)
+    inputs: dict[str, Any] = {
+        **point,
+        "psi": solution.psi,
+        **({"phi1": solution.orientations} if S1 is None else {"S1": S1}),
+    }
+    for name in plan.inputs & _RATE_ARGUMENTS.keys():
+        values = rates[_RATE_ARGUMENTS[name]].values_at(options.t)
+        inputs[name] = (
+            rotate_to_world(S1, values) if options.body_axes and S1 is not None and values.ndim == 2 else values
+        )
+    inputs = {name: inputs[name] for name in inputs.keys() & plan.inputs}
+    return compute(pair.constants, plan, inputs, {"t": options.t.shape}, execution=options.execution)
 
 
-def _plan(pair: Constants, outputs: Outputs, given: Set[str], kind: Kind) -> Plan:
-    """The plan for the outputs: all of body 2 that can be had, unless they name something else.
+def _plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: Kind) -> Plan:
+    """Make the plan for the outputs: unless they are named, for all of body 2 that the inputs allow.
 
     Raises:
-        ArgumentError: an unknown output, or one that needs what is not given; names that.
+        ArgumentError: an unknown output, or one that needs an argument that is missing; names it.
     """
-    known = (
-        {"S1", "phi1", "psi"} | pair.values.keys() | given | {name for name, own in _RATES.items() if own in given}
+    available = (
+        {"S1", "phi1", "psi"}
+        | pair.values.keys()
+        | argument_names
+        | {name for name, argument in _RATE_ARGUMENTS.items() if argument in argument_names}
     )
 
     def plan(names: tuple[str, ...]) -> Plan:
         return make_plan(names, None, "home" in pair.values, kind=kind)
 
     if outputs is None:
-        return plan(tuple(name for name in default_outputs(ACCELERATION, kind) if plan((name,)).inputs <= known))
+        return plan(tuple(name for name in default_outputs(ACCELERATION, kind) if plan((name,)).inputs <= available))
     names = check_outputs(outputs, kind.levels) if not isinstance(outputs, tuple) or outputs else ()
     for name in names:
-        for missing in sorted(plan((name,)).inputs - known):
-            expected = f"{_WANTED.get(missing, 'a value')}, since output {name} needs it"
-            got = f"no {missing}" if missing in _WANTED else None
-            raise ArgumentError(_RATES.get(missing, "R1"), expected, got)
+        for missing in sorted(plan((name,)).inputs - available):
+            expected = f"{_R1_FORMS.get(missing, 'a value')}, since output {name} needs it"
+            got = f"no {missing}" if missing in _R1_FORMS else None
+            raise ArgumentError(_RATE_ARGUMENTS.get(missing, "R1"), expected, got)
     return plan(names)

@@ -1,11 +1,11 @@
-"""The methods that make each step from the rates alone (E12): which nodes they look at, and what they make of them.
+"""One-step methods of integration from rates (E12): their quadrature nodes, and the rotation of a step.
 
 S' = [omega]x S, so S(t + h) = exp([Omega]x) S(t), and Omega is a series in commutators; those of [a]x and [b]x are
 [a x b]x. The rules with Gauss nodes are Magnus terms (Blanes, Casas, Ros: two nodes, order 4; three nodes, order 6)
 and the commutator-free product of two exponentials (Celledoni, Marthinsen, Owren). Strapdown navigation knows the
-same terms as multi-sample coning corrections (Bortz; Miller; Savage), with samples in the place of nodes.
+same terms as multi-sample coning corrections (Bortz; Miller; Savage), with samples in place of nodes.
 
-A rotation is a quaternion (w, x, y, z). As in `equations`, a scalar is whatever adds and multiplies.
+A rotation is a quaternion (w, x, y, z). As in `equations`, a scalar is any value that adds and multiplies.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from hingepair.numeric.twofold import HighLow, exact_product, pair_product, pair
 
 Quaternion: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar]
 
-_ROOT_3 = 1.7320508075688772
-_ROOT_15 = 3.872983346207417
-_A, _B = 0.5 - _ROOT_3 / 6, 0.5 - _ROOT_15 / 10
+_SQRT_3 = 1.7320508075688772  # square root of 3
+_SQRT_15 = 3.872983346207417  # square root of 15
+_GAUSS2_NODE, _GAUSS3_NODE = 0.5 - _SQRT_3 / 6, 0.5 - _SQRT_15 / 10  # first of 2 and of 3 Gauss nodes on [0, 1]
 
 
 def quaternion_product(p: Quaternion, q: Quaternion) -> Quaternion:
-    """The rotation q, then the rotation p."""
+    """Multiply quaternions: return the rotation q followed by the rotation p."""
     a, b, c, d = p
     w, x, y, z = q
     return (
@@ -42,16 +42,16 @@ def quaternion_product(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 def quaternion_unit(q: Quaternion) -> Quaternion:
-    """A quaternion whose length is nearly 1 at that length: one Newton step for the root."""
+    """Normalise a quaternion whose norm is nearly 1, by one Newton step for the inverse square root."""
     w, x, y, z = q
     f = 1.5 - 0.5 * ((w * w + x * x) + (y * y + z * z))
     return w * f, x * f, y * f, z * f
 
 
 def quaternion_exp(Omega: Vector) -> Quaternion:
-    """The rotation of a rotation vector; a scalar is a float or traced."""
+    """Return the quaternion of a rotation vector of floats or traced values."""
     square = 0.25 * dot(Omega, Omega)
-    if square == 0:  # a number: what is traced is not known
+    if square == 0:  # a float; a traced value never compares equal to 0
         return 1.0, *scale(Omega, 0.5)
     half = square_root(square)
     f = where_less(0.0, square, 0.5 * sine(half) / half, 0.5)
@@ -59,18 +59,18 @@ def quaternion_exp(Omega: Vector) -> Quaternion:
 
 
 def magnus4(w1: Vector, w2: Vector, h: Scalar) -> Vector:
-    """Omega from omega at two Gauss nodes, order 4."""
-    return subtract(scale(add(w1, w2), 0.5 * h), scale(cross(w1, w2), h * h * (_ROOT_3 / 12)))
+    """Return the rotation vector Omega of a step of length h from omega at two Gauss nodes, order 4."""
+    return subtract(scale(add(w1, w2), 0.5 * h), scale(cross(w1, w2), h * h * (_SQRT_3 / 12)))
 
 
 def magnus6(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Vector:
-    """Omega from omega at three Gauss nodes, order 6.
+    """Return the rotation vector Omega of a step of length h from omega at three Gauss nodes, order 6.
 
-    a1, a2, a3 are h times omega in the middle, its first and its second difference; then
+    a1, a2 and a3 are h times omega at the middle node and times its first and second difference:
     Omega = a1 + a3/12 + [-20 a1 - a3 + c1, a2 + c2] / 240, c1 = [a1, a2], c2 = -[a1, 2 a3 + c1] / 60.
     """
     a1 = scale(w2, h)
-    a2 = scale(subtract(w3, w1), h * (_ROOT_15 / 3))
+    a2 = scale(subtract(w3, w1), h * (_SQRT_15 / 3))
     a3 = scale(subtract(subtract(w3, w2), subtract(w2, w1)), h * (10 / 3))
     c1 = cross(a1, a2)
     c2 = scale(cross(a1, add(scale(a3, 2), c1)), -1 / 60)
@@ -79,20 +79,20 @@ def magnus6(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Vector:
 
 
 def two_exponentials(w1: Vector, w2: Vector, h: Scalar) -> tuple[Vector, Vector]:
-    """Two rotation vectors, first and second, whose rotations make the step, order 4, from two Gauss nodes."""
-    a, b = h * (0.25 + _ROOT_3 / 6), h * (0.25 - _ROOT_3 / 6)
+    """Return the first and second rotation vector of a commutator-free step from two Gauss nodes, order 4."""
+    a, b = h * (0.25 + _SQRT_3 / 6), h * (0.25 - _SQRT_3 / 6)
     return add(scale(w1, a), scale(w2, b)), add(scale(w1, b), scale(w2, a))
 
 
 def runge_kutta4(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Quaternion:
-    """The classical Runge-Kutta step for q' = omega q / 2, omega at start, middle and end, order 4.
+    """Return the Runge-Kutta step for q' = omega q / 2 from omega at start, middle and end, order 4.
 
-    It is linear in q, so the step is a factor; its length is not yet 1.
+    The step is linear in q, so it is a quaternion that multiplies q; its norm is 1 only approximately.
     """
     k1 = (0.0, *scale(w1, 0.5 * h))
-    k2 = _stage(w2, k1, h, 0.5)
-    k3 = _stage(w2, k2, h, 0.5)
-    k4 = _stage(w3, k3, h, 1.0)
+    k2 = _runge_kutta_stage(w2, k1, h, 0.5)
+    k3 = _runge_kutta_stage(w2, k2, h, 0.5)
+    k4 = _runge_kutta_stage(w3, k3, h, 1.0)
     sixth = 1 / 6
     return (
         1 + sixth * (k1[0] + 2 * (k2[0] + k3[0]) + k4[0]),
@@ -102,70 +102,74 @@ def runge_kutta4(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Quaternion:
     )
 
 
-def _stage(w: Vector, k: Quaternion, h: Scalar, part: float) -> Quaternion:
-    """The quaternion h omega / 2 times (1 + part k)."""
+def _runge_kutta_stage(w: Vector, k: Quaternion, h: Scalar, part: float) -> Quaternion:
+    """Multiply the quaternion h omega / 2 by (1 + part k), the derivative at a stage."""
     return quaternion_product((0.0, *scale(w, 0.5 * h)), (1 + part * k[0], part * k[1], part * k[2], part * k[3]))
 
 
-def _by_one(Omega: Callable[..., Vector]) -> Callable[..., Quaternion]:
-    return lambda *given: quaternion_exp(Omega(*given))
+def _exponential_of(Omega: Callable[..., Vector]) -> Callable[..., Quaternion]:
+    """Return the function from rates at the nodes and h to the quaternion exp(Omega), for a function Omega."""
+    return lambda *rates_and_length: quaternion_exp(Omega(*rates_and_length))
 
 
-def _by_two(*given: Any) -> Quaternion:
-    first, second = two_exponentials(*given)
+def _two_exponential_rotation(*rates_and_length: Any) -> Quaternion:
+    """Return the quaternion of a commutator-free step: the product of two exponentials."""
+    first, second = two_exponentials(*rates_and_length)
     return quaternion_product(quaternion_exp(second), quaternion_exp(first))
 
 
-def _by_runge_kutta(*given: Any) -> Quaternion:
-    q = runge_kutta4(*given)
+def _runge_kutta_rotation(*rates_and_length: Any) -> Quaternion:
+    """Return the normalised quaternion of a Runge-Kutta step."""
+    q = runge_kutta4(*rates_and_length)
     f = 1 / square_root((q[0] * q[0] + q[1] * q[1]) + (q[2] * q[2] + q[3] * q[3]))
     return q[0] * f, q[1] * f, q[2] * f, q[3] * f
 
 
 class Rule(NamedTuple):
-    """A method that makes each step from omega alone."""
+    """One-step method that integrates from omega and psi' at its nodes alone."""
 
     name: str
-    order: int  # of the error against h
-    nodes: tuple[float, ...]  # where a step looks at omega and psi', as parts of the step
-    weights: tuple[int, ...]  # of the nodes in an integral, integers
-    turn: Callable[..., Quaternion]  # the rotation of a step, from omega at the nodes and the step's length
+    order: int  # the error of the integral goes as h^order
+    nodes: tuple[float, ...]  # where a step evaluates omega and psi', as fractions of the step
+    weights: tuple[int, ...]  # of the nodes in an integral, to be divided by their sum
+    rotation: Callable[..., Quaternion]  # of a step, from omega at the nodes and the length of the step
 
     def integral(self, values: Any, h: Any) -> Any:
-        """The integrals over steps of lengths h from values at their nodes (steps, nodes, ...), by columns."""
+        """Integrate values at nodes (steps, nodes, ...) over steps of lengths h; shape (steps, columns)."""
         columns = values.reshape(len(h), len(self.nodes), -1)
         return h[:, None] * np.einsum("n,snk->sk", np.array(self.weights) / sum(self.weights), columns)
 
 
+# One-step methods by name.
 RULES: Final = {
     rule.name: rule
     for rule in (
-        Rule("magnus6", 6, (_B, 0.5, 1 - _B), (5, 8, 5), _by_one(magnus6)),
-        Rule("magnus4", 4, (_A, 1 - _A), (1, 1), _by_one(magnus4)),
-        Rule("cf4", 4, (_A, 1 - _A), (1, 1), _by_two),
-        Rule("midpoint", 2, (0.5,), (1,), _by_one(scale)),
-        Rule("rk4_quaternion", 4, (0.0, 0.5, 1.0), (1, 4, 1), _by_runge_kutta),
+        Rule("magnus6", 6, (_GAUSS3_NODE, 0.5, 1 - _GAUSS3_NODE), (5, 8, 5), _exponential_of(magnus6)),
+        Rule("magnus4", 4, (_GAUSS2_NODE, 1 - _GAUSS2_NODE), (1, 1), _exponential_of(magnus4)),
+        Rule("cf4", 4, (_GAUSS2_NODE, 1 - _GAUSS2_NODE), (1, 1), _two_exponential_rotation),
+        Rule("midpoint", 2, (0.5,), (1,), _exponential_of(scale)),
+        Rule("rk4_quaternion", 4, (0.0, 0.5, 1.0), (1, 4, 1), _runge_kutta_rotation),
     )
 }
 
 
 @functools.cache
-def turns(rule: Rule) -> Loop:
-    """The rotations q of steps, from omega at the nodes of each and its length h, negative in body axes."""
+def rotation_loop(rule: Rule) -> Loop:
+    """Return the loop that computes rotations q of steps from omega at the nodes and h, negative in body axes."""
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
         w = v["omega"]
-        return {"q": rule.turn(*(w[i : i + 3] for i in range(0, len(w), 3)), v["h"])}
+        return {"q": rule.rotation(*(w[i : i + 3] for i in range(0, len(w), 3)), v["h"])}
 
     return Loop(f"turns_{rule.name}", step, {"omega": (len(rule.nodes), 3), "h": ()}, {"q": (4,)})
 
 
 @functools.cache
-def rises(rule: Rule) -> Loop:
-    """The integrals of a rate over steps from its values at the nodes; lengths and integrals are pairs."""
+def angle_loop(rule: Rule) -> Loop:
+    """Return the loop that integrates a rate over steps from its values at the nodes; sums of two doubles."""
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
-        weighted = [_times(p, w) for p, w in zip(v["rate"], rule.weights, strict=True)]
+        weighted = [_weighted(p, w) for p, w in zip(v["rate"], rule.weights, strict=True)]
         total = functools.reduce(pair_sum, weighted)
         mean = pair_quotient(total, float(sum(rule.weights))) if len(weighted) > 1 else total
         return {"sum": pair_product(mean, v["h"])}
@@ -173,5 +177,6 @@ def rises(rule: Rule) -> Loop:
     return Loop(f"rises_{rule.name}", step, {"rate": (len(rule.nodes),), "h": (2,)}, {"sum": (2,)}, exact=True)
 
 
-def _times(p: Scalar, weight: int) -> HighLow:
+def _weighted(p: Scalar, weight: int) -> HighLow:
+    """Multiply a rate by an integer weight exactly, as a sum of two doubles."""
     return (p, 0.0) if weight == 1 else exact_product(p, float(weight))

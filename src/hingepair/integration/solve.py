@@ -1,4 +1,4 @@
-"""From rates to angles (E12): a method, the steps that a tolerance asks for, and how far the result is off."""
+"""Solution of E12: attitudes and angles from rates by any method, with steps by a tolerance and error estimates."""
 
 from __future__ import annotations
 
@@ -11,187 +11,203 @@ import numpy as np
 
 from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError, GimbalLockError, MissingDependencyError
-from hingepair.integration.error_estimate import estimated_error
-from hingepair.integration.euler_angles import euler_angles, quaternions_of_euler
-from hingepair.integration.integrals import Angle, Attitude, Integral
+from hingepair.integration.error_estimate import estimate_error
+from hingepair.integration.euler_angles import euler_to_quaternions, integrate_euler_angles
+from hingepair.integration.integrals import AngleIntegral, AttitudeIntegral, Integral
 from hingepair.integration.methods import RULES, quaternion_product
-from hingepair.integration.signals import Samples, Signal
+from hingepair.integration.signals import SampledSignal, Signal
 from hingepair.integration.stamp_rounding import stamp_deviations, stamp_error
-from hingepair.integration.step_selection import MOST_STEPS, SelectedSteps, selected_steps
+from hingepair.integration.step_selection import MAX_STEPS, SelectedSteps, select_steps
 from hingepair.integration.stepping import Steps
-from hingepair.integration.trajectory import Later
+from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.matrices import matrix_to_quaternion
 
 METHODS: Final = (*RULES, "euler_angles", "dop853")
+"""Names of the methods."""
 
-MOST_LOOKS: Final = 1_000_000
-"""At omega1, one at a time, that SciPy's solver may take: some twenty seconds."""
+MAX_EVALUATIONS: Final = 1_000_000
+"""Largest number of evaluations of omega1 by SciPy's solver, one at a time: some twenty seconds."""
 
-_BEST = RULES["magnus6"]
-_CERTAIN = 1e-14  # the tolerance of what others are compared with [rad]
-_STEPS_TO_LOCK = 50_000  # that are tried for a motion that comes near gimbal lock
-_SCIPY_TOLERANCE = 1e-12
-_SHARPEST = 3e-14  # SciPy takes no smaller relative tolerance
+_REFERENCE_RULE = RULES["magnus6"]  # that other methods are compared with
+_REFERENCE_TOLERANCE = 1e-14  # rad: of the solution that other methods are compared with
+_MAX_LOCK_STEPS = 50_000  # steps by which `euler_angles` tries to pass near gimbal lock
+_DEFAULT_SCIPY_TOLERANCE = 1e-12  # rad: of `dop853` without tol
+_MIN_SCIPY_RTOL = 3e-14  # the smallest relative tolerance that SciPy takes
 
 
-class Course(NamedTuple):
-    """How to go."""
+class SolveOptions(NamedTuple):
+    """Options that are passed from `integrate` to the solvers."""
 
-    t: Array  # the instants
+    t: Array  # instants [s]
     method: str  # one of METHODS; in the plane, of RULES
-    tol: float | None  # the error that is aimed at [rad], or None: one step for each interval
-    how: Execution
-    body: bool  # whether omega is in body axes
-    names: tuple[str, str] = ("omega1", "psid")  # what the rates are called in errors
+    tol: float | None  # largest error [rad]; None: one step for each interval
+    execution: Execution
+    body_axes: bool  # whether omega is in body axes
+    rate_names: tuple[str, str] = ("omega1", "psid")  # names of the rates in errors
 
 
 class Solution(NamedTuple):
-    """What was found at the instants, and how far it is off at the worst of them [rad]."""
+    """Solution at the instants, with estimates of its error at the worst of them [rad]."""
 
-    turned: Array  # attitudes of body 1, unit quaternions (N, 4) without a jump of sign; in the plane its angles (N,)
-    psi: Array  # hinge angles (N,)
-    steps: int  # how many were made; 0 where SciPy chose them
-    error: Later
-    psi_error: Later
+    orientations: Array  # of body 1: unit quaternions (N, 4) without a jump of sign; in the plane angles (N,) [rad]
+    psi: Array  # hinge angles [rad]; shape (N,)
+    steps: int  # number of steps; 0 where SciPy chose them
+    error: LazyValue  # of the orientations [rad]
+    psi_error: LazyValue  # of psi [rad]
 
     @property
-    def worst(self) -> float:
-        """The larger error; NaN, not known, where one is."""
+    def largest_error(self) -> float:
+        """The larger of both errors [rad]; NaN where one is."""
         return float(np.maximum(self.error(), self.psi_error()))
 
-    def check(self, course: Course) -> None:
+    def check_tolerance(self, options: SolveOptions) -> None:
         """Refuse a tolerance that was not reached.
 
         Raises:
-            ArgumentError: says what is left, and by which rate.
+            ArgumentError: the tolerance was not reached; names the error of each rate.
         """
-        if course.tol is not None and not self.worst <= course.tol:
-            left = (self.error(), self.psi_error())
-            each = ", ".join(f"{name} leaves {error:.2g}" for name, error in zip(course.names, left, strict=True))
-            raise ArgumentError("tol", f"at least the error that is left, {self.worst:.2g} rad ({each})", course.tol)
+        if options.tol is not None and not self.largest_error <= options.tol:
+            errors = (self.error(), self.psi_error())
+            each = ", ".join(
+                f"{name} leaves {error:.2g}" for name, error in zip(options.rate_names, errors, strict=True)
+            )
+            raise ArgumentError(
+                "tol", f"at least the error that is left, {self.largest_error:.2g} rad ({each})", options.tol
+            )
 
 
-class _Found(NamedTuple):
-    """Attitudes or angles."""
+class _IntegratedValues(NamedTuple):
+    """Attitudes or angles at the instants, with an estimate of their error."""
 
-    values: Array  # at the instants
-    steps: int  # that were made
-    error: Later
+    values: Array  # quaternions (N, 4) or angles (N,)
+    steps: int  # number of steps
+    error: LazyValue  # rad
 
 
-def solve(course: Course, omega: Signal, psid: Signal, start: Array | float, psi_0: float) -> Solution:
-    """Attitudes of body 1 (in the plane its angles) and hinge angles at the instants; `start` is the first of them.
+def solve(options: SolveOptions, omega: Signal, psid: Signal, start: Array | float, psi_0: float) -> Solution:
+    """Solve E12 at the instants: attitudes of body 1 from `start`, angles in the plane, and hinge angles from psi_0.
 
     Raises:
-        ArgumentError: the tolerance is no positive number, something overflows, or SciPy's solver gives up.
-        GimbalLockError: `euler_angles` came too near to lock, or its steps are too long.
+        ArgumentError: the tolerance is no positive number, a result overflows, or SciPy's solver gives up.
+        GimbalLockError: `euler_angles` came too near to gimbal lock, or its steps are too long.
         MissingDependencyError: `dop853` without SciPy.
     """
-    if course.tol is not None and not finite_number("tol", course.tol) > 0:
-        raise ArgumentError("tol", "a positive number", course.tol)
-    flat = np.ndim(start) == 0
-    check_choice("method", course.method, tuple(RULES) if flat else METHODS)
-    rule = {"euler_angles": RULES["rk4_quaternion"], "dop853": _BEST, **RULES}[course.method]
-    attitude = Attitude(course.names[0], omega, rule, course.how, course.body)
-    hinge = Angle(course.names[1], psid, rule, course.how)
-    if course.method in RULES:
-        turning = Angle(course.names[0], omega, rule, course.how) if flat else attitude
-        selected = selected_steps((turning, hinge), course.t, course.tol)
-        turned = _integrated(turning, start if flat else matrix_to_quaternion(np.asarray(start)), selected)
+    if options.tol is not None and not finite_number("tol", options.tol) > 0:
+        raise ArgumentError("tol", "a positive number", options.tol)
+    is_planar = np.ndim(start) == 0
+    check_choice("method", options.method, tuple(RULES) if is_planar else METHODS)
+    rule = {"euler_angles": RULES["rk4_quaternion"], "dop853": _REFERENCE_RULE, **RULES}[options.method]
+    attitude = AttitudeIntegral(options.rate_names[0], omega, rule, options.execution, options.body_axes)
+    hinge = AngleIntegral(options.rate_names[1], psid, rule, options.execution)
+    if options.method in RULES:
+        body1_angle = AngleIntegral(options.rate_names[0], omega, rule, options.execution) if is_planar else attitude
+        selected = select_steps((body1_angle, hinge), options.t, options.tol)
+        orientation = _integrate(
+            body1_angle, start if is_planar else matrix_to_quaternion(np.asarray(start)), selected
+        )
     else:
-        find = _by_euler_angles if course.method == "euler_angles" else _by_scipy
-        turned = find(course, replace(attitude, rule=_BEST), np.asarray(start))
-        tol = _SCIPY_TOLERANCE if course.tol is None and course.method == "dop853" else course.tol
-        selected = selected_steps((hinge,), course.t, tol)
-    swung = _integrated(hinge, psi_0, selected)
-    sampled = [rate for rate in (omega, psid) if isinstance(rate, Samples)]
+        solve_orientation = _solve_by_euler_angles if options.method == "euler_angles" else _solve_by_scipy
+        orientation = solve_orientation(options, replace(attitude, rule=_REFERENCE_RULE), np.asarray(start))
+        tol = _DEFAULT_SCIPY_TOLERANCE if options.tol is None and options.method == "dop853" else options.tol
+        selected = select_steps((hinge,), options.t, tol)
+    hinge_angle = _integrate(hinge, psi_0, selected)
+    sampled_rates = [rate for rate in (omega, psid) if isinstance(rate, SampledSignal)]
 
     @functools.cache
     def deviations() -> Array:
-        return stamp_deviations(sampled)
+        return stamp_deviations(sampled_rates)
 
-    def with_stamps(error: Later, rate: Signal, farthest: float) -> Later:
-        if not isinstance(rate, Samples):
+    def with_stamps(error: LazyValue, rate: Signal, max_error: float) -> LazyValue:
+        if not isinstance(rate, SampledSignal):
             return error
-        return Later(lambda: min(error() + stamp_error(rate, deviations()), farthest))
+        return LazyValue(lambda: min(error() + stamp_error(rate, deviations()), max_error))
 
     errors = (
-        with_stamps(turned.error, omega, math.inf if flat else math.pi),
-        with_stamps(swung.error, psid, math.inf),
+        with_stamps(orientation.error, omega, math.inf if is_planar else math.pi),
+        with_stamps(hinge_angle.error, psid, math.inf),
     )
-    return Solution(turned.values, swung.values, turned.steps, *errors)
+    return Solution(orientation.values, hinge_angle.values, orientation.steps, *errors)
 
 
-def _integrated(integral: Integral, start: Any, selected: SelectedSteps) -> _Found:
+def _integrate(integral: Integral, start: Any, selected: SelectedSteps) -> _IntegratedValues:
+    """Integrate a rate over selected steps, with an estimate of the error."""
     steps = selected.steps
-    values, known = integral.over(steps, start), selected.known.get(integral)
-    error = Later(lambda: min(estimated_error(integral, steps, values, known), integral.farthest))
-    return _Found(steps.asked(values), steps.made, error)
+    values, measured_errors = integral.integrate(steps, start), selected.measured_errors.get(integral)
+    error = LazyValue(lambda: min(estimate_error(integral, steps, values, measured_errors), integral.max_error))
+    return _IntegratedValues(steps.at_instants(values), steps.step_count, error)
 
 
-def _by_euler_angles(course: Course, turning: Attitude, S1_0: Array) -> _Found:
-    """Steps are halved for all intervals alike until the error is small enough, or no longer falls (of samples).
+def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
+    """Integrate Euler angles; all steps are halved until the error is small enough, or (of samples) stays.
 
-    Where a tolerance lets them, they are halved as well where they are too long to tell lock from a fast turn.
+    With a tolerance they are also halved where they are too long to tell gimbal lock from a fast turn.
     """
-    steps, before = Steps(course.t), math.inf
+    steps, last_error = Steps(options.t), math.inf
     while True:
         try:
-            phi = euler_angles(turning.rate, steps, course.how, matrix_to_euler(S1_0), body=course.body)
+            phi = integrate_euler_angles(
+                attitude.rate, steps, options.execution, matrix_to_euler(S1_0), body=options.body_axes
+            )
         except GimbalLockError:
-            if course.tol is None or 2 * steps.made > max(_STEPS_TO_LOCK, 4 * (len(course.t) - 1)):
+            if options.tol is None or 2 * steps.step_count > max(_MAX_LOCK_STEPS, 4 * (len(options.t) - 1)):
                 raise
         else:
-            found = _compared(
-                turning, course.t, matrix_to_quaternion(S1_0), quaternions_of_euler(steps.asked(phi)), steps.made
+            result = _with_reference_error(
+                attitude,
+                options.t,
+                matrix_to_quaternion(S1_0),
+                euler_to_quaternions(steps.at_instants(phi)),
+                steps.step_count,
             )
-            in_vain = isinstance(turning.rate, Samples) and not found.error() < 0.9 * before
-            if course.tol is None or not found.error() > course.tol or steps.made > MOST_STEPS or in_vain:
-                return found
-            before = found.error()
-        steps = steps.refined(steps.t[:-1] + 0.5 * np.diff(steps.t))
+            stagnates = isinstance(attitude.rate, SampledSignal) and not result.error() < 0.9 * last_error
+            if options.tol is None or not result.error() > options.tol or steps.step_count > MAX_STEPS or stagnates:
+                return result
+            last_error = result.error()
+        steps = steps.refine(steps.t[:-1] + 0.5 * np.diff(steps.t))
 
 
-def _by_scipy(course: Course, turning: Attitude, S1_0: Array) -> _Found:
-    """By DOP853, from q' = omega q / 2 (body axes: q omega / 2), in the time since the first instant."""
+def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
+    """Integrate q' = omega q / 2 (in body axes q omega / 2) by SciPy's DOP853, in time since the first instant."""
     try:
         from scipy.integrate import solve_ivp
     except ImportError as error:
         raise MissingDependencyError("method", "scipy (pip install scipy), or another method", str(error)) from None
-    t, tol = course.t, max(_SCIPY_TOLERANCE if course.tol is None else 0.01 * course.tol, _SHARPEST)
-    start, since, looks = matrix_to_quaternion(S1_0), t - t[0], 0
+    t, tol = options.t, max(_DEFAULT_SCIPY_TOLERANCE if options.tol is None else 0.01 * options.tol, _MIN_SCIPY_RTOL)
+    start, since, evaluations = matrix_to_quaternion(S1_0), t - t[0], 0
 
     def rate(time: float, q: Any) -> Any:
-        nonlocal looks
-        looks += 1
-        if looks > MOST_LOOKS:
-            got = f"{MOST_LOOKS:,} looks at omega1 until {time:.3g} s of {since[-1]:.3g} s"
+        nonlocal evaluations
+        evaluations += 1
+        if evaluations > MAX_EVALUATIONS:
+            got = f"{MAX_EVALUATIONS:,} evaluations of omega1 until {time:.3g} s of {since[-1]:.3g} s"
             raise ArgumentError("method", "'magnus6' for a motion so long or fast that 'dop853' takes minutes", got)
         k = int(np.searchsorted(since, time, side="right")) - 1
-        omega = turning.rate.nodes(t[k : k + 1], np.array([time - since[k]]), (1.0,))[0, 0]
+        omega = attitude.rate.values_at_nodes(t[k : k + 1], np.array([time - since[k]]), (1.0,))[0, 0]
         w = (0.0, *(0.5 * omega).tolist())
         p = tuple(q.tolist())
-        return quaternion_product(p, w) if course.body else quaternion_product(w, p)
+        return quaternion_product(p, w) if options.body_axes else quaternion_product(w, p)
 
     rows = start[None]
     if len(t) > 1:
-        done = solve_ivp(rate, (0.0, since[-1]), start, method="DOP853", t_eval=since, rtol=tol, atol=tol)
-        if not done.success:
-            raise ArgumentError("method", "a motion that 'dop853' can follow", done.message)
-        rows = done.y.T
-    return _compared(turning, t, start, rows / np.sqrt((rows**2).sum(axis=1, keepdims=True)), 0)
+        result = solve_ivp(rate, (0.0, since[-1]), start, method="DOP853", t_eval=since, rtol=tol, atol=tol)
+        if not result.success:
+            raise ArgumentError("method", "a motion that 'dop853' can follow", result.message)
+        rows = result.y.T
+    return _with_reference_error(attitude, t, start, rows / np.sqrt((rows**2).sum(axis=1, keepdims=True)), 0)
 
 
-def _compared(best: Attitude, t: Array, start: Array, quats: Array, steps: int) -> _Found:
-    """The error of attitudes that depend on one another: how far they are from those of the best rule."""
+def _with_reference_error(
+    attitude: AttitudeIntegral, t: Array, start: Array, quats: Array, steps: int
+) -> _IntegratedValues:
+    """Estimate the error of quaternions (N, 4) by their angles from a solution of small tolerance."""
 
     def error() -> float:
-        other = _integrated(best, start, selected_steps((best,), t, _CERTAIN))
-        w, x, y, z = quaternion_product(tuple(quats.T), tuple((other.values * [1, -1, -1, -1]).T))
-        apart = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
-        return min(float(apart.max()) + other.error(), math.pi)
+        reference = _integrate(attitude, start, select_steps((attitude,), t, _REFERENCE_TOLERANCE))
+        w, x, y, z = quaternion_product(tuple(quats.T), tuple((reference.values * [1, -1, -1, -1]).T))
+        angles = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
+        return min(float(angles.max()) + reference.error(), math.pi)
 
-    return _Found(quats, steps, Later(error))
+    return _IntegratedValues(quats, steps, LazyValue(error))

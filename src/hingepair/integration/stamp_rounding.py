@@ -1,10 +1,10 @@
-"""What the rounding of stamps does to integrals over samples (E12).
+"""Errors of integrals over samples (E12) by the rounding of their time stamps.
 
 Clocks and files round stamps: seconds since 1970 as doubles to 2.4e-7 s, single floats to a 16-millionth of their
-size, text to its last decimal place. Values of the true instants then lie beside the curve over the stamps, by as
-much as they change in what the stamps are off; values that belong to the stamps as they are lie on a smooth curve.
-Divided differences of high order tell the two apart. They are measured where the distances of stamps differ, since
-stamps at even distances are what they are, or off all alike.
+size, text to its last decimal place. Values of the true instants then lie beside a smooth curve over the stamps, by
+their rate of change times the error of the stamp; values that belong to the rounded stamps lie on a smooth curve.
+Divided differences of high order tell the two cases apart. They are measured where the distances of stamps differ,
+since stamps at even distances are exact, or all have the same error.
 """
 
 from __future__ import annotations
@@ -15,48 +15,54 @@ from typing import Final
 
 import numpy as np
 
-from hingepair.integration.signals import Samples
+from hingepair.integration.signals import SampledSignal
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
 
-_WINDOW: Final = 11
-"""Samples whose highest divided difference tells roughness: of a smooth motion it is as good as none."""
+_WINDOW_SAMPLES: Final = 11
+"""Samples whose highest divided difference measures roughness; that of a smooth motion is negligible."""
 
-_MAX_WINDOWS = 2048
-_DECIMALS = 9  # places of seconds in text
-_COARSER = 8.0  # times the spacing of doubles: a decimal place that stamps keep to is no accident
-_UNIFORM = 1 / math.sqrt(12)  # standard deviation of what is rounded to a whole number
-_QUANTILE, _SQUARE = 0.8, 1.642  # a quantile of the square of a normal variable; kinks are in fewer windows
-_U = 2.0**-53
-_SHOWN = 4.0  # times what the rounding of values makes: a larger difference has another cause
+_MAX_WINDOWS = 2048  # windows of samples that are measured, spread over the time
+_MAX_DECIMALS = 9  # decimal places of seconds that are tried as a grid
+_MIN_GRID_RATIO = 8.0  # times the spacing of doubles: a coarser decimal grid that all stamps lie on is no accident
+_UNIFORM_DEVIATION = 1 / math.sqrt(12)  # standard deviation of rounding to a grid, in spacings
+_ROUGHNESS_QUANTILE, _CHI_SQUARED_QUANTILE = (
+    0.8,
+    1.642,
+)  # that quantile of a squared normal variable; kinks lie in fewer windows
+_UNIT_ROUNDOFF = 2.0**-53  # u of doubles
+_MIN_ROUGHNESS_RATIO = 4.0  # times the roughness by the rounding of values: a larger one has another cause
 
 
-def stamp_deviations(signals: Sequence[Samples]) -> Array:
+def stamp_deviations(signals: Sequence[SampledSignal]) -> Array:
     """Return the standard deviations of the stamps of samples from the true instants [s]; shape (N,).
 
-    They are those of rounding to a grid that all stamps are on (doubles, single floats, decimals), times the
-    roughness of the values as a part of what this rounding would make; of the grid where they are largest, and of the
-    smoothest signal, since another may be noisy itself. Too few samples to tell are taken to be rounded as doubles
-    are.
+    They are those of rounding to a grid that all stamps lie on (doubles, single floats, decimals), times the
+    roughness of the values relative to what this rounding would cause; of the grid where they are largest, and of the
+    smoothest signal, since another may be noisy itself. Samples too few to measure count as rounded to doubles.
 
     Args:
         signals: samples at the same instants.
     """
     t = signals[0].t
-    if len(t) <= _WINDOW:
-        return _UNIFORM * np.spacing(np.abs(t))
-    found = np.zeros(len(t))
+    if len(t) <= _WINDOW_SAMPLES:
+        return _UNIFORM_DEVIATION * np.spacing(np.abs(t))
+    deviations = np.zeros(len(t))
     for grid in stamp_grids(t):
-        parts = [part for part in (_rounded_part(signal, _UNIFORM * grid) for signal in signals) if part is not None]
-        found = np.maximum(found, min(parts, default=0.0) * _UNIFORM * grid)
-    return found
+        parts = [
+            part
+            for part in (_relative_roughness(signal, _UNIFORM_DEVIATION * grid) for signal in signals)
+            if part is not None
+        ]
+        deviations = np.maximum(deviations, min(parts, default=0.0) * _UNIFORM_DEVIATION * grid)
+    return deviations
 
 
-def stamp_error(samples: Samples, deviations: Array) -> float:
-    """Return how far an integral over samples is off since stamps deviate [rad].
+def stamp_error(samples: SampledSignal, deviations: Array) -> float:
+    """Return the error of an integral over samples by deviations of the stamps (N,) from the true instants [rad].
 
-    At an instant that is off by some time the integral is off by the rate times that, and a random walk of the
-    changes of the rate times that comes to it on the way there.
+    Where the stamp of an instant has an error, the integral has an error of the rate times it; the changes of the
+    rate times the errors of the stamps before add a random walk.
     """
     columns = samples.values.reshape(len(samples.t), -1)
     walk = row_norms(np.diff(columns, axis=0)) * deviations[1:]
@@ -64,7 +70,7 @@ def stamp_error(samples: Samples, deviations: Array) -> float:
 
 
 def stamp_grids(t: Array) -> list[Array]:
-    """Return the distances of neighbours on the grids that all stamps are on, at each of them [s].
+    """Return the spacings [s] of each grid that all stamps lie on, at each stamp; shape (N,) each.
 
     >>> [float(grid[0]) for grid in stamp_grids(np.array([0.013, 0.031]))]
     [1.734723475976807e-18, 0.001]
@@ -76,33 +82,42 @@ def stamp_grids(t: Array) -> list[Array]:
         singles = size.astype(np.float32)
     if (singles == size).all():
         grids.append(np.spacing(singles).astype(np.float64))
-    for unit in 10.0 ** np.arange(_DECIMALS + 1):
-        if 1 / unit > _COARSER * doubles.max() and (np.abs(np.round(size * unit) / unit - size) <= doubles).all():
+    for unit in 10.0 ** np.arange(_MAX_DECIMALS + 1):
+        if (
+            1 / unit > _MIN_GRID_RATIO * doubles.max()
+            and (np.abs(np.round(size * unit) / unit - size) <= doubles).all()
+        ):
             grids.append(np.full(len(t), 1 / unit))
             break
     return grids
 
 
-def _rounded_part(signal: Samples, deviations: Array) -> float | None:
-    """Return how rough values are as a part of what deviations of stamps would make, or None if they cannot tell."""
+def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | None:
+    """Return the roughness of values relative to what deviations of stamps would cause; None if not measurable."""
     t, columns = signal.t, signal.values.reshape(len(signal.t), -1)
-    first = np.unique(np.linspace(0, len(t) - _WINDOW, _MAX_WINDOWS).astype(np.intp))
-    near = first[:, None] + np.arange(_WINDOW)
-    steps = np.diff(t[near], axis=1)
-    uneven = np.ptp(steps, axis=1) > deviations[near].max(axis=1)
+    window_starts = np.unique(np.linspace(0, len(t) - _WINDOW_SAMPLES, _MAX_WINDOWS).astype(np.intp))
+    windows = window_starts[:, None] + np.arange(_WINDOW_SAMPLES)
+    steps = np.diff(t[windows], axis=1)
+    uneven = np.ptp(steps, axis=1) > deviations[windows].max(axis=1)
     if not uneven.any():
         return None
-    near = near[uneven]
-    x = (t[near] - t[near[:, :1]]) / (t[near[:, -1:]] - t[near[:, :1]])
-    weights = 1 / (x[:, :, None] - x[:, None, :] + np.eye(_WINDOW)).prod(axis=2)
-    rough = (np.einsum("wi,wik->wk", weights, columns[near]) ** 2).sum(axis=1)
+    windows = windows[uneven]
+    x = (t[windows] - t[windows[:, :1]]) / (t[windows[:, -1:]] - t[windows[:, :1]])
+    weights = 1 / (x[:, :, None] - x[:, None, :] + np.eye(_WINDOW_SAMPLES)).prod(axis=2)
+    roughness = (np.einsum("wi,wik->wk", weights, columns[windows]) ** 2).sum(axis=1)
     slopes = np.asarray(np.gradient(columns, t, axis=0))
-    by_stamps = row_norms(slopes) * deviations
-    by_values = _U * row_norms(columns)
-    expected, of_values = (((weights * each[near]) ** 2).sum(axis=1) for each in (by_stamps, by_values))
-    tells = expected > _SHOWN**2 * of_values
-    if not tells.any():
+    stamp_noise = row_norms(slopes) * deviations
+    value_noise = _UNIT_ROUNDOFF * row_norms(columns)
+    roughness_by_stamps, roughness_by_values = (
+        ((weights * noise[windows]) ** 2).sum(axis=1) for noise in (stamp_noise, value_noise)
+    )
+    measurable = roughness_by_stamps > _MIN_ROUGHNESS_RATIO**2 * roughness_by_values
+    if not measurable.any():
         return None
-    rough, expected, of_values = rough[tells], expected[tells], of_values[tells]
-    parts = np.where(rough > _SHOWN**2 * of_values, rough / expected, 0.0)
-    return min(1.0, math.sqrt(float(np.quantile(parts, _QUANTILE)) / _SQUARE))
+    roughness, roughness_by_stamps, roughness_by_values = (
+        roughness[measurable],
+        roughness_by_stamps[measurable],
+        roughness_by_values[measurable],
+    )
+    ratios = np.where(roughness > _MIN_ROUGHNESS_RATIO**2 * roughness_by_values, roughness / roughness_by_stamps, 0.0)
+    return min(1.0, math.sqrt(float(np.quantile(ratios, _ROUGHNESS_QUANTILE)) / _CHI_SQUARED_QUANTILE))

@@ -1,10 +1,11 @@
-"""From rates to angles at the instants (E12): steps, slab by slab, and all products of the first k of them.
+"""Steps in chunks, and prefix scans over them: from steps to attitudes and angles at the instants (E12).
 
-omega does not depend on the attitude, so all rotations of steps are had at once; the attitudes are their products.
-These are made by a tree: groups of RADIX neighbours one after the other, then the groups' products in the same way,
-which are handed down to the groups' members. A small rotation is rounded in proportion to its angle, and the tree
-multiplies small ones by small ones: only the last few levels round at the size of 1, as often as the whole motion
-has radians, where a running product would have done so at each of k steps. psi goes along as sums of two doubles.
+omega does not depend on the attitude, so the rotations of all steps are computed at once; the attitudes are their
+prefix products. A scan works by a tree: it multiplies groups of SCAN_RADIX neighbours one after the other, then the
+groups' products in the same way, and hands those down to the groups' members. A small rotation is rounded in
+proportion to its angle, and the tree multiplies small ones by small ones: only the last few levels round at the size
+of 1, as often as the whole motion has radians, where a running product rounds at each of k steps. psi is summed in
+sums of two doubles.
 """
 
 from __future__ import annotations
@@ -23,78 +24,85 @@ from hingepair.integration.methods import quaternion_product, quaternion_unit
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.twofold import HighLow, exact_sum, pair_sum
 
-SLAB: Final = 16384
-"""Steps a slab: 1.2 MB of omega at three nodes."""
+CHUNK_STEPS: Final = 16384
+"""Steps that are computed at a time: 1.2 MB of omega at three nodes."""
 
-RADIX: Final = 16
-FEW: Final = 64
-"""Elements that are combined one after the other, as plain numbers."""
+SCAN_RADIX: Final = 16
+"""Elements of a group of a prefix scan, which are combined one after the other."""
+MAX_SEQUENTIAL_ITEMS: Final = 64
+"""Elements that a scan combines one after the other as Python floats, without groups."""
 
-_F8 = np.dtype(np.float64)
+_FLOAT64 = np.dtype(np.float64)  # of all scans
 
 
 class Steps(NamedTuple):
-    """Steps, one from each of these times to the next."""
+    """Steps of integration, one from each of these times to the next."""
 
     t: Array  # shape (steps + 1,)
-    own: NDArray[np.intp] | None = None  # which of the times are the instants that were asked for; None for all
+    instant_indices: NDArray[np.intp] | None = None  # which of the times are the instants asked for; None: all
 
     @property
-    def made(self) -> int:
-        """How many steps."""
+    def step_count(self) -> int:
+        """Number of steps."""
         return len(self.t) - 1
 
-    def asked(self, rows: Array) -> Array:
-        """Of what was found between all steps, that at the instants."""
-        return rows if self.own is None else rows[self.own]
+    def at_instants(self, rows: Array) -> Array:
+        """Return the rows at the instants, of rows between all steps."""
+        return rows if self.instant_indices is None else rows[self.instant_indices]
 
-    def refined(self, times: Array) -> Steps:
-        """Steps that end at these times as well."""
+    def refine(self, times: Array) -> Steps:
+        """Return the steps that end at these times as well."""
         t = np.union1d(self.t, times)
-        return Steps(t, np.searchsorted(t, self.asked(self.t)))
+        return Steps(t, np.searchsorted(t, self.at_instants(self.t)))
 
-    def slabs(self) -> Iterator[tuple[int, int]]:
-        """Ranges of SLAB steps."""
-        return ((first, min(first + SLAB, self.made)) for first in range(0, self.made, SLAB))
+    def chunks(self) -> Iterator[tuple[int, int]]:
+        """Return the ranges (first, last) of chunks of at most CHUNK_STEPS steps."""
+        return (
+            (first, min(first + CHUNK_STEPS, self.step_count)) for first in range(0, self.step_count, CHUNK_STEPS)
+        )
 
-    def within(self, first: int, last: int) -> tuple[Array, HighLow]:
-        """Starts and lengths (as two doubles) of steps."""
+    def starts_and_lengths(self, first: int, last: int) -> tuple[Array, HighLow]:
+        """Return the starts of steps and their lengths, as sums of two doubles."""
         return self.t[first:last], exact_sum(self.t[first + 1 : last + 1], -self.t[first:last])
 
 
-class Division(NamedTuple):
-    """Intervals in equal steps."""
+class Subdivision(NamedTuple):
+    """Intervals that are divided into equal steps each."""
 
     counts: NDArray[np.int64]  # steps of each interval
     start: Array  # of each step
-    stop: Array
-    part: NDArray[np.int64]  # number of each step in its interval
+    stop: Array  # of each step
+    part: NDArray[np.int64]  # index of each step in its interval
 
     @property
     def h(self) -> Array:
-        """Lengths of the steps."""
+        """Lengths of the steps [s]."""
         return self.stop - self.start
 
-    def added(self, rows: Array) -> Array:
-        """Sums over the intervals of what the steps have."""
+    def sum_over_intervals(self, rows: Array) -> Array:
+        """Sum rows, one for each step, over the intervals."""
         return np.asarray(np.add.reduceat(rows, np.cumsum(self.counts) - self.counts))
 
 
-def divided(start: Array, stop: Array, counts: NDArray[np.int64]) -> Division:
-    """Intervals in so many steps each; the end of a step is the start of the next."""
+def subdivide(start: Array, stop: Array, counts: NDArray[np.int64]) -> Subdivision:
+    """Divide intervals into `counts` equal steps each; the end of a step is exactly the start of the next."""
     ends = np.cumsum(counts)
     part = np.arange(ends[-1]) - np.repeat(ends - counts, counts)
     begin = np.repeat(start, counts) + part * np.repeat((stop - start) / counts, counts)
     after = np.append(begin[1:], stop[-1])
     after[ends - 1] = stop
-    return Division(counts, begin, after, part)
+    return Subdivision(counts, begin, after, part)
 
 
-class Prefixes:
-    """All products of the first k factors of a row, in place; or sums, or whatever else is associative.
+class PrefixScan:
+    """Prefix scan in place: all products of the first k elements, or sums, or another associative operation.
 
-    `combine` takes a later and an earlier element, `neutral` changes nothing, `finish` is for final results; `exact`
-    is what may not be fused.
+    Args:
+        name: of the operation, for the names of kernels.
+        combine: the operation, of a later and an earlier element.
+        neutral: the element that changes nothing.
+        finish: applied to every final result, as a normalisation.
+        exact: whether the operation must not be fused or reordered by the compiler.
     """
 
     def __init__(
@@ -110,61 +118,79 @@ class Prefixes:
         self.neutral = neutral
         self.finish = finish
         shape = (len(neutral),)
-        given, out = {"own": shape, "before": shape}, {"own": shape}
-        self._chain = Loop(f"{name}_in_a_row", lambda v: {"own": combine(v["own"], v["before"])}, given, out,
-                           exact=exact, carry={"before": "own"})  # fmt: skip
-        self._join = Loop(f"{name}_joined", lambda v: {"own": finish(combine(v["own"], v["before"]))}, given, out,
-                          exact=exact)  # fmt: skip
+        inputs, out = {"element": shape, "prefix": shape}, {"element": shape}
 
-    def over(
-        self, steps: Steps, start: tuple[float, ...], fill: Callable[[Array, HighLow, Array], None], how: Execution
+        def combine_and_finish(v: dict[str, Any]) -> dict[str, Any]:
+            return {"element": finish(combine(v["element"], v["prefix"]))}
+
+        self._scan_group = Loop(
+            f"{name}_in_group",
+            lambda v: {"element": combine(v["element"], v["prefix"])},
+            inputs,
+            out,
+            exact=exact,
+            carry={"prefix": "element"},
+        )
+        self._apply_prefix = Loop(f"{name}_of_groups", combine_and_finish, inputs, out, exact=exact)
+
+    def scan_steps(
+        self,
+        steps: Steps,
+        start: tuple[float, ...],
+        fill: Callable[[Array, HighLow, Array], None],
+        execution: Execution,
     ) -> Array:
-        """What the steps come to, from a start; one row more than there are steps.
+        """Scan steps from a start; returns the results between steps, one row more than there are steps.
 
-        `fill` writes steps into rows, from their starts and lengths (as two doubles). Of the slabs so far no long
-        part is combined with a much shorter one.
+        `fill` writes the elements of steps into rows, from their starts and lengths (as two doubles). Products of
+        chunks are combined pairwise, so that no long part is combined with a much shorter one.
         """
-        found = np.empty((1 + _filled_up(steps.made), len(start)))
-        found[0], found[1 + steps.made :] = start, self.neutral
-        parts: list[tuple[int, tuple[float, ...]]] = []  # how many slabs, a power of two, and what they come to
-        for first, last in steps.slabs():
-            count, rows = 1, found[first + 1 : len(found) if last == steps.made else last + 1]
-            fill(*steps.within(first, last), rows[: last - first])
+        rows = np.empty((1 + _padded_length(steps.step_count), len(start)))
+        rows[0], rows[1 + steps.step_count :] = start, self.neutral
+        parts: list[tuple[int, tuple[float, ...]]] = []  # number of chunks, a power of two, and their product
+        for first, last in steps.chunks():
+            count, chunk = 1, rows[first + 1 : len(rows) if last == steps.step_count else last + 1]
+            fill(*steps.starts_and_lengths(first, last), chunk[: last - first])
             before = functools.reduce(lambda whole, part: self.combine(part[1], whole), parts, start)
-            slab = self.run(rows, before, how)
+            product = self.scan(chunk, before, execution)
             while parts and parts[-1][0] == count:
-                slab, count = self.combine(slab, parts.pop()[1]), 2 * count
-            parts.append((count, slab))
-        return found[: steps.made + 1]
+                product, count = self.combine(product, parts.pop()[1]), 2 * count
+            parts.append((count, product))
+        return rows[: steps.step_count + 1]
 
-    def room(self, count: int) -> Array:
-        """Rows for so many elements and, where there are many, neutral ones to fill the last group."""
-        rows = np.empty((_filled_up(count), len(self.neutral)))
+    def padded_buffer(self, count: int) -> Array:
+        """Allocate rows for `count` elements, padded with neutral ones to whole groups where they are many."""
+        rows = np.empty((_padded_length(count), len(self.neutral)))
         rows[count:] = self.neutral
         return rows
 
-    def run(self, rows: Array, start: tuple[float, ...], how: Execution) -> Any:
-        """Combine rows, as many as `room` has, after a start; returns what they come to without it."""
-        if len(rows) <= FEW:
-            own = list(itertools.accumulate(map(tuple, rows.tolist()), lambda a, b: self.combine(b, a)))
-            rows[:] = [self.finish(self.combine(one, start)) for one in own]
-            return own[-1]
-        groups = rows.reshape(-1, RADIX, rows.shape[1])
-        self._run(self._chain, groups, np.broadcast_to(self.neutral, groups[:, 0].shape), how)
-        ends = self.room(len(groups))
+    def scan(self, rows: Array, start: tuple[float, ...], execution: Execution) -> Any:
+        """Scan rows of a `padded_buffer` in place after a start; returns their product without the start."""
+        if len(rows) <= MAX_SEQUENTIAL_ITEMS:
+            products = list(itertools.accumulate(map(tuple, rows.tolist()), lambda a, b: self.combine(b, a)))
+            rows[:] = [self.finish(self.combine(product, start)) for product in products]
+            return products[-1]
+        groups = rows.reshape(-1, SCAN_RADIX, rows.shape[1])
+        self._run(self._scan_group, groups, np.broadcast_to(self.neutral, groups[:, 0].shape), execution)
+        ends = self.padded_buffer(len(groups))
         ends[: len(groups)] = groups[:, -1]
-        whole = self.run(ends, start, how)
+        whole = self.scan(ends, start, execution)
         before = np.concatenate([[start], ends[: len(groups) - 1]])
-        self._run(self._join, groups, before[:, None], how)
+        self._run(self._apply_prefix, groups, before[:, None], execution)
         return whole
 
-    def _run(self, loop: Loop, own: Array, before: Array, how: Execution) -> None:
-        loop.run({"own": own, "before": before}, {"own": own}, own.shape[:-1], _F8, how)
+    def _run(self, loop: Loop, elements: Array, before: Array, execution: Execution) -> None:
+        loop.run(
+            {"element": elements, "prefix": before}, {"element": elements}, elements.shape[:-1], _FLOAT64, execution
+        )
 
 
-def _filled_up(count: int) -> int:
-    return count if count <= FEW else -(-count // RADIX) * RADIX
+def _padded_length(count: int) -> int:
+    """Return the number of rows of a buffer for `count` elements: whole groups, unless they are few."""
+    return count if count <= MAX_SEQUENTIAL_ITEMS else -(-count // SCAN_RADIX) * SCAN_RADIX
 
 
-ROTATIONS: Final = Prefixes("rotations", quaternion_product, (1.0, 0.0, 0.0, 0.0), quaternion_unit)
-SUMS: Final = Prefixes("sums", pair_sum, (0.0, 0.0), exact=True)
+ROTATION_SCAN: Final = PrefixScan("rotations", quaternion_product, (1.0, 0.0, 0.0, 0.0), quaternion_unit)
+"""Scan of rotations, quaternions (w, x, y, z) that are multiplied."""
+SUM_SCAN: Final = PrefixScan("sums", pair_sum, (0.0, 0.0), exact=True)
+"""Scan of angles, sums of two doubles that are added."""

@@ -1,4 +1,4 @@
-"""What integration gives: the attitudes and the hinge angle at the instants, and the state of the pair."""
+"""Results of integration: attitudes and hinge angles at the instants, and the state of the pair."""
 
 from __future__ import annotations
 
@@ -23,78 +23,80 @@ from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.sequences import SEQUENCES
 
 
-class Later:
-    """A number to be worked out; call it. Copies and pickles hold the number.
+class LazyValue:
+    """A number that is computed at the first call; copies and pickles hold the number.
 
-    >>> later = Later(lambda: 6.0 * 7)
-    >>> later()
+    >>> value = LazyValue(lambda: 6.0 * 7)
+    >>> value()
     42.0
     """
 
-    __slots__ = ("_number", "_work")
+    __slots__ = ("_compute", "_value")
 
-    def __init__(self, work: Callable[[], float] | None, number: float = 0.0) -> None:
-        self._work = work
-        self._number = number
+    def __init__(self, compute: Callable[[], float] | None, value: float = 0.0) -> None:
+        self._compute = compute
+        self._value = value
 
     def __call__(self) -> float:
-        """The number."""
-        work = self._work
-        if work is not None:  # two threads may both come here, and find the same number
-            self._number = float(work())
-            self._work = None
-        return self._number
+        """Return the number."""
+        compute = self._compute
+        if compute is not None:  # two threads may both compute the number, which is then the same
+            self._value = float(compute())
+            self._compute = None
+        return self._value
 
     @property
-    def known(self) -> bool:
-        """Whether the number has been worked out already."""
-        return self._work is None
+    def is_computed(self) -> bool:
+        """Whether the number has been computed already."""
+        return self._compute is None
 
-    def __reduce__(self) -> tuple[type[Later], tuple[None, float]]:
-        return Later, (None, self())
+    def __reduce__(self) -> tuple[type[LazyValue], tuple[None, float]]:
+        return LazyValue, (None, self())
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class _OfState(Frozen, Result):
-    """The fields of the state as attributes."""
+class _TrajectoryBase(Frozen, Result):
+    """Fields of every trajectory; attributes of its state are its own."""
 
-    __signature__ = Signature()  # `integrate` makes it, of more than its readers need to know
+    __signature__ = (
+        Signature()
+    )  # only `integrate` calls it; the private fields are no part of the documented signature
 
     t: NDArray[np.float64]
     psi: NDArray[np.float64]
     method: str
     steps: int
-    _error: Later
-    _psi_error: Later
+    _error: LazyValue
+    _psi_error: LazyValue
 
     @property
     def described(self) -> str:
-        """The method."""
+        """Text that names the method, for titles."""
         return f"motion by {self.method}"
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """The outputs of the state, the motion of body 1 and the hinge angle, by name; shape (N, ...)."""
-        own = ("R1", "S1", "psi") if isinstance(self, Trajectory) else ("phi", "psi")
-        return {**self.state.arrays(), **{name: getattr(self, name) for name in own}}
+        """Return the outputs of the state, the motion of body 1 and the hinge angle, by name; shape (N, ...)."""
+        names = ("R1", "S1", "psi") if isinstance(self, Trajectory) else ("phi", "psi")
+        return {**self.state.arrays(), **{name: getattr(self, name) for name in names}}
 
     @property
     def error_estimate(self) -> float:
         """Error of the attitude of body 1, or of its angle phi, at the worst instant [rad], rounding included.
 
-        `psi_error_estimate` is that of psi. The estimate is computed when it is first asked for. It is within a few
-        per cent of the error where the rates are smooth and rounding is small; where a callable jumps or bends within
-        a step, chance makes it a third of the error at worst, or ten times as large.
+        `psi_error_estimate` is the error of psi. The estimate is computed at the first access. It is within a few per
+        cent of the error where the rates are smooth and rounding is small; where a callable jumps or bends within a
+        step, chance makes the estimate a third of the error at worst, or ten times as large.
 
-        Of a callable the errors of steps are measured by steps of half the length or less, and by how its values at
+        For a callable the errors of steps are measured by steps of half the length or less, and by how its values at
         the nodes and beside the instants may hide a jump or a kink between two of them. All steps are measured, or,
-        of more than 65,536, those over which values change most abruptly and one of each part of the time. What is
-        narrower than a 509th of the time and leaves no trace in such values is missed.
+        of more than 65,536, those over which values change most abruptly and one of each part of the time. A feature
+        narrower than a 509th of the time that leaves no trace in such values is missed.
 
-        Of samples the estimate counts what interpolation misses: gaps, motion that the samples hardly follow, jumps
-        and kinks, which may be anywhere between two of them. It counts the rounding of stamps to doubles, single
-        floats or decimals as far as the values are as rough as that makes them. It is NaN of fewer than four samples.
-        Noise in what was given is not part of it, nor are stamps whose rounding drifts too slowly to be seen in so
-        few samples, nor what happens in a gap or faster than two samples a period and leaves no trace in the samples.
+        For samples the estimate counts the error of interpolation: gaps, motion that the samples hardly follow, jumps
+        and kinks, which may be anywhere between two of them. The estimate counts the rounding of stamps to doubles,
+        single floats or decimals as far as the roughness of the values shows it. It is NaN for fewer than 4 samples.
+        Noise in the arguments is not part of it, nor are stamps whose rounding drifts too slowly to be seen in so
+        few samples, nor motion in a gap or faster than two samples a period that leaves no trace in the samples.
         """
         return self._error()
 
@@ -111,17 +113,17 @@ class _OfState(Frozen, Result):
 
     def __repr__(self) -> str:
         t, method, steps, error = (object.__getattribute__(self, name) for name in ("t", "method", "steps", "_error"))
-        known = f", error_estimate={error():.2g}" if error.known else ""
+        estimate = f", error_estimate={error():.2g}" if error.is_computed else ""
         names = ", ".join(object.__getattribute__(self, "state").outputs)
-        return f"{type(self).__name__}({method}, steps={steps}, {span(t)}{known}, outputs=({names}))"
+        return f"{type(self).__name__}({method}, steps={steps}, {describe_instants(t)}{estimate}, outputs=({names}))"
 
     def _named(self) -> Iterable[str]:
         return dir(object.__getattribute__(self, "state"))
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Trajectory(_OfState):
-    """The motion of a pair that `integrate` found (E12); also has every attribute of its state (R2, S2, v2, ...).
+class Trajectory(_TrajectoryBase):
+    """The motion of a pair, as `integrate` returns it (E12); also has every attribute of its state (R2, S2, v2, ...).
 
     Attributes:
         t: the instants [s]; shape (N,).
@@ -131,7 +133,7 @@ class Trajectory(_OfState):
         state: the PairState at the instants.
         pair: the pair that moves.
         method: the method.
-        steps: how many steps were made; 0 where SciPy chose them.
+        steps: number of steps; 0 where SciPy chose them.
     """
 
     quat_wxyz: NDArray[np.float64]
@@ -147,14 +149,14 @@ class Trajectory(_OfState):
     @property
     def S1(self) -> NDArray[Any]:
         """Rotation of body 1, body to world; shape (N, 3, 3)."""
-        found = self.state.S1
-        return read_only(rotations(self.quat_wxyz)) if found is None else found
+        S1 = self.state.S1
+        return read_only(quaternions_to_matrices(self.quat_wxyz)) if S1 is None else S1
 
     def euler_angles(self, body: int, sequence: str = "XYZ") -> NDArray[np.float64]:
-        """Euler angles phi_1(t) or phi_2(t), continuous in time, through gimbal lock too.
+        """Return the Euler angles phi_1(t) or phi_2(t), continuous in time, through gimbal lock too.
 
-        Of the two triples that give the same attitude, and of their whole turns, each instant has those nearest to
-        the instant before: instants must be close enough for less than half a turn between them.
+        Two triples of angles, and their sums with whole turns, give the same attitude; each instant has the triple
+        nearest to that of the instant before. Angles must change by less than half a turn between instants.
 
         Args:
             body: 1 or 2; the second needs S2 among the outputs.
@@ -172,12 +174,12 @@ class Trajectory(_OfState):
         S = self.S1 if body == 1 else self.state.S2
         if S is None:
             raise ArgumentError("body", "1, or S2 among the outputs", body)
-        return continuous(matrix_to_euler(S, sequence), proper=sequence[0] == sequence[2])
+        return unwrap_euler_angles(matrix_to_euler(S, sequence), proper=sequence[0] == sequence[2])
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class PlanarTrajectory(_OfState):
-    """The motion of a planar pair that `integrate` found (E11, E12); also has every attribute of its state.
+class PlanarTrajectory(_TrajectoryBase):
+    """The motion of a planar pair, as `integrate` returns it (E11, E12); also has every attribute of its state.
 
     Attributes:
         t: the instants [s]; shape (N,).
@@ -185,49 +187,51 @@ class PlanarTrajectory(_OfState):
         psi: hinge angle [rad]; shape (N,).
         state: the PlanarState at the instants.
         method: the method.
-        steps: how many steps were made.
+        steps: number of steps.
     """
 
     phi: NDArray[np.float64]
     state: PlanarState
 
 
-def span(t: NDArray[np.float64]) -> str:
-    """How many instants, and from when to when, for a reader.
+def describe_instants(t: NDArray[np.float64]) -> str:
+    """Return the number of instants and their range as text.
 
-    >>> span(np.linspace(0, 2, 5))
+    >>> describe_instants(np.linspace(0, 2, 5))
     'samples=5, t=0..2'
     """
     return f"samples={len(t)}, t={instant(t[0])}..{instant(t[-1])}" if len(t) else "samples=0"
 
 
-def rotations(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The matrices of unit quaternions, shape (N, 3, 3), orthonormal to 4 u."""
+def quaternions_to_matrices(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Convert unit quaternions (N, 4), scalar first, to rotation matrices (N, 3, 3), orthonormal to 4 u."""
     parts = {"q": components_of(quat_wxyz)}
-    return tabulate_one(lambda v: _mended(eq.quaternion_attitude(v["q"])), parts, (3, 3), np.dtype(np.float64))
+    return tabulate_one(
+        lambda v: _orthonormalized(eq.quaternion_attitude(v["q"])), parts, (3, 3), np.dtype(np.float64)
+    )
 
 
-def _mended(S: eq.Matrix) -> eq.Matrix:
-    """S + S (I - S^T S) / 2: S without what rounding made of its lengths and right angles; it is not turned."""
+def _orthonormalized(S: eq.Matrix) -> eq.Matrix:
+    """Return S + S (I - S^T S) / 2: S with rounding errors of lengths and right angles removed, not turned."""
     x, y, z = S[0::3], S[1::3], S[2::3]
     a, b, c = (0.5 - 0.5 * eq.dot(column, column) for column in (x, y, z))
     d, e, f = (-0.5 * eq.dot(*columns) for columns in ((x, y), (y, z), (z, x)))
-    rest = eq.compose(S, (a, d, f, d, b, e, f, e, c))
-    return tuple(s + r for s, r in zip(S, rest, strict=True))
+    correction = eq.compose(S, (a, d, f, d, b, e, f, e, c))
+    return tuple(s + r for s, r in zip(S, correction, strict=True))
 
 
-def world_vectors(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Vectors from body 1's axes to the world's."""
+def rotate_to_world(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotate vectors (N, 3) from body 1's axes to the world's by attitudes S1 (N, 3, 3)."""
     parts = {"S1": components_of(S1, 2), "w": components_of(vectors)}
     return tabulate_one(lambda v: eq.rotate(v["S1"], v["w"]), parts, (3,), np.dtype(np.float64))
 
 
-def continuous(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
-    """Euler angles (N, 3) made continuous.
+def unwrap_euler_angles(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
+    """Make Euler angles (N, 3) continuous from sample to sample; `proper`: first and third axis are the same.
 
-    (a, b, c) and (a + pi, pi - b, c + pi), or (a + pi, -b, c + pi) where the first axis comes back, are one attitude.
-    Both members of a pair of neighbours can be exchanged without changing how far they are apart, so that only the
-    exchanges between neighbours are decided, all at once.
+    (a, b, c) and (a + pi, pi - b, c + pi) are one attitude; for a sequence whose first axis comes back (`proper`),
+    (a, b, c) and (a + pi, -b, c + pi). To exchange both of two neighbours does not change their distance, so that
+    each pair of neighbours is decided on its own: stay, or change to the other triple.
     """
     other = np.stack([phi[:, 0] + np.pi, (0.0 if proper else np.pi) - phi[:, 1], phi[:, 2] + np.pi], axis=-1)
     steps = (np.remainder(kind[1:] - phi[:-1] + np.pi, 2 * np.pi) - np.pi for kind in (phi, other))

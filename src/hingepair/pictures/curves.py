@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from hingepair.errors import MissingDependencyError
-from hingepair.integration.trajectory import continuous
+from hingepair.integration.trajectory import unwrap_euler_angles
 from hingepair.pictures.frames import Array
 from hingepair.rotations.euler import matrix_to_euler
 
@@ -107,7 +107,7 @@ def _euler_angles(S: Array, before: Array) -> Array:
         angles = np.array(matrix_to_euler(S))
     finite = np.isfinite(angles).all(axis=1)
     if finite.any():
-        angles[finite] = continuous(np.concatenate([before, angles[finite]]), proper=False)[len(before) :]
+        angles[finite] = unwrap_euler_angles(np.concatenate([before, angles[finite]]), proper=False)[len(before) :]
     return angles
 
 

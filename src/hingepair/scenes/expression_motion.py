@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.integration.signals import Function as Signal
+from hingepair.integration.signals import CallableSignal as Signal
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.plan import ACCELERATION
 from hingepair.plans.steps import COORDINATES, PLANAR_COORDINATES

@@ -11,8 +11,8 @@ from hingepair.engine.backend import execution_of
 from hingepair.integration.integrate import FRAMES
 from hingepair.integration.methods import RULES
 from hingepair.integration.signals import Signal
-from hingepair.integration.solve import METHODS, Course, solve
-from hingepair.integration.trajectory import Later, rotations, world_vectors
+from hingepair.integration.solve import METHODS, SolveOptions, solve
+from hingepair.integration.trajectory import LazyValue, quaternions_to_matrices, rotate_to_world
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.matrices import check_rotation
 from hingepair.scenes.known_motion import ByCoordinates, by_body1
@@ -42,7 +42,7 @@ def integrated(
     """
     body = not planar and table.choice("frame", FRAMES) == "body"
     method = table.choice("method", tuple(RULES) if planar else METHODS)
-    course = Course(t, method, tol, execution_of("auto", 1), body, ("omega1", "psi_dot"))
+    options = SolveOptions(t, method, tol, execution_of("auto", 1), body, ("omega1", "psi_dot"))
     start: Any
     with table.naming(**_KEYS):
         if planar:
@@ -50,19 +50,21 @@ def integrated(
         else:
             start = np.array(table.rotation("S1_0") if "S1_0" in table.values else np.eye(3))
             check_rotation("S1_0", start)
-        found = solve(course, *signals, start, table.number("psi_0", 0.0))
+        found = solve(options, *signals, start, table.number("psi_0", 0.0))
         if "tol" in table.values:
-            found.check(course)
-        error = Later(None, found.worst)
+            found.check_tolerance(options)
+        error = LazyValue(None, found.largest_error)
     known = {**known, "psi": found.psi}
     if planar:
         rows = (("R1", "phi", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
-        known["phi"] = found.turned
+        known["phi"] = found.orientations
         given: Any = ByCoordinates(t.size, tuple((*known[R].T, known[a], known[b]) for R, a, b in rows), None)
     else:
-        known["S1"] = rotations(found.turned)
+        known["S1"] = quaternions_to_matrices(found.orientations)
         if body:
-            known |= {name: world_vectors(known["S1"], known[name]) for name in ("omega1", "alpha1") if name in known}
+            known |= {
+                name: rotate_to_world(known["S1"], known[name]) for name in ("omega1", "alpha1") if name in known
+            }
         given = by_body1(known)
     how, doubt = f"omega1 and psi' integrated by {method}", "too few samples to tell how far the integration is off"
     return Motion(read_only(t), given, "integrated from rates", how, {"rad": error}, doubt, **notes)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from hingepair.errors import choices, nearest
 from hingepair.integration.integrate import FRAMES
-from hingepair.integration.signals import Samples
-from hingepair.integration.trajectory import world_vectors
+from hingepair.integration.signals import SampledSignal
+from hingepair.integration.trajectory import rotate_to_world
 from hingepair.measured.smooth import smooth
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.column_file import Wanted, csv_column, read_columns
@@ -297,7 +297,7 @@ def _stated(table: Table, log: Log) -> Motion:
         if frame == "body":  # of what was found from quaternions, omega1 is in world axes already
             start = 1 if "omega1" not in log.derived else 2
             own = [name for name in _QUATERNION[start:] if name in known]
-            known |= {name: world_vectors(known["S1"], known[name]) for name in own}
+            known |= {name: rotate_to_world(known["S1"], known[name]) for name in own}
         given, how = by_body1(known), "attitude as quaternions"
     how += ", rates by finite differences" * bool(log.derived)
     doubt, notes, derived = log.lacking_errors(), tuple(log.notes), tuple(log.derived)
@@ -365,7 +365,7 @@ def _integrated(table: Table, log: Log) -> Motion:
         log.refuse("v1_x", "a column beside x (or differentiate = true)", "no such column")
     _frame(table, log)
     known = position | turning | hinge
-    signals = Samples(log.since, known["omega1"], AUTO), Samples(log.since, known["psid"], AUTO)
+    signals = SampledSignal(log.since, known["omega1"], AUTO), SampledSignal(log.since, known["psid"], AUTO)
     notes = (*log.notes, *filter(None, [log.lacking_errors()]))
     return replace(
         integrated(table, log.since, signals, known, hint=log.hint, notes=notes), t=log.t, derived=tuple(log.derived)

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
-from hingepair.integration.trajectory import Later
+from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import instant
 from hingepair.pair.dynamics import GRAVITY
@@ -59,7 +59,7 @@ class Motion:
     given: Given
     origin: str
     how: str
-    errors: Mapping[str, Later] = field(default_factory=dict)
+    errors: Mapping[str, LazyValue] = field(default_factory=dict)
     doubt: str = ""
     hint: str = ""
     functions: tuple[Any, ...] = ()

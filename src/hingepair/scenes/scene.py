@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.dynamics.simulate import passed_stops
 from hingepair.engine.results import missing_attribute_error
 from hingepair.errors import ArgumentError, SceneError, choices, quoted
-from hingepair.integration.trajectory import span
+from hingepair.integration.trajectory import describe_instants
 from hingepair.numeric.arrays import Frozen, read_only
 from hingepair.numeric.tables import Sheet, cell, unit_of
 from hingepair.pair.dynamics import Energy, Momentum
@@ -149,7 +149,7 @@ class SceneResult(Frozen, Result):
         raise missing_attribute_error(self, name)
 
     def __repr__(self) -> str:
-        return f"SceneResult({span(self.t)}, state={self.state!r})"
+        return f"SceneResult({describe_instants(self.t)}, state={self.state!r})"
 
     def _named(self) -> Iterable[str]:
         pair, level = self.scene.pair, self.known.level

@@ -11,7 +11,7 @@ import numpy as np
 
 from hingepair.dynamics.loads import Moving
 from hingepair.dynamics.simulate import BASES, SimulatedMotion, SimulatedPlanarMotion, SimulationError, simulate
-from hingepair.integration.trajectory import Later
+from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
@@ -169,9 +169,9 @@ def read_dynamics(table: Table, motion: Table, time: Table, pair: HingePair | Pl
             found = simulate(pair, t, body1, *angles, hinge_torque=torque, base=base, **given)
     except SimulationError as error:
         table.refuse("", "a motion that can be followed", f"none past t = {error.t:.6g}: {error.why}")
-    errors = {"rad of psi": Later(lambda: found.psi_error_estimate)}
+    errors = {"rad of psi": LazyValue(lambda: found.psi_error_estimate)}
     if kind in {"free", "pinned"}:
-        errors = {"rad of body 1": Later(lambda: found.error_estimate), **errors}
+        errors = {"rad of body 1": LazyValue(lambda: found.error_estimate), **errors}
     how = f"simulated in {found.steps} steps, base {kind}"
     return Motion(
         t, _known(found), "simulated from what acts", how, errors, simulated=found, stops=torque.tightest_stops

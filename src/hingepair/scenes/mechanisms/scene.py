@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import missing_attribute_error
 from hingepair.errors import ArgumentError, SceneError, choices, nearest, quoted
-from hingepair.integration.trajectory import span
+from hingepair.integration.trajectory import describe_instants
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.numeric.arrays import Frozen, one_constant, read_only
@@ -194,7 +194,7 @@ class MechanismSceneResult(Frozen, Result):
 
     def __repr__(self) -> str:
         frames = ", ".join(self.state.frames) if self.state is not None else "none"
-        return f"MechanismSceneResult({span(self.t)}, frames: {frames})"
+        return f"MechanismSceneResult({describe_instants(self.t)}, frames: {frames})"
 
     def _named(self) -> Iterable[str]:
         names = (*_COORDINATES, "tau", *_BASE_LEVELS, *MechanismState.__slots__)
