@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from hingepair.engine.array_heads import MAX_RANK
+from hingepair.engine.array_reader import MAX_RANK
 from hingepair.engine.backend import BreakEvenCounter, Execution
 from hingepair.engine.binding import bind, bind_constant
 from hingepair.engine.calls import Call

@@ -316,13 +316,13 @@ import os, threading
 import numpy as np, hingepair as hp
 from hingepair.engine import python_source
 pair, q = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)), np.ones((9, 7))
-write, writing, forked = python_source.source_of, threading.Event(), threading.Event()
-def source_of(*arguments):
+write, writing, forked = python_source.function_source, threading.Event(), threading.Event()
+def function_source(*arguments):
     if threading.current_thread() is thread:
         writing.set()
         forked.wait()
     return write(*arguments)
-python_source.source_of = source_of
+python_source.function_source = function_source
 thread = threading.Thread(target=lambda: pair.forward_kinematics(q, outputs=("R2",), backend="numpy"))
 thread.start()
 writing.wait()
@@ -371,7 +371,7 @@ def test_one_sample_rounds_as_many_do():
 def test_the_code_that_reads_arrays_is_made_once_for_threads_that_call_at_once(monkeypatch):
     """Made twice, the one that nobody keeps would be freed while a call holds it."""
     kernel = native.Kernel("nothing", "define void @kernel() { ret void }")
-    plain, made, threads = native._compile, [], []
+    plain, made, threads = native._compile_module, [], []
 
     def compiled(name, ir):
         made.append(name)
@@ -381,8 +381,10 @@ def test_the_code_that_reads_arrays_is_made_once_for_threads_that_call_at_once(m
             threads[0].join(0.5)
         return plain(name, ir)
 
-    monkeypatch.setattr(native, "_call_method", functools.cache(native._call_method.__wrapped__))
-    monkeypatch.setattr(native, "_compile", compiled)
+    monkeypatch.setattr(
+        native, "_call_method_definition", functools.cache(native._call_method_definition.__wrapped__)
+    )
+    monkeypatch.setattr(native, "_compile_module", compiled)
     native.array_call(kernel, [0] * 8)
     threads[0].join()
     assert made == ["array_call"]

@@ -7,7 +7,7 @@ import platform
 import numpy as np
 import pytest
 
-from hingepair.engine import array_heads, backend, loops, native
+from hingepair.engine import array_reader, backend, loops, native
 from hingepair.engine.backend import BreakEvenCounter, Execution
 from hingepair.engine.llvm_ir import LANES
 from hingepair.engine.loops import Loop
@@ -146,11 +146,11 @@ def test_outputs_of_any_stride():
 
 def test_addresses_are_those_that_numpy_says(monkeypatch):
     room = np.arange(12.0).reshape(3, 4)
-    assert array_heads.known_heads()
+    assert array_reader.knows_array_layout()
     for known in (True, False):
-        monkeypatch.setattr(array_heads, "known_heads", lambda known=known: known)
+        monkeypatch.setattr(array_reader, "knows_array_layout", lambda known=known: known)
         for array in (room, room[1:, ::-1], room.T, room[:0], np.array(1.0), np.broadcast_to(room[0], (5, 4))):
-            assert array_heads.address(array) == array.ctypes.data
+            assert array_reader.data_address(array) == array.ctypes.data
 
 
 def test_large_outputs_go_past_the_caches_and_workers_share():
@@ -228,12 +228,12 @@ CPUS = {
 @pytest.mark.skipif(platform.machine() not in {"x86_64", "AMD64"}, reason="names of processors of one kind")
 @pytest.mark.parametrize("kind", sparse(CPUS, 3))
 def test_other_processors(monkeypatch, kind):
-    cpu = CPUS[kind]
+    processor = CPUS[kind]
     """Code for a processor with fewer features runs here, and gives the same numbers."""
-    needed = {"haswell": "+avx2", "skylake-avx512": "+avx512f", "x86-64": ""}[cpu[0]]
-    if needed not in native.cpu(native.llvmlite())[1]:
+    needed = {"haswell": "+avx2", "skylake-avx512": "+avx512f", "x86-64": ""}[processor[0]]
+    if needed not in native.host_processor(native.load_llvmlite())[1]:
         pytest.skip("this processor cannot run it")
-    monkeypatch.setattr(native, "cpu", lambda _: cpu)
+    monkeypatch.setattr(native, "host_processor", lambda _: processor)
     native.can_fuse.cache_clear()
     try:
         loop = Loop("turned", turned, dict(MAP.inputs), dict(MAP.outputs))

@@ -7,11 +7,11 @@ import functools
 import numpy as np
 import pytest
 
-from hingepair.engine import binding, llvm_ir, llvm_parts
+from hingepair.engine import binding, llvm_arithmetic, llvm_ir
 from hingepair.engine.backend import Execution
+from hingepair.engine.llvm_arithmetic import MAX_REGISTER_COMPONENTS
+from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANES
 from hingepair.engine.llvm_memory import MAX_STREAMED_COMPONENTS, PANEL_COMPONENTS
-from hingepair.engine.llvm_parts import MAX_REGISTER_COMPONENTS
-from hingepair.engine.llvm_writer import CACHE_LINE_BYTES, LANES
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 
@@ -158,7 +158,7 @@ def long_function(v):
 @pytest.mark.parametrize("dtype", [F8, F4], ids=str)
 def test_constants_as_numbers_or_as_vectors(most, dtype, monkeypatch):
     """Also where sines are taken of them, and where they are components of a wide output."""
-    monkeypatch.setattr(llvm_parts, "MAX_UNIFORM_VECTORS", most)
+    monkeypatch.setattr(llvm_arithmetic, "MAX_UNIFORM_VECTORS", most)
     count = MAX_REGISTER_COMPONENTS + 1
 
     def function(v):
@@ -193,8 +193,8 @@ def test_a_program_in_parts_gives_the_bits_of_the_whole(length, distance, still,
     rng = np.random.default_rng(2)
     values = {"x": rng.normal(size=(19, 20)), "c": 0.3 if still else rng.normal(size=19)}
     whole = run_long(values, 19)
-    monkeypatch.setattr(llvm_parts, "_MAX_UNSPLIT_OPERATIONS", 0)
-    monkeypatch.setattr(llvm_parts, "_STEP_OPERATIONS", length)
-    monkeypatch.setattr(llvm_parts, "_RELOAD_OPERATIONS", distance)
+    monkeypatch.setattr(llvm_arithmetic, "_MAX_UNSPLIT_OPERATIONS", 0)
+    monkeypatch.setattr(llvm_arithmetic, "_STEP_OPERATIONS", length)
+    monkeypatch.setattr(llvm_arithmetic, "_RELOAD_OPERATIONS", distance)
     for name, array in run_long(values, 19).items():
         np.testing.assert_array_equal(array, whole[name])

@@ -103,7 +103,7 @@ def plain(x, y, z):
 def source():
     trace = Trace()
     given = [trace.input(name) for name in "xyz"]
-    return python_source.source_of("f", given, function(*given))
+    return python_source.function_source("f", given, function(*given))
 
 
 STATES = [(0.3, -0.7, 1.9), (2.0, 3.0, -0.5), (-3.0, 0.1, 4.0), (1e-9, 2.0, 1e5)]
@@ -111,11 +111,11 @@ STATES = [(0.3, -0.7, 1.9), (2.0, 3.0, -0.5), (-3.0, 0.1, 4.0), (1e-9, 2.0, 1e5)
 
 @pytest.mark.parametrize("state", STATES)
 def test_generated_python_is_the_function_to_the_bit(source, state):
-    assert python_source.for_floats("f", source)(*state) == plain(*state)
+    assert python_source.compile_for_floats("f", source)(*state) == plain(*state)
 
 
 def test_generated_python_takes_arrays(source):
-    found = python_source.for_arrays("f", source)(*np.array(STATES).T)
+    found = python_source.compile_for_arrays("f", source)(*np.array(STATES).T)
     expected = np.array([plain(*state) for state in STATES]).T
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(np.broadcast_to(one, other.shape), other, rtol=4e-16)
@@ -124,8 +124,8 @@ def test_generated_python_takes_arrays(source):
 def test_floats_that_python_refuses_give_nan_and_infinity():
     trace = Trace()
     x, y = trace.input("x"), trace.input("y")
-    text = python_source.source_of("f", [x, y], [x.sine(), x / y, square_root(y)])
-    found = python_source.for_floats("f", text)
+    text = python_source.function_source("f", [x, y], [x.sine(), x / y, square_root(y)])
+    found = python_source.compile_for_floats("f", text)
     assert np.isnan(found(math.inf, 1.0)[0])
     assert found(3.0, 0.0)[1] == math.inf
     assert np.isnan(found(3.0, -1.0)[2])
@@ -137,7 +137,7 @@ def test_names_of_results_are_names_in_the_code():
     x, y = trace.input("phi_x"), trace.input("phi_y")
     product = x * y
     product.name = "S1_xx"
-    text = python_source.source_of("f", [x, y], [product + 1.0])
+    text = python_source.function_source("f", [x, y], [product + 1.0])
     assert "S1_xx = phi_x * phi_y" in text
 
 
@@ -153,10 +153,10 @@ def test_names_may_be_any_text():
     for value, name in zip(results, ODD_NAMES, strict=True):
         value.name = name
     for name in ODD_NAMES:
-        text = python_source.source_of(name, inputs, results)
+        text = python_source.function_source(name, inputs, results)
         numbers = [0.1 * k for k in range(len(inputs))]
         expected = tuple(math.sin(x + (numbers[0] * numbers[1] + numbers[2])) * 2.0 for x in numbers)
-        assert python_source.for_floats(name, text)(*numbers) == expected
+        assert python_source.compile_for_floats(name, text)(*numbers) == expected
 
 
 def test_long_expressions_are_cut():
@@ -166,8 +166,8 @@ def test_long_expressions_are_cut():
     value = x
     for _ in range(1000):
         value = y - (value * 0.5 + 1.0) / 2.0
-    text = python_source.source_of("f", [x, y], [value])
+    text = python_source.function_source("f", [x, y], [value])
     plain = 0.3
     for _ in range(1000):
         plain = 0.7 - (plain * 0.5 + 1.0) / 2.0
-    assert python_source.for_floats("f", text)(0.3, 0.7) == (plain,)
+    assert python_source.compile_for_floats("f", text)(0.3, 0.7) == (plain,)

@@ -432,19 +432,19 @@ FAULTS = {
         "engine/test_loops.py::test_every_count[9-float64]",
     ),
     "a difference fused as a sum": Fault(
-        "engine/llvm_parts.py",
+        "engine/llvm_arithmetic.py",
         'rest = self._f.put(f"fneg {self.vector} {rest}")',
         "rest = self.operand(second)",
         "engine/test_loops.py::test_every_count[8-float64]",
     ),
     "float32 read as float64": Fault(
-        "engine/array_heads.py",
+        "engine/array_reader.py",
         "%head_fits = and i1 %lead_fits, %dtype_fits",
         "%head_fits = and i1 %lead_fits, true",
         "pair/test_prepare.py::test_what_is_no_row_of_doubles_is_not_taken_for_one",
     ),
     "strides not looked at": Fault(
-        "engine/array_heads.py",
+        "engine/array_reader.py",
         "%axis_fits = and i1 %same_size, %same_step",
         "%axis_fits = and i1 %same_size, true",
         "engine/test_calls.py::test_every_layout_is_read_where_it_lies_or_left_to_the_general_way[1-columns]",
@@ -456,13 +456,13 @@ FAULTS = {
         "pair/test_prepare.py::test_what_is_no_rotation_is_refused",
     ),
     "a stride of samples that do not move": Fault(
-        "engine/array_heads.py",
+        "engine/array_reader.py",
         "%stride.moving = select i1 %single, i64 0, i64 %own_stride",
         "%stride.moving = select i1 %single, i64 %own_stride, i64 %own_stride",
         "engine/test_calls.py::test_a_quick_call_gives_what_the_general_way_gives",
     ),
     "outputs that lie over an input": Fault(
-        "engine/array_heads.py",
+        "engine/array_reader.py",
         "br i1 %overlap, label %no, label %apart",
         "br i1 false, label %no, label %apart",
         "engine/test_calls.py::test_outputs_are_not_touched_by_a_call_that_is_refused",
@@ -611,8 +611,8 @@ FAULTS = {
     # traces and loops
     "a negative that is added": Fault(
         "engine/trace.py",
-        '                return self - other.operands[0]\n            return self.trace.line("+"',
-        '                return self + other.operands[0]\n            return self.trace.line("+"',
+        '                return self - other.operands[0]\n            return self.trace.record("+"',
+        '                return self + other.operands[0]\n            return self.trace.record("+"',
         "engine/test_trace.py::test_a_sum_with_a_negative_is_a_difference",
     ),
     "a difference taken for a sum that commutes": Fault(
@@ -658,19 +658,19 @@ FAULTS = {
         "engine/test_loops.py::test_exact_arithmetic_is_not_fused",
     ),
     "a lane loaded twice": Fault(
-        "engine/llvm_parts.py",
+        "engine/llvm_arithmetic.py",
         '{self.number} {one}, i32 {k}"',
         '{self.number} {one}, i32 {max(k, 1)}"',
         "engine/test_loops.py::test_every_count[8-float64]",
     ),
     "components of a vector stored in another order": Fault(
-        "engine/llvm_parts.py",
+        "engine/llvm_arithmetic.py",
         "else (left[lane], sample)",
         "else (left[lane - 1], sample)",
         "engine/test_loops.py::test_every_count[8-float64]",
     ),
     "a scan that hands on what it was given": Fault(
-        "engine/llvm_parts.py",
+        "engine/llvm_arithmetic.py",
         "after = [self.operand(value) for value in self.carry.after]",
         "after = [self.operand(value) for value in self.carry.before]",
         "engine/test_loops.py::test_a_scan_hands_on",
@@ -694,13 +694,13 @@ FAULTS = {
         "engine/test_stores.py::test_wide_outputs_of_constants_and_of_one_value_twice[streamed]",
     ),
     "a number that samples share read from its neighbour's place": Fault(
-        "engine/llvm_parts.py",
+        "engine/llvm_arithmetic.py",
         "size * LANES + k for k, c in enumerate(shared)",
         "size * LANES + k + 1 for k, c in enumerate(shared)",
         "engine/test_stores.py::test_constants_as_numbers_or_as_vectors[float64-numbers]",
     ),
     "a slot of the frame taken while its value is needed": Fault(
-        "engine/llvm_parts.py",
+        "engine/llvm_arithmetic.py",
         "last |= {id(value): s for",
         "last = {id(value): s for",
         "engine/test_stores.py::test_a_program_in_parts_gives_the_bits_of_the_whole",

@@ -1,7 +1,7 @@
-"""The engine: functions of scalars, run over one sample or millions of them. It knows nothing of hinges.
+"""The engine: runs functions of scalars over one sample or millions of samples. It knows nothing of hinges.
 
 Write a function of values by name, in plain arithmetic and the functions of `trace`; a vector is the tuple of its
-components. A `Loop` runs it over arrays, a `Call` is a loop whose constants are known, ready for many calls:
+components. A `Loop` runs the function over arrays; a `Call` is a loop with known constants, ready for many calls:
 
 >>> import numpy as np
 >>> from hingepair.engine.calls import Call
@@ -16,7 +16,7 @@ components. A `Loop` runs it over arrays, a `Call` is a loop whose constants are
 array([-1., -1.])
 
 The function is traced (`trace`) once for each pattern of inputs (`binding`): numbers that are known to be 0, 1 or -1
-fold away, and what no output needs is left out. What is left runs as Python for one state, as NumPy in blocks
-(`python_source`), or as machine code of eight samples at a time (`llvm_ir`, `native`), as `backend` chooses.
-`array_heads` is the machine code by which calls read NumPy's arrays. Imports numeric.
+fold away, and operations that no output needs are left out. The remaining operations run as Python for one state, as
+NumPy in blocks (`python_source`), or as machine code for eight samples at a time (`llvm_ir`, `native`), as `backend`
+chooses. `array_reader` is the machine code by which calls read NumPy's arrays. The engine imports numeric only.
 """

@@ -16,12 +16,12 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.array_heads import address
+from hingepair.engine.array_reader import data_address
+from hingepair.engine.llvm_builder import LANES
 from hingepair.engine.llvm_ir import TABLE_FIELDS
-from hingepair.engine.llvm_writer import LANES
 
-SampleShape: TypeAlias = tuple[int, ...]
-SampleShapes: TypeAlias = tuple[tuple[str, SampleShape], ...]
+ArrayShape: TypeAlias = tuple[int, ...]
+NamedShapes: TypeAlias = tuple[tuple[str, ArrayShape], ...]
 ComponentSource: TypeAlias = float | tuple[int, int] | None
 """Source of a component: a known number; (index of an array, component of it); or None, the next constant."""
 InputPattern: TypeAlias = tuple[ComponentSource, ...]
@@ -61,14 +61,14 @@ class BoundConstant(NamedTuple):
     constants: tuple[float, ...]
 
 
-def bind_constant(name: str, tail: SampleShape, value: Any) -> Any:
+def bind_constant(name: str, tail: ArrayShape, value: Any) -> Any:
     """Return an input of one sample as a `BoundConstant`; return an input of more samples unchanged."""
     bound = bind(((name, tail),), {name: value})
     return value if bound.arrays else BoundConstant(value, bound.pattern, tuple(bound.constants))
 
 
 def bind(
-    spec: SampleShapes, values: Mapping[str, Any], carried: frozenset[str] = frozenset(), varying: bool = False
+    spec: NamedShapes, values: Mapping[str, Any], carried: frozenset[str] = frozenset(), varying: bool = False
 ) -> BoundInputs:
     """Sort the inputs of a loop into known numbers, constants and arrays that vary from sample to sample.
 
@@ -124,7 +124,7 @@ def bind(
     return BoundInputs(tuple(pattern), constants, arrays)
 
 
-def bind_foreign(spec: SampleShapes, values: Mapping[str, Any]) -> tuple[InputPattern, list[float], list[Any]]:
+def bind_foreign(spec: NamedShapes, values: Mapping[str, Any]) -> tuple[InputPattern, list[float], list[Any]]:
     """Sort the inputs of a loop as `bind` does, for numbers and arrays of another library.
 
     Returns:
@@ -149,7 +149,7 @@ def bind_foreign(spec: SampleShapes, values: Mapping[str, Any]) -> tuple[InputPa
     return tuple(pattern), constants, arrays
 
 
-def component_views(array: NDArray[Any], tail: SampleShape) -> Iterator[NDArray[Any]]:
+def component_views(array: NDArray[Any], tail: ArrayShape) -> Iterator[NDArray[Any]]:
     """Yield views of an array with one axis of components: a single view where possible, else one for each row."""
     if not tail:
         yield array[..., None]
@@ -164,7 +164,7 @@ def component_views(array: NDArray[Any], tail: SampleShape) -> Iterator[NDArray[
                 yield from component_views(array[(slice(None),) * axis + (i,)], tail[1:])
 
 
-class Layout(NamedTuple):
+class ArrayLayout(NamedTuple):
     """The strides by which a kernel reads and writes arrays along two axes of samples; further axes take more calls.
 
     Attributes:
@@ -189,7 +189,7 @@ def shapes_and_strides(arrays: Sequence[NDArray[Any]]) -> tuple[ShapeAndStrides,
 
 
 @functools.lru_cache(maxsize=512)
-def layout_of(forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], chained: bool) -> Layout:
+def layout_of(forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], chained: bool) -> ArrayLayout:
     """Return the layout of arrays that broadcast to the samples.
 
     The inner axis is the longest axis, or the last axis of chains; the outer axis is the longest of the others.
@@ -212,7 +212,7 @@ def layout_of(forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], chaine
     array_strides = tuple((int(a), int(b), form[1][-1]) for a, b, form in zip(outers, inners, forms, strict=True))
     starts = np.array([*itertools.product(*(range(lengths[axis]) for axis in others))], np.int64)
     offsets = starts.reshape(len(starts), len(others)) @ columns[:, others].T
-    return Layout(*sizes, array_strides, tuple(tuple(map(int, row)) for row in offsets))
+    return ArrayLayout(*sizes, array_strides, tuple(tuple(map(int, row)) for row in offsets))
 
 
 def _sample_strides(form: ShapeAndStrides, shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -238,7 +238,7 @@ def _merge_axes(shape: tuple[int, ...], strides: NDArray[np.int64]) -> tuple[lis
 
 def run_kernel(
     run: Any,
-    layout: Layout,
+    layout: ArrayLayout,
     inputs: Sequence[NDArray[Any]],
     outputs: Sequence[NDArray[Any]],
     constants: NDArray[Any] | None,
@@ -259,10 +259,10 @@ def run_kernel(
     itemsize = outputs[0].itemsize
     table: list[int] = []
     if constants is not None:
-        table += (address(constants), 0, 0, itemsize)
+        table += (data_address(constants), 0, 0, itemsize)
     first = len(table) // TABLE_FIELDS
     for array, strides in zip((*inputs, *outputs), layout.strides, strict=True):
-        table += (address(array), *strides)
+        table += (data_address(array), *strides)
     table_type = ctypes.c_int64 * len(table)
     outer_length, inner_length = layout.outer_length, layout.inner_length
     shared, column = (outer_length, 1) if chained else (inner_length, 2)

@@ -4,7 +4,7 @@
     call.run({"psi": np.zeros(5)}, {"psi": (5,)})
 
 A call has a fast path and a general path. The fast path is machine code that reads the arrays of the arguments in
-place (`array_heads`); it serves one state, and batches along one axis. Until compiling a kernel pays, a generated
+place (`array_reader`); it serves one state, and batches along one axis. Until compiling a kernel pays, a generated
 Python function serves one state instead. Everything else - other dtypes, several axes of samples, threads, components
 given one by one - takes the general path, `Loop.run`.
 """
@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.array_heads import MAX_RANK, call_layout, known_heads
+from hingepair.engine.array_reader import MAX_RANK, call_descriptor, knows_array_layout
 from hingepair.engine.backend import Execution
-from hingepair.engine.binding import bind, bind_constant
-from hingepair.engine.loops import Loop, Program, Shape
+from hingepair.engine.binding import ArrayShape, bind, bind_constant
+from hingepair.engine.loops import Loop, Program
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign
@@ -67,11 +67,11 @@ class Call:
     def __init__(
         self,
         loop: Loop,
-        argument_shapes: Mapping[str, Shape],
+        argument_shapes: Mapping[str, ArrayShape],
         constants: Mapping[str, Any],
         result: type[Results] | None,
         *,
-        shape: Shape = (),
+        shape: ArrayShape = (),
         backend: str = "auto",
         limits: Mapping[str, Mapping[int, float]] | None = None,
         on_limit: Callable[[Mapping[str, Any]], None] | None = None,
@@ -97,7 +97,9 @@ class Call:
         self._kernel_function: Callable[..., bool | int] | None = None
         self._cached_limits_call: Call | None = None
         tails = [*self.argument_shapes.values(), *(tail for _, tail in loop.outputs)]
-        self._fast_path_supported = shape == () and known_heads() and all(len(tail) <= MAX_RANK for tail in tails)
+        self._fast_path_supported = (
+            shape == () and knows_array_layout() and all(len(tail) <= MAX_RANK for tail in tails)
+        )
         self.fast_path: Callable[..., Any] = _no_fast_path
         if backend == "compiled":
             self._use_kernel(self.program.kernel(self._kernel_key))
@@ -130,7 +132,7 @@ class Call:
 
         names = [name for name, _ in self.loop.inputs if name in self.argument_shapes]
         positions = {name: position for position, name in enumerate(names)}
-        layout = call_layout(
+        layout = call_descriptor(
             [(tail, positions.get(name, -1)) for name, tail in self.argument_shapes.items()],
             [tail for _, tail in self.loop.outputs],
             constants=bool(self._constant_numbers),
@@ -240,7 +242,7 @@ class Call:
     def run(
         self,
         values: Mapping[str, Any],
-        shapes: Mapping[str, Shape],
+        shapes: Mapping[str, ArrayShape],
         out: Out = None,
         workers: int = 1,
         dtype: np.dtype[Any] | None = None,
@@ -271,14 +273,14 @@ class Call:
         self._check_limits(arrays, values)
         return self._make_result(arrays, shape)
 
-    def _make_result(self, arrays: Mapping[str, Any], shape: Shape) -> Any:
+    def _make_result(self, arrays: Mapping[str, Any], shape: ArrayShape) -> Any:
         """Return the outputs among these arrays as a result object, or the only output itself."""
         if self.result is None:
             return arrays[self.outputs[0]]
         return self.result({name: arrays[name] for name in self.outputs}, shape)
 
     def _run_fast_path(
-        self, values: Mapping[str, Any], shapes: Mapping[str, Shape], out: Out, dtype: np.dtype[Any] | None
+        self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], out: Out, dtype: np.dtype[Any] | None
     ) -> Any:
         """Return the results of the fast path, or None where it does not support the arguments."""
         single = not any(shapes.values())
@@ -336,7 +338,7 @@ class Call:
         return self._make_result({**arrays, **out}, ())
 
     def run_foreign(
-        self, values: Mapping[str, Any], shapes: Mapping[str, Shape], library: Library, out: Out, workers: int
+        self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], library: Library, out: Out, workers: int
     ) -> Any:
         """Return the results as arrays of another library, computed by that library; limits are not checked.
 
@@ -395,7 +397,7 @@ class Call:
             self._on_limit(dict(zip(self.argument_shapes, arguments, strict=True)))
 
 
-def _foreign_components(name: str, value: Any, tail: Shape, library: Library) -> Any:
+def _foreign_components(name: str, value: Any, tail: ArrayShape, library: Library) -> Any:
     """Return the components of an input as numbers and arrays of a library; a scalar input as its only component."""
     if isinstance(value, tuple):
         return tuple(library.array(c) if isinstance(c, np.ndarray) else c for c in value)
@@ -447,7 +449,11 @@ def common_dtype(values: Mapping[str, Any]) -> np.dtype[Any]:
 
 
 def output_buffers(
-    tails: Iterable[tuple[str, Shape]], shape: Shape, dtype: np.dtype[Any], out: Out, values: Mapping[str, Any]
+    tails: Iterable[tuple[str, ArrayShape]],
+    shape: ArrayShape,
+    dtype: np.dtype[Any],
+    out: Out,
+    values: Mapping[str, Any],
 ) -> dict[str, NDArray[Any]]:
     """Return an array for each output by name: the array of `out` after checks, or a new one.
 
@@ -469,7 +475,7 @@ def output_buffers(
     return {name: out[name] if out and name in out else np.empty(size, dtype) for name, size in sizes.items()}
 
 
-def _check_buffer(output: str, array: Any, shape: Shape, dtype: np.dtype[Any]) -> None:
+def _check_buffer(output: str, array: Any, shape: ArrayShape, dtype: np.dtype[Any]) -> None:
     """Raise an error unless a value of `out` is a writable array of this shape and dtype."""
     name = f"out[{output!r}]"
     if not isinstance(array, np.ndarray):

@@ -4,7 +4,7 @@ There are two kinds of loop. In a map, samples are independent; values that do n
 computed once before the loop. In a scan, the samples of the last axis form a chain, in which each sample takes the
 carry of the sample before it; eight chains run side by side.
 
-The loops load inputs into the frame, call the steps of the arithmetic (`llvm_parts`), and store results
+The loops load inputs into the frame, call the steps of the arithmetic (`llvm_arithmetic`), and store results
 (`llvm_memory`). The last samples, which may not fill eight lanes, are computed in the same way: the remaining lanes
 repeat the first of them.
 
@@ -23,11 +23,11 @@ import itertools
 from collections.abc import Sequence
 from typing import Final
 
+from hingepair.engine.llvm_arithmetic import Arithmetic, Carry, ComponentGroup, KernelStep
+from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANES, FunctionBuilder, number_type, shared_name
 from hingepair.engine.llvm_memory import MAX_STREAMED_COMPONENTS, PANEL_COMPONENTS, PREFETCH_DISTANCE
-from hingepair.engine.llvm_parts import Arithmetic, Carry, ComponentGroup, KernelStep
 from hingepair.engine.llvm_shared import declarations
 from hingepair.engine.llvm_sines import lanewise_function
-from hingepair.engine.llvm_writer import CACHE_LINE_BYTES, LANES, FunctionBuilder, number_type, shared_name
 
 # Declarations of the functions of LLVM that kernels call.
 _KERNEL_DECLARATIONS: Final = "declare void @llvm.prefetch.p0(ptr, i32, i32, i32)\ndeclare i64 @llvm.abs.i64(i64, i1)"

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from hingepair.engine.llvm_writer import CACHE_LINE_BYTES, LANES, FunctionBuilder, shared_name
+from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANES, FunctionBuilder, shared_name
 
 PREFETCH_DISTANCE: Final = 2 * LANES
 """Number of samples by which inputs are prefetched ahead: enough to cover the latency of memory."""

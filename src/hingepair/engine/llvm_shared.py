@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from hingepair.engine.llvm_builder import shared_name
 from hingepair.engine.llvm_memory import MEMORY_PARAMETERS, memory_functions
 from hingepair.engine.llvm_sines import SINE_PARAMETERS, sine_functions
-from hingepair.engine.llvm_writer import shared_name
 
 _FUNCTION_PARAMETERS: Final = {**MEMORY_PARAMETERS, **SINE_PARAMETERS}
 """Parameters in LLVM IR of each shared function, by its name."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from hingepair.engine.llvm_writer import LANES, FunctionBuilder, hexadecimal, shared_name
+from hingepair.engine.llvm_builder import LANES, FunctionBuilder, hexadecimal, shared_name
 
 SINE_OPERATIONS: Final = ("sin", "cos", "versine")  # in the order in which the function stores its results
 DOUBLE_VECTOR: Final = f"<{LANES} x double>"  # LLVM's type of a vector of doubles
@@ -19,6 +19,7 @@ _SIN_COEFFS: Final = (
     *(1.5918115263265974e-10, -2.505113165023518e-08, 2.7557316101617874e-06),
     *(-0.00019841269836756774, 0.008333333333330948, -0.16666666666666666),
 )
+# Coefficients of the second polynomial, highest power first.
 _COS_COEFFS: Final = (
     *(-1.1382623647474604e-11, 2.087614614655861e-09, -2.7557317271145144e-07),
     *(2.480158729876456e-05, -0.0013888888888887398, 0.041666666666666664),

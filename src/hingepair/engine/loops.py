@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 from hingepair.engine import python_source
 from hingepair.engine.backend import BreakEvenCounter, Execution, disable_kernels
 from hingepair.engine.binding import (
+    ArrayShape,
     BoundInputs,
     InputPattern,
-    SampleShapes,
+    NamedShapes,
     bind,
     bind_foreign,
     component_views,
@@ -33,14 +34,14 @@ from hingepair.engine.binding import (
     run_kernel,
     shapes_and_strides,
 )
+from hingepair.engine.llvm_arithmetic import Carry, ComponentGroup
+from hingepair.engine.llvm_builder import number_type
 from hingepair.engine.llvm_ir import kernel_ir
-from hingepair.engine.llvm_parts import Carry, ComponentGroup
-from hingepair.engine.llvm_writer import number_type
 from hingepair.engine.trace import (
-    FUNCTIONS,
+    FUNCTION_OPERATIONS,
     Operand,
     Trace,
-    Value,
+    TracedValue,
     component_name,
     name_components,
     needed_values,
@@ -54,7 +55,6 @@ if TYPE_CHECKING:
     from hingepair.engine.native import Kernel
 
 Buffers: TypeAlias = Mapping[str, NDArray[Any]]
-Shape: TypeAlias = tuple[int, ...]
 
 _BLOCK_SAMPLES: Final = 2048
 """Number of samples that NumPy computes at a time: 16 kB for each component."""
@@ -98,8 +98,8 @@ class Loop:
         self,
         name: str,
         function: Callable[[dict[str, Any]], Mapping[str, Any]],
-        inputs: Mapping[str, Shape],
-        outputs: Mapping[str, Shape],
+        inputs: Mapping[str, ArrayShape],
+        outputs: Mapping[str, ArrayShape],
         *,
         exact: bool = False,
         carry: Mapping[str, str] | None = None,
@@ -107,15 +107,15 @@ class Loop:
     ) -> None:
         self.name = name
         self.function = function
-        self.inputs: SampleShapes = tuple(inputs.items())
-        self.outputs: SampleShapes = tuple(outputs.items())
+        self.inputs: NamedShapes = tuple(inputs.items())
+        self.outputs: NamedShapes = tuple(outputs.items())
         self.exact = exact
         self.carry = dict(carry or {})
         self.labels = dict(labels or {})
         self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
 
     def run(
-        self, values: Mapping[str, Any], out: Buffers, shape: Shape, dtype: np.dtype[Any], execution: Execution
+        self, values: Mapping[str, Any], out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> None:
         """Write the outputs of all samples into the arrays of `out`; their shape is (*shape, *shape of one sample).
 
@@ -174,16 +174,16 @@ class TracedFunction(NamedTuple):
         results: results by name.
     """
 
-    constants: tuple[Value, ...]
-    arrays: tuple[tuple[Value, ...], ...]
+    constants: tuple[TracedValue, ...]
+    arrays: tuple[tuple[TracedValue, ...], ...]
     results: dict[str, Any]
 
-    def output_components(self, outputs: SampleShapes) -> list[Operand]:
+    def output_components(self, outputs: NamedShapes) -> list[Operand]:
         """Return the components of all outputs in one flat list."""
         return [component for name, _ in outputs for component in components(self.results[name])]
 
 
-T = TypeVar("T")
+T = TypeVar("T")  # type of a cached value
 
 
 class _LockFreeCachedProperty(functools.cached_property[T]):
@@ -211,7 +211,9 @@ class Program:
 
     # ---- running
 
-    def run(self, bound: BoundInputs, out: Buffers, shape: Shape, dtype: np.dtype[Any], execution: Execution) -> None:
+    def run(
+        self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
+    ) -> None:
         """Run the program over bound inputs, and write the outputs into `out`, as `Loop.run` does."""
         targets = [view for name, tail in self.loop.outputs for view in component_views(out[name], tail)]
         if not bound.arrays or execution.backend == "numpy":
@@ -325,7 +327,7 @@ class Program:
         self,
         bound: BoundInputs,
         targets: Sequence[NDArray[Any]],
-        shape: Shape,
+        shape: ArrayShape,
         dtype: np.dtype[Any],
         workers: int,
     ) -> None:
@@ -364,30 +366,30 @@ class Program:
         inputs = [*traced.constants, *(value for array in traced.arrays for value in array)]
         after = [value for name in self.loop.carry.values() for value in components(traced.results[name])]
         outputs = traced.output_components(self.loop.outputs)
-        return python_source.source_of(self.loop.name, inputs, [*outputs, *after])
+        return python_source.function_source(self.loop.name, inputs, [*outputs, *after])
 
     @_LockFreeCachedProperty
     def floats_function(self) -> Callable[..., tuple[Any, ...]]:
         """Generated function of Python floats for one state; it takes the constants, then the inputs."""
-        return python_source.for_floats(self.loop.name, self.source)
+        return python_source.compile_for_floats(self.loop.name, self.source)
 
     @_LockFreeCachedProperty
     def arrays_function(self) -> Callable[..., tuple[Any, ...]]:
         """Generated function of NumPy arrays; it takes the constants, then the inputs."""
-        return python_source.for_arrays(self.loop.name, self.source)
+        return python_source.compile_for_arrays(self.loop.name, self.source)
 
     @_LockFreeCachedProperty
     def library_function(self) -> Callable[[Library], Callable[..., tuple[Any, ...]]]:
         """Factory of the generated function for arrays of another library, cached by library and dtype."""
         return functools.lru_cache(maxsize=8)(
-            functools.partial(python_source.for_library, self.loop.name, self.source)
+            functools.partial(python_source.compile_for_library, self.loop.name, self.source)
         )
 
     @_LockFreeCachedProperty
     def weighted_operations(self) -> int:
         """Number of operations of the program; a function such as the sine counts as `_FUNCTION_WEIGHT`."""
         return sum(
-            (_FUNCTION_WEIGHT if value.operation in FUNCTIONS else 1)
+            (_FUNCTION_WEIGHT if value.operation in FUNCTION_OPERATIONS else 1)
             for value in self._needed_values
             if value.operation != "input"
         )
@@ -398,7 +400,7 @@ class Program:
         return OperationCounts(per_sample, shared, operation_count(unfolded._needed_values))
 
     @_LockFreeCachedProperty
-    def _needed_values(self) -> list[Value]:
+    def _needed_values(self) -> list[TracedValue]:
         """Traced values that the outputs need, each after its operands."""
         return needed_values(self._varying_trace.output_components(self.loop.outputs))
 
@@ -414,8 +416,8 @@ class Program:
             uniform: for each input array, whether it stays the same from sample to sample.
         """
         trace, sources = Trace(), iter(self.pattern)
-        constants: list[Value] = []
-        arrays: dict[int, dict[int, Value]] = {}
+        constants: list[TracedValue] = []
+        arrays: dict[int, dict[int, TracedValue]] = {}
         values: dict[str, Any] = {}
         for name, tail in self.loop.inputs:
             operands: list[Operand] = []
@@ -447,7 +449,7 @@ class Program:
         constants: Sequence[Any],
         inputs: Sequence[Any],
         outputs: Sequence[Any],
-        shape: Shape,
+        shape: ArrayShape,
         dtype: np.dtype[Any],
     ) -> None:
         """Run a scan by NumPy: all chains at once, one sample after the other."""

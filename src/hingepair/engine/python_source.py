@@ -1,4 +1,4 @@
-"""A trace written out as a Python function: of one state in floats, or of many in NumPy arrays."""
+"""Python functions generated from a trace: of floats for one state, of arrays for many."""
 
 from __future__ import annotations
 
@@ -11,55 +11,55 @@ from typing import Any
 
 import numpy as np
 
-from hingepair.engine.trace import Operand, Value, needed_values
+from hingepair.engine.trace import Operand, TracedValue, needed_values
 from hingepair.numeric.array_libraries import Library, is_foreign
 from hingepair.numeric.blocks import SMALL, versine, versines
 
-_WIDTH = 110  # characters of a line of arguments or results
-_MAX_EXPRESSION = 300  # characters past which an expression gets a name: Python nests 200 brackets at most
-_INFIX = {"+": 1, "-": 1, "*": 2, "/": 2}
-_NEGATIVE, _ATOM = 3, 4
+_MAX_LINE_LENGTH = 110  # number of characters of a generated line of arguments or results
+_MAX_EXPRESSION_LENGTH = 300  # number of characters beyond which a value gets a name: Python nests 200 parentheses
+# Precedence of expressions in Python: a higher number binds more tightly.
+_OPERATOR_PRECEDENCE = {"+": 1, "-": 1, "*": 2, "/": 2}
+_NEGATION_PRECEDENCE, _ATOM_PRECEDENCE = 3, 4
 
 
-def source_of(name: str, inputs: Sequence[Value], results: Sequence[Operand]) -> str:
-    """Return the source of a function of the inputs that returns the results as one flat tuple.
+def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[Operand]) -> str:
+    """Return the source of a Python function of the inputs that returns the results as one flat tuple.
 
-    What is used once stands where it is used, unless it is long or has a name of its own. Names may be any text: what
-    no identifier of Python can hold is replaced by underscores.
+    A value that is used once is written where it is used, unless its expression is long or it has a name. Names may
+    be any text: characters that are not allowed in an identifier are replaced by underscores.
     """
     lines = needed_values(results)
     uses = Counter(id(one) for value in lines for one in value.operands)
     text: dict[int, tuple[str, int]] = {}
-    names = _Names()
+    names = _NameRegistry()
     for value in inputs:
-        text[id(value)] = names.of(value.name), _ATOM
+        text[id(value)] = names.unused(value.name), _ATOM_PRECEDENCE
     body = []
     for value in lines:
         if value.operation == "input":
             continue
         written = _expression(value, text)
-        if value.name or uses[id(value)] > 1 or len(written[0]) > _MAX_EXPRESSION:
-            variable = names.of(value.name or "t")
+        if value.name or uses[id(value)] > 1 or len(written[0]) > _MAX_EXPRESSION_LENGTH:
+            variable = names.unused(value.name or "t")
             body.append(f"    {variable} = {written[0]}")
-            written = variable, _ATOM
+            written = variable, _ATOM_PRECEDENCE
         text[id(value)] = written
-    arguments = _list(f"def {identifier(name)}(", [text[id(value)][0] for value in inputs], "):")
-    returned = [_text(result, text)[0] for result in results]
-    return (
-        "\n".join([*arguments, *body, *_list("    return (", returned, ",)" if len(returned) == 1 else ")")]) + "\n"
-    )
+    arguments = _wrapped_list(f"def {identifier(name)}(", [text[id(value)][0] for value in inputs], "):")
+    returned = [_operand_text(result, text)[0] for result in results]
+    last_lines = _wrapped_list("    return (", returned, ",)" if len(returned) == 1 else ")")
+    return "\n".join([*arguments, *body, *last_lines]) + "\n"
 
 
-def for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
+def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
     """Compile a source into a function of Python floats.
 
-    Where Python raises (the sine of infinity, a division by zero) NumPy's numbers give what IEEE 754 says.
+    Where Python raises an error (the sine of infinity, a division by zero), NumPy's numbers give the IEEE 754 result.
     """
-    quick, safe = _compile(name, source, _OF_FLOATS), for_arrays(name, source)
+    fast, safe = _compile_function(name, source, _FLOAT_FUNCTIONS), compile_for_arrays(name, source)
 
     def function(*numbers: float) -> tuple[Any, ...]:
         try:
-            return quick(*numbers)
+            return fast(*numbers)
         except (ValueError, ZeroDivisionError, OverflowError):
             with np.errstate(all="ignore"):
                 return tuple(map(float, safe(*map(np.float64, numbers))))
@@ -67,20 +67,20 @@ def for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
     return function
 
 
-def for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
+def compile_for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
     """Compile a source into a function of NumPy arrays and numbers."""
-    return _compile(name, source, _OF_ARRAYS)
+    return _compile_function(name, source, _ARRAY_FUNCTIONS)
 
 
-def for_library(name: str, source: str, library: Library) -> Callable[..., tuple[Any, ...]]:
-    """Compile a source into a function of arrays of another library and numbers; all of it has derivatives."""
+def compile_for_library(name: str, source: str, library: Library) -> Callable[..., tuple[Any, ...]]:
+    """Compile a source into a differentiable function of numbers and arrays of another library."""
 
     def library_or_float(function: str) -> Callable[..., Any]:
-        numbers: Callable[..., Any] = _OF_ARRAYS[function]
-        arrays = getattr(library.namespace, _STANDARD.get(function, function))
+        numbers: Callable[..., Any] = _ARRAY_FUNCTIONS[function]
+        arrays = getattr(library.namespace, _STANDARD_NAMES.get(function, function))
 
-        def call(*given: Any) -> Any:
-            return arrays(*given) if any(map(is_foreign, given)) else float(numbers(*given))
+        def call(*operands: Any) -> Any:
+            return arrays(*operands) if any(map(is_foreign, operands)) else float(numbers(*operands))
 
         return call
 
@@ -93,14 +93,15 @@ def for_library(name: str, source: str, library: Library) -> Callable[..., tuple
         if not is_foreign(c):
             return versine(s, c)
         near = c > SMALL
-        # The denominator that is not used is 1: a division by zero would make derivatives NaN.
+        # The denominator of the unused side is set to 1: a division by zero would make derivatives NaN.
         return where(near, s * s / where(near, 1.0 + c, 1.0), 1.0 - c)
 
     functions = {function: library_or_float(function) for function in ("sin", "cos", "sqrt", "arctan2", "hypot")}
-    return _compile(name, source, {**functions, "where": where, "versine": versine_of})
+    return _compile_function(name, source, {**functions, "where": where, "versine": versine_of})
 
 
-def _compile(name: str, source: str, functions: dict[str, Any]) -> Callable[..., tuple[Any, ...]]:
+def _compile_function(name: str, source: str, functions: dict[str, Any]) -> Callable[..., tuple[Any, ...]]:
+    """Compile the source of a function, which calls other functions by name."""
     scope: dict[str, Any] = {"nan": math.nan, "inf": math.inf, **functions}
     exec(compile(source, f"<hingepair: {name}>", "exec"), scope)
     function: Callable[..., tuple[Any, ...]] = scope[identifier(name)]
@@ -108,69 +109,71 @@ def _compile(name: str, source: str, functions: dict[str, Any]) -> Callable[...,
 
 
 def identifier(name: str) -> str:
-    """Return an identifier of Python that is like a name, and none that generated code uses itself.
+    """Convert a name to a Python identifier that differs from keywords and from functions of generated code.
 
     >>> identifier("arm-left.c d"), identifier("2nd"), identifier("lambda"), identifier("sin")
     ('arm_left_c_d', '_2nd', '_lambda', '_sin')
     """
     stem = re.sub(r"\W", "_", name, flags=re.ASCII)
-    own = stem in _OF_FLOATS or stem in {"nan", "inf"}
-    return f"_{stem}" if own or not stem.isidentifier() or keyword.iskeyword(stem) else stem
+    reserved = stem in _FLOAT_FUNCTIONS or stem in {"nan", "inf"}
+    return f"_{stem}" if reserved or not stem.isidentifier() or keyword.iskeyword(stem) else stem
 
 
-class _Names:
-    """A dispenser of identifiers that no two values share."""
+class _NameRegistry:
+    """A registry of the identifiers in a source, which makes new ones unique."""
 
     def __init__(self) -> None:
         self._taken: set[str] = set()
         self._uses: Counter[str] = Counter()
 
-    def of(self, wish: str) -> str:
-        """Return an identifier made of a name: the name itself, or with a number."""
-        stem = identifier(wish)
-        name = f"{stem}1" if stem == "t" else stem
-        while name in self._taken:
+    def unused(self, name: str) -> str:
+        """Return an unused identifier for a name, with a number where necessary, and register it."""
+        stem = identifier(name)
+        unused = f"{stem}1" if stem == "t" else stem
+        while unused in self._taken:
             self._uses[stem] += 1
-            name = f"{stem}{'' if stem == 't' else '_'}{self._uses[stem] + 1}"
-        self._taken.add(name)
-        return name
+            unused = f"{stem}{'' if stem == 't' else '_'}{self._uses[stem] + 1}"
+        self._taken.add(unused)
+        return unused
 
 
-def _text(one: Operand, text: dict[int, tuple[str, int]]) -> tuple[str, int]:
-    if isinstance(one, Value):
-        return text[id(one)]
-    return repr(float(one)), _ATOM if one >= 0 else _NEGATIVE
+def _operand_text(operand: Operand, text: dict[int, tuple[str, int]]) -> tuple[str, int]:
+    """Return an operand as Python source, and its precedence; `text` holds those of values by identity."""
+    if isinstance(operand, TracedValue):
+        return text[id(operand)]
+    return repr(float(operand)), _ATOM_PRECEDENCE if operand >= 0 else _NEGATION_PRECEDENCE
 
 
-def _expression(value: Value, text: dict[int, tuple[str, int]]) -> tuple[str, int]:
-    """Return an operation as Python writes it, and its precedence."""
-    parts = [_text(one, text) for one in value.operands]
-    binding = _INFIX.get(value.operation)
-    if binding is not None:
-        (left, l_binding), (right, r_binding) = parts
-        left = left if l_binding >= binding else f"({left})"
-        right = right if r_binding > binding else f"({right})"
-        return f"{left} {value.operation} {right}", binding
+def _expression(value: TracedValue, text: dict[int, tuple[str, int]]) -> tuple[str, int]:
+    """Return an operation as Python source, and its precedence."""
+    parts = [_operand_text(one, text) for one in value.operands]
+    precedence = _OPERATOR_PRECEDENCE.get(value.operation)
+    if precedence is not None:
+        (left, left_precedence), (right, right_precedence) = parts
+        left = left if left_precedence >= precedence else f"({left})"
+        right = right if right_precedence > precedence else f"({right})"
+        return f"{left} {value.operation} {right}", precedence
     if value.operation == "negative":
-        inner, strength = parts[0]
-        return f"-{inner}" if strength >= _ATOM else f"-({inner})", _NEGATIVE
+        inner, precedence = parts[0]
+        return f"-{inner}" if precedence >= _ATOM_PRECEDENCE else f"-({inner})", _NEGATION_PRECEDENCE
     if value.operation == "<":
-        return f"{_bracketed(parts[0], 1)} < {_bracketed(parts[1], 1)}", 0
-    # 1 - cos x is had from sine and cosine, which are there already
+        return f"{_parenthesise(parts[0], 1)} < {_parenthesise(parts[1], 1)}", 0
+    # the versine is computed from sine and cosine, which are computed before it
     arguments = parts[1:] if value.operation == "versine" else parts
-    return f"{value.operation}({', '.join(part for part, _ in arguments)})", _ATOM
+    return f"{value.operation}({', '.join(part for part, _ in arguments)})", _ATOM_PRECEDENCE
 
 
-def _bracketed(part: tuple[str, int], binding: int) -> str:
-    return part[0] if part[1] >= binding else f"({part[0]})"
+def _parenthesise(part: tuple[str, int], precedence: int) -> str:
+    """Return a source in parentheses if its precedence is below that of the operator around it."""
+    return part[0] if part[1] >= precedence else f"({part[0]})"
 
 
-def _list(opening: str, parts: Iterable[str], closing: str) -> list[str]:
-    """Return an opening, parts separated by commas and a closing, broken into lines."""
+def _wrapped_list(opening: str, parts: Iterable[str], closing: str) -> list[str]:
+    """Return parts separated by commas between an opening and a closing text, wrapped into lines."""
     lines, indent = [opening], " " * (len(opening) - len(opening.lstrip()) + 4)
     for i, part in enumerate(parts):
         piece = f", {part}" if i else part
-        if len(lines[-1]) + len(piece) > _WIDTH:
+        if len(lines[-1]) + len(piece) > _MAX_LINE_LENGTH:
             lines[-1] += "," if i else ""
             lines.append(indent + part)
         else:
@@ -179,7 +182,8 @@ def _list(opening: str, parts: Iterable[str], closing: str) -> list[str]:
     return lines
 
 
-_OF_FLOATS: dict[str, Any] = {
+# Functions that generated code calls for Python floats, by name.
+_FLOAT_FUNCTIONS: dict[str, Any] = {
     "sin": math.sin,
     "cos": math.cos,
     "versine": versine,
@@ -188,7 +192,8 @@ _OF_FLOATS: dict[str, Any] = {
     "hypot": math.hypot,
     "where": lambda condition, then, otherwise: then if condition else otherwise,
 }
-_OF_ARRAYS: dict[str, Any] = {
+# Functions that generated code calls for NumPy arrays, by name.
+_ARRAY_FUNCTIONS: dict[str, Any] = {
     "sin": np.sin,
     "cos": np.cos,
     "versine": versines,
@@ -197,5 +202,5 @@ _OF_ARRAYS: dict[str, Any] = {
     "hypot": np.hypot,
     "where": np.where,
 }
-_STANDARD = {"arctan2": "atan2"}
-"""What the array API standard calls a function, where it has another name."""
+_STANDARD_NAMES = {"arctan2": "atan2"}
+"""Names of functions in the array API standard, where they differ from NumPy's."""

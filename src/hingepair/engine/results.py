@@ -1,4 +1,4 @@
-"""What a call gives back: arrays by name, with an attribute for each."""
+"""Results of a call: arrays by name, with an attribute for each."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from hingepair.numeric.tables import Sheet, Shown, sheet_of
 
 
 class Results(Shown):
-    """Computed quantities at every sample, by name; arrays that are read-only, or of other libraries.
+    """Results of a call by name: read-only arrays, or arrays of another library.
 
-    A class derived from this one names in its `__slots__` the quantities that are attributes.
+    A derived class lists in its `__slots__` the results that are attributes.
 
     Args:
-        arrays: the quantities by name; each of shape (*shape, ...).
+        arrays: the results by name, each of shape (*shape, ...).
         shape: leading shape of the samples; () for one state.
     """
 
@@ -35,15 +35,15 @@ class Results(Shown):
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of what was computed."""
+        """Names of the computed outputs."""
         return self._content[0]
 
     def arrays(self) -> dict[str, FloatArray]:
-        """Return what was computed, by name."""
+        """Return the arrays of all outputs by name."""
         return {name: self[name] for name in self._content[0]}
 
     def writable_arrays(self) -> dict[str, FloatArray]:
-        """Return what was computed, by name, as arrays that can be written to; of results that nobody else holds."""
+        """Return the arrays of all outputs by name, made writable; for results that no caller holds."""
         names, arrays, _ = self._content
         for array in arrays:
             for part in (getattr(array, "base", None), array):
@@ -52,10 +52,10 @@ class Results(Shown):
         return {name: np.array(a) if isinstance(a, np.generic) else a for name, a in zip(names, arrays, strict=True)}
 
     def __getitem__(self, name: str) -> FloatArray:
-        """Return an output by its name; an output that is no attribute of this class is found here.
+        """Return an output by its name; outputs that are no attributes of the class are available here only.
 
         Raises:
-            KeyError: it was not computed.
+            KeyError: the output was not computed.
         """
         names, arrays, _ = self._content
         if name not in names:
@@ -63,10 +63,10 @@ class Results(Shown):
         array: FloatArray = _user_view(arrays[names.index(name)])
         return array
 
-    if not TYPE_CHECKING:  # the names of the outputs are known to a type checker, all others are mistakes
+    if not TYPE_CHECKING:  # a type checker knows the outputs by the annotations, and reports all other names
 
         def __getattr__(self, name: str) -> Any:
-            """Return an output that is looked at for the first time, or None of one that was not computed."""
+            """Return an output that is accessed for the first time, or None if it was not computed."""
             if name not in type(self).__slots__:
                 raise missing_attribute_error(self, name)
             array = self[name] if name in self._content[0] else None
@@ -97,7 +97,7 @@ _set_attribute = object.__setattr__
 
 
 def _user_view(array: Any) -> Any:
-    """Return an array as a user sees it: a number of one state, else a view that cannot be written to."""
+    """Return an array of no axes as a number, and any other array as a read-only view."""
     if not isinstance(array, np.ndarray):
         return array
     if array.ndim == 0:
@@ -106,6 +106,6 @@ def _user_view(array: Any) -> Any:
 
 
 def missing_attribute_error(value: object, name: str) -> AttributeError:
-    """Return the error that a value has no such attribute, which says what it has."""
-    known = "" if name.startswith("_") else f"; it has {', '.join(dir(value))}"
-    return AttributeError(f"{type(value).__name__} has no {name!r}{known}", name=name, obj=value)
+    """Return the error for an attribute that a value does not have; it lists the attributes that exist."""
+    existing = "" if name.startswith("_") else f"; it has {', '.join(dir(value))}"
+    return AttributeError(f"{type(value).__name__} has no {name!r}{existing}", name=name, obj=value)

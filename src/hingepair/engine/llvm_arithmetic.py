@@ -14,9 +14,9 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
+from hingepair.engine.llvm_builder import LANES, FunctionBuilder, hexadecimal
 from hingepair.engine.llvm_sines import DOUBLE_VECTOR, SINE_OPERATIONS
-from hingepair.engine.llvm_writer import LANES, FunctionBuilder, hexadecimal
-from hingepair.engine.trace import Operand, Value, needed_values
+from hingepair.engine.trace import Operand, TracedValue, needed_values
 
 MAX_REGISTER_COMPONENTS: Final = 16
 """Largest number of components of an output that is assembled in registers, and of an input loaded into them."""
@@ -65,7 +65,7 @@ class Carry(NamedTuple):
         after: the results that become `before` at the next sample.
     """
 
-    before: tuple[Value, ...]
+    before: tuple[TracedValue, ...]
     after: tuple[Operand, ...]
 
 
@@ -80,8 +80,8 @@ class KernelStep(NamedTuple):
     """
 
     name: str
-    lines: list[Value]
-    angles: list[Value]
+    lines: list[TracedValue]
+    angles: list[TracedValue]
     loads: dict[int, list[int]]
 
 
@@ -130,7 +130,7 @@ class Arithmetic:
         read = itertools.chain(results, *self._operands.values())
         self._read_values = {id(value) for value in read}
         self._needed = {id(value) for value in (*lines, *(carry.before if carry else ()))}
-        self._sine_lines: defaultdict[int, list[Value]] = defaultdict(list)
+        self._sine_lines: defaultdict[int, list[TracedValue]] = defaultdict(list)
         self._declared: set[str] = set()
         self._lanewise: set[str] = set()
         self.uniform_steps = self._split_steps("once", (value for value in lines if not value.varies))
@@ -145,35 +145,35 @@ class Arithmetic:
 
     # ---- the order of the operations
 
-    def _fused_product(self, value: Value) -> Value | None:
+    def _fused_product(self, value: TracedValue) -> TracedValue | None:
         """Return the product that is fused with a sum, or None; the second operand is preferred to the first."""
         if self.fuse and value.operation in {"+", "-"}:
             for one in reversed(value.operands):
-                if isinstance(one, Value) and one.operation == "*":
+                if isinstance(one, TracedValue) and one.operation == "*":
                     return one
         return None
 
-    def _operands_of(self, value: Value) -> list[Value]:
+    def _operands_of(self, value: TracedValue) -> list[TracedValue]:
         """Return the operands that the code of a value reads, with the factors of a fused product."""
         read = list(value.operands)
         if value.operation in SINE_OPERATIONS:
             del read[1:]
-        if value.operation == "where" and isinstance(read[0], Value):
+        if value.operation == "where" and isinstance(read[0], TracedValue):
             read[:1] = read[0].operands
         product = self._fused_product(value)
         if product is not None:
             read.reverse()
             read.remove(product)
             read += product.operands
-        return [one for one in read if isinstance(one, Value)]
+        return [one for one in read if isinstance(one, TracedValue)]
 
-    def _split_steps(self, kind: str, lines: Iterable[Value]) -> list[KernelStep]:
+    def _split_steps(self, kind: str, lines: Iterable[TracedValue]) -> list[KernelStep]:
         """Split values into steps; each step of sines comes as early as its angles allow."""
         rest = [value for value in lines if value.operation != "input" and id(value) in self._read_values]
-        parts: list[tuple[list[Value], list[Value]]] = []
+        parts: list[tuple[list[TracedValue], list[TracedValue]]] = []
         while any(value.operation in SINE_OPERATIONS for value in rest):
             late: set[int] = set()
-            angles: dict[int, Value] = {}
+            angles: dict[int, TracedValue] = {}
             for value in rest:
                 operands = self._operands[id(value)]
                 if any(id(one) in late for one in operands):
@@ -227,7 +227,7 @@ class Arithmetic:
                         s -= 1
                     self.varying_steps[s].loads[g].append(c)
 
-    def _values_read_by(self, step: KernelStep) -> Iterator[Value]:
+    def _values_read_by(self, step: KernelStep) -> Iterator[TracedValue]:
         """Yield the values that a step reads."""
         yield from step.angles
         for value in step.lines:
@@ -235,9 +235,9 @@ class Arithmetic:
         last = step is self.varying_steps[-1]
         results = [self._outputs_after_value.get(id(value), ()) for value in step.lines]
         for g in itertools.chain(*results, self._outputs_after_value.get(0, ()) if last else ()):
-            yield from (value for value in self.outputs[g].values if isinstance(value, Value))
+            yield from (value for value in self.outputs[g].values if isinstance(value, TracedValue))
         if self.carry and last:
-            yield from (value for value in self.carry.after if isinstance(value, Value))
+            yield from (value for value in self.carry.after if isinstance(value, TracedValue))
 
     # ---- the frame
 
@@ -265,7 +265,7 @@ class Arithmetic:
                 self.slots |= {id(group.values[c]): size + k for k, c in enumerate(gathered)}
                 size += len(gathered)
         for value in wide:
-            if not isinstance(value, Value) and value not in self.constant_slots:
+            if not isinstance(value, TracedValue) and value not in self.constant_slots:
                 self.constant_slots[value] = size
                 size += 1
         made: dict[int, int] = {}
@@ -295,10 +295,10 @@ class Arithmetic:
         words = (LANES + 1 if g in self.register_inputs else 0 for g in range(len(self.inputs)))
         self.word_offsets = list(itertools.accumulate(words, initial=0))
 
-    def _values_made_by(self, step: KernelStep) -> list[Value]:
+    def _values_made_by(self, step: KernelStep) -> list[TracedValue]:
         """Return the values that a step loads or computes."""
         loaded = (self.inputs[g].values[c] for g, components in step.loads.items() for c in components)
-        return [*(value for value in loaded if isinstance(value, Value)), *step.lines]
+        return [*(value for value in loaded if isinstance(value, TracedValue)), *step.lines]
 
     def slot_address(self, f: FunctionBuilder, number: int) -> str:
         """Append the computation of the address of a slot, and return its name."""
@@ -314,9 +314,9 @@ class Arithmetic:
         for c in range(0, len(group.values), LANES):
             first = min(c, len(group.values) - LANES)
             values = group.values[first : first + LANES]
-            slots = [self.slots[id(v)] if isinstance(v, Value) else self.constant_slots[v] for v in values]
+            slots = [self.slots[id(v)] if isinstance(v, TracedValue) else self.constant_slots[v] for v in values]
             places = [slot * LANES * self.number_bytes for slot in slots]
-            constant = len(set(slots)) == 1 and not isinstance(values[0], Value)
+            constant = len(set(slots)) == 1 and not isinstance(values[0], TracedValue)
             offsets += [~places[0], *places[1:]] if constant else places
         return offsets
 
@@ -364,7 +364,7 @@ class Arithmetic:
 
     def operand(self, one: Operand) -> str:
         """Return the name of an operand's vector, loaded from the frame if necessary; or a constant in all lanes."""
-        if not isinstance(one, Value):
+        if not isinstance(one, TracedValue):
             rounded = one if self.number_bytes == 8 else struct.unpack("f", struct.pack("f", one))[0]
             return f"splat ({self.number} {hexadecimal(rounded)})"
         name, seen = self._names.get(id(one), ("", 0))
@@ -379,7 +379,7 @@ class Arithmetic:
         self._names[id(one)] = name, self._position
         return name
 
-    def _write_operation(self, value: Value) -> str:
+    def _write_operation(self, value: TracedValue) -> str:
         """Append the operation of a value, and return the name of the result."""
         put, kind, note = self._f.put, self.vector, value.name
         if value.operation == "where":
@@ -399,13 +399,13 @@ class Arithmetic:
     def _write_comparison(self, condition: Operand) -> str:
         """Append the comparison a < b, once in a function, and return its name; the frame holds no comparisons."""
         name, _ = self._names.get(id(condition), ("", 0))
-        if not name and isinstance(condition, Value):
+        if not name and isinstance(condition, TracedValue):
             both = ", ".join(self.operand(one) for one in condition.operands)
             name = self._f.put(f"fcmp olt {self.vector} {both}")
             self._names[id(condition)] = name, 0
         return name
 
-    def _write_fma(self, product: Value, value: Value) -> str:
+    def _write_fma(self, product: TracedValue, value: TracedValue) -> str:
         """Append a fused multiply-add (FMA) of a sum or difference and its product, and return the name."""
         first, second = value.operands
         x, y = (self.operand(one) for one in product.operands)
@@ -445,7 +445,7 @@ class Arithmetic:
             value, offset, vector = self.inputs[g].values[c], f.multiply(step, c) if c else 0, "poison"
             for k, sample in enumerate(samples):
                 one = f.put(f"load {self.number}, ptr {f.pointer_at(sample, offset)}, align 1")
-                note = value.name if k == LANES - 1 and isinstance(value, Value) else ""
+                note = value.name if k == LANES - 1 and isinstance(value, TracedValue) else ""
                 vector = f.put(f"insertelement {self.vector} {vector}, {self.number} {one}, i32 {k}", note)
             self._names[id(value)] = vector, 0
             if id(value) in self.slots:
@@ -485,7 +485,7 @@ class Arithmetic:
         return vector
 
 
-def _split_lines(lines: Sequence[Value]) -> list[tuple[list[Value], list[Value]]]:
+def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], list[TracedValue]]]:
     """Split a long list of values into parts of about equal length; return each with an empty list of angles."""
     count = -(-len(lines) // _STEP_OPERATIONS) if len(lines) > _MAX_UNSPLIT_OPERATIONS else min(len(lines), 1)
     ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]

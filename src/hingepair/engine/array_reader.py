@@ -1,9 +1,9 @@
-"""Machine code that reads NumPy arrays directly from memory: shape, strides, dtype and address.
+"""Machine code that reads the attributes of NumPy arrays directly from memory: shape, strides, dtype and address.
 
-Asking an array for these in Python takes longer than a kernel takes for one state, and so does a call by ctypes. A
-built-in function made of machine code takes a twentieth of either. It relies on the head of an array object, which is
-part of NumPy's binary interface: data, number of axes, shape, strides, base, dtype, flags. Where the interpreter or
-NumPy lays its objects out in another way, `known_heads` is false and calls go through Python.
+Reading these attributes in Python takes longer than a kernel takes for one state, and so does a call by ctypes. A
+built-in function made of machine code takes a twentieth of either. It relies on the C structure of an array object,
+which is part of NumPy's binary interface: data, number of axes, shape, strides, base, dtype, flags. Where the
+interpreter or NumPy uses another structure, `knows_array_layout` returns False and calls go through Python.
 """
 
 from __future__ import annotations
@@ -21,31 +21,32 @@ from numpy.typing import NDArray
 from hingepair.engine.llvm_ir import TABLE_FIELDS
 
 # Offsets in bytes from the start of an object of CPython 3.11 to 3.14 with the interpreter's lock, on 64 bits.
-_TYPE_OFFSET: Final = 8
-_VALUE_OFFSET: Final = 16  # of the number in a float
-_DATA_OFFSET: Final = 16
-_AXES_OFFSET: Final = 24
-_SHAPE_OFFSET: Final = 32
-_STRIDES_OFFSET: Final = 40
-_DTYPE_OFFSET: Final = 56
-_FLAGS_OFFSET: Final = 64
-_WRITEABLE_FLAG: Final = 0x0400
+_TYPE_OFFSET: Final = 8  # the type of any object
+_VALUE_OFFSET: Final = 16  # the number of a float
+_DATA_OFFSET: Final = 16  # the address of an array's first element
+_AXES_OFFSET: Final = 24  # the number of an array's axes
+_SHAPE_OFFSET: Final = 32  # the address of an array's shape
+_STRIDES_OFFSET: Final = 40  # the address of an array's strides
+_DTYPE_OFFSET: Final = 56  # the dtype of an array
+_FLAGS_OFFSET: Final = 64  # the flags of an array
+_WRITEABLE_FLAG: Final = 0x0400  # the bit of the flags that says that an array is writable
 
 MAX_RANK: Final = 3
-"""Largest number of axes of one sample that the code reads; what has more goes through Python."""
+"""Largest number of axes of one sample that the code reads; calls with more axes go through Python."""
 
-_LAYOUT_FIELDS: Final = 3 + MAX_RANK  # row of the kernel's table, rank, components, and the lengths of the axes
+_ARGUMENT_FIELDS: Final = 3 + MAX_RANK
+"""Number of integers that describe an argument: row of the kernel's table, rank, components, lengths of axes."""
 
-_POINTER: Final = ctypes.c_void_p.from_address
+_POINTER_AT: Final = ctypes.c_void_p.from_address  # reads the pointer at an address
 
 
 @functools.cache
-def known_heads() -> bool:
-    """Return whether floats and arrays lie in memory as this module expects them."""
+def knows_array_layout() -> bool:
+    """Return whether floats and NumPy arrays have the memory layout that this module reads."""
     if sys.implementation.name != "cpython" or sys.byteorder != "little" or object.__basicsize__ != _VALUE_OFFSET:
         return False
     probe = np.empty((2, 3))
-    pointer, integer = _POINTER, ctypes.c_int64.from_address
+    pointer, integer = _POINTER_AT, ctypes.c_int64.from_address
     start = id(probe)
     return (
         pointer(start + _TYPE_OFFSET).value == id(np.ndarray)
@@ -60,14 +61,14 @@ def known_heads() -> bool:
     )
 
 
-def address(array: NDArray[Any]) -> int:
+def data_address(array: NDArray[Any]) -> int:
     """Return the address of an array's first element."""
-    if known_heads():  # `array.ctypes` takes as long as a kernel takes for 100 samples
-        return _POINTER(id(array) + _DATA_OFFSET).value or 0
+    if knows_array_layout():  # `array.ctypes` takes as long as a kernel takes for 100 samples
+        return _POINTER_AT(id(array) + _DATA_OFFSET).value or 0
     return int(array.ctypes.data)
 
 
-def call_layout(
+def call_descriptor(
     inputs: Sequence[tuple[tuple[int, ...], int]],
     outputs: Sequence[tuple[int, ...]],
     *,
@@ -75,15 +76,15 @@ def call_layout(
     kernel: int,
     long_call: int,
 ) -> list[int]:
-    """Return the numbers from which the code of `call_ir` knows what to call and how.
+    """Return the integers that tell the code of `call_ir` which kernel to call, and with what arguments.
 
     Args:
-        inputs: for each input the shape of one sample, and its place among the kernel's inputs; -1 of one that the
-            kernel does not take, which is checked all the same.
-        outputs: shapes of one sample of each output.
+        inputs: for each input, the shape of one sample and its index among the kernel's inputs; -1 for an input that
+            the kernel does not take, which is checked too.
+        outputs: for each output, the shape of one sample.
         constants: whether the kernel takes constants, as the first of its inputs.
         kernel: address of the kernel.
-        long_call: number of samples from which the interpreter's lock is released.
+        long_call: number of samples from which a call releases the interpreter's lock.
     """
     kernel_inputs = sum(place >= 0 for _, place in inputs)
     rows = [(tail, place + constants if place >= 0 else -1) for tail, place in inputs]
@@ -95,19 +96,21 @@ def call_layout(
     return numbers
 
 
-_LAYOUT_START: Final = 6  # numbers before the rows of the arguments
+_ARGUMENTS_START: Final = 6  # index of the first integer that describes an argument
 
-_RUN_KERNEL: Final = "call void %kernel(ptr %table, i64 1, i64 %length)"
+# The instruction of LLVM that calls the kernel.
+_RUN_KERNEL_INSTRUCTION: Final = "call void %kernel(ptr %table, i64 1, i64 %length)"
 
 
 def call_ir() -> str:
-    """Return the code of the built-in function by which every kernel is called with arrays.
+    """Return the LLVM module of the built-in function that calls any kernel with arrays.
 
-    Its `self` is an array of the numbers of `call_layout`. It takes (input, ..., output, ..., constants, fresh), and
-    returns True where it ran the kernel; a number of samples where the inputs are a batch of so many and the outputs
-    are those of one sample; and False where an argument is not supported: then nothing was written. Inputs are arrays
-    of float64 with the axes of one sample, or one axis more, or floats. Where `fresh` is True the outputs are new
-    arrays, which become read-only; else they are checked not to overlap each other or an input.
+    The function's `self` is an array of the integers of `call_descriptor`. The function takes (input, ..., output,
+    ..., constants, fresh). It returns True if it has run the kernel; the number of samples if the inputs are a batch
+    but the outputs have the shape of one sample; and False if an argument is not supported. Unless it returns True,
+    nothing has been written. Inputs are float64 arrays with the axes of one sample, or one axis more, or floats.
+    Where `fresh` is True, the outputs are new arrays, which become read-only; else the function checks that they do
+    not overlap each other or an input.
     """
     return f"""
 declare ptr @PyBool_FromLong(i64)
@@ -130,7 +133,7 @@ entry:
   %fields = load i64, ptr %fields.field
   %long.field = getelementptr i64, ptr %numbers, i64 5
   %long_call = load i64, ptr %long.field
-  %layouts = getelementptr i64, ptr %numbers, i64 {_LAYOUT_START}
+  %layouts = getelementptr i64, ptr %numbers, i64 {_ARGUMENTS_START}
   %expected = add i64 %count, 2
   %complete = icmp eq i64 %given, %expected
   br i1 %complete, label %constants, label %no
@@ -167,11 +170,11 @@ run:
   br i1 %long, label %release, label %keep
 release:
   %thread = call ptr @PyEval_SaveThread()
-  {_RUN_KERNEL}
+  {_RUN_KERNEL_INSTRUCTION}
   call void @PyEval_RestoreThread(ptr %thread)
   br label %written
 keep:
-  {_RUN_KERNEL}
+  {_RUN_KERNEL_INSTRUCTION}
   br label %written
 written:
   br i1 %fresh, label %freeze, label %yes
@@ -200,15 +203,15 @@ no:
   %false = call ptr @PyBool_FromLong(i64 0)
   ret ptr %false
 }}
-{_reader_ir()}"""
+{_read_arguments_ir()}"""
 
 
-def _reader_ir() -> str:
-    """Return the code of `read_arguments`, which fills in a kernel's table from the heads of arrays.
+def _read_arguments_ir() -> str:
+    """Return the LLVM function `read_arguments`, which fills in a kernel's table from the attributes of arrays.
 
-    It goes through the arguments in order, inputs first, and takes of each the row of its layout. Its result is the
-    number of samples, 1 of a single state; -1 where an argument is not supported; and -1 - n where the inputs are a
-    batch of n samples but the outputs have no axis for them.
+    The function reads the arguments in order, inputs first. It returns the number of samples (1 for a single state);
+    -1 where an argument is not supported; and -1 - n where the inputs are a batch of n samples but the outputs have
+    no axis for them.
     """
     return f"""
 define i64 @read_arguments(
@@ -225,7 +228,7 @@ argument:
 look:
   %object.field = getelementptr ptr, ptr %arguments, i64 %a
   %object = load ptr, ptr %object.field
-  %layout.place = mul i64 %a, {_LAYOUT_FIELDS}
+  %layout.place = mul i64 %a, {_ARGUMENT_FIELDS}
   %layout = getelementptr i64, ptr %layouts, i64 %layout.place
   %row = load i64, ptr %layout
   %rank.field = getelementptr i64, ptr %layout, i64 1
