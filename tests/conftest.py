@@ -9,6 +9,7 @@ import os
 import pytest
 
 import hingepair
+from hingepair.engine.backend import compiling_at_once
 from hingepair.pair.accuracy import PROMISES
 
 
@@ -100,3 +101,10 @@ def each_backend(request, monkeypatch):
 
     monkeypatch.setattr(hingepair.pair.hinge_pair, "execution_of", forced)
     return request.param
+
+
+@pytest.fixture
+def one_backend():
+    """Every call computes with kernels, so that the bits of two calls are equal whatever ran before."""
+    with compiling_at_once():
+        yield

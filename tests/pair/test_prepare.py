@@ -140,6 +140,7 @@ def test_two_bodies(backend):
     close(np.sin(found["psi"] - q[:, 6]), np.zeros(11), 64)
 
 
+@pytest.mark.usefixtures("one_backend")
 def test_pairs_of_their_own_and_float32_and_out():
     rng = generator(1006)
     many = hp.HingePair(u1=rng.normal(size=(8, 3)), u2=(1, 2, 3), n=(0, 0, 1))

@@ -313,6 +313,7 @@ samples = 21
 """
 
 
+@pytest.mark.usefixtures("one_backend")
 def test_a_scene_of_a_mechanism_is_played_with_its_base_and_its_frame(tmp_path):
     turn = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 0, 1), name="turn")
     tip = hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="tip")

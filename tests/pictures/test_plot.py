@@ -20,6 +20,7 @@ def lines_of(figure, title):
     return axes, [line.get_ydata() for line in axes.get_lines()]
 
 
+@pytest.mark.usefixtures("one_backend")
 def test_what_is_drawn_is_what_was_computed():
     scene = hp.load_scene(MODELS / "talos_elbow.toml")
     figure, state = hp.plot(scene), scene.evaluate().state

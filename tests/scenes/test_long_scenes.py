@@ -163,6 +163,7 @@ def test_coordinates_are_results(tmp_path):
     assert scene.plan(("q",)).outputs == ()
 
 
+@pytest.mark.usefixtures("one_backend")
 def test_coordinates_in_a_file_are_a_log_of_the_motion(tmp_path):
     """The names of the columns are those that a log has."""
     scene = hp.load_scene(long_scene(tmp_path, 31, "landing_gear"))
