@@ -9,7 +9,7 @@ import os
 import pytest
 
 import hingepair
-from hingepair.engine.backend import compiling_at_once
+from hingepair.engine.backend import compile_at_first_call
 from hingepair.pair.accuracy import PROMISES
 
 
@@ -106,5 +106,5 @@ def each_backend(request, monkeypatch):
 @pytest.fixture
 def one_backend():
     """Every call computes with kernels, so that the bits of two calls are equal whatever ran before."""
-    with compiling_at_once():
+    with compile_at_first_call():
         yield

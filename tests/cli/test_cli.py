@@ -204,6 +204,7 @@ def test_residuals_are_those_of_both_constraints(monkeypatch: pytest.MonkeyPatch
     assert [r.largest for r in summed(scene).residuals()] == pytest.approx([1e-6, 1e-3], rel=1e-6)
 
 
+@pytest.mark.usefixtures("one_backend")
 def test_ranges_are_those_of_every_component(short_scene: Path) -> None:
     shown = json.loads(hingepair("run", short_scene, "--json").stdout)["outputs"]
     result = hp.load_scene(short_scene).evaluate()

@@ -248,6 +248,7 @@ def test_euler_angles_stop_before_lock(backend):
         hp.integrate(PAIR, T, (0.5, 5.0, 0.4), 0.0, S1_0=start, method="euler_angles", outputs=(), backend=backend)
 
 
+@pytest.mark.usefixtures("one_backend")
 def test_inputs_are_left_alone():
     t, omega, psid = T.copy(), TURNED.omega(T), np.cos(T)
     for array in (t, omega, psid):

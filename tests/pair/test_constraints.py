@@ -181,6 +181,7 @@ def test_forces_of_constraint_give_the_dynamics_of_pinocchio():
         assert abs(found - expected).max() <= 8 * U * np.linalg.cond(system) * abs(expected).max()
 
 
+@pytest.mark.usefixtures("one_backend")
 def test_pairs_of_their_own_and_other_dtypes():
     rng = generator(83)
     u1, n = rng.normal(size=(2, COUNT, 3))

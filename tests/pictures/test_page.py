@@ -76,6 +76,7 @@ document.body.append(probe);
 # ---------------------------------------------------------------- what a page holds
 
 
+@pytest.mark.usefixtures("one_backend")
 def test_the_page_holds_the_motion_and_asks_for_nothing_else(scene):
     page = hp.view(scene)
     content = content_of(page)
