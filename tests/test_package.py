@@ -24,6 +24,7 @@ PACKAGE = Path(hp.__file__).parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 
 
+@pytest.mark.slow
 def test_import_loads_numpy_and_no_other_package() -> None:
     code = (
         "import sys, hingepair; "
@@ -119,6 +120,7 @@ def names_made_by(node: ast.AST) -> Iterator[str]:
             yield name
 
 
+@pytest.mark.slow
 def test_imports_run_downwards_and_in_no_circle() -> None:
     graph = {module: facts_of(module).imports - {"hingepair"} for module in MODULES if module not in OUTSIDE}
     graphlib.TopologicalSorter(graph).prepare()

@@ -24,6 +24,7 @@ def test_there_is_code() -> None:
     assert BLOCKS[0][1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", sparse(range(len(BLOCKS)), len(BLOCKS), "block{}".format))
 def test_code_prints_what_the_readme_says(block: int) -> None:
     code, printed = BLOCKS[block]

@@ -94,6 +94,7 @@ def test_every_way_computes_the_truth(method, level, ordinary):
     assert direct.method_errors(PAIR, [method], ordinary[level])[method.name] < 20
 
 
+@pytest.mark.slow
 def test_one_state_is_computed_as_a_batch_is(ordinary):
     one = [method for method in MEASURED if method.package != "jax" and method.min_samples == 1]
     motion = tuple(c[:1] for c in ordinary["acceleration"].motion)
@@ -348,6 +349,7 @@ def test_skip_compares_every_program_with_the_whole_one():
     assert all(0 < left < whole for left in operations.values())
 
 
+@pytest.mark.slow
 def test_what_is_known_changes_no_output():
     known = skip.make_folding_cases(20)
     for pair, motion, outputs in known.values():

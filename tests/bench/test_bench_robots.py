@@ -28,6 +28,7 @@ FOLLOWERS = """<robot name="r"><link name="a"/>
 CASES = [(name, workload) for name in bench.LOCKED_JOINTS for workload in bench.WORKLOAD_NAMES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "workload"), sparse(CASES, 5))
 def test_all_engines_agree(name, workload):
     robot, model = bench._load_models(name)

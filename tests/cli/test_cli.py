@@ -58,6 +58,7 @@ def short_scene(tmp_path: Path) -> Path:
 FAST = ("reference_2d",)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scene",
     [pytest.param(scene, marks=() if scene.stem in FAST else pytest.mark.slow, id=scene.stem) for scene in SCENES],
@@ -103,6 +104,7 @@ def test_run_says_what_came_out(short_scene: Path) -> None:
         assert expected in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [40, 60, 80, None])
 def test_no_table_cuts_a_number_or_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int | None) -> None:
     """Rows of tiny numbers, stamps since 1970, long names: what is too wide for the terminal goes on below."""
@@ -398,6 +400,7 @@ def test_a_terminal_of_ascii_shows_any_title_and_files_stay_utf8(short_scene: Pa
 ESCAPE = "\x1b]0;owned\x07\x1b[2J"
 
 
+@pytest.mark.slow
 def test_what_a_file_holds_is_not_obeyed_by_the_terminal(short_scene: Path, tmp_path: Path) -> None:
     escape = json.dumps(ESCAPE)[1:-1]
     text = re.sub('title = ".*"', lambda _: f'title = "{escape}"', short_scene.read_text(), count=1)
@@ -464,6 +467,7 @@ def invoke(*arguments: object) -> str:
     return done.output + (str(done.exception) if isinstance(done.exception, hp.HingePairError) else "")
 
 
+@pytest.mark.slow
 def test_a_message_does_not_list_thousands_of_joints(tmp_path: Path) -> None:
     links = "".join(f'<link name="l{i}"/>' for i in range(5001))
     joints = "".join(
@@ -510,6 +514,7 @@ def test_exports_need_no_motion(tmp_path: Path) -> None:
     assert "expected a table [" in invoke("run", tmp_path / "bare.toml")
 
 
+@pytest.mark.slow
 def test_a_simulated_scene_is_viewed_as_it_moves_and_derived_as_any_motion(tmp_path: Path) -> None:
     path = tmp_path / "fall.toml"
     path.write_text(
@@ -540,6 +545,7 @@ def test_the_frames_of_a_hinge_are_links_that_are_named() -> None:
         assert "--body1-frame and --body2-frame need a JOINT" in invoke(command, REFERENCE, *frames)
 
 
+@pytest.mark.slow
 def test_a_robots_hinge_is_exported_by_name_or_from_a_urdf() -> None:
     pair = hp.load_robot_hinge("go1", "FL_calf_joint")
     assert invoke("urdf", "go1", "FL_calf_joint") == hp.to_urdf(pair)
@@ -553,6 +559,7 @@ def test_a_robots_hinge_is_exported_by_name_or_from_a_urdf() -> None:
     assert "URDF: expected XML" in invoke("urdf", MODELS / "logged_arm.csv", "knee")
 
 
+@pytest.mark.slow
 def test_closed_forms_are_abbreviated_where_lines_are_long() -> None:
     long, short = ("derive", "go1", "FL_calf_joint", "--outputs", "v2"), ("derive", REFERENCE, "--outputs", "omega1")
     assert "c_1 = cos" in invoke(*long)
@@ -561,6 +568,7 @@ def test_closed_forms_are_abbreviated_where_lines_are_long() -> None:
     assert "omega1_x = 3 + 5 sin t" in invoke(*short).replace("ω", "omega")
 
 
+@pytest.mark.slow
 def test_a_robots_frame_is_derived_by_name_or_from_a_urdf(tmp_path: Path) -> None:
     robot = hp.load_robot("ur5_robot", snap=1e-6)
     q = np.linspace(-2, 2, 6)
@@ -598,6 +606,7 @@ def test_help_explains(command: str) -> None:
     assert "Usage" in hingepair(*command.split(), "--help").stdout
 
 
+@pytest.mark.slow
 def test_a_scene_without_a_finite_instant_shows_no_residuals(short_scene: Path) -> None:
     short_scene.write_text(re.sub(r"(?m)^psi = .*$", 'psi = "sqrt(-1 - t)"', short_scene.read_text()))
     out = hingepair("run", short_scene).stdout
@@ -623,6 +632,7 @@ def test_version() -> None:
     assert hp.__version__ in hingepair("--version").stdout
 
 
+@pytest.mark.slow
 def test_run_explains() -> None:
     out = hingepair("run", MODELS / "truck_trailer.toml", "--explain").stdout
     assert re.search(r"computed: \d+ operations at each instant, of \d+ in all", out)
@@ -630,12 +640,14 @@ def test_run_explains() -> None:
     assert "skipped:" in out
 
 
+@pytest.mark.slow
 def test_a_whole_robot_is_compared_with_pinocchio():
     said = hingepair("check", "ur5_robot").stdout
     assert "PASSED: 17 outputs of 224 samples" in said
     assert json.loads(hingepair("check", robot_urdf("ur5_robot"), "--json").stdout)["ok"] is True
 
 
+@pytest.mark.slow
 def test_a_robot_that_differs_from_pinocchio_fails_its_check(monkeypatch):
     turned = hp.Mechanism.jacobian
     monkeypatch.setattr(hp.Mechanism, "jacobian", lambda self, *a, **k: turned(self, *a, **k) * (1 + 1e-12))
@@ -643,6 +655,7 @@ def test_a_robot_that_differs_from_pinocchio_fails_its_check(monkeypatch):
     assert "FAILED: jacobian" in said
 
 
+@pytest.mark.slow
 def test_forces_of_a_mechanism_stand_beside_their_limits(tmp_path: Path) -> None:
     text = (MODELS / "talos_lift.toml").read_text().replace("mass = 1.5", "mass = 2")
     heavy, out = tmp_path / "heavy.toml", tmp_path / "forces.csv"
@@ -667,6 +680,7 @@ def test_forces_of_a_mechanism_stand_beside_their_limits(tmp_path: Path) -> None
     assert set(report["outputs"]) == {f"{name}_{c}" for name in ("force1", "torque1") for c in "xyz"}
 
 
+@pytest.mark.slow
 def test_a_mechanism_runs_as_a_pair_does(tmp_path: Path) -> None:
     scene, out = MODELS / "excavator.toml", tmp_path / "log.csv"
     shown = hingepair("run", scene, "--outputs", "R,q,bucket", "--explain").stdout

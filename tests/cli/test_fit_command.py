@@ -21,6 +21,7 @@ def saved(path, made):
     return str(Record(made.t, {"R1": made.R1, "S1": made.S1, "R2": made.R2, "S2": made.S2}).save(path))
 
 
+@pytest.mark.slow
 def test_the_hinge_of_a_file_is_told_written_and_drawn(tmp_path):
     made = recording(300, 1e-3, 2e-3)
     file, out, plot = saved(tmp_path / "a.npz", made), tmp_path / "psi.csv", tmp_path / "fit.png"
@@ -47,6 +48,7 @@ def test_what_shows_no_hinge_has_exit_code_1(tmp_path):
     assert "slides along the axis" in done.output
 
 
+@pytest.mark.slow
 def test_a_scene_of_the_fitted_pair_moves_as_recorded(tmp_path):
     made = recording(600, 1e-3, 2e-3)
     scene = tmp_path / "fitted.toml"

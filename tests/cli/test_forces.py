@@ -190,6 +190,7 @@ samples = 101
 """
 
 
+@pytest.mark.slow
 def test_the_torque_about_the_hinge_axis_is_split_into_what_gives_it(tmp_path):
     path = scene_file(tmp_path, PENDULUM + DRIVEN.format("21*cos(3*t)"))
     scene = hp.load_scene(path)
@@ -262,6 +263,7 @@ def spoilt(t, noise, seed=1):
     return {"t": t, "x": 0.1 * t, "y": 0.0 * t, "z": 0.0 * t, **noisy}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("noise", "psidd"), [({"psi": 5e-4}, 5e-4), ({"psi": 1e-5, "phi_y": 3e-4}, 1e-5)], ids=["psi", "attitude"]
 )

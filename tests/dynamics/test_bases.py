@@ -33,6 +33,7 @@ def textbook(t, angles):
     return solve_ivp(rates, (t[0], t[-1]), angles, method="DOP853", rtol=1e-12, atol=1e-12, t_eval=t).y
 
 
+@pytest.mark.slow
 def test_a_double_pendulum_swings_as_the_textbook_says():
     t = np.linspace(0, 2, 21)
     found = hp.simulate(DOUBLE, t, HELD, 0.4, -0.1, base="pinned", tol=1e-12)

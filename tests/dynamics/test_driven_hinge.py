@@ -16,6 +16,7 @@ def swing(t):
     return np.sin(3 * t), 3 * np.cos(3 * t), -9 * np.sin(3 * t)
 
 
+@pytest.mark.slow
 def test_a_reaction_wheel_turns_its_satellite_the_other_way():
     """Both of one axis: phi' (I1 + I2) + I2 psi' is constant."""
     satellite, wheel = hp.Body(5.0, inertia=(3, 3, 2)), hp.Body(1.0, inertia=(0.3, 0.3, 0.5))
@@ -32,6 +33,7 @@ def test_a_reaction_wheel_turns_its_satellite_the_other_way():
     assert found.psi_error_estimate == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["free", "pinned", "fixed"])
 def test_the_torque_of_a_driven_hinge_is_that_of_inverse_dynamics(base):
     rng = generator(71)

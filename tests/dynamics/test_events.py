@@ -151,6 +151,7 @@ def test_a_double_pendulum_whose_hinge_sticks_and_slips_is_that_of_scipy_with_ev
     np.testing.assert_allclose(found.phi2, expected[1], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_free_pair_keeps_its_momenta_while_its_hinge_sticks():
     rng = generator(51)
     pair, (v, omega) = heavy(rng), rng.normal(size=(2, 3))
@@ -170,6 +171,7 @@ def test_a_free_pair_keeps_its_momenta_while_its_hinge_sticks():
     np.testing.assert_allclose(required.force1, 0, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_a_stiff_spring_with_friction_is_followed_past_every_turn():
     """Steps that Newton's method takes end at turns, and what is left to a turn may be 1e-14 s."""
     load = hp.HingeLoad(stiffness=1e4, friction=0.5)
@@ -178,6 +180,7 @@ def test_a_stiff_spring_with_friction_is_followed_past_every_turn():
     assert np.abs(found.energy_balance().residual).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_friction_that_hardly_lets_go_does_not_chatter():
     """The hinge turns in a stop where all torques and the friction balance to some 1e-10 of them."""
     rng = np.random.default_rng(32)
@@ -193,6 +196,7 @@ def test_friction_that_hardly_lets_go_does_not_chatter():
 # stops
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", sparse([0.5, 0.0, 0.8], 2))
 def test_a_hinge_bounces_off_a_rigid_stop_and_comes_to_rest_there(restitution):
     """Under a constant torque each bounce is a parabola; their times are a geometric series."""
@@ -223,6 +227,7 @@ def test_a_rigid_stop_lets_go_what_is_pulled_away():
         turned(wheel(), [0, 1], 1.1, 0.0, load)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["free", "pinned"])
 def test_impacts_keep_momenta_and_elastic_ones_energy(base):
     rng = generator(52)
@@ -260,6 +265,7 @@ def test_a_stop_that_is_a_damped_spring_takes_what_hunt_and_crossley_say(speed):
     assert found.loads["stop_torque"].max() <= 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:psi passes the stops")
 def test_a_stop_does_not_pull_at_what_is_torn_away():
     """A motor that pulls the hinge out faster than the spring follows is alone there."""
@@ -287,6 +293,7 @@ def pulse(t, _psi, _psid):
     return np.where(np.abs(t - 35.003) < 0.15, 10.0, 0.0)
 
 
+@pytest.mark.slow
 def test_a_short_pulse_in_a_long_rest_is_not_missed():
     t = np.linspace(0, 100, 11)
     found = turned(wheel(3.0), t, 0.0, 0.0, pulse, gravity=WEIGHTLESS)

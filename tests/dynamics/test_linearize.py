@@ -63,6 +63,7 @@ def test_a_double_pendulum_has_the_two_frequencies_of_its_stiffness_and_mass():
     np.testing.assert_allclose(small.body1.S, hp.rodrigues((0, 0, 1), -np.pi / 2), rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_two_wheels_that_a_spring_joins_swing_against_each_other():
     one, two = hp.Body(1.0, inertia=(1, 1, 0.4)), hp.Body(1.0, inertia=(1, 1, 1.5))
     pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body1=one, body2=two)

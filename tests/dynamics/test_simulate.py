@@ -158,6 +158,7 @@ def test_a_base_that_moves_as_given_carries_the_hinge_along():
     assert np.ptp(moved.psi) > 0.1
 
 
+@pytest.mark.slow
 def test_a_heavy_body1_is_a_fixed_base():
     pair = pendulum()
     ship = hp.Body(mass=1e12, inertia=1e12 * np.eye(3))
@@ -198,6 +199,7 @@ def door(tol, hinge_torque):
     return found, np.abs(found.psi - np.where(since < flight + contact, psi, DOOR[1] - psi)).max()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:psi passes the stops")
 @pytest.mark.parametrize("tol", sparse([1e-8, 1e-4, 1e-6, 1e-10, 1e-12, 1e-14], 6))
 def test_a_door_between_its_stops_is_found_within_the_tolerance(tol):

@@ -129,6 +129,7 @@ def test_any_layout():
     both(one, q, qd[0], qdd[:1])
 
 
+@pytest.mark.slow
 def test_batched_pairs():
     rng = generator(66)
     u1, u2, n = rng.normal(size=(3, 5, 1, 3))
@@ -158,6 +159,7 @@ def test_far_angles_and_no_numbers_stay_in_their_lane():
     assert np.isfinite(found.a2[18]).all()
 
 
+@pytest.mark.slow
 def test_sine_and_cosine_to_one_and_a_half_ulp():
     def terms(values):
         x = values["x"]
@@ -270,6 +272,7 @@ def test_without_llvmlite_auto_computes_with_numpy_and_says_so_once(harm):
     assert "computing with NumPy" in " ".join(words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("harm", sparse(HARMS, 4))
 @pytest.mark.parametrize("q", sparse(["np.ones(7)", "np.ones((9, 7))"], 2))
 def test_without_llvmlite_compiled_is_an_error_of_ours(harm, q):
@@ -336,6 +339,7 @@ print(os.waitpid(child, 0)[1])
     assert run(code).split() == ["0"]
 
 
+@pytest.mark.slow
 def test_a_kernel_serves_all_pairs_of_the_same_build():
     """Its constants come with each call, whatever they are; what is 0 or 1 is another build."""
     rng = generator(72)
@@ -351,6 +355,7 @@ def test_a_kernel_serves_all_pairs_of_the_same_build():
     assert loop.program.cache_info().currsize == programs + 1
 
 
+@pytest.mark.slow
 def test_one_sample_rounds_as_many_do():
     """By whichever way it goes, at the first call and at the next: (1, 7), integers, and one of a batch."""
     rng = generator(73)
@@ -368,6 +373,7 @@ def test_one_sample_rounds_as_many_do():
                         )
 
 
+@pytest.mark.slow
 def test_the_code_that_reads_arrays_is_made_once_for_threads_that_call_at_once(monkeypatch):
     """Made twice, the one that nobody keeps would be freed while a call holds it."""
     kernel = native.Kernel("nothing", "define void @kernel() { ret void }")

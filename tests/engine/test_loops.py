@@ -225,6 +225,7 @@ CPUS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(platform.machine() not in {"x86_64", "AMD64"}, reason="names of processors of one kind")
 @pytest.mark.parametrize("kind", sparse(CPUS, 3))
 def test_other_processors(monkeypatch, kind):

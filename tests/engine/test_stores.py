@@ -78,6 +78,7 @@ def widths(dtype):
     return [pytest.param(w, dtype, id=f"{w}-{dtype}", marks=[] if w in fast else [pytest.mark.slow]) for w in WIDTHS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "dtype"), [*widths(F8), *widths(F4)])
 def test_every_width_at_every_offset(width, dtype, stores):
     for shift in (*SHIFTS, dtype.itemsize):
@@ -102,6 +103,7 @@ CUTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", CUTS.values(), ids=CUTS)
 @pytest.mark.parametrize("width", [2, 36, 2 * MAX_STREAMED_COMPONENTS + 20])
 def test_outputs_of_any_layout(cut, width, stores):
@@ -186,6 +188,7 @@ def run_long(values, samples):
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [1, 2, 7, 30])
 @pytest.mark.parametrize("distance", [0, 1000])
 @pytest.mark.parametrize("still", [True, False], ids=["still", "moving"])

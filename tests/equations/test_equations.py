@@ -87,6 +87,7 @@ def test_component_arrays_agree_with_forty_digits(case):
     assert abs(np.array(got).T - truth).max() <= TOLERANCE
 
 
+@pytest.mark.slow
 def test_symbols_agree_with_forty_digits(case):
     kind, numbers, truth = case
     symbols = sympy.symbols(f"x:{SIZE}", real=True)

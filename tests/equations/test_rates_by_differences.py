@@ -179,6 +179,7 @@ def test_jacobian_and_its_rate(pair):
     same(rates, tuple_of(rate(jacobian)))
 
 
+@pytest.mark.slow
 def test_derivatives_by_the_axis_and_by_psi():
     pair = Pair()
     S1, S2, (_, (psid,), _) = tuple_of(pair.S()), pair.S2(), pair.psi
@@ -239,6 +240,7 @@ class Free:
         return mpmath.atan2(*con.hinge_turn((f1, f2), g1, g2))
 
 
+@pytest.mark.slow
 def test_residuals_of_two_motions_and_their_rates():
     free = Free()
     (f1, f2, h1), (_, _, h2) = free.frames()

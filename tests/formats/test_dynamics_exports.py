@@ -68,6 +68,7 @@ def moved_by_mujoco(text, t, qvel):
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["fixed", "pinned", "free"])
 def test_mujoco_moves_the_model_as_the_scene_moves(tmp_path, base):
     table = f'[dynamics]\nbase = "{base}"\nstiffness = 3\nrest = 0.4\ndamping = 0.2\n{START}'

@@ -83,6 +83,7 @@ def test_empty_cells_and_nan_are_missing(tmp_path: Path) -> None:
     assert hp.fit(found.body1, found.body2).samples == 298
 
 
+@pytest.mark.slow
 def test_two_files_with_clocks_of_their_own_meet(tmp_path: Path) -> None:
     fast, slow = recording(1000), recording(1000)
     start = 1_700_000_000_000_000_000

@@ -105,6 +105,7 @@ def late_outputs(robot, states_):
     return late
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", sparse(sorted(HINGES, key=HINGES.get), 6))
 def test_each_hinge_moves_as_in_the_whole_robot(robot):
     rng = states.generator(90, len(robot))

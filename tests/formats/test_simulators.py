@@ -84,6 +84,7 @@ def test_mujoco_moves_body2_as_the_pair_does(write, ks):
         assert max(ratios.values()) <= 16, (k, ratios)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aside", [1e-13, 9e-13, 1.5e-12, 3e-12])
 def test_an_axis_a_hair_off_a_coordinate_axis_is_not_rounded_to_it(aside):
     """Pinocchio takes what is within 1e-12 of x, y or z for that."""

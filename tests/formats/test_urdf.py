@@ -41,6 +41,7 @@ def random_pair(k):
 # ---------------------------------------------------------------- written
 
 
+@pytest.mark.slow
 def test_pinocchio_reads_the_same_pair_from_urdf():
     for k in range(20):
         rng, pair = states.generator(81, k), random_pair(k)
@@ -57,6 +58,7 @@ def test_pinocchio_reads_the_same_pair_from_urdf():
             assert ratio.max() <= 16, (k, name, ratio.max())
 
 
+@pytest.mark.slow
 def test_what_was_written_is_read_back():
     for k in range(30):
         pair = random_pair(k)

@@ -50,6 +50,7 @@ def estimates_and_errors(seed, kinds, tolerances):
     return [found.error_estimate, found.psi_error_estimate], motion.errors(found), tol
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", sparse(range(25), 25))
 @pytest.mark.parametrize("tolerances", [False, True], ids=["one step an interval", "tolerances"])
 @pytest.mark.parametrize(("kinds", "least"), [(SMOOTH, 0.7), (SMOOTH + ROUGH, 0.25)], ids=["smooth", "rough"])
@@ -99,6 +100,7 @@ def stamps_and_instants(random, grid):
     return stamps, since, stamps - offset
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("belong", [False, True], ids=["rounded", "as they are"])
 @pytest.mark.parametrize("grid", ["doubles", "singles", "milliseconds", "microseconds"])
 @pytest.mark.parametrize("block", sparse(range(12), 12))

@@ -300,6 +300,7 @@ def test_a_tuple_of_as_many_points_as_instants_is_refused():
     assert hp.integrate(PAIR, T[:3], (0, 0, 1), 0.0, R1=np.array(points)).R2.shape == (3, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", sparse([*RULES, "euler_angles", "dop853"], 3))
 @pytest.mark.parametrize("step", [2.0**-7, 0.01, None], ids=["dyadic", "even", "uneven"])
 def test_stamps_since_1970_lose_nothing(method, step):

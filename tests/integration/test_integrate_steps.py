@@ -85,6 +85,7 @@ def test_error_estimate_knows_the_rounding_of_instants(late, count):
     assert off / 3 <= motion.psi_error_estimate <= 10 * max(off, 20 * U)
 
 
+@pytest.mark.slow
 def test_probes_do_not_enlarge_rounding():
     """One interval in fifty is measured; what rounding does to these is not fifty times what it does to all."""
     t = np.linspace(0, 1e4, 100_001)
@@ -146,6 +147,7 @@ def kinked(order, at):
     return rate, lambda t: np.maximum(0.0, t - at) ** (order + 1) / (order + 1) + 0.1 * np.sin(3 * t)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [0, 1], ids=["jump", "kink"])
 @pytest.mark.parametrize("count", sparse([2, 11, 101, 12_001], 3))
 @pytest.mark.parametrize("method", sparse(RULES, 5))
@@ -190,6 +192,7 @@ def uneven_instants(kind, random):
     return 20 * t / t[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tol", sparse([1e-6, None, 1e-9], 3))
 @pytest.mark.parametrize("kind", ["any", "all sizes", "few long ones", "late ones", "growing"])
 def test_uneven_intervals_that_are_not_measured(kind, tol, monkeypatch):
@@ -206,6 +209,7 @@ def test_uneven_intervals_that_are_not_measured(kind, tol, monkeypatch):
         assert off / 10 <= motion.error_estimate <= 10 * max(off, 100 * U)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [4, 5, 6])
 def test_few_samples_of_a_constant_rate(count):
     t = np.arange(float(count))
@@ -236,6 +240,7 @@ def test_intervals_that_are_not_measured_are_divided_like_their_neighbours(monke
     assert 2 * len(t) - 2 <= motion.steps <= 10 * len(t)
 
 
+@pytest.mark.slow
 def test_euler_angles_halve_their_steps_far_from_lock():
     """The first step alone is too long to tell a fast turn from lock; a tolerance lets there be more."""
 
@@ -294,6 +299,7 @@ def steady(t):
     return np.sin(t), np.cos(t), 1 + 0 * t
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("omega", "psid", "stop", "samples"),
     sparse(
@@ -368,6 +374,7 @@ def test_samples_beside_a_callable_that_jumps():
         np.testing.assert_allclose(jump.psi, np.maximum(0, t - at), rtol=0, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_pole_is_reported(tmp_path, monkeypatch):
     """No number of steps follows the attitude through it; that is said."""
     monkeypatch.setattr(step_selection, "MAX_STEPS", 2000)

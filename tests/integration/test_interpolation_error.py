@@ -94,6 +94,7 @@ def test_a_gap_is_seen_in_every_kind_of_signal():
     check(flat.psi_error_estimate, np.abs(flat.psi + exact).max(), factor=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", sparse(["world", "body"], 2))
 @pytest.mark.parametrize("count", sparse([1, 5, 10, 30, 100], 3))
 def test_a_log_without_some_of_its_lines(frame, count):
@@ -111,6 +112,7 @@ def test_random_instants(frame, seed):
     check(*hinge(np.sort(draw.uniform(0, 10, 1000)), *vibration(0.3, seed)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hertz", "factor"),
     sparse([(1, 2), (2, 2), (5, 2), (10, 10), (15, 20), (20, 60), (25, 60), (35, 200), (40, 200), (45, 200)], 3),
@@ -136,6 +138,7 @@ def test_singular_motion(order, seed):
             assert true <= 10 * estimate
 
 
+@pytest.mark.slow
 def test_a_jump_is_seen_wherever_it_is():
     """In the first interval, in the last, and across the blocks that are worked through."""
     t = np.arange(1000) / 100
@@ -178,6 +181,7 @@ def test_many_jumps(step):
     check(*hinge(t, lambda t: np.floor(t / step), angle), factor=30)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", sparse([8, 4, 5, 6, 7, 10, 15, 31], 8))
 def test_few_samples(count):
     draw = generator(160 + count)
@@ -190,6 +194,7 @@ def test_few_samples(count):
         check(*tumbling(np.linspace(0, 1, count), "world"))
 
 
+@pytest.mark.slow
 def test_too_few_samples_cannot_tell():
     for count in (2, 3):
         t = np.linspace(0, 1, count)
@@ -207,6 +212,7 @@ def test_polynomials_of_degree_5_are_not_off():
         assert hinge(t, np.ones_like, lambda t: t)[0] <= 20 * U
 
 
+@pytest.mark.slow
 def test_tolerance_refuses_a_gap_and_keeps_to_it_elsewhere():
     """Steps are made shorter across a gap; what interpolation misses there stays."""
     t = np.delete(LOG, slice(300, 400))
@@ -225,6 +231,7 @@ def test_tolerance_refuses_a_gap_and_keeps_to_it_elsewhere():
         hp.integrate(pair, GAP, omega, np.cos(2 * GAP), tol=1e-2, outputs=())
 
 
+@pytest.mark.slow
 def test_euler_angles_do_not_halve_their_steps_in_vain(monkeypatch):
     """What interpolation misses is not less for shorter steps."""
     made = []
@@ -257,6 +264,7 @@ def test_blocks_do_not_show(frame, monkeypatch):
     np.testing.assert_allclose(blocks, whole, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_run_shows_what_a_gap_in_a_log_costs(tmp_path):
     """The gyroscope's log without thirty lines, against the attitude and psi beside it."""
     lines = (MODELS / "gyro_log.csv").read_text().splitlines(keepends=True)

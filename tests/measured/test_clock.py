@@ -38,6 +38,7 @@ def point_error(fit: hp.HingeFit) -> np.ndarray:
     return fit.pair.u1 - (U1 - (U1 @ N1) * N1), fit.pair.n - sign * N1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [2e-3, 10e-3, 33e-3, 50e-3, -50e-3, 0.4])
 def test_an_offset_is_found_with_the_hinge(late: float) -> None:
     t, body1, body2 = recorded(late)
@@ -53,6 +54,7 @@ def test_an_offset_is_found_with_the_hinge(late: float) -> None:
     assert found.samples == pytest.approx(2000 - lost, abs=1)
 
 
+@pytest.mark.slow
 def test_without_instants_an_offset_spoils_the_hinge() -> None:
     t, body1, body2 = recorded(10e-3)
     blind, seeing = hp.fit(body1, body2), hp.fit(body1, body2, t=t)
@@ -61,6 +63,7 @@ def test_without_instants_an_offset_spoils_the_hinge() -> None:
     assert np.abs(point_error(blind)[0]).max() > 20 * np.abs(point_error(seeing)[0]).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [0.0, 12.5e-3])
 def test_exact_recordings_give_the_offset_exactly(late: float) -> None:
     t, body1, body2 = recorded(late, noise=0.0)
@@ -69,6 +72,7 @@ def test_exact_recordings_give_the_offset_exactly(late: float) -> None:
     assert np.abs(np.concatenate(point_error(found))).max() < 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [0.0, 2.5e-3, 5e-3, 7.5e-3])
 def test_moving_samples_leaves_their_noise_as_it_is(late: float) -> None:
     """Interpolation would average the noise of neighbours: by a third in the middle between samples."""
@@ -78,6 +82,7 @@ def test_moving_samples_leaves_their_noise_as_it_is(late: float) -> None:
     assert found.noise_angle == pytest.approx(np.sqrt(2) * 2e-3, rel=0.05)
 
 
+@pytest.mark.slow
 def test_outliers_and_an_offset_at_once() -> None:
     t, body1, body2 = recorded(20e-3)
     off = np.random.default_rng(1).random(2000) < 0.1
@@ -90,6 +95,7 @@ def test_outliers_and_an_offset_at_once() -> None:
     assert np.abs(point_error(found)[0]).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_a_body_1_that_stands_still_does_not_determine_the_offset() -> None:
     """Then a delay is a delay of psi, which the fit does not know."""
     t, body1, body2 = recorded(10e-3, moving=0.0)
@@ -100,6 +106,7 @@ def test_a_body_1_that_stands_still_does_not_determine_the_offset() -> None:
     assert json.loads(found.to_json())["std"]["clock_offset"] is None
 
 
+@pytest.mark.slow
 def test_a_known_offset_is_taken_as_it_is() -> None:
     t, body1, body2 = recorded(10e-3)
     known, sought, none = (hp.fit(body1, body2, t=t, clock_offset=offset) for offset in (10e-3, None, 0.0))
@@ -115,6 +122,7 @@ def test_a_known_offset_is_taken_as_it_is() -> None:
         hp.fit(body1, body2, t=t, clock_offset=100.0)
 
 
+@pytest.mark.slow
 def test_what_is_left_of_samples_is_that_of_the_moved_ones() -> None:
     t, body1, body2 = recorded(10e-3)
     found = hp.fit(body1, body2, t=t)
@@ -126,6 +134,7 @@ def test_what_is_left_of_samples_is_that_of_the_moved_ones() -> None:
     assert np.sqrt(np.mean((found.body2.R - R2)[inside] ** 2)) < 1.2e-3
 
 
+@pytest.mark.slow
 def test_missing_samples_stay_missing() -> None:
     t, body1, body2 = recorded(10e-3)
     R2 = body2.R.copy()

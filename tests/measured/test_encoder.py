@@ -56,6 +56,7 @@ def test_a_wrapped_encoder_and_missing_readings() -> None:
     assert np.std(off[300:400]) == pytest.approx(np.sqrt(2) * 1e-2, rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_rough_encoder_has_its_noise_and_an_unbiased_scale() -> None:
     scores = []
     for seed in range(12):
@@ -74,6 +75,7 @@ def test_readings_that_cannot_be_used_are_named() -> None:
         hp.fit(*bodies(made), encoder=np.ones(3))
 
 
+@pytest.mark.slow
 def test_the_variances_are_told_apart_where_attitudes_are_rough() -> None:
     """Noise of attitudes times levers is twelve times as large as that of positions."""
     ratios = []
@@ -87,6 +89,7 @@ def test_the_variances_are_told_apart_where_attitudes_are_rough() -> None:
     assert rms[1] < 0.02
 
 
+@pytest.mark.slow
 def test_noise_that_is_known_of_each_body_and_sample_is_used() -> None:
     """Body 2 has attitudes like a gyroscope's and, in half of its samples, places that are ten times worse."""
     gains = []

@@ -109,6 +109,7 @@ def coverage(runs: int, count: int, loss: str, **kind: float) -> np.ndarray:
     return inside / runs
 
 
+@pytest.mark.slow
 def test_errors_are_within_the_covariance() -> None:
     inside = coverage(25, 150, "linear", metres=1e-3, radians=2e-3)
     assert inside.mean() > 0.9
@@ -140,6 +141,7 @@ def test_the_noise_is_told() -> None:
     assert found.noise_angle == pytest.approx(np.sqrt(2) * 2e-3, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("together", [4, 40])
 def test_noise_that_is_correlated_in_time_widens_the_covariance(together: int) -> None:
     count = 400 * together
@@ -184,6 +186,7 @@ def test_thirty_percent_of_outliers_are_survived(loss: str) -> None:
     assert 0.25 < (found.weights < 0.1).mean() < 0.35
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", sparse(["soft_l1", "huber", "cauchy", "arctan"], 4))
 @pytest.mark.parametrize("kind", ["swapped", "moved", "frozen"])
 def test_outliers_that_agree_with_each_other_are_survived(kind: str, loss: str) -> None:
@@ -238,6 +241,7 @@ def test_a_body_1_that_stands_still_is_one_pose() -> None:
     assert np.abs(errors(found)).max() < 1e-14
 
 
+@pytest.mark.slow
 def test_many_samples_are_like_few() -> None:
     made = recording(60_000, 1e-3, 2e-3)
     found = hp.fit(*bodies(made))
@@ -269,6 +273,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 1e-3], ids=["exact", "noisy"])
 @pytest.mark.parametrize("name", OTHERS)
 def test_what_is_no_hinge_is_said_in_a_sentence(name: str, noise: float) -> None:
@@ -294,6 +299,7 @@ DEFECTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.004, 0.01, 0.1])
 @pytest.mark.parametrize("name", DEFECTS)
 def test_what_is_said_agrees_with_the_verdict(name: str, size: float) -> None:
@@ -343,6 +349,7 @@ def test_one_sample_shows_no_hinge() -> None:
         hp.fit(bodies(made)[0], hp.BodyMotion(R=R2, S=made.S2))
 
 
+@pytest.mark.slow
 def test_residuals_say_when() -> None:
     made = recording(400, 1e-3, 2e-3)
     found = hp.fit(*bodies(made), t=made.t + 1.7e9)
@@ -372,6 +379,7 @@ NO_HINGES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["linear", "cauchy"])
 @pytest.mark.parametrize("name", NO_HINGES)
 def test_residuals_do_not_pass_what_is_no_hinge(name: str, loss: str) -> None:
@@ -396,6 +404,7 @@ def test_the_range_of_psi_is_that_of_good_samples(loss: str) -> None:
     assert np.ptp(found.psi) > np.ptp(found.psi_range) + 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -501,6 +510,7 @@ MISTAKES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MISTAKES)
 def test_the_mistake_that_hides_a_hinge_is_named(name: str) -> None:
     change, words = MISTAKES[name]
@@ -509,6 +519,7 @@ def test_the_mistake_that_hides_a_hinge_is_named(name: str) -> None:
     assert words in " ".join(found.findings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OTHERS)
 def test_no_mistake_is_named_where_there_is_none(name: str) -> None:
     kind, _ = OTHERS[name]

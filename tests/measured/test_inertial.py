@@ -42,6 +42,7 @@ def felt(
     return [v + k * noise * rng.standard_normal(v.shape) for v, k in zip(exact, (1, 5, 1, 5), strict=True)]
 
 
+@pytest.mark.slow
 def test_exact_rates_give_both_axes_and_the_sign_between_them() -> None:
     omega1, _, omega2, _ = felt()
     found = hp.fit_axis(omega1, omega2)
@@ -51,6 +52,7 @@ def test_exact_rates_give_both_axes_and_the_sign_between_them() -> None:
     assert hp.fit_axis(omega2, omega1).n1 @ (np.sign(N2[1]) * N2) == pytest.approx(1, abs=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving", [1.0, 0.2])
 def test_noisy_rates_give_them_within_what_is_told(moving: float) -> None:
     for seed in range(3):
@@ -62,6 +64,7 @@ def test_noisy_rates_give_them_within_what_is_told(moving: float) -> None:
         assert found.rms == pytest.approx(np.sqrt(2) * 1e-2, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 1e-2], ids=["exact", "noisy"])
 def test_axes_that_are_not_shown_are_not_told(noise: float) -> None:
     omega1, _, omega2, _ = felt(moving=0.0, noise=noise)
@@ -81,6 +84,7 @@ def test_missing_rates_are_left_out() -> None:
     assert np.abs(hp.fit_axis(omega1, omega2).n1 - N1).max() < 1e-14
 
 
+@pytest.mark.slow
 def test_forces_give_the_point_closest_to_sensor_1() -> None:
     omega1, f1, omega2, f2 = felt()
     found = hp.fit_anchor(T + 1.7e9, omega1, f1, omega2, f2, N1, N2)
@@ -90,6 +94,7 @@ def test_forces_give_the_point_closest_to_sensor_1() -> None:
     assert np.abs(found.u2 - (U2 + slide * N2)).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_noisy_forces_give_it_within_what_is_told() -> None:
     omega1, f1, omega2, f2 = felt(noise=1e-2)
     found = hp.fit_anchor(T, omega1, f1, omega2, f2, N1, N2)
@@ -122,6 +127,7 @@ def anchor_scores(given: bool, seeds: int, **kind: float) -> tuple[np.ndarray, h
     return np.array(scores), found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("moving", "given"), [(1.0, True), (1.0, False), (0.05, True)])
 def test_errors_of_the_point_are_those_of_the_covariance(moving: float, given: bool) -> None:
     """At 40 Hz, and where body 1 hardly turns: there noise of the derivatives is larger than what they tell."""
@@ -131,6 +137,7 @@ def test_errors_of_the_point_are_those_of_the_covariance(moving: float, given: b
     assert rms.min() > 0.4
 
 
+@pytest.mark.slow
 def test_the_covariance_is_in_the_gauge_of_the_values() -> None:
     """u1 is across n1, so it has no variance along n1; u2 has."""
     _, found = anchor_scores(True, 1)
@@ -141,6 +148,7 @@ def test_the_covariance_is_in_the_gauge_of_the_values() -> None:
     assert np.abs(found.covariance - found.covariance.T).max() < 1e-12 * found.covariance.max()
 
 
+@pytest.mark.slow
 def test_a_point_that_is_hardly_shown_is_known_to_so_much() -> None:
     _, found = anchor_scores(True, 1, moving=0.05)
     std = np.sqrt(np.diagonal(found.covariance).max())
@@ -149,6 +157,7 @@ def test_a_point_that_is_hardly_shown_is_known_to_so_much() -> None:
     assert found.findings[0].startswith(f"The hinge point is known to {std:.2g} m only")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving", [1.0, 0.25, 0.2])
 def test_a_point_is_good_if_it_is_known_to_a_tenth_of_the_levers(moving: float) -> None:
     found = hp.fit_anchor(T, *felt(moving, noise=1e-2), N1, N2, **KNOWN)
@@ -158,6 +167,7 @@ def test_a_point_is_good_if_it_is_known_to_a_tenth_of_the_levers(moving: float) 
     assert low < share < high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.05, 40.0])
 def test_points_far_from_the_starts_are_found(scale: float) -> None:
     """Levers of centimetres and of tens of metres; the starts are some decimetres long."""
@@ -179,6 +189,7 @@ def accelerations(omega: np.ndarray) -> np.ndarray:
     return W @ W + hp.skew(alpha)
 
 
+@pytest.mark.slow
 def test_a_point_that_is_not_shown_is_not_told() -> None:
     omega1, f1, omega2, f2 = felt(hinge=0.0, noise=1e-2)
     found = hp.fit_anchor(T, omega1, f1, omega2, f2)
@@ -227,6 +238,7 @@ def test_biases_of_gyroscopes_are_found_with_the_axis() -> None:
     assert 0.4 < np.sqrt(np.mean(scores**2)) < 1.6
 
 
+@pytest.mark.slow
 def test_a_bias_is_told_as_far_as_the_motion_shows_it() -> None:
     """Along the axis rates tell nothing of it: there it is as unknown as before."""
     (omega1, _, omega2, _), biases = biased(0.02, 0.0, 3, noise=1e-3)
@@ -257,6 +269,7 @@ def test_biases_of_accelerometers_are_found_with_the_point() -> None:
     assert np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
+@pytest.mark.slow
 def test_usual_biases_are_numbers_that_are_not_negative() -> None:
     columns = felt(noise=1e-2)
     with pytest.raises(hp.ArgumentError, match="gyroscope_bias"):
@@ -298,6 +311,7 @@ def test_the_angle_of_biased_gyroscopes_does_not_drift(moving: float) -> None:
         assert np.abs(found.psid - 2.3 * np.cos(2.3 * t)).max() < 0.1
 
 
+@pytest.mark.slow
 def test_a_bias_of_accelerometers_that_may_be_there_widens_the_angle() -> None:
     columns, _ = biased(0.0, 0.1, 0, noise=1e-2)
     found = hp.fit_angle(T, *columns, N1, N2, *POINT, accelerometer_bias=0.1)
@@ -305,6 +319,7 @@ def test_a_bias_of_accelerometers_that_may_be_there_widens_the_angle() -> None:
     assert 0.01 < found.std.min() < 0.05
 
 
+@pytest.mark.slow
 def test_an_angle_that_no_direction_shows_is_not_relied_on() -> None:
     """An axis along gravity and body 1 at rest: rates alone drift."""
     t, zero = np.arange(3000) / 100, np.zeros((3000, 3))
@@ -318,6 +333,7 @@ def test_an_angle_that_no_direction_shows_is_not_relied_on() -> None:
     assert found.std.max() > 0.2
 
 
+@pytest.mark.slow
 def test_angles_have_gaps_where_samples_are_missing() -> None:
     columns = felt(noise=1e-2)
     columns[1][400:460] = np.nan

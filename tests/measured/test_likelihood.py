@@ -55,6 +55,7 @@ def test_sizes_are_those_of_the_covariance_that_the_module_names() -> None:
     np.testing.assert_allclose(found.sizes(NOISE), sizes, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_that_covariance_is_what_noise_leaves() -> None:
     made = recording(1)
     count, rng = 50_000, np.random.default_rng(3)
@@ -99,6 +100,7 @@ def units(count: int, seed: int) -> np.ndarray:
     return np.concatenate((np.eye(3), -np.eye(3), random / np.linalg.norm(random, axis=-1, keepdims=True)))
 
 
+@pytest.mark.slow
 def test_home_takes_one_axis_to_the_other_and_is_a_rotation() -> None:
     for n in units(40, 1):
         for m in (*units(40, 2), n, -n):
@@ -108,6 +110,7 @@ def test_home_takes_one_axis_to_the_other_and_is_a_rotation() -> None:
             assert np.linalg.det(home) == pytest.approx(1, abs=4e-15)
 
 
+@pytest.mark.slow
 def test_home_is_the_short_way_unless_the_axes_are_nearly_opposite() -> None:
     for n in units(40, 1):
         for m in units(40, 2):
@@ -154,6 +157,7 @@ def test_no_hinge_near_the_most_likely_one_is_likelier() -> None:
             assert misfit(best.moved(sign * 0.4 * scatter[k] * np.eye(9)[k]).balanced()) > least
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_the_bias_of_rough_attitudes_is_taken_off(seed: int) -> None:
     """Rotations that are off at random are on average no rotations: levers come out short, by seven deviations."""
@@ -202,6 +206,7 @@ def autoregressive(count: int, memory: float, seed: int) -> np.ndarray:
     return lfilter([np.sqrt(1 - share * share)], [1, -share], np.random.default_rng(seed).normal(size=(2, count)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("memory", "together", "unresolved"),
     [(1e-3, {1}, False), (3.0, {32, 64}, False), (12.0, {128, 256}, False), (400.0, {250}, True)],

@@ -43,6 +43,7 @@ def test_a_point_runs_along_a_circle_about_the_hinge(gauge: str) -> None:
     assert [axes.get_ylabel() for axes in found.plot().axes] == ["psi [deg]", "gap [mm]"]
 
 
+@pytest.mark.slow
 def test_errors_of_a_point_are_within_the_covariance() -> None:
     inside = np.zeros(6)
     for seed in range(40):
@@ -213,6 +214,7 @@ def test_the_marker_that_moved_is_named(marker: int) -> None:
     assert found.findings[0].startswith(f"Marker {marker} moved against the others")
 
 
+@pytest.mark.slow
 def test_poses_of_markers_give_the_hinge() -> None:
     made = recording(400)
     first = hp.fit_cluster(seen(made, 3e-4), CLUSTER)

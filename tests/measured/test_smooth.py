@@ -41,6 +41,7 @@ def noisy(state: hp.PairState, metres: float, radians: float, seed: int) -> hp.B
     return hp.BodyMotion(R=state.R1 + metres * rng.standard_normal(state.R1.shape), S=S)
 
 
+@pytest.mark.slow
 def test_exact_motion_keeps_its_derivatives() -> None:
     t = np.arange(600) / 200
     truth = motion(t)
@@ -92,6 +93,7 @@ def test_derivatives_are_within_twice_the_best_filter_in_hindsight(sigma: float)
     assert (np.mean(ratios, axis=0) < 2).all()
 
 
+@pytest.mark.slow
 def test_a_steady_spin_costs_nothing_however_fast() -> None:
     t = np.arange(1000) / 200
     turn = hp.rotation_exp(t[:, None] * np.array([20.0, -30.0, 40.0]))
@@ -101,6 +103,7 @@ def test_a_steady_spin_costs_nothing_however_fast() -> None:
     assert rms(found.omega - np.array([20.0, -30.0, 40.0])) < 0.05
 
 
+@pytest.mark.slow
 def test_gaps_stay_gaps_and_holes_are_filled() -> None:
     t = np.arange(1000) / 200
     truth = motion(t)
@@ -121,6 +124,7 @@ def test_gaps_stay_gaps_and_holes_are_filled() -> None:
     assert np.abs(moved.alpha[650:] - whole.alpha[650:]).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_angles_may_jump_by_turns_and_unpack() -> None:
     t = np.arange(500) / 100
     psi = 4 * t + 0.5 * np.sin(2 * t)
@@ -139,6 +143,7 @@ def test_angles_that_truly_jump_are_left_as_they_are() -> None:
     assert np.abs(rate - 10).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_degrees_are_warned_of_and_stay_what_they_are() -> None:
     t = np.arange(400) / 20
     degrees = 90 * np.sin(3 * t)
@@ -157,6 +162,7 @@ def test_wrapped_degrees_are_refused() -> None:
         hp.smooth(t, (200 * t + 180) % 360 - 180)
 
 
+@pytest.mark.slow
 def test_instants_that_are_no_seconds_are_warned_of() -> None:
     t = np.arange(400) * 5e6
     with pytest.warns(hp.MeasurementWarning, match=r"t steps by 5e\+06 s: .* Nanoseconds become seconds by 1e-9"):
@@ -179,6 +185,7 @@ def test_jitter_is_warned_of() -> None:
         hp.smooth(t, np.sin(t))
 
 
+@pytest.mark.slow
 def test_uneven_stamps_are_believed() -> None:
     t = np.cumsum(np.random.default_rng(7).uniform(0.0045, 0.0055, 1000)) + 1.7e9
     x = t - t[0]
@@ -199,6 +206,7 @@ def test_what_cannot_be_used_is_named(name: str) -> None:
         call()
 
 
+@pytest.mark.slow
 def test_rough_attitudes_are_smoothed_along_a_smooth_path() -> None:
     t = np.arange(1000) / 200
     truth = motion(t)
@@ -206,6 +214,7 @@ def test_rough_attitudes_are_smoothed_along_a_smooth_path() -> None:
     assert rms(found.alpha - truth.alpha1) < 4 * found.noise["alpha"]
 
 
+@pytest.mark.slow
 def test_what_is_smoothed_can_be_copied_and_kept() -> None:
     t = np.arange(200) / 200
     truth = motion(t)
@@ -239,6 +248,7 @@ def angle(t: np.ndarray) -> tuple[np.ndarray, ...]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
 def test_noise_with_memory_is_not_followed(share: float) -> None:
     """Taken for white it gives a bandwidth of 22 Hz and more, and psidd is 5 to 10 rad/s^2 off."""
@@ -252,6 +262,7 @@ def test_noise_with_memory_is_not_followed(share: float) -> None:
     assert low < found.noise["psi"] < high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hertz", [6.0, 20.0])
 def test_samples_that_were_filtered_before_are_warned_of(hertz: float) -> None:
     from scipy.signal import butter, filtfilt
@@ -282,6 +293,7 @@ def scores_of_angles(seeds: int, share: float, loss: str = "linear", outliers: f
     return np.array(scores)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_errors_of_every_sample_are_within_its_standard_deviation(share: float) -> None:
     scores = scores_of_angles(6, share)
@@ -302,6 +314,7 @@ def test_errors_of_samples_are_within_the_intervals_in_many_runs(share: float, l
     assert inside.max() <= 0.999  # curves that the bandwidth follows closely are surer than they say
 
 
+@pytest.mark.slow
 def test_standard_deviations_grow_towards_ends_and_in_holes() -> None:
     t = np.arange(1000) / 200
     truth = motion(t)
@@ -320,6 +333,7 @@ def test_standard_deviations_grow_towards_ends_and_in_holes() -> None:
     assert 0.5 < rms(z) < 1.6
 
 
+@pytest.mark.slow
 def test_outliers_are_warned_of_and_made_to_count_little() -> None:
     t = np.arange(2000) / 200
     psi, _, psidd = angle(t)
@@ -335,6 +349,7 @@ def test_outliers_are_warned_of_and_made_to_count_little() -> None:
         hp.smooth(t, raw, loss="tukey")
 
 
+@pytest.mark.slow
 def test_outliers_among_attitudes_count_little() -> None:
     t = np.arange(1000) / 200
     truth = motion(t)
@@ -346,6 +361,7 @@ def test_outliers_among_attitudes_count_little() -> None:
     assert rms(found.alpha - truth.alpha1) < 1.5 * rms(good.alpha - truth.alpha1)
 
 
+@pytest.mark.slow
 def test_the_inverse_of_bands_is_that_of_the_matrix() -> None:
     from hingepair.measured.spline import Model, Spline
 

@@ -59,6 +59,7 @@ def check(found, expected, bound):
     assert ok, text
 
 
+@pytest.mark.slow
 def test_frames_move_as_pinocchio_has_them(model):
     _, q, qd, qdd, _ = samples(model)
     robot, data = Robot(record_of(model)), model.createData()
@@ -81,6 +82,7 @@ def test_frames_move_as_pinocchio_has_them(model):
                 check(state[name].arrays()[output][k], value, np.maximum(bounds[output][k, j], 1e-15))
 
 
+@pytest.mark.slow
 def test_jacobians_are_those_of_pinocchio(model):
     _, q, qd, _, _ = samples(model)
     robot, data = Robot(record_of(model)), model.createData()
@@ -95,6 +97,7 @@ def test_jacobians_are_those_of_pinocchio(model):
             check(bias[k], np.concatenate([a.linear, a.angular]), np.maximum(bounds["acceleration_bias"][k], 1e-15))
 
 
+@pytest.mark.slow
 def test_forces_are_those_of_pinocchio(model):
     _, q, qd, qdd, tau = samples(model)
     robot, data = Robot(record_of(model)), model.createData()
@@ -122,6 +125,7 @@ def test_forces_are_those_of_pinocchio(model):
         np.testing.assert_allclose(qdd_found[k], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_centre_of_mass_energy_and_momentum_are_those_of_pinocchio(model):
     _, q, qd, _, _ = samples(model)
     robot, data = Robot(record_of(model)), model.createData()
@@ -150,6 +154,7 @@ def test_centre_of_mass_energy_and_momentum_are_those_of_pinocchio(model):
         np.testing.assert_allclose(energy.potential[k], potential, atol=10 * size * weight)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fixed", "free"])
 def test_a_base_that_moves_is_a_free_flyer_of_pinocchio(model, mode):
     rng, q, qd, qdd, _ = samples(model)
@@ -195,6 +200,7 @@ def test_a_base_that_moves_is_a_free_flyer_of_pinocchio(model, mode):
             check(robot.gravity_forces(q[k], base_motion=one), held, 2 * allowed["gravity_forces"][k])
 
 
+@pytest.mark.slow
 def test_a_free_base_moves_as_the_forces_make_it(model):
     rng, q, qd, qdd, _ = samples(model)
     robot, base = Robot(record_of(model), "free"), base_motion(rng, (SAMPLES,))
@@ -233,6 +239,7 @@ def test_wrenches_on_links_are_handed_to_the_joints_by_the_jacobian(model):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fixed", "free"])
 def test_followers_move_with_their_leader_and_hand_it_their_effort(mode):
     model = random_model(3, 8)

@@ -57,6 +57,7 @@ def model():
     return geared()
 
 
+@pytest.mark.slow
 def test_rotors_count_in_forces_and_motion_as_in_pinocchio(model):
     q, qd, qdd, tau = samples(model.nv)
     robot, data = hp.Mechanism.from_pinocchio(model), model.createData()
@@ -75,6 +76,7 @@ def test_rotors_count_in_forces_and_motion_as_in_pinocchio(model):
         np.testing.assert_allclose(energy.kinetic[k], qd[k] @ M @ qd[k] / 2, rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_rotors_count_on_a_free_base(model):
     q, qd, qdd, _ = samples(model.nv)
     flying = on_free_base(model)
@@ -92,6 +94,7 @@ def test_rotors_count_on_a_free_base(model):
     np.testing.assert_allclose(moves.alpha1, 0.0, atol=1e-9 * size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fixed", "free"])
 def test_a_follower_hands_the_effort_of_its_rotor_to_its_leader(mode):
     tree = record_of(random_model(3, 6))
@@ -136,6 +139,7 @@ def test_a_joint_without_mass_is_held_by_its_rotor():
     assert found[1] == pytest.approx(0.5 / 0.02)
 
 
+@pytest.mark.slow
 def test_rotors_come_from_mjcf_by_pinocchios_reader_and_are_shown(tmp_path):
     path = tmp_path / "robot.xml"
     path.write_text(MJCF)
@@ -158,6 +162,7 @@ def test_what_is_made_of_a_robot_keeps_its_rotors(model):
     np.testing.assert_array_equal(loaded.armature, robot.armature)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["fixed", "free"])
 def test_the_twin_has_the_rotors(model, base):
     robot = hp.Mechanism.from_pinocchio(model, base=base)

@@ -485,6 +485,7 @@ def test_a_mechanism_is_printed_copied_and_pickled(robot):
     assert "<table>" in robot._repr_html_()
 
 
+@pytest.mark.slow
 def test_robots_are_made_of_robots():
     robot = hp.load_robot("panda", base="free")
     tool = robot.with_frame("tool", link="panda_hand", R=(0, 0, 0.1))

@@ -102,6 +102,7 @@ def arrays_of(result) -> dict:
     return result._asdict() if hasattr(result, "_asdict") else result if isinstance(result, dict) else result.arrays()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CALLS)
 def test_a_robot_gives_what_numpy_gives(name):
     with dask.config.set(scheduler=refuse):

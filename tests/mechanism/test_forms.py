@@ -71,6 +71,7 @@ def test_compiled_gives_the_same(robot, motion):
     check_same(small, expected, 1e-4)
 
 
+@pytest.mark.slow
 def test_float32_stays_float32(robot, motion):
     expected, small = every(robot, *motion), every(robot, *motion.astype(np.float32), backend="numpy")
     assert {array.dtype for array in small.values()} == {np.dtype(np.float32)}
@@ -296,6 +297,7 @@ def test_a_prepared_call_says_what_is_left_to_compute(robot):
     assert str(step).endswith(f"of {full} where nothing is known")
 
 
+@pytest.mark.slow
 def test_a_free_base_needs_no_acceleration_where_it_is_not_computed_with():
     """Its velocities are enough for accelerations, biases and the bias of the centre of mass."""
     robot = hp.load_robot("solo12", base="free")
@@ -339,6 +341,7 @@ def test_a_prepared_call_takes_the_motion_of_the_base(robot, motion):
         step(q, qd)
 
 
+@pytest.mark.slow
 def test_a_base_given_by_its_pose_alone_is_at_rest(robot, motion):
     rng = np.random.default_rng(10)
     moving = base_motion(rng)
@@ -413,6 +416,7 @@ def test_bounds_hold_for_every_backend_of_a_mimic_robot():
         assert (bounds[name] < 1e-3).all()
 
 
+@pytest.mark.slow
 def test_jax_arrays_stay_what_they_are_and_have_gradients():
     jax = pytest.importorskip("jax")
     robot = Robot(record_of(random_model(5, 2)))

@@ -40,6 +40,7 @@ def close(found, expected):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * max(1.0, np.abs(expected).max()))
 
 
+@pytest.mark.slow
 def test_its_link_moves_as_body_2(pair, robot):
     base, psi, psid, psidd = moving(1)
     state = pair.forward_kinematics_from_body1(base, psi, psid, psidd)
@@ -54,6 +55,7 @@ def test_its_link_moves_as_body_2(pair, robot):
     )
 
 
+@pytest.mark.slow
 def test_its_forces_are_those_of_the_pair(pair, robot):
     base, psi, psid, psidd = moving(2)
     q, qd, qdd = psi[:, None], psid[:, None], psidd[:, None]
@@ -84,6 +86,7 @@ def test_a_wrench_on_its_link_acts_at_the_reference_point_of_body_2(pair, robot)
     np.testing.assert_allclose(moves.a1, same.a1, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_its_energy_and_momentum_are_those_of_the_pair(pair, robot):
     base, psi, psid, _ = moving(5)
     q, qd = psi[:, None], psid[:, None]

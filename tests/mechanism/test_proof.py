@@ -28,6 +28,7 @@ def check(name, mode, **options):
     print(f"{name}, {mode}: {max(ratios.values()):.2f}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "mode"), KINDS.items())
 def test_one_robot_of_each_kind(name, mode):
     check(name, mode, count=1)

@@ -63,6 +63,7 @@ def require(found, expected, tolerance):
         np.testing.assert_allclose(got, want, rtol=0, atol=tolerance * size, err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*no rigid body:hingepair.DynamicsWarning")
 @pytest.mark.parametrize("single", [False, True], ids=["float64", "float32"])
 def test_what_a_robot_gives_is_what_numpy_gives(asarray, robot, single):

@@ -93,6 +93,7 @@ def test_motion_is_within_its_bounds(arm, sizes, backend):
             check(name, got, exact[name], 2 if name == "S" else 1, bounds[name][:, k], own)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", HARD.values(), ids=HARD)
 @pytest.mark.parametrize("base", ["fixed", "free"])
 @pytest.mark.parametrize("backend", ["numpy", pytest.param("compiled", marks=pytest.mark.slow)])
@@ -108,6 +109,7 @@ def test_forces_are_within_their_bounds(arm, sizes, base, backend):
         check(name, getattr(found, name), exact, 1, bounds[name], scales[name])
 
 
+@pytest.mark.slow
 def test_forces_of_followers_are_within_their_bounds():
     """Two hands whose fingers follow, on a lift that carries all: Pinocchio's own torques are past these bounds."""
     robot = hp.load_robot("tiago_pro")
@@ -130,6 +132,7 @@ def test_forces_of_followers_are_within_their_bounds():
     assert (off <= robot.error_bounds(*coordinates, outputs=("tau",))["tau"]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["fixed", "free"])
 @pytest.mark.parametrize("arm", LINKS)
 def test_the_mass_matrix_is_what_unit_accelerations_take(arm, base):
@@ -154,6 +157,7 @@ def test_the_mass_matrix_is_what_unit_accelerations_take(arm, base):
     check("mass_matrix", found, exact, 2, bound, scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", LINKS)
 def test_the_jacobian_is_what_unit_rates_give(arm):
     robot, (q, *_), motion, _ = case(arm, "free", HARD["ordinary"], 1)
@@ -171,6 +175,7 @@ def test_the_jacobian_is_what_unit_rates_give(arm):
     check("jacobian", found, np.stack(columns, axis=-1), 2, bound, scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", HARD.values(), ids=HARD)
 @pytest.mark.parametrize("base", ["fixed", "free"])
 @pytest.mark.parametrize("arm", LINKS)
@@ -257,6 +262,7 @@ def test_accelerations_are_within_their_bounds(arm, sizes, base):
         assert (bounds[name] <= 1e-6 * np.abs(got).max()).all(), (name, bounds[name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", LINKS)
 def test_centre_energy_and_momentum_are_within_their_bounds(arm):
     robot, (q, qd, _), motion, truth = case(arm, "free", HARD["ordinary"])

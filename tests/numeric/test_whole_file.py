@@ -122,6 +122,7 @@ def test_an_error_inside_leaves_what_was_there(tmp_path, error):
     assert os.listdir(tmp_path) == ["a"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", sparse([signal.SIGTERM, signal.SIGINT, signal.SIGHUP], 3, lambda n: n.name))
 def test_a_signal_takes_the_half_written_file_away(tmp_path, number):
     code = (
@@ -140,6 +141,7 @@ def test_a_signal_takes_the_half_written_file_away(tmp_path, number):
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_the_standard_output_is_written_to_as_it_is(tmp_path):
     code = (
         "from hingepair.numeric.whole_file import whole_file\n"

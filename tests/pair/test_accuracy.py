@@ -71,6 +71,7 @@ def test_other_sequences(sequence, ledger):
     require(truth, one_by_one(pair, motion, sequence=sequence), ledger, "sequences")
 
 
+@pytest.mark.slow
 def test_only_the_hinge_moves(ledger):
     """Body 1 does not turn and u1 = 0: the scale holds the hinge's terms alone and nothing dilutes their rounding."""
     rng = states.generator(11)
@@ -82,6 +83,7 @@ def test_only_the_hinge_moves(ledger):
     require(truth, found, ledger, "hinge alone")
 
 
+@pytest.mark.slow
 def test_reference_example(ledger):
     motion = states.reference_example(np.linspace(0.0, 10.0, 41))
     truth, pair = reference.from_euler(states.REFERENCE_PAIR, *motion), pair_of(states.REFERENCE_PAIR)
@@ -114,6 +116,7 @@ def test_given_attitude(kind, ledger):
     require(truth, found, ledger, kind)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", [batch, one_by_one])
 def test_float32_states(way, ledger):
     rng = states.generator(5)

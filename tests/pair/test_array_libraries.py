@@ -62,6 +62,7 @@ def require(state, expected, kind, ulps=64):
         assert np.all(abs(np.asarray(got) - want) <= ulps * unit * (20 + abs(want).max())), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sequence", ["XYZ", "zxz"])
 def test_coordinates_in_one_array(library, sequence):
     module, kind = library
@@ -88,6 +89,7 @@ def test_seven_coordinates_with_numbers_among_them(library):
     require(state, pair.forward_kinematics((*still, motion[:, 6]), outputs=("S1", "R2")), kind)
 
 
+@pytest.mark.slow
 def test_a_given_motion_of_body_1(library):
     module, kind = library
     pair, _ = some(2)

@@ -132,6 +132,7 @@ def test_what_is_given_is_copied_and_read_only():
         body.mass = 2
 
 
+@pytest.mark.slow
 def test_body_2_is_body_1_of_the_next_pair(monkeypatch):
     """Three joints in series, from states handed on, as from motions that are checked; nothing is checked again."""
     rng = states.generator(70)

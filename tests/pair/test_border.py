@@ -80,6 +80,7 @@ def require(found, expected, scales, ulps, keep=slice(None)):
         assert np.all(abs(rows).max(axis=-1, initial=0.0)[keep] <= np.broadcast_to(allowed, len(rows))[keep]), name
 
 
+@pytest.mark.slow
 @backends
 @few
 @given(moving, st.tuples(layouts, layouts, layouts))
@@ -108,6 +109,7 @@ def test_types(motion, dtype):
     require(found, ONE.forward_kinematics(*same, outputs=OUTPUTS), scales_of(same), 2)
 
 
+@pytest.mark.slow
 @backends
 @few
 @given(
@@ -173,6 +175,7 @@ def test_a_given_attitude_that_is_no_number_poisons_its_own_sample(sample, place
     assert not np.isfinite(found.S2[sample]).all()
 
 
+@pytest.mark.slow
 @few
 @given(hnp.arrays(np.float64, 3, elements=st.floats(-1.0, 1.0)), st.integers(-1000, 1000))
 @pytest.mark.usefixtures("one_backend")
@@ -191,6 +194,7 @@ def test_an_axis_has_no_length(axis, exponent):
     assert abs(np.swapaxes(one.S2, -1, -2) @ one.S2 - np.eye(3)).max() <= 24 * U
 
 
+@pytest.mark.slow
 @backends
 @few
 @given(

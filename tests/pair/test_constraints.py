@@ -111,6 +111,7 @@ def test_residuals_and_derivatives_are_exact_on_the_hinge_and_off_it(size, home)
             assert np.all(error <= 32 * U * A * lever(pair) * worth**2), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.0, 0.5])
 def test_constraint_jacobian_and_bias_give_the_derivatives(size):
     """G @ velocities = (gap', tilt'), G @ accelerations + bias = (gap'', tilt'')."""
@@ -135,6 +136,7 @@ def test_constraint_jacobian_and_bias_give_the_derivatives(size):
 AXES = [(1, 0, 0), (0, 1, 0), (0, 0, -1), (1, 1, 1), (1, 1e-12, -1e-170), (1, -1, 0), (0.57735,) * 3, (1e-300,) * 3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", AXES, ids=str)
 def test_the_constraints_allow_what_the_pair_does_and_nothing_else(n):
     """G (I; Jac) = 0, and G has rank 5 with turns of unit length: nothing of it depends on where n points."""
@@ -150,6 +152,7 @@ def test_the_constraints_allow_what_the_pair_does_and_nothing_else(n):
     assert np.all(np.linalg.svd(G, compute_uv=False)[:, -1] >= 0.5)
 
 
+@pytest.mark.slow
 def test_forces_of_constraint_give_the_dynamics_of_pinocchio():
     """Two free bodies under gravity and the forces G^T lambda of G a + bias = 0 move as the articulated body does."""
     rng = generator(84)
@@ -181,6 +184,7 @@ def test_forces_of_constraint_give_the_dynamics_of_pinocchio():
         assert abs(found - expected).max() <= 8 * U * np.linalg.cond(system) * abs(expected).max()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_backend")
 def test_pairs_of_their_own_and_other_dtypes():
     rng = generator(83)

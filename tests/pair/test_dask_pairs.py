@@ -149,6 +149,7 @@ def check_same(lazy, plain) -> None:
         assert_close(values, array)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CALLS)
 def test_a_pair_in_space_gives_what_numpy_gives(name):
     plain = Given([Q, QD, QDD], BODY, OTHER, [*PSI], LOAD)
@@ -156,6 +157,7 @@ def test_a_pair_in_space_gives_what_numpy_gives(name):
     check_same(CALLS[name](lazy), CALLS[name](plain))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FLAT_CALLS)
 def test_a_pair_in_the_plane_gives_what_numpy_gives(name):
     plain = Given([row[:, :4].copy() for row in (Q, QD, QDD)])
@@ -185,6 +187,7 @@ def test_float32_stays_and_integers_become_float64():
     assert whole.dtype == computed(whole).dtype == np.float64
 
 
+@pytest.mark.slow
 def test_chunks_of_any_kind_broadcast_beside_numpy_arrays_and_numbers():
     q = da.from_array(Q.reshape(5, 10, 7), chunks=(2, 5, 3))  # the coordinates are cut too
     lazy = PAIR.forward_kinematics(q, QD[:10], outputs=("v2",)).v2

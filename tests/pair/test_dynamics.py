@@ -89,6 +89,7 @@ def test_mass_matrix_is_that_of_crba(case):
     assert np.abs(ours - theirs).max() <= 16 * U * size_of(pair, body1, psid, psidd)[0]
 
 
+@pytest.mark.slow
 def test_forces_are_those_of_rnea(case):
     pair, body1, (psi, psid, psidd), twin = case
     theirs = twin.turn @ pin.rnea(twin.model, twin.data, twin.q, twin.v, twin.a)
@@ -97,6 +98,7 @@ def test_forces_are_those_of_rnea(case):
     assert np.abs(ours - theirs).max() <= 16 * U * mass * push
 
 
+@pytest.mark.slow
 def test_accelerations_are_those_of_aba(case):
     pair, body1, (psi, psid, psidd), twin = case
     force1, torque1 = generator(18).normal(size=(2, 3))
@@ -112,6 +114,7 @@ def test_accelerations_are_those_of_aba(case):
     assert np.abs(ours - theirs).max() <= 16 * U * mass * push * mass / weakest
 
 
+@pytest.mark.slow
 def test_energy_and_momentum_are_those_of_pinocchio(case):
     pair, body1, (psi, psid, psidd), twin = case
     mass, push = size_of(pair, body1, psid, psidd)
@@ -327,6 +330,7 @@ def test_prepared_dynamics_is_that_of_the_methods(backend):
     np.testing.assert_allclose(more["bearing_torque"], wrench.bearing_torque, **near)
 
 
+@pytest.mark.slow
 def test_prepared_loads_on_body2_and_coordinates():
     rng = generator(26)
     pair, (q, qd) = massive(rng), rng.normal(size=(2, 4, 7))

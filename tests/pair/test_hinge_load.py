@@ -92,6 +92,7 @@ def test_what_does_not_act_is_no_part():
     assert hp.HingeLoad(friction=1).parts(0.0, 0.2, 0.0) == {"motor": 0.0, "friction": 0.0}
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:psi passes the stops:hingepair.DynamicsWarning")
 @pytest.mark.parametrize("flat", [False, True])
 def test_a_simulated_motion_has_the_parts_of_the_hinge_torque_among_its_loads(flat):

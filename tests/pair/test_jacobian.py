@@ -39,6 +39,7 @@ def size(pair, body1, psid):
 PAIRS = {"home": {}, "no_home": {"home": None}, "axis_z": {"n": (0, 0, 5)}, "u2_zero": {"u2": (0, 0, 0)}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PAIRS)
 def test_velocity_is_the_jacobian_times_the_velocities(kind):
     pair, (body1, psi, psid, _) = made(1, **PAIRS[kind]), moving(1)
@@ -84,6 +85,7 @@ def test_jacobian_and_bias_are_those_of_pinocchio():
         assert abs(bias[i] - (J_dot @ X + J @ X_dot) @ given).max() <= 64 * U * scale
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sequence", sparse(SEQUENCES, 6))
 def test_coordinate_jacobian_gives_velocity_and_acceleration(sequence):
     pair, (q, qd, qdd) = made(4), coordinates(generator(72), COUNT)
@@ -116,6 +118,7 @@ def test_coordinate_jacobian_rate_is_the_difference_in_time(sequence):
     assert np.all(gap <= (truncation + roundoff) * (1 + lever(pair)))
 
 
+@pytest.mark.slow
 def test_jacobians_of_hard_states_follow_the_motion():
     """Tiny and huge angles, lock, far away: Jq qd is v2 and omega2 wherever forward_kinematics has them."""
     for name, (constants, q, qd, _) in hard_states().items():

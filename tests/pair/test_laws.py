@@ -117,6 +117,7 @@ def test_attitude_is_a_rotation(case):
         assert np.all(np.linalg.det(S) > 0)
 
 
+@pytest.mark.slow
 def test_given_attitude_gives_the_same(case):
     """The way through BodyMotion against the way through Euler angles."""
     again = case.pair.forward_kinematics_from_body1(case.body1(), case.psi, case.psid, case.psidd, outputs=OUTPUTS)

@@ -140,6 +140,7 @@ def test_two_bodies(backend):
     close(np.sin(found["psi"] - q[:, 6]), np.zeros(11), 64)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_backend")
 def test_pairs_of_their_own_and_float32_and_out():
     rng = generator(1006)
@@ -434,6 +435,7 @@ def test_outputs_and_out_of_the_wrong_kind_are_named(call):
                 CALLS[call](one, outputs=("R2",), out={"R2": array})
 
 
+@pytest.mark.slow
 def test_threads_that_prepare_and_simulate_at_once():
     """The first compilation happens in all threads at the same time."""
     rng = generator(1027)

@@ -43,6 +43,7 @@ def test_motion_of_the_library_passes(variant, dtype, backend):
     assert [row.residual for row in found.rows] == list(KINDS)
 
 
+@pytest.mark.slow
 def test_hard_states_pass():
     for name, (constants, *motion) in hard_states().items():
         pair = pair_of(constants)

@@ -38,6 +38,7 @@ def moved(pair: hp.HingePair, dimension: str, size: float) -> hp.HingePair:
     return dataclasses.replace(pair, **{name: getattr(pair, name) + step})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("home", [True, False], ids=["home", "no_home"])
 def test_slopes_are_those_of_the_pose(home):
     pair, body1, psi = pair_and_states(300, home)
@@ -65,6 +66,7 @@ def geometry_of_a_fit(pair: hp.HingePair) -> np.ndarray:
     return root @ root.T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["standard_deviations", "covariance"])
 def test_samples_scatter_as_the_first_order_says(kind):
     pair, body1, psi = pair_and_states(302)

@@ -22,6 +22,7 @@ def curve_and_limits(axes):
     return curve.get_ydata(), [line.get_ydata()[0] for line in others]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_backend")
 def test_a_row_of_panels_shows_each_joint_and_its_limits(excavator):
     figure = hp.plot(excavator)

@@ -20,6 +20,7 @@ def lines_of(figure, title):
     return axes, [line.get_ydata() for line in axes.get_lines()]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_backend")
 def test_what_is_drawn_is_what_was_computed():
     scene = hp.load_scene(MODELS / "talos_elbow.toml")
@@ -59,6 +60,7 @@ def test_paths_are_seen_whole_and_at_one_scale():
     np.testing.assert_allclose(axes._box_aspect / axes._box_aspect.max(), widths / widths.max(), rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "columns"), [(1, 1), (3, 3), (5, 3)])
 def test_every_panel_is_large_enough_to_be_read(count, columns):
     """Three inches across and one and a half up and down."""

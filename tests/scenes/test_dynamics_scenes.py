@@ -45,6 +45,7 @@ def scene_of(folder, text):
     return hp.load_scene(folder / "scene.toml")
 
 
+@pytest.mark.slow
 def test_a_free_scene_moves_as_simulate_says(tmp_path):
     scene = scene_of(tmp_path, PAIR + FREE)
     t = np.linspace(0, 0.5, 11)
@@ -79,6 +80,7 @@ def test_a_scene_has_energy_and_momentum():
     assert f"{found.psi_error_estimate:.1g} rad of psi" in scene.motion.turning
 
 
+@pytest.mark.slow
 def test_a_prescribed_base_carries_the_hinge(tmp_path):
     turn = "\n".join(
         f"{name} = {value}" for name, value in (("x", "'0.1*sin(6*t)'"), ("y", 0), ("z", 0), ("phi_x", 0))
@@ -98,6 +100,7 @@ def test_a_prescribed_base_carries_the_hinge(tmp_path):
         scene.forces((0, 0, 0))
 
 
+@pytest.mark.slow
 def test_a_double_pendulum_in_the_plane(tmp_path):
     text = PAIR.replace("[0.4, 0, 0]", "[0.4, 0]").replace("[-0.25, 0.1, 0.05]", "[0, 0]")
     text = text.replace("n = [0, 1, 0.3]\nlimits = [-0.3, 0.3]\n", "")
@@ -112,6 +115,7 @@ def test_a_double_pendulum_in_the_plane(tmp_path):
     assert scene.cross_validate().ok
 
 
+@pytest.mark.slow
 def test_all_that_hangs_on_talos_elbow_is_body2():
     """As Pinocchio adds it up, with the joints beyond at 0."""
     model = pin.buildModelFromUrdf(str(robot_urdf("talos_reduced")), pin.JointModelFreeFlyer())

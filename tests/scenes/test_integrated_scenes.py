@@ -70,6 +70,7 @@ def scene_of(folder, text, log=None):
     return hp.load_scene(folder / "my.toml")
 
 
+@pytest.mark.slow
 def test_rates_give_the_motion_that_has_them(tmp_path):
     """The reference example by its angular velocity, everything about body 2 to the tolerance of the scene."""
     result = scene_of(tmp_path, GOOD).evaluate()
@@ -84,6 +85,7 @@ def test_rates_give_the_motion_that_has_them(tmp_path):
         np.testing.assert_allclose(getattr(result, name), array, rtol=0, atol=3e-12 * size)
 
 
+@pytest.mark.slow
 def test_a_scene_is_what_integrate_makes_of_it():
     """frame, S1_0, psi_0 and accelerations of models/spinning_satellite.toml, by hand."""
     scene = hp.load_scene(MODELS / "spinning_satellite.toml")
@@ -168,6 +170,7 @@ def test_the_gyro_log_is_what_its_script_makes(tmp_path):
         assert (MODELS / name).stat().st_size < 100_000
 
 
+@pytest.mark.slow
 def test_the_gyro_log_gives_the_attitude_beside_it():
     """And the estimate says how far off it is."""
     scene = hp.load_scene(MODELS / "gyro_log.toml")

@@ -26,6 +26,7 @@ def same(result, state):
         np.testing.assert_allclose(getattr(result, name), expected, rtol=0, atol=16 * U * abs(expected).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["log.csv", "log.npz", "log.parquet", "LOG.CSV"])
 def test_columns_are_the_coordinates(tmp_path, name):
     columns = moving()
@@ -50,6 +51,7 @@ def test_stacked_arrays_are_the_columns_side_by_side(tmp_path):
         assert all(np.array_equal(a, getattr(result, name)) for name, a in one.state.arrays().items())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ["columns", "quat_xyzw", "quat_wxyz"])
 def test_quaternions_go_the_way_of_given_attitudes(tmp_path, order):
     rng = generator(92)
@@ -114,6 +116,7 @@ def test_columns_that_never_change_cost_nothing_at_each_instant(tmp_path):
     assert not np.ptp(result.R2, axis=0).any()
 
 
+@pytest.mark.slow
 def test_results_do_not_overwrite_the_files_that_they_come_from(tmp_path, monkeypatch):
     body2 = "[pair.body2]\nmass = 1\ninertia = [1, 1, 1]\n"
     scene = scene_of(tmp_path, moving(), body2)
@@ -181,6 +184,7 @@ def test_the_log_of_the_model_is_what_its_comment_says():
     assert (MODELS / "logged_arm.csv").stat().st_size < 60_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["quaternions", "Euler angles", "wrapped angles", "rates given"])
 def test_derivatives_found_are_those_of_the_motion(tmp_path, kind):
     (tmp_path / "arm.toml").write_text(ARM)
@@ -250,6 +254,7 @@ def test_unwrap_goes_with_differentiate(tmp_path):
             scene_of(tmp_path, some(moving(), "t", *EULER), f"unwrap = {value}\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [("omega1",), ("omega1", "alpha1")], ids=["omega1", "omega1 and alpha1"])
 def test_angular_velocities_beside_quaternions_say_their_axes(tmp_path, given):
     truth = scene_of(tmp_path, some(logged(201), *BODY), "differentiate = true\n").evaluate(
@@ -298,6 +303,7 @@ def test_commands_work_on_a_pose_only_log(tmp_path):
     assert [row["output"] for row in json.loads(done.stdout)["rows"]] == ["R2", "S2", "d"]
 
 
+@pytest.mark.slow
 def test_what_finite_differences_miss_is_not_said_to_be_nothing(tmp_path):
     scene = scene_of(tmp_path, some(logged(30), *BODY), "differentiate = true\n")
     assert np.isnan(scene.motion.error_estimate)
@@ -364,6 +370,7 @@ def test_stamps_of_clocks_are_counted_from_the_first_without_rounding(tmp_path, 
     assert not any("is it in" in note for note in scene.notes())
 
 
+@pytest.mark.slow
 def test_doubtful_units_of_a_log_are_said_in_a_line(tmp_path):
     """Milliseconds and degrees pass every check of shape and kind."""
     columns = some(moving(40), *EULER)

@@ -59,6 +59,7 @@ def test_instants_are_those_of_linspace_in_pieces_too(start, stop, count):
     assert (found[0], found[-1]) == (start, expected[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", sparse(["reference_2d", "landing_gear", "spinning_satellite", "logged_arm"], 4))
 def test_pieces_are_the_whole_to_the_bit(tmp_path, monkeypatch, model):
     monkeypatch.setattr("hingepair.scenes.instants.ROWS", 1024)
@@ -163,6 +164,7 @@ def test_coordinates_are_results(tmp_path):
     assert scene.plan(("q",)).outputs == ()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_backend")
 def test_coordinates_in_a_file_are_a_log_of_the_motion(tmp_path):
     """The names of the columns are those that a log has."""
@@ -176,6 +178,7 @@ def test_coordinates_in_a_file_are_a_log_of_the_motion(tmp_path):
         np.testing.assert_array_equal(back.state[name], there.state[name])
 
 
+@pytest.mark.slow
 def test_coordinates_of_the_plane_and_of_attitudes(tmp_path):
     flat = hp.load_scene(long_scene(tmp_path, 11, "reference_2d")).evaluate(("R2", "qd"))
     assert flat.qd.shape == (11, 4)
@@ -201,6 +204,7 @@ def test_coordinates_of_the_plane_and_of_attitudes(tmp_path):
         flat.evaluate(("quat2",))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["log.csv", "log.npz", "log.parquet"])
 @pytest.mark.parametrize("model", sparse(["thrown_flail", "logged_arm", "gyro_log"], 2))
 def test_motions_by_attitudes_are_written_and_read_back_as_quaternions(tmp_path, model, name):
@@ -222,6 +226,7 @@ def test_poses_as_quaternions_are_a_recording_that_fit_reads(tmp_path):
     np.testing.assert_array_equal(recording.body1.R, result.R1)
 
 
+@pytest.mark.slow
 def test_run_shows_and_a_scene_names_coordinates(tmp_path):
     from typer.testing import CliRunner
 

@@ -113,6 +113,7 @@ def test_joints_of_a_file_are_the_mechanism_by_hand(tmp_path: Path) -> None:
         assert np.abs(getattr(forces, name) - expected[name]).max() <= 64 * U * size, name
 
 
+@pytest.mark.slow
 def test_rates_of_outputs_are_slopes(tmp_path: Path) -> None:
     """Of a base that turns and moves, too."""
     base = "[base]\nx = '0.3*t**2'\nz = 1\nphi_y = '0.2*sin(t)'\nphi_z = '0.5*t'\nsequence = 'ZYX'\n"
@@ -145,6 +146,7 @@ def test_siblings_stand_in_the_order_of_their_names(tmp_path: Path) -> None:
     assert [result[name].R[0, 1] for name in scene.frames] == [1, 2, 0]
 
 
+@pytest.mark.slow
 def test_a_free_base_needs_a_motion_and_shows_what_moves_it(tmp_path: Path) -> None:
     base = "[mechanism]\nbase = '{}'\n[base]\nz = '-4.905*t**2'\n"
     joints = JOINTS.replace(
@@ -212,6 +214,7 @@ def test_a_urdf_file_beside_the_scene_is_a_robot(tmp_path: Path) -> None:
     assert np.abs(scene.evaluate(("R_ram",)).R - expected).max() < 1e-14
 
 
+@pytest.mark.slow
 def test_what_is_written_is_a_log_that_comes_back_to_the_bit(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, GOOD)
     for name in ("log.csv", "log.npz", "log.parquet"):
@@ -253,6 +256,7 @@ def test_wrapped_angles_are_unwrapped_and_shifts_are_not(tmp_path: Path) -> None
     assert [note.split()[0] for note in scene.notes() if "unwrapped" in note] == ["boom"]
 
 
+@pytest.mark.slow
 def test_pieces_are_the_whole_to_the_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scene_of(tmp_path, GOOD.replace("samples = 41", "samples = 1001"))
     asked = ("R", "S", "v", "a", "q", "qdd", "tau", "force1", "quat_ram")

@@ -74,6 +74,7 @@ def test_the_readme_weighs_the_forearm_of_talos(capsys):
     assert f"```text\n{capsys.readouterr().out}```" in README
 
 
+@pytest.mark.slow
 def test_one_example_is_oblique():
     """Where axes lie along coordinates nothing is rounded, and a residual of exactly zero shows nothing."""
     scene = hp.load_scene(MODELS / "landing_gear.toml")
@@ -86,6 +87,7 @@ def test_one_example_is_oblique():
     assert leg[-1, 1] < leg[0, 1] - 0.8  # and inward
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", OF_MECHANISMS, ids=lambda path: path.stem)
 def test_scenes_of_mechanisms_stay_within_their_limits_and_pass_the_check(scene):
     loaded = hp.load_scene(scene)
@@ -105,6 +107,7 @@ def test_the_excavator_digs_below_ground_and_dumps_beside():
     assert np.abs(teeth[-1] - teeth[0]).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_two_kilograms_are_too_much_for_the_elbow_of_talos(tmp_path):
     text = (MODELS / "talos_lift.toml").read_text()
     (tmp_path / "heavy.toml").write_text(text.replace("mass = 1.5", "mass = 2"))

@@ -59,6 +59,7 @@ def scene_of(tmp_path, text):
     return hp.load_scene(path)
 
 
+@pytest.mark.slow
 def test_is_the_scene_in_space(tmp_path):
     flat, space = scene_of(tmp_path, PLANAR).evaluate(), scene_of(tmp_path, SPATIAL).evaluate()
     assert isinstance(flat.state, hp.PlanarState)
@@ -107,6 +108,7 @@ def test_a_wrong_planar_pair_fails_its_check(monkeypatch):
     assert "FAILED" in str(hp.cross_validate(pair, q, q, q))
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path):
     path = tmp_path / "my.toml"
     path.write_text(PLANAR)

@@ -44,6 +44,7 @@ def scene_of(tmp_path: Path, text: str | bytes) -> Scene:
     return hp.load_scene(path)
 
 
+@pytest.mark.slow
 def test_reference_example_equals_the_library_by_hand() -> None:
     scene = hp.load_scene(MODELS / "reference_3d.toml")
     result = scene.evaluate()
@@ -246,6 +247,7 @@ def test_unknown_robot_names_the_key(tmp_path: Path, robot: str) -> None:
         scene_of(tmp_path, re.sub(r"u1.*\nu2.*\nn .*\n", robot, GOOD))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", sorted(MODELS.glob("*.toml")), ids=lambda path: path.stem)
 def test_models_say_what_they_are_and_move(model: Path) -> None:
     text = model.read_text()

@@ -47,6 +47,7 @@ def completed(example: str) -> str:
     return example + "".join(missing)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", sparse(range(len(EXAMPLES)), 6))
 def test_examples_run(number, tmp_path):
     example = EXAMPLES[number]

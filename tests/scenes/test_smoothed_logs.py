@@ -47,6 +47,7 @@ def written(folder, text=PAIR, quaternions=True, **more):
     return folder / "scene.toml", state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quaternions", [True, False], ids=["quaternions", "Euler angles"])
 def test_a_noisy_log_is_smoothed_with_its_rates(tmp_path, quaternions):
     path, state = written(tmp_path, quaternions=quaternions)

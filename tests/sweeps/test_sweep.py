@@ -121,6 +121,7 @@ def columns_of(rows):
     return rows.column_names, rows.columns
 
 
+@pytest.mark.slow
 def test_a_grid_is_every_scene_with_its_numbers():
     found = table(swept("grid", "grid.parquet"))
     assert not Path("grid.parquet.parts").exists()
@@ -159,6 +160,7 @@ KINDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".zarr", ".parquet"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_whole_motions_are_those_of_the_scenes(kind, ending):
@@ -188,6 +190,7 @@ def test_whole_motions_are_those_of_the_scenes(kind, ending):
         assert np.abs(found[column] - whole).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("design", ["random", "sobol"])
 def test_random_designs_are_spread_as_they_say_and_come_back_with_their_seed(design):
     text = f'scene = "arm.toml"\noutputs = ["psi"]\nreduce = ["max"]\ndesign = "{design}"\nsamples = 512\nseed = %d\n'
@@ -206,6 +209,7 @@ def test_random_designs_are_spread_as_they_say_and_come_back_with_their_seed(des
     assert (abs(normal.mean() - 2) < error * 0.5, abs(normal.std() - 0.5) < error * 0.5 * 2) == (True, True)
 
 
+@pytest.mark.slow
 def test_an_interrupted_sweep_is_taken_up_where_it_was(monkeypatch):
     undisturbed = table(swept("grid", "whole.parquet"))
 
@@ -228,6 +232,7 @@ def test_an_interrupted_sweep_is_taken_up_where_it_was(monkeypatch):
         assert_array_equal(found[name], column)
 
 
+@pytest.mark.slow
 def test_chunks_and_stores_hold_the_same_bits_whatever_ran_before():
     first = Path(swept("grid", "first.parquet")).read_bytes()
     for _ in range(3):
@@ -260,6 +265,7 @@ def test_a_worker_that_is_killed_changes_nothing():
 MODELS = Path(__file__).parents[2] / "models" / "sweeps"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["landing_gear", "panda_payload"])
 def test_the_examples_run(name):
     text = (MODELS / f"{name}.toml").read_text().replace("samples = 100_000", "samples = 8")
@@ -326,6 +332,7 @@ def test_a_variant_that_fails_names_itself_and_its_chunk(monkeypatch, capsys):
     assert not Path("grid.parquet").exists()
 
 
+@pytest.mark.slow
 def test_stores_and_schedulers_that_cannot_be_used_are_refused(monkeypatch, capsys):
     def refused(*arguments):
         return run_command("grid.toml", *arguments, monkeypatch=monkeypatch, capsys=capsys, code=2)

@@ -56,6 +56,7 @@ def scene_path(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["landing_gear", "reference_2d"])
 def test_first_order_and_samples_agree(name):
     scene = hp.load_scene(MODELS / f"{name}.toml")
@@ -97,6 +98,7 @@ def test_the_figure_has_a_band_for_each_component(scene_path):
     assert all(len(axes.lines) == 2 and len(axes.collections) == 1 for axes in figure.axes[:6])
 
 
+@pytest.mark.slow
 def test_the_command_prints_both_and_draws(scene_path, tmp_path):
     picture = tmp_path / "bands.png"
     ran = CliRunner().invoke(app, ["tolerance", str(scene_path), "--samples", "100", "--plot", str(picture)])

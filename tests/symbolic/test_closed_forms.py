@@ -178,6 +178,7 @@ def test_every_form_is_that_of_sympys_own_mechanics(changes, tmp_path):
         assert largest(at(getattr(forms, name), instant) - value) <= 10 ** (5 - DIGITS) * (1 + largest(value)), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "rate"), sparse([("R1", "v1"), ("v1", "a1"), ("R2", "v2"), ("v2", "a2")], 2))
 def test_rates_are_derivatives(reference, name, rate):
     """E8, E9, by SymPy's diff of the whole form."""
@@ -388,6 +389,7 @@ def test_a_module_of_kinks_agrees_with_the_library(tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_a_form_nobody_could_read_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(closed_forms, "MAX_LETTERS", 100)
     with pytest.raises(hp.ArgumentError, match="at most 100 letters"):

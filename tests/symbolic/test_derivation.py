@@ -30,6 +30,7 @@ EXACT_ENOUGH = 128
 """In units of u times the largest value of the output: angles up to 200 rad and sums of 40 terms are rounded."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["reference_3d", *SLOW])
 def test_forms_evaluate_to_the_numeric_results(name):
     found = hp.load_scene(MODELS / f"{name}.toml")
@@ -243,6 +244,7 @@ def derived(monkeypatch, capsys, *arguments):
     return capsys.readouterr(), done.value.code
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_source_s_omega1(monkeypatch, capsys):
     out = derived(monkeypatch, capsys, REFERENCE)[0].out
     assert "omega1_y = cos 3t - 5/2 sin 2t - 5/2 sin 4t\n" in out
@@ -251,6 +253,7 @@ def test_the_command_prints_the_source_s_omega1(monkeypatch, capsys):
     assert max(map(len, out.splitlines())) <= 100
 
 
+@pytest.mark.slow
 def test_the_command_abbreviates_where_lines_are_long(monkeypatch, capsys):
     """Unless it is told to, or not to."""
     scene = MODELS / "talos_elbow.toml"
@@ -265,6 +268,7 @@ def test_the_command_abbreviates_where_lines_are_long(monkeypatch, capsys):
         assert shown == forms.to_text([output], short=short) != forms.to_text([output], short=not short)
 
 
+@pytest.mark.slow
 def test_the_command_s_formats_are_the_same_forms(monkeypatch, capsys):
     forms = hp.derive(hp.load_scene(REFERENCE), ("u1",))
     chosen = (REFERENCE, "--outputs", "R1,R2", "--symbolic", "u1")
@@ -318,6 +322,7 @@ GUARDS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", sparse(GUARDS, 3, str))
 def test_sympy_source_is_read_by_sympy(text, tmp_path):
     """And means the same, with rates and at the kinks: each value is compared with the library's."""
@@ -346,6 +351,7 @@ def test_letters_of_sympy_s_own_names_are_symbols():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "motion",
     ["", "[dynamics]\nbase = 'fixed'\npsi_0 = 0.1\n[time]\nstart = 0\nstop = 1\nsamples = 3\n"],

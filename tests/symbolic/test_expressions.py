@@ -227,6 +227,7 @@ HEAVY_IN_SYMPY = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", HEAVY_IN_SYMPY.values(), ids=HEAVY_IN_SYMPY)
 def test_answered_with_little_work(text: str) -> None:
     with contextlib.suppress(ArgumentError), bounded_calls(MOST_CALLS):
@@ -254,6 +255,7 @@ DIFFERENTIATED = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", sparse(DIFFERENTIATED, 4, str))
 def test_chain_rule_agrees_with_the_derivative_of_the_whole(text: str) -> None:
     expr = parse("x", text)
@@ -314,6 +316,7 @@ def holds(condition: str, t: float) -> bool:
     return bool(eval(condition, names))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", JOINED)
 @pytest.mark.parametrize("count", [FEW, pytest.param(len(CONDITIONS), marks=pytest.mark.slow)])
 def test_conditions_in_pairs_hold_where_they_do_in_python(form: str, count: int) -> None:
@@ -327,6 +330,7 @@ def test_conditions_in_pairs_hold_where_they_do_in_python(form: str, count: int)
             np.testing.assert_array_equal(row, np.where(known, there, elsewhere), condition)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [FEW, pytest.param(len(CONDITIONS), marks=pytest.mark.slow)])
 def test_choices_within_choices_are_those_of_python(count: int) -> None:
     pairs = [(a, b) for a in CONDITIONS[:count] for b in CONDITIONS[:count]]

@@ -81,6 +81,7 @@ def reach(robot):
     return 1 + sum(np.abs(joint.u).sum() + 3 * (joint.kind == "slider") for joint in robot.tree.joints)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ROBOTS)
 def test_the_generated_module_computes_what_the_robot_computes(which):
     robot, frame = ROBOTS[which]()
@@ -99,6 +100,7 @@ def test_the_generated_module_computes_what_the_robot_computes(which):
         assert np.abs(values - expected).max() <= 64 * U * scale
 
 
+@pytest.mark.slow
 def test_the_generated_module_agrees_with_pinocchio():
     robot = hp.load_robot("ur5_robot", snap=0.0)
     module = functions(hp.derive(robot, frame="tool0"))
@@ -120,6 +122,7 @@ def test_the_generated_module_agrees_with_pinocchio():
             np.testing.assert_allclose(values, expected, rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_arguments_of_the_generated_module_broadcast():
     module = functions(hp.derive(hp.load_robot("ur5_robot"), frame="tool0"))
     assert module["S"](np.zeros((2, 5, 6))).shape == (2, 5, 3, 3)
@@ -127,6 +130,7 @@ def test_arguments_of_the_generated_module_broadcast():
     assert module["v"](np.zeros((4, 1, 6)), np.zeros((3, 6))).shape == (4, 3, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["solo12", "followers"])
 def test_the_jacobian_is_the_derivative_of_position_and_attitude(which):
     """In thirty digits, with SymPy's own derivatives."""
@@ -185,6 +189,7 @@ def test_angles_of_antiparallel_axes_are_subtracted_and_indices_past_nine_have_c
     assert "c_11,12 = cos(q_11 + q_12)" in hp.derive(hp.load_robot("solo12"), frame="HR_FOOT").to_text(["R"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["ur5", "panda's finger", "oblique 3"])
 @pytest.mark.parametrize("names", [None, ["R"], ["v", "jacobian"]])
 def test_lines_stand_after_what_they_need_and_names_are_used_again(which, names):
@@ -200,6 +205,7 @@ def test_lines_stand_after_what_they_need_and_names_are_used_again(which, names)
     assert all(used.count(name) > 1 for name in known if name.startswith("k_"))
 
 
+@pytest.mark.slow
 def test_points_stay_letters_where_asked():
     robot = hp.load_robot("ur5_robot", snap=SNAP)
     forms = hp.derive(robot, ("u",), "tool0")
@@ -244,6 +250,7 @@ def test_latex_has_dots_and_superscripts():
     assert "  J^{\\omega}_{y2} = J^{\\omega}_{y3} &= c_{1} \\\\\n" in text
 
 
+@pytest.mark.slow
 def test_sympy_reads_the_components_back():
     forms = hp.derive(hp.load_robot("ur5_robot", snap=SNAP), frame="tool0")
     source = json.loads(json.dumps(forms.to_sympy(["R", "jacobian"])))

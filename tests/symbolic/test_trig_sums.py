@@ -76,6 +76,7 @@ def test_sine_of_an_arc_keeps_its_angle():
     assert trig_sum(sine(arc) * cosine(t - arc) + cosine(arc) * sine(t - arc)) == sympy.sin(t)
 
 
+@pytest.mark.slow
 def test_sums_are_bounded():
     many = sympy.Add(*(sympy.cos(i * t) for i in range(MAX_TERMS)))
     assert trig_sum(many) == many

@@ -22,6 +22,7 @@ HARD = states.hard_states()
 # ---------------------------------------------------------------- what is right passes
 
 
+@pytest.mark.slow
 def test_random_pairs_agree_with_pinocchio():
     for k in range(15):
         rng = states.generator(55, k)
@@ -29,6 +30,7 @@ def test_random_pairs_agree_with_pinocchio():
         assert report.ok, report
 
 
+@pytest.mark.slow
 def test_given_attitudes_agree_with_pinocchio():
     for k in range(10):
         rng = states.generator(54, k)
@@ -52,6 +54,7 @@ def test_given_attitudes_agree_with_pinocchio():
     assert "omega2" in failed
 
 
+@pytest.mark.slow
 def test_lengths_and_rates_of_any_size_agree_with_pinocchio():
     """Each over twelve orders of magnitude, or zero: every term of a scale is the largest once."""
     for k in range(40):
@@ -66,6 +69,7 @@ def test_lengths_and_rates_of_any_size_agree_with_pinocchio():
         assert report.ok, report
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sequence", sparse(SEQUENCES, 5))
 def test_every_sequence_agrees_with_pinocchio(sequence):
     rng = states.generator(56)
@@ -73,6 +77,7 @@ def test_every_sequence_agrees_with_pinocchio(sequence):
     assert report.ok, report
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sparse(HARD, 5))
 def test_hard_states_agree_with_pinocchio(name):
     constants, *motion = HARD[name]
@@ -95,6 +100,7 @@ def test_the_reference_example_agrees_with_pinocchio():
     assert report.ok, report
 
 
+@pytest.mark.slow
 def test_single_precision_is_measured_by_its_own_roundoff():
     rng = states.generator(58)
     motion = [c.astype(np.float32) for c in states.coordinates(rng, 30)]
@@ -195,6 +201,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_found(name):
     fault, outputs = FAULTS[name]

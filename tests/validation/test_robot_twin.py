@@ -111,6 +111,7 @@ LEVELS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("base", ["fixed", "free"])
 def test_a_robot_is_compared_output_by_output(base, level):
@@ -125,6 +126,7 @@ def test_a_robot_is_compared_output_by_output(base, level):
     assert report.verdict == f"PASSED: {len(report.rows)} outputs of 6 samples within 16 u*scale of Pinocchio"
 
 
+@pytest.mark.slow
 def test_the_report_says_where_what_is_largest():
     report = hp.cross_validate(hp.load_robot("ur5_robot"), np.linspace(-2, 2, 30).reshape(5, 6))
     title, heading, *rows, unit, verdict = str(report).splitlines()
@@ -140,6 +142,7 @@ def test_the_report_says_where_what_is_largest():
     assert repr(report) == f"RobotValidation('ur5', {report.verdict})"
 
 
+@pytest.mark.slow
 def test_frames_may_be_chosen():
     robot = hp.load_robot("ur5_robot").with_frame("tool", link="tool0", R=(0, 0, 0.1))
     report = hp.cross_validate(robot, np.zeros(6), frames=("tool", "elbow_joint", "wrist_3_link"))
@@ -149,6 +152,7 @@ def test_frames_may_be_chosen():
         hp.cross_validate(robot, np.zeros(6), frames="knee")
 
 
+@pytest.mark.slow
 def test_samples_that_are_not_finite_are_left_out():
     q = np.linspace(-2, 2, 24).reshape(4, 6)
     q[1, 3], q[2, 0] = np.nan, np.inf
@@ -159,6 +163,7 @@ def test_samples_that_are_not_finite_are_left_out():
     assert (nothing.ok, nothing.verdict) == (False, "NOTHING COMPARED: there are no samples")
 
 
+@pytest.mark.slow
 def test_single_precision_is_judged_by_its_own_roundoff():
     q = np.linspace(-2, 2, 24, dtype=np.float32).reshape(4, 6)
     report = hp.cross_validate(hp.load_robot("ur5_robot"), q, q, q)
@@ -167,12 +172,14 @@ def test_single_precision_is_judged_by_its_own_roundoff():
     assert report.rows[0].max_error > 1e-9
 
 
+@pytest.mark.slow
 def test_values_may_be_given_by_joint():
     robot = hp.load_robot("double_pendulum")
     given = dict(zip(robot.names, (0.3, np.linspace(0, 1, 5)), strict=True))
     assert hp.cross_validate(robot, given, given, given).samples == 5
 
 
+@pytest.mark.slow
 def test_a_difference_fails(monkeypatch):
     """Any output off by 100 of its u * scale, at one sample and in one part."""
     robot, q = hp.load_robot("ur5_robot"), np.linspace(-2, 2, 24).reshape(4, 6)
@@ -228,6 +235,7 @@ def pendulum(*masses):
     return hp.Mechanism.from_pinocchio(model)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::hingepair.DynamicsWarning")
 def test_what_a_singular_mass_matrix_leaves_is_said():
     """Nothing resists a joint without mass; nothing resists folding an arm whose one mass is at its straight tip."""

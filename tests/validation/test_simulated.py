@@ -83,6 +83,7 @@ COMPARED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", [SPACE, PLANE], ids=["space", "plane"])
 @pytest.mark.parametrize("base", BASES)
 def test_a_simulated_motion_is_compared_with_inverse_dynamics(scenes, base, text):
@@ -122,6 +123,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("base", "text", "change"),
     [
@@ -140,6 +142,7 @@ def test_a_motion_that_does_not_follow_from_its_loads_fails(scenes, base, text, 
         assert "psid" in report.verdict.split(": ")[1].split(", ")
 
 
+@pytest.mark.slow
 def test_the_command_fails_on_such_a_motion(scenes, monkeypatch):
     scene = scenes(SPACE, "fixed")
     arguments = ["check", str(scene.path)]
@@ -181,6 +184,7 @@ def test_loads_of_another_pair_are_no_loads_of_this_motion(scenes, harm):
         assert not all(row.ok for row in rows), name
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:psi passes the stops:hingepair.DynamicsWarning")
 @pytest.mark.parametrize("samples", [40, 400, 3000])
 @pytest.mark.parametrize("base", ["free", "pinned", "fixed"])
@@ -199,6 +203,7 @@ def test_rates_pass_at_stops_and_where_instants_are_few(base, samples):
             assert row.max_error <= row.allowed / 4
 
 
+@pytest.mark.slow
 def test_a_body_that_turns_by_half_a_turn_a_sample_has_no_slope_to_compare():
     body = hp.Body(1, inertia=(1, 1, 1))
     pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body1=body, body2=body)
@@ -228,6 +233,7 @@ def test_the_slopes_are_those_of_all_instants(scenes, most):
     assert report.rates[0].samples > 75
 
 
+@pytest.mark.slow
 def test_a_motion_that_is_further_off_than_the_bound_says_so(tmp_path):
     scene = scene_of(tmp_path, SPACE, "fixed", "tol = 1e-4\n")
     report = scene.cross_validate()
@@ -242,6 +248,7 @@ def test_a_motion_that_is_further_off_than_the_bound_says_so(tmp_path):
     assert report.ok
 
 
+@pytest.mark.slow
 def test_a_motion_by_expressions_has_neither_forces_nor_notes(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(SPACE.partition("[dynamics]")[0] + "[motion]\npsi = 't'\n" + CARRIED[SPACE] + TIME)
