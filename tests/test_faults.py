@@ -14,7 +14,6 @@ from support.harm import run
 forking = pytest.mark.skipif(not hasattr(os, "fork"), reason="each fault has a forked process of its own")
 
 
-@pytest.mark.slow
 def test_faults_still_fit_the_source():
     """Fast: a fault whose text has gone is found out by every run of the tests, not only by the slow ones."""
     late = [text for fault in FAULTS.values() if (text := misfit(fault))]

@@ -120,7 +120,6 @@ def names_made_by(node: ast.AST) -> Iterator[str]:
             yield name
 
 
-@pytest.mark.slow
 def test_imports_run_downwards_and_in_no_circle() -> None:
     graph = {module: facts_of(module).imports - {"hingepair"} for module in MODULES if module not in OUTSIDE}
     graphlib.TopologicalSorter(graph).prepare()
