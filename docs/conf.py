@@ -15,17 +15,17 @@ copyright = "the authors of hingepair"
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
-    "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
     "command_help",
+    "mathml",
 ]
 exclude_patterns = ["_build", "gallery", "README.md"]
 default_role = "code"  # docstrings put names between single backticks
 
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
-math_number_all = False
+html_math_renderer = "mathml"
 
 autodoc_default_options = {"members": True, "inherited-members": "Shown, Frozen, Exception"}
 autodoc_member_order = "bysource"
@@ -50,4 +50,5 @@ suppress_warnings = ["config.cache"]  # the settings of the gallery are not writ
 
 html_theme = "furo"
 html_title = f"hingepair {version}"
-html_static_path: list[str] = []
+html_static_path = ["_static"]
+html_css_files = ["formulas.css"]

@@ -5,8 +5,8 @@ multiplies: a float, a NumPy array (one component of many samples), a SymPy expr
 cosines come in as values, so that each kind of number brings its own. Nothing here branches, allocates arrays or
 knows a Python object other than the tuple: the same functions compile to machine code unchanged.
 
-The letters are those of the equations (README, "Letters"): bare vectors in world axes; u1, n in body 1's axes,
-u2 in body 2's.
+The letters are those of docs/concepts/notation.md: bare vectors in world axes; u1, n in body 1's axes, u2 in body
+2's.
 
 E1  R1 + S1 u1 - (R2 + S2 u2) = 0          E6  Sh = I + sin(psi) [n]x + (1 - cos psi) [n]x^2
 E2  omega2 = omega1 + S1 n psi'            E7  R2 = R1 + S1 u1 - S2 u2

@@ -172,7 +172,7 @@ class HingePair(Shown):
             sequence: the Euler sequence of body 1, one of 24 as SciPy writes them; phi_x, phi_y and phi_z are the
                 angles of its first, second and third letter.
             workers: threads; -1 for one on every core.
-            backend: "numpy", "compiled", or "auto": compiled where it pays (README, "Speed").
+            backend: "numpy", "compiled", or "auto": compiled where it pays.
 
         Returns:
             The state; what the inputs do not give (v2 without qd) is None. float32 where all arrays given are
