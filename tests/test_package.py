@@ -120,17 +120,71 @@ def names_made_by(node: ast.AST) -> Iterator[str]:
             yield name
 
 
+def imports_of_modules() -> dict[str, set[str]]:
+    return {module: facts_of(module).imports - {"hingepair"} for module in MODULES if module not in OUTSIDE}
+
+
+def imports_of_wings() -> set[tuple[str, str]]:
+    """Pairs of wings of which the first imports the second."""
+    pairs = ((m.split(".")[1], other.split(".")[1]) for m, those in imports_of_modules().items() for other in those)
+    return {(wing, other) for wing, other in pairs if wing != other}
+
+
 def test_imports_run_downwards_and_in_no_circle() -> None:
-    graph = {module: facts_of(module).imports - {"hingepair"} for module in MODULES if module not in OUTSIDE}
-    graphlib.TopologicalSorter(graph).prepare()
-    wing = {module: module.split(".")[1] for module in graph}
-    below = {(wing[m], wing[seen]) for m, those in graph.items() for seen in those if wing[m] != wing[seen]}
+    graphlib.TopologicalSorter(imports_of_modules()).prepare()
+    below = imports_of_wings()
     for own, other in below:
         assert WINGS.index(other) < WINGS.index(own), f"{own} imports {other}"
     level: dict[str, int] = {}
     for own in WINGS:
         level[own] = 1 + max((level[other] for upper, other in below if upper == own), default=0)
     assert max(level.values()) <= 10, level
+
+
+def diagram_of_imports() -> str:
+    """Mermaid's text of which wing imports which; an import that follows from others is left out."""
+    below = imports_of_wings()
+    reached: dict[str, set[str]] = {}
+    lines = ["flowchart TD"]
+    for wing in WINGS:
+        direct = {other for one, other in below if one == wing}
+        beyond = set().union(*(reached[other] for other in direct))
+        reached[wing] = direct | beyond
+        lines += [f"    {wing} --> {other}" for other in sorted(direct - beyond, key=WINGS.index)]
+    return "\n".join(lines)
+
+
+CONTRIBUTING = PACKAGE.parents[1] / "CONTRIBUTING.md"
+
+
+def test_the_diagram_for_contributors_is_what_the_imports_say() -> None:
+    (drawn,) = re.findall(r"```mermaid\n(.*?)\n```", CONTRIBUTING.read_text(), re.DOTALL)
+    assert drawn == diagram_of_imports(), f"replace the diagram of CONTRIBUTING.md by\n{diagram_of_imports()}"
+
+
+NAMED_FOR_CONTRIBUTORS = {
+    "plans/steps.py": ("HINGE_STEPS", "PLANAR_STEPS"),
+    "plans/plan.py": ("_SHAPES", "SPATIAL"),
+    "pair/states.py": ("PairState",),
+    "scenes/explain.py": ("_MEANING",),
+    "equations/trees.py": ("slides",),
+    "plans/trees.py": ("Form", "places"),
+    "mechanism/tree.py": ("Joint",),
+    "cli/output.py": ("Json",),
+}
+
+
+def test_files_and_names_that_contributors_are_told_of_exist() -> None:
+    text = CONTRIBUTING.read_text()
+    files = set(re.findall(r"`((?:src|tests|docs|models)/[\w./]*|\.ci/run|[\w.]+\.(?:md|cff|toml))`", text))
+    assert len(files) > 30
+    assert sorted(name for name in files - {"docs/_build"} if not (CONTRIBUTING.parent / name).exists()) == []
+    for folder in (path for path in PACKAGE.iterdir() if (path / "__init__.py").exists()):
+        assert f"`{folder.name}/`" in text, folder.name
+    for file, names in NAMED_FOR_CONTRIBUTORS.items():
+        for name in names:
+            assert re.search(rf"`[\w.]*{name}`", text), name
+            assert re.search(rf"\b{name}\b", (PACKAGE / file).read_text()), f"{name} in {file}"
 
 
 def test_no_module_reads_private_names_of_another() -> None:

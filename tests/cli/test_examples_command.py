@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
-import tarfile
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -97,27 +93,3 @@ def test_a_wrong_name_or_directory_is_an_error_that_says_what_to_do(tmp_path: Pa
     (tmp_path / "file").touch()
     message = refused(capsys, monkeypatch, "excavator", tmp_path / "file" / "folder")
     assert message.startswith("hingepair: DIRECTORY: expected a directory that can be written, got ")
-
-
-@pytest.mark.slow
-def test_a_wheel_built_from_the_source_distribution_holds_the_examples(tmp_path: Path) -> None:
-    pytest.importorskip("hatchling", reason="the build backend is not installed")
-    build = [sys.executable, "-m", "hatchling", "build", "-d", str(tmp_path)]
-    subprocess.run([*build, "-t", "sdist"], cwd=ROOT, check=True, capture_output=True)
-    (source,) = tmp_path.glob("*.tar.gz")
-    with tarfile.open(source) as archive:
-        archive.extractall(tmp_path, filter="data")
-    unpacked = tmp_path / source.name.removesuffix(".tar.gz")
-    subprocess.run([*build, "-t", "wheel"], cwd=unpacked, check=True, capture_output=True)
-    (wheel,) = tmp_path.glob("*.whl")
-    installed = tmp_path / "installed"
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(installed)
-    assert {path.suffix for path in (installed / "hingepair" / "examples").rglob("*.*")} == {".toml", ".csv"}
-    environment = os.environ | {"PYTHONPATH": str(installed)}
-    command = [sys.executable, "-m", "hingepair", "examples", "all", "copies"]
-    subprocess.run(command, cwd=tmp_path, env=environment, check=True, capture_output=True)
-    listed = subprocess.run(command[:4], cwd=tmp_path, env=environment, check=True, capture_output=True, text=True)
-    assert listed.stdout == examples()
-    for name in NAMES:
-        assert (tmp_path / "copies" / f"{name}.toml").read_bytes() == (MODELS / f"{name}.toml").read_bytes()
