@@ -6,8 +6,10 @@ import re
 from pathlib import Path
 
 import pytest
+import typer
 
 import hingepair as hp
+from hingepair.cli.main import app
 from hingepair.pair.accuracy import PROMISES
 from support.pages import page_steps, run_page
 
@@ -67,3 +69,9 @@ def test_the_table_of_accuracy_is_the_promise(output):
     promise = PROMISES[output]
     row = f"| {output} | {promise.proved} | {promise.seen} | {promise.scale} |"
     assert row in (DOCS / "concepts" / "accuracy.md").read_text(encoding="utf-8")
+
+
+def test_the_page_of_commands_has_a_row_for_each():
+    page = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
+    for command in typer.main.get_command(app).commands:
+        assert re.search(rf"^\| .*`hingepair {command}\b", page, re.MULTILINE), command
