@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -35,6 +36,8 @@ _LIMIT_REACH: Final = 0.6
 _PANEL_SIZE: Final = (3.5, 1.5)
 _PATHS_WIDTH: Final = 5.0
 """Width and height of a panel, and width of the paths [inch]."""
+_MAX_ROWS: Final = 12
+"""Rows of panels, at most, and one more where there are hinges and sliders; more joints share panels."""
 _PATHS_ROWS: Final = 6
 """Rows of panels beside which the paths stand, at most: the first ones."""
 _HEADROOM: Final = 0.3
@@ -85,26 +88,31 @@ def _labels(scene: MechanismScene, name: str) -> tuple[str, str]:
 def _whole(
     make: type[Figure], scene: MechanismScene, quantities: tuple[str, ...], curves: dict[str, Curve]
 ) -> Figure:
-    """Draw a row of panels for each joint that moves, and the paths of the frames."""
+    """Draw a row of panels for each joint that moves, or for some of many joints, and the paths of the frames."""
     joints = [joint for joint in scene.mechanism.tree.coordinates if joint.name in scene.joint_motion.moving]
-    rows, columns = max(1, len(joints)), len(quantities)
+    groups = _grouped(scene, joints)
+    rows, columns = max(1, len(groups)), len(quantities)
     width, height = _PANEL_SIZE
     size = width * columns + _PATHS_WIDTH, max(_PATHS_WIDTH, height * rows + 0.9)
     figure = make(figsize=size, layout="constrained")
     grid = figure.add_gridspec(rows, columns + 1, width_ratios=(*[width] * columns, _PATHS_WIDTH))
     first: Any = None
-    for row, joint in enumerate(joints):
+    for row, group in enumerate(groups):
         for column, quantity in enumerate(quantities):
             axes = figure.add_subplot(grid[row, column], sharex=first)
             first = first or axes
-            unit = scene.unit(f"tau_{joint.name}" if quantity == "tau" else joint.name + quantity[1:])
-            over_time(axes, _TITLES[quantity] if row == 0 else "", unit, curves[f"{quantity}_{joint.name}"])
-            _draw_limits(axes, _limits(joint, quantity), curves[f"{quantity}_{joint.name}"].values)
+            name = group[0].name
+            unit = scene.unit(f"tau_{name}" if quantity == "tau" else name + quantity[1:])
+            _draw_joints(axes, group, quantity, curves)
+            axes.set(title=_TITLES[quantity] if row == 0 else "", ylabel=unit)
             if row < rows - 1:
                 axes.set(xlabel="")
                 axes.tick_params(labelbottom=False)
             if column == 0:
-                axes.set_ylabel(f"{_shortened(joint.name)}\n[{unit}]", fontsize=8)
+                label = f"{_shortened(name)}\n[{unit}]" if len(group) == 1 else f"[{unit}]"
+                axes.set_ylabel(label, fontsize=8)
+                if len(group) > 1:
+                    axes.legend(fontsize=6, loc="best")
     if PATHS in curves:
         points = np.split(curves[PATHS].values, len(scene.frames), axis=1)
         colours = [_PATH_COLOURS[i % len(_PATH_COLOURS)] for i in range(len(points))]
@@ -112,6 +120,27 @@ def _whole(
             figure, grid[:_PATHS_ROWS, columns], dict(zip(scene.frames, points, strict=True)), colours, zoom=0.75
         )
     return figure
+
+
+def _grouped(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[Joint]]:
+    """Return the joints that share a row of panels, in order; hinges and sliders, whose units differ, share none."""
+    size = -(-len(joints) // _MAX_ROWS)
+    if size <= 1:
+        return [[joint] for joint in joints]
+    hinges = [joint for joint in joints if scene.unit(joint.name) == "rad"]
+    sliders = [joint for joint in joints if joint not in hinges]
+    return [alike[start : start + size] for alike in (hinges, sliders) for start in range(0, len(alike), size)]
+
+
+def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dict[str, Curve]) -> None:
+    """Draw a quantity of one joint or several over time; of one, limits that are far from its curve are written."""
+    alone = len(joints) == 1
+    for joint, colour in zip(joints, itertools.cycle(_PATH_COLOURS), strict=False):
+        curve = curves[f"{quantity}_{joint.name}"]
+        over_time(axes, "", "", curve)
+        if not alone:
+            axes.get_lines()[-1].set(color=colour, label=_shortened(joint.name))
+        _draw_limits(axes, _limits(joint, quantity), curve.values, COLOURS[1] if alone else colour, alone)
 
 
 def _limits(joint: Joint, quantity: str) -> tuple[float, float]:
@@ -122,8 +151,8 @@ def _limits(joint: Joint, quantity: str) -> tuple[float, float]:
     return -largest, largest
 
 
-def _draw_limits(axes: Axes, limits: tuple[float, float], values: Array) -> None:
-    """Draw the limits that are close to a curve, and write those that are not."""
+def _draw_limits(axes: Axes, limits: tuple[float, float], values: Array, colour: str, written: bool) -> None:
+    """Draw the limits that are close to a curve; write those that are not, where there is room for words."""
     finite = values[np.isfinite(values)]
     known = [limit for limit in limits if np.isfinite(limit)]
     if not known or not finite.size:
@@ -133,15 +162,15 @@ def _draw_limits(axes: Axes, limits: tuple[float, float], values: Array) -> None
     far = []
     for limit in known:
         if least - reach <= limit <= most + reach:
-            axes.axhline(limit, color=COLOURS[1], lw=1, ls="--", label="limit")
+            axes.axhline(limit, color=colour, lw=1, ls="--", label="_limit")
         else:
             far.append(limit)
-    if far:
+    if far and written:
         both = len(far) == 2 and far[0] == -far[1]
         text = f"±{far[1]:.6g}" if both else ", ".join(f"{limit:.6g}" for limit in far)
         bottom, top = axes.get_ylim()
         axes.set_ylim(bottom, top + _HEADROOM * (top - bottom))
-        style: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 7, "color": COLOURS[1]}
+        style: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 7, "color": colour}
         axes.text(0.98, 0.95, f"limit{'s' * (len(far) > 1)} {text}", transform=axes.transAxes, **style)
 
 
