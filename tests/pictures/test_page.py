@@ -268,7 +268,28 @@ def test_a_motion_of_a_robot_is_played_at_its_instants():
     np.testing.assert_array_equal(content_of(hp.view(robot, q=table))["q"], q[:4])
 
 
+def test_the_base_of_a_robot_stands_or_moves_as_it_is_told():
+    robot = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
+    q = np.random.default_rng(1).uniform(-1, 1, (4, 7))
+    heights, turn = np.outer(np.arange(4), (0, 0, 0.5)), hp.rodrigues((0, 0, 1), 0.3)
+    for R in (heights, heights[1]):
+        page = hp.view(robot, q=q, base_motion=hp.BodyMotion(R=R, S=turn))
+        content = content_of(page)
+        places = np.array(content["placements"]).reshape(-1, 4, 4)
+        assert len(places) == (4 if R.ndim == 2 else 1)
+        np.testing.assert_array_equal(places[:, :3, 3] + content["origin"], np.atleast_2d(R))
+        np.testing.assert_array_equal(places[:, :3, :3], np.broadcast_to(turn, (len(places), 3, 3)))
+    still = content_of(hp.view(robot, base_motion=hp.BodyMotion(R=(1, 2, 3), S=turn)))
+    assert still["origin"] == [1, 2, 3]
+
+
 REFUSED = {
+    "a base at other instants": (
+        {"q": np.zeros((3, 7)), "base_motion": hp.BodyMotion(R=np.zeros((2, 3)), S=np.eye(3))},
+        r"^base_motion: expected one instant, or the 3 instants of q, got \(2,\)",
+    ),
+    "a base without attitude": ({"base_motion": hp.BodyMotion(R=np.zeros(3))}, r"^base_motion.S: expected a value"),
+    "a base that is none": ({"base_motion": np.zeros(3)}, "^base_motion: expected a BodyMotion"),
     "one state": ({"q": np.zeros(7)}, r"^q: expected shape \(T, 7\) with T from 1 on, got \(7,\)"),
     "another robot's": ({"q": np.zeros((3, 8))}, r"^q: expected shape \(T, 7\)"),
     "no instant": ({"q": np.zeros((0, 7))}, r"^q: expected shape \(T, 7\) with T from 1 on"),

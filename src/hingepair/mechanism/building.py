@@ -94,19 +94,20 @@ def _body(masses: MassProperties) -> Body | None:
     return Body(masses.mass, masses.center_of_mass, masses.inertia)
 
 
-def with_payload(tree: Tree, base: str, frame: Frame, body: Body) -> Tree:
-    """Return the tree with a further body fixed to a frame, which is the body's own.
+def with_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
+    """Return the tree with a further body fixed to the frame of this name, which is the body's own.
 
     Raises:
-        ArgumentError: no Body.
+        ArgumentError: no such frame, or no Body.
     """
+    frame = tree.known_frame("link", link)
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
     own = tree.base if frame.body == 0 else tree.joints[frame.body - 1].body
     payload = inertia_of(body).placed(Pose(frame.S, frame.R))
     total = mass_properties({"body": Inertia(own.mass, own.center_of_mass, own.inertia), "payload": payload})
     counts = frame.body > 0 or base == "free"
-    notes = (*tree.notes, *(f"payload: {note}" for note in body.assumed if counts))
+    notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
     drawings = list(tree.drawings)
     shapes, complete = drawings[frame.body]
     drawings[frame.body] = Drawing((*shapes, *placed_shapes(body.shapes, Pose(frame.S, frame.R))), complete)

@@ -237,8 +237,7 @@ class Mechanism(MechanismMethods):
         >>> hp.Mechanism([hand]).with_payload("hand", hp.Body(3, inertia=(1, 1, 1)))["hand"].body2.mass
         5.0
         """
-        frame = self.tree.known_frame("link", link)
-        return _mechanism(type(self), building.with_payload(self.tree, self.base, frame, body), self.base)
+        return _mechanism(type(self), building.with_payload(self.tree, self.base, link, body), self.base)
 
     def with_frame(
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None

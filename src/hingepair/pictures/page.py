@@ -27,6 +27,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import is_table, real_array
 from hingepair.numeric.tables import unit_of
 from hingepair.numeric.whole_file import whole_file
+from hingepair.pair.body_motion import BodyMotion
 from hingepair.pictures.frames import MAX_FRAMES, Array, Source, spread_frames, spread_rows
 from hingepair.pictures.model import Model, model_json, pair_model, placements, robot_model
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
@@ -41,6 +42,7 @@ def view(
     path: str | os.PathLike[str] | None = None,
     q: ArrayLike | None = None,
     t: ArrayLike | None = None,
+    base_motion: BodyMotion | None = None,
 ) -> Page:
     """Make a page on which a pair or a robot moves, with a slider for each joint.
 
@@ -54,13 +56,15 @@ def view(
         path: a file to write the page to, ending in .html; none unless given.
         q: motion of a robot [rad or m]; shape (T, dof), in the order of `robot.names`, or a table with these columns.
         t: instants of q [s]; shape (T,), not decreasing; 30 in a second unless given.
+        base_motion: where the base of a robot is: R and S of one instant, or of the T instants of q; at the origin
+            unless given.
 
     Returns:
         The page: `.html` is its text, `.save(path)` writes it; in a notebook it shows itself.
 
     Raises:
-        ArgumentError: what has no motion to show, q or t that cannot be used, or a file that cannot be written; names
-            the argument.
+        ArgumentError: what has no motion to show, q, t or base_motion that cannot be used, or a file that cannot be
+            written; names the argument.
         MissingDependencyError: the package meshcat is not installed.
 
     >>> import hingepair as hp
@@ -70,9 +74,9 @@ def view(
     Page(panda, joints=8)
     """
     if isinstance(source, Mechanism):
-        model, motion = robot_model(source, source.name), _robot_motion(source, q, t)
+        model, motion = robot_model(source, source.name), _robot_motion(source, q, t, base_motion)
     else:
-        for name, value in (("q", q), ("t", t)):
+        for name, value in (("q", q), ("t", t), ("base_motion", base_motion)):
             if value is not None:
                 raise ArgumentError(name, "none but with a robot, a Mechanism", quoted(value))
         source = source.scene if isinstance(source, SceneResult | MechanismSceneResult) else source
@@ -167,17 +171,16 @@ def _pair_page(source: Source) -> tuple[Model, _Motion]:
 def _robot_page(scene: MechanismScene) -> tuple[Model, _Motion]:
     robot, rows = scene.mechanism, scene.spread(MAX_FRAMES)
     known = scene.known(rows, 0)
-    R, S = (np.zeros(3), np.eye(3)) if known.base is None else (known.base.R, known.base.S)
-    R, S = R.reshape(-1, 3), S.reshape(-1, 3, 3)
-    places = max(len(R), len(S))
-    R, S = np.broadcast_to(R, (places, 3)), np.broadcast_to(S, (places, 3, 3))
-    motion = _Motion(np.asarray(scene.instants[rows]), scene.samples, R, S, known.array(0), {})
+    t, q = np.asarray(scene.instants[rows]), known.array(0)
+    motion = _Motion(t, scene.samples, *_base_places(known.base, len(t)), q, {})
     named = () if scene.frames == robot.tips else scene.frames
     return robot_model(robot, scene.title, *named[:1]), motion
 
 
-def _robot_motion(robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None) -> _Motion:
-    """Return the motion of a robot whose base stands at the origin, at MAX_FRAMES instants at most."""
+def _robot_motion(
+    robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None, base_motion: BodyMotion | None
+) -> _Motion:
+    """Return the motion of a robot at MAX_FRAMES instants at most."""
     if is_table(q):
         q = np.stack(tuple(coordinate_columns("q", q, robot.names).values()), axis=-1)
     positions = np.zeros((0, robot.dof)) if q is None else real_array("q", q).astype(np.float64)
@@ -189,7 +192,26 @@ def _robot_motion(robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None) ->
     if not np.isfinite(instants).all() or (np.diff(instants) < 0).any():
         raise ArgumentError("t", "finite instants that do not decrease", quoted(t))
     rows = spread_rows(len(instants))
-    return _Motion(instants[rows], len(instants), np.zeros((1, 3)), np.eye(3)[None], positions[rows], {})
+    R, S = _base_places(base_motion, len(instants))
+    if len(R) > 1:
+        R, S = R[rows], S[rows]
+    return _Motion(instants[rows], len(instants), R, S, positions[rows], {})
+
+
+def _base_places(base_motion: BodyMotion | None, count: int) -> tuple[Array, Array]:
+    """Return where the base is: R, shape (1, 3) or (count, 3), and S, shape (1, 3, 3) or (count, 3, 3)."""
+    if base_motion is None:
+        return np.zeros((1, 3)), np.eye(3)[None]
+    if not isinstance(base_motion, BodyMotion):
+        raise ArgumentError("base_motion", "a BodyMotion", quoted(base_motion))
+    if base_motion.S is None:
+        raise ArgumentError("base_motion.S", "a value, as in BodyMotion(..., S=...)", None)
+    R, S = np.asarray(base_motion.R, np.float64), np.asarray(base_motion.S, np.float64)
+    shape = np.broadcast_shapes(R.shape[:-1], S.shape[:-2])
+    if shape not in {(), (1,), (count or 1,)}:
+        raise ShapeError("base_motion", f"one instant, or the {count} instants of q", shape)
+    places = shape[0] if shape else 1
+    return np.broadcast_to(R, (places, 3)), np.broadcast_to(S, (places, 3, 3))
 
 
 def _html(model: Model, motion: _Motion) -> str:
