@@ -250,7 +250,7 @@ def test_no_cell_of_the_report_is_cut(capsys):
     rows += [_row(case, peers.HINGEPAIR_NAME, 1.0) for case in (direct.CYCLE_CASE, direct.CONSTRUCTION_CASE)]
     cases = [direct.case_name(f"{direct.OFFSETS_CASE}: {level}", 1_000_000) for level in LEVEL_OUTPUTS]
     rows += [_row(case, method, 1.0) for case in cases for method in direct.OUTPUT_OFFSETS]
-    command._report(lambda: Report(rows, "error"), False)
+    command._run_benchmark(lambda: Report(rows, "error"), False)
     assert "…" not in capsys.readouterr().out
 
 

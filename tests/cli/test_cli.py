@@ -36,7 +36,7 @@ def hingepair(*arguments: object, code: int = EXIT_OK) -> subprocess.CompletedPr
     streams = [io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["hingepair", *map(str, arguments)])
-        patch.setattr("hingepair.cli.main.behave", lambda: None)
+        patch.setattr("hingepair.cli.main.set_up_process", lambda: None)
         for name, stream in zip(("stdout", "stderr"), streams, strict=True):
             patch.setattr(sys, name, stream)
         with pytest.raises(SystemExit) as done:
@@ -232,15 +232,15 @@ def test_ranges_are_those_of_every_component(short_scene: Path) -> None:
 def test_what_cannot_be_printed_is_said(
     error: OSError, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    from hingepair.cli.output import printed
+    from hingepair.cli.output import run_and_flush
 
     def fail() -> int:
         raise error
 
     with (tmp_path / "out").open("w") as out:
         monkeypatch.setattr(sys, "stdout", out)
-        assert printed(fail) == EXIT_BAD_INPUT
-        assert printed(lambda: 7) == 7
+        assert run_and_flush(fail) == EXIT_BAD_INPUT
+        assert run_and_flush(lambda: 7) == 7
     assert capsys.readouterr().err == f"hingepair: {said}\n"
 
 
@@ -317,7 +317,7 @@ def test_bad_input_is_one_line_and_exit_2(arguments: tuple[object, ...], words: 
         ("plot SCENE --outputs R9 -o a.png", "--outputs: expected one of R2,"),
         ("view SCENE -o a.doc", "--out: expected a file name that ends in .html"),
         ("forces SCENE --gravity 1,2", "--gravity: expected three finite numbers X,Y,Z, got '1,2'"),
-        ("forces FLAT --gravity 1,2,3", "--gravity: expected two finite numbers X,Y of a scene in the plane, got "),
+        ("forces FLAT --gravity 1,2,3", "--gravity: expected two finite numbers X,Y for a planar pair, got "),
         ("forces SCENE --gravity nan,0,0", "--gravity: expected three finite numbers X,Y,Z, got 'nan,0,0'"),
         ("derive SCENE --frame tool0", "--frame needs a whole robot or its scene"),
         (
@@ -342,8 +342,8 @@ def test_bad_input_is_one_line_and_exit_2(arguments: tuple[object, ...], words: 
         ),
         ("derive SCENE --symbolic u9", "--symbolic: expected names out of u1, u2, n"),
         ("derive SCENE --latex --python", "--unicode, --latex, --python and --json exclude each other"),
-        ("urdf SCENE knee", "JOINT: expected nothing after a scene file, which describes its own pair, got 'knee'"),
-        ("urdf SCENE --body1-frame a", "--body1-frame and --body2-frame need a JOINT, whose links they are"),
+        ("urdf SCENE knee", "JOINT: expected no JOINT after a scene file, which describes its own pair, got 'knee'"),
+        ("urdf SCENE --body1-frame a", "--body1-frame and --body2-frame: expected a JOINT, whose links they name"),
         ("urdf URDF knee", "JOINT: expected one of hinge"),
         ("urdf URDF hinge --body2-frame nowhere", "--body2-frame: expected a link rigidly fixed to"),
         ("robots nobody", "NAME: expected one of the "),
@@ -435,7 +435,7 @@ def test_an_error_that_is_none_of_ours_is_no_failed_check(
         raise getattr(builtins, error)("unforeseen")
 
     monkeypatch.setattr(main, "app", fail)
-    assert main._run() == code
+    assert main._run_app() == code
     assert "unforeseen" in capsys.readouterr().err
 
 
@@ -542,7 +542,7 @@ def test_the_frames_of_a_hinge_are_links_that_are_named() -> None:
     assert text == hp.to_mjcf(replace(foot, name="go1/FL_calf_joint"))
     assert "--body2-frame: expected a link rigidly fixed to" in invoke("mjcf", file, "hinge", "--body2-frame", "arm")
     for command in ("derive", "urdf"):
-        assert "--body1-frame and --body2-frame need a JOINT" in invoke(command, REFERENCE, *frames)
+        assert "--body1-frame and --body2-frame: expected a JOINT" in invoke(command, REFERENCE, *frames)
 
 
 @pytest.mark.slow
@@ -555,7 +555,7 @@ def test_a_robots_hinge_is_exported_by_name_or_from_a_urdf() -> None:
     assert "JOINT: expected a hinge of go1: one of FR_hip_joint" in invoke("urdf", "go1")
     assert "JOINT: expected one of FR_hip_joint" in invoke("urdf", "go1", "knee")
     assert "v2_x" in invoke("derive", "go1", "FL_calf_joint", "--outputs", "v2")
-    assert "JOINT: expected nothing after a scene file" in invoke("urdf", REFERENCE, "knee")
+    assert "JOINT: expected no JOINT after a scene file" in invoke("urdf", REFERENCE, "knee")
     assert "URDF: expected XML" in invoke("urdf", MODELS / "logged_arm.csv", "knee")
 
 
@@ -610,7 +610,7 @@ def test_help_explains(command: str) -> None:
 def test_a_scene_without_a_finite_instant_shows_no_residuals(short_scene: Path) -> None:
     short_scene.write_text(re.sub(r"(?m)^psi = .*$", 'psi = "sqrt(-1 - t)"', short_scene.read_text()))
     out = hingepair("run", short_scene).stdout
-    assert "11 of 11 instants are not finite; there is nothing to show" in out
+    assert "11 of 11 instants are not finite; the table has no numbers" in out
     assert "E1" not in out
     report = json.loads(hingepair("run", short_scene, "--json", "--explain").stdout)
     assert report["not_finite"] == 11

@@ -95,7 +95,7 @@ def test_a_joint_that_follows_says_how(tmp_path: Path) -> None:
 def test_folded_joints_and_pairs_are_named_below() -> None:
     *_, coordinates, folded, pairs = robots("panda").splitlines()
     assert coordinates == "panda: q has 8 coordinates."
-    assert folded.endswith("carry them: panda_joint8, panda_hand_joint, panda_hand_tcp_joint.")
+    assert folded.endswith("carries them: panda_joint8, panda_hand_joint, panda_hand_tcp_joint.")
     assert pairs.endswith("hingepair view panda panda_joint1")
 
 
@@ -126,15 +126,15 @@ def test_hinges_of_what_is_no_whole_robot_are_listed(tmp_path: Path) -> None:
     assert (report["dof"], [row["joint"] for row in report["joints"]]) == (None, ["knee"])
     assert report["joints"][0]["n"] == [0, 1, 0]
     assert report["notes"] == [
-        "These joints make no whole robot: joint 'sled': expected a type out of revolute, continuous, prismatic, "
-        "fixed, got 'planar'"
+        "The joints cannot be loaded as a whole robot: joint 'sled': expected a type out of revolute, continuous, "
+        "prismatic, fixed, got 'planar'"
     ]
     assert "q has" not in robots(path)
 
 
 def test_an_unknown_robot_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr("sys.argv", ["hingepair", "robots", "ur5"])
-    monkeypatch.setattr("hingepair.cli.main.behave", lambda: None)
+    monkeypatch.setattr("hingepair.cli.main.set_up_process", lambda: None)
     with pytest.raises(SystemExit) as done:
         main()
     assert done.value.code == 2

@@ -41,7 +41,7 @@ def test_a_hinge_of_a_robot_is_viewed_as_a_pair(tmp_path: Path, monkeypatch: pyt
 def test_what_is_no_robot_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert "nobody: expected a file, or one of the 69 robots of example-robot-data" in view("nobody")
-    assert "--body1-frame and --body2-frame need a JOINT" in view("panda", "--body1-frame", "panda_hand")
+    assert "--body1-frame and --body2-frame: expected a JOINT" in view("panda", "--body1-frame", "panda_hand")
     urdf = tmp_path / "robot.html.urdf"
     urdf.write_text(hp.to_urdf(hp.HingePair(u1=(1, 0, 0), u2=(1, 0, 0), n=(0, 0, 1))))
     assert "expected a file name that ends in .html" in view(urdf, "-o", urdf)

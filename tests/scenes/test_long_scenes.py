@@ -15,7 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import hingepair as hp
-from hingepair.cli.summary import Summary
+from hingepair.cli.summary import RunSummary
 from hingepair.formats.recordings import read_recording
 from hingepair.scenes.instants import Uniform
 from support.sparse import sparse
@@ -70,7 +70,7 @@ def test_pieces_are_the_whole_to_the_bit(tmp_path, monkeypatch, model):
     assert sum(len(part.t) for part in parts) == scene.samples == len(whole.t)
     for name, array in whole.recorded().items():
         np.testing.assert_array_equal(np.concatenate([part.recorded()[name] for part in parts]), array)
-    at_once, piecewise = Summary(scene), Summary(scene)
+    at_once, piecewise = RunSummary(scene), RunSummary(scene)
     at_once.add(scene.evaluate())
     for part in parts:
         piecewise.add(part)

@@ -879,7 +879,7 @@ FAULTS = {
     ),
     "a summary of the last piece alone": Fault(
         "cli/summary.py",
-        "np.fmin(self._least, np.fmin.reduce(values))",
+        "np.fmin(self._smallest, np.fmin.reduce(values))",
         "np.fmin.reduce(values)",
         "scenes/test_long_scenes.py::test_pieces_are_the_whole_to_the_bit[reference_2d]",
     ),

@@ -278,7 +278,7 @@ def test_the_examples_run(name):
 
 def run_command(*arguments: str, monkeypatch, capsys, code: int) -> str:
     monkeypatch.setattr("sys.argv", ["hingepair", "sweep", *arguments])
-    monkeypatch.setattr("hingepair.cli.main.behave", lambda: None)
+    monkeypatch.setattr("hingepair.cli.main.set_up_process", lambda: None)
     with pytest.raises(SystemExit) as done:
         main()
     shown = capsys.readouterr()

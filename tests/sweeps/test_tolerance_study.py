@@ -138,7 +138,7 @@ def test_what_cannot_be_used_is_named(arguments, message, tmp_path, monkeypatch,
     paths["crane"].write_text(CRANE)
     paths["bad"].write_text(SCENE + "[tolerances]\nu3_std = 1\n")
     monkeypatch.setattr("sys.argv", ["hingepair", "tolerance", str(paths[arguments[0]]), *arguments[1:]])
-    monkeypatch.setattr("hingepair.cli.main.behave", lambda: None)
+    monkeypatch.setattr("hingepair.cli.main.set_up_process", lambda: None)
     with pytest.raises(SystemExit) as done:
         main()
     assert done.value.code == 2

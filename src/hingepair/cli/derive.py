@@ -1,4 +1,4 @@
-"""`hingepair derive SCENE`: closed forms of a scene's motion, of any motion of a pair, or of a robot's frame."""
+"""`hingepair derive`: closed forms of the motion of a scene, of any motion of a pair, or of a frame of a robot."""
 
 from __future__ import annotations
 
@@ -10,30 +10,39 @@ from typing import Annotated, Any, Final
 import numpy as np
 import typer
 
-from hingepair.cli.output import give, listed
-from hingepair.cli.pairs import Frame1, Frame2, Joint, TextFile, inputs_of, is_urdf, named, named_robot
+from hingepair.cli.output import split_names, write_text
+from hingepair.cli.pairs import (
+    Body1FrameOption,
+    Body2FrameOption,
+    JointArgument,
+    TextFileOption,
+    input_files,
+    is_urdf,
+    load_named_robot,
+    load_scene_or_pair,
+)
 from hingepair.errors import HingePairError
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.scene import SCENE_OUTPUTS, Scene
 
-_SNAP: Final = 1e-6
-"""[rad] within which an angle of a robot's file is taken for a multiple of pi/2, unless the command line says."""
+_DEFAULT_SNAP: Final = 1e-6
+"""Default of --snap [rad]: angles of a robot's file that are closer to a multiple of pi/2 are replaced by it."""
 
-DEFAULT = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
-"""What is derived unless the command line or the scene says otherwise."""
+DEFAULT_OUTPUTS = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
+"""Outputs that are derived unless --outputs or the scene names others."""
 
 
-def derive(
+def derive_command(
     source: Annotated[str, typer.Argument(metavar="SCENE", help="Scene file (TOML), a robot's name or a URDF file.")],
-    joint: Joint = None,
+    joint: JointArgument = None,
     frame: Annotated[
         str | None,
         typer.Option(
             "--frame",
             metavar="NAME",
-            help="A robot's link or joint; its last link, where it ends in one, unless given.",
+            help="Link or joint of a robot; default: its last link, if it has only one.",
         ),
     ] = None,
     snap: Annotated[
@@ -41,131 +50,166 @@ def derive(
         typer.Option(
             "--snap",
             metavar="ANGLE",
-            help="Angles [rad] of a robot's file so near to a multiple of pi/2 are taken for it: 1e-6 unless given, "
-            "0 for none.",
+            help="Replace angles of a robot's file that are closer than this [rad] to a multiple of pi/2 by that "
+            "multiple; default: 1e-6; 0: replace none.",
         ),
     ] = None,
-    body1_frame: Frame1 = None,
-    body2_frame: Frame2 = None,
+    body1_frame: Body1FrameOption = None,
+    body2_frame: Body2FrameOption = None,
     unicode: Annotated[
-        bool, typer.Option("--unicode", help="One line a component, as a paper has it: the default.")
+        bool,
+        typer.Option("--unicode", help="Print formulas with Unicode symbols, one line a component (the default)."),
     ] = False,
-    latex: Annotated[bool, typer.Option("--latex", help="LaTeX: an align* environment (amsmath).")] = False,
-    python: Annotated[bool, typer.Option("--python", help="A Python module that needs only NumPy.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="JSON: each component as sympy.sympify reads it.")] = False,
-    outputs: Annotated[str | None, typer.Option(metavar="NAMES", help="What to derive: R2,omega1.")] = None,
+    latex: Annotated[bool, typer.Option("--latex", help="Print LaTeX: an align* environment (amsmath).")] = False,
+    python: Annotated[bool, typer.Option("--python", help="Print a Python module that needs only NumPy.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print JSON: each component as text for sympy.sympify.")
+    ] = False,
+    outputs: Annotated[
+        str | None, typer.Option(metavar="NAMES", help="Outputs to derive, separated by commas, such as R2,omega1.")
+    ] = None,
     symbolic: Annotated[
         str | None,
         typer.Option(
             metavar="NAMES",
-            help="What stays a letter: of u1,u2,n and the scene's constants; of a robot u, its lengths.",
+            help="Constants that stay symbols, separated by commas: u1, u2, n and the constants of the scene; of a "
+            "robot u, its lengths.",
         ),
     ] = None,
     short: Annotated[
         bool | None,
         typer.Option(
-            "--short/--full", help="Abbreviate sines and what comes again: where lines are long, and of a robot."
+            "--short/--full",
+            help="Abbreviate sines and repeated terms; default: if lines are long, and for a robot.",
         ),
     ] = None,
-    out: TextFile = None,
+    out: TextFileOption = None,
 ) -> None:
-    """Show the motion in closed form.
+    """Derive the motion in closed form.
 
-    Unless told, omega1(t), R2(t), S2(t), v2(t), omega2(t), a2(t), alpha2(t). Without a motion (a scene that has
-    none or simulates it, a robot's hinge) the forms are those of any motion. Of a whole robot: R, S, jacobian, v and
-    omega of a frame, in the joints' q_1, q_2 and so on.
+    The outputs are omega1(t), R2(t), S2(t), v2(t), omega2(t), a2(t), alpha2(t) by default. A scene without a motion
+    or with a simulated one, and a hinge of a robot, give the formulas of an arbitrary motion. A whole robot gives R,
+    S, jacobian, v and omega of a frame, in terms of the joint coordinates q_1, q_2 and so on.
     """
     if unicode + latex + python + as_json > 1:
-        raise HingePairError("--unicode, --latex, --python and --json exclude each other")
-    write = "latex" if latex else "python" if python else "json" if as_json else "text"
-    letters, asked = listed("--symbolic", symbolic) or (), listed("--outputs", outputs)
-    robot = None if joint or body1_frame or body2_frame else _snapped_robot(source, snap)
-    found = named(source, joint, body1_frame, body2_frame) if robot is None else None
-    if isinstance(found, MechanismScene) and snap is None:
-        robot = found.mechanism, ()
+        raise HingePairError("--unicode, --latex, --python and --json exclude each other; give one of them")
+    output_format = "latex" if latex else "python" if python else "json" if as_json else "text"
+    symbols, output_names = split_names("--symbolic", symbolic) or (), split_names("--outputs", outputs)
+    robot = None if joint or body1_frame or body2_frame else _load_snapped_robot(source, snap)
+    scene_or_pair = load_scene_or_pair(source, joint, body1_frame, body2_frame) if robot is None else None
+    if isinstance(scene_or_pair, MechanismScene) and snap is None:
+        robot = scene_or_pair.mechanism, ()
     if robot is not None:
-        text = _of_robot(*robot, frame, letters, asked, write, short is not False)
+        text = _derive_robot(*robot, frame, symbols, output_names, output_format, short is not False)
     elif frame is not None or snap is not None:
         raise HingePairError(
-            "--frame needs a whole robot or its scene, --snap a robot's name or a URDF file; no JOINT"
+            "--frame needs a whole robot or its scene, --snap a robot's name or a URDF file; both without a JOINT"
         )
     else:
         any_motion = joint is None and not is_urdf(source)
-        text = _of_pair(found, source if any_motion else None, letters, asked, write, short)
-    give(text, out, inputs_of(source))
+        text = _derive_pair(
+            scene_or_pair, source if any_motion else None, symbols, output_names, output_format, short
+        )
+    write_text(text, out, input_files(source))
 
 
-def _of_pair(
-    found: Any,
+def _derive_pair(
+    scene_or_pair: Any,
     file: str | None,
-    letters: Sequence[str],
+    symbols: Sequence[str],
     outputs: Sequence[str] | None,
-    write: str,
+    output_format: str,
     short: bool | None,
 ) -> str:
-    """Return the closed forms of a scene's motion, or those of any motion of a pair, which may stand in a file."""
+    """Return the formulas of the motion of a scene, or of an arbitrary motion of a pair.
+
+    Args:
+        scene_or_pair: the scene or the pair.
+        file: scene file of a pair without a motion; None of another pair.
+        symbols: names of constants that stay symbols.
+        outputs: names of outputs; None for those of the scene, or the default.
+        output_format: text, latex, python or json.
+        short: whether repeated terms are abbreviated; None: if lines are long.
+    """
     from hingepair.plans.plan import ACCELERATION, PLANAR, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
     from hingepair.scenes.derive import derive_any_motion
 
-    if isinstance(found, Scene) and found.motion.simulated:
-        found = found.pair
-    is_scene = isinstance(found, Scene)
-    forms = closed_forms(found, letters) if is_scene or file is None else derive_any_motion(file, letters)
-    title, wanted = (found.title, found.outputs) if is_scene else (found.name, None)
-    asked = tuple(name for name in wanted or () if name not in SCENE_OUTPUTS)
-    usual = default_outputs(ACCELERATION, PLANAR) if forms.kind is PLANAR else DEFAULT
-    names = asked or usual if outputs is None else check_outputs(outputs, forms.kind.levels)
-    if write == "latex":
+    if isinstance(scene_or_pair, Scene) and scene_or_pair.motion.simulated:
+        scene_or_pair = scene_or_pair.pair
+    is_scene = isinstance(scene_or_pair, Scene)
+    forms = closed_forms(scene_or_pair, symbols) if is_scene or file is None else derive_any_motion(file, symbols)
+    title, scene_outputs = (scene_or_pair.title, scene_or_pair.outputs) if is_scene else (scene_or_pair.name, None)
+    chosen = tuple(name for name in scene_outputs or () if name not in SCENE_OUTPUTS)
+    default_names = default_outputs(ACCELERATION, PLANAR) if forms.kind is PLANAR else DEFAULT_OUTPUTS
+    names = chosen or default_names if outputs is None else check_outputs(outputs, forms.kind.levels)
+    if output_format == "latex":
         return forms.to_latex(names, short=bool(short))
-    if write == "python":
+    if output_format == "python":
         return forms.to_python(names, title)
-    if write == "json":
+    if output_format == "json":
         return json.dumps(forms.to_sympy(names), indent=2) + "\n"
     text = forms.to_text(names, short=bool(short))
     return forms.to_text(names, short=True) if short is None and "\n      " in text else text
 
 
-def _snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
-    """Return the robot of a name or a URDF file, its angles near right ones taken for these, and a note on that."""
-    robot = named_robot(source)
+def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
+    """Return a robot whose angles near multiples of pi/2 are replaced by these, and a note if any was.
+
+    Args:
+        source: robot's name or URDF file; of another source None is returned.
+        snap: angles that are closer [rad] are replaced; None for the default.
+    """
+    robot = load_named_robot(source)
     if robot is None:
         if not os.path.exists(source) and not source.lower().endswith(".toml"):
-            robot_urdf(source)  # refuses it, and says what robots there are
+            robot_urdf(source)  # raises an error that lists the robots
         return None
-    near = _SNAP if snap is None else snap
-    snapped = Mechanism.from_urdf(source, snap=near) if is_urdf(source) else load_robot(source, snap=near)
-    moved = _largest_change(robot, snapped)
-    note = f"angles of the robot's file up to {moved:.1g} rad from a multiple of pi/2 are taken for it (--snap)"
-    return snapped, (note,) if moved else ()
+    max_angle = _DEFAULT_SNAP if snap is None else snap
+    snapped = Mechanism.from_urdf(source, snap=max_angle) if is_urdf(source) else load_robot(source, snap=max_angle)
+    largest_change = _largest_rotation_change(robot, snapped)
+    note = (
+        f"angles of the robot's file up to {largest_change:.1g} rad from a multiple of pi/2 are taken for it (--snap)"
+    )
+    return snapped, (note,) if largest_change else ()
 
 
-def _of_robot(
+def _derive_robot(
     robot: Mechanism,
     notes: Sequence[str],
     frame: str | None,
-    letters: Sequence[str],
+    symbols: Sequence[str],
     outputs: Sequence[str] | None,
-    write: str,
+    output_format: str,
     short: bool,
 ) -> str:
-    """Return the closed forms of a robot's frame."""
+    """Return the formulas of a frame of a robot.
+
+    Args:
+        robot: the robot.
+        notes: sentences that the text begins with.
+        frame: link or joint; None for the last link.
+        symbols: names of constants that stay symbols.
+        outputs: names of outputs; None for the default.
+        output_format: text, latex, python or json.
+        short: whether repeated terms are abbreviated.
+    """
     from hingepair.symbolic.frame_forms import FrameForms
 
-    forms = FrameForms(robot, frame, letters, notes)
-    if write == "latex":
+    forms = FrameForms(robot, frame, symbols, notes)
+    if output_format == "latex":
         return forms.to_latex(outputs, short=short)
-    if write == "python":
+    if output_format == "python":
         return forms.to_python(outputs)
-    if write == "json":
+    if output_format == "json":
         return json.dumps(forms.to_sympy(outputs), indent=2) + "\n"
     return forms.to_text(outputs, short=short)
 
 
-def _largest_change(robot: Mechanism, other: Mechanism) -> float:
-    """Return the largest difference between the fixed rotations of two records of one robot."""
-    one, two = (
-        [*(joint.S for joint in own.tree.joints), *(link.S for link in own.tree.links.values())]
-        for own in (robot, other)
+def _largest_rotation_change(robot: Mechanism, other: Mechanism) -> float:
+    """Return the largest difference between the fixed rotations of two versions of a robot."""
+    first, second = (
+        [*(joint.S for joint in version.tree.joints), *(link.S for link in version.tree.links.values())]
+        for version in (robot, other)
     )
-    return max(float(np.abs(a - b).max()) for a, b in zip(one, two, strict=True))
+    return max(float(np.abs(a - b).max()) for a, b in zip(first, second, strict=True))

@@ -1,4 +1,4 @@
-"""`hingepair examples`: the scenes and sweeps that come with the package, listed and copied."""
+"""`hingepair examples`: list and copy the scenes and sweeps that come with the package."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from typing import Annotated, Any
 
 import typer
 
-from hingepair.cli.output import console
+from hingepair.cli.output import make_console
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.tables import aligned
 
-ALL = "all"
+ALL_EXAMPLES = "all"
 """The name that stands for every example."""
 
 
-def examples(
+def examples_command(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="NAME", help=f"Copy this example and the files that it reads; {ALL}: every example."),
+        typer.Argument(
+            metavar="NAME", help=f"Copy this example and the files that it reads; {ALL_EXAMPLES}: every example."
+        ),
     ] = None,
     directory: Annotated[
         Path, typer.Argument(metavar="DIRECTORY", help="Where the files go; made if it does not exist.")
@@ -29,57 +31,62 @@ def examples(
 
     Nothing is overwritten: if one of the files is already there, none is copied.
     """
-    folder = _folder()
+    folder = _examples_folder()
     scenes = {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.toml"))}
     if name is None:
-        rows = [("example", "what it is"), *((one, _read(path)["title"]) for one, path in scenes.items())]
+        rows = [("example", "description"), *((one, _read_toml(path)["title"]) for one, path in scenes.items())]
         lines = [*aligned(rows, set()), "", "Copy one with: hingepair examples NAME [DIRECTORY]"]
-        console().print(*lines, sep="\n")
+        make_console().print(*lines, sep="\n")
         return
-    if name != ALL and name not in scenes:
-        names = (ALL, *scenes)
+    if name != ALL_EXAMPLES and name not in scenes:
+        names = (ALL_EXAMPLES, *scenes)
         raise ArgumentError("name", f"{choices(names)}{nearest(name, names)}", quoted(name))
-    wanted = scenes.values() if name == ALL else [scenes[name]]
-    files = sorted({file for path in wanted for file in (path, *_files_read(path))})
+    wanted = scenes.values() if name == ALL_EXAMPLES else [scenes[name]]
+    files = sorted({file for path in wanted for file in (path, *_referenced_files(path))})
     targets = [directory / file.relative_to(folder) for file in files]
-    _copy(files, targets, directory)
+    _copy_all(files, targets, directory)
     lines = [f"written: {target}" for target in targets]
-    if name != ALL:
-        command = "sweep" if "scene" in _read(scenes[name]) else "run"
+    if name != ALL_EXAMPLES:
+        command = "sweep" if "scene" in _read_toml(scenes[name]) else "run"
         lines.append(f"Now try: hingepair {command} {directory / f'{name}.toml'}")
-    console().print(*lines, sep="\n")
+    make_console().print(*lines, sep="\n")
 
 
-def _folder() -> Path:
+def _examples_folder() -> Path:
     """Return the folder of the examples: a wheel has them in the package, a checkout beside src."""
     installed = Path(__file__).parents[1] / "examples"
     return installed if installed.is_dir() else Path(__file__).parents[3] / "models"
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file."""
     import tomllib
 
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
-def _files_read(path: Path) -> list[Path]:
+def _referenced_files(path: Path) -> list[Path]:
     """Return the files that a scene or a sweep names: its log, its URDF, the scene of a sweep and what that names."""
-    table = _read(path)
-    named = (table.get("motion", {}).get("file"), table.get("mechanism", {}).get("urdf"), table.get("scene"))
-    files = [(path.parent / file).resolve() for file in named if file is not None]
-    return [*files, *(inner for file in files if file.suffix == ".toml" for inner in _files_read(file))]
+    table = _read_toml(path)
+    referenced = (
+        table.get("motion", {}).get("file"),
+        table.get("mechanism", {}).get("urdf"),
+        table.get("scene"),
+    )
+    files = [(path.parent / file).resolve() for file in referenced if file is not None]
+    return [*files, *(inner for file in files if file.suffix == ".toml" for inner in _referenced_files(file))]
 
 
-def _copy(files: Sequence[Path], targets: Sequence[Path], directory: Path) -> None:
+def _copy_all(files: Sequence[Path], targets: Sequence[Path], directory: Path) -> None:
     """Copy the files, all or none of them.
 
     Raises:
         ArgumentError: a target is there already, or cannot be written.
     """
-    there = [target for target in targets if target.exists() or target.is_symlink()]
-    if there:
+    existing = [target for target in targets if target.exists() or target.is_symlink()]
+    if existing:
         expected = "a directory without files of these names, since nothing is overwritten"
-        raise ArgumentError("directory", expected, ", ".join(map(str, there)))
+        raise ArgumentError("directory", expected, ", ".join(map(str, existing)))
     try:
         for file, target in zip(files, targets, strict=True):
             target.parent.mkdir(parents=True, exist_ok=True)

@@ -11,7 +11,14 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from hingepair.cli.output import PICTURES, Json, check_picture, console, file_option, save_figure
+from hingepair.cli.output import (
+    PICTURE_ENDINGS,
+    JsonOption,
+    check_picture_ending,
+    make_console,
+    out_option,
+    save_figure,
+)
 from hingepair.errors import ArgumentError, FitError, quoted
 from hingepair.formats.recordings import read_recording
 from hingepair.measured.hinge import GAUGES
@@ -28,7 +35,7 @@ _MIN_CERTAIN_OFFSET = 4.0  # in standard deviations, of a clock offset that is t
 _MAX_MISSING = 0.1  # part of the samples
 
 
-def fit_files(
+def fit_command(
     files: Annotated[
         list[Path],
         typer.Argument(metavar="FILE...", help="Poses of both bodies in one file, or of each in a file of its own."),
@@ -46,11 +53,11 @@ def fit_files(
         float, typer.Option(metavar="SECONDS", help="Longest time without a sample that is bridged between clocks.")
     ] = 0.05,
     out: Annotated[
-        Path | None, file_option(f"Write psi and what is left of each sample ({', '.join(ENDINGS)}).")
+        Path | None, out_option(f"Write psi and what is left of each sample ({', '.join(ENDINGS)}).")
     ] = None,
     plot: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help=f"Draw psi and what is left over time ({', '.join(PICTURES)})."),
+        typer.Option(metavar="FILE", help=f"Draw psi and what is left over time ({', '.join(PICTURE_ENDINGS)})."),
     ] = None,
     scene: Annotated[
         Path | None,
@@ -81,7 +88,7 @@ def fit_files(
             "Otherwise it is estimated.",
         ),
     ] = None,
-    as_json: Json = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Find the hinge of two recorded bodies.
 
@@ -110,12 +117,12 @@ def fit_files(
         if as_json:
             print(json.dumps({"ok": False, "findings": [str(error)]}, indent=2))
         else:
-            console().print(f"NO HINGE: {error}")
+            make_console().print(f"NO HINGE: {error}")
         raise typer.Exit(1) from None
     written = _save(found, recording.body1, files, out, plot, scene, report)
     print(found.to_json() if as_json else found)
     for path in () if as_json else written:
-        console().print(f"written: {path}")
+        make_console().print(f"written: {path}")
     raise typer.Exit(0 if found.ok else 1)
 
 
@@ -124,7 +131,7 @@ def _check_names(out: Path | None, plot: Path | None, scene: Path | None, report
     if out is not None:
         check_ending(out)
     if plot is not None:
-        check_picture("plot", plot)
+        check_picture_ending("plot", plot)
     if scene is not None and scene.suffix.lower() != ".toml":
         raise ArgumentError("scene", "a file name that ends in .toml", quoted(str(scene)))
     if report is not None and report.suffix.lower() != ".md":

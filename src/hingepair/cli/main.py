@@ -1,68 +1,86 @@
-"""The command line `hingepair`: its commands, and what an error of ours looks like."""
+"""The command line `hingepair`: its commands, and how errors are printed."""
 
 from __future__ import annotations
 
 import sys
 import traceback
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
 
 from hingepair import __version__
-from hingepair.cli.bench import app as bench_app
-from hingepair.cli.derive import derive
-from hingepair.cli.examples import examples
-from hingepair.cli.fit import fit_files
-from hingepair.cli.options import naming_options
-from hingepair.cli.output import EXIT_BAD, EXIT_FAULT, behave, printed
-from hingepair.cli.pairs import mjcf, urdf
-from hingepair.cli.pictures import plot, view
-from hingepair.cli.robots import robots
-from hingepair.cli.scenes import check, forces, run
-from hingepair.cli.sweep import sweep
-from hingepair.cli.tolerance import tolerance
+from hingepair.cli.bench import bench_app
+from hingepair.cli.derive import derive_command
+from hingepair.cli.examples import examples_command
+from hingepair.cli.fit import fit_command
+from hingepair.cli.options import with_option_names
+from hingepair.cli.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR, run_and_flush, set_up_process
+from hingepair.cli.pairs import mjcf_command, urdf_command
+from hingepair.cli.pictures import plot_command, view_command
+from hingepair.cli.robots import robots_command
+from hingepair.cli.scenes import check_command, forces_command, run_command
+from hingepair.cli.sweep import sweep_command
+from hingepair.cli.tolerance import tolerance_command
 from hingepair.errors import HingePairError
 
 app = typer.Typer(
     name="hingepair",
     help="Two rigid bodies joined by a hinge: everything about body 2 from the motion of body 1 and the hinge angle.",
-    epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input or output that cannot be written, 3 a fault of ours, "
-    "128 + n stopped by signal n: 130 by Ctrl-C.",
+    epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input or output that cannot be written, 3 an internal error of "
+    "hingepair, 128 + n stopped by signal n (130 by Ctrl-C).",
     no_args_is_help=True,
     add_completion=False,
-    rich_markup_mode=None,  # of rich boxes: brackets are taken for markup, paragraphs keep the source's lines
+    rich_markup_mode=None,  # rich would take brackets for markup and keep the line breaks of the source
     context_settings={"max_content_width": 110},
     pretty_exceptions_enable=False,
 )
 
-for command in (run, check, forces, derive, urdf, mjcf, plot, view, robots, tolerance, sweep, examples):
-    app.command()(naming_options(command))
-app.command("fit")(naming_options(fit_files))
+COMMANDS: dict[str, Callable[..., None]] = {
+    "run": run_command,
+    "check": check_command,
+    "forces": forces_command,
+    "derive": derive_command,
+    "urdf": urdf_command,
+    "mjcf": mjcf_command,
+    "plot": plot_command,
+    "view": view_command,
+    "robots": robots_command,
+    "tolerance": tolerance_command,
+    "sweep": sweep_command,
+    "examples": examples_command,
+    "fit": fit_command,
+}
+"""The commands by the names that users type, in the order of --help."""
+
+for command_name, command in COMMANDS.items():
+    app.command(command_name)(with_option_names(command))
 app.add_typer(bench_app, name="bench")
 
 
 def main() -> None:
-    """Run the command line; an error of ours is one line on standard error and exit code 2."""
-    behave()
-    sys.exit(printed(_run))
+    """Run the command line; an error of the user's input is one line on standard error, with exit code 2."""
+    set_up_process()
+    sys.exit(run_and_flush(_run_app))
 
 
-def _run() -> int:
+def _run_app() -> int:
+    """Run the command that the process was called with, print its error, and return the exit code."""
     try:
         app()
     except HingePairError as error:
         print("\n".join((f"hingepair: {error}", *getattr(error, "__notes__", ()))), file=sys.stderr)
-        return EXIT_BAD
+        return EXIT_BAD_INPUT
     except MemoryError as error:
         print(f"hingepair: not enough memory ({error})", file=sys.stderr)
-        return EXIT_BAD
+        return EXIT_BAD_INPUT
     except OSError:
         raise
     except Exception:
         traceback.print_exc()
-        return EXIT_FAULT
-    except SystemExit as done:
-        return done.code if isinstance(done.code, int) else 0
+        return EXIT_INTERNAL_ERROR
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else 0
     return 0
 
 

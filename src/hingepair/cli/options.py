@@ -1,4 +1,4 @@
-"""Errors of the library in the words of the command line: `--gravity`, not `gravity`."""
+"""Error messages of commands: they name options as users type them, `--gravity` in place of `gravity`."""
 
 from __future__ import annotations
 
@@ -11,40 +11,42 @@ from typer.models import ArgumentInfo, OptionInfo
 
 from hingepair.errors import ArgumentError
 
-# Parameters of the library, and those of commands they come from.
-_RENAMED = {"path": ("out",), "robot": ("name", "names")}
+# The parameters of commands that parameters of the library, named in its errors, come from.
+_PARAMETER_ALIASES = {"path": ("out",), "robot": ("name", "names")}
 
 
-def naming_options(command: Callable[..., None]) -> Callable[..., None]:
+def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command whose errors name its options and arguments as a user types them."""
 
     @functools.wraps(command)
-    def run(*args: Any, **values: Any) -> None:
+    def run_command(*args: Any, **values: Any) -> None:
         try:
             command(*args, **values)
         except ArgumentError as error:
-            typed = _shown_names(command)
-            shown = next((typed[name] for name in _RENAMED.get(error.name, (error.name,)) if name in typed), None)
+            typed_names = _typed_names(command)
+            parameters = _PARAMETER_ALIASES.get(error.name, (error.name,))
+            shown = next((typed_names[name] for name in parameters if name in typed_names), None)
             if shown is None:
                 raise
-            named = type(error)(shown, error.expected, error.got)
-            named.args = (shown + str(error).removeprefix(error.name),)
+            named_error = type(error)(shown, error.expected, error.got)
+            named_error.args = (shown + str(error).removeprefix(error.name),)
             for note in getattr(error, "__notes__", ()):
-                named.add_note(note)
-            raise named from None
+                named_error.add_note(note)
+            raise named_error from None
 
-    return run
+    return run_command
 
 
-def _shown_names(command: Callable[..., None]) -> dict[str, str]:
+def _typed_names(command: Callable[..., None]) -> dict[str, str]:
     """Return what a user types for each parameter of a command: `--out`, `JOINT`."""
-    found = {}
+    typed_names = {}
     for name, hint in typing.get_type_hints(command, include_extras=True).items():
         for info in getattr(hint, "__metadata__", ()):
             if isinstance(info, OptionInfo):
-                written = (info.default, *(info.param_decls or ()))  # typer takes the first for a default, at first
-                options = [one for one in written if isinstance(one, str) and one.startswith("--")]
-                found[name] = (*options, f"--{name.replace('_', '-')}")[0]
+                # Typer stores the first declaration as the default.
+                declared = (info.default, *(info.param_decls or ()))
+                options = [option for option in declared if isinstance(option, str) and option.startswith("--")]
+                typed_names[name] = (*options, f"--{name.replace('_', '-')}")[0]
             elif isinstance(info, ArgumentInfo):
-                found[name] = (info.metavar or name.upper()).removesuffix("...")
-    return found
+                typed_names[name] = (info.metavar or name.upper()).removesuffix("...")
+    return typed_names

@@ -1,4 +1,4 @@
-"""What every command does with what it found: tables for any terminal, files, texts that other tools read."""
+"""Output of the commands: tables, files, texts and figures, warnings, and the end by a signal."""
 
 from __future__ import annotations
 
@@ -23,64 +23,74 @@ from hingepair.pair.results import ROWS
 from hingepair.plans.plan import PLANAR, SPATIAL
 from hingepair.scenes.scene import SCENE_OUTPUTS
 
-Part = TypeVar("Part")
+Piece = TypeVar("Piece")
 
-EXIT_BAD = 2
-"""The exit code of what could not be done; 1 means that a check failed."""
+EXIT_BAD_INPUT = 2
+"""Exit code of bad input and of output that cannot be written; 1 means that a check failed."""
 
-EXIT_FAULT = 3
-"""That of an error which is none of ours: a traceback follows."""
+EXIT_INTERNAL_ERROR = 3
+"""Exit code of an internal error, whose traceback is printed."""
 
-PICTURES = (".png", ".svg", ".pdf")
-"""Endings of figures."""
+PICTURE_ENDINGS = (".png", ".svg", ".pdf")
+"""File name suffixes of figures."""
 
-Outputs = Annotated[
+OutputsOption = Annotated[
     str | None,
     typer.Option(
         metavar="NAMES",
-        help=f"Which: of {', '.join(SPATIAL.levels)}; in the plane of {', '.join(PLANAR.levels)}; "
-        f"of the coordinates, and in space of the quaternions, {', '.join(SCENE_OUTPUTS)}.",
+        help=f"Outputs, separated by commas: {', '.join(SPATIAL.levels)}; of a planar pair: "
+        f"{', '.join(PLANAR.levels)}; coordinates and, unless planar, quaternions: {', '.join(SCENE_OUTPUTS)}.",
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
-def file_option(text: str) -> Any:
+def out_option(text: str) -> Any:
     """Return the option --out FILE."""
     return typer.Option("--out", "-o", metavar="FILE", help=text)
 
 
-def console() -> Console:
-    """Return where the text of a command goes, line by line as it is."""
+def make_console() -> Console:
+    """Return a console that prints text to standard output without markup and without wrapping lines."""
     return Console(highlight=False, markup=False, soft_wrap=True)
 
 
-def print_components(screen: Console, lines: Sequence[Sequence[str]]) -> None:
-    """Print a table of components, names and units first, with an empty line below each vector."""
+def print_component_table(screen: Console, lines: Sequence[Sequence[str]]) -> None:
+    """Print a table of components, with an empty line below each vector.
+
+    Args:
+        screen: where it is printed.
+        lines: heading and rows; the first two columns are names and units.
+    """
     spaced = [row for line in lines for row in ((line, ()) if line[0].endswith(("_z", "_zz")) else (line,))]
     spaced = spaced[:-1] if not spaced[-1] else spaced
-    screen.print("", *ruled_table(spaced, 2, line_width(screen)), "", sep="\n")
+    screen.print("", *ruled_table(spaced, 2, terminal_width(screen)), "", sep="\n")
 
 
-def line_width(screen: Console) -> int | None:
-    """Return the width of the terminal [characters]; None where the text goes into a file or a pipe."""
+def terminal_width(screen: Console) -> int | None:
+    """Return the width of the terminal [characters]; None if the text goes into a file or a pipe."""
     return screen.width if screen.is_terminal else None
 
 
-def check_picture(option: str, path: Path) -> None:
-    """Refuse a figure's file name whose ending names no format."""
-    if path.suffix.lower() not in PICTURES:
-        raise ArgumentError(option, f"a file name that ends in {', '.join(PICTURES)}", quoted(str(path)))
+def check_picture_ending(option: str, path: Path) -> None:
+    """Raise an error if the suffix of a figure's file name names no format of figures."""
+    if path.suffix.lower() not in PICTURE_ENDINGS:
+        raise ArgumentError(option, f"a file name that ends in {', '.join(PICTURE_ENDINGS)}", quoted(str(path)))
 
 
-def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **how: Any) -> None:
-    """Write a figure, whole or not at all."""
+def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **options: Any) -> None:
+    """Write a figure to a file, completely or not at all."""
     with whole_file(path, inputs) as file:
-        figure.savefig(file, format=path.suffix.lower()[1:], **how)
+        figure.savefig(file, format=path.suffix.lower()[1:], **options)
 
 
-def watched(parts: Iterable[Part], samples: int) -> Iterable[Part]:
-    """Return the pieces of so many instants, with a progress bar on a terminal where there are many."""
+def with_progress_bar(parts: Iterable[Piece], samples: int) -> Iterable[Piece]:
+    """Return an iterable of pieces that shows a progress bar on a terminal if there are several pieces.
+
+    Args:
+        parts: pieces of ROWS instants each.
+        samples: number of all instants.
+    """
     screen = Console(stderr=True)
     if samples <= ROWS or not screen.is_terminal:
         return parts
@@ -90,20 +100,20 @@ def watched(parts: Iterable[Part], samples: int) -> Iterable[Part]:
 
 
 @contextlib.contextmanager
-def said_if_stopped(out: Path) -> Iterator[None]:
-    """Say that a signal kept a file from being written; what was there before stays."""
+def report_if_stopped(out: Path) -> Iterator[None]:
+    """Print a message if a signal stops the command before its file is written; an older file stays as it is."""
     try:
         yield
     except SystemExit:
-        print(f"hingepair: stopped; {out} is not written", file=sys.stderr)
+        print(f"hingepair: stopped by a signal; {out} is not written", file=sys.stderr)
         raise
 
 
-def listed(option: str, text: str | None) -> list[str] | None:
-    """Return the names, separated by commas, that an option has; None where it is not given.
+def split_names(option: str, text: str | None) -> list[str] | None:
+    """Split the value of an option into names at its commas; return None if the option is not given.
 
     Raises:
-        ArgumentError: there is no name.
+        ArgumentError: the value contains no name.
     """
     names = None if text is None else [name.strip() for name in text.split(",") if name.strip()]
     if names == []:
@@ -111,24 +121,24 @@ def listed(option: str, text: str | None) -> list[str] | None:
     return names
 
 
-def give(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
-    """Write a text in UTF-8 to standard output, or to a file that is none of the inputs."""
+def write_text(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
+    """Write a text in UTF-8 to a file, which must not be one of the inputs, or to standard output for None."""
     if out is None:
         sys.stdout.flush()
         if hasattr(sys.stdout, "buffer"):
             sys.stdout.buffer.write(text.encode())
-        else:  # a caller's, made of text
+        else:  # a text stream that the caller has put in place
             sys.stdout.write(text)
         return
     with whole_file(out, inputs) as file:
         file.write(text.encode())
-    console().print(f"written: {out}")
+    make_console().print(f"written: {out}")
 
 
-def behave() -> None:
-    """Act as a command should: end at a closed pipe or a signal without a word, and print whatever the terminal can.
+def set_up_process() -> None:
+    """Set up the process: signals and closed pipes end it silently, and characters the terminal lacks are escaped.
 
-    A signal becomes SystemExit, so that a file which is half written is taken away.
+    A signal becomes SystemExit, so that a partly written file is deleted.
     """
     if sys.stdout is None:  # closed by the shell, >&-
         sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for as long as the process runs
@@ -137,31 +147,34 @@ def behave() -> None:
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) in {signal.SIG_DFL, signal.default_int_handler}:
-            signal.signal(number, _stop)
-    warnings.showwarning = functools.partial(_warn, set())
+            signal.signal(number, _exit_on_signal)
+    warnings.showwarning = functools.partial(_print_new_warning, set())
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
 
 
-def printed(run: Callable[[], int]) -> int:
-    """Run a command and return its exit code; where its output cannot be printed, say so and return EXIT_BAD."""
+def run_and_flush(run: Callable[[], int]) -> int:
+    """Run a command, flush its output and return its exit code: EXIT_BAD_INPUT if the output cannot be printed."""
     try:
         code = run()
         sys.stdout.flush()
     except OSError as error:
         print(f"hingepair: {error.filename or 'standard output'}: {error.strerror or error}", file=sys.stderr)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left would fail again at the end
-        return EXIT_BAD
+        os.dup2(
+            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+        )  # the text in the buffer would fail again at exit
+        return EXIT_BAD_INPUT
     return code
 
 
-def _warn(said: set[str], message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print a warning once, from wherever it comes."""
-    if str(message) not in said:
-        said.add(str(message))
+def _print_new_warning(printed_texts: set[str], message: Warning | str, *_: Any, **__: Any) -> None:
+    """Print a warning unless its text has been printed before."""
+    if str(message) not in printed_texts:
+        printed_texts.add(str(message))
         print(f"hingepair: warning: {printable(str(message))}", file=sys.stderr)
 
 
-def _stop(number: int, _: FrameType | None) -> None:
+def _exit_on_signal(number: int, _: FrameType | None) -> None:
+    """Raise SystemExit with the exit code of a signal, 128 plus its number."""
     raise SystemExit(128 + number)

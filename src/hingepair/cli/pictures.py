@@ -1,4 +1,4 @@
-"""`hingepair plot SCENE` and `view SCENE`: a figure of the motion, and a page on which a pair or a robot moves."""
+"""`hingepair plot` and `hingepair view`: a figure of a motion, and a web page that shows a pair or a robot."""
 
 from __future__ import annotations
 
@@ -7,62 +7,87 @@ from typing import Annotated
 
 import typer
 
-from hingepair.cli.output import PICTURES, Outputs, check_picture, console, file_option, listed, save_figure
-from hingepair.cli.pairs import Frame1, Frame2, Joint, inputs_of, named, named_robot, named_scene
-from hingepair.cli.scenes import SceneFile
+from hingepair.cli.output import (
+    PICTURE_ENDINGS,
+    OutputsOption,
+    check_picture_ending,
+    make_console,
+    out_option,
+    save_figure,
+    split_names,
+)
+from hingepair.cli.pairs import (
+    Body1FrameOption,
+    Body2FrameOption,
+    JointArgument,
+    input_files,
+    load_named_robot,
+    load_named_scene,
+    load_scene_or_pair,
+)
+from hingepair.cli.scenes import SceneArgument
 from hingepair.errors import ArgumentError
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pictures.page import view as page_of
-from hingepair.pictures.plot import plot as figure_of
+from hingepair.pictures.page import view as make_page
+from hingepair.pictures.plot import plot as plot_figure
 
-_NAMED = "unless told, here and named as the scene is, where no such file exists."
+_DEFAULT_NAME_HELP = (
+    "default: the scene's name in the current folder, unless that file exists."  # in the help of --out
+)
 
 
-def plot(
-    scene_file: SceneFile,
-    out: Annotated[Path | None, file_option(f"Where the figure goes ({', '.join(PICTURES)}); {_NAMED}")] = None,
-    outputs: Outputs = None,
+def plot_command(
+    scene_file: SceneArgument,
+    out: Annotated[
+        Path | None, out_option(f"Write the figure to FILE ({', '.join(PICTURE_ENDINGS)}); {_DEFAULT_NAME_HELP}")
+    ] = None,
+    outputs: OutputsOption = None,
 ) -> None:
-    """Draw a scene over time and in space.
+    """Draw the motion of a scene over time and in space.
 
-    Position, attitude and rates over time, psi, paths in space, the residual of E1. Of a mechanism position, rate
-    and torque of each joint that moves, with their limits, and the paths of its frames. Or some outputs over time.
+    The figure of a pair shows position, attitude, rates and psi over time, the paths of both bodies, and the residual
+    of E1. That of a mechanism shows position, rate and torque of each moving joint with their limits, and the paths
+    of its frames. With --outputs the figure shows these outputs over time.
     """
-    out = out or _unused(f"{scene_file.stem}.png")
-    check_picture("--out", out)
-    scene = named_scene(scene_file)
-    figure = figure_of(scene, listed("--outputs", outputs))
+    out = out or _check_new_file(f"{scene_file.stem}.png")
+    check_picture_ending("--out", out)
+    scene = load_named_scene(scene_file)
+    figure = plot_figure(scene, split_names("--outputs", outputs))
     save_figure(figure, out, scene.files, dpi=110)
-    console().print(f"written: {out}")
+    make_console().print(f"written: {out}")
 
 
-def view(
+def view_command(
     source: Annotated[str, typer.Argument(metavar="SCENE", help="Scene file (TOML), a robot's name or a URDF file.")],
-    joint: Joint = None,
-    body1_frame: Frame1 = None,
-    body2_frame: Frame2 = None,
-    out: Annotated[Path | None, file_option(f"Where the page goes; {_NAMED}")] = None,
+    joint: JointArgument = None,
+    body1_frame: Body1FrameOption = None,
+    body2_frame: Body2FrameOption = None,
+    out: Annotated[Path | None, out_option(f"Write the page to FILE (.html); {_DEFAULT_NAME_HELP}")] = None,
 ) -> None:
-    """Write a web page on which a pair or a robot moves.
+    """Write a web page that shows a pair or a robot in motion.
 
-    One HTML file for any browser, without a network, with a slider for each joint. A scene moves as it says; without
-    a motion, and of the JOINT of a robot or of a URDF file, the hinge turns through its limits. A whole robot, by its
-    name or URDF file, stands in the neutral pose.
+    The page is one HTML file for any browser. It needs no network and has a slider for each joint. A scene shows its
+    motion. A scene without a motion, and the JOINT of a robot or URDF file, shows the hinge turning within its
+    limits. A whole robot, given by its name or URDF file, is shown in its neutral pose.
     """
     frames = (body1_frame, body2_frame)
-    robot = None if joint is not None or any(frames) else named_robot(source)
-    shown = robot or named(source, joint, *frames)
+    robot = None if joint is not None or any(frames) else load_named_robot(source)
+    shown = robot or load_scene_or_pair(source, joint, *frames)
     name = Path(source).stem if joint is None else f"{Path(source).stem}_{Path(joint).name}"
-    out = out or _unused(f"{name}.html")
-    page = page_of(shown.to_spatial() if isinstance(shown, PlanarPair) else shown)
-    path = page.save(out, inputs_of(source))
+    out = out or _check_new_file(f"{name}.html")
+    page = make_page(shown.to_spatial() if isinstance(shown, PlanarPair) else shown)
+    path = page.save(out, input_files(source))
     content = page.shown if page.frames else page.joints
     unit = "instants" if page.frames else "joint" if page.joints == 1 else "joints"
-    console().print(f"written: {path} ({content} {unit}; open it in a browser)")
+    make_console().print(f"written: {path} ({content} {unit}; open it in a browser)")
 
 
-def _unused(name: str) -> Path:
-    """Return a file of this name in the current folder; refuse one that exists, which nobody asked to overwrite."""
+def _check_new_file(name: str) -> Path:
+    """Return the path of a new file in the current folder.
+
+    Raises:
+        ArgumentError: a file of this name exists.
+    """
     path = Path(name)
     if path.exists() or path.is_symlink():
         raise ArgumentError("--out", f"a file name, since {name} exists (--out {name} overwrites it)", "none")

@@ -1,4 +1,4 @@
-"""`hingepair robots`: the robots that a scene or a command may name, and the joints of one."""
+"""`hingepair robots`: the robots that scenes and commands can name, and the joints of a robot."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hingepair.cli.output import Json, console
+from hingepair.cli.output import JsonOption, make_console
 from hingepair.cli.pairs import is_urdf
 from hingepair.errors import ArgumentError, URDFError, printable
 from hingepair.formats.robots import robot_names, robot_urdf
@@ -19,55 +19,65 @@ from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.records import HINGES, SLIDERS, Joint, Mimic, Robot
 
-COUNTS = ("robot", "dof", "hinges", "sliders", "following")
-HEADINGS = (
+# Headings of the two tables: of robots, and of the joints of one.
+COUNT_COLUMNS = ("robot", "dof", "hinges", "sliders", "following")
+JOINT_COLUMNS = (
     *("q", "joint", "kind", "body 1", "body 2", "axis n", "limits [rad, m]", "effort [N m, N]", "rate [rad/s, m/s]"),
     *("body 2 [kg]", "moves [kg]", "follows"),
 )
-_NUMBERS = {0, 6, 7, 8, 9, 10}
-"""Columns of numbers, which are aligned to the right."""
+_NUMBER_COLUMNS = {0, 6, 7, 8, 9, 10}
+"""Columns of numbers in the table of joints, which are right-aligned."""
 
 
-def robots(
+def robots_command(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="Show the joints of this robot, or of a URDF file.")
+        str | None,
+        typer.Argument(metavar="NAME", help="Robot or URDF file whose joints are listed; default: list the robots."),
     ] = None,
-    as_json: Json = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """List the robots, or the joints of one.
+    """List the robots of example-robot-data, or the joints of a robot.
 
-    Of a joint it shows the place of its coordinate in q, the links that it joins, the axis in the axes of body 1, the
-    limits of position, effort and rate, the mass of body 2 and of all that the joint moves, and the joint that it
-    follows. Every hinge can be taken as a pair of body 1 and body 2, by scenes and by commands that take a JOINT.
+    The table of joints shows the index of each coordinate in q, the two links, the axis in the axes of body 1, the
+    limits of position, effort and rate, the mass of body 2 and of all bodies that the joint moves, and the joint
+    that a mimic joint follows. Scenes, and commands with an argument JOINT, can take each hinge as a pair.
     """
     if name is None:
-        rows = [_counts(robot) for robot in robot_names()]
+        rows = [_count_joints(robot) for robot in robot_names()]
         report: Any = rows
-        lines = aligned([COUNTS, *(tuple(str(row[key]) for key in COUNTS) for row in rows)], {1, 2, 3, 4})
+        lines = aligned(
+            [COUNT_COLUMNS, *(tuple(str(row[key]) for key in COUNT_COLUMNS) for row in rows)], {1, 2, 3, 4}
+        )
     else:
-        report = _report(name)
-        table = aligned([HEADINGS, *map(_cells, report["joints"])], _NUMBERS) if report["joints"] else []
-        lines = [*table, *map(printable, _sentences(name, report))]
+        report = _describe_robot(name)
+        table = (
+            aligned([JOINT_COLUMNS, *map(_joint_cells, report["joints"])], _NUMBER_COLUMNS)
+            if report["joints"]
+            else []
+        )
+        lines = [*table, *map(printable, _robot_sentences(name, report))]
     if as_json:
         print(json_text(report))
     else:
-        console().print(*lines, sep="\n")
+        make_console().print(*lines, sep="\n")
 
 
-def _counts(robot: str) -> dict[str, Any]:
-    """Return the numbers of joints of a robot: with a coordinate of their own, hinges, sliders, those that follow."""
+def _count_joints(robot: str) -> dict[str, Any]:
+    """Count the joints of a robot: degrees of freedom, hinges, sliders and mimic joints."""
     joints = read_urdf(robot_urdf(robot)).joints
     hinges, sliders = ([joint for joint in joints if joint.type in types] for types in (HINGES, SLIDERS))
     names = {joint.name for joint in joints}
-    following = sum(joint.follows in names for joint in hinges + sliders)  # a leader that is missing leads nothing
+    following = sum(
+        joint.follows in names for joint in hinges + sliders
+    )  # a joint whose leader is missing does not count
     numbers = (len(hinges), len(sliders), following)
-    return dict(zip(COUNTS, (robot, sum(numbers[:2]) - following, *numbers), strict=True))
+    return dict(zip(COUNT_COLUMNS, (robot, sum(numbers[:2]) - following, *numbers), strict=True))
 
 
-def _report(name: str) -> dict[str, Any]:
-    """Return the joints of a robot that move, the names of those that do not, and sentences on what is wrong.
+def _describe_robot(name: str) -> dict[str, Any]:
+    """Return the content of the report on a robot: its moving joints, the names of fixed joints, and notes.
 
-    A robot that is no tree of hinges and sliders still has hinges that can be taken as pairs.
+    A robot that is not a tree of hinges and sliders has a note that says so; its joints are listed all the same.
     """
     path = name if is_urdf(name) else robot_urdf(name)
     robot = read_urdf(path)
@@ -78,22 +88,22 @@ def _report(name: str) -> dict[str, Any]:
         mechanism = Mechanism.from_urdf(path)
     except (URDFError, ArgumentError) as error:
         report["joints"] = [_joint_row(robot, joint) for joint in moving]
-        report["notes"] = [f"These joints make no whole robot: {error}"]
+        report["notes"] = [f"The joints cannot be loaded as a whole robot: {error}"]
         return report
     by_name = {joint.name: joint for joint in moving}
-    for number, facts in enumerate(_facts(mechanism.tree)):
+    for number, facts in enumerate(_tree_facts(mechanism.tree)):
         joint = by_name[mechanism.tree.joints[number].name]
         report["joints"].append(_joint_row(robot, joint) | facts)
     return report | {"dof": mechanism.dof, "notes": list(mechanism.tree.notes)}
 
 
-def _facts(tree: Tree) -> list[dict[str, Any]]:
-    """Return what the joints of a robot have as parts of it: places in q, rules of following, masses."""
+def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
+    """Return for each joint of a robot its index in q, the rule of a mimic joint, and masses [kg]."""
     masses = [tree.base.mass, *(joint.body.mass for joint in tree.joints)]
     moved = list(masses)
     for number in range(len(tree.joints), 0, -1):
         moved[tree.joints[number - 1].parent] += moved[number]
-    places = {joint.name: place for place, joint in enumerate(tree.coordinates)}
+    indices = {joint.name: index for index, joint in enumerate(tree.coordinates)}
     facts = []
     for number, joint in enumerate(tree.joints, 1):
         mimic = joint.mimic and {
@@ -101,20 +111,20 @@ def _facts(tree: Tree) -> list[dict[str, Any]]:
             "multiplier": joint.mimic.multiplier,
             "offset": joint.mimic.offset,
         }
-        fact = {"index": places.get(joint.name), "mimic": mimic, "mass1": masses[joint.parent]}
+        fact = {"index": indices.get(joint.name), "mimic": mimic, "mass1": masses[joint.parent]}
         facts.append(fact | {"mass2": masses[number], "mass_moved": moved[number]})
     return facts
 
 
 def _joint_row(robot: Robot, joint: Joint) -> dict[str, Any]:
-    """Return what a joint is by itself: links, axis, place and limits; of a hinge, those of its pair."""
+    """Return links, axis, pose and limits of a joint, or the error if it cannot be loaded."""
     kind = "hinge" if joint.type in HINGES else "slider"
     row: dict[str, Any] = {"index": None, "joint": joint.name, "kind": kind, "type": joint.type}
     row |= {"parent": joint.parent, "child": joint.child, "follows": joint.follows, "mimic": None}
     row |= dict.fromkeys(("mass1", "mass2", "mass_moved"))
     try:
         if kind == "hinge":
-            hinge_pair(robot, joint.name, name=joint.name)  # refuses what a pair cannot be made of
+            hinge_pair(robot, joint.name, name=joint.name)  # raises an error if the hinge cannot be loaded as a pair
         home, u1 = joint.pose
         n = home @ unit_axis("axis", joint.axis) + 0.0
         row |= {"n": n.tolist(), "u1": u1.tolist(), "home": home.tolist(), "limits": joint.limits}
@@ -124,38 +134,40 @@ def _joint_row(robot: Robot, joint: Joint) -> dict[str, Any]:
     return row
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
-    place = "" if row["index"] is None else str(row["index"])
-    names = [place, *(printable(row[key]) for key in ("joint", "kind", "parent", "child"))]
+def _joint_cells(row: dict[str, Any]) -> list[str]:
+    """Return the cells of the row of a joint."""
+    index_text = "" if row["index"] is None else str(row["index"])
+    names = [index_text, *(printable(row[key]) for key in ("joint", "kind", "parent", "child"))]
     if "error" in row:
         return [*names, row["error"], *[""] * 6]
-    limits = "none" if row["limits"] is None else " to ".join(map(_number, row["limits"]))
+    limits = "none" if row["limits"] is None else " to ".join(map(_format_number, row["limits"]))
     axis = " ".join(f"{round(component, 3) + 0.0:g}" for component in row["n"])
-    numbers = (_number(row[key]) for key in ("effort_limit", "rate_limit", "mass2", "mass_moved"))
-    return [*names, axis, limits, *numbers, printable(_rule(row))]
+    numbers = (_format_number(row[key]) for key in ("effort_limit", "rate_limit", "mass2", "mass_moved"))
+    return [*names, axis, limits, *numbers, printable(_mimic_text(row))]
 
 
-def _rule(row: dict[str, Any]) -> str:
-    """Return how a joint follows another: `leader`, or `-0.5 leader + 0.1` where ratio or offset are given."""
+def _mimic_text(row: dict[str, Any]) -> str:
+    """Return the rule of a mimic joint: `leader`, or `-0.5 leader + 0.1` with a multiplier and an offset."""
     mimic = row["mimic"]
     if mimic is None:
         return str(row["follows"])
     return str(Mimic(mimic["joint"], mimic["multiplier"], mimic["offset"]))
 
 
-def _sentences(name: str, report: dict[str, Any]) -> Sequence[str]:
-    """Return what stands below the table."""
+def _robot_sentences(name: str, report: dict[str, Any]) -> Sequence[str]:
+    """Return the sentences below the table of joints."""
     joints, folded = report["joints"], report["folded"]
     sentences = []
     if report["dof"] is not None:
         sentences.append(f"{name}: q has {report['dof']} {'coordinate' if report['dof'] == 1 else 'coordinates'}.")
     if folded:
-        sentences.append(f"Fixed joints, folded into the bodies that carry them: {', '.join(folded)}.")
+        sentences.append(f"Fixed joints, whose links are part of the body that carries them: {', '.join(folded)}.")
     pairs = [row for row in joints if row["kind"] == "hinge" and "error" not in row]
     if pairs:
-        sentences.append(f"Each hinge can be taken as a pair, such as: hingepair view {name} {pairs[0]['joint']}")
+        sentences.append(f"Each hinge can be used as a pair, for example: hingepair view {name} {pairs[0]['joint']}")
     return [*sentences, *report["notes"]]
 
 
-def _number(value: float | None) -> str:
+def _format_number(value: float | None) -> str:
+    """Return a number as text; "-" for None."""
     return "-" if value is None else f"{value:.4g}"

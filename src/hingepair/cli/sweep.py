@@ -1,4 +1,4 @@
-"""`hingepair sweep SWEEP.toml`: a design over numbers of a scene, computed in chunks."""
+"""`hingepair sweep`: a scene computed for many values of its numbers, in chunks."""
 
 from __future__ import annotations
 
@@ -11,28 +11,30 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from hingepair.cli.output import Json, console, file_option
+from hingepair.cli.output import JsonOption, make_console, out_option
 from hingepair.errors import printable
 from hingepair.numeric.tables import json_text
 from hingepair.sweeps.stores import ENDINGS
 from hingepair.sweeps.sweep import Progress, load_sweep, run_sweep
 
-SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP", help="Sweep file (TOML).")]
-Store = Annotated[
+SweepArgument = Annotated[Path, typer.Argument(metavar="SWEEP", help="Sweep file (TOML).")]
+StoreOption = Annotated[
     Path | None,
-    file_option(f"Where the results go ({', '.join(ENDINGS)}); named as the sweep is unless told."),
+    out_option(f"Write the results to FILE ({', '.join(ENDINGS)}); default: the sweep's name with .parquet."),
 ]
 
 
-def sweep(
-    sweep_file: SweepFile,
-    out: Store = None,
+def sweep_command(
+    sweep_file: SweepArgument,
+    out: StoreOption = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="A dask.distributed scheduler; threads of this process unless given."),
+        typer.Option(
+            metavar="ADDRESS", help="Address of a dask.distributed scheduler; default: threads of this process."
+        ),
     ] = None,
-    workers: Annotated[int, typer.Option(help="Threads of this process; -1 for one on every core.")] = -1,
-    as_json: Json = False,
+    workers: Annotated[int, typer.Option(help="Threads of this process; -1: one a core.")] = -1,
+    as_json: JsonOption = False,
 ) -> None:
     """Compute all variants of a sweep.
 
@@ -41,23 +43,23 @@ def sweep(
     without computing finished chunks again. On other machines: `dask scheduler` on one, `dask worker ADDRESS` on
     each; scene files are read there too where a scene has a log or a URDF file.
     """
-    own = load_sweep(sweep_file)
-    path = own.default_store() if out is None else out
-    with _bar() as progress, _said_if_stopped(path):
-        run_sweep(own, path, scheduler, workers, progress)
+    loaded = load_sweep(sweep_file)
+    path = loaded.default_store() if out is None else out
+    with _sweep_progress_bar() as progress, _report_stopped_sweep(path):
+        run_sweep(loaded, path, scheduler, workers, progress)
     if as_json:
-        facts = {"title": own.title, "variants": own.variants, "chunks": own.chunks, "keys": own.keys}
+        facts = {"title": loaded.title, "variants": loaded.variants, "chunks": loaded.chunks, "keys": loaded.keys}
         print(json_text(facts | {"file": str(path)}))
         return
-    screen = console()
-    screen.print(printable(own.title), style="bold")
-    screen.print(f"{own.variants} variants of {', '.join(own.keys)} in {own.chunks} chunks")
+    screen = make_console()
+    screen.print(printable(loaded.title), style="bold")
+    screen.print(f"{loaded.variants} variants of {', '.join(loaded.keys)} in {loaded.chunks} chunks")
     screen.print(f"written: {path}")
 
 
 @contextlib.contextmanager
-def _bar() -> Iterator[Progress | None]:
-    """Show a progress bar on a terminal."""
+def _sweep_progress_bar() -> Iterator[Progress | None]:
+    """Show a progress bar on a terminal; yield the function that updates it, or None."""
     screen = Console(stderr=True)
     if not screen.is_terminal:
         yield None
@@ -70,8 +72,8 @@ def _bar() -> Iterator[Progress | None]:
 
 
 @contextlib.contextmanager
-def _said_if_stopped(path: Path) -> Iterator[None]:
-    """Say that a signal stopped a sweep, and how it goes on."""
+def _report_stopped_sweep(path: Path) -> Iterator[None]:
+    """Print a message if a signal stops the sweep, which says how to continue it."""
     try:
         yield
     except SystemExit:

@@ -1,4 +1,4 @@
-"""`hingepair tolerance SCENE`: what tolerances of the geometry make of the pose of body 2."""
+"""`hingepair tolerance`: the effect of manufacturing tolerances on the pose of body 2."""
 
 from __future__ import annotations
 
@@ -7,66 +7,75 @@ from typing import Annotated, Any
 
 import typer
 
-from hingepair.cli.output import PICTURES, Json, check_picture, console, line_width, save_figure
-from hingepair.cli.pairs import named_scene
-from hingepair.cli.scenes import SceneFile
+from hingepair.cli.output import (
+    PICTURE_ENDINGS,
+    JsonOption,
+    check_picture_ending,
+    make_console,
+    save_figure,
+    terminal_width,
+)
+from hingepair.cli.pairs import load_named_scene
+from hingepair.cli.scenes import SceneArgument
 from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import ruled_table
 from hingepair.sweeps.tolerance import study_tolerances
 
-_NUMBERS = "a number, or three separated by commas"
+_NUMBERS_HELP = "a number, or three separated by commas"
+"""Values of an option that has one or three components."""
 
 
-def _std(what: str, unit: str, numbers: str = _NUMBERS) -> Any:
-    return typer.Option(metavar="STD", help=f"Standard deviation of {what} [{unit}]: {numbers}.")
+def _std_option(quantity: str, unit: str, numbers: str = _NUMBERS_HELP) -> Any:
+    """Return an option for the standard deviation of a quantity."""
+    return typer.Option(metavar="STD", help=f"Standard deviation of {quantity} [{unit}]: {numbers}.")
 
 
-def tolerance(
-    scene_file: SceneFile,
-    u1_std: Annotated[str | None, _std("u1", "m")] = None,
-    u2_std: Annotated[str | None, _std("u2", "m")] = None,
-    axis_std: Annotated[str | None, _std("the tilt of the axis in each direction", "rad", "a number")] = None,
-    home_std: Annotated[str | None, _std("the rotation vector of home", "rad")] = None,
+def tolerance_command(
+    scene_file: SceneArgument,
+    u1_std: Annotated[str | None, _std_option("u1", "m")] = None,
+    u2_std: Annotated[str | None, _std_option("u2", "m")] = None,
+    axis_std: Annotated[str | None, _std_option("the tilt of the axis in each direction", "rad", "a number")] = None,
+    home_std: Annotated[str | None, _std_option("the rotation vector of home", "rad")] = None,
     samples: Annotated[int, typer.Option(min=2, max=10**6, help="Number of sampled pairs.")] = 10_000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sampled pairs.")] = 0,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help=f"Draw bands and shares ({', '.join(PICTURES)}).")
+        Path | None, typer.Option(metavar="FILE", help=f"Draw bands and shares ({', '.join(PICTURE_ENDINGS)}).")
     ] = None,
-    as_json: Json = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Show what manufacturing tolerances make of the position and attitude of body 2.
+    """Show how manufacturing tolerances affect the pose of body 2.
 
-    The standard deviations are those of the table [tolerances] of the scene, or those of the options. The band is
-    computed to first order and by sampled pairs, side by side, at 101 instants at most. The second table shows which
-    dimension matters most.
+    The standard deviations come from the options or from the table [tolerances] of the scene. The first table shows
+    the tolerance band, computed to first order and by sampled pairs, at 101 instants at most. The second table shows
+    which dimension contributes most.
     """
     if plot is not None:
-        check_picture("--plot", plot)
-    given = {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
-    std = {name: _numbers(name, text) for name, text in given.items() if text is not None}
-    scene = named_scene(scene_file)
+        check_picture_ending("--plot", plot)
+    option_texts = {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
+    std = {name: _read_numbers(name, text) for name, text in option_texts.items() if text is not None}
+    scene = load_named_scene(scene_file)
     study = study_tolerances(scene, samples, seed, **std)
     if plot is not None:
         save_figure(study.plot(), plot, scene.files, dpi=110)
     if as_json:
         print(study.to_json())
         return
-    screen = console()
+    screen = make_console()
     if study.title:
         screen.print(printable(study.title), style="bold")
     sizes = ", ".join(f"{name} = {value}" for name, value in study.tolerances.items())
     screen.print(f"{study.samples} pairs at {len(study.t)} instants; {sizes} (standard deviations, m and rad)", "")
     bands, shares = study.tables()
-    screen.print(*ruled_table(bands, 2, line_width(screen)), "", sep="\n")
-    screen.print(*ruled_table(shares, 1, line_width(screen)), "", sep="\n")
+    screen.print(*ruled_table(bands, 2, terminal_width(screen)), "", sep="\n")
+    screen.print(*ruled_table(shares, 1, terminal_width(screen)), "", sep="\n")
     screen.print(study.verdict)
     screen.print(f"written: {plot}" if plot else "nothing drawn (--plot FILE draws the bands over time)")
 
 
-def _numbers(name: str, text: str) -> float | list[float]:
-    """Return the number, or the three numbers, of an option."""
+def _read_numbers(name: str, text: str) -> float | list[float]:
+    """Read the number, or the three numbers, of an option."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        raise ArgumentError(name, _NUMBERS, repr(text)) from None
+        raise ArgumentError(name, _NUMBERS_HELP, repr(text)) from None
     return numbers[0] if len(numbers) == 1 else numbers
