@@ -170,7 +170,8 @@ NAMED_FOR_CONTRIBUTORS = {
     "equations/trees.py": ("slides",),
     "plans/trees.py": ("Form", "places"),
     "mechanism/tree.py": ("Joint",),
-    "cli/output.py": ("Json",),
+    "cli/output.py": ("JsonOption",),
+    "cli/main.py": ("COMMANDS",),
 }
 
 
