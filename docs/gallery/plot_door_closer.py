@@ -59,8 +59,9 @@ for name, damping in cases.items():
     speeds.plot(t, edge, color=line.get_color())
 
 # %%
-# Without a damper the edge arrives at 1.9 m/s and rebounds. The third damper meets the 5 s; the last one also
-# lets the door speed up again within the latching angle, so that it overcomes the latch.
+# Without a damper the edge arrives at 1.9 m/s and rebounds. With 100 N m s/rad the closer takes 5.8 s to 12
+# degrees, which meets the 5 s. The last one also lets the door speed up again within the latching angle, so
+# that it overcomes the latch.
 for psi in np.radians((90, 60, 30, 0)):
     middle = door.forward_kinematics_from_body1(frame, psi).R2
     above.plot((0, 2 * middle[0]), (0, 2 * middle[1]), lw=5, color=plt.cm.copper(1 - psi / 2), solid_capstyle="butt")

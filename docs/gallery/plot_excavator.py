@@ -70,8 +70,9 @@ for number, name in enumerate(machine.names):
     print(f"{name:6}  empty {largest_empty:5.0f} kN m, digging {largest:5.0f} kN m")
 
 # %%
-# The data sheet's digging forces are torques of 150 kN x 1.45 m = 218 kN m about the bucket's pivot and, with
-# the teeth 3.6 m from it, some 106 kN x 3.6 m = 380 kN m about that of the stick (dashed).
+# The digging forces of the data sheet are torques of 150 kN x 1.45 m = 218 kN m about the bucket's pivot and,
+# with the teeth 3.6 m from it, about 106 kN x 3.6 m = 380 kN m about that of the stick (dashed). Both have room
+# to spare at 60 kN; the boom works hardest while the full bucket breaks out.
 figure, (side, curves) = plt.subplots(1, 2, figsize=(11, 4.6), layout="constrained", width_ratios=(1.25, 1))
 side.axhspan(-2.2, 0, color="tan", alpha=0.5, lw=0)
 side.plot(*teeth.R[:, ::2].T, "k", lw=1, label="path of the teeth")

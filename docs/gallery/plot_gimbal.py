@@ -14,7 +14,7 @@ import numpy as np
 import hingepair as hp
 
 # %%
-# The motors' side. The camera follows a drone that passes overhead at a steady 20 degrees per second. The
+# First the motors. The camera follows a drone that passes overhead at a steady 20 degrees per second. The
 # closer the path is to the zenith, the faster yaw must turn: the rates are the inverse of E4, here in the order
 # yaw, pitch, roll (ZYX). The angle along the path counts from the highest point.
 along = np.radians(np.linspace(-60, 60, 1201))
@@ -31,9 +31,9 @@ motors.axhline(20, color="0.6", ls=":")
 motors.legend(loc="lower center")
 
 # %%
-# The arithmetic's side. The hinge of the pair is the shutter of the camera, body 1 the camera itself, whose
-# pitch comes closer and closer to 90 degrees. The true angular velocity and acceleration of body 2 come from 50
-# digits (mpmath).
+# Then the arithmetic. The hinge of the pair is a flap on the camera, body 1 the camera itself, whose pitch
+# comes closer and closer to 90 degrees. The true angular velocity of body 2 is computed with 50 digits
+# (mpmath).
 pair = hp.HingePair(u1=(0.05, 0, 0.02), u2=(0, 0.01, 0), n=(1, 2, 2))
 distance = np.logspace(0, -12, 61)  # of the pitch from 90 degrees [rad]
 rng = np.random.default_rng(3)

@@ -5,8 +5,8 @@ A knee from motion capture
 Where is the axis of a knee, how far does the knee bend, and how certain is that? Cameras saw four markers on
 the thigh and four on the shank of a walking person; the hinge is identified from these recordings alone.
 
-The recording is made up, so that the truth is known: 8 s at 100 Hz, with 1 mm of noise on every marker and one
-marker that is hidden a tenth of the time. The angles of hip and knee follow the usual course of walking
+The recording is synthetic, so that the truth is known: 8 s at 100 Hz, with 1 mm of noise on every marker and
+one marker that is hidden a tenth of the time. The angles of hip and knee follow the usual course of walking
 (Winter, *Biomechanics and Motor Control of Human Movement*): the knee bends by some 20 degrees under load and
 by 60 degrees in swing.
 """
@@ -60,8 +60,9 @@ fit = hp.fit(body1, body2, t=t, clock_offset=0)
 print(fit)
 
 # %%
-# The fit's covariance becomes a region of the axis: the axis pierces the plane y = 0.1 m (the outer side of the
-# knee) in an ellipse. Its size is the uncertainty, and the truth should be within.
+# The uncertainty of the axis grows with the distance from the markers. Axes drawn from the covariance of the fit
+# pierce the plane y = 0.1 m, the outer side of the knee, within an ellipse of less than a millimetre. Real skin
+# moves on the bone by a centimetre or more: that error comes on top, and no fit can see it.
 offset = 0.1
 draws = hp.sample_pairs(fit.pair, 2000, covariance=fit.covariance, seed=1)
 
@@ -91,6 +92,6 @@ curve.legend()
 place.plot(*cloud.T, ".", ms=2, alpha=0.3, label="2000 draws of the fit")
 place.plot(*estimate, "C0o", mec="k", label="estimate")
 place.plot(*truth, "k+", ms=12, mew=2, label="truth")
-place.set(aspect="equal", xlabel="x in the thigh [mm]", ylabel="z in the thigh [mm]", title="The axis, 0.1 m outside")
+place.set(aspect="equal", xlabel="x in the thigh [mm]", ylabel="z in the thigh [mm]", title="The axis at y = 0.1 m")
 place.legend(fontsize="small")
 plt.show()

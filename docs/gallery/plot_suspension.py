@@ -67,6 +67,8 @@ print(f"toe is out of 10 minutes in {100 * bad:.0f} % of the cars, which need an
 
 # %%
 # To first order the same follows without samples, source by source. Toe is the turn about z, camber about x.
+# The places of the bushes along x decide on toe and those along z on camber; a better bearing face would hardly
+# help.
 shares = {
     name: arm.propagate_covariance(car, 0.0, covariance=part).attitude_std[[2, 0]] for name, part in sources.items()
 }

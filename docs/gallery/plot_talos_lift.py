@@ -3,8 +3,8 @@ What the elbow of Talos can lift
 ================================
 
 The humanoid robot Talos lifts a bottle with its left arm. Which motor reaches its limit first, and at which
-mass? Limits, masses and geometry are those of the robot's URDF (PAL Robotics, in the package example-robot-
-data).
+mass? Limits, masses and geometry are those of the robot's URDF (PAL Robotics), which the package
+example-robot-data contains.
 """
 
 import matplotlib.pyplot as plt
@@ -13,11 +13,11 @@ import numpy as np
 import hingepair as hp
 
 # %%
-# The grippers are held where they are; 32 - 2 joints remain. A frame between the finger tips carries the
-# payload.
+# The grippers are locked; 30 of 32 joints remain. A frame between the finger tips carries the payload. The
+# pelvis stands still.
 robot = hp.load_robot("talos_reduced", locked={"gripper_left_joint": -0.4, "gripper_right_joint": 0})
 robot = robot.with_frame("bottle", link="gripper_left_base_link", R=(0, 0, -0.12))
-pelvis = hp.BodyMotion(R=(0, 0, 1.083), S=np.eye(3))  # stands still; v, omega, a and alpha are zero
+pelvis = hp.BodyMotion(R=(0, 0, 1.083), S=np.eye(3))
 
 # %%
 # The arm goes from beside the hip to before the chest in 3 s, with no acceleration at either end. Joints that
@@ -50,8 +50,8 @@ joint, instant = np.argmin(largest.min(axis=0)), np.argmin(largest.min(axis=1))
 print(f"largest mass: {largest.min():.2f} kg, limited by joint {joint + 1} at t = {t[instant]:.2f} s")
 
 # %%
-# The robot's arm from the side, the elbow's torque for several masses, and how much of each motor's limit is
-# used.
+# The motor of the elbow reaches its limit first, at 1.7 kg, with the forearm about horizontal; the last joint of
+# the wrist follows, and the shoulder has room to spare.
 links = ("torso_2_link", *(f"arm_left_{k}_link" for k in range(1, 8)), "bottle")
 state = robot.forward_kinematics(q, frames=links, outputs=("R",), base_motion=pelvis)
 figure, (side, curves, bars) = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained", width_ratios=(0.8, 1, 1))
