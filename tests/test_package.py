@@ -197,7 +197,19 @@ def test_no_module_reads_private_names_of_another() -> None:
 
 @pytest.mark.parametrize(
     "wing",
-    ["engine", "equations", "errors.py", "formats", "integration", "numeric", "pair", "plans", "rotations", "urdf"],
+    [
+        "engine",
+        "equations",
+        "errors.py",
+        "formats",
+        "integration",
+        "numeric",
+        "pair",
+        "pictures",
+        "plans",
+        "rotations",
+        "urdf",
+    ],
 )
 def test_every_constant_says_what_it_is(wing: str) -> None:
     """A comment on its line or above it, or a docstring below it."""

@@ -103,7 +103,7 @@ def test_a_pair_is_a_mechanism_of_one_joint_whose_base_is_body_1(scene):
     frames = {frame["name"]: frame for frame in content["frames"]}
     assert (frames["body 1"]["body"], frames["hinge"]["R"]) == (0, [0, 0, 0])
     np.testing.assert_array_equal(frames["body 2"]["R"], -pair.u2)
-    assert content["traced"].keys() == {"body 1", "hinge", "body 2"}
+    assert content["path_colours"].keys() == {"body 1", "hinge", "body 2"}
     assert content["frame"] == "body 2"
 
 
@@ -246,7 +246,7 @@ def test_joints_are_grouped_by_limb():
     content = content_of(hp.view(hp.load_robot("talos_reduced")))
     groups = {}
     for slider in content["coordinates"]:
-        groups.setdefault(content["limbs"][slider["limb"]]["name"], []).append(slider["name"])
+        groups.setdefault(content["chains"][slider["chain"]]["name"], []).append(slider["name"])
     assert {name: len(joints) for name, joints in groups.items()} == {
         **{"leg_left": 6, "leg_right": 6, "torso": 2, "head": 2},
         **{"arm_left ... gripper_left": 8, "arm_right ... gripper_right": 8},
@@ -311,7 +311,7 @@ def test_a_motion_that_is_none_of_the_robot_is_refused(arguments, message):
     robot = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
     with pytest.raises(hp.ArgumentError, match=message):
         hp.view(robot, **arguments)
-    with pytest.raises(hp.ArgumentError, match=r"^q: expected none but with a robot"):
+    with pytest.raises(hp.ArgumentError, match=r"^q: expected None, since only a robot"):
         hp.view(PAIR, q=[[0.0]])
 
 
@@ -392,7 +392,7 @@ def test_the_page_computes_the_poses_that_the_mechanism_has(name, tmp_path):
 
 
 MOVED = """
-const byId = (id) => document.getElementById(id), { bodies, content, framed } = window.hingepair;
+const byId = (id) => document.getElementById(id), { bodies, content, frames } = window.hingepair;
 const matrices = () => bodies.map((body) => body.matrix.elements.slice());
 const neutral = matrices(), texts = [...document.querySelectorAll(".joint output")].map((one) => one.textContent);
 const set = (i, value) => {

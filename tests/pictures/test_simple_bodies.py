@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.pictures.model import model_json, robot_model
+from hingepair.pictures.page_model import model_json, robot_model
 from hingepair.pictures.simple_bodies import robot_size, simple_bodies
 
 BASE = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 0, 1), name="base joint")

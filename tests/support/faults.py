@@ -1535,19 +1535,19 @@ FAULTS = {
         "pictures/test_simple_bodies.py::test_a_link_is_drawn_by_its_shapes_or_by_a_simple_body[visual-before-collision]",
     ),
     "the shapes of body 2 of a page drawn from its reference point": Fault(
-        "pictures/model.py",
+        "pictures/page_model.py",
         "placed_shapes(two, Pose(still, 0.0 - pair.u2))",
         "two",
         "pictures/test_page.py::test_shapes_are_drawn_where_they_are",
     ),
     "a page's followers that lead themselves": Fault(
-        "pictures/model.py",
+        "pictures/page_model.py",
         "places[joint.mimic.leader if joint.mimic else number]",
         "places.get(number, 0)",
         "pictures/test_page.py::test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate",
     ),
     "a neutral pose outside the limits": Fault(
-        "pictures/model.py",
+        "pictures/page_model.py",
         "min(max(0.0, lower), upper)",
         "0.0",
         "pictures/test_page.py::test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate",

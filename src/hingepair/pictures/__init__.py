@@ -1,4 +1,4 @@
-"""Looking at a motion.
+"""Pictures of a motion: plots, and a page on which a pair or a robot moves.
 
-Plots, and a page on which a pair or a robot moves. Imports scenes, dynamics and what lies below them.
+The package imports scenes, dynamics and the wings below them.
 """

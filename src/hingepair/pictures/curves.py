@@ -1,8 +1,8 @@
-"""Parts of figures: curves through all samples or through their extremes, paths in space.
+"""Elements of figures: curves through all samples or through their extremes, and paths in space.
 
-Curves are drawn through all samples. Where these are many more than a picture has columns of pixels, a curve goes
-through the first, the last, the smallest and the largest sample of each short interval, which looks the same: an
-oscillation that is faster than a column fills the band between its extremes, and a spike of one sample stays.
+Curves are drawn through all samples. If there are many more samples than columns of pixels, a curve is drawn through
+the first, the last, the smallest and the largest sample of each short interval, which looks the same: an oscillation
+that is faster than a column fills the band between its extremes, and a spike of one sample stays visible.
 """
 
 from __future__ import annotations
@@ -14,20 +14,24 @@ import numpy as np
 
 from hingepair.errors import MissingDependencyError
 from hingepair.integration.trajectory import unwrap_euler_angles
-from hingepair.pictures.frames import Array
+from hingepair.pictures.motion_samples import Array
 from hingepair.rotations.euler import matrix_to_euler
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")  # Okabe and Ito's blue, vermilion and green
-PATHS: Final = "paths"
-"""The name of the curve that holds paths in space."""
-_MAX_INTERVALS: Final = 2000
-"""Intervals of a curve over time; more than its panel has columns of pixels, in print and enlarged too."""
+COMPONENT_COLOURS: Final = (
+    "#0072b2",
+    "#d55e00",
+    "#009e73",
+)  # of x, y, z: Okabe and Ito's blue, vermilion, green
+PATHS_CURVE: Final = "paths"
+"""Name of the curve that holds the paths in space."""
+_MAX_CURVE_INTERVALS: Final = 2000
+"""Largest number of intervals of a curve over time: more than a panel has columns of pixels, also in print."""
 _MAX_PATH_INTERVALS: Final = 20_000
-"""Intervals of a path in space, where the curve within an interval can be seen."""
+"""Largest number of intervals of a path in space, where the shape within an interval is visible."""
 
 
 class Curve(NamedTuple):
@@ -37,38 +41,38 @@ class Curve(NamedTuple):
     values: Array
 
 
-class Gathering:
-    """Curves, gathered from the pieces of a motion in order; attitudes as Euler angles XYZ."""
+class CurveCollector:
+    """Collector of curves from the consecutive pieces of a motion; attitudes become Euler angles XYZ [rad]."""
 
     def __init__(self) -> None:
         self._pieces: dict[str, list[tuple[Array, Array]]] = {}  # t and values of each curve
         self._angles: dict[str, Array] = {}  # last Euler angles of each attitude, from which the next piece goes on
 
-    def add(self, t: Array, samples: int, arrays: Mapping[str, Array]) -> None:
-        """Take a piece.
+    def add_piece(self, t: Array, samples: int, arrays: Mapping[str, Array]) -> None:
+        """Add a piece of the motion.
 
         Args:
-            t: its instants [s]; shape (N,).
-            samples: number of the instants of all pieces.
+            t: instants of the piece [s]; shape (N,).
+            samples: number of instants of all pieces together.
             arrays: quantities by name; shape (N, ...).
         """
         for name, array in arrays.items():
             values = array
             if array.ndim == 3:
-                values = _euler_angles(array, self._angles.get(name, np.empty((0, 3))))
+                values = _continuous_euler_angles(array, self._angles.get(name, np.empty((0, 3))))
                 self._angles[name] = values[np.isfinite(values).all(axis=1)][-1:]
-            intervals = _MAX_PATH_INTERVALS if name == PATHS else _MAX_INTERVALS
-            rows = _envelope(values.reshape(len(t), -1), -(-samples // intervals))
+            intervals = _MAX_PATH_INTERVALS if name == PATHS_CURVE else _MAX_CURVE_INTERVALS
+            rows = _envelope_rows(values.reshape(len(t), -1), -(-samples // intervals))
             self._pieces.setdefault(name, []).append((t[rows], values[rows]))
 
     def curves(self) -> dict[str, Curve]:
-        """Return the curves by name."""
+        """Return the collected curves by name."""
         pieces = self._pieces.items()
         return {name: Curve(*map(np.concatenate, zip(*parts, strict=True))) for name, parts in pieces}
 
 
 def figure_class() -> type[Figure]:
-    """Return matplotlib's class of figures.
+    """Import matplotlib, and return its class `Figure`.
 
     Raises:
         MissingDependencyError: matplotlib is not installed.
@@ -82,8 +86,8 @@ def figure_class() -> type[Figure]:
     return Figure
 
 
-def finished(figure: Figure, title: str) -> Figure:
-    """Return a figure with its title, small numbers, and a grid behind curves over time."""
+def finish_figure(figure: Figure, title: str) -> Figure:
+    """Set the title of a figure, small tick labels, and a grid behind curves over time; return the figure."""
     figure.suptitle(title)
     for axes in figure.axes:
         axes.tick_params(labelsize=8)
@@ -93,12 +97,12 @@ def finished(figure: Figure, title: str) -> Figure:
     return figure
 
 
-def _euler_angles(S: Array, before: Array) -> Array:
-    """Return Euler angles XYZ of attitudes without jumps between neighbours; NaN where an attitude is not finite.
+def _continuous_euler_angles(S: Array, before: Array) -> Array:
+    """Compute Euler angles XYZ [rad] of attitudes without jumps between samples; NaN where one is not finite.
 
     Args:
         S: attitudes; shape (N, 3, 3).
-        before: angles that these continue [rad]; shape (1, 3), or (0, 3) at the start.
+        before: angles of the sample before the first [rad]; shape (1, 3), or (0, 3) at the start.
 
     Returns:
         Angles [rad], shape (N, 3).
@@ -111,18 +115,18 @@ def _euler_angles(S: Array, before: Array) -> Array:
     return angles
 
 
-def _envelope(values: Array, size: int) -> Array:
-    """Return the rows through which a curve looks as it does through all of them.
+def _envelope_rows(values: Array, size: int) -> Array:
+    """Return the indices of samples through which a curve looks the same as through all samples.
 
     These are the first and the last row of each interval, those with the smallest and the largest value of each
     component, and the first and the last with a value that is not finite.
 
     Args:
         values: samples of the curve's components; shape (N, components).
-        size: rows of an interval; up to two, all rows are kept.
+        size: number of samples of an interval; up to two, all samples are kept.
 
     Returns:
-        Numbers of rows, increasing; shape (M,).
+        Indices, increasing; shape (M,).
     """
     count = len(values)
     if size <= 2:
@@ -141,42 +145,44 @@ def _envelope(values: Array, size: int) -> Array:
     return np.unique(np.minimum(np.concatenate([start, start + size - 1, extremes]), count - 1))
 
 
-def several(make: type[Figure], curves: Mapping[str, Curve], labels: Callable[[str], tuple[str, str]]) -> Figure:
-    """Draw some outputs over time, side by side.
+def draw_side_by_side(
+    figure_type: type[Figure], curves: Mapping[str, Curve], labels: Callable[[str], tuple[str, str]]
+) -> Figure:
+    """Draw curves over time in a new figure, side by side.
 
     Args:
-        make: class of the figure.
-        curves: what to draw, by name.
-        labels: gives the title and the unit of each.
+        figure_type: matplotlib's class of figures.
+        curves: curves by name.
+        labels: function that returns the title and the unit of a curve by its name.
     """
     columns = min(3, len(curves))
     rows = -(-len(curves) // columns)
-    figure = make(figsize=(max(4.2 * columns, 6), 2.6 * rows + 0.5), layout="constrained")
+    figure = figure_type(figsize=(max(4.2 * columns, 6), 2.6 * rows + 0.5), layout="constrained")
     places = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     for axes, (name, curve) in zip(places, curves.items(), strict=False):
-        over_time(axes, *labels(name), curve)
+        draw_over_time(axes, *labels(name), curve)
     for axes in places[len(curves) :]:
         axes.remove()
     return figure
 
 
-def over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
-    """Draw the components of a quantity over time."""
+def draw_over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
+    """Draw the components of a curve over time, with a title and a unit."""
     t, values = curve
-    shade(axes, t, values)
+    shade_gaps(axes, t, values)
     axes.set(title=title, ylabel=unit, xlabel="t [s]")
     axes.tick_params(labelbottom=True)
     if values.ndim == 1:
         axes.plot(t, values, color="#222222", lw=1.2)
         return
-    for part, colour, letter, style in zip(values.T, COLOURS, "xyz", ("-", "--", "-."), strict=False):
+    for part, colour, letter, style in zip(values.T, COMPONENT_COLOURS, "xyz", ("-", "--", "-."), strict=False):
         axes.plot(t, part, style, color=colour, lw=1.2, label=letter)
     if not axes.figure.legends:
         handles, letters = axes.get_legend_handles_labels()
         axes.figure.legend(handles, letters, fontsize=8, ncols=3, loc="outside upper right")
 
 
-def shade(axes: Axes, t: Array, values: Array) -> None:
+def shade_gaps(axes: Axes, t: Array, values: Array) -> None:
     """Shade the times at which a value is not finite."""
     lost = ~np.isfinite(values.reshape(len(t), -1)).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(int)))
@@ -187,14 +193,14 @@ def shade(axes: Axes, t: Array, values: Array) -> None:
 def draw_paths(
     figure: Figure, place: Any, points: Mapping[str, Array], colours: Sequence[str], zoom: float = 1.0
 ) -> None:
-    """Draw the paths of points in space at one scale; from above where z stays.
+    """Draw the paths of points in space at equal scales of the axes; in the plane if z is constant.
 
     Args:
         figure: the figure.
-        place: where in its grid.
+        place: cell of the figure's grid.
         points: the paths by name, in world axes [m]; shape (N, 3) each.
-        colours: of the paths, in their order.
-        zoom: size of the paths, in units of that at which a wide panel has room for the labels.
+        colours: colours of the paths, in order.
+        zoom: size of the drawing; 1 leaves space for the labels in a wide panel.
     """
     finite = [np.where(np.isfinite(path), path, np.nan) for path in points.values()]
     far = np.nanmax(np.abs(finite[0]), initial=0.0) >= 1e4
@@ -216,9 +222,10 @@ def draw_paths(
     if not len(ends):
         return
     middle, size = (ends[:, 1].max(0) + ends[:, 0].min(0)) / 2, ends[:, 1].max(0) - ends[:, 0].min(0)
-    size = 1.05 * np.maximum(size, 0.3 * size.max())  # room beside a long path, or the numbers there would be a blot
+    # The short axes of a long path are widened, since their tick labels would overlap.
+    size = 1.05 * np.maximum(size, 0.3 * size.max())
     for letter, centre, extent in zip(letters, middle, size, strict=True):
         getattr(axes, f"set_{letter}lim")(centre - extent / 2, centre + extent / 2)
         axes.locator_params(axis=letter, nbins=max(1, round(4 * extent / size.max())))
-    long = max(0.0, 1 - max(size[2], size.min()) / size.max())  # there is more room to the sides than up and down
-    axes.set_box_aspect(size, zoom=zoom * (0.7 + 0.6 * long))  # leaves room for the labels
+    long = max(0.0, 1 - max(size[2], size.min()) / size.max())  # a panel has more space to the sides than up and down
+    axes.set_box_aspect(size, zoom=zoom * (0.7 + 0.6 * long))  # leaves space for the labels

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hingepair.pictures.curves import (
-    COLOURS,
-    PATHS,
+    COMPONENT_COLOURS,
+    PATHS_CURVE,
     Curve,
-    Gathering,
+    CurveCollector,
+    draw_over_time,
     draw_paths,
+    draw_side_by_side,
     figure_class,
-    finished,
-    over_time,
-    several,
+    finish_figure,
 )
-from hingepair.pictures.frames import Array
+from hingepair.pictures.motion_samples import Array
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 
 if TYPE_CHECKING:
@@ -28,74 +28,77 @@ if TYPE_CHECKING:
 
     from hingepair.mechanism.tree import Joint
 
-_QUANTITIES: Final = ("q", "qd", "tau")
-_TITLES: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
+_PLOTTED_QUANTITIES: Final = ("q", "qd", "tau")  # the columns of panels, by the level of the motion
+# Titles of the columns of panels.
+_QUANTITY_TITLES: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
+# Colours of the paths of frames, which repeat.
 _PATH_COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
-_LIMIT_REACH: Final = 0.6
-"""A limit is drawn where it is at most this far from a curve, in units of the curve's span; else it is written."""
-_PANEL_SIZE: Final = (3.5, 1.5)
-_PATHS_WIDTH: Final = 5.0
-"""Width and height of a panel, and width of the paths [inch]."""
-_MAX_ROWS: Final = 12
-"""Rows of panels, at most, and one more where there are hinges and sliders; more joints share panels."""
-_PATHS_ROWS: Final = 6
-"""Rows of panels beside which the paths stand, at most: the first ones."""
-_HEADROOM: Final = 0.3
-"""Room above a curve for a limit that is written, in units of the curve's span."""
+_MAX_LIMIT_DISTANCE: Final = 0.6
+"""Largest distance of a limit from a curve at which it is drawn, over the curve's span; farther ones are written."""
+_PANEL_INCHES: Final = (3.5, 1.5)  # width and height of a panel
+_PATHS_INCHES: Final = 5.0  # width of the panel of paths
+_MAX_PANEL_ROWS: Final = 12
+"""Largest number of rows of panels, plus one where there are hinges and sliders; further joints share panels."""
+_PATHS_PANEL_ROWS: Final = 6
+"""Number of rows of panels, from the first on, that the panel of paths spans at most."""
+_LIMIT_TEXT_HEADROOM: Final = 0.3
+"""Space above a curve for a limit that is written, over the curve's span."""
 
 
-def plot_of_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Iterable[str] | None) -> Figure:
-    """Draw the motion of a mechanism; `plot` has the words.
+def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Iterable[str] | None) -> Figure:
+    """Draw the motion of a mechanism in a new figure, as `plot` describes.
 
     Args:
-        source: a scene of a mechanism, or its result, of which the scene is drawn.
-        outputs: what to draw instead, as for `MechanismScene.evaluate`.
+        source: a scene of a mechanism, or its result, whose scene is drawn.
+        outputs: names of the outputs to draw instead, as for `MechanismScene.evaluate`.
     """
     scene = source if isinstance(source, MechanismScene) else source.scene
-    gathering = Gathering()
+    collector = CurveCollector()
     if outputs is not None:
         for part in scene.blocks(outputs):
-            gathering.add(part.t, scene.samples, part.chosen())
-        make = figure_class()
-        return finished(several(make, gathering.curves(), lambda name: _labels(scene, name)), scene.title)
-    quantities = _QUANTITIES[: scene.joint_motion.level + 1]
+            collector.add_piece(part.t, scene.samples, part.chosen())
+        figure_type = figure_class()
+        return finish_figure(
+            draw_side_by_side(figure_type, collector.curves(), lambda name: _title_and_unit(scene, name)), scene.title
+        )
+    quantities = _PLOTTED_QUANTITIES[: scene.joint_motion.level + 1]
     frames = [f"R_{frame}" for frame in scene.frames]
     for part in scene.blocks((*quantities, *frames)):
         columns = {
             f"{name}_{joint}": values for name in quantities for joint, values in _by_joint(part, name).items()
         }
         positions = [part[frame].R for frame in scene.frames]
-        paths = {PATHS: np.concatenate(positions, axis=1)} if positions else {}
-        gathering.add(part.t, scene.samples, columns | paths)
-    make = figure_class()
-    return finished(_whole(make, scene, quantities, gathering.curves()), scene.title)
+        paths = {PATHS_CURVE: np.concatenate(positions, axis=1)} if positions else {}
+        collector.add_piece(part.t, scene.samples, columns | paths)
+    figure_type = figure_class()
+    return finish_figure(_draw_joint_panels(figure_type, scene, quantities, collector.curves()), scene.title)
 
 
 def _by_joint(part: MechanismSceneResult, name: str) -> dict[str, Array]:
-    """Return a quantity of the joints that move, by joint; shape (N,)."""
+    """Return a quantity of each joint that moves, by the joint's name; shape (N,) each."""
     array = getattr(part, name)
     moving = part.scene.joint_motion.moving
     return {joint: array[:, i] for i, joint in enumerate(part.scene.mechanism.names) if joint in moving}
 
 
-def _labels(scene: MechanismScene, name: str) -> tuple[str, str]:
+def _title_and_unit(scene: MechanismScene, name: str) -> tuple[str, str]:
     """Return the title and the unit of an output."""
     if name.startswith("S_") and scene.unit(name) == "1":
         return f"{name}, Euler angles XYZ", "rad"
     return name, scene.unit(name)
 
 
-def _whole(
-    make: type[Figure], scene: MechanismScene, quantities: tuple[str, ...], curves: dict[str, Curve]
+def _draw_joint_panels(
+    figure_type: type[Figure], scene: MechanismScene, quantities: tuple[str, ...], curves: dict[str, Curve]
 ) -> Figure:
-    """Draw a row of panels for each joint that moves, or for some of many joints, and the paths of the frames."""
+    """Draw a row of panels for each joint that moves or group of joints, and a panel of the frames' paths."""
     joints = [joint for joint in scene.mechanism.tree.coordinates if joint.name in scene.joint_motion.moving]
-    groups = _grouped(scene, joints)
+    groups = _panel_groups(scene, joints)
     rows, columns = max(1, len(groups)), len(quantities)
-    width, height = _PANEL_SIZE
-    size = width * columns + _PATHS_WIDTH, max(_PATHS_WIDTH, height * rows + 0.9)
-    figure = make(figsize=size, layout="constrained")
-    grid = figure.add_gridspec(rows, columns + 1, width_ratios=(*[width] * columns, _PATHS_WIDTH))
+    width, height = _PANEL_INCHES
+    size = width * columns + _PATHS_INCHES, max(_PATHS_INCHES, height * rows + 0.9)
+    figure = figure_type(figsize=size, layout="constrained")
+    grid = figure.add_gridspec(rows, columns + 1, width_ratios=(*[width] * columns, _PATHS_INCHES))
     first: Any = None
     for row, group in enumerate(groups):
         for column, quantity in enumerate(quantities):
@@ -104,27 +107,31 @@ def _whole(
             name = group[0].name
             unit = scene.unit(f"tau_{name}" if quantity == "tau" else name + quantity[1:])
             _draw_joints(axes, group, quantity, curves)
-            axes.set(title=_TITLES[quantity] if row == 0 else "", ylabel=unit)
+            axes.set(title=_QUANTITY_TITLES[quantity] if row == 0 else "", ylabel=unit)
             if row < rows - 1:
                 axes.set(xlabel="")
                 axes.tick_params(labelbottom=False)
             if column == 0:
-                label = f"{_shortened(name)}\n[{unit}]" if len(group) == 1 else f"[{unit}]"
+                label = f"{_shorten_name(name)}\n[{unit}]" if len(group) == 1 else f"[{unit}]"
                 axes.set_ylabel(label, fontsize=8)
                 if len(group) > 1:
                     axes.legend(fontsize=6, loc="best")
-    if PATHS in curves:
-        points = np.split(curves[PATHS].values, len(scene.frames), axis=1)
+    if PATHS_CURVE in curves:
+        points = np.split(curves[PATHS_CURVE].values, len(scene.frames), axis=1)
         colours = [_PATH_COLOURS[i % len(_PATH_COLOURS)] for i in range(len(points))]
         draw_paths(
-            figure, grid[:_PATHS_ROWS, columns], dict(zip(scene.frames, points, strict=True)), colours, zoom=0.75
+            figure,
+            grid[:_PATHS_PANEL_ROWS, columns],
+            dict(zip(scene.frames, points, strict=True)),
+            colours,
+            zoom=0.75,
         )
     return figure
 
 
-def _grouped(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[Joint]]:
-    """Return the joints that share a row of panels, in order; hinges and sliders, whose units differ, share none."""
-    size = -(-len(joints) // _MAX_ROWS)
+def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[Joint]]:
+    """Group joints that share a row of panels, in order; hinges and sliders, whose units differ, share none."""
+    size = -(-len(joints) // _MAX_PANEL_ROWS)
     if size <= 1:
         return [[joint] for joint in joints]
     hinges = [joint for joint in joints if scene.unit(joint.name) == "rad"]
@@ -133,18 +140,20 @@ def _grouped(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[Joint]
 
 
 def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dict[str, Curve]) -> None:
-    """Draw a quantity of one joint or several over time; of one, limits that are far from its curve are written."""
+    """Draw a quantity of one or more joints over time, with their limits; far limits of one joint are written."""
     alone = len(joints) == 1
     for joint, colour in zip(joints, itertools.cycle(_PATH_COLOURS), strict=False):
         curve = curves[f"{quantity}_{joint.name}"]
-        over_time(axes, "", "", curve)
+        draw_over_time(axes, "", "", curve)
         if not alone:
-            axes.get_lines()[-1].set(color=colour, label=_shortened(joint.name))
-        _draw_limits(axes, _limits(joint, quantity), curve.values, COLOURS[1] if alone else colour, alone)
+            axes.get_lines()[-1].set(color=colour, label=_shorten_name(joint.name))
+        _draw_limits(
+            axes, _joint_limits(joint, quantity), curve.values, COMPONENT_COLOURS[1] if alone else colour, alone
+        )
 
 
-def _limits(joint: Joint, quantity: str) -> tuple[float, float]:
-    """Return the least and the greatest value that a joint may have; infinite where there is no limit."""
+def _joint_limits(joint: Joint, quantity: str) -> tuple[float, float]:
+    """Return the lower and the upper limit of a joint's position, rate or effort; infinite where there is none."""
     if quantity == "q":
         return joint.position_limits
     largest = joint.rate_limit if quantity == "qd" else joint.effort_limit
@@ -152,13 +161,13 @@ def _limits(joint: Joint, quantity: str) -> tuple[float, float]:
 
 
 def _draw_limits(axes: Axes, limits: tuple[float, float], values: Array, colour: str, written: bool) -> None:
-    """Draw the limits that are close to a curve; write those that are not, where there is room for words."""
+    """Draw the limits that are near a curve as lines; write the others as text if `written`."""
     finite = values[np.isfinite(values)]
     known = [limit for limit in limits if np.isfinite(limit)]
     if not known or not finite.size:
         return
     least, most = float(finite.min()), float(finite.max())
-    reach = _LIMIT_REACH * max(most - least, 1e-3 * max(abs(least), abs(most)))
+    reach = _MAX_LIMIT_DISTANCE * max(most - least, 1e-3 * max(abs(least), abs(most)))
     far = []
     for limit in known:
         if least - reach <= limit <= most + reach:
@@ -169,11 +178,11 @@ def _draw_limits(axes: Axes, limits: tuple[float, float], values: Array, colour:
         both = len(far) == 2 and far[0] == -far[1]
         text = f"±{far[1]:.6g}" if both else ", ".join(f"{limit:.6g}" for limit in far)
         bottom, top = axes.get_ylim()
-        axes.set_ylim(bottom, top + _HEADROOM * (top - bottom))
+        axes.set_ylim(bottom, top + _LIMIT_TEXT_HEADROOM * (top - bottom))
         style: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 7, "color": colour}
         axes.text(0.98, 0.95, f"limit{'s' * (len(far) > 1)} {text}", transform=axes.transAxes, **style)
 
 
-def _shortened(name: str) -> str:
-    """Return a name that fits beside a panel."""
+def _shorten_name(name: str) -> str:
+    """Return a name, shortened in the middle to the 22 characters that fit beside a panel."""
     return name if len(name) <= 22 else f"{name[:10]}…{name[-11:]}"

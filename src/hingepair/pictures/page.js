@@ -3,18 +3,18 @@ const byId = (id) => document.getElementById(id);
 const content = JSON.parse(byId("content").textContent);
 const count = content.t.length, dof = content.coordinates.length;
 
-// ---- forward kinematics, in double precision; rotations are nine numbers, row by row
+// ---- forward kinematics in double precision; a rotation is an array of nine numbers, row by row
 
-function product(A, B) {
+function multiply(A, B) {
   const C = [];
   for (let i = 0; i < 9; i += 3)
     for (let j = 0; j < 3; j++) C.push(A[i] * B[j] + A[i + 1] * B[j + 3] + A[i + 2] * B[j + 6]);
   return C;
 }
-function turned(A, v) {
+function rotate(A, v) {
   return [0, 3, 6].map((i) => A[i] * v[0] + A[i + 1] * v[1] + A[i + 2] * v[2]);
 }
-function sum(a, b) {
+function add(a, b) {
   return a.map((x, i) => x + b[i]);
 }
 function hingeRotation([x, y, z], angle) {  // E6, with 2 sin^2(angle/2) for 1 - cos(angle)
@@ -25,45 +25,45 @@ function hingeRotation([x, y, z], angle) {  // E6, with 2 sin^2(angle/2) for 1 -
     c * x * z - s * y, c * y * z + s * x, 1 - c * (x * x + y * y),
   ];
 }
-function placed(pose, frame) {
-  return { R: sum(pose.R, turned(pose.S, frame.R)), S: product(pose.S, frame.S) };
+function compose(pose, frame) {
+  return { R: add(pose.R, rotate(pose.S, frame.R)), S: multiply(pose.S, frame.S) };
 }
-function bodyPoses(base, q) {  // the poses of all bodies, the base first; of a joint that is not known, NaN
+function bodyPoses(base, q) {  // poses of all bodies, the base first; NaN behind a joint whose coordinate is unknown
   const poses = [base];
   for (const joint of content.joints) {
     const value = q[joint.coordinate], position = value === null ? NaN : joint.multiplier * value + joint.offset;
-    const home = placed(poses[joint.parent], { R: joint.u, S: joint.S });
+    const home = compose(poses[joint.parent], { R: joint.u, S: joint.S });
     poses.push(joint.kind === "hinge"
-      ? { R: home.R, S: product(home.S, hingeRotation(joint.n, position)) }
-      : { R: sum(home.R, turned(home.S, joint.n.map((x) => x * position))), S: home.S });
+      ? { R: home.R, S: multiply(home.S, hingeRotation(joint.n, position)) }
+      : { R: add(home.R, rotate(home.S, joint.n.map((x) => x * position))), S: home.S });
   }
   return poses;
 }
 function baseAt(k) {
-  const m = content.placements[still ? 0 : k];
-  const lost = Array(9).fill(NaN);
-  return m === null ? { R: lost.slice(0, 3), S: lost }
+  const m = content.placements[baseRests ? 0 : k];
+  const unknown = Array(9).fill(NaN);
+  return m === null ? { R: unknown.slice(0, 3), S: unknown }
     : { R: [m[3], m[7], m[11]], S: [m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]] };
 }
 function framePose(poses, frame) {
-  return placed(poses[frame.body], frame);
+  return compose(poses[frame.body], frame);
 }
-const still = content.placements.length === 1;
+const baseRests = content.placements.length === 1;
 const isKnown = (pose) => [...pose.R, ...pose.S].every(Number.isFinite);
 const neutral = content.coordinates.map((coordinate) => coordinate.neutral);
 const positionsAt = (k) => (count ? content.q[k] : neutral);
 
-// ---- what is drawn
+// ---- the scene
 
 const THREE = MeshCat.THREE, viewer = new MeshCat.Viewer(byId("scene"));
-const { size, mark } = content;
+const { size, axes_length: axesLength } = content;
 viewer.set_property(["Background"], "top_color", [1, 1, 1]);
 viewer.set_property(["Background"], "bottom_color", [0.86, 0.88, 0.92]);
 for (const name of ["PointLightNegativeX", "PointLightPositiveX", "FillLight", "AmbientLight"])
   viewer.set_property(["Lights", name], "visible", false);
-const world = new THREE.Group(), sky = new THREE.HemisphereLight(0xffffff, 0x8a8f99, 0.75);
-sky.position.set(0, 0, 1);
-viewer.scene.add(world, sky);
+const world = new THREE.Group(), skyLight = new THREE.HemisphereLight(0xffffff, 0x8a8f99, 0.75);
+skyLight.position.set(0, 0, 1);
+viewer.scene.add(world, skyLight);
 for (const [place, strength] of [[[3, -4, 5], 0.35], [[-4, 1, 2], 0.15]]) {
   const light = new THREE.DirectionalLight(0xffffff, strength);
   light.position.set(...place);
@@ -80,14 +80,14 @@ function mesh(shape) {
   made.applyMatrix4(new THREE.Matrix4().set(...shape.placement));
   return made;
 }
-function moving(name) {
+function poseGroup(name) {
   const group = new THREE.Group();
   group.name = name;
   group.matrixAutoUpdate = false;
   world.add(group);
   return group;
 }
-function put(group, pose) {
+function setPose(group, pose) {
   const { R, S } = pose;
   group.visible = isKnown(pose);
   if (group.visible)
@@ -95,18 +95,18 @@ function put(group, pose) {
   group.matrixWorldNeedsUpdate = true;
 }
 const bodies = content.bodies.map((body) => {
-  const group = moving(body.name);
+  const group = poseGroup(body.name);
   for (const shape of body.shapes) group.add(mesh(shape));
   return group;
 });
-const framed = content.frames.map((frame) => ({ ...frame, marked: content.marked.includes(frame.name) }));
-for (const frame of framed.filter((one) => one.marked)) {
-  frame.axes = moving(frame.name);
-  frame.axes.add(new THREE.AxesHelper(mark));
+const frames = content.frames.map((frame) => ({ ...frame, axesShown: content.axes_shown.includes(frame.name) }));
+for (const frame of frames.filter((one) => one.axesShown)) {
+  frame.axes = poseGroup(frame.name);
+  frame.axes.add(new THREE.AxesHelper(axesLength));
 }
-const shownAxes = moving("frame");
-shownAxes.add(new THREE.AxesHelper(mark));
-const axes = content.joints.map((joint, k) => {  // the line of each joint's axis; shown where there is but one
+const selectedAxes = poseGroup("frame");
+selectedAxes.add(new THREE.AxesHelper(axesLength));
+const axes = content.joints.map((joint, k) => {  // a line along each joint's axis; always visible if there is only one coordinate
   const length = (dof === 1 ? 0.9 : 0.3) * size, radius = (dof === 1 ? 0.002 : 0.004) * size;
   const colour = dof === 1 ? 0x222222 : 0xd62839;
   const line = new THREE.Mesh(new THREE.CylinderGeometry(radius, radius, length, 8),
@@ -117,15 +117,15 @@ const axes = content.joints.map((joint, k) => {  // the line of each joint's axi
   return line;
 });
 
-// ---- paths of frames through the motion
+// ---- paths of frames through all instants of the motion
 
-function trail(colour) {
+function makePath(colour) {
   const line = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: colour }));
   line.frustumCulled = false;
   world.add(line);
   return line;
 }
-function trace(line, frame) {
+function tracePath(line, frame) {
   const points = [];
   for (let k = 0; k < count; k++) {
     const { R } = framePose(bodyPoses(baseAt(k), content.q[k]), frame);
@@ -135,56 +135,56 @@ function trace(line, frame) {
   line.geometry = new THREE.BufferGeometry();
   line.geometry.setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
 }
-const trails = [];
-for (const [name, colour] of Object.entries(content.traced)) {
-  const line = trail(colour);
-  trace(line, framed.find((frame) => frame.name === name));
-  trails.push(line);
+const paths = [];
+for (const [name, colour] of Object.entries(content.path_colours)) {
+  const line = makePath(colour);
+  tracePath(line, frames.find((frame) => frame.name === name));
+  paths.push(line);
 }
-const shownTrail = trail("#d62839");
-trails.push(shownTrail);
+const selectedPath = makePath("#d62839");
+paths.push(selectedPath);
 
 // ---- readings
 
-function digits(x) {  // at most eight characters, and a space before them at least
+function formatNumber(x) {  // a number in at most eight characters, padded to nine
   if (x === null || !Number.isFinite(x)) return "-".padStart(9);
   const size = Math.abs(x), small = size !== 0 && size < 1e-3, large = size >= 1e5;
   return (small || large ? x.toExponential(1) : size < 1 ? (x + 0).toFixed(5) : x.toPrecision(5)).padStart(9);
 }
-function readings() {
+function formatReadings() {
   const rows = count ? [["t", content.t[frame], "s"]] : [];
   for (const { name, unit, values } of content.readings)
-    rows.push([name, byHand ? null : values[frame], unit]);
+    rows.push([name, isManual ? null : values[frame], unit]);
   return rows.map(([name, values, unit]) =>
-    name.padEnd(7) + [values].flat().map((x) => digits(x)).join("") + " " + unit).join("\n");
+    name.padEnd(7) + [values].flat().map((x) => formatNumber(x)).join("") + " " + unit).join("\n");
 }
-function angleOrLength(kind, x) {
+function formatPosition(kind, x) {
   if (x === null) return "-";
   const [scale, places, unit] = kind === "hinge" ? [180 / Math.PI, 1, "\u00b0"] : [1, 4, " m"];
-  return (Number((scale * x).toFixed(places)) + 0).toFixed(places) + unit;  // + 0: a zero has no sign
+  return (Number((scale * x).toFixed(places)) + 0).toFixed(places) + unit;  // + 0 removes the sign of a zero
 }
 
-// ---- the pose that is shown: that of an instant, or one that sliders made
+// ---- the displayed pose: that of an instant of the motion, or that of the sliders
 
-let frame = 0, q = positionsAt(0).slice(), byHand = !count, playing = false, clock = count ? content.t[0] : 0;
-let chosen = framed.find((one) => one.name === content.frame);
+let frame = 0, q = positionsAt(0).slice(), isManual = !count, playing = false, clock = count ? content.t[0] : 0;
+let selectedFrame = frames.find((one) => one.name === content.frame);
 function draw() {
   const poses = bodyPoses(baseAt(frame), q);
-  bodies.forEach((body, k) => put(body, poses[k]));
-  for (const one of framed) if (one.axes) put(one.axes, framePose(poses, one));
-  const shown = framePose(poses, chosen);
-  put(shownAxes, shown);
+  bodies.forEach((body, k) => setPose(body, poses[k]));
+  for (const one of frames) if (one.axes) setPose(one.axes, framePose(poses, one));
+  const shown = framePose(poses, selectedFrame);
+  setPose(selectedAxes, shown);
   const at = byId("follow").checked && isKnown(poses[0]) ? poses[0].R : [0, 0, 0];
   world.position.set(-at[0], -at[1], -at[2]);
-  for (const line of trails) {
+  for (const line of paths) {
     line.visible = byId("trails").checked && count > 1;
     line.geometry.setDrawRange(0, frame + 1);
   }
-  byId("numbers").textContent = readings();
+  byId("numbers").textContent = formatReadings();
   byId("position").textContent =
-    `R ${shown.R.map((x, i) => digits(x + content.origin[i])).join("")} m`;
+    `R ${shown.R.map((x, i) => formatNumber(x + content.origin[i])).join("")} m`;
   content.coordinates.forEach(({ kind, limits: [lower, upper] }, i) => {
-    const { input, output } = sliders[i], text = angleOrLength(kind, q[i]);
+    const { input, output } = sliders[i], text = formatPosition(kind, q[i]);
     input.disabled = q[i] === null;
     if (q[i] !== null) input.value = q[i];
     input.setAttribute("aria-valuetext", text);
@@ -195,16 +195,16 @@ function draw() {
   world.updateMatrixWorld(true);
   viewer.set_dirty();
 }
-function show(k) {  // the pose at an instant of the motion
+function show(k) {  // displays the pose at an instant of the motion
   frame = k;
   byId("time").value = k;
   q = positionsAt(k).slice();
-  byHand = !count;
+  isManual = !count;
   draw();
 }
-function move(values) {  // a pose by hand; a motion stops
+function showManual(values) {  // displays a pose set by the sliders, and stops the motion
   play(false);
-  byHand = true;
+  isManual = true;
   q = values;
   draw();
 }
@@ -215,20 +215,20 @@ const sliders = content.coordinates.map(({ name, kind, first, last, limits }, i)
   Object.assign(input, { type: "range", id: `joint${i}`, min: first, max: last, step: "any" });
   label.htmlFor = output.htmlFor = input.id;
   label.textContent = label.title = name;
-  const [from, to] = [first, last].map((x) => angleOrLength(kind, x));
+  const [from, to] = [first, last].map((x) => formatPosition(kind, x));
   const free = limits.map((limit, side) => (limit === null ? ["lower", "upper"][side] : "")).filter(Boolean);
   input.title = free.length ? `no ${free.length > 1 ? "" : `${free[0]} `}limit; shown from ${from} to ${to}`
-    : `limits ${angleOrLength(kind, limits[0])} to ${angleOrLength(kind, limits[1])}`;
+    : `limits ${formatPosition(kind, limits[0])} to ${formatPosition(kind, limits[1])}`;
   if (free.length) {
     const note = document.createElement("small");
     note.textContent = ` (no ${free.length > 1 ? "limits" : `${free[0]} limit`})`;
     label.append(note);
   }
-  input.oninput = () => move(q.map((value, j) => (j === i ? Number(input.value) : value)));
-  const mine = axes.filter((_, k) => content.joints[k].coordinate === i);
+  input.oninput = () => showManual(q.map((value, j) => (j === i ? Number(input.value) : value)));
+  const ownAxes = axes.filter((_, k) => content.joints[k].coordinate === i);
   const light = (on) => {
     if (dof === 1) return;
-    for (const line of mine) line.visible = on || row.matches(":hover, :focus-within");
+    for (const line of ownAxes) line.visible = on || row.matches(":hover, :focus-within");
     viewer.set_dirty();
   };
   row.onmouseenter = input.onfocus = () => light(true);
@@ -236,32 +236,32 @@ const sliders = content.coordinates.map(({ name, kind, first, last, limits }, i)
   row.append(label, output, input);
   return { row, input, output };
 });
-const varied = content.coordinates.map((_, i) => content.q.some((values) => values[i] !== content.q[0][i]));
-content.limbs.forEach(({ name, colour }, limb) => {
-  const rows = sliders.filter((_, i) => content.coordinates[i].limb === limb).map(({ row }) => row);
+const variesInMotion = content.coordinates.map((_, i) => content.q.some((values) => values[i] !== content.q[0][i]));
+content.chains.forEach(({ name, colour }, chain) => {
+  const rows = sliders.filter((_, i) => content.coordinates[i].chain === chain).map(({ row }) => row);
   if (!rows.length) return;
-  const group = document.createElement(content.limbs.length > 1 ? "details" : "div");
+  const group = document.createElement(content.chains.length > 1 ? "details" : "div");
   if (group.tagName === "DETAILS") {
     const summary = document.createElement("summary"), swatch = document.createElement("span");
     swatch.className = "swatch";
     swatch.style.background = colour;
     summary.append(swatch, name);
-    group.open = !varied.some(Boolean) || varied.some((moves, i) => moves && content.coordinates[i].limb === limb);
+    group.open = !variesInMotion.some(Boolean) || variesInMotion.some((moves, i) => moves && content.coordinates[i].chain === chain);
     group.append(summary);
   }
   group.append(...rows);
   byId("joints").append(group);
 });
-byId("reset").onclick = () => move(neutral.slice());
-for (const one of framed) byId("frame").append(new Option(one.name, one.name));
+byId("reset").onclick = () => showManual(neutral.slice());
+for (const one of frames) byId("frame").append(new Option(one.name, one.name));
 byId("frame").value = content.frame;
-function choose() {
-  chosen = framed.find((one) => one.name === byId("frame").value);
-  shownAxes.children[0].visible = !chosen.marked;
-  trace(shownTrail, chosen);
-  if (chosen.name in content.traced) shownTrail.geometry = new THREE.BufferGeometry();
+function selectFrame() {
+  selectedFrame = frames.find((one) => one.name === byId("frame").value);
+  selectedAxes.children[0].visible = !selectedFrame.axesShown;
+  tracePath(selectedPath, selectedFrame);
+  if (selectedFrame.name in content.path_colours) selectedPath.geometry = new THREE.BufferGeometry();
 }
-byId("frame").onchange = () => { choose(); draw(); };
+byId("frame").onchange = () => { selectFrame(); draw(); };
 
 // ---- time
 
@@ -279,7 +279,7 @@ function tick(now) {
     if (last !== null) clock += (now - last) / 1000 * Number(byId("speed").value);
     if (clock >= content.t[count - 1]) clock = content.t[0];
     const k = frameAt(clock);
-    if (k !== frame || byHand) show(k);
+    if (k !== frame || isManual) show(k);
   }
   last = now;
   requestAnimationFrame(tick);
@@ -292,7 +292,7 @@ function play(on) {
 byId("time").max = count - 1;
 byId("time").oninput = () => { play(false); show(Number(byId("time").value)); };
 byId("play").onclick = () => play(!playing);
-byId("follow").onchange = byId("trails").onchange = () => { aim(); draw(); };
+byId("follow").onchange = byId("trails").onchange = () => { aimCamera(); draw(); };
 document.addEventListener("keydown", (event) => {
   if (event.code !== "Space" || event.target.closest("button, select, summary, input[type=checkbox]")) return;
   event.preventDefault();
@@ -301,49 +301,50 @@ document.addEventListener("keydown", (event) => {
 
 // ---- the camera
 
-const upright = ([x, y, z]) => new THREE.Vector3(x, z, -y);  // in the axes of the viewer, whose y is up
-function boxOf(k, values, relative) {  // the shapes of all bodies that are known, from the base or from the origin
+const toViewerAxes = ([x, y, z]) => new THREE.Vector3(x, z, -y);  // converts a vector to the viewer's axes, whose y axis points up
+function boxOf(k, values, relative) {  // bounding box of all bodies with a known pose, relative to the base or to the origin
   const box = new THREE.Box3(), base = baseAt(k), poses = bodyPoses(base, values);
-  bodies.forEach((body, i) => put(body, poses[i]));
+  bodies.forEach((body, i) => setPose(body, poses[i]));
   world.position.set(0, 0, 0);
   world.updateMatrixWorld(true);
   for (const body of bodies.filter((one) => one.visible))
     for (const child of body.children) if (!axes.includes(child)) box.expandByObject(child);
-  if (relative && isKnown(base)) box.translate(upright(base.R).negate());
+  if (relative && isKnown(base)) box.translate(toViewerAxes(base.R).negate());
   return box;
 }
-const boxes = { one: boxOf(0, positionsAt(0), true), all: new THREE.Box3() };
+const bounds = { one: boxOf(0, positionsAt(0), true), all: new THREE.Box3() };
 for (let i = 0; i < Math.max(1, Math.min(count, 40)); i++) {
   const k = count > 1 ? Math.round(i * (count - 1) / (Math.min(count, 40) - 1)) : 0;
-  boxes.all.union(boxOf(k, positionsAt(k), false));
-  if (i) boxes.one.union(boxOf(k, positionsAt(k), true));
+  bounds.all.union(boxOf(k, positionsAt(k), false));
+  if (i) bounds.one.union(boxOf(k, positionsAt(k), true));
 }
-for (const box of Object.values(boxes))
+for (const box of Object.values(bounds))
   if (box.isEmpty()) box.set(new THREE.Vector3(-size, -size, -size), new THREE.Vector3(size, size, size));
 const extent = (box) => box.getSize(new THREE.Vector3()).length();
-const cell = (() => {  // of the grid: 1, 2 or 5 times a power of ten
+const cell = (() => {  // size of a grid cell: 1, 2 or 5 times a power of ten
   const wanted = size / 4, unit = 10 ** Math.floor(Math.log10(wanted));
   return unit * [1, 2, 5, 10].find((factor) => factor * unit >= wanted);
 })();
 const originAxes = viewer.scene_tree.find(["Axes"]).object;
-originAxes.scale.setScalar(2 * mark);
+originAxes.scale.setScalar(2 * axesLength);
 viewer.set_property(["Grid"], "visible", false);
-const cells = 2 * Math.ceil(Math.min(40, 0.6 * extent(boxes.all) / cell));
-const grid = new THREE.GridHelper(cells * cell, cells, 0x9aa1ab, 0xc3c8d0);  // no wider than what the camera sees
-const middle = boxes.all.getCenter(new THREE.Vector3()), nearest = (x) => cell * Math.round(x / cell);
+const cells = 2 * Math.ceil(Math.min(40, 0.6 * extent(bounds.all) / cell));
+const grid = new THREE.GridHelper(cells * cell, cells, 0x9aa1ab, 0xc3c8d0);  // no wider than the camera's view
+const middle = bounds.all.getCenter(new THREE.Vector3()), nearest = (x) => cell * Math.round(x / cell);
 grid.rotation.x = Math.PI / 2;
-// The plane z = 0 and the origin of the world, where the motion is not far from them; what stands is above the plane.
-const near = content.origin.every((x) => Math.abs(x) <= 2 * extent(boxes.all));
+// The grid shows the plane z = 0, and the axes the world's origin, if the motion is near them; a robot on a fixed base
+// stands above the grid.
+const near = content.origin.every((x) => Math.abs(x) <= 2 * extent(bounds.all));
 const [x0, y0, z0] = content.origin.map((x) => (near ? -x : 0));
-const floor = still ? Math.min(z0, boxOf(0, positionsAt(0), false).min.y) : z0;
+const floor = baseRests ? Math.min(z0, boxOf(0, positionsAt(0), false).min.y) : z0;
 grid.position.set(x0 + nearest(middle.x - x0), y0 + nearest(-middle.z - y0), floor);
 originAxes.position.set(x0, y0, z0);
 viewer.scene.add(grid);
-function aim() {
-  const follow = byId("follow").checked, box = follow ? boxes.one : boxes.all;
+function aimCamera() {
+  const follow = byId("follow").checked, box = follow ? bounds.one : bounds.all;
   grid.visible = originAxes.visible = !follow;
   const centre = box.getCenter(new THREE.Vector3()), { camera, controls } = viewer;
-  const covered = Math.min(0.4, byId("head").offsetHeight / byId("scene").clientHeight);  // by the title
+  const covered = Math.min(0.4, byId("head").offsetHeight / byId("scene").clientHeight);  // share of the height behind the title
   const tangent = Math.tan(camera.fov * Math.PI / 360);
   const far = 0.48 * extent(box) / Math.sin(Math.atan(tangent * Math.min(1 - covered, camera.aspect)));
   centre.y += covered * tangent * far;
@@ -351,7 +352,7 @@ function aim() {
   camera.far = 100 * far;
   camera.updateProjectionMatrix();
   controls.target.copy(centre);
-  camera.position.copy(centre).addScaledVector(upright([1, -0.8, 0.55]).normalize(), far);
+  camera.position.copy(centre).addScaledVector(toViewerAxes([1, -0.8, 0.55]).normalize(), far);
   controls.update();
 }
 viewer.camera.fov = 40;
@@ -360,7 +361,7 @@ viewer.set_3d_pane_size = () => resize(byId("scene").clientWidth, byId("scene").
 
 // ---- the page
 
-const moved = `${content.shown} instants`;
+const instantsText = `${content.shown} instants`;
 const title = document.createElement("b");
 title.textContent = content.title;
 byId("head").append(title);
@@ -372,17 +373,17 @@ for (const [colour, name] of content.legend) {
 }
 byId("hint").textContent = [
   "drag: turn, wheel: zoom, right button: move", `grid ${Number(cell.toPrecision(1))} m`,
-  ...(content.shown.includes("of") ? [moved] : []),
+  ...(content.shown.includes("of") ? [instantsText] : []),
 ].join(" \u00b7 ");
-byId("following").hidden = still;
+byId("following").hidden = baseRests;
 byId("following").querySelector("span").textContent = content.base;
 byId("controls").hidden = count < 2;
 byId("top").hidden = byId("joints").hidden = !dof;
-byId("follow").checked = !still && extent(boxes.all) > 4 * extent(boxes.one);
+byId("follow").checked = !baseRests && extent(bounds.all) > 4 * extent(bounds.one);
 viewer.set_3d_pane_size();
-aim();
-choose();
+aimCamera();
+selectFrame();
 show(0);
-window.hingepair = { viewer, bodies, show, move, content, bodyPoses, framePose, baseAt, framed };
+window.hingepair = { viewer, bodies, show, showManual, content, bodyPoses, framePose, baseAt, frames };
 if (count > 1) play(true);
 requestAnimationFrame(tick);

@@ -1,8 +1,8 @@
-"""A page on which a pair or a robot moves: one file that needs nothing else, for any browser.
+"""A page on which a pair or a robot moves: one HTML file without external parts, for any browser.
 
-The drawing is done by MeshCat's viewer (three.js), which Pinocchio's users know; its JavaScript is taken out of the
-installed package `meshcat` and put into the page, so that the page opens from a disk without a network. The page has
-the constants of the joints, the motion of the base and the coordinates, and computes the bodies' poses by itself.
+MeshCat's viewer (three.js), which users of Pinocchio know, draws the bodies. Its JavaScript is copied from the
+installed package `meshcat` into the page, so that the page opens from a disk without a network. The page holds the
+constants of the joints, the motion of the base and the coordinates, and computes the poses of the bodies itself.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from hingepair.numeric.arrays import is_table, real_array
 from hingepair.numeric.tables import unit_of
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pictures.frames import MAX_FRAMES, Array, Source, spread_frames, spread_rows
-from hingepair.pictures.model import Model, model_json, pair_model, placements, robot_model
+from hingepair.pictures.motion_samples import MAX_SPREAD_SAMPLES, Array, MotionSource, spread_rows, spread_samples
+from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult
 
-_RATE: Final = 30  # instants in a second, of a motion that comes without instants
-_READINGS: Final[tuple[str, ...]] = ("v2", "omega2")
+_DEFAULT_RATE: Final = 30  # [1/s] number of samples per second of a motion that is given without instants
+_READING_OUTPUTS: Final[tuple[str, ...]] = ("v2", "omega2")  # whose numbers the page shows beside psi
 
 
 def view(
-    source: Source | Mechanism | MechanismScene | MechanismSceneResult,
+    source: MotionSource | Mechanism | MechanismScene | MechanismSceneResult,
     path: str | os.PathLike[str] | None = None,
     q: ArrayLike | None = None,
     t: ArrayLike | None = None,
@@ -46,25 +46,25 @@ def view(
 ) -> Page:
     """Make a page on which a pair or a robot moves, with a slider for each joint.
 
-    Bodies are drawn by the boxes, cylinders and spheres of a URDF or of a pair; a body that is drawn by anything else
-    is a simple one: rods from joint to joint, a drum at a hinge, a prism at a slider. A motion comes with a slider of
-    time, and paths of the frames that are shown.
+    Bodies are drawn by the boxes, cylinders and spheres of a URDF or of a pair. Any other body has simple shapes:
+    rods from joint to joint, a drum at a hinge, a prism at a slider. A motion has a slider of time, and the paths of
+    the frames that are shown.
 
     Args:
         source: a robot; a scene or its result; a trajectory of `integrate` or `simulate`; or a pair, which then turns
-            through its limits (a whole turn where it has none).
-        path: a file to write the page to, ending in .html; none unless given.
+            through its limits (through a whole turn if it has none).
+        path: file to write the page to, ending in .html; by default no file is written.
         q: motion of a robot [rad or m]; shape (T, dof), in the order of `robot.names`, or a table with these columns.
-        t: instants of q [s]; shape (T,), not decreasing; 30 in a second unless given.
-        base_motion: where the base of a robot is: R and S of one instant, or of the T instants of q; at the origin
-            unless given.
+        t: instants of q [s]; shape (T,), not decreasing; by default 30 per second.
+        base_motion: position and attitude of a robot's base (R and S) at one instant, or at the T instants of q; by
+            default the base rests at the origin.
 
     Returns:
-        The page: `.html` is its text, `.save(path)` writes it; in a notebook it shows itself.
+        The page: `.html` is its text, `.save(path)` writes it; a notebook displays it.
 
     Raises:
-        ArgumentError: what has no motion to show, q, t or base_motion that cannot be used, or a file that cannot be
-            written; names the argument.
+        ArgumentError: the source has no motion; q, t or base_motion cannot be used; or the file cannot be written.
+            The error names the argument.
         MissingDependencyError: the package meshcat is not installed.
 
     >>> import hingepair as hp
@@ -74,14 +74,14 @@ def view(
     Page(panda, joints=8)
     """
     if isinstance(source, Mechanism):
-        model, motion = robot_model(source, source.name), _robot_motion(source, q, t, base_motion)
+        model, motion = robot_model(source, source.name), _read_robot_motion(source, q, t, base_motion)
     else:
         for name, value in (("q", q), ("t", t), ("base_motion", base_motion)):
             if value is not None:
-                raise ArgumentError(name, "none but with a robot, a Mechanism", quoted(value))
+                raise ArgumentError(name, "None, since only a robot (a Mechanism) takes a motion", quoted(value))
         source = source.scene if isinstance(source, SceneResult | MechanismSceneResult) else source
-        model, motion = _robot_page(source) if isinstance(source, MechanismScene) else _pair_page(source)
-    page = Page(model.title, len(motion.t), motion.samples, motion.q.shape[1], _html(model, motion))
+        model, motion = _robot_content(source) if isinstance(source, MechanismScene) else _pair_content(source)
+    page = Page(model.title, len(motion.t), motion.samples, motion.q.shape[1], _page_html(model, motion))
     if path is not None:
         page.save(path, source.files if isinstance(source, Scene | MechanismScene) else ())
     return page
@@ -110,18 +110,18 @@ class Page:
 
     @property
     def shown(self) -> str:
-        """How many instants the page shows, and of how many where it does not show all: `2000 of 10001`."""
-        return _shown(self.frames, self.samples)
+        """Number of instants on the page, and of the whole motion if that has more: `2000 of 10001`."""
+        return _shown_count(self.frames, self.samples)
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
-        """Write it to a file.
+        """Write the page to a file.
 
         Args:
-            path: ends in .html.
-            inputs: files that are being read from, which the path must not be.
+            path: file to write; ends in .html.
+            inputs: files that are being read, which must not be overwritten.
 
         Raises:
-            ArgumentError: another ending, or the file cannot be written; what was there before stays.
+            ArgumentError: the ending is another one, or the file cannot be written; an existing file is kept.
         """
         if not isinstance(path, str | os.PathLike):
             raise ArgumentError("path", "a file name (the motion of a robot is given as q=)", quoted(path))
@@ -136,12 +136,13 @@ class Page:
         return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: 480px; border: 0"></iframe>'
 
 
-def _shown(count: int, samples: int) -> str:
+def _shown_count(count: int, samples: int) -> str:
+    """Return the number of shown instants, and of all instants where these are more."""
     return f"{count} of {samples}" if count < samples else f"{count}"
 
 
-class _Motion(NamedTuple):
-    """The motion of a page: none where there are no instants.
+class _PageMotion(NamedTuple):
+    """The motion on a page; a page without a motion has no instants.
 
     Attributes:
         t: instants [s]; shape (N,).
@@ -149,7 +150,7 @@ class _Motion(NamedTuple):
         R: position of the base [m]; shape (N, 3), or (1, 3).
         S: attitude of the base; shape (N, 3, 3), or (1, 3, 3).
         q: coordinates [rad or m]; shape (N, dof).
-        readings: what is shown beside; shape (N, 3).
+        readings: outputs whose numbers are shown, by name; shape (N, 3).
     """
 
     t: Array
@@ -160,46 +161,48 @@ class _Motion(NamedTuple):
     readings: dict[str, Array]
 
 
-def _pair_page(source: Source) -> tuple[Model, _Motion]:
-    frames = spread_frames(source)
-    psi, readings = frames.psi[:, None], frames.readings
-    shown = {"psi": psi} | {name: readings[name] for name in _READINGS if name in readings}
-    motion = _Motion(frames.t, frames.samples, frames.bodies["R1"], frames.bodies["S1"], psi, shown)
-    return pair_model(frames.pair, frames.title), motion
+def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
+    """Return the model and the motion of a page for a pair."""
+    samples = spread_samples(source)
+    psi, readings = samples.psi[:, None], samples.outputs_by_name
+    shown = {"psi": psi} | {name: readings[name] for name in _READING_OUTPUTS if name in readings}
+    motion = _PageMotion(samples.t, samples.samples, samples.bodies["R1"], samples.bodies["S1"], psi, shown)
+    return pair_model(samples.pair, samples.title), motion
 
 
-def _robot_page(scene: MechanismScene) -> tuple[Model, _Motion]:
-    robot, rows = scene.mechanism, scene.spread(MAX_FRAMES)
+def _robot_content(scene: MechanismScene) -> tuple[PageModel, _PageMotion]:
+    """Return the model and the motion of a page for the scene of a mechanism."""
+    robot, rows = scene.mechanism, scene.spread(MAX_SPREAD_SAMPLES)
     known = scene.known(rows, 0)
     t, q = np.asarray(scene.instants[rows]), known.array(0)
-    motion = _Motion(t, scene.samples, *_base_places(known.base, len(t)), q, {})
+    motion = _PageMotion(t, scene.samples, *_base_poses(known.base, len(t)), q, {})
     named = () if scene.frames == robot.tips else scene.frames
     return robot_model(robot, scene.title, *named[:1]), motion
 
 
-def _robot_motion(
+def _read_robot_motion(
     robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None, base_motion: BodyMotion | None
-) -> _Motion:
-    """Return the motion of a robot at MAX_FRAMES instants at most."""
+) -> _PageMotion:
+    """Check the arguments q, t and base_motion, and return at most MAX_SPREAD_SAMPLES samples."""
     if is_table(q):
         q = np.stack(tuple(coordinate_columns("q", q, robot.names).values()), axis=-1)
     positions = np.zeros((0, robot.dof)) if q is None else real_array("q", q).astype(np.float64)
     if positions.ndim != 2 or positions.shape[1] != robot.dof or (q is not None and not len(positions)):
         raise ShapeError("q", f"shape (T, {robot.dof}) with T from 1 on", positions.shape)
-    instants = np.arange(len(positions)) / _RATE if t is None else real_array("t", t).astype(np.float64)
+    instants = np.arange(len(positions)) / _DEFAULT_RATE if t is None else real_array("t", t).astype(np.float64)
     if instants.shape != positions.shape[:1]:
         raise ShapeError("t", f"shape {positions.shape[:1]}, as many instants as q has", instants.shape)
     if not np.isfinite(instants).all() or (np.diff(instants) < 0).any():
         raise ArgumentError("t", "finite instants that do not decrease", quoted(t))
     rows = spread_rows(len(instants))
-    R, S = _base_places(base_motion, len(instants))
+    R, S = _base_poses(base_motion, len(instants))
     if len(R) > 1:
         R, S = R[rows], S[rows]
-    return _Motion(instants[rows], len(instants), R, S, positions[rows], {})
+    return _PageMotion(instants[rows], len(instants), R, S, positions[rows], {})
 
 
-def _base_places(base_motion: BodyMotion | None, count: int) -> tuple[Array, Array]:
-    """Return where the base is: R, shape (1, 3) or (count, 3), and S, shape (1, 3, 3) or (count, 3, 3)."""
+def _base_poses(base_motion: BodyMotion | None, count: int) -> tuple[Array, Array]:
+    """Check the motion of a base, and return R, shape (1 or count, 3) [m], and S, shape (1 or count, 3, 3)."""
     if base_motion is None:
         return np.zeros((1, 3)), np.eye(3)[None]
     if not isinstance(base_motion, BodyMotion):
@@ -214,21 +217,21 @@ def _base_places(base_motion: BodyMotion | None, count: int) -> tuple[Array, Arr
     return np.broadcast_to(R, (places, 3)), np.broadcast_to(S, (places, 3, 3))
 
 
-def _html(model: Model, motion: _Motion) -> str:
-    """Return the page: the viewer's code, the model and its motion as JSON, and what moves the one by the other."""
-    seen = np.isfinite(motion.R).all(axis=1)
-    # Drawn from where the base is first: what a graphics processor computes has seven digits.
-    origin = motion.R[seen][0] if seen.any() else np.zeros(3)
+def _page_html(model: PageModel, motion: _PageMotion) -> str:
+    """Return the HTML of a page: the viewer's code, the model and its motion as JSON, and the page's script."""
+    known = np.isfinite(motion.R).all(axis=1)
+    # Positions are relative to the base's first position: a graphics processor computes with seven digits.
+    origin = motion.R[known][0] if known.any() else np.zeros(3)
     stands = all(np.equal(places, places[:1]).all() for places in (motion.R, motion.S))
     places = slice(1) if stands else slice(None)
     content = model_json(model, motion.q) | {
-        "shown": _shown(len(motion.t), motion.samples),
+        "shown": _shown_count(len(motion.t), motion.samples),
         "t": motion.t.tolist(),
-        "q": _plain(motion.q),
+        "q": _json_numbers(motion.q),
         "placements": placements(motion.R[places] - origin, motion.S[places]),
         "origin": origin.tolist(),
         "readings": [
-            {"name": name, "unit": unit_of(name), "values": _plain(values)}
+            {"name": name, "unit": unit_of(name), "values": _json_numbers(values)}
             for name, values in motion.readings.items()
         ],
     }
@@ -236,23 +239,27 @@ def _html(model: Model, motion: _Motion) -> str:
     page, script = (
         files("hingepair.pictures").joinpath(name).read_text("utf-8") for name in ("page.html", "page.js")
     )
-    parts = {"@TITLE@": escape(model.title), "@VIEWER@": _viewer(), "@CONTENT@": text, "@SCRIPT@": script}
-    return re.sub("@[A-Z]+@", lambda found: parts[found[0]], page)
+    parts = {"@TITLE@": escape(model.title), "@VIEWER@": _viewer_script(), "@CONTENT@": text, "@SCRIPT@": script}
+    return re.sub("@[A-Z]+@", lambda match: parts[match[0]], page)
 
 
-def _viewer() -> str:
-    """Return MeshCat's JavaScript, out of the installed package, which is not imported: it would load a server."""
-    found = importlib.util.find_spec("meshcat")
-    places = found.submodule_search_locations if found else None
-    for place in places or ():
-        script = Path(place) / "viewer" / "dist" / "main.min.js"
+def _viewer_script() -> str:
+    """Read MeshCat's JavaScript from the installed package, without the import, which would load a server.
+
+    Raises:
+        MissingDependencyError: the package meshcat is not installed.
+    """
+    package = importlib.util.find_spec("meshcat")
+    folders = package.submodule_search_locations if package else None
+    for folder in folders or ():
+        script = Path(folder) / "viewer" / "dist" / "main.min.js"
         if script.is_file():
             return script.read_text(encoding="utf-8").replace("</script", "<\\/script")
     raise MissingDependencyError("view", "the package meshcat: pip install 'hingepair[view]'", "none")
 
 
-def _plain(array: Array) -> list[Any]:
-    """Return numbers for JSON, None for what is not finite."""
-    found = array.astype(object)
-    found[~np.isfinite(array)] = None
-    return list(found.tolist())
+def _json_numbers(array: Array) -> list[Any]:
+    """Return numbers as nested lists for JSON, with None for numbers that are not finite."""
+    values = array.astype(object)
+    values[~np.isfinite(array)] = None
+    return list(values.tolist())

@@ -1,4 +1,4 @@
-"""Simple bodies of robots that nothing draws: rods from joint to joint, drums of hinges, prisms of sliders."""
+"""Simple shapes for bodies without a drawing: rods from joint to joint, drums at hinges, prisms at sliders."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from hingepair.pair.body import Box, Cylinder, Shape, Sphere
 
 Vector: TypeAlias = NDArray[np.float64]
 
-_DENSITY: Final = 2000.0  # kg/m^3 of a rod, from which its mass gives its radius: metal, motors and air
-_RADII: Final = (0.016, 0.03)  # least and greatest radius of a rod, in units of the robot's size
-_JOINT_LENGTH: Final = 0.25  # of what a body has besides its rods, in units of the robot's size
-_MAX_THICKNESS: Final = 0.3  # greatest radius of a rod that is short for the robot, in units of its length
-_DEFAULT_RADIUS: Final = 0.02  # of a rod without mass, in units of the robot's size
-_DRAWABLE: Final = (1e-6, 1e6)  # least and greatest size of a robot [m] that is drawn to scale
-_MAX_LIMIT: Final = 1e4  # rad or m; a larger limit of a file means that there is none
-_MIN_LENGTH: Final = 1e-3  # of a rod, in units of the robot's size; shorter ones are left out
+_ROD_DENSITY: Final = 2000.0  # [kg/m^3] that relates the mass of a rod to its radius: metal, motors and air
+_ROD_RADIUS_RANGE: Final = (0.016, 0.03)  # smallest and largest radius of a rod over the robot's size
+_JOINT_LENGTH_RATIO: Final = 0.25  # length of the parts of a body besides its rods, over the robot's size
+_MAX_RADIUS_RATIO: Final = 0.3  # largest radius of a short rod over its length
+_DEFAULT_RADIUS_RATIO: Final = 0.02  # radius of a rod without mass over the robot's size
+_DRAWABLE_SIZE_RANGE: Final = (1e-6, 1e6)  # [m] smallest and largest size of a robot that is drawn to scale
+_MAX_POSITION_LIMIT: Final = 1e4  # [rad or m] a larger limit in a file stands for no limit
+_MIN_ROD_LENGTH_RATIO: Final = 1e-3  # length of a rod over the robot's size below which it is left out
 
 
 class SimpleBody(NamedTuple):
-    """The shapes of a body, in its own axes.
+    """Simple shapes of a body, in the body's axes.
 
     Attributes:
         links: rods and the blocks of sliders.
@@ -37,7 +37,7 @@ class SimpleBody(NamedTuple):
 
 
 def robot_size(tree: Tree) -> float:
-    """Return the length of the longest chain of joints and links from the base [m]; 1 where there is none."""
+    """Return the length of the longest chain of joints and links from the base [m]; 1 if it cannot be drawn."""
     lengths = [0.0]
     for joint in tree.joints:
         shifts = [abs(limit) for limit in drawn_limits(joint) if joint.kind == "slider" and math.isfinite(limit)]
@@ -45,19 +45,20 @@ def robot_size(tree: Tree) -> float:
     ends = [lengths[tree.links[tip].body] + math.hypot(*tree.links[tip].R) for tip in tree.tips]
     centres = [2 * math.hypot(*body.center_of_mass) for body in (tree.base, *(joint.body for joint in tree.joints))]
     size = max(*lengths, *ends) or max(centres)
-    return size if _DRAWABLE[0] <= size <= _DRAWABLE[1] else 1.0
+    return size if _DRAWABLE_SIZE_RANGE[0] <= size <= _DRAWABLE_SIZE_RANGE[1] else 1.0
 
 
 def drawn_limits(joint: Joint) -> tuple[float, float]:
-    """Return the limits of a joint [rad or m], infinite where there is none, and where it is too large to be one."""
+    """Return the lower and upper position limit of a joint [rad or m]; infinite where it is missing or huge."""
     lower, upper = joint.position_limits
-    return lower if lower > -_MAX_LIMIT else -math.inf, upper if upper < _MAX_LIMIT else math.inf
+    return lower if lower > -_MAX_POSITION_LIMIT else -math.inf, upper if upper < _MAX_POSITION_LIMIT else math.inf
 
 
 def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
-    """Return the range in which a joint is shown [rad or m]: that of its limits.
+    """Return the range of a joint's slider on a page [rad or m]: the range between its limits.
 
-    A hinge without limits has -pi to pi, a slider half the robot's size; one limit is as far from the other end.
+    Without limits, the range of a hinge is -pi to pi, and that of a slider has the width of half the robot's size
+    around 0. With one limit, the range has the same width.
     """
     lower, upper = drawn_limits(joint)
     width = 2 * math.pi if joint.kind == "hinge" else size / 2
@@ -67,7 +68,7 @@ def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
 
 
 def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
-    """Return a simple body for each body of a robot, the base first.
+    """Return simple shapes for each body of a robot, the base first.
 
     Args:
         tree: the robot.
@@ -77,20 +78,22 @@ def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
     carried: list[list[int]] = [[] for _ in range(count)]
     for number, joint in enumerate(tree.joints, 1):
         carried[joint.parent].append(number)
-    ends = [_ends(tree, number, size) if not carried[number] else [] for number in range(count)]
+    ends = [_rod_ends(tree, number, size) if not carried[number] else [] for number in range(count)]
     points = [[*(np.asarray(tree.joints[k - 1].u) for k in carried[n]), *ends[n]] for n in range(count)]
     masses = [tree.base.mass, *(joint.body.mass for joint in tree.joints)]
     lengths = [sum(math.hypot(*point) for point in own) for own in points]
-    radii = [_radius(mass, length, size) for mass, length in zip(masses, lengths, strict=True)]
+    radii = [_rod_radius(mass, length, size) for mass, length in zip(masses, lengths, strict=True)]
     for number, joint in enumerate(tree.joints, 1):
-        if lengths[number] <= _MIN_LENGTH * size:  # a body without a rod is as thick as its thinner neighbour
+        if (
+            lengths[number] <= _MIN_ROD_LENGTH_RATIO * size
+        ):  # a body without a rod is as thick as its thinner neighbour
             radii[number] = min(radii[joint.parent], *(radii[k] for k in carried[number]), math.inf)
     bodies = [SimpleBody([], []) for _ in range(count)]
     for number, body in enumerate(bodies):
         radius = radii[number]
         widths = [min(radius, 1.4 * radii[k]) for k in carried[number]] + [radius] * len(ends[number])
         for point, width in zip(points[number], widths, strict=True):
-            body.links.extend(_rod(point, width, size))
+            body.links.extend(_rod_shapes(point, width, size))
         if number == 0:
             body.links.append(Box((2.4 * radius,) * 3))
             continue
@@ -116,29 +119,33 @@ def axes_along(axis: Any) -> Vector:
     return np.stack([across, np.cross(direction, across), direction], axis=1)
 
 
-def _ends(tree: Tree, number: int, size: float) -> list[Vector]:
-    """Return the ends of the rods of a body that carries no joint: its last links, else beyond its centre of mass."""
+def _rod_ends(tree: Tree, number: int, size: float) -> list[Vector]:
+    """Return the ends of a last body's rods: its last links, or twice the vector to its centre of mass [m]."""
     tips = [np.asarray(tree.links[tip].R) for tip in tree.tips if tree.links[tip].body == number]
-    far = [tip for tip in tips if math.hypot(*tip) > _MIN_LENGTH * size]
+    far = [tip for tip in tips if math.hypot(*tip) > _MIN_ROD_LENGTH_RATIO * size]
     if far:
         return far
     masses = tree.joints[number - 1].body if number else tree.base
     beyond = 2 * masses.center_of_mass
-    return [beyond] if _MIN_LENGTH * size < math.hypot(*beyond) < size / 2 else []
+    return [beyond] if _MIN_ROD_LENGTH_RATIO * size < math.hypot(*beyond) < size / 2 else []
 
 
-def _radius(mass: float, length: float, size: float) -> float:
-    """Return the radius of the rods of a body, of its mass and their length [m]."""
-    least = min(_RADII[0] * size, _MAX_THICKNESS * length) if length > _MIN_LENGTH * size else _RADII[0] * size
+def _rod_radius(mass: float, length: float, size: float) -> float:
+    """Compute the radius of a body's rods [m] from its mass [kg], their length [m] and the robot's size [m]."""
+    least = (
+        min(_ROD_RADIUS_RANGE[0] * size, _MAX_RADIUS_RATIO * length)
+        if length > _MIN_ROD_LENGTH_RATIO * size
+        else _ROD_RADIUS_RANGE[0] * size
+    )
     if not mass > 0:
-        return max(least, min(_DEFAULT_RADIUS * size, _MAX_THICKNESS * length))
-    radius = math.sqrt(mass / (math.pi * _DENSITY * (length + _JOINT_LENGTH * size)))
-    return min(max(radius, least), _RADII[1] * size)
+        return max(least, min(_DEFAULT_RADIUS_RATIO * size, _MAX_RADIUS_RATIO * length))
+    radius = math.sqrt(mass / (math.pi * _ROD_DENSITY * (length + _JOINT_LENGTH_RATIO * size)))
+    return min(max(radius, least), _ROD_RADIUS_RANGE[1] * size)
 
 
-def _rod(end: Vector, radius: float, size: float) -> Sequence[Shape]:
-    """Return a rounded rod from the reference point to a point."""
+def _rod_shapes(end: Vector, radius: float, size: float) -> Sequence[Shape]:
+    """Return a rod with a rounded end, from the reference point to a point; nothing if it is too short."""
     length = math.hypot(*end)
-    if length <= _MIN_LENGTH * size:
+    if length <= _MIN_ROD_LENGTH_RATIO * size:
         return ()
     return Cylinder(radius, length, end / 2, end), Sphere(radius, end)

@@ -11,22 +11,28 @@ from hingepair.errors import ArgumentError, choices
 from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import unit_of
-from hingepair.pictures.curves import COLOURS, Gathering, figure_class, finished, several
+from hingepair.pictures.curves import (
+    COMPONENT_COLOURS,
+    CurveCollector,
+    draw_side_by_side,
+    figure_class,
+    finish_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_BAND: Final = 2.0  # standard deviations on either side: 95 % of what may be
-_MOTION: Final = ("R", "v", "a", "S", "omega", "alpha")
-_ANGLE: Final = ("psi", "psid", "psidd")
+_BAND_DEVIATIONS: Final = 2.0  # half width of the band, in standard deviations: 95 % probability
+_MOTION_OUTPUTS: Final = ("R", "v", "a", "S", "omega", "alpha")  # that can be drawn of a SmoothedMotion
+_ANGLE_OUTPUTS: Final = ("psi", "psid", "psidd")  # that can be drawn of a SmoothedAngle
 
 
-def plot_of_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str] | None = None) -> Figure:
-    """Draw a smoothed motion or angle over time, and a band of twice the standard deviation of every sample.
+def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str] | None = None) -> Figure:
+    """Draw a smoothed motion or angle over time, with a band of two standard deviations, in a new figure.
 
     Args:
-        source: what `smooth` returned.
+        source: the result of `smooth`.
         outputs: R, S, v, omega, a, alpha, or psi, psid, psidd; all of them unless given. S is drawn as Euler angles
             XYZ, without a band.
 
@@ -34,25 +40,25 @@ def plot_of_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[s
         ArgumentError: no such output.
         MissingDependencyError: matplotlib is not installed.
     """
-    known = _ANGLE if isinstance(source, SmoothedAngle) else _MOTION
+    known = _ANGLE_OUTPUTS if isinstance(source, SmoothedAngle) else _MOTION_OUTPUTS
     names = known if outputs is None else tuple(outputs)
     for name in names:
         if name not in known:
             raise ArgumentError("outputs", choices(known), name)
-    make, gathering = figure_class(), Gathering()
-    gathering.add(source.t, source.t.size, {name: getattr(source, name) for name in names})
-    curves = gathering.curves()
-    figure = several(make, curves, lambda name: (name, "rad" if name == "S" else unit_of(name)))
+    figure_type, collector = figure_class(), CurveCollector()
+    collector.add_piece(source.t, source.t.size, {name: getattr(source, name) for name in names})
+    curves = collector.curves()
+    figure = draw_side_by_side(figure_type, curves, lambda name: (name, "rad" if name == "S" else unit_of(name)))
     for axes, (name, curve) in zip(figure.axes, curves.items(), strict=True):
         if name != "S":
             std = np.asarray(source.std[name]).reshape(source.t.size, -1)
             _draw_band(axes, curve.t, curve.values.reshape(curve.t.size, -1), source.t, std)
-    return finished(figure, "smoothed: curves, and bands of two standard deviations")
+    return finish_figure(figure, "smoothed: curves, and bands of two standard deviations")
 
 
 def _draw_band(axes: Axes, t: Float64Array, values: Float64Array, instants: Float64Array, std: Float64Array) -> None:
-    """Draw the bands of the components of a curve; standard deviations (N, k) are those at the instants (N,)."""
-    colours = COLOURS if values.shape[1] > 1 else ("#222222",)
+    """Draw the bands of a curve's components; `std` has shape (N, k) and belongs to the instants, shape (N,)."""
+    colours = COMPONENT_COLOURS if values.shape[1] > 1 else ("#222222",)
     for column, deviations, colour in zip(values.T, std.T, colours, strict=False):
-        half = _BAND * np.interp(t, instants, deviations)
+        half = _BAND_DEVIATIONS * np.interp(t, instants, deviations)
         axes.fill_between(t, column - half, column + half, color=colour, alpha=0.25, lw=0)

@@ -1,4 +1,4 @@
-"""The instants and values that a picture shows, of whatever holds a motion."""
+"""Samples of a motion for plots and pages, taken from any object that holds a motion."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from hingepair.scenes.scene import Scene, SceneResult
 
 Array: TypeAlias = NDArray[Any]
 
-MAX_FRAMES: Final = 2000
-"""Instants of a page, spread evenly over those of the motion; a plot has all of them."""
+MAX_SPREAD_SAMPLES: Final = 2000
+"""Largest number of instants on a page, spread evenly over the motion; a plot uses all instants."""
 
-RATES: Final = ("v2", "omega2", "a2", "alpha2")
+RATE_OUTPUTS: Final = ("v2", "omega2", "a2", "alpha2")  # the rates of body 2, by increasing level
 
-Source: TypeAlias = HingePair | Scene | SceneResult | Trajectory | SimulatedPlanarMotion
+MotionSource: TypeAlias = HingePair | Scene | SceneResult | Trajectory | SimulatedPlanarMotion
 
-Recorded: TypeAlias = tuple[Array, HingePair, BodyMotion, Array, dict[str, Array]]
-"""A motion in memory: instants, pair, motion of body 1, psi, and further arrays by name."""
+RecordedMotion: TypeAlias = tuple[Array, HingePair, BodyMotion, Array, dict[str, Array]]
+"""A motion in memory: instants [s], pair, motion of body 1, psi [rad], and further arrays by name."""
 
 
-class Frames(NamedTuple):
-    """A motion, or a part of it, as pictures show it.
+class MotionSamples(NamedTuple):
+    """Samples of a pair's motion, or of a part of it.
 
     Attributes:
         pair: the pair that moves.
-        title: title of the picture.
+        title: title of the plot or the page.
         samples: number of instants of the whole motion.
         t: instants [s]; shape (N,).
         bodies: R1, S1, R2 and S2 by name; shapes (N, 3), (N, 3, 3).
         psi: hinge angle [rad]; shape (N,).
-        readings: further outputs by name, such as v2; vectors in space, shape (N, 3), or the outputs that were
-            named, of any shape (N, ...).
+        outputs_by_name: further outputs by name, such as v2: vectors in space, shape (N, 3), or the requested
+            outputs, of any shape (N, ...).
     """
 
     pair: HingePair
@@ -50,39 +50,39 @@ class Frames(NamedTuple):
     t: Array
     bodies: dict[str, Array]
     psi: Array
-    readings: dict[str, Array]
+    outputs_by_name: dict[str, Array]
 
     @property
     def hinge(self) -> Array:
-        """Hinge point, computed from body 1 [m]; shape (N, 3)."""
+        """Position of the hinge point, computed from body 1 [m]; shape (N, 3)."""
         point: Array = self.bodies["R1"] + self.bodies["S1"] @ self.pair.u1
         return point
 
 
-def spread_frames(source: object) -> Frames:
-    """Return the motion at MAX_FRAMES instants at most, spread evenly, with the rates of body 2 that there are.
+def spread_samples(source: object) -> MotionSamples:
+    """Return at most MAX_SPREAD_SAMPLES evenly spread samples of a motion, with the available rates of body 2.
 
     Raises:
         ArgumentError: the source has no motion in space to show.
     """
     source = source.scene if isinstance(source, SceneResult) else source
     if isinstance(source, Scene):
-        return _scene_frames(source, source.sampled(MAX_FRAMES, _scene_outputs(source, None)), None)
-    motion = _motion(source)
-    return _recorded_frames(motion, spread_rows(len(motion[0])), None)
+        return _scene_samples(source, source.sampled(MAX_SPREAD_SAMPLES, _scene_outputs(source, None)), None)
+    motion = _recorded_motion(source)
+    return _recorded_samples(motion, spread_rows(len(motion[0])), None)
 
 
 def spread_rows(count: int) -> Rows:
-    """Return the numbers of MAX_FRAMES of so many instants at most, spread evenly."""
-    return np.unique(np.linspace(0, count - 1, min(count, MAX_FRAMES)).astype(np.intp))
+    """Return the indices of at most MAX_SPREAD_SAMPLES evenly spread instants out of `count`."""
+    return np.unique(np.linspace(0, count - 1, min(count, MAX_SPREAD_SAMPLES)).astype(np.intp))
 
 
-def all_frames(source: object, outputs: Iterable[str] | None = None) -> Iterator[Frames]:
-    """Yield the motion at all of its instants, piece by piece.
+def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Iterator[MotionSamples]:
+    """Yield all samples of a motion, piece by piece.
 
     Args:
         source: a scene or its result, a trajectory in space or by `simulate`, or a pair in space.
-        outputs: names of the readings; unless given, the rates of body 2 that there are.
+        outputs: names of the outputs; by default the available rates of body 2.
 
     Raises:
         ArgumentError: the source has no motion in space to show, or no such output.
@@ -94,24 +94,25 @@ def all_frames(source: object, outputs: Iterable[str] | None = None) -> Iterator
     source = source.scene if isinstance(source, SceneResult) else source
     if isinstance(source, Scene):
         for part in source.blocks(_scene_outputs(source, outputs)):
-            yield _scene_frames(source, part, outputs)
+            yield _scene_samples(source, part, outputs)
     else:
-        yield _recorded_frames(_motion(source), slice(None), outputs)
+        yield _recorded_samples(_recorded_motion(source), slice(None), outputs)
 
 
 def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, ...]:
-    return (*RATES[: 2 * scene.motion.level], "psi") if outputs is None else outputs
+    """Return the outputs to evaluate: the requested ones, or the rates of body 2 and psi."""
+    return (*RATE_OUTPUTS[: 2 * scene.motion.level], "psi") if outputs is None else outputs
 
 
-def _scene_frames(scene: Scene, part: SceneResult, outputs: tuple[str, ...] | None) -> Frames:
-    """Return the frames of some instants of a scene."""
+def _scene_samples(scene: Scene, part: SceneResult, outputs: tuple[str, ...] | None) -> MotionSamples:
+    """Return the samples of a part of a scene's result."""
     arrays, bodies = part.chosen(), part.known.bodies(scene.pair)
-    readings = arrays if outputs is not None else _rates(arrays)
-    return Frames(scene.space, scene.title, scene.samples, part.t, bodies, part.known.psi, readings)
+    outputs_by_name = arrays if outputs is not None else _rate_vectors(arrays)
+    return MotionSamples(scene.space, scene.title, scene.samples, part.t, bodies, part.known.psi, outputs_by_name)
 
 
-def _recorded_frames(motion: Recorded, rows: Rows, outputs: tuple[str, ...] | None) -> Frames:
-    """Return the frames of some instants of a motion that is held in memory."""
+def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ...] | None) -> MotionSamples:
+    """Return the samples at some instants of a motion that is held in memory."""
     t, pair, body1, psi, recorded = motion
     body1, psi = motion_of_rotations(R=body1.R[rows], S=body1.S[rows]), psi[rows]
     bodies = pair.forward_kinematics_from_body1(body1, psi, outputs=("R1", "S1", "R2", "S2")).arrays()
@@ -119,12 +120,12 @@ def _recorded_frames(motion: Recorded, rows: Rows, outputs: tuple[str, ...] | No
     for name in outputs or ():
         if name not in arrays:
             raise ArgumentError("outputs", choices(tuple(arrays)), quoted(name))
-    readings = _rates(arrays) if outputs is None else {name: arrays[name] for name in outputs}
-    return Frames(pair, pair.name, len(t), t[rows], bodies, psi, readings)
+    outputs_by_name = _rate_vectors(arrays) if outputs is None else {name: arrays[name] for name in outputs}
+    return MotionSamples(pair, pair.name, len(t), t[rows], bodies, psi, outputs_by_name)
 
 
-def _motion(source: object) -> Recorded:
-    """Return the motion of a source; that of a bare pair turns the hinge to its limits and back."""
+def _recorded_motion(source: object) -> RecordedMotion:
+    """Return the motion of a trajectory, or for a pair a motion that turns the hinge to its limits and back."""
     if isinstance(source, Trajectory):
         return source.t, source.pair, BodyMotion(R=source.R1, S=source.S1), source.psi, source.recorded()
     if isinstance(source, SimulatedPlanarMotion):
@@ -140,13 +141,13 @@ def _motion(source: object) -> Recorded:
     return 6 * share, source, still, psi, {}
 
 
-def _rates(arrays: dict[str, Array]) -> dict[str, Array]:
-    """Return the rates of body 2 among some arrays, as vectors in space."""
-    return {name: _in_space(arrays[name]) for name in RATES if name in arrays}
+def _rate_vectors(arrays: dict[str, Array]) -> dict[str, Array]:
+    """Return the rates of body 2 among the arrays as vectors in space; shape (N, 3)."""
+    return {name: _spatial_vectors(arrays[name]) for name in RATE_OUTPUTS if name in arrays}
 
 
-def _in_space(vectors: Array) -> Array:
-    """Return vectors of the plane as vectors of space, and numbers as vectors along z; shape (N, 3)."""
+def _spatial_vectors(vectors: Array) -> Array:
+    """Convert vectors in the plane, and numbers along z, to vectors in space; shape (N, 3)."""
     flat = vectors.reshape(len(vectors), -1)
     if flat.shape[1] == 3:
         return flat
