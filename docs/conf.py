@@ -39,6 +39,7 @@ sphinx_gallery_conf = {
     "examples_dirs": "gallery",
     "gallery_dirs": "auto_examples",
     "filename_pattern": r"plot_",
+    "image_scrapers": ("shown_figures.scrape",),
     "download_all_examples": False,
     "show_memory": False,
     "min_reported_time": 1e9,  # run times depend on the machine that builds the pages
@@ -51,4 +52,4 @@ suppress_warnings = ["config.cache"]  # the settings of the gallery are not writ
 html_theme = "furo"
 html_title = f"hingepair {version}"
 html_static_path = ["_static"]
-html_css_files = ["formulas.css"]
+html_css_files = ["pages.css"]
