@@ -93,9 +93,9 @@ def test_small_changes_grow_as_those_of_a_simulated_motion(base):
 
 def test_what_has_no_linearization_is_named():
     still = {"base": "fixed"}
-    with pytest.raises(hp.ArgumentError, match=r"^hinge_torque: expected what has a linearization"):
+    with pytest.raises(hp.ArgumentError, match=r"^hinge_torque: expected a torque with a linearization"):
         hp.linearize(rod(), STILL, 0.0, hinge_torque=hp.HingeLoad(friction=30), **still)
-    with pytest.raises(hp.ArgumentError, match=r"^equilibrium: expected a state near to which the loads pull"):
+    with pytest.raises(hp.ArgumentError, match=r"^equilibrium: expected a stable equilibrium near the state"):
         hp.linearize(rod(), STILL, 0.0, hinge_torque=50.0, equilibrium=True, **still)
     with pytest.raises(hp.ArgumentError, match=r"^psid_0, body1: expected a state at rest"):
         hp.linearize(rod(), STILL, 0.0, 1.0, equilibrium=True, **still)

@@ -1,4 +1,5 @@
-"""Motion in time under forces.
+"""Dynamics: motion in time under loads.
 
-The pair's own answer to what acts on it, from a start to any instant. Imports integration, pair and what lies below.
+Simulation of a pair from a start to any instant, energy balances and linearization. Imports integration, pair and
+what lies below.
 """

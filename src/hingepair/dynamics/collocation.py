@@ -1,10 +1,11 @@
-"""Gauss collocation: steps of order 16 whose eight nodes are evaluated together, and a polynomial in between.
+"""Gauss collocation: steps of order 16 whose eight nodes are evaluated together, with a polynomial between them.
 
 The derivative is a polynomial of degree 7 through its values at the eight Gauss nodes of a step. The states at the
-nodes are iterated by fixed points (Picard), or, where psi'' answers stiffly to psi and psi', by a simplified Newton
-method in these two. What the last Legendre coefficients have left says how far that polynomial is off, and so do the
-derivatives beside the nodes: at both ends of a step, between each two nodes, and, of functions that nothing is known
-of, at a given spacing. Steps end at events, where distances from them pass 0. The method is symmetric and keeps
+nodes are found by fixed-point (Picard) iteration, or, where psi'' depends stiffly on psi and psi', by a simplified
+Newton method in these two. The error of a step is estimated by the last Legendre coefficients of the polynomial and
+by
+its residual beside the nodes: at both ends of a step, between each two nodes, and, where loads are callables, at a
+given spacing. Steps end at events, where distances from them pass 0. The method is symmetric and keeps
 quadratic invariants; Hairer, Lubich, Wanner, *Geometric Numerical Integration*, II.1.3, VIII.6; for stiff equations
 Hairer, Wanner, *Solving Ordinary Differential Equations II*, IV.8.
 """
@@ -20,63 +21,79 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
-Rates: TypeAlias = Callable[[Array, Array], Array]
-"""The derivatives, an array (m, k): of times (m,) and states (m, k), as they go on smoothly until the next event."""
+from hingepair.numeric.arrays import Float64Array as Array
 
-NODES: Final = 8
-_ROUNDS: Final = 30  # of the iteration; a step that needs more is too long
-_SAFETY, _SHRINK, _GROW = 0.8, 0.2, 3.0
-_FADE = 0.9  # of the length that errors of velocities are measured by, with each shorter step
-_RENEWED = 4  # rounds after which Newton's method looks at the derivatives of psi'' again
-_PATIENCE, _SLOW = 4, 0.1  # rounds after which fixed points that come nearer by no more are left to Newton's method
-_MIN_STIFFNESS = 0.5  # of a step: below, the fixed points are found as well without Newton's method
-_NUDGE = 1.5e-8  # rad and rad/s: by which psi and psi' are changed for the derivatives of psi''
-_MAX_SWITCHES = 8  # at one instant: if events follow each other for ever, the last of them is passed
-_JUMP = 1e-12  # of that length: in a step so short the derivative jumps, and no shorter one would be better
+StateRates: TypeAlias = Callable[[Array, Array], Array]
+"""Derivatives (m, k) of the state at times (m,) and states (m, k), smooth until the next event."""
 
-_x, _w = legendre.leggauss(NODES)
-TIMES: Final[Array] = (_x + 1) / 2
-"""The nodes of a step from 0 to 1."""
-_TO_SERIES: Final[Array] = np.stack(
-    [(2 * k + 1) / 2 * _w * legendre.legval(_x, np.eye(NODES)[k]) for k in range(NODES)]
+NODE_COUNT: Final = 8
+"""Nodes of a step."""
+_MAX_ITERATIONS: Final = 30  # of the states at the nodes; a step that needs more is too long
+_LENGTH_SAFETY = 0.8  # of the length that the estimate of the error allows
+_MIN_LENGTH_FACTOR, _MAX_LENGTH_FACTOR = 0.2, 3.0  # from the length of one step to that of the next
+_REACH_DECAY = 0.9  # factor of the length by which errors of velocities are scaled, with each shorter step
+_NEWTON_REFRESH_PERIOD = 4  # iterations after which Newton's method computes the derivatives of psi'' again
+_CONTRACTION_CHECK_PERIOD = 4  # iterations after which the convergence of fixed points is checked
+_MAX_CONTRACTION = 0.1  # factor of the change in an iteration: above it Newton's method is tried
+_MIN_STIFFNESS = 0.5  # of a step, without unit: below it fixed points converge without Newton's method
+_DIFFERENCE_STEP = 1.5e-8  # rad and rad/s: of psi and psi', for the derivatives of psi'' by differences
+_MAX_SWITCHES = 8  # events at one instant; if more follow each other, the last is ignored
+_JUMP_LENGTH_SHARE = 1e-12  # of the usual length: in a shorter step the derivative jumps, and no step is better
+
+_gauss_nodes, _gauss_weights = legendre.leggauss(NODE_COUNT)
+NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2
+"""Nodes of a step from 0 to 1; shape (8,)."""
+_VALUES_TO_SERIES: Final[Array] = np.stack(
+    [
+        (2 * k + 1) / 2 * _gauss_weights * legendre.legval(_gauss_nodes, np.eye(NODE_COUNT)[k])
+        for k in range(NODE_COUNT)
+    ]
 )
+"""From values at the nodes to the coefficients of their Legendre series; shape (8, 8)."""
 
 
-_TO_INTEGRAL: Final[Array] = (
-    np.stack([np.pad(c := legendre.legint(unit, lbnd=-1), (0, NODES + 1 - len(c))) for unit in np.eye(NODES)], axis=1)
-    @ _TO_SERIES
+_VALUES_TO_INTEGRAL_SERIES: Final[Array] = (
+    np.stack(
+        [np.pad(c := legendre.legint(unit, lbnd=-1), (0, NODE_COUNT + 1 - len(c))) for unit in np.eye(NODE_COUNT)],
+        axis=1,
+    )
+    @ _VALUES_TO_SERIES
     / 2
 )
+"""From values at the nodes to the coefficients of the Legendre series of their integral; shape (9, 8)."""
 
 
-def integrals(times: Array) -> Array:
-    """The integral from 0 to each time of the polynomial through eight values at the nodes: a matrix (m, 8)."""
-    return legendre.legvander(2 * times - 1, NODES) @ _TO_INTEGRAL
+def integral_matrix(times: Array) -> Array:
+    """Return the matrix (m, 8) from values at the nodes to integrals of their polynomial from 0 to each time."""
+    return legendre.legvander(2 * times - 1, NODE_COUNT) @ _VALUES_TO_INTEGRAL_SERIES
 
 
-def values(times: Array) -> Array:
-    """The value at each time of the polynomial through eight values at the nodes: a matrix (m, 8)."""
-    return legendre.legvander(2 * times - 1, NODES - 1) @ _TO_SERIES
+def value_matrix(times: Array) -> Array:
+    """Return the matrix (m, 8) from values at the nodes to the values of their polynomial at each time."""
+    return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _VALUES_TO_SERIES
 
 
-_INNER: Final[Array] = integrals(TIMES)
-WEIGHTS: Final[Array] = integrals(np.ones(1))[0]
-"""What the values at the nodes count in the integral over a step from 0 to 1."""
-BESIDE: Final[Array] = np.hstack([0.0, (TIMES[1:] + TIMES[:-1]) / 2, 1.0])
-"""Where a step is looked at beside its nodes."""
-_GAPS: Final[Array] = np.diff(TIMES, prepend=0.0, append=1.0)[:, None]
-_TO_BESIDE, _VALUES_BESIDE = integrals(BESIDE), values(BESIDE)
-_FROM_STATES: Final[Array] = np.asarray(np.linalg.inv(_INNER), np.float64)
-_SAMPLES: Final[Array] = np.sort(np.hstack([TIMES, BESIDE]))
-"""Where the distances from events are looked at, at least."""
-_SAMPLES_TO_SERIES: Final[Array] = np.asarray(
-    np.linalg.inv(legendre.legvander(2 * _SAMPLES - 1, len(_SAMPLES) - 1)), np.float64
+_NODE_INTEGRALS: Final[Array] = integral_matrix(NODE_TIMES)
+"""From values at the nodes to the integrals from 0 to each node; shape (8, 8)."""
+NODE_WEIGHTS: Final[Array] = integral_matrix(np.ones(1))[0]
+"""Weights of the values at the nodes in the integral over a step from 0 to 1; shape (8,)."""
+CHECK_TIMES: Final[Array] = np.hstack([0.0, (NODE_TIMES[1:] + NODE_TIMES[:-1]) / 2, 1.0])
+"""Times in a step from 0 to 1, between the nodes and at both ends, at which the residual is checked; shape (9,)."""
+_CHECK_GAPS: Final[Array] = np.diff(NODE_TIMES, prepend=0.0, append=1.0)[:, None]
+"""Distances of neighbouring nodes and ends around each check time; shape (9, 1)."""
+_CHECK_INTEGRALS, _CHECK_VALUES = integral_matrix(CHECK_TIMES), value_matrix(CHECK_TIMES)
+_INVERSE_NODE_INTEGRALS: Final[Array] = np.asarray(np.linalg.inv(_NODE_INTEGRALS), np.float64)
+"""From integrals at the nodes to the values there; shape (8, 8)."""
+_EVENT_TIMES: Final[Array] = np.sort(np.hstack([NODE_TIMES, CHECK_TIMES]))
+"""Times in a step from 0 to 1 at which the distances from events are evaluated, at least; shape (17,)."""
+_EVENT_VALUES_TO_SERIES: Final[Array] = np.asarray(
+    np.linalg.inv(legendre.legvander(2 * _EVENT_TIMES - 1, len(_EVENT_TIMES) - 1)), np.float64
 )
+"""From values at these times to the coefficients of their Legendre series; shape (17, 17)."""
 
 
 class TooStiffError(Exception):
-    """No step was short enough."""
+    """No step was short enough; `t` is where the last one began [s]."""
 
     def __init__(self, t: float) -> None:
         super().__init__(t)
@@ -84,324 +101,359 @@ class TooStiffError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
-    """One step."""
+class StepPolynomial:
+    """Polynomial of the state over one step."""
 
-    start: float  # its first instant
-    length: float
-    state: Array  # at its start; (k,)
-    slopes: Array  # derivatives at the nodes; (8, k)
+    start: float  # first instant of the step [s]
+    length: float  # of the step [s]
+    state: Array  # at the start of the step; (k,)
+    rates: Array  # derivatives of the state at the nodes; (8, k)
 
-    def at(self, t: Array) -> Array:
-        """The states at instants of the step; shape (m, k)."""
-        return self.state + self.length * (integrals((t - self.start) / self.length) @ self.slopes)
+    def states_at(self, t: Array) -> Array:
+        """Return the states at instants of the step; shape (m, k)."""
+        return self.state + self.length * (integral_matrix((t - self.start) / self.length) @ self.rates)
 
 
-class Switches(Protocol):
-    """Where the derivatives change from one smooth function to another, and what happens there."""
+class Events(Protocol):
+    """Events at which the derivatives of the state change from one smooth function to another, or the state jumps."""
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
-        """Compute how far instants and states are from each event, and the sizes by which its rounding is measured.
+        """Compute the distances of instants and states from each event, and the sizes that scale their rounding.
 
         Returns:
             Distances, positive until the event happens, shape (m, e); and sizes, shape (e,).
         """
 
-    def switch(self, event: int, t: float, state: Array) -> Array | None:
-        """Return the state after an event, whose derivatives apply from now on; None where the motion ends."""
+    def apply(self, event: int, t: float, state: Array) -> Array | None:
+        """Apply an event: return the state after it, where new derivatives hold; None where the motion ends."""
 
 
 @dataclass
 class Stepper:
-    """Steps of one motion, each as long as the tolerance allows."""
+    """Stepper of one motion: makes steps as long as the tolerance allows, which end at events."""
 
-    rates: Rates  # derivatives of the state
-    switches: Switches | None  # events, at which steps end; None where there are none
-    t: float  # where it stands
-    state: Array  # there; (k,)
-    sizes: Array  # what errors are measured by, of a velocity times the length of this step or those before; (k,)
-    moving: NDArray[np.bool_]  # which components are velocities or momenta; (k,)
-    angle: int  # which component is psi; the next one is psi'
-    tol: float  # largest error of a step, in these sizes
-    length: float  # to try next
-    spacing: float = np.inf  # largest distance between instants at which the derivatives are looked at
-    instants: Array = field(default_factory=lambda: np.empty(0))  # where they are looked at besides, increasing
-    trials: int = 0  # steps that were tried
+    rates: StateRates  # derivatives of the state
+    events: Events | None  # events, at which steps end; None where there are none
+    t: float  # present instant [s]
+    state: Array  # present state; (k,)
+    sizes: Array  # scales of errors; those of velocities are divided by the length of recent steps; (k,)
+    rate_mask: NDArray[np.bool_]  # whether each component is a velocity or a momentum; (k,)
+    psi_index: int  # index of psi in the state; psi' follows it
+    tol: float  # largest error of a step, in units of the sizes
+    length: float  # of the next step to try [s]
+    spacing: float = np.inf  # largest distance between instants at which the residual is checked [s]
+    instants: Array = field(default_factory=lambda: np.empty(0))  # more instants of checks, increasing [s]
+    trials: int = 0  # steps tried so far
 
     def __post_init__(self) -> None:
-        self._reach = 0.0
-        self._lost = np.zeros_like(self.state)  # what rounding took from the sum of the steps
-        self._before: Piece | None = None
-        self._stiff: tuple[Array, Array] | None = None  # derivatives of psi'' by psi and psi', where Newton is needed
-        self._event: int | None = None  # at the end of the last step, whose switch is due
+        self._length_scale = 0.0
+        self._rounding_residue = np.zeros_like(
+            self.state
+        )  # rounding error of the sum of the steps, for compensated summation
+        self._last_step: StepPolynomial | None = None
+        self._hinge_derivatives: tuple[Array, Array] | None = None  # of psi'' by psi and psi', where Newton is needed
+        self._pending_event: int | None = None  # at the end of the last step; not yet applied
         self.ended = False  # whether an event has ended the motion
 
-    def step(self, stop: float) -> Piece | None:
+    def step(self, stop: float) -> StepPolynomial | None:
         """Make a step that goes neither past `stop` nor past an event; None where an event ends the motion at once.
 
-        What happens at the end of the step is left to `switch`.
+            The event at the end of the step is applied by `apply_pending_event`.
 
         Raises:
             TooStiffError: the shortest step is too long.
         """
-        end, switched, instant = stop, 0, np.spacing(max(abs(self.t), abs(stop)))
+        end, applied, instant = stop, 0, np.spacing(max(abs(self.t), abs(stop)))
         expected: int | None = None  # the event at which a longer step has ended
         while True:
-            last = self.t + self.length * (1 + 1e-3) >= end
-            length = end - self.t if last else self.length
+            is_last = self.t + self.length * (1 + 1e-3) >= end
+            length = end - self.t if is_last else self.length
             if length <= 16 * instant:
                 raise TooStiffError(self.t)
             self.trials += 1
-            looks = self._looks(length)
-            slopes = self._slopes(length)
-            error, clear = (np.inf, 0.0) if slopes is None else self._error(slopes, length, 64 * instant, looks)
-            factor = _SHRINK if not error < np.inf else _SAFETY * max(error, 1e-12) ** (-1 / (NODES + 1))
-            next_length = length * min(max(factor, _SHRINK), _GROW)
-            if slopes is None or not error <= 1:
-                self.length = min(clear, _SAFETY) * length if clear else next_length
+            extra_times = self._extra_check_times(length)
+            node_rates = self._node_rates(length)
+            error, good_share = (
+                (np.inf, 0.0)
+                if node_rates is None
+                else self._estimate_error(node_rates, length, 64 * instant, extra_times)
+            )
+            factor = (
+                _MIN_LENGTH_FACTOR
+                if not error < np.inf
+                else _LENGTH_SAFETY * max(error, 1e-12) ** (-1 / (NODE_COUNT + 1))
+            )
+            next_length = length * min(max(factor, _MIN_LENGTH_FACTOR), _MAX_LENGTH_FACTOR)
+            if node_rates is None or not error <= 1:
+                self.length = min(good_share, _LENGTH_SAFETY) * length if good_share else next_length
                 continue
-            self.length = max(self.length, next_length) if last and end < stop else next_length
-            crossing = self._crossing(slopes, length, 64 * instant, looks, expected if last else None)
-            if crossing is None:
+            self.length = max(self.length, next_length) if is_last and end < stop else next_length
+            first_event = self._first_event(
+                node_rates, length, 64 * instant, extra_times, expected if is_last else None
+            )
+            if first_event is None:
                 break
-            where, event = crossing
-            if where * length <= 32 * instant:  # it starts at an event
-                if switched == _MAX_SWITCHES:
-                    crossing = None
+            share, event = first_event
+            if share * length <= 32 * instant:  # it starts at an event
+                if applied == _MAX_SWITCHES:
+                    first_event = None
                     break
-                self._switch(event)
+                self._apply_event(event)
                 if self.ended:
                     return None
-                switched, end, expected = switched + 1, stop, None
-            elif (1 - where) * length <= 32 * instant:
+                applied, end, expected = applied + 1, stop, None
+            elif (1 - share) * length <= 32 * instant:
                 break
             else:
-                end, expected = self.t + where * length, event
-        piece = self._before = Piece(self.t, length, self.state, slopes)
-        self._reach = max(length, _FADE * self._reach)
-        self.t = end if last else self.t + length
-        self._move(length * (WEIGHTS @ slopes))
-        self._event = None if crossing is None else crossing[1]
+                end, expected = self.t + share * length, event
+        piece = self._last_step = StepPolynomial(self.t, length, self.state, node_rates)
+        self._length_scale = max(length, _REACH_DECAY * self._length_scale)
+        self.t = end if is_last else self.t + length
+        self._advance(length * (NODE_WEIGHTS @ node_rates))
+        self._pending_event = None if first_event is None else first_event[1]
         return piece
 
-    def switch(self) -> None:
-        """Go on after the event at the end of the last step, if there is one."""
-        if self._event is not None:
-            self._switch(self._event)
-            self._event = None
+    def apply_pending_event(self) -> None:
+        """Apply the event at the end of the last step, if there is one."""
+        if self._pending_event is not None:
+            self._apply_event(self._pending_event)
+            self._pending_event = None
 
-    def turn(self, state: Array) -> None:
-        """Go on from another state: coordinates that begin anew at every step, or an impact."""
-        self._lost = np.where(state == self.state, self._lost, 0.0)
+    def set_state(self, state: Array) -> None:
+        """Go on from another state, after an event or for coordinates that begin anew at every step."""
+        self._rounding_residue = np.where(state == self.state, self._rounding_residue, 0.0)
         self.state = state
 
-    def _switch(self, event: int) -> None:
-        state = self.switches.switch(event, self.t, self.state) if self.switches else None
+    def _apply_event(self, event: int) -> None:
+        """Apply an event to the present state; the motion may end."""
+        state = self.events.apply(event, self.t, self.state) if self.events else None
         self.ended = state is None
         if state is not None:
-            self.turn(state)
+            self.set_state(state)
 
-    def _looks(self, length: float) -> Array:
-        """Return where in a step of this length, from 0 to 1, the derivatives are looked at beside BESIDE."""
+    def _extra_check_times(self, length: float) -> Array:
+        """Return the times from 0 to 1 of a step of this length at which it is checked, beside CHECK_TIMES."""
         first, last = np.searchsorted(self.instants, (self.t, self.t + length), side="right")
         count = int(length / self.spacing)
         return np.hstack([(self.instants[first:last] - self.t) / length, np.arange(1, count + 1) / (count + 1)])
 
-    def _crossing(
-        self, slopes: Array, length: float, instant: float, looks: Array, expected: int | None
+    def _first_event(
+        self, node_rates: Array, length: float, instant: float, extra_times: Array, expected: int | None
     ) -> tuple[float, int] | None:
-        """Return after which share of a step the first event happens, and which; None where none does.
+        """Return the share of a step after which the first event happens, and its index; None where none does.
 
-        An event that is expected at the end happens there if rounding alone may keep it from it.
+        An expected event happens at the end of the step if only rounding may keep it from happening there.
         """
-        if self.switches is None:
+        if self.events is None:
             return None
 
         def distances(times: Array) -> tuple[Array, Array]:
-            return self.switches.distances(  # type: ignore[union-attr]
-                self.t + length * times, self.state + length * (integrals(times) @ slopes)
+            return self.events.distances(  # type: ignore[union-attr]
+                self.t + length * times, self.state + length * (integral_matrix(times) @ node_rates)
             )
 
-        times = np.unique(np.hstack([_SAMPLES, looks]))
-        ahead, sizes = distances(times)
-        speeds = np.abs(np.diff(ahead, axis=0) / np.diff(times)[:, None]).max(axis=0) / length
-        margins = 2e-15 * sizes + instant * speeds
-        found = []
-        of_series = np.searchsorted(times, _SAMPLES)
+        times = np.unique(np.hstack([_EVENT_TIMES, extra_times]))
+        values, sizes = distances(times)
+        slopes = np.abs(np.diff(values, axis=0) / np.diff(times)[:, None]).max(axis=0) / length
+        margins = 2e-15 * sizes + instant * slopes
+        crossings = []
+        event_time_indices = np.searchsorted(times, _EVENT_TIMES)
         for event, margin in enumerate(margins):
-            one = functools.partial(lambda event, times: distances(times)[0][:, event], event)
-            dip = _first_dip(times, ahead[:, event], ahead[of_series, event], float(margin), one)
-            if dip is not None:
-                found.append((_crossed(*dip, min(1e-15 * float(sizes[event]), float(margin) / 2), one), event))
-        if not found and expected is not None and ahead[-1, expected] <= margins[expected]:
+            distance_at = functools.partial(lambda event, times: distances(times)[0][:, event], event)
+            bracket = _bracket_crossing(
+                times, values[:, event], values[event_time_indices, event], float(margin), distance_at
+            )
+            if bracket is not None:
+                crossings.append(
+                    (
+                        _bisect_crossing(*bracket, min(1e-15 * float(sizes[event]), float(margin) / 2), distance_at),
+                        event,
+                    )
+                )
+        if not crossings and expected is not None and values[-1, expected] <= margins[expected]:
             return 1.0, expected
-        return min(found, default=None)
+        return min(crossings, default=None)
 
-    def _move(self, change: Array) -> None:
-        change = change + self._lost
+    def _advance(self, change: Array) -> None:
+        """Add a change to the state by compensated summation."""
+        change = change + self._rounding_residue
         state = self.state + change
-        self._lost = change - (state - self.state)
+        self._rounding_residue = change - (state - self.state)
         self.state = state
 
-    def _slopes(self, length: float) -> Array | None:
-        """Compute the derivatives at the nodes of a step; None where the iteration does not settle."""
+    def _node_rates(self, length: float) -> Array | None:
+        """Compute the derivatives at the nodes of a step; None where the iteration does not converge."""
         if self._stiffness(length) < _MIN_STIFFNESS:
-            self._stiff = None
-            slopes = self._iterated(length, newton=False)
-            if slopes is not None:
-                return slopes
-        slopes = self._iterated(length, newton=True)
-        if slopes is None:
-            self._stiff = None
-        return slopes
+            self._hinge_derivatives = None
+            node_rates = self._iterate(length, newton=False)
+            if node_rates is not None:
+                return node_rates
+        node_rates = self._iterate(length, newton=True)
+        if node_rates is None:
+            self._hinge_derivatives = None
+        return node_rates
 
     def _stiffness(self, length: float) -> float:
-        """Return by how much psi'' answers to psi and psi' in a step of this length, without unit."""
-        if self._stiff is None:
+        """Return how stiffly psi'' depends on psi and psi' in a step of this length; without unit."""
+        if self._hinge_derivatives is None:
             return 0.0
-        by_angle, by_rate = (float(np.abs(slope).max()) for slope in self._stiff)
+        by_angle, by_rate = (float(np.abs(slope).max()) for slope in self._hinge_derivatives)
         return float(length * max(by_rate, np.sqrt(by_angle)))
 
-    def _iterated(self, length: float, newton: bool) -> Array | None:
-        """Iterate the states at the nodes: by fixed points (Picard), or by a simplified Newton method in (psi, psi').
+    def _iterate(self, length: float, newton: bool) -> Array | None:
+        """Iterate the states at the nodes by fixed points (Picard), or by a simplified Newton method in (psi, psi').
 
-        There the derivatives of psi'' by psi and psi' at each node are found by differences; all other components are
-        iterated by fixed points.
+        For Newton's method the derivatives of psi'' by psi and psi' at each node are computed by differences; all
+        other components are iterated by fixed points.
         """
-        times, sizes, change = self.t + length * TIMES, self._sizes(length), np.inf
-        states = self.state + length * (_INNER @ self._guess(times))
-        block = slice(self.angle, self.angle + 2)
-        for round_ in range(_ROUNDS):
-            if newton and round_ % _RENEWED == 0:
-                self._stiff = self._answers(times, states)
-                if not round_ and not self._stiffness(length) > _MIN_STIFFNESS:
+        times, sizes, last_change = self.t + length * NODE_TIMES, self._error_sizes(length), np.inf
+        states = self.state + length * (_NODE_INTEGRALS @ self._predict_rates(times))
+        block = slice(self.psi_index, self.psi_index + 2)
+        for iteration in range(_MAX_ITERATIONS):
+            if newton and iteration % _NEWTON_REFRESH_PERIOD == 0:
+                self._hinge_derivatives = self._psidd_derivatives(times, states)
+                if not iteration and not self._stiffness(length) > _MIN_STIFFNESS:
                     return None
-                inverse, by_angle = self._inverse(length)
-            slopes = self.rates(times, states)
-            better = self.state + length * (_INNER @ slopes)
+                inverse, by_angle = self._newton_matrices(length)
+            node_rates = self.rates(times, states)
+            new_states = self.state + length * (_NODE_INTEGRALS @ node_rates)
             if newton:
-                angle, rate = (better - states)[:, block].T
+                angle, rate = (new_states - states)[:, block].T
                 rate = inverse @ (rate + by_angle @ angle)
-                angle = angle + length * (_INNER @ rate)
-                better[:, block] = states[:, block] + np.stack([angle, rate], axis=-1)
-            latest = float(np.abs((better - states) / sizes).max())
-            states = better
-            if not latest < np.inf:
+                angle = angle + length * (_NODE_INTEGRALS @ rate)
+                new_states[:, block] = states[:, block] + np.stack([angle, rate], axis=-1)
+            change = float(np.abs((new_states - states) / sizes).max())
+            states = new_states
+            if not change < np.inf:
                 return None
-            if latest <= 4e-16 or (latest >= change / 2 and latest <= 1e-3 * self.tol):
-                if newton:  # slopes that belong to the states: round-off of psi' would be magnified in psi''
-                    slopes = slopes.copy()
-                    slopes[:, block] = _FROM_STATES @ (states[:, block] - self.state[block]) / length
-                return slopes
-            if latest > 2 * change and latest > self.tol:
+            if change <= 4e-16 or (change >= last_change / 2 and change <= 1e-3 * self.tol):
+                if newton:  # rates that belong to the states: rounding of psi' would be magnified in psi''
+                    node_rates = node_rates.copy()
+                    node_rates[:, block] = _INVERSE_NODE_INTEGRALS @ (states[:, block] - self.state[block]) / length
+                return node_rates
+            if change > 2 * last_change and change > self.tol:
                 return None
-            if not newton and round_ and round_ % _PATIENCE == 0 and latest > _SLOW * change:
-                self._stiff = self._answers(times, states)
+            if (
+                not newton
+                and iteration
+                and iteration % _CONTRACTION_CHECK_PERIOD == 0
+                and change > _MAX_CONTRACTION * last_change
+            ):
+                self._hinge_derivatives = self._psidd_derivatives(times, states)
                 if self._stiffness(length) > _MIN_STIFFNESS:
                     return None
-                self._stiff = None
-            change = latest
+                self._hinge_derivatives = None
+            last_change = change
         return None
 
-    def _answers(self, times: Array, states: Array) -> tuple[Array, Array]:
+    def _psidd_derivatives(self, times: Array, states: Array) -> tuple[Array, Array]:
         """Compute the derivatives of psi'' by psi and psi' at some instants; shape (m,) each."""
-        nudges = _NUDGE * (1 + np.abs(states[:, self.angle : self.angle + 2]))
-        moved = np.concatenate([states] * 3)
-        moved[len(times) : 2 * len(times), self.angle] += nudges[:, 0]
-        moved[2 * len(times) :, self.angle + 1] += nudges[:, 1]
-        here, by_angle, by_rate = self.rates(np.tile(times, 3), moved)[:, self.angle + 1].reshape(3, -1)
-        return (by_angle - here) / nudges[:, 0], (by_rate - here) / nudges[:, 1]
+        increments = _DIFFERENCE_STEP * (1 + np.abs(states[:, self.psi_index : self.psi_index + 2]))
+        shifted = np.concatenate([states] * 3)
+        shifted[len(times) : 2 * len(times), self.psi_index] += increments[:, 0]
+        shifted[2 * len(times) :, self.psi_index + 1] += increments[:, 1]
+        unshifted, by_angle, by_rate = self.rates(np.tile(times, 3), shifted)[:, self.psi_index + 1].reshape(3, -1)
+        return (by_angle - unshifted) / increments[:, 0], (by_rate - unshifted) / increments[:, 1]
 
-    def _inverse(self, length: float) -> tuple[Array, Array]:
-        """Compute what takes the residuals of psi' and psi at the nodes to the change of psi'; shape (8, 8) each."""
-        by_angle, by_rate = self._stiff or (np.zeros(NODES), np.zeros(NODES))
-        inner = length * _INNER
-        matrix = np.eye(NODES) - inner * by_rate - (inner * by_angle) @ inner
-        return np.asarray(np.linalg.inv(matrix), np.float64), inner * by_angle
+    def _newton_matrices(self, length: float) -> tuple[Array, Array]:
+        """Compute the matrices (8, 8) from residuals of psi' and of psi at the nodes to the change of psi'."""
+        by_angle, by_rate = self._hinge_derivatives or (np.zeros(NODE_COUNT), np.zeros(NODE_COUNT))
+        integrals = length * _NODE_INTEGRALS
+        matrix = np.eye(NODE_COUNT) - integrals * by_rate - (integrals * by_angle) @ integrals
+        return np.asarray(np.linalg.inv(matrix), np.float64), integrals * by_angle
 
-    def _filtered(self, errors: Array, length: float) -> Array:
-        """Return what of errors of the slopes times the length stays in the state, where psi'' answers stiffly."""
-        if self._stiff is None:
+    def _filter_errors(self, errors: Array, length: float) -> Array:
+        """Return the part of errors of the rates times the length that stays in the state where psi'' is stiff."""
+        if self._hinge_derivatives is None:
             return errors
-        by_angle, by_rate = (length * float(slope.mean()) for slope in self._stiff)
+        by_angle, by_rate = (length * float(slope.mean()) for slope in self._hinge_derivatives)
         matrix = np.array([[1, -length], [-by_angle, 1 - by_rate]])
-        errors, block = errors.copy(), slice(self.angle, self.angle + 2)
+        errors, block = errors.copy(), slice(self.psi_index, self.psi_index + 2)
         errors[:, block] = np.linalg.solve(matrix, errors[:, block].T).T
         return errors
 
-    def _guess(self, times: Array) -> Array:
-        """The derivatives as the step before goes on, or as they are at its end."""
-        before = self._before
-        if before is None:
-            return np.zeros((NODES, len(self.state)))
-        ahead = (times - before.start) / before.length
-        return values(ahead if ahead[-1] <= _GROW else np.ones(NODES)) @ before.slopes
+    def _predict_rates(self, times: Array) -> Array:
+        """Predict the derivatives at the nodes from the last step's polynomial, or its end."""
+        last_step = self._last_step
+        if last_step is None:
+            return np.zeros((NODE_COUNT, len(self.state)))
+        relative_times = (times - last_step.start) / last_step.length
+        return (
+            value_matrix(relative_times if relative_times[-1] <= _MAX_LENGTH_FACTOR else np.ones(NODE_COUNT))
+            @ last_step.rates
+        )
 
-    def _sizes(self, length: float) -> Array:
-        return np.where(self.moving, self.sizes / length, self.sizes)
+    def _error_sizes(self, length: float) -> Array:
+        """Return the scales of errors for a step of this length."""
+        return np.where(self.rate_mask, self.sizes / length, self.sizes)
 
-    def _error(self, slopes: Array, length: float, shortest: float, looks: Array) -> tuple[float, float]:
-        """Compute how far the polynomial may be off in between, in units of the tolerance.
+    def _estimate_error(
+        self, node_rates: Array, length: float, shortest: float, extra_times: Array
+    ) -> tuple[float, float]:
+        """Estimate the error of the polynomial between the nodes, in units of the tolerance.
 
         Returns:
-            The error, and, where a look beside the nodes alone shows one above 1, up to which share of the step none
-            does; 0 elsewhere.
+            The error, and, where only the residual at an extra check time shows an error above 1, the share of the
+            step up to which no check does; 0 elsewhere.
         """
-        jump = length <= max(_JUMP * self._reach, shortest)
-        sizes = self._sizes(length if jump else max(length, self._reach))
+        jumps = length <= max(_JUMP_LENGTH_SHARE * self._length_scale, shortest)
+        sizes = self._error_sizes(length if jumps else max(length, self._length_scale))
         units = length / (self.tol * sizes + 1e-15 * np.abs(self.state))
-        tails = np.abs(self._filtered(_TO_SERIES[-3:] @ slopes, length) * units).max(axis=1)
+        tails = np.abs(self._filter_errors(_VALUES_TO_SERIES[-3:] @ node_rates, length) * units).max(axis=1)
         first, second, third = map(float, tails)
         ratio = min(1.0, max(third / second if second else 0.0, second / first if first else 0.0))
         error = max(third, second * ratio) * ratio
         if not error <= 1:
             return error, 0.0
-        times, gaps, to_states, to_slopes = BESIDE, _GAPS, _TO_BESIDE, _VALUES_BESIDE
-        if looks.size:
-            times, order = np.unique(np.hstack([BESIDE, looks]), return_index=True)
+        times, gaps, to_states, to_rates = CHECK_TIMES, _CHECK_GAPS, _CHECK_INTEGRALS, _CHECK_VALUES
+        if extra_times.size:
+            times, order = np.unique(np.hstack([CHECK_TIMES, extra_times]), return_index=True)
             gaps = (np.diff(times, prepend=0.0) + np.diff(times, append=1.0))[:, None]
-            beside = order < len(BESIDE)
-            gaps[beside] = _GAPS[order[beside]]
-            to_states, to_slopes = integrals(times), values(times)
-        there = self.rates(self.t + length * times, self.state + length * (to_states @ slopes))
-        beside_error = (np.abs(self._filtered(there - to_slopes @ slopes, length)) * gaps * units).max(axis=1)
-        worst = float(beside_error.max())
-        if worst <= 1 or not looks.size:
+            is_check_time = order < len(CHECK_TIMES)
+            gaps[is_check_time] = _CHECK_GAPS[order[is_check_time]]
+            to_states, to_rates = integral_matrix(times), value_matrix(times)
+        rates = self.rates(self.t + length * times, self.state + length * (to_states @ node_rates))
+        residuals = (np.abs(self._filter_errors(rates - to_rates @ node_rates, length)) * gaps * units).max(axis=1)
+        worst = float(residuals.max())
+        if worst <= 1 or not extra_times.size:
             return max(error, worst), 0.0
-        first_bad = int(np.argmax(~(beside_error <= 1)))
-        return worst, float(times[first_bad - 1]) if first_bad else 0.0
+        first_failed = int(np.argmax(~(residuals <= 1)))
+        return worst, float(times[first_failed - 1]) if first_failed else 0.0
 
 
-def _first_dip(
-    times: Array, distances: Array, samples: Array, margin: float, look: Callable[[Array], Array]
+def _bracket_crossing(
+    times: Array, distances: Array, samples: Array, margin: float, distance_at: Callable[[Array], Array]
 ) -> tuple[float, float] | None:
     """Return two instants between which a distance first falls below -margin; None where it does not.
 
-    Between the instants the polynomial through `samples`, those at _SAMPLES, says where to look.
+    Between the instants it is searched where the polynomial through `samples`, the distances at _EVENT_TIMES, is
+    negative.
     """
     below = np.flatnonzero(~(distances >= -margin))
-    found = (float(times[max(below[0] - 1, 0)]), float(times[below[0]])) if below.size else None
-    series = _SAMPLES_TO_SERIES @ samples
+    bracket = (float(times[max(below[0] - 1, 0)]), float(times[below[0]])) if below.size else None
+    series = _EVENT_VALUES_TO_SERIES @ samples
     if not series[0] - float(np.abs(series[1:]).sum()) < -margin:
-        return found
-    series = np.asarray(legendre.legtrim(series, margin / 64), np.float64)  # round-off has roots of its own
+        return bracket
+    series = np.asarray(
+        legendre.legtrim(series, margin / 64), np.float64
+    )  # rounding errors would have roots of their own
     roots = legendre.legroots(series).real
     ends = np.hstack([-1.0, np.sort(roots[np.abs(roots) < 1]), 1.0])
     middles = (ends[1:] + ends[:-1]) / 2
     candidates = (middles[legendre.legval(middles, series) < -margin] + 1) / 2
     for candidate in candidates:
-        if found and candidate >= found[1]:
+        if bracket and candidate >= bracket[1]:
             break
-        if look(np.array([candidate]))[0] < -margin:
+        if distance_at(np.array([candidate]))[0] < -margin:
             return float(times[np.searchsorted(times, candidate) - 1]), float(candidate)
-    return found
+    return bracket
 
 
-def _crossed(start: float, end: float, margin: float, look: Callable[[Array], Array]) -> float:
-    """Return where between two instants a distance first is below 0 by more than round-off, as it is at the end."""
+def _bisect_crossing(start: float, end: float, margin: float, distance_at: Callable[[Array], Array]) -> float:
+    """Find where between two instants a distance first is below 0 by more than rounding, as it is at the end."""
     while end - start > 2e-16 * (1 + end):
         times = np.linspace(start, end, 17)
-        below = int(np.argmax(~(look(times) >= -margin)))
+        below = int(np.argmax(~(distance_at(times) >= -margin)))
         if not below:
             return float(times[0])
         if (float(times[below - 1]), float(times[below])) == (start, end):

@@ -1,4 +1,4 @@
-"""The energy balance of a simulated motion: what each load has done, by Gauss quadrature along its steps."""
+"""Energy balance of a simulated motion: the work of each load, by Gauss quadrature over the steps."""
 
 from __future__ import annotations
 
@@ -9,37 +9,38 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hingepair.dynamics.bases import Course, PairMotion
-from hingepair.dynamics.collocation import NODES, TIMES, WEIGHTS, Array, Piece
+from hingepair.dynamics.collocation import NODE_COUNT, NODE_TIMES, NODE_WEIGHTS, StepPolynomial
+from hingepair.dynamics.pair_motion import MotionSamples, PairMotion
+from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.tables import ruled_table
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.hinge_pair import HingePair
 
-_JUMP = 1e-12  # of 1 + |psi'|: between steps, from which on it is an impact
+_MIN_IMPACT = 1e-12  # of 1 + |psi'|: a larger jump of psi' between steps is an impact
 
 
-_CHUNK = 20_000  # intervals between instants and steps that are summed at once
+_CHUNK_INTERVALS = 20_000  # intervals whose work is computed at a time
 
 
-class Leg(NamedTuple):
+class StepRecord(NamedTuple):
     """One step of a motion."""
 
-    piece: Piece
-    quat: Array  # the attitude with which it begins
-    side: tuple[float, float]  # of the kinks of the torque at the hinge
-    held: bool  # whether the hinge is
+    polynomial: StepPolynomial
+    quat: Array  # attitude at the start of the step; (4,)
+    side: tuple[float, float]  # branch of the torque at the hinge
+    held: bool  # whether the hinge is held
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EnergyBalance:
-    """Where the energy of a motion comes from and where it goes; `print` it.
+    """Energy balance of a motion: the work of each load beside the energies; `print` shows a table.
 
     Attributes:
         t: instants [s]; shape (N,).
-        work: what each load has done since the first instant [J], by name, shape (N,): force1, torque1, force2,
-            torque2 and hinge_torque, of a HingeLoad in its place motor, spring, damper, friction and stop; impacts,
-            at rigid stops; base, what moves a body 1 that moves as given. Only those that act.
-        kinetic: kinetic energy [J]; shape (N,). Of a body 1 that moves as given, and of one without masses, none.
+        work: work of each load since the first instant [J], by name, shape (N,): force1, torque1, force2, torque2
+            and hinge_torque (for a HingeLoad instead motor, spring, damper, friction and stop); impacts at rigid
+            stops; base, which moves a body 1 whose motion is given. Loads that do no work are left out.
+        kinetic: kinetic energy [J]; shape (N,); without body 1 where its motion is given or it has no mass.
         potential: potential energy in uniform gravity [J], zero at the world's origin; shape (N,).
     """
 
@@ -50,7 +51,7 @@ class EnergyBalance:
 
     @property
     def residual(self) -> Array:
-        """What the energies have grown by more than the work of all loads [J]; shape (N,)."""
+        """Change of the energies less the work of all loads [J]; shape (N,)."""
         total = self.kinetic + self.potential
         return np.asarray(total - total[:1] - sum(self.work.values()))
 
@@ -67,17 +68,17 @@ class EnergyBalance:
         return ("kinetic", self.kinetic), ("potential", self.potential)
 
 
-class BalanceOnDemand:
-    """An energy balance that is computed at the first call; copies and pickles hold the balance."""
+class LazyBalance:
+    """Energy balance that is computed at the first call; copies and pickles hold the balance."""
 
-    def __init__(self, work: Callable[[], EnergyBalance] | EnergyBalance) -> None:
-        self._work = work
+    def __init__(self, balance: Callable[[], EnergyBalance] | EnergyBalance) -> None:
+        self._balance = balance
 
     def __call__(self) -> EnergyBalance:
         """Return the balance."""
-        if not isinstance(self._work, EnergyBalance):
-            self._work = self._work()
-        return self._work
+        if not isinstance(self._balance, EnergyBalance):
+            self._balance = self._balance()
+        return self._balance
 
     def __reduce__(self) -> tuple[type, tuple[EnergyBalance]]:
         return type(self), (self(),)
@@ -85,104 +86,125 @@ class BalanceOnDemand:
 
 def energy_balance(
     motion: PairMotion,
-    begin: Array,
-    legs: Sequence[Leg],
+    initial_state: Array,
+    steps: Sequence[StepRecord],
     t: Array,
     space: HingePair,
     gravity: tuple[float, ...],
-    course: Course,
+    samples: MotionSamples,
 ) -> EnergyBalance:
-    """Compute the energy balance of a motion.
+    """Compute the energy balance of a simulated motion.
 
     Args:
-        motion: the motion.
-        begin: its state at the first instant; shape (k,).
-        legs: its steps.
+        motion: the equations of the motion.
+        initial_state: the state at the first instant; shape (k,).
+        steps: the steps.
         t: instants [s]; shape (N,).
-        space: the pair, in space.
+        space: the pair as a pair in space.
         gravity: acceleration of free fall [m/s^2].
-        course: the motion at the instants.
+        samples: the motion at the instants.
     """
-    carried = "base" in motion.callables
-    pair = replace(space, body1=None) if carried else space
-    energies = pair.energy(_body1(course), course.now.psi, course.now.psid, gravity)
+    is_carried = "base" in motion.callable_names
+    pair = replace(space, body1=None) if is_carried else space
+    energies = pair.energy(_body1_motion(samples), samples.motion.psi, samples.motion.psid, gravity)
     work: dict[str, Array] = {}
-    if legs:
-        since = t - t[0]
-        starts = np.array([leg.piece.start for leg in legs])
-        edges = np.unique(np.hstack([starts, since]))
-        parts = []
-        for first in range(0, max(len(edges) - 1, 1), _CHUNK):
-            some = edges[first : first + _CHUNK + 1]
-            lengths = np.diff(some)
-            times = some[:-1, None] + lengths[:, None] * TIMES
-            within = (np.searchsorted(starts, some[:-1], side="right") - 1).tolist()
-            states = np.stack([legs[i].piece.at(row) for i, row in zip(within, times, strict=True)])
-            nodes = _read(
-                motion, t[0] + times.ravel(), np.concatenate(states), [legs[i] for i in within for _ in TIMES]
+    if steps:
+        elapsed = t - t[0]
+        starts = np.array([step.polynomial.start for step in steps])
+        edges = np.unique(np.hstack([starts, elapsed]))
+        chunks = []
+        for first in range(0, max(len(edges) - 1, 1), _CHUNK_INTERVALS):
+            chunk_edges = edges[first : first + _CHUNK_INTERVALS + 1]
+            lengths = np.diff(chunk_edges)
+            times = chunk_edges[:-1, None] + lengths[:, None] * NODE_TIMES
+            step_indices = (np.searchsorted(starts, chunk_edges[:-1], side="right") - 1).tolist()
+            states = np.stack(
+                [steps[i].polynomial.states_at(row) for i, row in zip(step_indices, times, strict=True)]
             )
-            powers = _powers(pair, nodes, gravity, carried=carried)
-            parts.append({name: lengths * (power.reshape(-1, NODES) @ WEIGHTS) for name, power in powers.items()})
-        at = np.searchsorted(edges, since)
-        for name in parts[0]:
-            done = np.hstack([0.0, np.cumsum(np.concatenate([part[name] for part in parts]))])[at]
-            work |= {name: done} if done.any() else {}
-        impacts = _impacts(motion, begin, legs, t, pair, gravity)
+            nodes = _sample_steps(
+                motion,
+                t[0] + times.ravel(),
+                np.concatenate(states),
+                [steps[i] for i in step_indices for _ in NODE_TIMES],
+            )
+            powers = _powers(pair, nodes, gravity, is_carried=is_carried)
+            chunks.append(
+                {name: lengths * (power.reshape(-1, NODE_COUNT) @ NODE_WEIGHTS) for name, power in powers.items()}
+            )
+        instant_indices = np.searchsorted(edges, elapsed)
+        for name in chunks[0]:
+            work_of_load = np.hstack([0.0, np.cumsum(np.concatenate([part[name] for part in chunks]))])[
+                instant_indices
+            ]
+            work |= {name: work_of_load} if work_of_load.any() else {}
+        impacts = _impact_work(motion, initial_state, steps, t, pair, gravity)
         work |= {"impacts": impacts} if impacts.any() else {}
     kinetic, potential = (np.asarray(energy, np.float64) for energy in energies)
     return EnergyBalance(t, work, kinetic, potential)
 
 
-def _body1(course: Course, **accelerations: Array) -> BodyMotion:
-    now = course.now
-    return motion_of_rotations(R=now.R1, S=now.S1, v=now.v1, omega=now.omega1, **accelerations)
+def _body1_motion(samples: MotionSamples, **accelerations: Array) -> BodyMotion:
+    """Return the motion of body 1 as a BodyMotion."""
+    motion = samples.motion
+    return motion_of_rotations(R=motion.R1, S=motion.S1, v=motion.v1, omega=motion.omega1, **accelerations)
 
 
-def _read(motion: PairMotion, t: Array, states: Array, legs: Sequence[Leg]) -> Course:
-    """Read a motion out at instants, each of which lies in its own step."""
-    sides = np.array([leg.side for leg in legs])
-    held, quats = np.array([leg.held for leg in legs]), np.array([leg.quat for leg in legs])
-    return motion.read(t, states, quats, (sides[:, 0], sides[:, 1]), held)
+def _sample_steps(motion: PairMotion, t: Array, states: Array, steps: Sequence[StepRecord]) -> MotionSamples:
+    """Compute motion and loads at instants, each of which lies in a step of its own."""
+    sides = np.array([step.side for step in steps])
+    held, quats = np.array([step.held for step in steps]), np.array([step.quat for step in steps])
+    return motion.sample(t, states, quats, (sides[:, 0], sides[:, 1]), held)
 
 
-def _powers(pair: HingePair, course: Course, gravity: tuple[float, ...], *, carried: bool) -> dict[str, Array]:
+def _powers(
+    pair: HingePair, samples: MotionSamples, gravity: tuple[float, ...], *, is_carried: bool
+) -> dict[str, Array]:
     """Compute the power of each load [W]; shape (n,) each."""
-    now, loads = course.now, course.loads
-    body1 = _body1(course, a=course.a1, alpha=course.alpha1)
-    state = pair.forward_kinematics_from_body1(body1, now.psi, now.psid, outputs=("R2", "v2", "omega2"))
+    motion, loads = samples.motion, samples.loads
+    body1 = _body1_motion(samples, a=samples.a1, alpha=samples.alpha1)
+    state = pair.forward_kinematics_from_body1(body1, motion.psi, motion.psid, outputs=("R2", "v2", "omega2"))
     v2, omega2 = np.asarray(state.v2), np.asarray(state.omega2)
-    speeds = {"force1": now.v1, "torque1": now.omega1, "force2": v2, "torque2": omega2}
-    powers = {name: (loads[name] * speed).sum(axis=-1) for name, speed in speeds.items()}
-    if carried:
-        powers |= {"force1": 0 * now.psi, "torque1": 0 * now.psi}  # on what moves as given anyway
-        arm = (now.S1 @ np.asarray(pair.u1)[:, None])[..., 0]
-        point = now.R1 + arm
-        wrench = pair.hinge_wrench(body1, now.psi, now.psid, course.psidd, gravity)
+    velocities = {"force1": motion.v1, "torque1": motion.omega1, "force2": v2, "torque2": omega2}
+    powers = {name: (loads[name] * speed).sum(axis=-1) for name, speed in velocities.items()}
+    if is_carried:
+        powers |= {"force1": 0 * motion.psi, "torque1": 0 * motion.psi}  # these do not change a given motion
+        arm = (motion.S1 @ np.asarray(pair.u1)[:, None])[..., 0]
+        point = motion.R1 + arm
+        wrench = pair.hinge_wrench(body1, motion.psi, motion.psid, samples.psidd, gravity)
         force = wrench.force - loads["force2"]
         torque = wrench.torque - loads["torque2"] - np.cross(np.asarray(state.R2) - point, loads["force2"])
-        through = (force * (now.v1 + np.cross(now.omega1, arm))).sum(axis=-1) + (torque * omega2).sum(axis=-1)
-        powers["base"] = through - loads["hinge_torque"] * now.psid
-    parts = {name: load for name, load in loads.items() if name.endswith("_torque") and name != "hinge_torque"}
-    at_hinge = {name.removesuffix("_torque"): load for name, load in parts.items()} or {
+        base_power = (force * (motion.v1 + np.cross(motion.omega1, arm))).sum(axis=-1) + (torque * omega2).sum(
+            axis=-1
+        )
+        powers["base"] = base_power - loads["hinge_torque"] * motion.psid
+    hinge_parts = {name: load for name, load in loads.items() if name.endswith("_torque") and name != "hinge_torque"}
+    hinge_torques = {name.removesuffix("_torque"): load for name, load in hinge_parts.items()} or {
         "hinge_torque": loads["hinge_torque"]
     }
-    powers |= {name: load * now.psid for name, load in at_hinge.items()}
+    powers |= {name: load * motion.psid for name, load in hinge_torques.items()}
     return powers
 
 
-def _impacts(
-    motion: PairMotion, begin: Array, legs: Sequence[Leg], t: Array, pair: HingePair, gravity: tuple[float, ...]
+def _impact_work(
+    motion: PairMotion,
+    initial_state: Array,
+    steps: Sequence[StepRecord],
+    t: Array,
+    pair: HingePair,
+    gravity: tuple[float, ...],
 ) -> Array:
-    """Compute the kinetic energy [J] that impacts have given until some instants; shape (N,)."""
+    """Compute the kinetic energy [J] that impacts have added up to each instant; shape (N,)."""
     work = np.zeros(len(t))
-    column = motion.angle + 1
-    for before, after in itertools.pairwise((legs[0], *legs)):
-        instant = after.piece.start
-        end = begin if before is after else before.piece.at(np.array([instant]))[0]
-        if abs(after.piece.state[column] - end[column]) <= _JUMP * (1 + abs(end[column])):
+    column = motion.psi_index + 1
+    for last_step, next_step in itertools.pairwise((steps[0], *steps)):
+        instant = next_step.polynomial.start
+        end_state = (
+            initial_state if last_step is next_step else last_step.polynomial.states_at(np.array([instant]))[0]
+        )
+        if abs(next_step.polynomial.state[column] - end_state[column]) <= _MIN_IMPACT * (1 + abs(end_state[column])):
             continue
-        states = np.stack([end, after.piece.state])
-        course: Any = _read(motion, np.full(2, t[0] + instant), states, [before, after])
-        kinetic = pair.energy(_body1(course), course.now.psi, course.now.psid, gravity).kinetic
+        states = np.stack([end_state, next_step.polynomial.state])
+        samples: Any = _sample_steps(motion, np.full(2, t[0] + instant), states, [last_step, next_step])
+        kinetic = pair.energy(_body1_motion(samples), samples.motion.psi, samples.motion.psid, gravity).kinetic
         work[t - t[0] > instant] += kinetic[1] - kinetic[0]
     return work

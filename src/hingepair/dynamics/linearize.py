@@ -1,4 +1,4 @@
-"""Small motions about a state: how a pair answers to small changes, its natural frequencies and its damping."""
+"""Linearization of the motion about a state: natural frequencies and damping ratios of small motions."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.bases import PairMotion
-from hingepair.dynamics.collocation import Array
-from hingepair.dynamics.loads import Base, Load, Loads
-from hingepair.dynamics.simulate import in_space, start_of
-from hingepair.dynamics.switches import HingeSwitches
+from hingepair.dynamics.events import HingeEvents
+from hingepair.dynamics.loads import BaseArgument, LoadArgument, Loads
+from hingepair.dynamics.pair_motion import PairMotion
+from hingepair.dynamics.simulate import initial_state, to_spatial_pair
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, quoted
+from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only
 from hingepair.numeric.tables import ruled_table
 from hingepair.pair.body_motion import BodyMotion
@@ -23,31 +23,35 @@ from hingepair.pair.hinge_load import HingeLoad, HingeTorque, is_named
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 
-_NUDGE: Final = 1e-5  # of the size of each component: for differences of order 4
-_STILL_POLE: Final = 1e-5  # of the largest pole: smaller ones are drifts of the whole pair, which nothing pulls back
-_MAX_ROUNDS, _MAX_TURN = 200, 0.3  # of the search for an equilibrium; radians a round
-_FOUND: Final = 1e-13  # rad: a smaller step ends the search
+_DIFFERENCE_STEP: Final = 1e-5  # of the size of each component of the state, for differences of order 4
+_MIN_POLE_SHARE: Final = (
+    1e-5  # of the largest pole: smaller ones count as 0, drifts of the whole pair without restoring load
+)
+_MAX_NEWTON_STEPS = 200  # of the search for an equilibrium
+_MAX_NEWTON_CHANGE = 0.3  # rad: largest change of an angle in one of them
+_EQUILIBRIUM_TOLERANCE: Final = 1e-13  # rad: a smaller Newton step ends the search
 
-_VECTORS: Final = ("R", "P", "L", "phi")
-_NAMES: Final = (*(f"{letter}_{axis}" for letter in _VECTORS for axis in "xyz"), "psi", "psid")
+_VECTOR_NAMES: Final = ("R", "P", "L", "phi")  # of the state of a free or pinned pair
+# Components of the state; a carried pair has the last two.
+_STATE_NAMES: Final = (*(f"{vector}_{axis}" for vector in _VECTOR_NAMES for axis in "xyz"), "psi", "psid")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Linearization:
-    """Small motions of a pair: x' = A x + B (hinge_torque), x small changes of the state; `print` it.
+    """Linearized motion of a pair: x' = A x + B (hinge_torque), x small changes of the state; `print` shows poles.
 
     Attributes:
         A: derivatives of the rates by the state; shape (k, k).
         B: derivatives of the rates by a torque at the hinge; shape (k,).
-        names: what the state consists of: psi and psid; of a base that is free or pinned, before them the common
-            centre of mass R (or R1, which a pin holds), momentum P, angular momentum L about it (R1), and small turns
-            phi of body 1, all along world axes.
+        names: names of the components of the state: psi and psid; for a free or pinned base, before them the common
+            centre of mass R (for a pinned base R1), momentum P, angular momentum L about that point, and small
+            rotations phi of body 1, all along world axes.
         psi: hinge angle [rad].
-        body1: body 1 there; None of a base that moves as given.
-        rates: the rates of the state there; 0 at an equilibrium; shape (k,).
+        body1: motion of body 1 at this state; None for a base that moves as given.
+        rates: derivatives of the state; 0 at an equilibrium; shape (k,).
         poles: eigenvalues of A that are not 0 [1/s], complex ones by the half with positive imaginary part; sorted.
-        natural_frequencies: their sizes [rad/s].
-        damping_ratios: of each: 0 without damping, 1 and above (real poles: 1) no swing, below 0 it grows.
+        natural_frequencies: absolute values of the poles [rad/s].
+        damping_ratios: of each pole: 0 without damping, 1 for real poles (no oscillation), below 0 if it grows.
     """
 
     A: Array
@@ -60,12 +64,12 @@ class Linearization:
 
     @property
     def natural_frequencies(self) -> Array:
-        """The sizes of the poles [rad/s]."""
+        """Absolute values of the poles [rad/s]."""
         return np.abs(self.poles)
 
     @property
     def damping_ratios(self) -> Array:
-        """The cosines of the angles between the poles and the negative real axis."""
+        """Cosines of the angles between the poles and the negative real axis."""
         return np.asarray(-self.poles.real / np.abs(self.poles), np.float64)
 
     def __str__(self) -> str:
@@ -87,34 +91,34 @@ def linearize(
     psid_0: float = 0.0,
     *,
     hinge_torque: HingeTorque = 0.0,
-    force1: Load = 0,
-    torque1: Load = 0,
-    force2: Load = 0,
-    torque2: Load = 0,
+    force1: LoadArgument = 0,
+    torque1: LoadArgument = 0,
+    force2: LoadArgument = 0,
+    torque2: LoadArgument = 0,
     gravity: ArrayLike | None = None,
-    base: Base = "free",
+    base: BaseArgument = "free",
     t: float = 0.0,
     equilibrium: bool = False,
     backend: str = "auto",
 ) -> Linearization:
-    """Compute how small changes of a state grow, swing and fade: natural frequencies and damping ratios.
+    """Linearize the motion about a state: natural frequencies and damping ratios of small motions.
 
     The arguments are those of `simulate`, at one instant. Derivatives are differences of order 4.
 
     Args:
         pair: a pair whose bodies have mass properties.
-        body1: the state of body 1; None beside a base that moves.
+        body1: the state of body 1; None for a base that moves as given.
         psi_0: hinge angle [rad].
         psid_0: hinge rate [rad/s].
-        hinge_torque: at the hinge; friction that sticks has no linearization at rest: give it a friction_rate.
+        hinge_torque: at the hinge; friction that sticks has no linearization at rest unless it has a friction_rate.
         force1: on body 1 at R1.
         torque1: on body 1.
         force2: on body 2 at R2.
         torque2: on body 2.
         gravity: acceleration of free fall.
         base: what holds body 1.
-        t: instant at which loads and a moving base are asked [s].
-        equilibrium: go from the state given, at rest, to where the loads pull it and keep it, and linearize there.
+        t: instant at which loads and a moving base are evaluated [s].
+        equilibrium: whether to linearize about the stable equilibrium near the state, which must be at rest.
         backend: as for `forward_kinematics`.
 
     Raises:
@@ -129,76 +133,90 @@ def linearize(
     >>> round(small.psi, 6), small.natural_frequencies.round(4), small.damping_ratios.round(4)
     (1.570796, array([2.5573]), array([0.0391]))
     """
-    space = in_space(pair)
-    flat = space is not pair
+    space = to_spatial_pair(pair)
+    is_planar = space is not pair
     if gravity is None:
-        gravity = PLANAR_GRAVITY if flat else GRAVITY
+        gravity = PLANAR_GRAVITY if is_planar else GRAVITY
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
     if not callable(hinge_torque):
         hinge_torque = finite_number("hinge_torque", hinge_torque)
     load = hinge_torque if is_named(hinge_torque) else HingeLoad(motor=hinge_torque)
-    start = start_of(base, body1, flat, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
+    start = initial_state(base, body1, is_planar, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
     if equilibrium and (start[2].any() or start[3].any() or start[5]):
         raise ArgumentError("psid_0, body1", "a state at rest, from which an equilibrium is sought", quoted(body1))
-    motion = PairMotion(space, base, flat, start, Loads(forces, load, gravity, flat=flat), execution_of(backend, 1))
-    HingeSwitches(motion, 0.0, 0.0, None)  # sets the side of each kink
+    motion = PairMotion(
+        space, base, is_planar, start, Loads(forces, load, gravity, is_planar=is_planar), execution_of(backend, 1)
+    )
+    HingeEvents(motion, 0.0, 0.0, None)  # sets the side of each kink
     if motion.held:
-        expected = "what has a linearization: friction that sticks (without friction_rate) or a stop holds the hinge"
+        expected = (
+            "a torque with a linearization: friction that sticks (without friction_rate) or a stop holds the hinge"
+        )
         raise ArgumentError("hinge_torque", expected, quoted(hinge_torque))
     instant, state = finite_number("t", t), motion.state
     if equilibrium:
-        state = _equilibrium(motion, instant, state, flat=flat)
-    A, rates = _derivatives(motion, instant, state, np.arange(len(state)))
+        state = _find_equilibrium(motion, instant, state, is_planar=is_planar)
+    A, rates = _state_derivatives(motion, instant, state, np.arange(len(state)))
     B = np.zeros(len(state))
     B[-1] = motion.hinge_response(instant, state)
     poles = np.linalg.eigvals(A)
-    poles = poles[(np.abs(poles) > _STILL_POLE * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)]
-    now = motion.moving(np.full(1, instant), state[None])
-    at = None if callable(base) else BodyMotion(R=now.R1[0], S=now.S1[0], v=now.v1[0], omega=now.omega1[0])
+    poles = poles[(np.abs(poles) > _MIN_POLE_SHARE * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)]
+    motion_now = motion.motion_at(np.full(1, instant), state[None])
+    body1_motion = (
+        None
+        if callable(base)
+        else BodyMotion(R=motion_now.R1[0], S=motion_now.S1[0], v=motion_now.v1[0], omega=motion_now.omega1[0])
+    )
     return Linearization(
         read_only(A),
         read_only(B),
-        _NAMES[-len(state) :],
-        float(state[motion.angle]),
-        at,
+        _STATE_NAMES[-len(state) :],
+        float(state[motion.psi_index]),
+        body1_motion,
         read_only(rates),
         read_only(poles[np.argsort(np.abs(poles))].astype(np.complex128)),
     )
 
 
-def _derivatives(motion: PairMotion, t: float, state: Array, columns: NDArray[np.intp]) -> tuple[Array, Array]:
+def _state_derivatives(motion: PairMotion, t: float, state: Array, columns: NDArray[np.intp]) -> tuple[Array, Array]:
     """Compute the derivatives of the rates of a state by some of its components, (k, m), and the rates, (k,)."""
-    nudges = np.zeros((len(columns), len(state)))
-    nudges[np.arange(len(columns)), columns] = (_NUDGE * motion.sizes)[columns]
-    states = np.concatenate([state + share * nudges for share in (-2, -1, 1, 2)] + [state[None]])
+    increments = np.zeros((len(columns), len(state)))
+    increments[np.arange(len(columns)), columns] = (_DIFFERENCE_STEP * motion.sizes)[columns]
+    states = np.concatenate([state + share * increments for share in (-2, -1, 1, 2)] + [state[None]])
     rates = motion.rates(np.full(len(states), t), states)
     before2, before, after, after2 = rates[:-1].reshape(4, len(columns), -1)
-    slopes = (8 * (after - before) - (after2 - before2)) / (12 * nudges[np.arange(len(columns)), columns])[:, None]
-    return slopes.T, rates[-1]
+    derivatives = (8 * (after - before) - (after2 - before2)) / (12 * increments[np.arange(len(columns)), columns])[
+        :, None
+    ]
+    return derivatives.T, rates[-1]
 
 
-def _equilibrium(motion: PairMotion, t: float, state: Array, *, flat: bool) -> Array:
-    """Return the state at rest to which the loads pull, from a state at rest, by Newton's method.
+def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: bool) -> Array:
+    """Find the stable equilibrium near a state at rest, by Newton's method.
 
     Raises:
-        ArgumentError: there is none near.
+        ArgumentError: there is no equilibrium near.
     """
-    turns = {1: [], 13: [11] if flat else [9, 10, 11]}[len(state) - 1]
-    free = np.array([*turns, motion.angle])
-    for _ in range(_MAX_ROUNDS):
-        slopes, rates = _derivatives(motion, t, state, free)
-        moving = np.flatnonzero(motion.speeds)
-        pull = rates[moving] / motion.sizes[moving]
-        own = rates[[*(column - 3 for column in turns), motion.angle + 1]]  # torques on what each coordinate turns
-        change = np.linalg.lstsq(slopes[moving] / motion.sizes[moving, None], -pull, rcond=1e-9)[0]
+    rotations = {1: [], 13: [11] if is_planar else [9, 10, 11]}[len(state) - 1]
+    coordinates = np.array([*rotations, motion.psi_index])
+    for _ in range(_MAX_NEWTON_STEPS):
+        derivatives, rates = _state_derivatives(motion, t, state, coordinates)
+        rate_indices = np.flatnonzero(motion.rate_mask)
+        residual = rates[rate_indices] / motion.sizes[rate_indices]
+        torques = rates[
+            [*(column - 3 for column in rotations), motion.psi_index + 1]
+        ]  # torques about each coordinate
+        change = np.linalg.lstsq(derivatives[rate_indices] / motion.sizes[rate_indices, None], -residual, rcond=1e-9)[
+            0
+        ]
         size = float(np.abs(change).max())
-        if size <= _FOUND and np.abs(pull).max() <= 1e-9 * max(1.0, float(np.abs(slopes[moving]).max())):
+        if size <= _EQUILIBRIUM_TOLERANCE and np.abs(residual).max() <= 1e-9 * max(
+            1.0, float(np.abs(derivatives[rate_indices]).max())
+        ):
             return state
-        if own @ change < 0 or not size:  # towards where the loads would push it away from
-            change, size = own, float(np.abs(own).max())
+        if torques @ change < 0 or not size:  # the step leads to an unstable equilibrium
+            change, size = torques, float(np.abs(torques).max())
         state = state.copy()
-        state[free] += change * min(1.0, _MAX_TURN / size)
-        state = motion.renew(state)
-    raise ArgumentError(
-        "equilibrium", "a state near to which the loads pull the pair", f"none from psi_0 = {state[-2]:g}"
-    )
+        state[coordinates] += change * min(1.0, _MAX_NEWTON_CHANGE / size)
+        state = motion.restart_attitude(state)
+    raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near psi_0 = {state[-2]:g}")

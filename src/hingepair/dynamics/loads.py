@@ -1,4 +1,4 @@
-"""What acts on the pair: constants, and functions of time and motion."""
+"""Loads on a pair: constants, and functions of time and motion."""
 
 from __future__ import annotations
 
@@ -6,26 +6,28 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError
+from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, one_constant
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, call_with_arrays, check_callable, is_named
 
-Array: TypeAlias = NDArray[np.float64]
-Load: TypeAlias = ArrayLike | Callable[[Array, "Moving"], ArrayLike]
-Base: TypeAlias = str | Callable[[Array], BodyMotion]
-Side: TypeAlias = tuple[Array | float, Array | float]
-"""An angle and a rate between kinks of the torque at the hinge: it goes on smoothly from there."""
+LoadArgument: TypeAlias = ArrayLike | Callable[[Array, "MotionAtInstants"], ArrayLike]
+"""A force or torque on a body as users give it: a constant, or a callable of (t, now)."""
+BaseArgument: TypeAlias = str | Callable[[Array], BodyMotion]
+"""What holds body 1, as users give it: the name of a base, or a callable of t that returns the motion of body 1."""
+KinkSide: TypeAlias = tuple[Array | float, Array | float]
+"""An angle [rad] and a rate [rad/s] that select one smooth branch of the torque at the hinge, between its kinks."""
 
 
-class Moving(NamedTuple):
-    """The pair at some instants, for loads that depend on it.
+class MotionAtInstants(NamedTuple):
+    """Motion of the pair at n instants: the argument `now` of loads that depend on it.
 
     Attributes:
         R1: reference point of body 1, world axes [m]; shape (n, 3).
-        S1: its rotation, body to world; shape (n, 3, 3).
+        S1: rotation of body 1, body to world; shape (n, 3, 3).
         v1: velocity of R1, world axes [m/s]; shape (n, 3).
         omega1: angular velocity of body 1, world axes [rad/s]; shape (n, 3).
         psi: hinge angle [rad]; shape (n,).
@@ -44,84 +46,92 @@ class Moving(NamedTuple):
 
 
 class Loads:
-    """What acts on a pair at any instants.
+    """Loads on a pair at any instants, checked.
 
-    Forces are force1, torque1, force2 and torque2: constants, the number 0, or callables of (t, now). In the plane
-    (`flat`) forces and gravity have two components, and torques one.
+    Args:
+        forces: force1, torque1, force2 and torque2: constants, the number 0, or callables of (t, now).
+        hinge_torque: torque at the hinge [N m]: a number, a HingeLoad, or a callable of (t, psi, psid).
+        gravity: acceleration of free fall [m/s^2].
+        flat: whether the pair is planar: forces and gravity have two components then, and torques one.
 
     Raises:
         ArgumentError: a constant is not finite or of the wrong shape, or a callable takes other arguments; names it.
     """
 
     def __init__(
-        self, forces: Mapping[str, Load], hinge_torque: HingeTorque, gravity: ArrayLike, *, flat: bool
+        self, forces: Mapping[str, LoadArgument], hinge_torque: HingeTorque, gravity: ArrayLike, *, is_planar: bool
     ) -> None:
-        self._flat = flat
-        self._moving = {name: load for name, load in forces.items() if callable(load)}
-        for name, load in self._moving.items():
+        self._is_planar = is_planar
+        self._callables = {name: load for name, load in forces.items() if callable(load)}
+        for name, load in self._callables.items():
             check_callable(name, load, "t", "now")
-        still = {"gravity": gravity, **{name: load for name, load in forces.items() if not callable(load)}}
-        self.known: dict[str, Any] = {name: self._constant(name, load) for name, load in still.items()}
+        constant_loads = {"gravity": gravity, **{name: load for name, load in forces.items() if not callable(load)}}
+        self.constants: dict[str, Any] = {name: self._constant(name, load) for name, load in constant_loads.items()}
         self._hinge = hinge_torque if callable(hinge_torque) else None
         if callable(hinge_torque):
             check_callable("hinge_torque", hinge_torque, "t", "psi", "psid")
         else:
-            self.known["hinge_torque"] = finite_number("hinge_torque", hinge_torque)
-        self.look_at_motion = bool(self._moving)
-        named = hinge_torque if is_named(hinge_torque) else HingeLoad()
-        self.levels, self.rate_levels = named.kinks, named.rate_kinks
-        """Values of psi and psi', increasing, where what acts changes from one smooth function to another."""
-        self.friction = named.sticking_friction
-        self.rigid_stops, self.rigid_range = named.rigid_stops, named.rigid_range
-        self.callables = tuple(self._moving) + (("hinge_torque",) if _has_callable(hinge_torque) else ())
-        """Names of the loads of which nothing is known between the instants at which they are called."""
+            self.constants["hinge_torque"] = finite_number("hinge_torque", hinge_torque)
+        self.need_motion = bool(self._callables)
+        hinge_load = hinge_torque if is_named(hinge_torque) else HingeLoad()
+        self.kinks, self.rate_kinks = hinge_load.kinks, hinge_load.rate_kinks
+        """Values of psi [rad] and psi' [rad/s], increasing, at which the torque changes its smooth branch."""
+        self.friction = hinge_load.sticking_friction
+        self.rigid_stops, self.rigid_range = hinge_load.rigid_stops, hinge_load.rigid_range
+        self.callable_names = tuple(self._callables) + (("hinge_torque",) if _has_callable(hinge_torque) else ())
+        """Names of the loads that are callables, known only at the instants at which they are called."""
 
-    def at(self, t: Array, now: Moving | None, psi: Array, psid: Array, side: Side | None = None) -> dict[str, Array]:
-        """Compute the loads that change, by name: forces and torques on the bodies, (n, 3), and hinge_torque, (n,).
+    def changing_at(
+        self, t: Array, now: MotionAtInstants | None, psi: Array, psid: Array, side: KinkSide | None = None
+    ) -> dict[str, Array]:
+        """Compute the callable loads by name: forces and torques on the bodies, (n, 3), and hinge_torque, (n,).
 
-        With a side, what a HingeLoad gives is the smooth function of that side of its kinks.
+        With a side, the torque of a HingeLoad is its smooth branch on that side of its kinks.
         """
-        found = {}
-        for name, load in self._moving.items():
-            own = self._answer(name, call_with_arrays(name, load, t, now), (len(t), *self._tail(name)))
-            found[name] = _lifted(own, len(self._tail(name))) if self._flat else own
+        loads = {}
+        for name, load in self._callables.items():
+            value = self._broadcast_load(name, call_with_arrays(name, load, t, now), (len(t), *self._tail(name)))
+            loads[name] = _to_space(value, len(self._tail(name))) if self._is_planar else value
         if self._hinge is not None:
             if is_named(self._hinge) and side is not None:
                 torque: Any = self._hinge.smooth(side, t, psi, psid)
             else:
                 torque = call_with_arrays("hinge_torque", self._hinge, t, psi, psid)
-            found["hinge_torque"] = self._answer("hinge_torque", torque, t.shape)
-        return found
+            loads["hinge_torque"] = self._broadcast_load("hinge_torque", torque, t.shape)
+        return loads
 
-    def everything(self, t: Array, now: Moving, side: Side | None = None) -> dict[str, Array]:
-        """Compute all loads but gravity by name, the parts of a HingeLoad beside it.
+    def all_at(self, t: Array, now: MotionAtInstants, side: KinkSide | None = None) -> dict[str, Array]:
+        """Compute all loads but gravity by name, including the parts of a HingeLoad.
 
         Forces and torques on the bodies have shape (n, 3); hinge_torque, motor_torque, spring_torque, damper_torque,
         friction_torque and stop_torque (n,).
         """
-        still = {name: np.array(load) for name, load in self.known.items() if name != "gravity"}
-        loads = {name: np.broadcast_to(load, (len(t), *load.shape)) for name, load in still.items()}
-        loads |= self.at(t, now, now.psi, now.psid, side)
+        constants = {name: np.array(load) for name, load in self.constants.items() if name != "gravity"}
+        loads = {name: np.broadcast_to(load, (len(t), *load.shape)) for name, load in constants.items()}
+        loads |= self.changing_at(t, now, now.psi, now.psid, side)
         if is_named(self._hinge):
             parts = self._hinge.parts(t, now.psi, now.psid, side)
-            loads |= {f"{part}_torque": self._answer("hinge_torque", own, t.shape) for part, own in parts.items()}
+            for part, torque in parts.items():
+                loads[f"{part}_torque"] = self._broadcast_load("hinge_torque", torque, t.shape)
         return loads
 
     def _tail(self, name: str) -> tuple[int, ...]:
-        if not self._flat:
+        """Return the shape of one value of a load, as users give it."""
+        if not self._is_planar:
             return (3,)
         return () if name.startswith("torque") else (2,)
 
     def _constant(self, name: str, load: Any) -> tuple[float, ...]:
+        """Check a constant load; return it as three components."""
         tail = self._tail(name)
         if isinstance(load, int | float) and load == 0:
             return (0.0, 0.0, 0.0)
         value = one_constant(name, load, *tail) if tail else np.array(finite_number(name, load))
-        return tuple((_lifted(value, len(tail)) if self._flat else value).tolist())
+        return tuple((_to_space(value, len(tail)) if self._is_planar else value).tolist())
 
     @staticmethod
-    def _answer(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-        """What acts, one value for each instant."""
+    def _broadcast_load(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+        """Broadcast the result of a callable load to one value for each instant."""
         try:
             return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
         except (TypeError, ValueError):
@@ -134,7 +144,7 @@ def _has_callable(torque: object) -> bool:
     return _has_callable(torque.motor) if is_named(torque) else callable(torque)
 
 
-def _lifted(value: Array, rank: int) -> Array:
-    """A vector of the plane, or a turn about z, in space."""
+def _to_space(value: Array, rank: int) -> Array:
+    """Convert a vector of the plane, or a torque about z (rank 0), to a vector in space."""
     columns = [value[..., 0], value[..., 1], 0 * value[..., 0]] if rank else [0 * value, 0 * value, value]
     return np.stack(columns, axis=-1)

@@ -72,8 +72,8 @@ _SHAPES: Final[dict[str, Tail]] = {
     "kept": (4,),
     "mass_matrix": (7, 7),
     **dict.fromkeys(("attitude1_check", "attitude2_check"), ()),
-    **dict.fromkeys(("state", "slopes"), (14,)),
-    **dict.fromkeys(("point", "beside", "start"), (3,)),
+    **dict.fromkeys(("state", "state_rates"), (14,)),
+    **dict.fromkeys(("point", "offset_velocity", "initial_angular_momentum"), (3,)),
     "S0": (9,),
 }
 

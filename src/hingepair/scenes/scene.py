@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.simulate import passed_stops
+from hingepair.dynamics.simulate import describe_stop_overrun
 from hingepair.engine.results import missing_attribute_error
 from hingepair.errors import ArgumentError, SceneError, choices, quoted
 from hingepair.integration.trajectory import describe_instants
@@ -460,7 +460,7 @@ class Notes:
             *(self._psid.sentences(samples) if self._psid is not None else ()),
             *kink_sentences(self._kinks),
         ]
-        if soft := passed_stops(motion.stops, least, most):
+        if soft := describe_stop_overrun(motion.stops, least, most):
             found.append(f"{soft}; stop_stiffness hardens them")
         found += motion.notes
         return (*found, motion.doubt) if math.isnan(motion.error_estimate) else tuple(found)

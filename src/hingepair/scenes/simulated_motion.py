@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from hingepair.dynamics.loads import Moving
+from hingepair.dynamics.loads import MotionAtInstants
 from hingepair.dynamics.simulate import BASES, SimulatedMotion, SimulatedPlanarMotion, SimulationError, simulate
 from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
@@ -69,7 +69,7 @@ def _load(table: Table, key: str, size: int) -> Any:
     entries = table.entries(key, size, "t, psi and psid")
     found = _functions(entries, tuple(entries.values))
 
-    def load(t: Float64Array, now: Moving) -> Float64Array:
+    def load(t: Float64Array, now: MotionAtInstants) -> Float64Array:
         return np.stack(np.broadcast_arrays(*found(t, now.psi, now.psid), t)[:-1], axis=-1)
 
     return load if callable(found) else found

@@ -1,0 +1,396 @@
+"""State of a pair whose body 1 is free, pinned or carried, with its derivatives and the motion that it stands for.
+
+The state of a free pair is its base point, which is the common centre of mass, the linear momentum, the angular
+momentum about that centre, the attitude of body 1 as Cayley coordinates g relative to the start of the step, psi and
+psi'. Without loads the momenta are exactly constant. The base point of a pinned pair is R1, and its angular momentum
+that about R1. For a planar pair g is (0, 0, phi) with phi from the start of the motion. The state of a carried pair,
+whose body 1 moves as given, is psi and psi' alone.
+"""
+
+from __future__ import annotations
+
+import functools
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.dynamics.loads import KinkSide, Loads, MotionAtInstants
+from hingepair.engine.backend import Execution
+from hingepair.engine.calls import Call
+from hingepair.equations import dynamics as dyn
+from hingepair.equations import spatial as eq
+from hingepair.errors import ArgumentError
+from hingepair.integration.methods import quaternion_product
+from hingepair.integration.trajectory import quaternions_to_matrices
+from hingepair.numeric.arrays import Float64Array as Array
+from hingepair.numeric.blocks import turn_terms
+from hingepair.pair.body_motion import BodyMotion, motion_arrays
+from hingepair.pair.constants import Constants
+from hingepair.pair.dynamics import SINGULAR, check_resistance, mass_constants
+from hingepair.pair.evaluate import call_of
+from hingepair.pair.hinge_load import call_with_arrays
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.plans.dynamics_steps import forward_steps, lever_steps
+from hingepair.plans.plan import SPATIAL, Plan, needed_steps, steps_of
+from hingepair.plans.steps import Step, same, upright
+from hingepair.rotations.matrices import matrix_to_quaternion
+
+InitialState: TypeAlias = tuple[Array, Array, Array, Array, float, float]
+"""R, S, v and omega of body 1, psi [rad] and psi' [rad/s]."""
+BaseMotion: TypeAlias = Callable[[Array], BodyMotion]
+"""Motion of body 1 at instants (n,) [s]."""
+HingeMotion: TypeAlias = Callable[[Array], Any]
+"""psi, psi' and psi'' at instants (n,) [s]; each (n,)."""
+
+_CAYLEY_SLICE, _PSI_INDEX = slice(9, 12), 12  # of the Cayley coordinates g and of psi in the state
+
+# Components of the state by name.
+_STATE_INDICES = {
+    "base_point": slice(0, 3),
+    "momentum": slice(3, 6),
+    "angular_momentum": slice(6, 9),
+    "g": _CAYLEY_SLICE,
+    "psi": _PSI_INDEX,
+    "psid": 13,
+}
+# Steps that take the components from the state.
+_UNPACK_STATE_STEPS = tuple(
+    Step(name, operator.itemgetter(where), ("state",)) for name, where in _STATE_INDICES.items()
+)
+_ATTITUDE_STEPS = {
+    False: (Step("S1", dyn.cayley_attitude, ("g", "S0")), Step("g_rate", dyn.cayley_rate, ("g", "omega1"))),
+    True: (Step("S1", lambda g: upright(turn_terms(g[2])), ("g",)), Step("g_rate", same, ("omega1",))),
+}
+"""Steps from g to the attitude and to the derivative of g, by whether the pair is planar."""
+# The angular velocity from the angular momentum.
+_SPIN_STEP = Step("omega1", dyn.spin_of_momentum, ("about", "angular_momentum", "psid"))
+_BASE_STEPS = {
+    "free": (
+        Step("rate_share", operator.mul, ("share", "psid")),
+        Step("offset_velocity", dyn.from_centre, ("none", "omega1", "centre", "push", "rate_share")),
+        Step("velocity", lambda momentum, mass: eq.scale(momentum, 1 / mass), ("momentum", "mass")),
+        Step("v1", eq.add, ("velocity", "offset_velocity")),
+        Step("net_force", eq.add, ("pushed", "weight")),
+        Step("net_torque", dyn.torque_from, ("turned", "point", "pushed")),
+    ),
+    "pinned": (
+        *(Step(name, same, ("none",)) for name in ("offset_velocity", "velocity", "v1", "net_force")),
+        Step("net_torque", dyn.torque_about, ("turned", "centre", "weight")),
+    ),
+}
+"""Steps to the derivatives of base point and momenta, and to v1, by the kind of base."""
+# Steps from the loads to the derivatives of the state.
+_RATE_STEPS = (
+    Step("weight", eq.scale, ("gravity", "mass")),
+    Step("R1", eq.subtract, ("base_point", "point")),
+    Step("initial_angular_momentum", dyn.momentum_about, ("about", "omega1", "psid")),
+    Step("state_rates", lambda v, force, torque, g_rate, psid, psidd: (*v, *force, *torque, *g_rate, psid, psidd),
+         ("velocity", "net_force", "net_torque", "g_rate", "psid", "psidd")),
+)  # fmt: skip
+
+_RATE_MASK: Final = np.repeat(
+    [False, True, False, True], [3, 6, 4, 1]
+)  # whether each component of the state is a velocity or a momentum
+_MOTION_OUTPUTS: Final = ("R1", "S1", "v1", "omega1")  # motion of body 1 that loads may depend on
+_BODY1_RATES: Final = ("v1", "omega1", "a1", "alpha1")  # that are 0 for a fixed base
+
+
+class MotionSamples(NamedTuple):
+    """Simulated motion at n instants."""
+
+    t: Array  # instants [s]; (n,)
+    quats: Array  # attitudes of body 1, scalar first; (n, 4)
+    motion: MotionAtInstants
+    a1: Array  # (n, 3) [m/s^2]
+    alpha1: Array  # (n, 3) [rad/s^2]
+    psidd: Array  # (n,) [rad/s^2]
+    phi: Array  # angle of body 1 in the plane [rad]; (n,)
+    loads: dict[str, Array]  # by name
+    steps: int = 0  # number of steps
+
+
+class PairMotion:
+    """State of a moving pair, with its derivatives and the motion that it stands for.
+
+    Args:
+        pair: a pair in space whose moving bodies have mass properties.
+        base: "free", "pinned" at R1, "fixed" (body 1 at rest), or the motion of body 1.
+        is_planar: whether the pair moves in the plane z = 0.
+        start: the motion at the first instant.
+        loads: loads on the bodies and at the hinge.
+        execution: how programs are run.
+        hinge: motion of the hinge; None: it turns by its loads.
+    """
+
+    def __init__(
+        self,
+        pair: HingePair,
+        base: str | BaseMotion,
+        is_planar: bool,
+        start: InitialState,
+        loads: Loads,
+        execution: Execution,
+        hinge: HingeMotion | None = None,
+    ) -> None:
+        self._hinge = hinge
+        self._base_motion = base if callable(base) else None
+        self._is_free_or_pinned = base in ("free", "pinned")
+        bodies = ({"body1": pair.body1} if self._is_free_or_pinned else {}) | {"body2": pair.body2}
+        masses = mass_constants(bodies, "; or base='fixed', for which body 2 suffices")
+        self.loads, self._is_planar = loads, is_planar
+        self.side: tuple[float, float] = (0.0, 0.0)  # branch of the torque at the hinge, between its kinks
+        self.held = False  # whether friction or a stop holds the hinge at rest
+        R, S, v, omega, psi, psid = start
+        self._rest = {"R1": R, "S1": S, **dict.fromkeys(_BODY1_RATES, np.zeros(3))} if base == "fixed" else {}
+        rest_values = {name: tuple(array.ravel().tolist()) for name, array in self._rest.items()}
+        constants_by_name = masses | loads.constants | pair.constants.values | rest_values
+        kind = str(base) if self._is_free_or_pinned else "carried"
+        self.quat = matrix_to_quaternion(S)
+        self._S0 = quaternions_to_matrices(self.quat[None]).reshape(1, 9)
+
+        constants = Constants(constants_by_name, {}, ())
+
+        def compile_call(is_planar_or_none: bool | None, *outputs: str) -> Call:
+            plan = _make_plan(kind, is_planar_or_none, "home" in constants_by_name, outputs)
+            return call_of(constants, plan, tuple(sorted(plan.inputs - constants_by_name.keys())), execution.backend)
+
+        if not self._is_free_or_pinned:
+            _check_hinge_inertia(pair)
+            self.state, self.sizes, self.rate_mask, self.psi_index = (
+                np.array([psi, psid]),
+                np.ones(2),
+                _RATE_MASK[-2:],
+                0,
+            )
+            self._rate_call = self._acceleration_call = compile_call(None, "psidd")
+            return
+        check_resistance(pair.constants, (pair.body1, pair.body2))
+        self._motion_call, self._rate_call = (
+            compile_call(is_planar, *_MOTION_OUTPUTS),
+            compile_call(is_planar, "state_rates"),
+        )
+        self._acceleration_call = compile_call(is_planar, "a1", "alpha1", "psidd")
+        initial_call = compile_call(None, "point", "offset_velocity", "initial_angular_momentum")
+        initial = _run_call(initial_call, {"S1": S, "omega1": omega, "psi": psi, "psid": psid})
+        point, beside, angular = (initial[name] for name in initial_call.outputs)
+        total_mass = masses["m1"] + masses["m2"]
+        momentum = total_mass * (v - beside) if base == "free" else np.zeros(3)
+        g = np.array([0, 0, np.arctan2(S[1, 0], S[0, 0])]) if is_planar else np.zeros(3)
+        self.state = np.hstack([R + point, momentum, angular, g, psi, psid])
+        length = sum(float(np.linalg.norm(x)) for x in (pair.u1, pair.u2, masses["c1"], masses["c2"])) or 1.0
+        inertia = sum(sum(masses[name][0::4]) for name in ("I1", "I2")) + total_mass * length**2
+        self.sizes = np.repeat([length, total_mass * length, inertia, 1.0, 1.0], [3, 3, 3, 3, 2])
+        self.rate_mask, self.psi_index = _RATE_MASK, _PSI_INDEX
+
+    @property
+    def callable_names(self) -> tuple[str, ...]:
+        """Names of the arguments that are callables, of which nothing is known between the instants of evaluation."""
+        return (
+            *self.loads.callable_names,
+            *["hinge"] * (self._hinge is not None),
+            *["base"] * (self._base_motion is not None),
+        )
+
+    def first_step_length(self, t: float, span: float) -> float:
+        """Return a length of the first step [s] in which nothing turns by more than a tenth of a radian."""
+        rates = (self.rates(np.array([t]), self.state[None])[0] / self.sizes)[-5:]
+        rates[-1] /= max(1, abs(self.state[-1]))
+        fastest = float(np.abs(rates).max())
+        return min(span, 0.1 / fastest) if 0 < fastest < np.inf else span / 100
+
+    def rates(self, t: Array, states: Array) -> Array:
+        """Compute the derivatives of the state at some instants on the present branch of the torque; (m, k)."""
+        if self.held and not self._is_free_or_pinned:
+            return np.zeros((len(t), 2))
+        inputs = self._program_inputs(t, states, self._S0)
+        results = _run_call(self._rate_call, inputs | self._loads_at(t, inputs, self.side))
+        if not self._is_free_or_pinned:
+            return np.stack([inputs["psid"], (inputs if self._hinge else results)["psidd"]], axis=-1)
+        rates: Array = results["state_rates"]
+        if self.held or self._hinge:
+            rates = rates.copy()
+            rates[:, _PSI_INDEX:] = np.stack([inputs["psid"], inputs["psidd"]], axis=-1) if self._hinge else 0.0
+        return rates
+
+    def hinge_acceleration(self, t: float, state: Array) -> float:
+        """Compute psi'' [rad/s^2] of one state on the present branch of the torque, for a hinge that is not held."""
+        inputs = self._program_inputs(np.array([t]), state[None], self._S0)
+        return float(self._psidd(inputs, self._loads_at(np.array([t]), inputs, self.side))[0])
+
+    def hinge_response(self, t: float, state: Array) -> float:
+        """Compute the derivative of psi'' by a torque at the hinge, of one state [rad/s^2 / (N m)]."""
+        inputs = self._program_inputs(np.array([t]), state[None], self._S0)
+        loads = self._loads_at(np.array([t]), inputs, self.side)
+        increased = self._psidd(inputs, loads | {"hinge_torque": loads["hinge_torque"] + 1.0})
+        return float((increased - self._psidd(inputs, loads))[0])
+
+    def holding_torque(self, t: Array, states: Array) -> Array:
+        """Compute the additional torque at the hinge that makes psi'' zero at some instants [N m]; shape (m,)."""
+        inputs = self._program_inputs(t, states, self._S0)
+        return self._holding(inputs, self._loads_at(t, inputs, self.side), 0.0)
+
+    def changing_loads(self, t: Array, states: Array) -> dict[str, Array]:
+        """Compute the callable loads at some instants, on the present branch of the torque, by name."""
+        return self._loads_at(t, self._program_inputs(t, states, self._S0), self.side)
+
+    def motion_at(self, t: Array, states: Array) -> MotionAtInstants:
+        """Compute the motion of the pair at some instants of the present step."""
+        return self._motion_of(self._program_inputs(t, states, self._S0))
+
+    def _psidd(self, inputs: dict[str, Any], loads: dict[str, Array]) -> Array:
+        """Compute psi'' [rad/s^2] from inputs and loads; shape (m,)."""
+        return np.asarray(_run_call(self._acceleration_call, inputs | loads)["psidd"])
+
+    def _holding(self, inputs: dict[str, Any], loads: dict[str, Array], psidd: Array | float) -> Array:
+        """Compute the additional torque at the hinge that gives psi'' [N m]; psi'' is linear in the torque."""
+        torque = loads["hinge_torque"]
+        required = psidd - self._psidd(inputs, loads)
+        slope = self._psidd(inputs, loads | {"hinge_torque": torque + 1.0}) - (psidd - required)
+        added = required / slope
+        for _ in range(2):  # refines away rounding errors, those of the slope too where 1 N m is small
+            remaining = psidd - self._psidd(inputs, loads | {"hinge_torque": torque + added})
+            added = added + remaining / slope
+        return np.asarray(added)
+
+    def restart_attitude(self, state: Array) -> Array:
+        """Return the state with which the next step begins: its g is 0, and the rotation goes into the attitude."""
+        if self._is_planar or not self._is_free_or_pinned:
+            return state
+        self.quat = _rotate_by_cayley(state[_CAYLEY_SLICE], self.quat)
+        self._S0 = quaternions_to_matrices(self.quat[None]).reshape(1, 9)
+        state = state.copy()
+        state[_CAYLEY_SLICE] = 0.0
+        return state
+
+    def sample(self, t: Array, states: Array, quats: Array, side: KinkSide, held: NDArray[np.bool_]) -> MotionSamples:
+        """Compute the motion and the loads at n instants.
+
+        Args:
+            t: instants; shape (n,).
+            states: the states there; shape (n, k).
+            quats: attitudes at the starts of their steps; shape (n, 4).
+            side: branches of the torque at the hinge; shape (n,) each.
+            held: whether the hinge is held; shape (n,).
+        """
+        S0 = self._S0
+        if self._is_free_or_pinned and not self._is_planar:
+            quats = _rotate_by_cayley(states[:, _CAYLEY_SLICE], quats)
+            S0, states = quaternions_to_matrices(quats).reshape(-1, 9), states.copy()
+            states[:, _CAYLEY_SLICE] = 0.0
+        inputs = self._program_inputs(t, states, S0)
+        motion = self._motion_of(inputs)
+        changing_loads = self._loads_at(t, inputs, side)
+        loads = self.loads.all_at(t, motion, side)
+        if self._hinge:
+            loads["hinge_torque"] = loads["motor_torque"] = self._holding(inputs, changing_loads, inputs["psidd"])
+            changing_loads |= {"hinge_torque": loads["hinge_torque"]}
+        elif held.any():
+            torque = np.where(held, self._holding(inputs, changing_loads, 0.0), 0.0)
+            changing_loads |= {"hinge_torque": changing_loads["hinge_torque"] + torque}
+            loads |= {"hinge_torque": changing_loads["hinge_torque"]}
+            friction = np.clip(torque, -self.loads.friction, self.loads.friction)
+            for name, part in (("friction_torque", friction), ("stop_torque", torque - friction)):
+                if name in loads:
+                    loads[name] = loads[name] + part
+        results = self._rest | inputs | _run_call(self._acceleration_call, inputs | changing_loads).arrays()
+        if self._is_free_or_pinned:
+            phi = states[:, _CAYLEY_SLICE][:, 2]
+        else:
+            quats = matrix_to_quaternion(motion.S1)
+            phi = np.unwrap(2 * np.arctan2(quats[:, 3], quats[:, 0]))
+        if self._is_free_or_pinned and self._is_planar:
+            quats = np.stack([np.cos(phi / 2), 0 * phi, 0 * phi, np.sin(phi / 2)], axis=-1)
+        a1, alpha1 = (np.broadcast_to(results[name], motion.R1.shape) for name in ("a1", "alpha1"))
+        psidd = inputs["psidd"] if self._hinge else np.where(held, 0.0, results["psidd"])
+        return MotionSamples(t, quats, motion, a1, alpha1, psidd, phi, loads)
+
+    def _program_inputs(self, t: Array, states: Array, S0: Array) -> dict[str, Any]:
+        """Return the inputs of programs at some instants: the state, and given motions of body 1 and the hinge."""
+        hinge = dict(zip(("psi", "psid"), states.T[self.psi_index : self.psi_index + 2], strict=True))
+        if self._hinge:
+            hinge = dict(zip(("psi", "psid", "psidd"), hinge_motion(self._hinge, t), strict=True))
+            states = states.copy()
+            states[:, self.psi_index : self.psi_index + 2] = np.stack([hinge["psi"], hinge["psid"]], axis=-1)
+        if self._is_free_or_pinned:
+            return {**hinge, "state": states, "S0": np.broadcast_to(S0, (len(t), 9))}
+        if self._base_motion is None:
+            return hinge
+        body1 = motion_arrays(
+            "base1", call_with_arrays("base", self._base_motion, t), "R", "S", "v", "omega", "a", "alpha"
+        )
+        try:
+            broadcast = {name: np.broadcast_to(x, (len(t), *SPATIAL.shapes[name])) for name, x in body1.items()}
+        except ValueError:
+            expected = f"a callable that returns the motion of body 1 at {len(t)} instants"
+            raise ArgumentError("base", expected, {name: array.shape for name, array in body1.items()}) from None
+        return hinge | broadcast
+
+    def _loads_at(self, t: Array, inputs: dict[str, Any], side: KinkSide) -> dict[str, Array]:
+        """Compute the callable loads at some instants, by name."""
+        motion = self._motion_of(inputs) if self.loads.need_motion else None
+        return self.loads.changing_at(t, motion, inputs["psi"], inputs["psid"], side)
+
+    def _motion_of(self, inputs: dict[str, Any]) -> MotionAtInstants:
+        """Compute the motion of the pair from inputs of programs."""
+        values = inputs | (_run_call(self._motion_call, inputs).arrays() if self._is_free_or_pinned else self._rest)
+        shapes = {name: (len(inputs["psi"]), *SPATIAL.shapes[name]) for name in MotionAtInstants._fields}
+        return MotionAtInstants(*(np.broadcast_to(values[name], shape).copy() for name, shape in shapes.items()))
+
+
+def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
+    """Call a given motion of the hinge at instants (n,); return psi, psi' and psi'', (n,) each."""
+    values = call_with_arrays("hinge", hinge, t)
+    try:
+        psi, psid, psidd = (np.broadcast_to(np.asarray(value, np.float64), t.shape) for value in values)
+    except (TypeError, ValueError):
+        expected = f"a callable that returns (psi, psi', psi'') at {len(t)} instants"
+        raise ArgumentError("hinge", expected, values) from None
+    return psi, psid, psidd
+
+
+def _run_call(call: Call, values: Mapping[str, Any]) -> Any:
+    """Return the results of a call for values by name."""
+    arrays = {name: np.asarray(values[name], np.float64, order="C") for name in call.argument_shapes}
+    results = call.fast_path(*arrays.values())
+    if results is not None:
+        return results
+    return call.run(
+        arrays, {name: array.shape[: array.ndim - len(call.argument_shapes[name])] for name, array in arrays.items()}
+    )
+
+
+@functools.cache
+def _make_plan(base: str, is_planar: bool | None, home: bool, outputs: tuple[str, ...]) -> Plan:
+    """Make the plan from the state, or from S1, omega1, psi and psi' where `is_planar` is None, to some outputs."""
+    hinge, body1_steps = steps_of(None, home), list[Step]()
+    if is_planar is not None:
+        attitude, rate = _ATTITUDE_STEPS[is_planar]
+        attitude_count = [step.result for step in hinge].index("omega2")
+        body1_steps = [*_UNPACK_STATE_STEPS, attitude, *hinge[:attitude_count], *lever_steps(base), _SPIN_STEP, rate]
+    steps = forward_steps((*body1_steps, *hinge), base)
+    if base != "carried":
+        steps = (*steps, *_RATE_STEPS[:1], *_BASE_STEPS[base], *_RATE_STEPS[1:])
+    plan_steps, inputs = needed_steps({step.result: step for step in steps}.values(), outputs)
+    return Plan(outputs, plan_steps, inputs, SPATIAL)
+
+
+def _check_hinge_inertia(pair: HingePair) -> None:
+    """Refuse a body 2 without inertia about the hinge axis."""
+    body2: Any = pair.body2
+    axis, centre = pair.home.T @ pair.n, body2.center_of_mass - pair.u2
+    offset = np.cross(axis, centre)
+    inertia = axis @ body2.inertia @ axis + body2.mass * (offset @ offset)
+    if inertia <= SINGULAR * np.trace(body2.inertia):
+        raise ArgumentError("pair.body2", "inertia about the hinge axis, beyond round-off", body2)
+
+
+def _rotate_by_cayley(g: Array, quats: Array) -> Array:
+    """Rotate attitudes, unit quaternions (..., 4) with the scalar first, by Cayley coordinates (..., 3)."""
+    x, y, z = np.moveaxis(g / 2, -1, 0)
+    w, i, j, k = np.moveaxis(quats, -1, 0)
+    products = np.stack(quaternion_product((1.0, x, y, z), (w, i, j, k)), axis=-1)
+    quaternions: Array = products / np.linalg.norm(products, axis=-1, keepdims=True)
+    return quaternions
