@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -40,4 +41,43 @@ def test_the_command_prints_rows():
         bench.HINGEPAIR_FIT_NAME,
         bench.CONSTRAINTS_FIT_NAME,
         bench.EQUATIONS_FIT_NAME,
+        bench.AXIS_FIT_NAME,
+        *((bench.QMT_GYROSCOPES_NAME, bench.QMT_NAME) if find_spec("qmt") else ()),
     }
+
+
+def test_an_absent_qmt_is_said(monkeypatch):
+    monkeypatch.setattr("hingepair.bench.measure.find_spec", lambda _: None)
+    rows, notes = bench._measure_axis_fits([50], 1)
+    assert {row.method for row in rows} == {bench.AXIS_FIT_NAME}
+    assert notes[0] == f"left out: {bench.QMT_GYROSCOPES_NAME} (qmt is not installed)"
+    assert "pip install qmt" in notes[-1]
+
+
+@pytest.mark.parametrize("bias", [0.0, 0.02])
+def test_gyroscopes_read_rates_about_the_axis_that_errors_are_counted_from(bias):
+    """Across the axis both bodies turn alike, and the biases are what they read beside."""
+    made = bench.make_inertial_recording(4000, bias, 1)
+    truth = bench.true_hinge()
+    across = [
+        np.linalg.norm(np.cross(w, n), axis=1) for w, n in ((made.omega1, truth.n), (made.omega2, truth.n_body2))
+    ]
+    off = across[0] - across[1]
+    assert np.sqrt(np.mean(off**2)) == pytest.approx(
+        np.sqrt(2) * bench.GYROSCOPE_NOISE, rel=0.05 if bias == 0 else 1.5
+    )
+    assert np.abs(np.linalg.norm(made.f1.mean(axis=0))) < 9.81
+    error, wrong = bench.axis_errors(*bench.axis_by_hingepair(made, bias))
+    assert error < 2e-3
+    assert not wrong
+    assert bench.axis_errors(truth.n, -truth.n_body2) == (0.0, True)
+    turned = truth.n + np.array((0.01, 0, 0))
+    assert bench.axis_errors(turned, truth.n_body2)[0] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("method", [bench.axis_by_qmt_gyroscopes, bench.axis_by_qmt])
+def test_qmt_finds_the_axis(method, capsys):
+    pytest.importorskip("qmt")
+    made = bench.make_inertial_recording(2000, 0.0, 1)
+    assert bench.axis_errors(*method(made, 0.0))[0] < 0.02
+    assert capsys.readouterr().out == ""

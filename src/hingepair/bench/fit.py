@@ -1,19 +1,33 @@
-"""`hingepair bench fit`: fits of a hinge to recordings, beside SciPy's least_squares on the constraint equations.
+"""`hingepair bench fit`: fits of a hinge to recordings, beside SciPy's least_squares and the package qmt.
 
-The recordings are computed with SciPy's rotations, independently of hingepair.
+Poses: SciPy's least_squares on the constraint equations. Gyroscopes: the axis by qmt's `jointAxisEstHingeOlsson`
+(Olsson, Kok, Seel and Halvorsen, Sensors 20 (2020), 3534), which takes accelerometers too. The recordings are
+computed with SciPy's rotations, independently of hingepair.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+import io
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.bench.measure import Report, Row, make_rows, print_progress, time_interleaved
+from hingepair.bench.measure import (
+    Method,
+    Report,
+    Row,
+    available_methods,
+    make_rows,
+    measure_methods,
+    print_progress,
+    time_interleaved,
+)
 from hingepair.measured.hinge_fit import fit as fit_pair
+from hingepair.measured.inertial import fit_axis
 from hingepair.pair.body_motion import BodyMotion
 
 Array: TypeAlias = NDArray[np.float64]
@@ -24,6 +38,8 @@ HINGEPAIR_FIT_NAME, CONSTRAINTS_FIT_NAME, EQUATIONS_FIT_NAME = (
     "least_squares on E1, E2",
     "least_squares on E1, E5, every psi too",
 )
+AXIS_FIT_NAME = "hingepair.fit_axis"
+QMT_GYROSCOPES_NAME, QMT_NAME = "qmt, gyroscopes alone", "qmt, accelerometers too"
 _RECORDINGS_COUNT = 5  # recordings of each length whose errors are averaged
 _ERROR_NOTE = (
     "error: largest component of the errors of the hinge axis and, perpendicular to it, of the hinge point; "
@@ -31,6 +47,18 @@ _ERROR_NOTE = (
 )
 # Standard deviations of the noise of positions [m] and of rotation vectors [rad].
 POSITION_NOISE, ANGLE_NOISE = 1e-3, 2e-3
+# Standard deviations of the noise of gyroscopes [rad/s] and accelerometers [m/s^2], and of the gyroscopes' biases.
+GYROSCOPE_NOISE, ACCELEROMETER_NOISE, GYROSCOPE_BIAS = 1e-2, 5e-2, 2e-2
+_GRAVITY = np.array([0.0, 0.0, -9.81])  # [m/s^2]
+_DIFFERENCE = 1e-4  # [s] between the poses whose differences are rates and accelerations
+_MAX_PEER_SAMPLES = 10**5  # recordings of this length and more are fitted by hingepair alone
+_MAX_AXIS_SAMPLES = 10**5  # longest recording of gyroscopes, which takes seconds
+_SIGN_HEADING = "wrong signs"  # column: recordings of which n1 and n2 point against each other
+_SIGN_NOTE = (
+    "axes from gyroscopes: the error does not count the signs of n1 and n2; "
+    f"{_SIGN_HEADING}: recordings in which the sign of n2 beside n1 is wrong"
+)
+_QMT_NOTE = "qmt: pip install qmt (its last wheels, of 2023, are for Python 3.11 and before)"
 # The hinge of every recording: n, u1, u2 and the rotation vector of home [rad].
 _TRUE_N = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
 _TRUE_U1, _TRUE_U2 = np.array([0.3, 0.1, -0.2]), np.array([-0.2, 0.25, 0.1])
@@ -46,6 +74,15 @@ class RecordedPoses(NamedTuple):
     S2: Array
 
 
+class InertialRecording(NamedTuple):
+    """What sensors on both bodies read, in the axes of their bodies; shapes (N, 3)."""
+
+    omega1: Array  # [rad/s]
+    f1: Array  # [m/s^2]
+    omega2: Array
+    f2: Array
+
+
 class FittedHinge(NamedTuple):
     """The hinge that a method finds: its axis and its point, in the axes of each body."""
 
@@ -56,17 +93,25 @@ class FittedHinge(NamedTuple):
 
 
 def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
-    """Measure fits to recordings of several lengths, with noise alone and with outliers too."""
+    """Measure fits of poses, with noise alone and with outliers, and fits of the axis to gyroscopes."""
+    rows = _measure_pose_fits(sizes, repeats)
+    axis_rows, notes = _measure_axis_fits(sizes, repeats)
+    return Report([*rows, *axis_rows], "error [rad, m]", [_ERROR_NOTE, _SIGN_NOTE, *notes])
+
+
+def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
+    """Return rows of fits to poses of several lengths, with noise alone and with outliers too."""
     rows: list[Row] = []
     for count in sizes:
         for outliers, loss in ((0.0, "linear"), (0.3, "cauchy")):
             case = f"{'30 % outliers, cauchy' if outliers else 'noise'}, N = {count:,}"
             print_progress(f"{case}: {repeats} repeats")
             recordings = [
-                make_recording(count, outliers, seed) for seed in range(_RECORDINGS_COUNT if count < 10**5 else 1)
+                make_recording(count, outliers, seed)
+                for seed in range(_RECORDINGS_COUNT if count < _MAX_PEER_SAMPLES else 1)
             ]
             methods = {HINGEPAIR_FIT_NAME: fit_by_hingepair} | (
-                {CONSTRAINTS_FIT_NAME: fit_by_constraints} if count < 10**5 else {}
+                {CONSTRAINTS_FIT_NAME: fit_by_constraints} if count < _MAX_PEER_SAMPLES else {}
             )
             if count <= 10**3 and not outliers:
                 methods[EQUATIONS_FIT_NAME] = fit_by_equations
@@ -78,7 +123,116 @@ def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
                 for name, method in methods.items()
             }
             rows += make_rows(case, times, count, {name: float(error) for name, error in errors.items()})
-    return Report(rows, "error [rad, m]", [_ERROR_NOTE])
+    return rows
+
+
+def _measure_axis_fits(sizes: Sequence[int], repeats: int) -> tuple[list[Row], list[str]]:
+    """Return rows of fits of the axis to gyroscopes, without biases and with them, and what was left out."""
+    methods, notes = available_methods(
+        (
+            Method(name, functools.partial(_axis_job, fit), max_samples=most, package=package)
+            for name, fit, most, package in (
+                (AXIS_FIT_NAME, axis_by_hingepair, _MAX_AXIS_SAMPLES, ""),
+                (QMT_GYROSCOPES_NAME, axis_by_qmt_gyroscopes, _MAX_PEER_SAMPLES - 1, "qmt"),
+                (QMT_NAME, axis_by_qmt, _MAX_PEER_SAMPLES - 1, "qmt"),
+            )
+        ),
+        {},
+    )
+    notes += [_QMT_NOTE] if notes else []
+    rows: list[Row] = []
+    for count in sizes:
+        available = [method for method in methods if count <= method.max_samples]
+        for bias in (0.0, GYROSCOPE_BIAS) if available else ():
+            case = f"axis from {'biased ' if bias else ''}gyroscopes, N = {count:,}"
+            print_progress(f"{case}: {repeats} repeats")
+            rows += _axis_rows(case, available, count, bias, repeats)
+    return rows, notes
+
+
+def _axis_rows(case: str, methods: Sequence[Method], count: int, bias: float, repeats: int) -> list[Row]:
+    """Return the rows of fits of the axis to gyroscopes with biases of some standard deviation [rad/s]."""
+    seeds = range(_RECORDINGS_COUNT if count < _MAX_PEER_SAMPLES else 1)
+    tasks = [(make_inertial_recording(count, bias, seed), bias) for seed in seeds]
+    errors: dict[str, float] = {}
+    signs: dict[str, dict[str, Any]] = {}
+    for method in methods:
+        sizes, are_wrong = zip(*(axis_errors(*method.make_job(task)()) for task in tasks), strict=True)
+        errors[method.name] = float(np.sqrt(np.mean(np.square(sizes))))
+        signs[method.name] = {_SIGN_HEADING: f"{sum(are_wrong)} of {len(tasks)}"}
+    return measure_methods(case, methods, lambda _: tasks[0], count, repeats, errors, signs)
+
+
+def _axis_job(
+    fit: Callable[[InertialRecording, float], tuple[Array, Array]], task: tuple[InertialRecording, float]
+) -> Callable[[], tuple[Array, Array]]:
+    return lambda: fit(*task)
+
+
+def _exact_poses(t: Array) -> tuple[tuple[Array, Any], tuple[Array, Any]]:
+    """Return the positions (N, 3) and the SciPy rotations of both bodies at some instants (N,)."""
+    from scipy.spatial.transform import Rotation
+
+    psi = np.sin(2 * t) + 0.3 * np.cos(5 * t)
+    first = Rotation.from_rotvec(np.stack((np.sin(0.7 * t), np.cos(1.1 * t), 0.5 * np.sin(t)), axis=-1))
+    second = first * Rotation.from_rotvec(psi[:, None] * _TRUE_N) * Rotation.from_rotvec(_TRUE_HOME)
+    R1 = np.stack((np.sin(t), np.cos(t), 0.1 * t), axis=-1)
+    return (R1, first), (R1 + first.apply(_TRUE_U1) - second.apply(_TRUE_U2), second)
+
+
+def make_inertial_recording(count: int, bias: float, seed: int) -> InertialRecording:
+    """Return ten seconds of gyroscopes and accelerometers at the reference points of both bodies.
+
+    Args:
+        count: samples.
+        bias: standard deviation of a component of the gyroscopes' biases [rad/s].
+        seed: of noise and biases.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, 10, count)
+    before, now, after = (_exact_poses(t + step) for step in (-_DIFFERENCE, 0.0, _DIFFERENCE))
+    columns = []
+    for body in (0, 1):
+        (R_before, S_before), (R, S), (R_after, S_after) = (poses[body] for poses in (before, now, after))
+        omega = (S_before.inv() * S_after).as_rotvec() / (2 * _DIFFERENCE)
+        acceleration = (R_after - 2 * R + R_before) / _DIFFERENCE**2
+        columns += [omega + bias * rng.standard_normal(3), S.inv().apply(acceleration - _GRAVITY)]
+    noise = rng.standard_normal((4, count, 3))
+    sizes = (GYROSCOPE_NOISE, ACCELEROMETER_NOISE) * 2
+    return InertialRecording(*(c + size * w for c, size, w in zip(columns, sizes, noise, strict=True)))
+
+
+def axis_by_hingepair(recording: InertialRecording, bias: float) -> tuple[Array, Array]:
+    """Fit the axis by `hingepair.fit_axis`, which is told how large biases usually are."""
+    found = fit_axis(recording.omega1, recording.omega2, bias)
+    return found.n1, found.n2
+
+
+def axis_by_qmt_gyroscopes(recording: InertialRecording, _: float) -> tuple[Array, Array]:
+    """Fit the axis by qmt with the residuals of the gyroscopes alone; the sign of n2 is not determined then."""
+    return _axis_by_qmt(recording, {"residuals": [1]})
+
+
+def axis_by_qmt(recording: InertialRecording, _: float) -> tuple[Array, Array]:
+    """Fit the axis by qmt to gyroscopes and accelerometers, with its own weights."""
+    return _axis_by_qmt(recording, None)
+
+
+def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) -> tuple[Array, Array]:
+    import qmt
+
+    omega1, f1, omega2, f2 = recording
+    with redirect_stdout(io.StringIO()):  # qmt prints every step
+        n1, n2 = qmt.jointAxisEstHingeOlsson(f1, f2, omega1, omega2, estSettings=settings)
+    return np.ravel(n1), np.ravel(n2)
+
+
+def axis_errors(n1: Array, n2: Array) -> tuple[float, bool]:
+    """Return the largest component of the errors of both axes, signs not counted, and whether n2's sign is wrong."""
+    truth = true_hinge()
+    signs = [float(np.sign(axis @ true)) for axis, true in ((n1, truth.n), (n2, truth.n_body2))]
+    parts = (signs[0] * n1 - truth.n, signs[1] * n2 - truth.n_body2)
+    return float(np.abs(np.concatenate(parts)).max()), signs[0] != signs[1]
 
 
 def make_recording(count: int, outliers: float, seed: int) -> RecordedPoses:
@@ -93,11 +247,7 @@ def make_recording(count: int, outliers: float, seed: int) -> RecordedPoses:
 
     rng = np.random.default_rng(seed)
     t = np.linspace(0, 10, count)
-    psi = np.sin(2 * t) + 0.3 * np.cos(5 * t)
-    first = Rotation.from_rotvec(np.stack((np.sin(0.7 * t), np.cos(1.1 * t), 0.5 * np.sin(t)), axis=-1))
-    second = first * Rotation.from_rotvec(psi[:, None] * _TRUE_N) * Rotation.from_rotvec(_TRUE_HOME)
-    R1 = np.stack((np.sin(t), np.cos(t), 0.1 * t), axis=-1)
-    R2 = R1 + first.apply(_TRUE_U1) - second.apply(_TRUE_U2)
+    (R1, first), (R2, second) = _exact_poses(t)
     noise = rng.standard_normal((4, count, 3))
     first, second = (S * Rotation.from_rotvec(ANGLE_NOISE * w) for S, w in ((first, noise[0]), (second, noise[1])))
     is_outlier = rng.random(count) < outliers

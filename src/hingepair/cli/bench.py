@@ -132,7 +132,7 @@ def bench_integrate(
 def bench_fit(
     sizes: SizesOption = "1000,10000,1000000", repeats: RepeatsOption = 5, show_json: BenchJsonOption = False
 ) -> None:
-    """Measure fits of a hinge to recordings beside SciPy's least_squares."""
+    """Measure fits of a hinge to poses and to gyroscopes, beside SciPy's least_squares and qmt."""
     from hingepair.bench import fit as bench
 
     _run_benchmark(lambda: bench.measure_fits(_read_sizes(sizes), repeats), show_json)

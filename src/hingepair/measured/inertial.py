@@ -35,7 +35,7 @@ Move = Callable[[Float64Array, Float64Array], Float64Array]
 
 _MAX_ROUGH = 400  # samples that starts are tried with
 _RANDOM_STARTS = 10
-_MAX_STEPS = 60  # of a descent
+_MAX_STEPS, _MAX_ROUGH_STEPS = 60, 12  # of a descent; of one that compares starts
 _BIAS_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
 _KNOWN_BIAS = 1e-9  # standard deviation of a bias that is known to be 0
 _ROUNDING = 1e-13  # residuals, in parts of what is measured, that rounding explains
@@ -495,15 +495,17 @@ def _fitted(
 
     The starts are compared by `rough`, which takes some of the samples.
     """
-    tried = [_descended(rough, move, start) for start in starts]
+    tried = [_descended(rough, move, start, _MAX_ROUGH_STEPS) for start in starts]
     return _descended(linearise, move, min(tried, key=lambda found: float(found[1] @ found[1]))[0])
 
 
-def _descended(linearise: Linearise, move: Move, start: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _descended(
+    linearise: Linearise, move: Move, start: Float64Array, steps: int = _MAX_STEPS
+) -> tuple[Float64Array, Float64Array]:
     """Return the least squares solution from a start (Levenberg and Marquardt), and the residual of each sample."""
     at, (rest, change) = start, linearise(start)
     cost, damping = float(rest @ rest), 1e-3
-    for _ in range(_MAX_STEPS):
+    for _ in range(steps):
         normal = change.T @ change
         step = -np.asarray(np.linalg.lstsq(normal + damping * np.diag(np.diagonal(normal)), change.T @ rest)[0])
         there = move(at, step)
