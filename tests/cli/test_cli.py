@@ -711,3 +711,18 @@ def test_the_readme_shows_what_talos_takes() -> None:
     for start in ("joint  ", "arm_left_4_joint "):
         (line,) = (line for line in printed if line.startswith(start))
         assert line in readme
+
+
+@pytest.mark.parametrize("opening", [0.0, 0.01])
+def test_frames_that_coincide_are_shown_once(tmp_path: Path, opening: float) -> None:
+    """The fingers of a closed gripper are two tips at one place."""
+    scene = tmp_path / "closed.toml"
+    motion = f"panda_joint1 = '0.1*t'\npanda_finger_joint1 = '{opening}*t'\n"
+    scene.write_text(f"[mechanism]\nrobot = 'panda'\n[motion]\n{motion}[time]\nstart = 0\nstop = 1\nsamples = 3\n")
+    out = hingepair("run", scene).stdout
+    sentence = "panda_rightfinger moves exactly as panda_leftfinger and is not shown"
+    assert (sentence in out) == (opening == 0)
+    assert ("\nR_panda_rightfinger_x " in out) == (opening > 0)
+    assert "\nR_panda_leftfinger_x " in out
+    report = json.loads(hingepair("run", scene, "--json").stdout)
+    assert "R_panda_rightfinger_x" in report["outputs"]

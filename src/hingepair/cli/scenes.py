@@ -95,6 +95,8 @@ def run_command(
     if plan:
         screen.print(str(plan))
     print_component_table(screen, summary.table())
+    for frame, shown in summary.coincident_frames.items():
+        screen.print(printable(f"{frame} moves exactly as {shown} and is not shown"))
     some = summary.lost < scene.samples
     if summary.lost:
         others = "ranges and residuals are those of the other instants" if some else "the table has no numbers"

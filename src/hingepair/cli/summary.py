@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from hingepair.pair.constants import with_hinge_frames
 from hingepair.pair.evaluate import arrays_of
 from hingepair.pair.results import column_names
 from hingepair.scenes.known_motion import KnownMotion
-from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
+from hingepair.scenes.mechanisms.scene import FRAME_QUANTITIES, MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult
 
 # Label, expression and unit of the residuals.
@@ -48,6 +49,7 @@ class RunSummary:
         self._values_at_instants: list[NDArray[np.float64]] = []
         self._names: list[str] = []
         self._smallest = self._largest = np.array(np.nan)
+        self._coincident: dict[str, str] | None = None
         self._residual_meanings = _RESIDUAL_MEANINGS[: scene.motion.level + 1] if isinstance(scene, Scene) else ()
         self._largest_residuals = np.full((len(self._residual_meanings), 2), np.nan)
         self.lost = 0
@@ -56,6 +58,10 @@ class RunSummary:
         """Add one piece to the summary."""
         arrays = part.chosen()
         self._names = column_names(arrays)
+        if isinstance(self._scene, MechanismScene):
+            coincident = _coincident_frames(arrays, self._scene.frames)
+            earlier = coincident if self._coincident is None else self._coincident
+            self._coincident = dict(coincident.items() & earlier.items())
         values = np.concatenate([array.reshape(len(part.t), -1) for array in arrays.values()], axis=1, dtype=float)
         for at in (i - part.first for i in self._instants):
             if 0 <= at < len(part.t):
@@ -82,6 +88,11 @@ class RunSummary:
         sentences: tuple[str, ...] = self._notes.sentences()
         return sentences
 
+    @property
+    def coincident_frames(self) -> dict[str, str]:
+        """Frames of a mechanism that moved exactly as another one, which the table shows in their place."""
+        return self._coincident or {}
+
     def table(self) -> list[tuple[str, ...]]:
         """Return the heading and rows of a table: each component at three instants, and its range."""
         columns = [
@@ -89,7 +100,9 @@ class RunSummary:
             for values in (*self._values_at_instants, self._smallest, self._largest)
         ]
         heading = ("", "unit", *(f"t = {instant(t)}" for t in self._t), "smallest", "largest")
-        return [heading, *zip(self._names, map(self._scene.unit, self._names), *columns, strict=True)]
+        rows = zip(self._names, map(self._scene.unit, self._names), *columns, strict=True)
+        hidden = {f"{quantity}_{frame}" for frame in self.coincident_frames for quantity in FRAME_QUANTITIES}
+        return [heading, *(row for row in rows if row[0].rpartition("_")[0] not in hidden)]
 
     def ranges(self) -> dict[str, dict[str, float]]:
         """Return each component at the first and last instant, and its range, as numbers."""
@@ -102,6 +115,25 @@ class RunSummary:
         return {
             name: {key: float(values[i]) for key, values in columns.items()} for i, name in enumerate(self._names)
         }
+
+
+def _coincident_frames(arrays: Mapping[str, NDArray[Any]], frames: Sequence[str]) -> dict[str, str]:
+    """Return the frames all of whose quantities equal those of an earlier frame, with the name of that frame."""
+    motions: dict[str, dict[str, NDArray[Any]]] = {}
+    coincident = {}
+    for frame in frames:
+        names = {quantity: f"{quantity}_{frame}" for quantity in FRAME_QUANTITIES}
+        motion = {quantity: arrays[name] for quantity, name in names.items() if name in arrays}
+        for earlier, other in motions.items():
+            if motion.keys() == other.keys() and all(
+                np.array_equal(motion[name], other[name], equal_nan=True) for name in motion
+            ):
+                coincident[frame] = earlier
+                break
+        else:
+            if motion:
+                motions[frame] = motion
+    return coincident
 
 
 def _largest_residuals(scene: Scene, known: KnownMotion) -> NDArray[np.float64]:

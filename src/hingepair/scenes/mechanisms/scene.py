@@ -45,6 +45,8 @@ _FRAME_LEVELS: Final = {
     **dict.fromkeys(("a", "alpha"), ACCELERATION),
 }
 """What there is of a frame, by the derivatives that it needs; quat is the quaternion (x, y, z, w) of S, w >= 0."""
+FRAME_QUANTITIES: Final = tuple(_FRAME_LEVELS)
+"""Quantities that a frame has; an output is named by one of them and the frame, such as R_tool."""
 _OF_A_FRAME: Final = ("R", "S", "v", "omega", "a", "alpha")
 """What is computed of a frame unless it is named."""
 _COORDINATES: Final = ("q", "qd", "qdd")
