@@ -44,7 +44,7 @@ def exported(folder, command, text, *options, left_out=None):
         done = CliRunner().invoke(app, arguments)
     else:
         kind = {"urdf": "URDF", "mjcf": "MJCF"}[command]
-        told = f"{kind} has no place for these keys of [dynamics], which are left out: {left_out}"
+        told = f"{kind} cannot express these keys of [dynamics], which are left out: {left_out}"
         with pytest.warns(hp.DynamicsWarning, match=f"^{re.escape(told)}$"):
             done = CliRunner().invoke(app, arguments)
         assert f"<!-- {told} -->" in done.output
