@@ -1,59 +1,71 @@
-"""The README's code runs and prints what the README says."""
+"""The README's code and commands run and print what the README says; what it links and quotes exists."""
 
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import hingepair as hp
-from hingepair.pair.accuracy import PROMISES
-from support.sparse import sparse
-from support.work import HANG
+from hingepair.cli.main import app
+from support.pages import page_steps, run_page
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text()
-BLOCKS = re.findall(r"```python\n(.*?)```\n(?:\n```text\n(.*?)```)?", README, re.DOTALL)
-
-
-def test_there_is_code() -> None:
-    assert BLOCKS
-    assert BLOCKS[0][1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", sparse(range(len(BLOCKS)), len(BLOCKS), "block{}".format))
-def test_code_prints_what_the_readme_says(block: int) -> None:
-    code, printed = BLOCKS[block]
-    if "import dask" in code:
-        pytest.importorskip("dask", reason="the extra dask is not installed")
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT, timeout=HANG
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == printed
+def test_code_prints_what_the_readme_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "models").symlink_to(ROOT / "models")
+    monkeypatch.chdir(tmp_path)
+    shown = {step.kind for step, printed in run_page(ROOT / "README.md") if printed == step.expected != ""}
+    assert shown == {"python", "command"}
 
 
-def test_linked_files_exist() -> None:
-    links = re.findall(r"\]\((?!http|#)([^)#]+)\)", README)
-    assert "models/hinge_pair.svg" in links
-    for link in links:
-        assert (ROOT / link).exists(), link
+def test_every_block_of_code_is_run() -> None:
+    kinds = [step.kind for step in page_steps(ROOT / "README.md")]
+    assert kinds.count("python") == len(re.findall("^```python$", README, re.MULTILINE)) > 1
+    assert kinds.count("command") == len(re.findall(r"^\$ hingepair", README, re.MULTILINE)) > 1
+
+
+def test_the_first_screen_names_the_units() -> None:
+    first_screen = " ".join(README.splitlines()[:25])
+    assert "metres, seconds, kilograms, radians. Nothing is converted." in first_screen
+    assert len(README.splitlines()) <= 250
+
+
+@pytest.mark.parametrize(("language", "file"), [("toml", "logged_arm.toml"), ("text", "logged_arm.csv")])
+def test_quoted_files_are_quoted_as_they_stand(language: str, file: str) -> None:
+    quotes = re.findall(rf"^```{language}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+    text = (ROOT / "models" / file).read_text(encoding="utf-8")
+    assert len([quote for quote in quotes if quote in text]) == 1
+
+
+def test_linked_files_and_headings_exist() -> None:
+    links = re.findall(r"\]\((?!http)([^)#]*)#?([^)]*)\)", README)
+    assert ("models/hinge_pair.svg", "") in links
+    for file, heading in links:
+        path = ROOT / file if file else ROOT / "README.md"
+        assert path.exists(), file
+        if heading:
+            headings = re.findall("^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+            anchors = [re.sub(r"[^\w -]", "", one).lower().replace(" ", "-") for one in headings]
+            assert heading in anchors, f"{file}#{heading}"
 
 
 @pytest.mark.parametrize("page", ["README.md", "models/README.md"])
 def test_names_of_the_package_exist(page: str) -> None:
-    for name in set(re.findall(r"\bhp\.(\w+)", (ROOT / page).read_text())):
+    for name in set(re.findall(r"\bhp\.(\w+)", (ROOT / page).read_text(encoding="utf-8"))):
         assert hasattr(hp, name), name
 
 
-@pytest.mark.parametrize("output", PROMISES)
-def test_the_table_of_accuracy_is_the_promise(output: str) -> None:
-    promise = PROMISES[output]
-    assert f"| {output} | {promise.proved} | {promise.seen} | {promise.scale} |" in README
+def test_every_command_has_a_row() -> None:
+    rows = re.findall(r"^\| (`hingepair .*?) \|", README, re.MULTILINE)
+    named = {name for row in rows for code in re.findall("`(.*?)`", row) for name in code.split()}
+    groups = {group.name for group in app.registered_groups}
+    commands = {one.name or getattr(one.callback, "__name__", "") for one in app.registered_commands} | groups
+    assert commands <= named
 
 
 def test_ci_runs_the_command_that_the_readme_names() -> None:

@@ -705,14 +705,6 @@ def test_a_mechanism_runs_as_a_pair_does(tmp_path: Path) -> None:
     )
 
 
-def test_the_readme_shows_what_talos_takes() -> None:
-    printed = hingepair("forces", MODELS / "talos_lift.toml").stdout.splitlines()
-    readme = (MODELS.parent / "README.md").read_text(encoding="utf-8").splitlines()
-    for start in ("joint  ", "arm_left_4_joint "):
-        (line,) = (line for line in printed if line.startswith(start))
-        assert line in readme
-
-
 @pytest.mark.parametrize("opening", [0.0, 0.01])
 def test_frames_that_coincide_are_shown_once(tmp_path: Path, opening: float) -> None:
     """The fingers of a closed gripper are two tips at one place."""

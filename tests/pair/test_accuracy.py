@@ -1,4 +1,4 @@
-"""The accuracy contract (README, "Accuracy") against the 60-digit reference; errors in units of u * scale."""
+"""The accuracy contract (docs/concepts/accuracy.md) against the 60-digit reference; errors in units of u * scale."""
 
 from __future__ import annotations
 

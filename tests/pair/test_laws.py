@@ -1,4 +1,4 @@
-"""Laws of the hinge pair on seeded random states; tolerances in units of u * scale (README, "Accuracy")."""
+"""Laws of the hinge pair on seeded random states; tolerances in units of u * scale (docs/concepts/accuracy.md)."""
 
 from __future__ import annotations
 
@@ -260,6 +260,6 @@ def test_hinge_alone_moves_body_2():
 
 
 def test_pinocchio_says_the_same(case):
-    """Another engine, driven through its own conventions (README)."""
+    """Another engine, driven through its own conventions (docs/howto/export.md)."""
     report = cross_validate(case.pair, *case.motion)
     assert report.ok, str(report)

@@ -268,7 +268,7 @@ def _follow(pair, R1, S1, psi):
 
 
 def _scales(pair, coordinates, W1, A1):
-    """README, "Accuracy": the size of the terms before they cancel, per sample."""
+    """docs/concepts/accuracy.md: the size of the terms before they cancel, per sample."""
     lever1, lever2 = (_length(np.asarray(u, float)) for u in pair[:2])
     R1, v1, a1 = (abs(c[:, :3]).max(axis=-1) for c in coordinates)
     psid, psidd = (abs(c[:, -1]) for c in coordinates[1:])

@@ -43,7 +43,7 @@ def body1(rng, count):
 
 
 def reference_example(t):
-    """Motion phi = (3t, t, 5t), psi = 10t, x = y = z = 3t (README, "The equations")."""
+    """Motion phi = (3t, t, 5t), psi = 10t, x = y = z = 3t (models/reference_3d.toml)."""
     rates = np.array([3.0, 3.0, 3.0, 3.0, 1.0, 5.0, 10.0])
     t = np.asarray(t, float)[:, None]
     return t * rates, np.broadcast_to(rates, (len(t), 7)), np.zeros((len(t), 7))
