@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
+from typing import Final
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from hingepair.bench import scale as bench
 from hingepair.cli.main import app
+
+MAX_MEGABYTES: Final = 600
+"""Of a process that reduces chunks of 500,000 samples on two threads, with its libraries."""
 
 pytest.importorskip("dask", reason="the extra dask is not installed")
 
@@ -21,8 +27,22 @@ def test_the_command_prints_rows():
     rows = json.loads(done.stdout)["rows"]
     cases = [row["case"] for row in rows]
     assert len(set(cases)) == 5
+    timed = [row for row in rows if row["case"] in {"velocity", "forward dynamics of panda"}]
+    assert [row["count"] for row in timed] == [2000] * 8
+    assert all(row["more"][bench.CPU_COLUMN] >= 0 for row in timed)
     methods = {row["method"] for row in rows if row["case"] == "velocity"}
     assert methods == {"plain call, 1 thread", "Dask, 1 thread", "plain call, 2 threads", "Dask, 2 threads"}
     (long,) = [row for row in rows if bench.MEMORY_COLUMN in row["more"]]
     assert long["count"] == 600_000
-    assert long["more"][bench.MEMORY_COLUMN] > 0  # of the whole process, whatever else it holds
+    assert 0 < long["more"][bench.MEMORY_COLUMN] < MAX_MEGABYTES
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="other systems show another peak")
+def test_the_peak_memory_of_a_reduction_is_neither_that_of_its_caller_nor_grows_with_the_samples():
+    held = np.ones(10**8)  # 800 MB of this process
+    peaks = [
+        bench._measure_long_reduction(samples, 2).more[bench.MEMORY_COLUMN] for samples in (2_000_000, 20_000_000)
+    ]
+    assert held.nbytes / 1e6 > MAX_MEGABYTES > max(peaks)
+    assert peaks[1] < 1.5 * peaks[0]

@@ -190,6 +190,23 @@ def test_whole_motions_are_those_of_the_scenes(kind, ending):
         assert np.abs(found[column] - whole).max() < 1e-12
 
 
+@pytest.mark.parametrize("inertia", ["inertia = [0.1, 0.2, 0.2], ", ""], ids=["given", "of_shapes"])
+def test_masses_that_follow_from_shapes_are_those_of_the_scene(inertia):
+    shapes = "shapes = [{ sphere = 0.1, center = [0, 0.2, 0.3] }]"
+    text = ARM.replace("inertia = [0.1, 0.2, 0.2], center_of_mass = [0, 0, 0.1]", inertia + shapes)
+    sweep = 'scene = "arm.toml"\noutputs = ["hinge_torque"]\nreduce = ["max"]\n[[vary]]\n'
+    Path("arm.toml").write_text(text)
+    found = table(swept("shapes", "mass.parquet", sweep + 'key = "pair.body2.mass"\nvalues = [1, 3]\n'))
+    for i, mass in enumerate((1, 3)):
+        torque = scene_with(text, ("mass = 2", f"mass = {mass}")).forces().hinge_torque
+        assert found["hinge_torque_max"][i] == pytest.approx(torque.max(), rel=1e-12)
+    key = "pair.body2.shapes[0].sphere"
+    found = table(swept("shapes", "radius.parquet", sweep + f'key = "{key}"\nvalues = [0.1, 0.3]\n'))
+    for i, radius in enumerate((0.1, 0.3)):
+        torque = scene_with(text, ("sphere = 0.1", f"sphere = {radius}")).forces().hinge_torque
+        assert found["hinge_torque_max"][i] == pytest.approx(torque.max(), rel=1e-12)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("design", ["random", "sobol"])
 def test_random_designs_are_spread_as_they_say_and_come_back_with_their_seed(design):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from statistics import median
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +24,9 @@ from hingepair.pair.hinge_pair import HingePair
 CHUNK_SAMPLES: Final = 1_000_000
 """Samples of a chunk at most."""
 PLAIN_NAME, DASK_NAME = "plain call", "Dask"  # names of the methods
-MEMORY_COLUMN: Final = "peak memory [MB]"  # heading of a column of the table
+# Headings of columns of the table: the peak memory of a process, and the processor time of all threads in a call.
+MEMORY_COLUMN: Final = "peak memory [MB]"
+CPU_COLUMN: Final = "processor time [s]"
 
 _MIN_CHUNKS = 8  # chunks of a case; with few samples the chunks are smaller
 # The robot of forward dynamics, and its locked joints [m].
@@ -31,8 +36,10 @@ _SWEEP_VARIANTS = 1000  # variants of each sweep
 _PAIR_OUTPUTS = ("R2", "v2", "omega2")  # outputs of the velocity case
 
 # A process that reduces lazy poses and prints its run time [s] and its peak memory [MB]; arguments: samples, threads.
+# On Linux, ru_maxrss of a new process begins with the memory of the process that started it; VmHWM does not.
 _REDUCTION_CODE = """
-import resource, sys, time
+import re, resource, sys, time
+from pathlib import Path
 import dask, dask.array as da
 import hingepair as hp
 count, threads = int(sys.argv[1]), int(sys.argv[2])
@@ -42,7 +49,12 @@ q = rng.uniform(-1, 1, size=(count, 7), chunks=(500_000, 7))
 start = time.perf_counter()
 with dask.config.set(scheduler="threads", num_workers=threads):
     pair.forward_kinematics(q, outputs=("R2",)).R2.max(axis=0).compute()
-print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+seconds = time.perf_counter() - start
+if Path("/proc/self/status").exists():
+    peak = int(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024
+else:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 1024)
+print(seconds, peak)
 """
 
 # Scenes of the sweeps.
@@ -106,7 +118,7 @@ def measure_dask(samples: int, long: int, threads: int, repeats: int) -> Report:
     print_progress(f"velocities and forward dynamics, N = {samples:,}, 1 and {threads} threads, {repeats} repeats")
     rows = [
         *_measure_velocities(samples, threads, repeats),
-        *_measure_forward_dynamics(max(samples // 10, 1), threads, repeats),
+        *_measure_forward_dynamics(samples, threads, repeats),
     ]
     if long:
         print_progress(f"a reduction of {long:,} samples in a process of its own")
@@ -116,6 +128,9 @@ def measure_dask(samples: int, long: int, threads: int, repeats: int) -> Report:
     notes = [
         f"plain call and {DASK_NAME} keep only the largest value of each component; {DASK_NAME}: chunks of "
         f"{CHUNK_SAMPLES:,} samples at most",
+        f"{CPU_COLUMN}: of all threads of the process; where T threads take X times that of one thread, they are at "
+        "most T / X times as fast on idle cores",
+        "the plain call writes into new memory, whose pages the system clears; chunks use their memory again",
         "velocity: the memory bandwidth limits the run time (112 bytes are read and 72 written for each sample), "
         "so threads gain less than for forward dynamics, which arithmetic limits",
     ]
@@ -182,14 +197,34 @@ def _measure_beside_dask(
     samples = len(arrays[0])
     chunked = [da.from_array(array, chunks=(_chunk_size(samples), array.shape[1]), name=False) for array in arrays]
 
-    def by_dask(workers: int) -> Job:
-        return lambda: dask.compute(*lazy(*chunked), scheduler="threads", num_workers=workers)
+    def by_dask(pool: ThreadPoolExecutor) -> Job:
+        return lambda: dask.compute(*lazy(*chunked), scheduler="threads", pool=pool)
 
     jobs: dict[str, Job] = {}
-    for workers in dict.fromkeys((1, threads)):
-        threads_text = f"{workers} thread{'s' * (workers > 1)}"
-        jobs |= {f"{PLAIN_NAME}, {threads_text}": plain(workers), f"{DASK_NAME}, {threads_text}": by_dask(workers)}
-    return make_rows(case, time_interleaved(jobs, repeats), samples)
+    cpu_seconds: dict[str, list[float]] = {}
+    with contextlib.ExitStack() as pools:
+        for workers in dict.fromkeys((1, threads)):
+            threads_text = f"{workers} thread{'s' * (workers > 1)}"
+            pool = pools.enter_context(ThreadPoolExecutor(workers))  # its threads keep their memory between calls
+            for name, job in ((PLAIN_NAME, plain(workers)), (DASK_NAME, by_dask(pool))):
+                method = f"{name}, {threads_text}"
+                cpu_seconds[method] = []
+                jobs[method] = _recording_cpu(job, cpu_seconds[method])
+        times = time_interleaved(jobs, repeats)
+    more = {name: {CPU_COLUMN: round(median(seconds[-repeats:]), 3)} for name, seconds in cpu_seconds.items()}
+    return make_rows(case, times, samples, more=more)
+
+
+def _recording_cpu(job: Job, seconds: list[float]) -> Job:
+    """Return a job that appends the processor time of all threads of each call [s]."""
+
+    def run() -> Any:
+        start = time.process_time()
+        result = job()
+        seconds.append(time.process_time() - start)
+        return result
+
+    return run
 
 
 def _measure_long_reduction(samples: int, threads: int) -> Row:

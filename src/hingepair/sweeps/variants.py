@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -121,7 +121,7 @@ class Variants:
             self._scene = replace(
                 self._scene, motion=replace(motion, given=HeldMotion(given, motion.level, sequence))
             )
-            pair = _with_plain_numbers(self._scene.tables.table("pair"), {steps[1] for steps in keys})
+            pair = _with_plain_numbers(self._scene.tables.table("pair"), keys)
             self._tables = replace(self._tables, values={**values, "pair": pair})
         elif self._kept and isinstance(self._scene, MechanismScene):
             joints = self._scene.joint_motion
@@ -183,13 +183,21 @@ class Variants:
         return replace(self._scene, mechanism=robot, tables=tables)
 
 
-def _with_plain_numbers(table: Table, varied: Collection[str | int]) -> dict[str, Any]:
-    """Return a table [pair] whose expressions are numbers, but for the keys that are varied."""
+def _with_plain_numbers(table: Table, keys: Sequence[Sequence[str | int]]) -> dict[str, Any]:
+    """Return a table [pair] whose expressions are numbers, but for the keys that are varied.
+
+    Shapes of a body whose inertia is given have no part in its masses; they are left out unless they are varied.
+    """
+    varied = {steps[1] for steps in keys}
     size = 2 if len(table.values.get("u1", ())) == 2 else 3
     readers: dict[str, Key] = {"u1": numbers(size), "u2": numbers(size), "n": numbers(3)}
     readers |= {"home": Table.rotation, "limits": numbers(2)}
-    own = {key: read(table, key) for key, read in readers.items() if key in table.values and key not in varied}
-    return {**table.values, **own}
+    values = {key: read(table, key) for key, read in readers.items() if key in table.values and key not in varied}
+    for name in ("body1", "body2"):
+        body = table.values.get(name, {})
+        if "inertia" in body and not any(tuple(steps[1:3]) == (name, "shapes") for steps in keys):
+            values[name] = {key: value for key, value in body.items() if key != "shapes"}
+    return {**table.values, **values}
 
 
 def _leave_the_motion(scene: Scene | MechanismScene, keys: Sequence[Sequence[str | int]]) -> bool:
