@@ -203,6 +203,7 @@ def test_no_module_reads_private_names_of_another() -> None:
         "errors.py",
         "formats",
         "integration",
+        "mechanism",
         "numeric",
         "pair",
         "pictures",

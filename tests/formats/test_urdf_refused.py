@@ -106,12 +106,12 @@ def test_links_fixed_in_a_circle_are_refused():
         from_urdf(ARM.replace("</robot>", f"{extra}</robot>"), "shoulder")
 
 
-NO_MASS = '<inertial><mass value="nan"/></inertial>'
+ZERO_MASS = '<inertial><mass value="nan"/></inertial>'
 ELSEWHERE = {
     "reversed limits": ('<limit effort="1" velocity="1"/>', '<limit lower="1" upper="-1"/>'),
     "an effort that is no number": ('<limit effort="1" velocity="1"/>', '<limit effort="strong" velocity="-1"/>'),
     "an origin that is no number": ('xyz="1 2 3"', 'xyz="1 nan 3"'),
-    "a mass that is none": ('<link name="hand"/>', f'<link name="hand">{NO_MASS}</link>'),
+    "a mass that is none": ('<link name="hand"/>', f'<link name="hand">{ZERO_MASS}</link>'),
     "a joint without name": ('name="elbow"', ""),
     "a joint that is its own parent": ('<parent link="lower"/>', '<parent link="hand"/>'),
     "a joint without child": ('<child link="tool"/>', ""),

@@ -9,7 +9,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.errors import ArgumentError
-from hingepair.mechanism.constants import exact_masses, payload_slopes
+from hingepair.mechanism.constants import exact_mass_numbers, payload_derivatives
 from hingepair.sweeps import sweep as sweeps
 from hingepair.sweeps.sweep import compute_chunk, load_sweep
 
@@ -142,8 +142,8 @@ def test_the_masses_of_a_program_are_linear_in_a_payload():
     m, c, principal = 2.0, np.array([0.5, -0.25, 0.125]), np.array([0.5, 0.75, 1.0])
     second = np.diag(principal.sum() / 2 - principal) + m * np.outer(c, c)
     ten = [m, *(m * c), *second[np.triu_indices(3)]]
-    loaded = exact_masses(robot.with_payload("jaw", hp.Body(m, c, principal)).tree, True)
-    bare, slopes = exact_masses(robot.tree, True), payload_slopes(robot.tree, True, frame)
+    loaded = exact_mass_numbers(robot.with_payload("jaw", hp.Body(m, c, principal)).tree, True)
+    bare, slopes = exact_mass_numbers(robot.tree, True), payload_derivatives(robot.tree, True, frame)
     for k, (with_it, without) in enumerate(zip(loaded, bare, strict=True)):
         by_slopes = without + sum(row[k] * int(part * 1024) / 1024 for row, part in zip(slopes, ten, strict=True))
         assert abs(float(with_it - by_slopes)) < 16 * U * 10, k

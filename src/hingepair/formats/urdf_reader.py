@@ -15,7 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hingepair.errors import ArgumentError, URDFError, choices, quoted
-from hingepair.mechanism.shapes import drawing_of, link_shapes
+from hingepair.mechanism.shapes import body_drawing, link_shapes
 from hingepair.pair.body import Body, Shape
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
@@ -146,4 +146,4 @@ def _combined_body(robot: Robot, poses: Mapping[str, Pose], warn: bool) -> Body 
 
 def _shapes(robot: Robot, poses: Mapping[str, Pose]) -> tuple[Shape, ...]:
     """Return the boxes, cylinders and spheres of links; none where a link is drawn by anything else."""
-    return drawing_of((link_shapes(robot.links[link][0], "visual"), pose) for link, pose in poses.items()).shapes
+    return body_drawing((link_shapes(robot.links[link][0], "visual"), pose) for link, pose in poses.items()).shapes

@@ -1,4 +1,4 @@
-"""Bounds on the rounding errors of what a robot's methods give: the recursions over numbers that carry a bound."""
+"""Bounds on the rounding errors of a robot's results: the recursions run over numbers that carry an error bound."""
 
 from __future__ import annotations
 
@@ -9,43 +9,49 @@ from typing import Any
 
 import numpy as np
 
-from hingepair.mechanism.arguments import Values
-from hingepair.mechanism.evaluate import Problem
+from hingepair.mechanism.arguments import InputValues
+from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.bounded import Bounded, kind_of
 from hingepair.plans.trees import compute
 
-_BY_FRAME = ("R", "S", "d", "v", "omega", "a", "alpha")
+_FRAME_OUTPUTS = ("R", "S", "d", "v", "omega", "a", "alpha")  # which have a bound for each frame
 
 
-def error_bounds(problem: Problem, values: Values, gravity: tuple[float, ...]) -> dict[str, Float64Array]:
-    """Return the bound of each output at every sample; of motion one for each frame."""
-    form, request = problem.form, problem.request
-    complete = problem.complete(values, gravity)
-    given = [c for name in values.parts for c in _group(values.parts[name])]
+def error_bounds(
+    computation: RobotComputation, values: InputValues, gravity: tuple[float, ...]
+) -> dict[str, Float64Array]:
+    """Return the bound on each output's rounding error at every sample; for motion, one bound for each frame."""
+    form, request = computation.form, computation.request
+    complete = computation.complete(values, gravity)
+    given = [c for name in values.parts for c in _as_tuple(values.parts[name])]
     kind = kind_of(result_dtype(given))
     frames = len(request.frames)
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
         known = {name: tuple(kind.rounded(c) for c in group) for name, group in numbers.items()}
-        pairs = zip(problem.parameters.tolist(), problem.bounds.tolist(), strict=True)
+        pairs = zip(computation.parameters.tolist(), computation.bounds.tolist(), strict=True)
         known["constants"] = tuple(kind.rounded(number, bound) for number, bound in pairs)
         found = compute(form, request, known)
-        return {name: _largest(found[name], frames if name in _BY_FRAME else 0) for name in request.outputs}
+        return {
+            name: _largest_bounds(found[name], frames if name in _FRAME_OUTPUTS else 0) for name in request.outputs
+        }
 
-    groups = {name: _components(complete[name], tail) for name, tail in problem.inputs.items() if name != "constants"}
-    tails = {name: (frames,) if name in _BY_FRAME else () for name in request.outputs}
+    groups = {
+        name: _components(complete[name], tail) for name, tail in computation.inputs.items() if name != "constants"
+    }
+    tails = {name: (frames,) if name in _FRAME_OUTPUTS else () for name in request.outputs}
     return tabulate(bounds, groups, tails, broadcast_shape(values.shapes), np.dtype(np.float64))
 
 
-def _group(value: Any) -> tuple[Any, ...]:
+def _as_tuple(value: Any) -> tuple[Any, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
 def _components(value: Any, tail: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the components of an input, numbers or arrays of NumPy."""
+    """Return the components of an input as numbers or NumPy arrays."""
     if isinstance(value, tuple):
         return tuple(np.asarray(c) if is_foreign(c) else c for c in value)
     array = np.asarray(value)
@@ -55,9 +61,9 @@ def _components(value: Any, tail: tuple[int, ...]) -> tuple[Any, ...]:
     return components_of(flat)
 
 
-def _largest(group: Any, frames: int) -> Any:
-    """Return the largest bound of some components, of each frame by itself where there are frames."""
-    errors = [c.error if isinstance(c, Bounded) else 0.0 for c in _group(group)]
+def _largest_bounds(group: Any, frames: int) -> Any:
+    """Return the largest error bound of some components; for motion, the largest bound of each frame."""
+    errors = [c.error if isinstance(c, Bounded) else 0.0 for c in _as_tuple(group)]
     if not frames:
         return functools.reduce(np.maximum, errors, 0.0)
     each = len(errors) // frames

@@ -1,4 +1,4 @@
-"""What a robot's methods are given, checked: coordinates by joint, the motion of the base, wrenches on links."""
+"""Checks of the arguments of a robot's methods: coordinates, the motion of the base, wrenches on links."""
 
 from __future__ import annotations
 
@@ -17,27 +17,28 @@ from hingepair.pair.forward_kinematics import component
 Coordinates: TypeAlias = ArrayLike | Mapping[str, Any]
 """One array of shape (..., dof), a table with the joints' names, or a value by each joint's name."""
 
-LETTERS: Final = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
-"""What a BodyMotion calls the motion of the base."""
+BASE_ATTRIBUTES: Final = {"R1": "R", "S1": "S", "v1": "v", "omega1": "omega", "a1": "a", "alpha1": "alpha"}
+"""Attributes of a BodyMotion by the names of the inputs that describe the base's motion."""
 
-_RATES: Final = ("v1", "omega1", "a1", "alpha1")
+_BASE_RATES: Final = ("v1", "omega1", "a1", "alpha1")  # inputs that are 0 for a base at rest
 
-AT_REST: Final[Mapping[str, tuple[float, ...]]] = {
+BASE_AT_REST: Final[Mapping[str, tuple[float, ...]]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1"), (0.0, 0.0, 0.0)),
     "S1": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
 }
-"""A base that rests at the origin."""
+"""Inputs of a base that rests at the origin, by name."""
 
-NO_LOADS: Final[Mapping[str, tuple[float, ...]]] = dict.fromkeys(("force1", "torque1"), (0.0, 0.0, 0.0))
+ZERO_BASE_LOADS: Final[Mapping[str, tuple[float, ...]]] = dict.fromkeys(("force1", "torque1"), (0.0, 0.0, 0.0))
+"""Inputs of a base without loads, by name."""
 
 
-class Values(NamedTuple):
-    """Arguments as programs take them.
+class InputValues(NamedTuple):
+    """Checked arguments, in the form that generated programs take.
 
     Attributes:
-        parts: by input name: arrays with the components last, or tuples of components, each a number or an array.
-        shapes: of the samples, by the argument's name.
-        library: of which they are arrays; None of NumPy's, and of numbers.
+        parts: values by input name: arrays with the components last, or tuples of components (numbers or arrays).
+        shapes: shape of the samples, by the argument's name.
+        library: library of the arrays; None for NumPy arrays and numbers.
     """
 
     parts: dict[str, Any]
@@ -45,32 +46,32 @@ class Values(NamedTuple):
     library: Library | None
 
 
-def read_values(
+def read_arguments(
     names: tuple[str, ...],
     coordinates: Mapping[str, Any],
     base_motion: BodyMotion | None,
     needed: Iterable[str],
     vectors_given: Mapping[str, Any],
-) -> Values:
-    """Return the arguments of a method, checked.
+) -> InputValues:
+    """Check the arguments of a method, and return them in the form that generated programs take.
 
     Args:
-        names: of the joints with a coordinate, in order.
+        names: names of the joints with a coordinate, in order.
         coordinates: q, qd, qdd or tau by argument name.
         base_motion: the motion of the base; None where it rests at the origin.
-        needed: names of inputs that are computed with.
+        needed: names of the inputs that the outputs need.
         vectors_given: forces and torques by input name: a value, and its name for messages.
 
     Raises:
-        ArgumentError: an argument cannot be used; names it, and the joint.
+        ArgumentError: an argument cannot be used; the error names it and the joint.
     """
     for name, value in coordinates.items():
         if value is None:
             raise ArgumentError(name, "values of the joints, since they are needed here", None)
     base = _base_arrays(base_motion, needed)
     loads = {label: value for value, label in vectors_given.values() if is_foreign(value)}
-    motion = {f"base_motion.{LETTERS[name]}": value for name, value in base.items()}
-    library = library_among({**coordinates, **motion, **loads})
+    motion = {f"base_motion.{BASE_ATTRIBUTES[name]}": value for name, value in base.items()}
+    library = common_library({**coordinates, **motion, **loads})
     parts: dict[str, Any] = {}
     shapes: dict[str, tuple[int, ...]] = {}
     for name, value in coordinates.items():
@@ -80,11 +81,11 @@ def read_values(
         shapes["base_motion"] = base_motion.shape
     for name, (value, label) in vectors_given.items():
         parts[name], shapes[label] = _read_vector(label, value)
-    return Values(parts, shapes, library)
+    return InputValues(parts, shapes, library)
 
 
-def library_among(given: Mapping[str, Any]) -> Library | None:
-    """Return the library that arguments are arrays of, None of NumPy's; values by joint are looked into.
+def common_library(given: Mapping[str, Any]) -> Library | None:
+    """Return the library whose arrays the arguments are, or None for NumPy; values by joint are examined too.
 
     Raises:
         ArgumentError: they are arrays of two libraries; names one of them.
@@ -103,16 +104,16 @@ def library_among(given: Mapping[str, Any]) -> Library | None:
 def read_coordinates(
     name: str, value: Any, names: tuple[str, ...], library: Library | None
 ) -> tuple[Any, tuple[int, ...]]:
-    """Return coordinates as programs take them, and the shape of their samples.
+    """Check coordinates, and return them in the form that programs take, with the shape of their samples.
 
     Args:
-        name: of the argument: q, qd, qdd or tau.
+        name: name of the argument: q, qd, qdd or tau.
         value: one array, a table, or values by the joint's name.
-        names: of the joints with a coordinate, in order.
-        library: of which foreign arrays are.
+        names: names of the joints with a coordinate, in order.
+        library: library of the arrays that are not NumPy's.
 
     Raises:
-        ArgumentError: the value cannot be used; names the argument, and the joint.
+        ArgumentError: the value cannot be used; the error names the argument and the joint.
     """
     if is_table(value):
         columns = coordinate_columns(name, value, names)
@@ -125,18 +126,19 @@ def read_coordinates(
     try:
         array = vectors(name, value, len(names))
     except ShapeError as error:
-        raise ShapeError(name, f"{error.expected}, a column for each of {_shown(names)}", error.got) from None
+        raise ShapeError(name, f"{error.expected}, a column for each of {_joint_list(names)}", error.got) from None
     return array, array.shape[:-1]
 
 
 def coordinate_columns(name: str, table: Any, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return the columns of coordinates, of their derivatives or of efforts, in order, by the table's names."""
+    """Return a table's columns of coordinates, derivatives or efforts, in the order of q."""
     endings = {"qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}.get(name, ("",))
     families = [tuple(f"{joint}{ending}" for joint in names) for ending in endings]
     return columns_by_name(name, table, families, alone=names)
 
 
 def _read_by_joint(name: str, value: Mapping[str, Any], names: tuple[str, ...]) -> tuple[Any, tuple[int, ...]]:
+    """Check values by joint, and return them in the order of q, with the shape of their samples."""
     for joint in value:
         if joint not in names:
             known = choices(names) if names else "no joint, since none moves"
@@ -151,12 +153,13 @@ def _read_by_joint(name: str, value: Mapping[str, Any], names: tuple[str, ...]) 
     return parts, broadcast_shape(shapes)
 
 
-def _shown(names: Sequence[str]) -> str:
+def _joint_list(names: Sequence[str]) -> str:
+    """Return the names of joints for a message, at most eight of them."""
     return ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:6])}, ... ({len(names)} joints)"
 
 
 def _base_arrays(base_motion: BodyMotion | None, needed: Iterable[str]) -> dict[str, Any]:
-    """Return the arrays of the base's motion that are computed with; without any rates, the base is at rest."""
+    """Return the needed arrays of the base's motion; a base without any rates is at rest."""
     if base_motion is None:
         return {}
     if not isinstance(base_motion, BodyMotion):
@@ -164,8 +167,8 @@ def _base_arrays(base_motion: BodyMotion | None, needed: Iterable[str]) -> dict[
     found = {}
     at_rest = all(getattr(base_motion, letter) is None for letter in ("v", "omega", "a", "alpha"))
     for name in needed:
-        if name in LETTERS and not (at_rest and name in _RATES):
-            letter = LETTERS[name]
+        if name in BASE_ATTRIBUTES and not (at_rest and name in _BASE_RATES):
+            letter = BASE_ATTRIBUTES[name]
             found[name] = getattr(base_motion, letter)
             if found[name] is None:
                 wanted = f"a value, as in BodyMotion(..., {letter}=...): what is asked for needs it"
@@ -174,7 +177,7 @@ def _base_arrays(base_motion: BodyMotion | None, needed: Iterable[str]) -> dict[
 
 
 def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
-    """Return a force or a torque; the number 0 says that there is none."""
+    """Check a force or a torque, and return it with its leading shape; the number 0 means none."""
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
         return (0.0, 0.0, 0.0), ()
     if is_foreign(value):
@@ -185,10 +188,10 @@ def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
 
 
 def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Return (force, torque) by link, checked.
+    """Check the argument `wrenches`, and return (force, torque) by link.
 
     Raises:
-        ArgumentError: an unknown link, or no pair of vectors; names it.
+        ArgumentError: an unknown link, or no pair of vectors; the error names it.
     """
     if wrenches is None:
         return {}
@@ -203,8 +206,8 @@ def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[An
     return {link: (value[0], value[1]) for link, value in wrenches.items()}
 
 
-def read_out(out: Any, outputs: Sequence[str]) -> None:
-    """Refuse arrays to write into that belong to no output.
+def check_out(out: Any, outputs: Sequence[str]) -> None:
+    """Check that all arrays to write into belong to outputs.
 
     Raises:
         ArgumentError: names the output.

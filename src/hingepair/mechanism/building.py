@@ -1,4 +1,4 @@
-"""Trees of robots: made from URDF, from a model of Pinocchio or from pairs; with a payload, with further frames."""
+"""Trees of robots: built from URDF, from a Pinocchio model or from pairs; extended by payloads and frames."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.folding import doubtful, fold, mass_properties
+from hingepair.mechanism.folding import fold_parts, mass_properties, unphysical_reason
 from hingepair.mechanism.pinocchio_model import parts_of_pinocchio
-from hingepair.mechanism.shapes import Drawing, placed_shapes
+from hingepair.mechanism.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.slider import Slider
 from hingepair.mechanism.sources import inertia_of, parts_of_pairs, parts_of_urdf
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
@@ -24,51 +24,51 @@ from hingepair.rotations.matrices import check_rotation
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.rigid import Inertia, Pose
 
-BASES = ("fixed", "free")
+BASE_KINDS = ("fixed", "free")  # accepted values of the argument `base`
 
 
 def tree_of_pairs(
     pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None, base: str, name: str | None
 ) -> Tree:
-    """Return the tree of hinges and sliders that share bodies.
+    """Return the tree of a robot that is given as hinges and sliders.
 
     Raises:
         ArgumentError: base or name cannot be used; the pairs are no tree, or stand in another order than that of q.
     """
-    check_choice("base", base, BASES)
+    check_choice("base", base, BASE_KINDS)
     if name is not None and (not isinstance(name, str) or not name.strip()):
         raise ArgumentError("name", "a text that is not empty", quoted(name))
-    return fold("mechanism" if name is None else name, parts_of_pairs(pairs, parents), base)
+    return fold_parts("mechanism" if name is None else name, parts_of_pairs(pairs, parents), base)
 
 
 def tree_of_urdf(
     path_or_text: str | os.PathLike[str], base: str, locked: Mapping[str, float] | None, snap: float | None
 ) -> Tree:
-    """Return the tree of a robot in URDF.
+    """Read the tree of a robot from URDF.
 
     Raises:
         URDFError: no readable URDF, or none of a tree of hinges and sliders.
         ArgumentError: base, locked or snap cannot be used.
     """
-    check_choice("base", base, BASES)
+    check_choice("base", base, BASE_KINDS)
     robot = read_urdf(path_or_text, 0.0 if snap is None else number_not_below_0("snap", snap))
-    return fold(robot.name, parts_of_urdf(robot), base, locked)
+    return fold_parts(robot.name, parts_of_urdf(robot), base, locked)
 
 
 def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
-    """Return the tree of a model of Pinocchio, and its base: free where the model has a free-flyer, unless given.
+    """Return the tree of a Pinocchio model, and the kind of its base ("free" if the model has a free-flyer).
 
     Raises:
         ArgumentError: no model, or one with other joints than those of trees; base or locked cannot be used.
     """
-    own, parts = parts_of_pinocchio(model)
-    chosen = own if base is None else base
-    check_choice("base", chosen, BASES)
-    return fold(model.name or "model", parts, chosen, locked), chosen
+    model_base, parts = parts_of_pinocchio(model)
+    chosen = model_base if base is None else base
+    check_choice("base", chosen, BASE_KINDS)
+    return fold_parts(model.name or "model", parts, chosen, locked), chosen
 
 
 def pair_of(tree: Tree, joint: Joint) -> HingePair | Slider:
-    """Return a joint as a pair between the frames of the two bodies that it joins.
+    """Return a joint as a pair between the frames of the two bodies that it connects.
 
     A body has mass properties in the pair where a rigid body can have them.
     """
@@ -89,13 +89,14 @@ def pair_of(tree: Tree, joint: Joint) -> HingePair | Slider:
 
 
 def _body(masses: MassProperties) -> Body | None:
-    if not masses.mass or doubtful(masses):
+    """Return mass properties as a Body; None where the mass is 0 or no rigid body has them."""
+    if not masses.mass or unphysical_reason(masses):
         return None
     return Body(masses.mass, masses.center_of_mass, masses.inertia)
 
 
 def with_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
-    """Return the tree with a further body fixed to the frame of this name, which is the body's own.
+    """Return a tree with the mass and the shapes of a further body, fixed to a frame.
 
     Raises:
         ArgumentError: no such frame, or no Body.
@@ -110,7 +111,7 @@ def with_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
     drawings = list(tree.drawings)
     shapes, complete = drawings[frame.body]
-    drawings[frame.body] = Drawing((*shapes, *placed_shapes(body.shapes, Pose(frame.S, frame.R))), complete)
+    drawings[frame.body] = BodyDrawing((*shapes, *placed_shapes(body.shapes, Pose(frame.S, frame.R))), complete)
     tree = replace(tree, notes=notes, drawings=tuple(drawings))
     if frame.body == 0:
         return replace(tree, base=total)
@@ -120,7 +121,7 @@ def with_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
 
 
 def with_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
-    """Return the tree with a further frame, whose pose is given in a frame.
+    """Return a tree with a further frame, whose pose is given in an existing frame.
 
     Raises:
         ArgumentError: the name is none, or is taken; R or S cannot be used.

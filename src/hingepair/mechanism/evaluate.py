@@ -1,6 +1,6 @@
-"""Running a request for a robot: over NumPy arrays by the engine, or over arrays of other libraries.
+"""The execution of a robot's computations: over NumPy arrays by the engine, or over arrays of other libraries.
 
-Everything of this wing that allocates outputs and runs loops stands here.
+This module alone allocates the outputs of a robot and runs loops.
 """
 
 from __future__ import annotations
@@ -16,45 +16,47 @@ from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError
-from hingepair.mechanism.arguments import AT_REST, LETTERS, NO_LOADS, Values, read_out
-from hingepair.mechanism.constants import Constants, frame_numbers, known_and_parameters
+from hingepair.mechanism.arguments import BASE_AT_REST, BASE_ATTRIBUTES, ZERO_BASE_LOADS, InputValues, check_out
+from hingepair.mechanism.constants import RobotConstants, frame_numbers, split_numbers
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.plans.trees import Form, Request, inputs_of, loop_of
 from hingepair.rotations.matrices import TOLERANCE, check_rotation
 
-WEIGHTLESS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
-"""The outputs that masses have no part in."""
+MASSLESS_OUTPUTS = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
+"""Outputs that do not depend on masses."""
 
 
-_TAILS: Final = {**dict.fromkeys(LETTERS, (3,)), "S1": (3, 3), "force1": (3,), "torque1": (3,)}
-_ROTATION_LIMITS: Final = {size: 2 * tolerance for size, tolerance in TOLERANCE.items()}
-_MAX_CALLS: Final = 64  # kept of one problem: of names, gravity and backend
+# Shapes of one sample of the inputs that describe the base.
+_BASE_SHAPES: Final = {**dict.fromkeys(BASE_ATTRIBUTES, (3,)), "S1": (3, 3), "force1": (3,), "torque1": (3,)}
+# Largest error of an attitude that is accepted as a rotation, by the size of a number in bytes.
+_ATTITUDE_LIMITS: Final = {size: 2 * tolerance for size, tolerance in TOLERANCE.items()}
+_MAX_CACHED_CALLS: Final = 64  # number of calls that a computation keeps: for names, gravity and backend
 
 
-class Problem:
-    """A request to one robot, with the constants that it takes.
+class RobotComputation:
+    """The computation of some outputs of one robot, with its constants and its compiled calls.
 
     Args:
-        constants: of the robot.
+        constants: constants of the robot.
         outputs: names out of `plans.trees.OUTPUTS`.
-        free: whether the base moves as forces have it.
-        frames: whose motion is computed, and those that wrenches act on.
-        loaded: places among the frames of the latter.
-        result: the class of what is returned; None where the one output is returned itself.
+        free: whether forces move the base.
+        frames: frames whose motion is computed, and frames on which wrenches act.
+        loaded: indices of the frames on which wrenches act.
+        result: class of the result; None to return the only output as a bare array.
 
     Attributes:
-        form: the robot's build.
-        request: what is computed.
-        parameters: the constants that are no part of the program.
-        bounds: how far each of them may be from the exact number.
+        form: structure of the robot, on which programs depend.
+        request: request of outputs and frames.
+        parameters: constants that are no part of the program.
+        bounds: bounds on the rounding errors of the parameters.
         inputs: shapes of one sample of the inputs, by name.
-        weighs: whether masses have a part in it.
+        needs_masses: whether the outputs depend on masses.
     """
 
     def __init__(
         self,
-        constants: Constants,
+        constants: RobotConstants,
         outputs: tuple[str, ...],
         free: bool,
         frames: tuple[Frame, ...],
@@ -62,51 +64,51 @@ class Problem:
         result: type[Results] | None,
     ) -> None:
         numbers = [number for frame in frames for number in frame_numbers(constants, frame)]
-        known, parameters = known_and_parameters(numbers)
+        known, parameters = split_numbers(numbers)
         self.form: Form = constants.form
         self.request = Request(outputs, free, tuple(frame.body for frame in frames), known, loaded)
         self.parameters: Float64Array = read_only(np.array([*constants.numbers, *parameters], dtype=np.float64))
         self.bounds: Float64Array = read_only(np.array([*constants.bounds, *(0.0 for _ in parameters)]))
         self.inputs = inputs_of(self.form, self.request)
-        self.weighs = any(name not in WEIGHTLESS for name in outputs)
+        self.needs_masses = any(name not in MASSLESS_OUTPUTS for name in outputs)
         self.result = result
         self._calls: dict[Any, Call] = {}
 
-    def complete(self, values: Values, gravity: tuple[float, ...]) -> dict[str, Any]:
-        """Return all inputs: a base that is not said to move rests, and what is not said to act does not."""
-        assumed = {**AT_REST, **NO_LOADS, "gravity": gravity, "constants": self.parameters}
+    def complete(self, values: InputValues, gravity: tuple[float, ...]) -> dict[str, Any]:
+        """Return all inputs by name; by default the base rests and no load acts."""
+        assumed = {**BASE_AT_REST, **ZERO_BASE_LOADS, "gravity": gravity, "constants": self.parameters}
         return {name: values.parts[name] if name in values.parts else assumed[name] for name in self.inputs}
 
     def call(self, given: tuple[str, ...], gravity: tuple[float, ...], backend: str, checked: bool = False) -> Call:
-        """Return the call for arguments of these names, made once; where `checked`, it refuses an S1 that is none."""
+        """Return the cached call for arguments of these names; if `checked`, it refuses an S1 that is no rotation."""
         key = given, gravity, backend, checked
-        found = self._calls.get(key)
-        if found is None:
-            backend = backend if self.form.dof else "numpy"  # machine code reads and writes arrays that have numbers
-            check = {"attitude_check": _ROTATION_LIMITS} if checked and "S1" in given else {}
+        call = self._calls.get(key)
+        if call is None:
+            backend = backend if self.form.dof else "numpy"  # machine code needs arrays that are not empty
+            check = {"attitude_check": _ATTITUDE_LIMITS} if checked and "S1" in given else {}
             loop = loop_of(self.form, self.request._replace(outputs=(*self.request.outputs, *check)))
-            assumed = {**AT_REST, **NO_LOADS, "gravity": gravity, "constants": self.parameters}
+            assumed = {**BASE_AT_REST, **ZERO_BASE_LOADS, "gravity": gravity, "constants": self.parameters}
             constants = {name: assumed[name] for name, _ in loop.inputs if name not in given}
-            shapes = {name: _TAILS.get(name, (self.form.dof,)) for name in given}
+            shapes = {name: _BASE_SHAPES.get(name, (self.form.dof,)) for name in given}
             shapes |= {name: tail for name, tail in loop.inputs if name in given}
-            found = Call(
+            call = Call(
                 loop, shapes, constants, self.result, backend=backend, constants_name="robot",
                 limits=check, on_limit=lambda values: check_rotation("S1", np.asarray(values["S1"])),
             )  # fmt: skip
-            if len(self._calls) >= _MAX_CALLS:
+            if len(self._calls) >= _MAX_CACHED_CALLS:
                 self._calls.clear()
-            self._calls[key] = found
-        return found
+            self._calls[key] = call
+        return call
 
     def run(
-        self, values: Values, gravity: tuple[float, ...], out: Out, execution: Execution, checked: bool = False
+        self, values: InputValues, gravity: tuple[float, ...], out: Out, execution: Execution, checked: bool = False
     ) -> Any:
-        """Return the outputs at all samples; arguments are those of `call`.
+        """Return the outputs at all samples; further arguments are those of `call`.
 
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
         """
-        read_out(out, self.request.outputs)
+        check_out(out, self.request.outputs)
         call = self.call(tuple(values.parts), gravity, execution.backend, checked)
         if values.library is not None:
             return call.run_foreign(values.parts, values.shapes, values.library, out, execution.workers)
@@ -115,10 +117,10 @@ class Problem:
         except ArgumentError as error:
             if self.result is not None or error.name != f"out[{call.outputs[0]!r}]":
                 raise
-            raise type(error)("out", error.expected, error.got) from None  # the one array is what users call out
+            raise type(error)("out", error.expected, error.got) from None  # the user's name of the only array
 
     def count_operations(self, given: Mapping[str, Any] | None = None) -> OperationCounts:
-        """Return how many operations are left of a program for arrays of samples, of those with nothing known.
+        """Count the operations that are left of the program, and those of the program without known inputs.
 
         Args:
             given: arguments by input name, of which numbers are known; arrays of samples unless given.
@@ -128,7 +130,7 @@ class Problem:
         full = loop.program(bind(loop.inputs, many).pattern)
         known = {
             **many,
-            **{name: value for name, value in AT_REST.items() if name in many},
+            **{name: value for name, value in BASE_AT_REST.items() if name in many},
             "constants": self.parameters,
             **{name: value for name, value in (given or {}).items() if name in many},
         }

@@ -1,7 +1,7 @@
 """Joints of every kind folded into a tree of those that move.
 
-`Part` is what URDF, Pinocchio's models and pairs have in common: a joint, fixed ones included, with the body that it
-carries. Fixed and locked joints are folded into the bodies that carry them, masses included.
+`JointPart` is what URDF, Pinocchio's models and pairs have in common: a joint, fixed ones included, with the body
+that it carries. Fixed and locked joints are folded into the bodies that carry them, masses included.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 
 from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.mechanism.shapes import drawing_of
-from hingepair.mechanism.tree import NO_MASS, Frame, Joint, MassProperties, Mimic, Tree
+from hingepair.mechanism.shapes import body_drawing
+from hingepair.mechanism.tree import ZERO_MASS, Frame, Joint, MassProperties, Mimic, Tree
 from hingepair.numeric.arrays import Float64Array, finite_number, read_only
 from hingepair.numeric.blocks import versine
 from hingepair.pair.body import Body, Shape, warn_of_dynamics
@@ -26,26 +26,26 @@ from hingepair.urdf.rigid import HERE, Inertia, Pose, combined
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
-    """A joint and the body that it carries, in the axes of that body, whose origin is the joint's point.
+class JointPart:
+    """A joint (fixed ones included) and the body that it carries; the body's origin is the joint's point.
 
     Attributes:
-        name: of the joint.
+        name: name of the joint.
         kind: "hinge", "slider" or "fixed".
         parent: number of the part that carries it; 0 is the base, which is a fixed part without a parent (-1).
-        pose: of the body at position 0, in the parent's axes.
-        axis: unit axis; shape (3,).
+        pose: pose of the body at position 0, in the parent's axes.
+        axis: unit axis in the body's axes; shape (3,).
         links: poses of the frames of the links, by name.
-        leaves: those of the links that carry no further link.
+        leaves: names of the links that carry no further link.
         frames: poses of further frames, by name.
         inertias: mass properties by the link that has them.
-        shapes: what it is drawn by; None where that is something else, such as meshes.
-        limits: least and greatest position; None where there are none.
-        effort_limit: the largest torque or force; None where there is none.
-        rate_limit: the largest rate; None where there is none.
+        shapes: shapes by which the body is drawn; None where it is drawn by others, such as meshes.
+        limits: lower and upper position limit [rad or m]; None if there are none.
+        effort_limit: largest torque [N m] or force [N]; None if there is none.
+        rate_limit: largest rate [rad/s or m/s]; None if there is none.
         armature: inertia of the motor's rotor, referred to the joint [kg m^2 or kg].
-        mimic: how it follows another joint; None where it does not.
-        notes: sentences on assumed masses.
+        mimic: rule of a joint that follows another joint; else None.
+        notes: sentences about assumed masses.
     """
 
     name: str
@@ -66,28 +66,28 @@ class Part:
     notes: Sequence[str] = ()
 
 
-Motion: TypeAlias = float | records.Mimic | None
-"""How a joint moves: held at a position, following a joint that moves by itself, or (None) by itself."""
+JointRule: TypeAlias = float | records.Mimic | None
+"""Rule of a joint: the position at which it is held, the joint that it follows, or None if it moves by itself."""
 
 
-def fold(name: str, parts: Sequence[Part], base: str, locked: Mapping[str, float] | None = None) -> Tree:
-    """Return the tree of the joints that move.
+def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping[str, float] | None = None) -> Tree:
+    """Return the tree of the joints that move; fixed and locked joints are merged into their bodies.
 
     Args:
-        name: of the robot.
+        name: name of the robot.
         parts: the base, and joints depth-first; names are unique.
         base: "fixed" or "free".
-        locked: positions of joints that are held, by name [rad or m].
+        locked: positions [rad or m] of the joints to lock, by name.
 
     Raises:
         ArgumentError: a joint is locked that does not exist or does not move; a joint follows one that does not
             exist, or itself; numbers overflow.
     """
-    motions = _motions(parts, _locked_positions(parts, locked))
+    motions = _joint_rules(parts, _locked_positions(parts, locked))
     moving = [part for part in parts if not isinstance(motions[part.name], float)]
     numbers = {part.name: number for number, part in enumerate(moving, 1)}
-    with np.errstate(all="ignore"):  # what overflows is refused
-        places = _places(parts, motions, numbers)
+    with np.errstate(all="ignore"):  # numbers that overflow are refused below
+        places = _body_poses(parts, motions, numbers)
         inertias: list[dict[str, Inertia]] = [{} for _ in range(len(moving) + 1)]
         for part, (body, pose) in zip(parts, places, strict=True):
             inertias[body] |= {link: inertia.placed(pose) for link, inertia in part.inertias.items()}
@@ -98,19 +98,19 @@ def fold(name: str, parts: Sequence[Part], base: str, locked: Mapping[str, float
         links, frames = _frames(parts, places, numbers)
         base_masses = mass_properties(inertias[0])
         drawings = tuple(
-            drawing_of((part.shapes, pose) for part, (own, pose) in zip(parts, places, strict=True) if own == body)
+            body_drawing((part.shapes, pose) for part, (own, pose) in zip(parts, places, strict=True) if own == body)
             for body in range(len(inertias))
         )
     ends = set(range(len(inertias))) - {joint.parent for joint in joints}
     tips = [leaf for part, (body, _) in zip(parts, places, strict=True) if body in ends for leaf in part.leaves]
     counted = 1 if base == "fixed" else 0  # the mass of a fixed base counts nowhere
     notes = [note for part in parts[counted:] for note in part.notes]
-    notes += [note for own in inertias[counted:] if (note := doubt(own))]
+    notes += [note for own in inertias[counted:] if (note := unphysical_mass_note(own))]
     return Tree(name, joints, base_masses, links, frames, tuple(tips), tuple(notes), drawings)
 
 
-def _locked_positions(parts: Sequence[Part], locked: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the positions of the joints that are held, checked; warn of those beyond their limits."""
+def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:
+    """Check the positions of locked joints, and return them; warn of positions beyond the joints' limits."""
     if not isinstance(locked, Mapping | None):
         raise ArgumentError("locked", "positions by the joint's name", quoted(locked))
     known = [part.name for part in parts if part.kind != "fixed"]
@@ -129,11 +129,11 @@ def _locked_positions(parts: Sequence[Part], locked: Mapping[str, float] | None)
     return positions
 
 
-def _motions(parts: Sequence[Part], positions: Mapping[str, float]) -> dict[str, Motion]:
-    """Return how each joint moves, by name; what follows a joint that follows another follows the last."""
+def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> dict[str, JointRule]:
+    """Return the rule of each joint by name; a follower of a follower follows the last leader."""
     by_name = {part.name: part for part in parts}
 
-    def motion(part: Part) -> Motion:
+    def motion(part: JointPart) -> JointRule:
         multiplier, offset, followers = 1.0, 0.0, {part.name}
         while True:
             if part.name in positions or part.kind == "fixed":
@@ -152,23 +152,23 @@ def _motions(parts: Sequence[Part], positions: Mapping[str, float]) -> dict[str,
     return {part.name: motion(part) for part in parts}
 
 
-def _places(
-    parts: Sequence[Part], motions: Mapping[str, Motion], numbers: Mapping[str, int]
+def _body_poses(
+    parts: Sequence[JointPart], motions: Mapping[str, JointRule], numbers: Mapping[str, int]
 ) -> list[tuple[int, Pose]]:
-    """Return, for each part, the number of the body that it belongs to, and its pose in that body."""
+    """Return for each part the number of its body, and its pose in that body."""
     places: list[tuple[int, Pose]] = []
     for part in parts:
         motion = motions[part.name]
         if isinstance(motion, float):
             body, pose = places[part.parent] if places else (0, HERE)
-            places.append((body, pose.placed(part.pose.placed(_moved(part, motion)))))
+            places.append((body, pose.placed(part.pose.placed(_displacement(part, motion)))))
         else:
             places.append((numbers[part.name], HERE))
     return places
 
 
-def _moved(part: Part, position: float) -> Pose:
-    """Return the pose of a body whose joint is at a position, in its axes at position 0."""
+def _displacement(part: JointPart, position: float) -> Pose:
+    """Return the pose of a body whose joint is at a position [rad or m], in its axes at position 0."""
     if position == 0 or part.kind == "fixed":
         return HERE
     if part.kind == "slider":
@@ -179,14 +179,14 @@ def _moved(part: Part, position: float) -> Pose:
 
 
 def _joint(
-    part: Part,
+    part: JointPart,
     parent: int,
     pose: Pose,
     masses: MassProperties,
     numbers: Mapping[str, int],
-    motions: Mapping[str, Motion],
+    motions: Mapping[str, JointRule],
 ) -> Joint:
-    """Return the joint of the tree; `pose` is that of the part that carries it, in the body `parent`."""
+    """Return a part as a joint of the tree; `pose` is that of the carrying part in the body `parent`."""
     frame = _frame(f"joint {part.name!r}", parent, pose.placed(part.pose))
     motion = motions[part.name]
     return Joint(
@@ -206,9 +206,9 @@ def _joint(
 
 
 def _frames(
-    parts: Sequence[Part], places: Sequence[tuple[int, Pose]], numbers: Mapping[str, int]
+    parts: Sequence[JointPart], places: Sequence[tuple[int, Pose]], numbers: Mapping[str, int]
 ) -> tuple[dict[str, Frame], dict[str, Frame]]:
-    """Return the frames of the links, and further frames: those of folded joints, and those that parts have."""
+    """Return the frames of links, and further frames: those of folded joints and those of parts."""
     links: dict[str, Frame] = {}
     frames: dict[str, Frame] = {}
     for part, (body, pose) in zip(parts, places, strict=True):
@@ -220,16 +220,17 @@ def _frames(
 
 
 def _frame(what: str, body: int, pose: Pose) -> Frame:
+    """Return the frame of a pose in a body; refuse numbers that have overflowed."""
     if not all(np.isfinite(values).all() for values in pose):
         raise ArgumentError(what, "a position that can be computed", "numbers that overflow")
     return Frame(body, read_only(pose.origin + 0.0), read_only(pose.rotation + 0.0))
 
 
 def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
-    """Return the mass properties of one body, of those of its links by name."""
+    """Return the mass properties of one body as the sum of those of its links, which are given by name."""
     heavy = {link: inertia for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any()}
     if not heavy:
-        return NO_MASS
+        return ZERO_MASS
     mass, centre, tensor = combined(heavy.values())
     if not np.isfinite([mass, *centre, *tensor.ravel()]).all():
         links = ", ".join(map(repr, heavy))
@@ -239,17 +240,17 @@ def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
     return MassProperties(mass, read_only(centre), read_only((tensor + tensor.T) / 2))
 
 
-def doubt(inertias: Mapping[str, Inertia]) -> str:
-    """Return a sentence where no rigid body has these mass properties, which are given by link; else nothing."""
-    reason = doubtful(mass_properties(inertias))
+def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
+    """Return a sentence that names links whose summed mass properties no rigid body has; "" if a body has them."""
+    reason = unphysical_reason(mass_properties(inertias))
     links = ", ".join(repr(link) for link, own in inertias.items() if own.mass or own.tensor.any())
     if not reason:
         return ""
     return f"no rigid body has the mass properties of {links}, which are used as they are written: {reason}"
 
 
-def doubtful(masses: MassProperties) -> str:
-    """Return why no rigid body has these mass properties; nothing where one has, or where there is no mass at all."""
+def unphysical_reason(masses: MassProperties) -> str:
+    """Return why no rigid body has some mass properties; "" if a rigid body has them or the mass is 0."""
     if not masses.mass and not masses.inertia.any():
         return ""
     try:

@@ -21,29 +21,41 @@ from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
 
-_ARMATURE = "armature"
-_HEADINGS = ("joint", "kind", "carried by", "axis", "least", "greatest", "rate", "effort", "mass [kg]", "follows")
+_ARMATURE_HEADING = "armature"  # of the column that robots with rotors have in addition
+# Headings of the printed table of joints.
+_TABLE_HEADINGS = (
+    "joint",
+    "kind",
+    "carried by",
+    "axis",
+    "least",
+    "greatest",
+    "rate",
+    "effort",
+    "mass [kg]",
+    "follows",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Mechanism(MechanismMethods):
-    """A robot: a tree of hinges and sliders, whose base stands, moves as it is given, or is free.
+    """A robot: a tree of hinges and sliders on a base that is fixed, moves as given, or is free.
 
-    A body is everything that moves together: links that fixed or locked joints hold to each other. Coordinates q
-    stand in the order of `names`: depth-first, siblings by the joint's name, as in Pinocchio; hinges in rad, sliders
-    in m. Wherever q, qd, qdd or tau is taken, it is one array of shape (..., dof), a table whose columns have the
-    joints' names, or a dict of a number or an array for each joint, of which numbers are known constants.
-    `base_motion`, wherever it is taken, is where the base is and how it moves; it rests at the origin unless given,
-    and where it is given by position and attitude alone. World axes, classical accelerations.
+    A body is a group of links that fixed or locked joints hold together. The coordinates q are in the order of
+    `names`: depth-first, siblings by the joint's name, as in Pinocchio; in rad for hinges, in m for sliders. The
+    arguments q, qd, qdd and tau are an array of shape (..., dof), a table whose columns have the joints' names, or a
+    dict with a number or an array for each joint; numbers are known constants. The argument `base_motion` is the pose
+    and the motion of the base. By default the base rests at the origin; given position and attitude alone, it rests
+    there. Vectors are in world axes, accelerations are classical.
 
     Args:
         pairs: HingePairs and Sliders, each named for its joint. Body 2 of a pair is the link of the pair's name, with
             the frame (R2, S2); body 1 of the first pair is the link "base". A body that two pairs share is given in
-            one of them, or in both alike.
-        parents: for each pair what its body 1 is: 0 the base, j (from 1 on) body 2 of the j-th pair. Unless given,
-            each pair's body 1 is body 2 of the pair before.
-        base: "fixed": the base stands, or moves as `base_motion` says; "free": it moves as the forces make it.
-        name: of the robot.
+            one of them, or equally in both.
+        parents: for each pair, the number of its body 1: 0 for the base, j (from 1 on) for body 2 of the j-th pair.
+            By default, body 1 of each pair is body 2 of the pair before.
+        base: "fixed": the base rests, or moves as `base_motion` says; "free": forces move the base.
+        name: name of the robot.
 
     Raises:
         ArgumentError: the pairs are no tree, or do not stand in the order of q, which the message names.
@@ -106,13 +118,13 @@ class Mechanism(MechanismMethods):
         >>> hp.Mechanism.from_urdf(hp.to_urdf(pair)).names
         ('hinge',)
         """
-        return _mechanism(cls, building.tree_of_urdf(path_or_text, base, locked, snap), base)
+        return _new_mechanism(cls, building.tree_of_urdf(path_or_text, base, locked, snap), base)
 
     @classmethod
     def from_pinocchio(
         cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None
     ) -> Mechanism:
-        """Return the robot of a Pinocchio model, such as Pinocchio's reader of MJCF makes it.
+        """Return the robot of a Pinocchio model, for example one that Pinocchio has read from MJCF.
 
         Inertias of rotors (`model.armature`) count as they do in Pinocchio: in forces, the mass matrix, forward
         dynamics and kinetic energy (where Pinocchio 4.1 leaves out those of oblique hinges). As in Pinocchio's own
@@ -130,16 +142,16 @@ class Mechanism(MechanismMethods):
 
         Raises:
             ArgumentError: a joint of another kind, or not depth-first, or with an armature that is negative, not
-                finite or that of the free base; names it.
+                finite or that of the free base; the error names it.
 
         >>> import pinocchio
         >>> import hingepair as hp
         >>> hp.Mechanism.from_pinocchio(pinocchio.buildSampleModelManipulator()).dof
         6
         """
-        return _mechanism(cls, *building.tree_of_pinocchio(model, base, locked))
+        return _new_mechanism(cls, *building.tree_of_pinocchio(model, base, locked))
 
-    # ---- what it is
+    # ---- properties
 
     @property
     def name(self) -> str:
@@ -148,27 +160,27 @@ class Mechanism(MechanismMethods):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the joints that move by themselves, in the order of q."""
+        """Names of the joints with a coordinate, in the order of q; mimic joints have none."""
         return tuple(joint.name for joint in self.tree.coordinates)
 
     @property
     def dof(self) -> int:
-        """Number of the joints that move by themselves."""
+        """Number of coordinates."""
         return len(self.tree.coordinates)
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Names of the links, the base's first, each after the link that carries it."""
+        """Names of the links, the base first, each after the link that carries it."""
         return tuple(self.tree.links)
 
     @property
     def tips(self) -> tuple[str, ...]:
-        """The last link of every branch, whose motion is computed unless `frames` names others."""
+        """Names of the last links of all branches, whose motion is computed by default."""
         return self.tree.tips
 
     @property
     def position_limits(self) -> Float64Array:
-        """Least and greatest q [rad or m], infinite where there is none; shape (dof, 2)."""
+        """Lower and upper limits of q [rad or m], infinite where there is none; shape (dof, 2)."""
         return self._limits("position_limits", 2)
 
     @property
@@ -183,10 +195,10 @@ class Mechanism(MechanismMethods):
 
     @property
     def armature(self) -> Float64Array:
-        """Inertias of the motors' rotors, by which they add to the diagonal of the mass matrix; shape (dof,).
+        """Inertias of the motors' rotors, which add to the diagonal of the mass matrix; shape (dof,).
 
-        kg m^2 of hinges, kg of sliders, referred to the coordinate by the square of the gear ratio; 0 unless a model
-        of Pinocchio has them.
+        The unit is kg m^2 for hinges and kg for sliders, referred to the coordinate by the square of the gear ratio.
+        They are 0 unless a Pinocchio model has them.
         """
         sums = dict.fromkeys((joint.name for joint in self.tree.coordinates), 0.0)
         for joint in self.tree.joints:
@@ -201,7 +213,7 @@ class Mechanism(MechanismMethods):
         return read_only(np.array(values, dtype=np.float64).reshape(self.dof, *tail))
 
     def __getitem__(self, joint: str) -> HingePair | Slider:
-        """Return a joint that moves as a pair between the frames of the two bodies that it joins.
+        """Return a moving joint as a pair between the frames of the two bodies that it connects.
 
         A body's frame is that of the link behind its joint; its mass properties are in the pair where a rigid body
         can have them. A pair has no armature.
@@ -219,10 +231,10 @@ class Mechanism(MechanismMethods):
     def __iter__(self) -> Any:
         raise TypeError("a Mechanism is no sequence of joints; robot.names are their names")
 
-    # ---- robots made of it
+    # ---- extended copies
 
     def with_payload(self, link: str, body: Body) -> Mechanism:
-        """Return the robot with a further body fixed to a link.
+        """Return a copy of the robot with a further body fixed to a link.
 
         Args:
             link: name of a link, a joint or another frame; the body's reference point and axes are those of it.
@@ -237,12 +249,12 @@ class Mechanism(MechanismMethods):
         >>> hp.Mechanism([hand]).with_payload("hand", hp.Body(3, inertia=(1, 1, 1)))["hand"].body2.mass
         5.0
         """
-        return _mechanism(type(self), building.with_payload(self.tree, self.base, link, body), self.base)
+        return _new_mechanism(type(self), building.with_payload(self.tree, self.base, link, body), self.base)
 
     def with_frame(
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
     ) -> Mechanism:
-        """Return the robot with a further frame, such as that of a tool.
+        """Return a copy of the robot with a further frame, for example that of a tool.
 
         Args:
             name: of the frame; no link, joint or frame has it yet.
@@ -260,10 +272,10 @@ class Mechanism(MechanismMethods):
         [0.0, 0.0, 1.5]
         """
         frame = self.tree.known_frame("link", link)
-        return _mechanism(type(self), building.with_frame(self.tree, name, frame, R, S), self.base)
+        return _new_mechanism(type(self), building.with_frame(self.tree, name, frame, R, S), self.base)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _mechanism, (type(self), self.tree, self.base)
+        return _new_mechanism, (type(self), self.tree, self.base)
 
     def __repr__(self) -> str:
         return f"Mechanism({self.name!r}, dof={self.dof}, links={len(self.links)}, base={self.base!r})"
@@ -275,7 +287,7 @@ class Mechanism(MechanismMethods):
     def _sheet(self) -> Sheet:
         joints = self.tree.joints
         geared = any(joint.armature for joint in joints)
-        rows: list[tuple[str, ...]] = [(*_HEADINGS, _ARMATURE) if geared else _HEADINGS]
+        rows: list[tuple[str, ...]] = [(*_TABLE_HEADINGS, _ARMATURE_HEADING) if geared else _TABLE_HEADINGS]
         for joint in joints:
             rule = joint.mimic
             follows = "" if rule is None else str(records.Mimic(joints[rule.leader - 1].name, *rule[1:]))
@@ -289,7 +301,8 @@ class Mechanism(MechanismMethods):
         return Sheet(title, rows, self.tree.notes)
 
 
-def _mechanism(kind: type[Mechanism], tree: Tree, base: str) -> Mechanism:
-    made = object.__new__(kind)
-    made._set(tree, base)
-    return made
+def _new_mechanism(mechanism_class: type[Mechanism], tree: Tree, base: str) -> Mechanism:
+    """Return a robot with a given tree, without the checks of the constructor."""
+    mechanism = object.__new__(mechanism_class)
+    mechanism._set(tree, base)
+    return mechanism

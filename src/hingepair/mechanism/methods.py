@@ -1,4 +1,4 @@
-"""What a robot is asked: kinematics of its frames, Jacobians, dynamics, energy and momentum."""
+"""Methods of a robot: kinematics of its frames, Jacobians, dynamics, energy and momentum."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.accuracy import error_bounds
-from hingepair.mechanism.arguments import Coordinates, coordinate_columns, read_values, read_wrenches
-from hingepair.mechanism.constants import Constants, constants_of
-from hingepair.mechanism.evaluate import Problem
-from hingepair.mechanism.prepare import ARRAYS, PreparedMechanism, checked_given
+from hingepair.mechanism.arguments import Coordinates, coordinate_columns, read_arguments, read_wrenches
+from hingepair.mechanism.constants import RobotConstants, robot_constants
+from hingepair.mechanism.evaluate import RobotComputation
+from hingepair.mechanism.prepare import SINGLE_ARRAY_OUTPUTS, PreparedMechanism, checked_given
 from hingepair.mechanism.states import (
     JointResults,
     MechanismAccelerations,
     MechanismForces,
     MechanismState,
-    joint_results_of,
-    state_of,
+    joint_results_class,
+    mechanism_state_class,
 )
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant
@@ -39,21 +39,27 @@ from hingepair.plans.trees import inputs_of
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
 
-_LEVELS = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
-_LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")
-_OF_ONE_FRAME: Final = ("jacobian", "acceleration_bias")
-_MOTION = tuple(name for level in _LEVELS for name in level)
-_FORCES = ("tau", "force1", "torque1")
-_RESULTS: Final[Mapping[str, type[JointResults]]] = {
-    **dict.fromkeys(_FORCES, MechanismForces),
+# Outputs of motion at the levels of pose, velocity and acceleration.
+_OUTPUTS_BY_LEVEL = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
+_LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")  # as `prepare` takes them
+_ONE_FRAME_OUTPUTS: Final = ("jacobian", "acceleration_bias")  # which are computed for a single frame
+_MOTION_OUTPUTS = tuple(name for level in _OUTPUTS_BY_LEVEL for name in level)  # of all levels
+_FORCE_OUTPUTS = ("tau", "force1", "torque1")  # of inverse dynamics
+_RESULT_CLASSES: Final[Mapping[str, type[JointResults]]] = {
+    **dict.fromkeys(_FORCE_OUTPUTS, MechanismForces),
     **dict.fromkeys(("qdd", "a1", "alpha1"), MechanismAccelerations),
 }
-"""What is returned, by the first output; of motion a MechanismState."""
-_ALONE: Final = (*ARRAYS, "centre_of_mass", "centre_of_mass_jacobian", "centre_of_mass_bias")
-"""The outputs that are returned themselves, as arrays, where nothing else is computed."""
-_BOUNDED: Final = (
-    *_FORCES,
-    *_ALONE,
+"""Classes of the results, by the first output; results of motion are a MechanismState."""
+_UNWRAPPED_OUTPUTS: Final = (
+    *SINGLE_ARRAY_OUTPUTS,
+    "centre_of_mass",
+    "centre_of_mass_jacobian",
+    "centre_of_mass_bias",
+)
+"""Outputs that are returned as bare arrays if they are the only output."""
+_BOUNDED_OUTPUTS: Final = (
+    *_FORCE_OUTPUTS,
+    *_UNWRAPPED_OUTPUTS,
     "qdd",
     "kinetic",
     "potential",
@@ -61,32 +67,32 @@ _BOUNDED: Final = (
     "angular_about_origin",
     "angular_about_centre",
 )
-"""The outputs beside motion whose rounding errors `error_bounds` bounds, on any base."""
+"""Outputs besides motion whose rounding errors `error_bounds` bounds, for any base."""
 
 
 class MechanismMethods(Shown):
-    """What a robot is asked; `Mechanism` derives from it and holds the robot.
+    """Methods of a robot: kinematics, dynamics, energy and momentum; `Mechanism` derives from this class.
 
     Attributes:
-        tree: the robot's record.
-        base: "fixed" where the base is held, or moves as it is given; "free" where forces move it.
+        tree: record of the robot.
+        base: "fixed": the base is held, or moves as given; "free": forces move the base.
     """
 
-    __slots__ = ("_constants_made",)
+    __slots__ = ("_cached_constants",)
 
     tree: Tree
     base: str
-    _constants_made: Constants
+    _cached_constants: RobotConstants
 
     @property
-    def _constants(self) -> Constants:
-        """The constants of the robot's programs, made when they are first needed."""
+    def _constants(self) -> RobotConstants:
+        """Constants of the robot's programs, computed at first access."""
         try:
-            found = self._constants_made
+            constants = self._cached_constants
         except AttributeError:
-            found = constants_of(self.tree, self.base == "free")
-            object.__setattr__(self, "_constants_made", found)
-        return found
+            constants = robot_constants(self.tree, self.base == "free")
+            object.__setattr__(self, "_cached_constants", constants)
+        return constants
 
     # ---- kinematics
 
@@ -113,19 +119,19 @@ class MechanismMethods(Shown):
             qdd: their second time derivatives.
             frames: names of links, joints or added frames; unless given, only `robot.tips`, the last link of every
                 branch. Where a joint and a link share a name, it is the link's frame.
-            outputs: names out of R, S, d, v, omega, a, alpha: exactly these are computed. Unless given, all that the
+            outputs: names out of R, S, d, v, omega, a, alpha: exactly these are computed; by default all that the
                 inputs allow.
-            base_motion: where the base is and how it moves.
+            base_motion: pose and motion of the base.
             out: arrays by output name, written in place; shape (..., frames, 3), of S (..., frames, 3, 3).
-            workers: threads; -1 for one on every core.
-            backend: "numpy", "compiled", or "auto": compiled where it pays.
+            workers: number of threads; -1 for all cores.
+            backend: "numpy", "compiled", or "auto", which compiles where that pays.
 
         Returns:
-            The motions: `state["panda_hand"].R` of one frame, `state.R` of all, with an axis of frames. float32 where
-            all arrays given are float32, else float64.
+            The motions: `state["panda_hand"].R` for one frame, `state.R` for all frames, with an axis of frames. The
+            dtype is float32 if all given arrays are float32, else float64.
 
         Raises:
-            ArgumentError: an argument cannot be used; names it, and the joint.
+            ArgumentError: an argument cannot be used; the error names it and the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -137,11 +143,11 @@ class MechanismMethods(Shown):
         if qdd is not None and qd is None:
             raise ArgumentError("qd", "the first derivatives beside the second", None)
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
-        names = self._outputs(outputs, len(coordinates) - 1, out)
-        problem = self._problem(names, self._frames("frames", frames))
-        self._require(problem, coordinates, names)
-        found: MechanismState = self._run(problem, coordinates or {"q": q}, base_motion, out, workers, backend)
-        return found
+        names = self._requested_outputs(outputs, len(coordinates) - 1, out)
+        computation = self._computation(names, self._named_frames("frames", frames))
+        self._check_needed_inputs(computation, coordinates, names)
+        result: MechanismState = self._run(computation, coordinates or {"q": q}, base_motion, out, workers, backend)
+        return result
 
     def jacobian(
         self,
@@ -155,14 +161,14 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the Jacobian of a frame: (v, omega) = J @ qd of its origin, world axes (E2, E8).
 
-        That is Pinocchio's LOCAL_WORLD_ALIGNED. Of a base that is free, (v, omega) = J @ (v1, omega1, qd).
+        This is Pinocchio's LOCAL_WORLD_ALIGNED. For a free base, (v, omega) = J @ (v1, omega1, qd).
 
         Args:
             q: coordinates.
             frame: name of a link, a joint or an added frame; may be left out where the robot has one branch.
-            base_motion: of it, S is used.
-            out: an array to write into; shape (..., 6, dof), of a free base (..., 6, 6 + dof).
-            workers: threads; -1 for one on every core.
+            base_motion: motion of the base, of which S is used.
+            out: an array to write into; shape (..., 6, dof), for a free base (..., 6, 6 + dof).
+            workers: number of threads; -1 for all cores.
             backend: as for `forward_kinematics`.
 
         >>> import numpy as np
@@ -170,8 +176,8 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").jacobian(np.zeros(6), "tool0").shape
         (6, 6)
         """
-        problem = self._problem(("jacobian",), self._frames("frame", self._one_frame(frame)))
-        return self._array(problem, {"q": q}, base_motion, out, workers, backend)
+        computation = self._computation(("jacobian",), self._named_frames("frame", self._single_frame_name(frame)))
+        return self._run_array(computation, {"q": q}, base_motion, out, workers, backend)
 
     def acceleration_bias(
         self,
@@ -184,18 +190,20 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute what velocities alone give a frame: (a, alpha) = J @ qdd + bias, world axes (E9).
+        """Compute the part of a frame's acceleration that velocities cause: (a, alpha) = J @ qdd + bias (E9).
 
-        Of a base that is free, (a, alpha) = J @ (a1, alpha1, qdd) + bias; a base that moves as it is given counts in
-        the bias. Arguments are those of `jacobian`; shape (..., 6).
+        All vectors are in world axes; shape (..., 6). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias; the
+        given motion of a fixed base counts in the bias. The arguments are those of `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
         >>> hp.load_robot("ur5_robot").acceleration_bias(np.zeros(6), np.zeros(6), "tool0").tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
-        problem = self._problem(("acceleration_bias",), self._frames("frame", self._one_frame(frame)))
-        return self._array(problem, {"q": q, "qd": qd}, base_motion, out, workers, backend)
+        computation = self._computation(
+            ("acceleration_bias",), self._named_frames("frame", self._single_frame_name(frame))
+        )
+        return self._run_array(computation, {"q": q, "qd": qd}, base_motion, out, workers, backend)
 
     def error_bounds(
         self,
@@ -211,11 +219,11 @@ class MechanismMethods(Shown):
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0,
     ) -> dict[str, Float64Array]:
-        """Bound how far rounding can have taken each output from the exact result, at every sample.
+        """Bound the rounding error of each output at every sample.
 
-        Exact is what the equations say of the coordinates and of the robot's joints and bodies as `tree` has them.
-        The bounds are rigorous, of either backend, as far as sines and cosines are right to 1.5 units in the last
-        place.
+        The error is the difference from the exact result of the equations for the given coordinates and the joints
+        and bodies of `tree`. The bounds are rigorous for both backends if sines and cosines are accurate to 1.5 units
+        in the last place.
 
         Args:
             q: coordinates.
@@ -226,11 +234,11 @@ class MechanismMethods(Shown):
                 torque1, mass_matrix, bias_forces, gravity_forces; qdd of `forward_dynamics`, and of a free base a1
                 and alpha1; centre_of_mass, centre_of_mass_jacobian, centre_of_mass_bias, kinetic, potential, linear,
                 angular_about_origin, angular_about_centre. Unless given, all motion that the inputs allow.
-            base_motion: where the base is and how it moves.
+            base_motion: pose and motion of the base.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            tau: what acts along the coordinates, for accelerations; in the forms of q.
-            force1: what acts on a free base at R1, for accelerations; as for `forward_dynamics`.
-            torque1: what acts on it about R1.
+            tau: joint torques and forces, for accelerations; in the forms of q.
+            force1: force on a free base at R1, for accelerations; as for `forward_dynamics`.
+            torque1: torque on a free base about R1.
 
         Returns:
             By output, the bound on the error of its largest component, in the output's unit; of motion one for each
@@ -251,14 +259,16 @@ class MechanismMethods(Shown):
             options = {"frames": frames, "outputs": outputs, "gravity": gravity}
             loads = {name: value for name, (value, _) in acting.items()}
             arguments = {**coordinates, **loads, "base_motion": base_motion, **options}
-            return over_chunks(self.error_bounds, arguments, tails, self._columns)
-        known = (*_MOTION, *_BOUNDED, *(("a1", "alpha1") if self.base == "free" else ()))
+            return over_chunks(self.error_bounds, arguments, tails, self._table_columns)
+        known = (*_MOTION_OUTPUTS, *_BOUNDED_OUTPUTS, *(("a1", "alpha1") if self.base == "free" else ()))
         level = sum(name in coordinates for name in ("qd", "qdd"))
-        names = self._outputs(outputs, level, None, known)
-        problem = self._problem(names, self._frames("frames", frames))
-        self._require(problem, coordinates, names)
-        values = read_values(self._constants.names, coordinates or {"q": q}, base_motion, problem.inputs, acting)
-        return error_bounds(problem, values, _gravity(gravity))
+        names = self._requested_outputs(outputs, level, None, known)
+        computation = self._computation(names, self._named_frames("frames", frames))
+        self._check_needed_inputs(computation, coordinates, names)
+        values = read_arguments(
+            self._constants.names, coordinates or {"q": q}, base_motion, computation.inputs, acting
+        )
+        return error_bounds(computation, values, _checked_gravity(gravity))
 
     # ---- dynamics
 
@@ -276,26 +286,26 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismForces:
-        """Compute what must act for the robot to move as it does (T1-T3).
+        """Compute the torques and forces that a motion of the robot requires (T1-T3).
 
         Args:
             q: coordinates.
             qd: their time derivatives.
             qdd: their second time derivatives.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            wrenches: what else acts on links: (force, torque) by link, world axes, at the link's origin.
-            base_motion: of it, S, omega, a and alpha are used.
-            outputs: names out of tau, force1, torque1: exactly these are computed; all unless given.
+            wrenches: further loads on links: (force, torque) by link, world axes, at the link's origin.
+            base_motion: motion of the base, of which S, omega, a and alpha are used.
+            outputs: names out of tau, force1, torque1: exactly these are computed; by default all.
             out: arrays by output name, written in place.
-            workers: threads; -1 for one on every core.
+            workers: number of threads; -1 for all cores.
             backend: as for `forward_kinematics`.
 
         Returns:
-            tau (..., dof), N m of hinges and N of sliders; what must act on the base about R1, force1 [N] and torque1
-            [N m]: of a fixed base its reaction, in which the base's own mass does not count.
+            tau (..., dof) [N m for hinges, N for sliders]; and force1 [N] and torque1 [N m] on the base about R1,
+            which are the reaction of a fixed base, without the base's own mass.
 
         Raises:
-            ArgumentError: an argument cannot be used; names it, and the joint.
+            ArgumentError: an argument cannot be used; the error names it and the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -304,11 +314,13 @@ class MechanismMethods(Shown):
         (6,)
         """
         coordinates = {"q": q, "qd": qd, "qdd": qdd}
-        names = _names(outputs, out, _FORCES)
-        acting, frames = self._wrenches(wrenches)
-        problem = self._problem(names, frames, len(acting) // 2)
-        found: MechanismForces = self._run(problem, coordinates, base_motion, out, workers, backend, gravity, acting)
-        return found
+        names = _checked_outputs(outputs, out, _FORCE_OUTPUTS)
+        acting, frames = self._wrench_inputs(wrenches)
+        computation = self._computation(names, frames, len(acting) // 2)
+        result: MechanismForces = self._run(
+            computation, coordinates, base_motion, out, workers, backend, gravity, acting
+        )
+        return result
 
     def forward_dynamics(
         self,
@@ -326,28 +338,28 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismAccelerations:
-        """Compute how the robot moves under what acts on it (T5, T6).
+        """Compute the accelerations of the robot under given torques and forces (T5, T6).
 
         Args:
             q: coordinates.
             qd: their time derivatives.
-            tau: what acts along them: N m of hinges, N of sliders; in the forms of q.
+            tau: joint torques [N m] of hinges and forces [N] of sliders; in the forms of q.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            wrenches: what else acts on links: (force, torque) by link, world axes, at the link's origin.
-            force1: on a free base at R1, world axes [N]; shape (..., 3), or the number 0.
-            torque1: on a free base about R1, world axes [N m].
-            base_motion: of it, S and omega are used; of a fixed base also a and alpha.
-            outputs: names out of qdd, and of a free base a1, alpha1: exactly these are computed; all unless given.
+            wrenches: further loads on links: (force, torque) by link, world axes, at the link's origin.
+            force1: force on a free base at R1, world axes [N]; shape (..., 3), or the number 0.
+            torque1: torque on a free base about R1, world axes [N m]; shape (..., 3), or the number 0.
+            base_motion: motion of the base, of which S and omega are used; for a fixed base also a and alpha.
+            outputs: names out of qdd, and of a free base a1, alpha1: exactly these are computed; by default all.
             out: arrays by output name, written in place.
-            workers: threads; -1 for one on every core.
+            workers: number of threads; -1 for all cores.
             backend: as for `forward_kinematics`.
 
         Returns:
-            qdd (..., dof); of a free base also a1 and alpha1 (..., 3). NaN at samples where the mass matrix is
-            singular, with a DynamicsWarning that names a joint that nothing resists.
+            qdd (..., dof); for a free base also a1 and alpha1 (..., 3). Samples with a singular mass matrix are NaN,
+            with a DynamicsWarning that names a joint that no inertia resists.
 
         Raises:
-            ArgumentError: an argument cannot be used; names it, and the joint.
+            ArgumentError: an argument cannot be used; the error names it and the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -355,16 +367,16 @@ class MechanismMethods(Shown):
         >>> robot.forward_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).qdd.shape
         (6,)
         """
-        names = _names(outputs, out, ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",))
-        acting, frames = self._wrenches(wrenches)
+        names = _checked_outputs(outputs, out, ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",))
+        acting, frames = self._wrench_inputs(wrenches)
         acting |= self._loads_on_base(force1, torque1)
         coordinates = {"q": q, "qd": qd, "tau": tau}
-        problem = self._problem(names, frames, len(frames))
-        found: MechanismAccelerations = self._run(
-            problem, coordinates, base_motion, out, workers, backend, gravity, acting
+        computation = self._computation(names, frames, len(frames))
+        result: MechanismAccelerations = self._run(
+            computation, coordinates, base_motion, out, workers, backend, gravity, acting
         )
-        self._warn_where_singular(found, q, base_motion)
-        return found
+        self._warn_where_singular(result, q, base_motion)
+        return result
 
     def mass_matrix(
         self,
@@ -386,7 +398,7 @@ class MechanismMethods(Shown):
         >>> M.shape, bool((M == M.T).all())
         ((6, 6), True)
         """
-        return self._array(self._problem(("mass_matrix",)), {"q": q}, base_motion, out, workers, backend)
+        return self._run_array(self._computation(("mass_matrix",)), {"q": q}, base_motion, out, workers, backend)
 
     def bias_forces(
         self,
@@ -399,7 +411,7 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute what acts where the second derivatives are none: the bias of `mass_matrix` (T1-T3).
+        """Compute the forces at zero acceleration, the bias of `mass_matrix` (T1-T3).
 
         Shape (..., dof), of a free base (..., 6 + dof). Of base_motion, S and omega are used, of a fixed base also a
         and alpha; the other arguments are those of `jacobian`.
@@ -410,8 +422,8 @@ class MechanismMethods(Shown):
         >>> robot.bias_forces(np.zeros(6), np.zeros(6)).shape
         (6,)
         """
-        problem = self._problem(("bias_forces",))
-        return self._array(problem, {"q": q, "qd": qd}, base_motion, out, workers, backend, gravity)
+        computation = self._computation(("bias_forces",))
+        return self._run_array(computation, {"q": q, "qd": qd}, base_motion, out, workers, backend, gravity)
 
     def gravity_forces(
         self,
@@ -423,7 +435,7 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute what holds the robot still against gravity (T1-T3).
+        """Compute the forces that hold the robot at rest against gravity (T1-T3).
 
         Shape (..., dof), of a free base (..., 6 + dof). Of base_motion, S is used; the other arguments are those of
         `jacobian`.
@@ -433,7 +445,9 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").gravity_forces(np.zeros(6)).shape
         (6,)
         """
-        return self._array(self._problem(("gravity_forces",)), {"q": q}, base_motion, out, workers, backend, gravity)
+        return self._run_array(
+            self._computation(("gravity_forces",)), {"q": q}, base_motion, out, workers, backend, gravity
+        )
 
     def centre_of_mass(
         self,
@@ -444,7 +458,7 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the centre of mass, world axes [m]; shape (..., 3). A fixed base's own mass does not count.
+        """Compute the centre of mass, world axes [m]; shape (..., 3). The mass of a fixed base does not count.
 
         Of base_motion, R and S are used; the other arguments are those of `jacobian`. A body's own centre of mass is
         `Body.center_of_mass`.
@@ -454,7 +468,7 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass(np.zeros(6)).shape
         (3,)
         """
-        return self._array(self._problem(("centre_of_mass",)), {"q": q}, base_motion, out, workers, backend)
+        return self._run_array(self._computation(("centre_of_mass",)), {"q": q}, base_motion, out, workers, backend)
 
     def centre_of_mass_jacobian(
         self,
@@ -475,8 +489,8 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass_jacobian(np.zeros(6)).shape
         (3, 6)
         """
-        problem = self._problem(("centre_of_mass_jacobian",))
-        return self._array(problem, {"q": q}, base_motion, out, workers, backend)
+        computation = self._computation(("centre_of_mass_jacobian",))
+        return self._run_array(computation, {"q": q}, base_motion, out, workers, backend)
 
     def centre_of_mass_bias(
         self,
@@ -488,7 +502,7 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute what velocities alone give the centre of mass: its acceleration is J @ qdd + bias; shape (..., 3).
+        """Compute the bias of the centre of mass: its acceleration is J @ qdd + bias; shape (..., 3).
 
         Arguments are those of `acceleration_bias`, without a frame.
 
@@ -497,8 +511,8 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass_bias(np.zeros(6), np.zeros(6)).shape
         (3,)
         """
-        problem = self._problem(("centre_of_mass_bias",))
-        return self._array(problem, {"q": q, "qd": qd}, base_motion, out, workers, backend)
+        computation = self._computation(("centre_of_mass_bias",))
+        return self._run_array(computation, {"q": q, "qd": qd}, base_motion, out, workers, backend)
 
     def energy(
         self,
@@ -510,7 +524,7 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Energy:
-        """Compute kinetic and potential energy [J], the latter zero at the world's origin; shape (...) each (T7).
+        """Compute kinetic and potential energy [J]; the latter is 0 at the world's origin; shape (...) each (T7).
 
         A fixed base's own mass does not count; rotors count in the kinetic energy. Of base_motion, R, S, v and omega
         are used.
@@ -520,8 +534,8 @@ class MechanismMethods(Shown):
         >>> float(hp.load_robot("ur5_robot").energy(np.zeros(6), np.zeros(6)).kinetic)
         0.0
         """
-        problem = self._problem(("kinetic", "potential"))
-        state = self._run(problem, {"q": q, "qd": qd}, base_motion, None, workers, backend, gravity)
+        computation = self._computation(("kinetic", "potential"))
+        state = self._run(computation, {"q": q, "qd": qd}, base_motion, None, workers, backend, gravity)
         return Energy(state["kinetic"], state["potential"])
 
     def momentum(
@@ -546,8 +560,8 @@ class MechanismMethods(Shown):
         """
         check_choice("about", about, ("origin", "centre"))
         angular = f"angular_about_{about}"
-        problem = self._problem(("linear", angular))
-        state = self._run(problem, {"q": q, "qd": qd}, base_motion, None, workers, backend)
+        computation = self._computation(("linear", angular))
+        state = self._run(computation, {"q": q, "qd": qd}, base_motion, None, workers, backend)
         return Momentum(state["linear"], state[angular])
 
     def prepare(
@@ -560,7 +574,7 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PreparedMechanism:
-        """Plan, check and compile once, for loops over single states or small batches.
+        """Plan, check and compile a call once, for loops over single states or small batches.
 
         Args:
             given: what is computed: "pose", "velocity" or "acceleration" of frames, "jacobian" or
@@ -573,7 +587,7 @@ class MechanismMethods(Shown):
             frames: as for `forward_kinematics`.
             outputs: names of what is computed, unless all that `given` says.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            workers: threads; -1 for one on every core.
+            workers: number of threads; -1 for all cores.
             backend: "auto" and "compiled" compile here and now; "numpy" never does.
 
         Returns:
@@ -582,7 +596,7 @@ class MechanismMethods(Shown):
             printing it says in words.
 
         Raises:
-            ArgumentError: an unknown name, or an output that needs more than is given; names it.
+            ArgumentError: an unknown name, or an output that needs more than is given; the error names it.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -592,20 +606,22 @@ class MechanismMethods(Shown):
         """
         names = checked_given(given)
         wanted = self._prepared_outputs(given, names, outputs)
-        framed = any(name in (*_MOTION, *_OF_ONE_FRAME) for name in wanted)
-        chosen = self._frames("frames", frames) if framed else {}
-        if len(chosen) != 1 and any(name in _OF_ONE_FRAME for name in wanted):
+        framed = any(name in (*_MOTION_OUTPUTS, *_ONE_FRAME_OUTPUTS) for name in wanted)
+        chosen = self._named_frames("frames", frames) if framed else {}
+        if len(chosen) != 1 and any(name in _ONE_FRAME_OUTPUTS for name in wanted):
             raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
-        problem = self._problem(wanted, chosen)
-        names = checked_given(names, problem.inputs)
-        if problem.weighs:
-            self._say_doubts()
+        computation = self._computation(wanted, chosen)
+        names = checked_given(names, computation.inputs)
+        if computation.needs_masses:
+            self._warn_of_masses()
         remade = functools.partial(
             self.prepare, names, frames=tuple(chosen) or None, outputs=wanted, gravity=gravity, workers=workers,
             backend=backend,
         )  # fmt: skip
         joints = self._constants.names
-        return PreparedMechanism(problem, joints, names, _gravity(gravity), execution_of(backend, workers), remade)
+        return PreparedMechanism(
+            computation, joints, names, _checked_gravity(gravity), execution_of(backend, workers), remade
+        )
 
     def count_operations(
         self,
@@ -614,7 +630,7 @@ class MechanismMethods(Shown):
         frames: str | Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
     ) -> OperationCounts:
-        """Count the operations that these arguments take for each sample, and those with nothing known beforehand.
+        """Count the operations for each sample, with these arguments and without known inputs.
 
         Numbers among the coordinates by joint are known constants; what follows from them is left out, or computed
         once for all samples.
@@ -623,7 +639,7 @@ class MechanismMethods(Shown):
             coordinates: q, q and qd, or q, qd and qdd.
             outputs: those of `forward_kinematics`, or of `inverse_dynamics`.
             frames: as for `forward_kinematics`.
-            base_motion: where the base is and how it moves.
+            base_motion: pose and motion of the base.
 
         Returns:
             `.per_sample` for each sample, `.shared` once for all samples, `.unfolded` where no input is known
@@ -639,33 +655,38 @@ class MechanismMethods(Shown):
         """
         named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
         names = tuple(outputs)
-        moving = names and names[0] in _MOTION
-        problem = self._problem(names, self._frames("frames", frames) if moving else None)
-        self._require(problem, named, names)
-        values = read_values(self._constants.names, named, base_motion, problem.inputs, {})
-        return problem.count_operations(values.parts)
+        moving = names and names[0] in _MOTION_OUTPUTS
+        computation = self._computation(names, self._named_frames("frames", frames) if moving else None)
+        self._check_needed_inputs(computation, named, names)
+        values = read_arguments(self._constants.names, named, base_motion, computation.inputs, {})
+        return computation.count_operations(values.parts)
 
     def _prepared_outputs(
         self, given: str | Iterable[str], names: tuple[str, ...], outputs: Iterable[str] | None
     ) -> tuple[str, ...]:
-        """Return what a prepared call computes."""
+        """Return the names of the outputs that a prepared call computes."""
         moves = ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",)
         if isinstance(given, str):
-            own: dict[str, tuple[str, ...]] = {"inverse_dynamics": _FORCES, "forward_dynamics": moves}
+            own: dict[str, tuple[str, ...]] = {"inverse_dynamics": _FORCE_OUTPUTS, "forward_dynamics": moves}
             known = own.get(given, (given,))
         else:
-            forces = (*_FORCES, *moves) if {"tau", "qdd"} & {*names} else ()
+            forces = (*_FORCE_OUTPUTS, *moves) if {"tau", "qdd"} & {*names} else ()
             known = tuple(name for name in forces if name not in names)
         if given in _LEVEL_NAMES or not isinstance(given, str):
             level = sum(name in names for name in ("qd", "qdd"))
-            default = tuple(name for own in _LEVELS[: level + 1] for name in own)
-            return _names(outputs, None, (*_MOTION, *known, *(() if isinstance(given, str) else ARRAYS)), default)
-        return _names(outputs, None, known)
+            default = tuple(name for own in _OUTPUTS_BY_LEVEL[: level + 1] for name in own)
+            return _checked_outputs(
+                outputs,
+                None,
+                (*_MOTION_OUTPUTS, *known, *(() if isinstance(given, str) else SINGLE_ARRAY_OUTPUTS)),
+                default,
+            )
+        return _checked_outputs(outputs, None, known)
 
-    # ---- within
+    # ---- internal
 
-    def _frames(self, name: str, frames: str | Iterable[str] | None) -> dict[str, Frame]:
-        """Return frames by name.
+    def _named_frames(self, name: str, frames: str | Iterable[str] | None) -> dict[str, Frame]:
+        """Check names of frames, and return the frames by name; by default those of `tree.tips`.
 
         Raises:
             ArgumentError: there is no such frame, or none is named.
@@ -676,9 +697,9 @@ class MechanismMethods(Shown):
             names = ()
         if not names:
             raise ArgumentError(name, "names of links or joints", quoted(frames))
-        return {one: self._frame(name, one) for one in names}
+        return {one: self._named_frame(name, one) for one in names}
 
-    def _frame(self, argument: str, name: Any) -> Frame:
+    def _named_frame(self, argument: str, name: Any) -> Frame:
         """Return the frame of a link, a joint or a further frame.
 
         Raises:
@@ -690,7 +711,7 @@ class MechanismMethods(Shown):
             raise ArgumentError(argument, expected, quoted(name))
         return frame
 
-    def _one_frame(self, frame: str | None) -> str:
+    def _single_frame_name(self, frame: str | None) -> str:
         if frame is None:
             if len(self.tree.tips) != 1:
                 raise ArgumentError(
@@ -701,45 +722,49 @@ class MechanismMethods(Shown):
             raise ArgumentError("frame", "the name of a link or joint", quoted(frame))
         return frame
 
-    def _outputs(
-        self, outputs: Iterable[str] | None, level: int, out: Out, known: tuple[str, ...] = _MOTION
+    def _requested_outputs(
+        self, outputs: Iterable[str] | None, level: int, out: Out, known: tuple[str, ...] = _MOTION_OUTPUTS
     ) -> tuple[str, ...]:
-        default = tuple(name for names in _LEVELS[: level + 1] for name in names)
-        return _names(outputs, out, known, default)
+        default = tuple(name for names in _OUTPUTS_BY_LEVEL[: level + 1] for name in names)
+        return _checked_outputs(outputs, out, known, default)
 
-    def _problem(
+    def _computation(
         self, outputs: tuple[str, ...], frames: Mapping[str, Frame] | None = None, loaded: int = 0
-    ) -> Problem:
-        """Return the problem of these outputs, made once for each robot."""
+    ) -> RobotComputation:
+        """Return the cached computation of these outputs of the robot."""
         names = tuple(frames or ())
         key = outputs, names, loaded
-        found: Problem | None = self._constants.prepared.get(key)
-        if found is None:
+        result: RobotComputation | None = self._constants.cache.get(key)
+        if result is None:
             kind: type[Results] | None = Results
-            if outputs[0] in _RESULTS:
-                kind = joint_results_of(_RESULTS[outputs[0]], self._constants.names)  # type: ignore[arg-type]
-            elif outputs[0] in _MOTION:
-                kind = state_of(names, self.tree.frame_names)
-            elif len(outputs) == 1 and outputs[0] in _ALONE:
+            if outputs[0] in _RESULT_CLASSES:
+                kind = joint_results_class(_RESULT_CLASSES[outputs[0]], self._constants.names)  # type: ignore[arg-type]
+            elif outputs[0] in _MOTION_OUTPUTS:
+                kind = mechanism_state_class(names, self.tree.frame_names)
+            elif len(outputs) == 1 and outputs[0] in _UNWRAPPED_OUTPUTS:
                 kind = None
             bodies = tuple((frames or {}).values())
-            found = Problem(self._constants, outputs, self.base == "free", bodies, tuple(range(loaded)), kind)
-            self._constants.prepared[key] = found
-        return found
+            result = RobotComputation(
+                self._constants, outputs, self.base == "free", bodies, tuple(range(loaded)), kind
+            )
+            self._constants.cache[key] = result
+        return result
 
-    def _require(self, problem: Problem, coordinates: Mapping[str, Any], outputs: tuple[str, ...]) -> None:
-        """Refuse outputs that need derivatives or efforts that were not given."""
+    def _check_needed_inputs(
+        self, computation: RobotComputation, coordinates: Mapping[str, Any], outputs: tuple[str, ...]
+    ) -> None:
+        """Raise an error for outputs that need derivatives or efforts which were not given."""
         for name in ("q", "qd", "qdd", "tau"):
-            if name in problem.inputs and name not in coordinates:
+            if name in computation.inputs and name not in coordinates:
                 needs = [
                     one
                     for one in outputs
-                    if name in inputs_of(problem.form, problem.request._replace(outputs=(one,)))
+                    if name in inputs_of(computation.form, computation.request._replace(outputs=(one,)))
                 ]
                 raise ArgumentError(name, f"values of the joints, since output {needs[0]} needs them", None)
 
-    def _wrenches(self, wrenches: Wrenches) -> tuple[dict[str, tuple[Any, str]], dict[str, Frame]]:
-        """Return forces and torques by input name, with their names for messages, and the links' frames."""
+    def _wrench_inputs(self, wrenches: Wrenches) -> tuple[dict[str, tuple[Any, str]], dict[str, Frame]]:
+        """Return wrenches as inputs by name, with their names for messages, and the frames of their links."""
         by_link = read_wrenches(wrenches, self.tree.links)
         acting = {
             f"{kind}_{k}": (part, f"wrenches[{link!r}][{place}]")
@@ -749,7 +774,7 @@ class MechanismMethods(Shown):
         return acting, {link: self.tree.links[link] for link in by_link}
 
     def _loads_on_base(self, force1: ArrayLike, torque1: ArrayLike) -> dict[str, tuple[Any, str]]:
-        """Return what acts on a free base by input name, with its name for messages; nothing where it is 0.
+        """Return the loads on a free base by input name, with their names for messages; loads of 0 are left out.
 
         Raises:
             ArgumentError: the base is fixed.
@@ -765,7 +790,7 @@ class MechanismMethods(Shown):
 
     def _run(
         self,
-        problem: Problem,
+        computation: RobotComputation,
         coordinates: Mapping[str, Any],
         base_motion: BodyMotion | None,
         out: Out,
@@ -774,27 +799,29 @@ class MechanismMethods(Shown):
         gravity: ArrayLike = GRAVITY,
         acting: Mapping[str, tuple[Any, str]] | None = None,
     ) -> Any:
-        """Return the outputs of a problem at all samples."""
-        execution, fall = execution_of(backend, workers), _gravity(gravity)
-        if problem.weighs:
-            self._say_doubts()
+        """Return the outputs of a computation at all samples, by the fast path where possible."""
+        execution, gravity_vector = execution_of(backend, workers), _checked_gravity(gravity)
+        if computation.needs_masses:
+            self._warn_of_masses()
         if base_motion is None and not acting and execution.workers == 1:
-            call = problem.call(tuple(coordinates), fall, backend)
+            call = computation.call(tuple(coordinates), gravity_vector, backend)
             if out is None:
-                found = call.fast_path(*coordinates.values())
+                result = call.fast_path(*coordinates.values())
             else:
                 known = type(out) is dict and out.keys() <= {*call.outputs}
-                found = call.run_into(tuple(coordinates.values()), out) if known else None
-            if found is not None:
-                return found
+                result = call.run_into(tuple(coordinates.values()), out) if known else None
+            if result is not None:
+                return result
         if holds_dask(coordinates, base_motion, acting):
-            return self._lazily(problem, coordinates, base_motion, out, workers, backend, fall, acting or {})
-        values = read_values(self._constants.names, coordinates, base_motion, problem.inputs, acting or {})
-        return problem.run(values, fall, out, execution)
+            return self._run_lazily(
+                computation, coordinates, base_motion, out, workers, backend, gravity_vector, acting or {}
+            )
+        values = read_arguments(self._constants.names, coordinates, base_motion, computation.inputs, acting or {})
+        return computation.run(values, gravity_vector, out, execution)
 
-    def _lazily(
+    def _run_lazily(
         self,
-        problem: Problem,
+        computation: RobotComputation,
         coordinates: Mapping[str, Any],
         base_motion: BodyMotion | None,
         out: Out,
@@ -803,8 +830,8 @@ class MechanismMethods(Shown):
         gravity: ArrayLike,
         acting: Mapping[str, tuple[Any, str]],
     ) -> Any:
-        """Return the outputs of a problem for arguments among which there are Dask arrays; nothing is computed."""
-        tails = {**dict.fromkeys(coordinates, (problem.form.dof,)), "base_motion": SAMPLE_SHAPES}
+        """Return the outputs for arguments with Dask arrays, as Dask arrays; nothing is computed."""
+        tails = {**dict.fromkeys(coordinates, (computation.form.dof,)), "base_motion": SAMPLE_SHAPES}
         tails |= dict.fromkeys(acting, (3,))
         labels = {name: label for name, (_, label) in acting.items()}
         arguments = {
@@ -812,9 +839,11 @@ class MechanismMethods(Shown):
             "base_motion": base_motion,
             **{name: value for name, (value, _) in acting.items()},
         }
-        (key,) = (key for key, own in self._constants.prepared.items() if own is problem)
+        (key,) = (key for key, own in self._constants.cache.items() if own is computation)
         options = {"out": out, "workers": workers, "backend": backend, "gravity": gravity}
-        return over_chunks(functools.partial(self._run_chunk, key, labels), arguments | options, tails, self._columns)
+        return over_chunks(
+            functools.partial(self._run_chunk, key, labels), arguments | options, tails, self._table_columns
+        )
 
     def _run_chunk(
         self,
@@ -828,19 +857,19 @@ class MechanismMethods(Shown):
         gravity: ArrayLike,
         **values: Any,
     ) -> Any:
-        """Return the outputs of a problem in one chunk."""
+        """Return the outputs of a computation for one chunk of Dask arrays."""
         outputs, frames, loaded = key
-        problem = self._problem(outputs, {name: self._frame("frames", name) for name in frames}, loaded)
+        computation = self._computation(outputs, {name: self._named_frame("frames", name) for name in frames}, loaded)
         acting = {name: (values.pop(name), label) for name, label in labels.items()}
-        return self._run(problem, values, base_motion, out, workers, backend, gravity, acting)
+        return self._run(computation, values, base_motion, out, workers, backend, gravity, acting)
 
-    def _columns(self, name: str, table: Any) -> tuple[str, ...]:
-        """Return the names of a table's columns that are coordinates, or their derivatives, in order."""
+    def _table_columns(self, name: str, table: Any) -> tuple[str, ...]:
+        """Return the names of a table's columns of coordinates or derivatives, in the order of q."""
         return tuple(coordinate_columns(name, table, self._constants.names))
 
-    def _array(
+    def _run_array(
         self,
-        problem: Problem,
+        computation: RobotComputation,
         coordinates: Mapping[str, Any],
         base_motion: BodyMotion | None,
         out: FloatArray | None,
@@ -848,32 +877,32 @@ class MechanismMethods(Shown):
         backend: str,
         gravity: ArrayLike = GRAVITY,
     ) -> FloatArray:
-        """Return the one output of a problem, as an array that can be written to."""
-        (name,) = problem.request.outputs
+        """Return the only output of a computation as a writable array."""
+        (name,) = computation.request.outputs
         arrays = None if out is None else {name: out}
-        found: FloatArray = self._run(problem, coordinates, base_motion, arrays, workers, backend, gravity)
-        return found
+        result: FloatArray = self._run(computation, coordinates, base_motion, arrays, workers, backend, gravity)
+        return result
 
-    def _say_doubts(self) -> None:
+    def _warn_of_masses(self) -> None:
         """Warn once of masses that are assumed, or that no rigid body can have."""
-        prepared = self._constants.prepared
+        prepared = self._constants.cache
         if "doubts" not in prepared:
             prepared["doubts"] = True
             for note in self.tree.notes:
                 warn_of_dynamics(f"{self.tree.name}: {note}")
 
     def _warn_where_singular(
-        self, found: MechanismAccelerations, q: Coordinates, base_motion: BodyMotion | None
+        self, result: MechanismAccelerations, q: Coordinates, base_motion: BodyMotion | None
     ) -> None:
-        """Warn where the mass matrix is singular, and name a joint that nothing resists there."""
-        if not self._constants.may_be_singular or not isinstance(found.qdd, np.ndarray):
+        """Warn if the mass matrix is singular at any sample, and name a joint that no inertia resists."""
+        if not self._constants.may_be_singular or not isinstance(result.qdd, np.ndarray):
             return
-        bad = np.asarray(np.isnan(found.qdd).any(axis=-1))
+        bad = np.asarray(np.isnan(result.qdd).any(axis=-1))
         if not bad.any():
             return
-        problem = self._problem(("pivots",))
-        pivots = np.asarray(self._run(problem, {"q": q}, base_motion, None, 1, "numpy")["pivots"])
-        smallest = self._constants.smallest
+        computation = self._computation(("pivots",))
+        pivots = np.asarray(self._run(computation, {"q": q}, base_motion, None, 1, "numpy")["pivots"])
+        smallest = self._constants.pivot_thresholds
         low = ~(np.abs(pivots) > smallest) & (smallest > 0) & bad[..., None]
         if low.any():
             first = low.reshape(-1, low.shape[-1])[int(np.argmax(low.any(axis=-1)))]
@@ -885,10 +914,10 @@ class MechanismMethods(Shown):
             )
 
 
-def _names(
+def _checked_outputs(
     outputs: Iterable[str] | None, out: Out, known: tuple[str, ...], default: tuple[str, ...] | None = None
 ) -> tuple[str, ...]:
-    """Return the outputs to compute: those that are named, else the defaults and those that `out` has arrays for."""
+    """Check the argument `outputs`, and return the names: by default the defaults and those in `out`."""
     if outputs is None:
         more = tuple(name for name in out if name in known) if isinstance(out, Mapping) else ()
         return tuple(dict.fromkeys((*(known if default is None else default), *more)))
@@ -904,5 +933,5 @@ def _names(
     return names
 
 
-def _gravity(gravity: ArrayLike) -> tuple[float, ...]:
+def _checked_gravity(gravity: ArrayLike) -> tuple[float, ...]:
     return GRAVITY if gravity is GRAVITY else tuple(one_constant("gravity", gravity, 3).tolist())

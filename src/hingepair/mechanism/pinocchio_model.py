@@ -1,4 +1,4 @@
-"""The parts of a model of Pinocchio."""
+"""The conversion of a Pinocchio model to parts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.folding import Part
+from hingepair.mechanism.folding import JointPart
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import DynamicsWarning
@@ -16,17 +16,23 @@ from hingepair.pair.dynamics import GRAVITY
 from hingepair.urdf.records import Mimic
 from hingepair.urdf.rigid import HERE, Inertia, Pose
 
-_AXES = ("X", "Y", "Z")
-_HINGES = {*(f"JointModelR{axis}" for axis in _AXES), *(f"JointModelRUB{axis}" for axis in _AXES)}
-_HINGES |= {"JointModelRevoluteUnaligned", "JointModelRevoluteUnboundedUnaligned"}
-_SLIDERS = {*(f"JointModelP{axis}" for axis in _AXES), "JointModelPrismaticUnaligned"}
-_ROUNDING = 2.0**-50  # Pinocchio makes rotations of quaternions: entries of a quarter turn are off by 2^-52 at most
+_AXIS_LETTERS = ("X", "Y", "Z")  # in the names of Pinocchio's joint types
+# Names of the joint types that are hinges.
+_HINGE_TYPES = {
+    *(f"JointModelR{axis}" for axis in _AXIS_LETTERS),
+    *(f"JointModelRUB{axis}" for axis in _AXIS_LETTERS),
+}
+_HINGE_TYPES |= {"JointModelRevoluteUnaligned", "JointModelRevoluteUnboundedUnaligned"}
+# Names of the joint types that are sliders.
+_SLIDER_TYPES = {*(f"JointModelP{axis}" for axis in _AXIS_LETTERS), "JointModelPrismaticUnaligned"}
+_QUARTER_TURN_TOLERANCE = 2.0**-50
+"""Largest error of an entry of a quarter turn: Pinocchio's rotations come from quaternions, 2^-52 off at most."""
 
-_LARGEST: Final = float(np.finfo(np.float64).max)  # Pinocchio has it where no limit is given
+_NO_LIMIT_VALUE: Final = float(np.finfo(np.float64).max)  # by which Pinocchio marks a missing limit
 
 
-def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Part]]:
-    """Return how the base of a model moves, and its parts: the base, then the joints as they stand.
+def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
+    """Convert a Pinocchio model to parts (the base, then the joints in order), and tell whether its base is free.
 
     A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A joint that is
     composed of others, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
@@ -45,61 +51,65 @@ def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Part]
     if not np.array_equal(model.gravity.linear, GRAVITY):
         told = f"the model's gravity {model.gravity.linear.tolist()} is not the robot's: methods take gravity="
         warnings.warn(told, DynamicsWarning, stacklevel=4)
-    bodies = _Bodies(model, root)
+    bodies = _BodyContents(model, root)
     numbers = {root: 0}  # of the part whose body a joint's body is
-    parts = [Part("", "fixed", -1, **bodies.content(root))]
+    parts = [JointPart("", "fixed", -1, **bodies.content(root))]
     for joint in range(root + 1, model.njoints):
         parent = int(model.parents[joint])
         if parent not in numbers:
-            raise _refusal(model, joint, "a joint that the free base carries")
-        if joint > root + 1 and parent not in _path(model, joint - 1):
-            raise _refusal(model, joint, f"its place right behind what {model.names[parent]!r} carries, depth-first")
+            raise _unsupported_joint_error(model, joint, "a joint that the free base carries")
+        if joint > root + 1 and parent not in _carriers(model, joint - 1):
+            raise _unsupported_joint_error(
+                model, joint, f"its place right behind what {model.names[parent]!r} carries, depth-first"
+            )
         own = _parts_of_joint(model, joint, numbers[parent], len(parts), bodies.content(joint))
         parts += own
         numbers[joint] = len(parts) - 1
     return ("free" if free else "fixed"), parts
 
 
-def _path(model: Any, joint: int) -> set[int]:
-    """Return a joint and all that carry it."""
+def _carriers(model: Any, joint: int) -> set[int]:
+    """Return the numbers of a joint and of all joints that carry it."""
     return {int(carrier) for carrier in model.supports[joint]}
 
 
-def _refusal(model: Any, joint: int, expected: str) -> ArgumentError:
+def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentError:
     return ArgumentError(f"joint {model.names[joint]!r}", expected, model.joints[joint].shortname())
 
 
-def _parts_of_joint(model: Any, number: int, parent: int, place: int, content: dict[str, Any]) -> list[Part]:
-    """Return the parts of one joint: the last one has what the joint carries, and stands at `place` or behind."""
+def _parts_of_joint(model: Any, number: int, parent: int, place: int, content: dict[str, Any]) -> list[JointPart]:
+    """Return the parts of one joint; the last one, at index `place` or behind, holds the joint's body."""
     joint, name, pose = model.joints[number], model.names[number], _pose(model.jointPlacements[number])
     if joint.shortname() != "JointModelComposite":
-        return [_part(model, joint, name, number, parent, pose, joint.idx_q, joint.idx_v, content)]
+        return [_part_of_joint(model, joint, name, number, parent, pose, joint.idx_q, joint.idx_v, content)]
     composite = joint.extract()
-    parts: list[Part] = []
+    parts: list[JointPart] = []
     idx_q, idx_v = joint.idx_q, joint.idx_v
     for i, (single, inner) in enumerate(zip(composite.joints, composite.jointPlacements, strict=True), 1):
         last = i == len(composite.joints)
         carrier = place + i - 2 if i > 1 else parent
         seat = pose.placed(_pose(inner)) if i == 1 else _pose(inner)
         own = content | {"frames": {**content["frames"], name: HERE}} if last else {}
-        parts.append(_part(model, single, f"{name}_{i}", number, carrier, seat, idx_q, idx_v, own))
+        parts.append(_part_of_joint(model, single, f"{name}_{i}", number, carrier, seat, idx_q, idx_v, own))
         idx_q, idx_v = idx_q + single.nq, idx_v + single.nv
     return parts
 
 
-def _part(
+def _part_of_joint(
     model: Any, joint: Any, name: str, number: int, parent: int, pose: Pose, idx_q: int, idx_v: int, content: Any
-) -> Part:
+) -> JointPart:
     kind = joint.shortname()
-    if kind not in {*_HINGES, *_SLIDERS, "JointModelMimic"}:
-        raise _refusal(model, number, "a revolute, continuous, prismatic or mimic joint, or a free-flyer at the root")
+    if kind not in {*_HINGE_TYPES, *_SLIDER_TYPES, "JointModelMimic"}:
+        raise _unsupported_joint_error(
+            model, number, "a revolute, continuous, prismatic or mimic joint, or a free-flyer at the root"
+        )
     motion = np.ravel(joint.createData().S)
     if kind == "JointModelMimic":
         mimic = joint.extract()
         if mimic.scaling == 0:
-            raise _refusal(model, number, "a mimic joint that moves")
-        leader = next(model.names[i] for i in range(model.njoints) if _leads(model, i, joint))
-        return Part(
+            raise _unsupported_joint_error(model, number, "a mimic joint that moves")
+        leader = next(model.names[i] for i in range(model.njoints) if _is_leader(model, i, joint))
+        return JointPart(
             name, "hinge" if motion[3:].any() else "slider", parent, pose,
             _axis(motion / mimic.scaling), mimic=Mimic(leader, mimic.scaling, mimic.offset), **content,
         )  # fmt: skip
@@ -109,31 +119,31 @@ def _part(
     armature = float(model.armature[idx_v])
     if not 0 <= armature < np.inf:
         raise ArgumentError(f"joint {name!r}, armature", "a finite number that is not below 0", armature)
-    return Part(
-        name, "hinge" if kind in _HINGES else "slider", parent, pose, _axis(motion), **content, limits=limits,
+    return JointPart(
+        name, "hinge" if kind in _HINGE_TYPES else "slider", parent, pose, _axis(motion), **content, limits=limits,
         effort_limit=_limit(model.upperEffortLimit[idx_v]), rate_limit=_limit(model.upperVelocityLimit[idx_v]),
         armature=armature,
     )  # fmt: skip
 
 
 def _limit(value: float) -> float:
-    """Return a limit, infinite where Pinocchio has the largest number for none."""
-    return float(np.copysign(np.inf, value)) if abs(value) >= _LARGEST else float(value)
+    """Convert a limit; Pinocchio's largest number, which stands for no limit, becomes infinite."""
+    return float(np.copysign(np.inf, value)) if abs(value) >= _NO_LIMIT_VALUE else float(value)
 
 
-def _leads(model: Any, number: int, mimic: Any) -> bool:
-    """Tell whether a mimic joint follows a joint: it has the coordinate of that."""
+def _is_leader(model: Any, number: int, mimic: Any) -> bool:
+    """Return whether a mimic joint follows a joint, whose coordinate it then has."""
     joint = model.joints[number]
     return number > 0 and joint.nq > 0 and joint.idx_q == mimic.idx_q
 
 
 def _axis(motion: Float64Array) -> Float64Array:
-    """Return the unit axis of a joint, of its motion subspace: linear parts, angular parts."""
+    """Return the unit axis of a joint from its motion subspace: three linear, three angular components."""
     return unit_axis("axis", motion[3:] if motion[3:].any() else motion[:3])
 
 
-class _Bodies:
-    """The links, further frames and masses of each joint's body.
+class _BodyContents:
+    """Links, further frames and mass properties of each joint's body in a Pinocchio model.
 
     Args:
         model: of Pinocchio.
@@ -159,7 +169,7 @@ class _Bodies:
         self._parents = {int(parent) for parent in model.parents}
 
     def content(self, joint: int) -> dict[str, Any]:
-        """Return what a joint's body gives its part."""
+        """Return the arguments of `JointPart` that describe a joint's body."""
         links = self._links.get(joint)
         leaves = [link for link in links or () if link not in self._carrying]
         if not links:
@@ -172,7 +182,10 @@ class _Bodies:
 
 
 def _pose(placement: Any) -> Pose:
-    """Return a placement; where its rotation is a quarter turn but for rounding, exactly that."""
+    """Convert a placement; a rotation within rounding of a quarter turn becomes that turn exactly."""
     rotation = np.array(placement.rotation)
     near = np.rint(rotation)
-    return Pose(near if np.abs(rotation - near).max() <= _ROUNDING else rotation, np.array(placement.translation))
+    return Pose(
+        near if np.abs(rotation - near).max() <= _QUARTER_TURN_TOLERANCE else rotation,
+        np.array(placement.translation),
+    )

@@ -1,4 +1,4 @@
-"""What a robot's call can be prepared for: the names that it will bring, and what is computed of them."""
+"""Prepared calls of a robot: planned, checked and compiled once for arguments of given names."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.arguments import (
-    LETTERS,
-    NO_LOADS,
-    Values,
-    library_among,
+    BASE_ATTRIBUTES,
+    ZERO_BASE_LOADS,
+    InputValues,
+    check_out,
+    common_library,
     read_coordinates,
-    read_out,
 )
-from hingepair.mechanism.evaluate import Problem
+from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.numeric.array_libraries import check_tail
 from hingepair.numeric.arrays import vectors
 
-KINDS: Final = {
+ARGUMENTS_BY_NAME: Final = {
     "pose": ("q",),
     "velocity": ("q", "qd"),
     "acceleration": ("q", "qd", "qdd"),
@@ -35,36 +35,36 @@ KINDS: Final = {
     "bias_forces": ("q", "qd"),
     "gravity_forces": ("q",),
 }
-"""The arguments of a prepared call, by what it is prepared for."""
+"""Names of the arguments of a prepared call, by the name for which it is prepared."""
 
-ARRAYS: Final = ("jacobian", "acceleration_bias", "mass_matrix", "bias_forces", "gravity_forces")
-"""What is one array, as the method of that name returns it."""
+SINGLE_ARRAY_OUTPUTS: Final = ("jacobian", "acceleration_bias", "mass_matrix", "bias_forces", "gravity_forces")
+"""Names of the outputs that the method of the same name returns as a bare array."""
 
-_COORDINATES: Final = ("q", "qd", "qdd", "tau")
-_NAMES: Final = (*_COORDINATES, *LETTERS, *NO_LOADS)
+_COORDINATE_ARGUMENTS: Final = ("q", "qd", "qdd", "tau")  # which have a component for each coordinate
+_ARGUMENT_NAMES: Final = (*_COORDINATE_ARGUMENTS, *BASE_ATTRIBUTES, *ZERO_BASE_LOADS)  # accepted in `given`
 
 
 class PreparedMechanism:
-    """What `Mechanism.prepare` gives: call it with arrays in the order of `given`, and `out=`.
+    """A prepared call of a robot: takes arrays in the order of `given`, and `out=`.
 
     Attributes:
-        given: names of what it takes, in order.
-        outputs: names of what it computes.
+        given: names of the arguments, in order.
+        outputs: names of the outputs.
     """
 
     def __init__(
         self,
-        problem: Problem,
+        computation: RobotComputation,
         joints: tuple[str, ...],
         given: tuple[str, ...],
         gravity: tuple[float, ...],
         execution: Execution,
-        remade: Callable[[], Any],
+        factory: Callable[[], Any],
     ) -> None:
-        self.given, self.outputs = given, problem.request.outputs
+        self.given, self.outputs = given, computation.request.outputs
         self._joints = joints
-        self._problem, self._gravity, self._execution, self._remade = problem, gravity, execution, remade
-        self._call: Call = problem.call(given, gravity, execution.backend, checked=True)
+        self._computation, self._gravity, self._execution, self._factory = computation, gravity, execution, factory
+        self._call: Call = computation.call(given, gravity, execution.backend, checked=True)
         if execution.backend == "auto":
             self._call.compile()
 
@@ -78,88 +78,94 @@ class PreparedMechanism:
         return f"{', '.join(self.outputs)} from {', '.join(self.given)}: {left}"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _called, (self._remade,)
+        return _call_factory, (self._factory,)
 
     @property
     def source(self) -> str:
-        """The Python code that runs where nothing is compiled."""
+        """Generated Python code, which runs where nothing is compiled."""
         return self._call.program.source
 
     @property
     def llvm(self) -> str:
-        """The LLVM code that runs for one state and for rows of states."""
+        """LLVM code of the kernel, which runs for one state and for rows of states."""
         return self._call.kernel.ir
 
     @property
     def operations(self) -> OperationCounts:
-        """How many operations are left for each sample, once for all, and where nothing is known beforehand."""
-        return self._problem.count_operations()
+        """Numbers of operations for each sample, once for all samples, and without known inputs."""
+        return self._computation.count_operations()
 
     def __call__(self, *given: Any, out: Any = None) -> Any:
-        """Return the results: of one state or many.
+        """Return the results for one state or many.
 
         Args:
-            *given: what it was prepared for, in that order; shape (..., dof), of the base (..., 3) or (..., 3, 3).
-                Coordinates may be tables or values by joint too, as in the methods, which takes longer.
-            out: arrays by output name, written in place; of a call that returns one array, that array.
+            *given: the arguments for which the call was prepared, in order; shape (..., dof), for the base (..., 3)
+                or (..., 3, 3). Coordinates may also be tables or values by joint, as in the methods, which takes
+                longer.
+            out: arrays by output name, written in place; for a call that returns one array, that array.
 
         Raises:
-            ArgumentError: an argument cannot be used; names it.
+            ArgumentError: an argument cannot be used; the error names it.
         """
         if out is None:
             try:
                 result = self._call.fast_path(*given)
             except TypeError:
                 result = None  # perhaps another number of arguments
-            return self._general(given, None) if result is None else result
-        arrays = {self.outputs[0]: out} if self._problem.result is None else out
+            return self._run_general(given, None) if result is None else result
+        arrays = {self.outputs[0]: out} if self._computation.result is None else out
         if type(arrays) is dict and arrays.keys() <= {*self.outputs} and len(given) == len(self.given):
             result = self._call.run_into(given, arrays)
             if result is not None:
                 return result
-        return self._general(given, arrays)
+        return self._run_general(given, arrays)
 
-    def _general(self, given: Sequence[Any], out: Out) -> Any:
-        """Return the results for anything that can be used; refuse the rest."""
+    def _run_general(self, given: Sequence[Any], out: Out) -> Any:
+        """Return the results for any arguments that can be used, and refuse all others."""
         if len(given) != len(self.given):
             raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
-        read_out(out, self.outputs)
+        check_out(out, self.outputs)
         named = dict(zip(self.given, given, strict=True))
-        library = library_among(named)
+        library = common_library(named)
         parts, shapes, tails = {}, {}, self._call.argument_shapes
         for name, value in named.items():
             if value is None:
                 raise ArgumentError(name, "a value, since this was prepared for it", None)
-            if name in _COORDINATES:
+            if name in _COORDINATE_ARGUMENTS:
                 parts[name], shapes[name] = read_coordinates(name, value, self._joints, library)
                 continue
             if library is not None:
                 check_tail(name, value, *tails[name])
             parts[name] = value if library is not None else vectors(name, value, *tails[name])
             shapes[name] = tuple(np.shape(value)[: np.ndim(value) - len(tails[name])])
-        return self._problem.run(Values(parts, shapes, library), self._gravity, out, self._execution, checked=True)
+        return self._computation.run(
+            InputValues(parts, shapes, library), self._gravity, out, self._execution, checked=True
+        )
 
 
-def _called(function: Callable[[], Any]) -> Any:
+def _call_factory(function: Callable[[], Any]) -> Any:
+    """Return the result of a factory; makes an unpickled prepared call."""
     return function()
 
 
 def checked_given(given: str | Iterable[str], problem_inputs: Iterable[str] = ()) -> tuple[str, ...]:
-    """Return the names of the arguments of a prepared call.
+    """Check the argument `given` of `prepare`, and return the names of the call's arguments.
 
     Raises:
         ArgumentError: an unknown name, or one twice.
     """
     try:
-        names = KINDS[given] if isinstance(given, str) else tuple(given)
+        names = ARGUMENTS_BY_NAME[given] if isinstance(given, str) else tuple(given)
     except (KeyError, TypeError):
-        raise ArgumentError("given", f"{choices(tuple(KINDS))}, or a tuple of names", quoted(given)) from None
+        raise ArgumentError(
+            "given", f"{choices(tuple(ARGUMENTS_BY_NAME))}, or a tuple of names", quoted(given)
+        ) from None
     for name in names:
-        if name not in _NAMES:
-            raise ArgumentError("given", choices(_NAMES), quoted(name))
+        if name not in _ARGUMENT_NAMES:
+            raise ArgumentError("given", choices(_ARGUMENT_NAMES), quoted(name))
     if len({*names}) < len(names):
         raise ArgumentError("given", "each name once", quoted(names))
     for name in problem_inputs:
-        if name in _COORDINATES and name not in names:
+        if name in _COORDINATE_ARGUMENTS and name not in names:
             raise ArgumentError("given", f"{name} too, since the outputs need it", ", ".join(names))
     return names

@@ -1,4 +1,4 @@
-"""The boxes, cylinders and spheres that a URDF draws a link by."""
+"""The boxes, cylinders and spheres by which the bodies of a robot are drawn."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from hingepair.urdf.records import SIZES, Link, Visual
 from hingepair.urdf.rigid import Pose
 
 
-class Drawing(NamedTuple):
-    """What a body is drawn by.
+class BodyDrawing(NamedTuple):
+    """The shapes by which a body is drawn.
 
     Attributes:
-        shapes: in the axes of the body, from its reference point.
-        complete: whether they show all of the body; False where there are none, or where a URDF draws it by meshes.
+        shapes: shapes in the axes of the body, from its reference point.
+        complete: whether the shapes show all of the body; False if there are none, or if a URDF has meshes.
     """
 
     shapes: tuple[Shape, ...] = ()
     complete: bool = False
 
 
-def drawing_of(parts: Iterable[tuple[tuple[Shape, ...] | None, Pose]]) -> Drawing:
-    """Return the drawing of a body by the shapes of its parts, None of a part drawn by meshes, and their poses."""
+def body_drawing(parts: Iterable[tuple[tuple[Shape, ...] | None, Pose]]) -> BodyDrawing:
+    """Return the drawing of a body from the shapes and poses of its parts (None: a part drawn by meshes)."""
     placed: list[Shape] = []
     for shapes, pose in parts:
         if shapes is None:
-            return Drawing()
+            return BodyDrawing()
         try:
             placed += placed_shapes(shapes, pose)
-        except ArgumentError:  # a place that overflows: what a body looks like does not matter to motion
-            return Drawing()
-    return Drawing(tuple(placed), bool(placed))
+        except ArgumentError:  # a position overflows; the drawing does not matter to motion
+            return BodyDrawing()
+    return BodyDrawing(tuple(placed), bool(placed))
 
 
 def link_shapes(link: Link, *tags: str) -> tuple[Shape, ...] | None:
-    """Return the shapes of a link, in its own axes; None where it is drawn by something else, such as meshes.
+    """Return the shapes of a link in its own axes; None where it is drawn by others, such as meshes.
 
     Args:
         link: record of the link.
-        tags: elements to look at, "visual" or "collision": the first of them that holds nothing but shapes counts.
+        tags: elements to search, "visual" or "collision"; the first that holds only shapes is used.
     """
     drawn = False
     for tag in tags:
@@ -49,14 +49,14 @@ def link_shapes(link: Link, *tags: str) -> tuple[Shape, ...] | None:
             visuals = link.visuals(tag)
             if visuals and all(visual.kind in SIZES for visual in visuals):
                 return tuple(_shape(visual) for visual in visuals if min(visual.sizes) > 0)
-        except (URDFError, ArgumentError):  # what a link looks like does not matter to motion
+        except (URDFError, ArgumentError):  # the drawing of a link does not matter to motion
             return None
         drawn = drawn or bool(visuals)
     return None if drawn else ()
 
 
 def placed_shapes(shapes: Iterable[Shape], pose: Pose) -> list[Shape]:
-    """Return shapes that are given in a frame, in the axes that the pose of this frame is given in."""
+    """Return shapes transformed by the pose of the frame in which they are given."""
     placed: list[Shape] = []
     for shape in shapes:
         center = pose.origin + pose.rotation @ shape.center

@@ -1,4 +1,4 @@
-"""The slider: two rigid bodies that shift against each other along an axis."""
+"""The slider: two rigid bodies that translate relative to each other along an axis."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from hingepair.pair.body import Body
 from hingepair.pair.constants import check_one
 from hingepair.pair.hinge_pair import HingePair
 
-_FIELDS = ("u1", "u2", "n", "home", "name", "limits", "body1", "body2", "torque_limit", "rate_limit")
+# Names of the fields, in the order of the constructor's arguments.
+_SLIDER_FIELDS = ("u1", "u2", "n", "home", "name", "limits", "body1", "body2", "torque_limit", "rate_limit")
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -27,18 +28,18 @@ class Slider(Frozen, Shown):
 
     Args:
         u1: point of body 1 that meets the point u2 of body 2 at q = 0, body-1 axes [m]; shape (3,).
-        u2: that point from body 2's reference point, body-2 axes [m]; shape (3,).
-        n: direction in which body 2 shifts, body-1 axes; any non-zero length; kept at unit length; shape (3,).
+        u2: position of that point from body 2's reference point, body-2 axes [m]; shape (3,).
+        n: direction in which body 2 moves, body-1 axes; any non-zero length, stored at unit length; shape (3,).
         home: rotation of body 2 relative to body 1; identity unless given; shape (3, 3).
-        name: of the joint.
-        limits: least and greatest shift [m]; shape (2,).
+        name: name of the joint.
+        limits: lower and upper limit of q [m]; shape (2,).
         body1: mass properties and shapes of body 1.
-        body2: those of body 2.
+        body2: mass properties and shapes of body 2.
         torque_limit: the largest force of the slider's motor [N]; URDF calls it effort.
         rate_limit: the largest rate [m/s].
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape; names the argument.
+        ArgumentError: a value is not finite or has the wrong shape; the error names the argument.
 
     >>> import hingepair as hp
     >>> lift = hp.Slider(u1=(0, 0, 0.5), u2=(0, 0, 0), n=(0, 0, 2), name="lift", limits=(0, 1.5))
@@ -73,11 +74,11 @@ class Slider(Frozen, Shown):
         # The fields are those of a pair, and so are the checks.
         checked = HingePair(u1, u2, n, home, name, limits, body1, body2, torque_limit, rate_limit)
         check_one(checked)
-        for field in _FIELDS:
+        for field in _SLIDER_FIELDS:
             object.__setattr__(self, field, getattr(checked, field))
 
     def __repr__(self) -> str:
-        given: dict[str, Any] = {field: getattr(self, field) for field in _FIELDS}
+        given: dict[str, Any] = {field: getattr(self, field) for field in _SLIDER_FIELDS}
         shown = (
             f"{field}={value.tolist() if isinstance(value, np.ndarray) else quoted(value)}"
             for field, value in given.items()

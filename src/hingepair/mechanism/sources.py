@@ -1,4 +1,4 @@
-"""The parts of a robot, of what it is given by: URDF, a model of Pinocchio, or pairs."""
+"""The conversion of a robot in URDF, and of pairs, to parts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from hingepair.errors import ArgumentError, URDFError, quoted
-from hingepair.mechanism.folding import Part
+from hingepair.mechanism.folding import JointPart
 from hingepair.mechanism.shapes import link_shapes, placed_shapes
 from hingepair.mechanism.slider import Slider
 from hingepair.numeric.unit_vectors import unit_axis
@@ -19,14 +19,20 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
 from hingepair.urdf.rigid import HERE, Inertia, Pose
 
-Kind = Literal["hinge", "slider", "fixed"]
-_KINDS: Mapping[str, Kind] = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slider", "fixed": "fixed"}
-BASE = "base"
-"""Name of the link that is the base, where nothing else names it."""
+PartKind = Literal["hinge", "slider", "fixed"]
+# Kinds of parts, by the type of a URDF joint.
+_KIND_BY_URDF_TYPE: Mapping[str, PartKind] = {
+    "revolute": "hinge",
+    "continuous": "hinge",
+    "prismatic": "slider",
+    "fixed": "fixed",
+}
+BASE_LINK_NAME = "base"
+"""Name of the base link of a robot that is built from pairs."""
 
 
-def parts_of_urdf(robot: records.Robot) -> list[Part]:
-    """Return the parts of a robot that was read from URDF: the base, then the joints depth-first, by name.
+def parts_of_urdf(robot: records.Robot) -> list[JointPart]:
+    """Convert a robot that was read from URDF to parts: the base, then the joints depth-first by name.
 
     Raises:
         URDFError: the links and joints are no tree, a joint is of a type that has no part, a number is none; names
@@ -36,16 +42,16 @@ def parts_of_urdf(robot: records.Robot) -> list[Part]:
     parents = {joint.parent for joint in joints}
     names = {joint.name for joint in joints}
     numbers = {root: 0}
-    parts = [Part("", "fixed", -1, **_link(robot, root, root not in parents))]
+    parts = [JointPart("", "fixed", -1, **_link_content(robot, root, root not in parents))]
     for joint in joints:
-        if joint.type not in _KINDS:
-            expected = f"a type out of {', '.join(_KINDS)}"
+        if joint.type not in _KIND_BY_URDF_TYPE:
+            expected = f"a type out of {', '.join(_KIND_BY_URDF_TYPE)}"
             raise URDFError(f"joint {joint.name!r}", expected, quoted(joint.type) if joint.type else "none")
         numbers[joint.child] = len(parts)
-        link = _link(robot, joint.child, joint.child not in parents)
-        kind = _KINDS[joint.type]
+        link = _link_content(robot, joint.child, joint.child not in parents)
+        kind = _KIND_BY_URDF_TYPE[joint.type]
         if kind == "fixed":
-            parts.append(Part(joint.name, kind, numbers[joint.parent], joint.pose, **link))
+            parts.append(JointPart(joint.name, kind, numbers[joint.parent], joint.pose, **link))
             continue
         axis = unit_axis(f"joint {joint.name!r}, axis", joint.axis)
         limits: dict[str, Any] = {"limits": joint.limits, "effort_limit": joint.effort, "rate_limit": joint.velocity}
@@ -54,19 +60,21 @@ def parts_of_urdf(robot: records.Robot) -> list[Part]:
             told = f"joint {joint.name!r} follows {mimic.leader!r}, which the robot does not have: it moves by itself"
             warnings.warn(told, UserWarning, stacklevel=4)
             mimic = None
-        parts.append(Part(joint.name, kind, numbers[joint.parent], joint.pose, axis, **link, **limits, mimic=mimic))
+        parts.append(
+            JointPart(joint.name, kind, numbers[joint.parent], joint.pose, axis, **link, **limits, mimic=mimic)
+        )
     return parts
 
 
-def _link(robot: records.Robot, name: str, leaf: bool) -> dict[str, Any]:
-    """Return what a link gives its part."""
+def _link_content(robot: records.Robot, name: str, leaf: bool) -> dict[str, Any]:
+    """Return the arguments of `JointPart` that describe a link."""
     link = robot.links[name][0]
     leaves, shapes = (name,) if leaf else (), link_shapes(link, "visual", "collision")
     return {"links": {name: HERE}, "leaves": leaves, "inertias": {name: link.inertia()}, "shapes": shapes}
 
 
-def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None) -> list[Part]:
-    """Return the parts of hinges and sliders that share bodies: the base, then the pairs as they stand.
+def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None) -> list[JointPart]:
+    """Convert hinges and sliders that share bodies to parts: the base, then the pairs in order.
 
     Args:
         pairs: joints, by name depth-first with siblings by name.
@@ -77,32 +85,32 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
         ArgumentError: no pair, a name twice, parents that make no tree, another order (names the order to use), or a
             body that is given twice and differs.
     """
-    given = _checked_pairs(pairs)
-    above = _checked_parents(given, parents)
-    names = [pair.name for pair in given]
+    checked = _checked_pairs(pairs)
+    above = _checked_parents(checked, parents)
+    names = [pair.name for pair in checked]
     order = _depth_first(names, above)
-    if order != list(range(len(given))):
+    if order != list(range(len(checked))):
         numbers = {old: new for new, old in enumerate(order, 1)}
         sorted_parents = [numbers.get(above[old] - 1, 0) for old in order]
         expected = f"the order {', '.join(names[i] for i in order)} with parents={sorted_parents}"
         raise ArgumentError("pairs", f"{expected}: depth-first, siblings by name", ", ".join(names))
-    bodies = [_shared([("body1", pair) for pair, parent in zip(given, above, strict=True) if parent == 0])]
-    for number, pair in enumerate(given, 1):
-        carried = [("body1", other) for other, parent in zip(given, above, strict=True) if parent == number]
-        bodies.append(_shared([("body2", pair), *carried]))
-    seats = [HERE, *(Pose(np.eye(3), 0.0 - pair.u2) for pair in given)]
-    parts = [Part("", "fixed", -1, **_body(BASE, bodies[0], HERE, leaf=False))]
-    for number, (pair, parent) in enumerate(zip(given, above, strict=True), 1):
+    bodies = [_shared_body([("body1", pair) for pair, parent in zip(checked, above, strict=True) if parent == 0])]
+    for number, pair in enumerate(checked, 1):
+        carried = [("body1", other) for other, parent in zip(checked, above, strict=True) if parent == number]
+        bodies.append(_shared_body([("body2", pair), *carried]))
+    seats = [HERE, *(Pose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
+    parts = [JointPart("", "fixed", -1, **_body_content(BASE_LINK_NAME, bodies[0], HERE, leaf=False))]
+    for number, (pair, parent) in enumerate(zip(checked, above, strict=True), 1):
         leaf = number not in above
         home = np.asarray(pair.home)
         parts.append(
-            Part(
+            JointPart(
                 pair.name,
                 "hinge" if isinstance(pair, HingePair) else "slider",
                 parent,
                 seats[parent].placed(Pose(home, pair.u1)),
                 unit_axis("n", home.T @ pair.n),
-                **_body(pair.name, bodies[number], seats[number], leaf),
+                **_body_content(pair.name, bodies[number], seats[number], leaf),
                 limits=pair.limits,
                 effort_limit=pair.torque_limit,
                 rate_limit=pair.rate_limit,
@@ -114,11 +122,11 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
 def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slider]:
     if not isinstance(pairs, Iterable):
         raise ArgumentError("pairs", "HingePairs and Sliders", quoted(pairs))
-    given = list(pairs)
-    if not given:
+    checked = list(pairs)
+    if not checked:
         raise ArgumentError("pairs", "at least one HingePair or Slider", "none")
     names = set()
-    for pair in given:
+    for pair in checked:
         if not isinstance(pair, HingePair | Slider):
             hint = " (a PlanarPair's is pair.to_spatial())" if hasattr(pair, "to_spatial") else ""
             raise ArgumentError("pairs", f"HingePairs and Sliders{hint}", quoted(pair))
@@ -126,10 +134,12 @@ def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slid
             check_one(pair)
         if pair.name in names:
             raise ArgumentError("pairs", "a name of its own for each, by name=", f"{pair.name!r} twice")
-        if pair.name == BASE:
-            raise ArgumentError("pairs", f"names other than {BASE!r}, which is that of the base", quoted(pair.name))
+        if pair.name == BASE_LINK_NAME:
+            raise ArgumentError(
+                "pairs", f"names other than {BASE_LINK_NAME!r}, which is that of the base", quoted(pair.name)
+            )
         names.add(pair.name)
-    return given
+    return checked
 
 
 def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int] | None) -> list[int]:
@@ -146,7 +156,7 @@ def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int]
 
 
 def _depth_first(names: Sequence[str], above: Sequence[int]) -> list[int]:
-    """Return the places of the pairs depth-first, siblings by name.
+    """Return the indices of the pairs in depth-first order, siblings by name.
 
     Raises:
         ArgumentError: the parents make no tree.
@@ -169,8 +179,8 @@ def _depth_first(names: Sequence[str], above: Sequence[int]) -> list[int]:
     return order
 
 
-def _shared(sides: Sequence[tuple[str, HingePair | Slider]]) -> Body | None:
-    """Return the body that pairs share; None where none of them gives it.
+def _shared_body(sides: Sequence[tuple[str, HingePair | Slider]]) -> Body | None:
+    """Return the body that several pairs share; None if no pair gives it.
 
     Raises:
         ArgumentError: two of them give it, and differ.
@@ -183,12 +193,12 @@ def _shared(sides: Sequence[tuple[str, HingePair | Slider]]) -> Body | None:
         where = f"{side} of {pair.name!r}"
         if known is None:
             known = where, body
-        elif not _same(known[1], body):
+        elif not _same_body(known[1], body):
             raise ArgumentError(where, f"the body that {known[0]} is, or None", body)
     return None if known is None else known[1]
 
 
-def _same(one: Body, other: Body) -> bool:
+def _same_body(one: Body, other: Body) -> bool:
     return one is other or (
         one.mass == other.mass
         and np.array_equal(one.center_of_mass, other.center_of_mass)
@@ -196,11 +206,11 @@ def _same(one: Body, other: Body) -> bool:
     )
 
 
-def _body(name: str, body: Body | None, seat: Pose, leaf: bool) -> dict[str, Any]:
-    """Return what a body gives its part; `seat` is the pose of the body's frame in the part's."""
+def _body_content(name: str, body: Body | None, seat: Pose, leaf: bool) -> dict[str, Any]:
+    """Return the arguments of `JointPart` that describe a body; `seat` is the pose of its frame in the part's."""
     content: dict[str, Any] = {"links": {name: seat}, "leaves": (name,) if leaf else ()}
     if body is None:
-        if name != BASE:
+        if name != BASE_LINK_NAME:
             content["notes"] = (f"{name}: no mass is given, none is taken; body2=hp.Body(mass=...) gives it",)
         return content
     content["inertias"] = {name: inertia_of(body).placed(seat)}
@@ -209,5 +219,5 @@ def _body(name: str, body: Body | None, seat: Pose, leaf: bool) -> dict[str, Any
 
 
 def inertia_of(body: Body) -> Inertia:
-    """Return the mass properties of a body, in its own axes from its reference point."""
+    """Return the mass properties of a body in its own axes, from its reference point."""
     return Inertia(body.mass, np.asarray(body.center_of_mass), np.asarray(body.inertia))

@@ -1,4 +1,4 @@
-"""What a robot's methods give back: the motion of frames, what must act, and how a robot moves."""
+"""Results of a robot's methods: the motion of frames, forces and torques, and accelerations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from hingepair.numeric.arrays import FloatArray
 from hingepair.numeric.tables import Sheet, aligned, cell
 from hingepair.pair.results import column_names, needed_package
 
-_MOTION = {
+# Docstrings of the outputs of motion, by name.
+_MOTION_DOCS = {
     "R": "Origin; (..., 3) m.",
     "S": "Rotation, frame to world; (..., 3, 3).",
     "d": "Origin from the base's reference point, unharmed by a large base position; (..., 3) m.",
@@ -26,14 +27,14 @@ _MOTION = {
 }
 
 
-_BY_JOINT: Final = ("tau", "qdd")
+_JOINT_OUTPUTS: Final = ("tau", "qdd")
 """Outputs with a component for each coordinate."""
 
 
 class FrameState(Results):
-    """The motion of one frame at every sample; world axes, SI units. What was not computed is None."""
+    """Motion of one frame at every sample; world axes, SI units. Outputs that were not computed are None."""
 
-    __slots__ = _MOTION
+    __slots__ = _MOTION_DOCS
 
     R: FloatArray
     S: FloatArray
@@ -45,16 +46,16 @@ class FrameState(Results):
 
 
 class MechanismState(Results):
-    """The motion of some frames of a robot at every sample; world axes, SI units.
+    """Motion of some frames of a robot at every sample; world axes, SI units.
 
     Each array has an axis of frames behind the samples; `state["hand"]` is the motion of one frame, without that
-    axis. What was not computed is None.
+    axis. Outputs that were not computed are None.
 
     Attributes:
         frames: names of the frames, in the order of the axis.
     """
 
-    __slots__ = {name: text.replace("(...,", "(..., frames,") for name, text in _MOTION.items()}
+    __slots__ = {name: text.replace("(...,", "(..., frames,") for name, text in _MOTION_DOCS.items()}
 
     frames: ClassVar[tuple[str, ...]] = ()
     _robot_frames: ClassVar[tuple[str, ...]] = ()
@@ -69,7 +70,7 @@ class MechanismState(Results):
     alpha: FloatArray
 
     def __getitem__(self, name: str) -> Any:
-        """Return the motion of a frame by its name, or an output by its own.
+        """Return the motion of a frame by the frame's name, or an output by the output's name.
 
         Raises:
             ArgumentError: the frame is not among those that were computed.
@@ -84,33 +85,34 @@ class MechanismState(Results):
                 expected += nearest(str(name), self._robot_frames)
             raise ArgumentError("frame", expected, quoted(name))
         place, axis = self.frames.index(name), len(self.shape)
-        moving = {output: array for output, array in self.arrays().items() if output in _MOTION}
+        moving = {output: array for output, array in self.arrays().items() if output in _MOTION_DOCS}
         arrays = {output: array[(slice(None),) * axis + (place,)] for output, array in moving.items()}
         return FrameState(arrays, self.shape)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _state_again, (self.frames, self._robot_frames, self.arrays(), self.shape)
+        return _rebuild_state, (self.frames, self._robot_frames, self.arrays(), self.shape)
 
 
 @functools.lru_cache(maxsize=256)
-def state_of(frames: tuple[str, ...], robot_frames: tuple[str, ...]) -> type[MechanismState]:
-    """Return the class of the motions of some frames out of all that the robot has."""
+def mechanism_state_class(frames: tuple[str, ...], robot_frames: tuple[str, ...]) -> type[MechanismState]:
+    """Return the subclass of MechanismState for some of a robot's frames."""
     names = {"frames": frames, "_robot_frames": robot_frames}
     content = {"__slots__": MechanismState.__slots__, "__module__": __name__, **names}
     return type("MechanismState", (MechanismState,), content)
 
 
-def _state_again(
+def _rebuild_state(
     frames: tuple[str, ...], robot_frames: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]
 ) -> MechanismState:
-    return state_of(frames, robot_frames)(arrays, shape)
+    """Return unpickled motions of frames."""
+    return mechanism_state_class(frames, robot_frames)(arrays, shape)
 
 
 class JointResults(Results):
-    """Results with a column for each coordinate of a robot.
+    """Results with one column for each coordinate of a robot.
 
     Attributes:
-        names: of the joints with a coordinate, in the order of the columns.
+        names: names of the joints with a coordinate, in the order of the columns.
     """
 
     __slots__ = ()
@@ -118,7 +120,7 @@ class JointResults(Results):
     names: ClassVar[tuple[str, ...]] = ()
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame, one row a sample: a column for each joint by its name, then force1_x and so on.
+        """Return a pandas DataFrame with a row for each sample, and columns by the joints' names, then force1_x, ...
 
         A table of the joints alone, as of `outputs=("tau",)`, is what the robot's methods take for `tau`.
 
@@ -136,13 +138,13 @@ class JointResults(Results):
         samples = math.prod(self.shape)
         columns: list[str] = []
         for name, array in arrays.items():
-            columns += self.names if name in _BY_JOINT else column_names({name: array.reshape(samples, 3)})
+            columns += self.names if name in _JOINT_OUTPUTS else column_names({name: array.reshape(samples, 3)})
         rows = [array.reshape(samples, array.shape[-1]) for array in arrays.values()]
         return np.concatenate(rows, axis=1), None, columns
 
     def _sheet(self) -> Sheet:
         if not all(isinstance(array, np.ndarray) for array in self.arrays().values()):
-            return super()._sheet()  # arrays of Dask or JAX are not computed in order to be shown
+            return super()._sheet()  # arrays of Dask or JAX are not computed only to be printed
         table, _, columns = self._table()
         shown = "value" if self.shape == () else "largest size"
         sizes = table[0] if self.shape == () else np.abs(table).max(axis=0, initial=0.0)
@@ -157,24 +159,24 @@ class JointResults(Results):
         return [*super().__dir__(), "names", "to_dataframe"]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _joint_results_again, (type(self).__base__, self.names, self.arrays(), self.shape)
+        return _rebuild_joint_results, (type(self).__base__, self.names, self.arrays(), self.shape)
 
 
 @functools.lru_cache(maxsize=256)
-def joint_results_of(kind: type[JointResults], names: tuple[str, ...]) -> type[JointResults]:
-    """Return the class of results of one kind whose columns are those of these joints."""
+def joint_results_class(kind: type[JointResults], names: tuple[str, ...]) -> type[JointResults]:
+    """Return the subclass of a class of joint results for these joints."""
     content = {"__slots__": kind.__slots__, "__module__": __name__, "__doc__": kind.__doc__, "names": names}
     return type(kind.__name__, (kind,), content)
 
 
-def _joint_results_again(
+def _rebuild_joint_results(
     kind: type[JointResults], names: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]
 ) -> JointResults:
-    return joint_results_of(kind, names)(arrays, shape)  # type: ignore[arg-type]
+    return joint_results_class(kind, names)(arrays, shape)  # type: ignore[arg-type]
 
 
 class MechanismForces(JointResults):
-    """The joint torques, and the force and torque on the base, that a motion of a robot requires."""
+    """Joint torques, and force and torque on the base, that a motion of a robot requires."""
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
         "tau": "Torque of every hinge [N m] and force of every slider [N], in the order of `q`; (..., dof).",
@@ -188,7 +190,7 @@ class MechanismForces(JointResults):
 
 
 class MechanismAccelerations(JointResults):
-    """The accelerations of a robot under given torques and forces."""
+    """Accelerations of a robot under given torques and forces."""
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
         "qdd": "Second derivatives of the coordinates; (..., dof) rad/s^2, of sliders m/s^2.",

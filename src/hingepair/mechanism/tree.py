@@ -26,19 +26,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.mechanism.shapes import Drawing
+from hingepair.mechanism.shapes import BodyDrawing
 from hingepair.numeric.arrays import Frozen, read_only
 
-Kind = Literal["hinge", "slider"]
+JointKind = Literal["hinge", "slider"]
 
 
 class Mimic(NamedTuple):
-    """The rule of a joint that follows another: q = multiplier * (q of the leader) + offset.
+    """Rule of a joint that follows another joint: q = multiplier * (q of the leader) + offset.
 
     Attributes:
-        leader: number of the joint that is followed, from 1 on; it follows none itself and may stand later.
-        multiplier: ratio of the rates.
-        offset: q of the joint where the leader's is 0 [rad or m].
+        leader: number of the leading joint, from 1 on; it follows no joint itself, and may come later.
+        multiplier: ratio of the joint's rate to the leader's.
+        offset: q of the joint at q = 0 of the leader [rad or m].
     """
 
     leader: int
@@ -48,7 +48,7 @@ class Mimic(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MassProperties(Frozen):
-    """Mass properties of one body, as they were written: what no rigid body can have is kept.
+    """Mass properties of one body as given; values that no rigid body can have are kept.
 
     Attributes:
         mass: [kg].
@@ -62,30 +62,30 @@ class MassProperties(Frozen):
     inertia: NDArray[np.float64]
 
 
-NO_MASS = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.zeros((3, 3))))
+ZERO_MASS = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.zeros((3, 3))))  # of a body without mass
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint(Frozen):
-    """A joint that moves, and the body that it moves.
+    """A joint that moves, with the body that it moves.
 
     Attributes:
-        name: of the joint.
+        name: name of the joint.
         kind: "hinge" or "slider"; a continuous joint is a hinge without limits.
-        parent: number of the body that carries it; 0 is the base.
-        u: its point in the parent body's axes, from the parent's reference point [m]; shape (3,).
-        S: attitude of its body at q = 0 in the parent body's axes; shape (3, 3).
-        n: its unit axis, in the axes of its body; shape (3,).
-        body: mass properties of its body.
-        position_limits: least and greatest q [rad or m]; infinite where there is none.
+        parent: number of the body that carries the joint; 0 is the base.
+        u: the joint's point in the parent body's axes, from the parent's reference point [m]; shape (3,).
+        S: attitude of the joint's body at q = 0 in the parent body's axes; shape (3, 3).
+        n: the joint's unit axis, in the axes of its body; shape (3,).
+        body: mass properties of the joint's body.
+        position_limits: lower and upper limit of q [rad or m]; infinite where there is none.
         rate_limit: largest rate [rad/s or m/s]; infinite where there is none.
         effort_limit: largest torque or force of its motor [N m or N]; infinite where there is none.
         armature: inertia of its motor's rotor, referred to the joint by the square of the gear ratio [kg m^2 or kg].
-        mimic: the joint that it follows; None of a joint with a coordinate of its own.
+        mimic: rule of a joint that follows another; None for a joint with a coordinate of its own.
     """
 
     name: str
-    kind: Kind
+    kind: JointKind
     parent: int
     u: NDArray[np.float64]
     S: NDArray[np.float64]
@@ -100,12 +100,12 @@ class Joint(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame(Frozen):
-    """A frame that is fixed in a body: a link, a fixed joint, or one that the user added.
+    """A frame fixed in a body: that of a link or a fixed joint, or one that the user added.
 
     Attributes:
         body: number of the body; 0 is the base.
-        R: its origin from the body's reference point, in the body's axes [m]; shape (3,).
-        S: rotation from its axes to the body's; shape (3, 3).
+        R: the frame's origin from the body's reference point, in the body's axes [m]; shape (3,).
+        S: rotation from the frame's axes to the body's axes; shape (3, 3).
     """
 
     body: int
@@ -115,11 +115,11 @@ class Frame(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tree(Frozen):
-    """A robot whose fixed and locked joints are folded into their parents.
+    """Record of a robot whose fixed and locked joints are merged into their parents.
 
     Attributes:
-        name: of the robot.
-        joints: those that move, mimic joints included, in the order of the module's docstring.
+        name: name of the robot.
+        joints: joints that move, mimic joints included, in the order of the module's docstring.
         base: mass properties of the base; on a fixed base they count nowhere.
         links: frames of the links by name, the root link first and each link after its parent.
         frames: further frames by name: fixed and locked joints (the child link's frame) and those that users added.
@@ -138,11 +138,11 @@ class Tree(Frozen):
     frames: Mapping[str, Frame]
     tips: tuple[str, ...]
     notes: tuple[str, ...] = ()
-    drawings: tuple[Drawing, ...] = ()
+    drawings: tuple[BodyDrawing, ...] = ()
 
     @property
     def coordinates(self) -> tuple[Joint, ...]:
-        """The joints with a coordinate of their own, in the order of q: all but the mimic joints."""
+        """Joints with a coordinate of their own, in the order of q; mimic joints have none."""
         return tuple(joint for joint in self.joints if joint.mimic is None)
 
     @property
@@ -151,7 +151,7 @@ class Tree(Frozen):
         return tuple(dict.fromkeys((*self.links, *self.frames, *(joint.name for joint in self.joints))))
 
     def frame(self, name: str) -> Frame | None:
-        """The frame of a link, of a further frame, or of a joint, in this order; None where there is none."""
+        """Return the frame of a link, a further frame or a joint, searched in this order; None if there is none."""
         known = self.links.get(name) or self.frames.get(name)
         if known is not None:
             return known
@@ -161,10 +161,10 @@ class Tree(Frozen):
         return None
 
     def known_frame(self, argument: str, name: object) -> Frame:
-        """Return a frame by its name, as `frame` does.
+        """Return a frame by its name, or raise an error.
 
         Raises:
-            ArgumentError: there is none; names the argument.
+            ArgumentError: there is none; the error names the argument.
         """
         frame = self.frame(name) if isinstance(name, str) else None
         if frame is None:

@@ -15,18 +15,18 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.mechanism.arguments import read_values
+from hingepair.mechanism.arguments import read_arguments
 from hingepair.mechanism.constants import (
-    Constants,
-    all_numbers,
-    constants_of,
-    exact_masses,
-    known_and_parameters,
-    payload_slopes,
+    RobotConstants,
+    exact_mass_numbers,
+    payload_derivatives,
+    program_numbers,
+    robot_constants,
+    split_numbers,
 )
-from hingepair.mechanism.evaluate import Problem
+from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.states import MechanismForces, joint_results_of
+from hingepair.mechanism.states import MechanismForces, joint_results_class
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.twofold import Twofold, exact_product
 from hingepair.pair.body import Body
@@ -169,31 +169,31 @@ class _Program:
         self, result: MechanismSceneResult, outputs: Sequence[str], robot: Mechanism, links: Sequence[str]
     ) -> None:
         tree, free = robot.tree, robot.base == "free"
-        slopes = [row for link in links for row in payload_slopes(tree, free, tree.known_frame("link", link))]
-        exact = exact_masses(tree, free)
+        slopes = [row for link in links for row in payload_derivatives(tree, free, tree.known_frame("link", link))]
+        exact = exact_mass_numbers(tree, free)
         self._varied = [column for column in range(len(exact)) if any(row[column] for row in slopes)]
         self._exact = [_twofold(exact[column]) for column in self._varied]
         self._slopes = [
             [(k, _twofold(row[column])) for k, row in enumerate(slopes) if row[column]] for column in self._varied
         ]
-        constants = constants_of(tree, free)
-        numbers = all_numbers(constants)
+        constants = robot_constants(tree, free)
+        numbers = program_numbers(constants)
         self._known = [
-            None if column in self._varied else known for column, known in enumerate(known_and_parameters(numbers)[0])
+            None if column in self._varied else known for column, known in enumerate(split_numbers(numbers)[0])
         ]
         self._numbers = np.array(numbers)
-        kind: Any = joint_results_of(MechanismForces, constants.names)
-        self._problem = Problem(self._with_parameters(constants), tuple(outputs), free, (), (), kind)
+        kind: Any = joint_results_class(MechanismForces, constants.names)
+        self._problem = RobotComputation(self._with_parameters(constants), tuple(outputs), free, (), (), kind)
         coordinates = dict(zip(("q", "qd", "qdd"), result.known.arguments(), strict=True))
-        self._values = read_values(constants.names, coordinates, result.known.base, self._problem.inputs, {})
+        self._values = read_arguments(constants.names, coordinates, result.known.base, self._problem.inputs, {})
         given = (*self._values.parts, "constants")
         self._call = self._problem.call(given, result.scene.gravity, result.scene.backend)
 
-    def _with_parameters(self, constants: Constants) -> Constants:
+    def _with_parameters(self, constants: RobotConstants) -> RobotConstants:
         """Return the constants of a robot whose programs fold no number that payloads change."""
         parameters = tuple(self._numbers[self._parameters].tolist())
         form = constants.form._replace(known=tuple(self._known))
-        return replace(constants, form=form, numbers=parameters, bounds=(0.0,) * len(parameters), prepared={})
+        return replace(constants, form=form, numbers=parameters, bounds=(0.0,) * len(parameters), cache={})
 
     @property
     def _parameters(self) -> list[int]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.mechanism.arguments import LETTERS, Coordinates, read_values
+from hingepair.mechanism.arguments import BASE_ATTRIBUTES, Coordinates, read_arguments
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
@@ -18,7 +18,7 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.robot_report import RobotComparison, RobotValidation
 from hingepair.validation.robot_scales import MOTION, RobotScales
-from hingepair.validation.robot_twin import AT_REST, RobotTwin, robot_twin
+from hingepair.validation.robot_twin import BASE_AT_REST, RobotTwin, robot_twin
 
 _BASE = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
 _REGULAR = 1e-12  # least eigenvalue of a mass matrix, scaled to ones on its diagonal, that is more than rounding
@@ -85,10 +85,10 @@ class _Samples:
     def __init__(
         self, robot: Mechanism, coordinates: Mapping[str, Coordinates], base_motion: BodyMotion | None
     ) -> None:
-        needed = tuple(LETTERS)[: 2 * len(coordinates)]
-        values = read_values(robot.names, coordinates, base_motion, needed, {})
+        needed = tuple(BASE_ATTRIBUTES)[: 2 * len(coordinates)]
+        values = read_arguments(robot.names, coordinates, base_motion, needed, {})
         self.shape = broadcast_shape(values.shapes)
-        parts = {name: np.asarray(getattr(AT_REST, LETTERS[name])) for name in needed} | values.parts
+        parts = {name: np.asarray(getattr(BASE_AT_REST, BASE_ATTRIBUTES[name])) for name in needed} | values.parts
         flat = {name: _flat(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()}
         finite = [np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in flat.values()]
         self.finite = np.logical_and.reduce(finite)
@@ -96,7 +96,7 @@ class _Samples:
             array[~self.finite] = np.nan
         self.skipped = int((~self.finite).sum())
         self.joints = [flat[name] for name in coordinates]
-        self.base = BodyMotion(**{LETTERS[name]: flat[name] for name in needed})
+        self.base = BodyMotion(**{BASE_ATTRIBUTES[name]: flat[name] for name in needed})
         leaves = [part for name, part in values.parts.items() if name in coordinates]
         single = all(getattr(part, "dtype", None) == np.float32 for part in leaves) and base_motion is None
         self.u = unit_roundoff(np.float32 if single else np.float64)

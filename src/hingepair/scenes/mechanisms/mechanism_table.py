@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.errors import URDFError, choices, nearest, printable, quoted
-from hingepair.mechanism.building import BASES
+from hingepair.mechanism.building import BASE_KINDS
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.slider import Slider
 from hingepair.pair.body import Body
@@ -50,7 +50,7 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
     elif len(sources) != 1:
         expected = 'a robot of example-robot-data, such as robot = "panda"; or urdf = "file"; or [[joint]] tables'
         table.refuse("robot", expected, "both robot and urdf" if sources else "none of them")
-    base = table.choice("base", BASES)
+    base = table.choice("base", BASE_KINDS)
     if base == "free" and "base" not in tables.values:
         table.fail("base", '"fixed", or a table [base] beside it with the motion of a free base')
     robot = _from_joints(tables, table, base) if "joint" in tables.values else _from_model(table, folder, base)
