@@ -278,6 +278,42 @@ def test_usual_biases_are_numbers_that_are_not_negative() -> None:
         hp.fit_anchor(T, *columns, accelerometer_bias=np.nan)
 
 
+def later(columns: list[np.ndarray], samples: int) -> list[np.ndarray]:
+    """The recording with sensor 2 read later than sensor 1."""
+    return [*(column[:-samples] for column in columns[:2]), *(column[samples:] for column in columns[2:])]
+
+
+@pytest.mark.parametrize("samples", [20, 50, 100])
+def test_what_is_no_hinge_is_not_passed(samples: int) -> None:
+    """Clocks that differ by 0.2 s and more: the point comes out 0.1 m off, with a small standard deviation."""
+    columns = later(felt(noise=1e-2), samples)
+    point = hp.fit_anchor(T[:-samples], *columns)
+    assert np.abs(point.u1 - U1).max() > 0.05
+    assert not point.ok
+    assert "not at random: no point is in both bodies, or the clocks" in " ".join(point.findings)
+    axis = hp.fit_axis(columns[0], columns[2])
+    assert not axis.ok
+    assert "not at random: they do not turn about one axis" in " ".join(axis.findings)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 1e-2])
+def test_noise_is_not_said_to_be_another_joint(noise: float) -> None:
+    columns = felt(noise=noise)
+    assert hp.fit_axis(columns[0], columns[2]).findings == ()
+    assert hp.fit_anchor(T, *columns).findings == ()
+
+
+def test_units_of_sensors_are_asked_about() -> None:
+    omega1, f1, omega2, f2 = felt(noise=1e-2)
+    point = hp.fit_anchor(T, omega1, f1 / 9.80665, omega2, f2 / 9.80665)
+    assert [text.partition(" is of")[0] for text in point.findings] == ["f1_b1", "f2_b2"]
+    assert "9.80665 * f2_b2" in point.findings[1]
+    fast = np.degrees(omega1), np.degrees(omega2)
+    for found in (hp.fit_axis(*fast), hp.fit_anchor(T, fast[0], f1, fast[1], f2)):
+        assert [text.partition(" comes to")[0] for text in found.findings[-2:]] == ["omega1_b1", "omega2_b2"]
+        assert "numpy.radians(omega1_b1)" in found.findings[-2]
+
+
 @pytest.mark.proof
 def test_errors_with_biases_are_within_the_intervals_in_hundreds_of_runs() -> None:
     scores, _ = axis_scores(200, 0.05)

@@ -27,6 +27,7 @@ from hingepair.measured.likelihood import summed_neighbours
 from hingepair.measured.spline import FEWEST, smooth_columns
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
 from hingepair.numeric.instants import checked_gaps, increasing_seconds, pieces
+from hingepair.numeric.suspicions import accelerometer_suspicions, gyroscope_suspicions
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import skew
 
@@ -43,6 +44,9 @@ _MAX_AXIS_STD = np.radians(5.0)  # [rad]: an axis that is known less well is not
 _MAX_POINT_STD = 0.1  # likewise of the hinge point, in parts of the larger lever
 _MIN_LEVER = 0.1  # [m]: shorter levers are judged as if they had this length
 _MAX_SCATTER = 0.3  # of the rates across the axis, in parts of all rates
+_MAX_CORRELATION = 0.5  # of neighbours' residuals; above, they are no noise
+_MAX_SYSTEMATIC_RATE, _MAX_SYSTEMATIC_FORCE = 0.05, 0.07
+"""Residuals that are no noise and can be put up with: in parts of all rates, and of the difference of both forces."""
 _MIN_CORRELATION = 0.2  # of the angle's changes with its rate, from which the sign of n2 is shown
 _MIN_EIGENVALUE_RATIO = 1e-10  # of the normal matrix to its largest, from which a direction is not rounding
 _MIN_AXIS_SIGNAL, _MIN_POINT_SIGNAL = 10.0, 2.0
@@ -90,7 +94,7 @@ class AnchorFit:
         bias2: that of accelerometer 2.
         bias_std: standard deviations of both; (2, 3).
         rms: of the difference of the forces' sizes [m/s^2].
-        ok: the motion determines the point.
+        ok: the motion shows a point that is in both bodies, and determines it.
         findings: in sentences.
     """
 
@@ -169,10 +173,19 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         for i, s in enumerate(std, start=1)
         if s > _MAX_AXIS_STD
     ]
-    if rms > _MAX_SCATTER * size / np.sqrt(2 * w1.shape[0]):
+    usual = size / np.sqrt(2 * w1.shape[0])
+    if rms > _MAX_SYSTEMATIC_RATE * usual and _correlation(rest) > _MAX_CORRELATION:
+        findings.append(
+            f"The two rates across the axis differ by {rms:.2g} rad/s rms, and not at random: they do not turn about "
+            "one axis, or the clocks of the sensors differ."
+        )
+    elif rms > _MAX_SCATTER * usual:
         findings.append(f"They do not turn about one axis: the two rates across it differ by {rms:.2g} rad/s rms.")
     if max(alike) < _MIN_CORRELATION:
         findings.append("The sign of n2 beside n1 is not shown: the angle does not follow its rate.")
+    ok = not findings
+    for name, omega in (("omega1_b1", w1), ("omega2_b2", w2)):
+        findings += gyroscope_suspicions(name, omega)
     return AxisFit(
         n1=read_only(n1),
         n2=read_only(n2),
@@ -181,7 +194,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         bias2=read_only(bias2),
         bias_std=read_only(bias_std.reshape(2, 3)),
         rms=rms,
-        ok=not findings,
+        ok=ok,
         findings=tuple(findings),
     )
 
@@ -272,10 +285,11 @@ def fit_anchor(
     covariance[hidden, hidden] = np.inf
     std = float(np.sqrt(np.diagonal(covariance).max()))
     reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), _MIN_LEVER)
-    findings: list[str] = []
-    if not std <= _MAX_POINT_STD * reach:
-        how = f"is known to {std:.2g} m only" if np.isfinite(std) else "is not shown"
-        findings.append(f"The hinge point {how}: let both bodies turn faster, about more than one direction.")
+    findings = _point_findings(std, reach, rest, forces)
+    ok = not findings
+    for name, column in given.items():
+        check = gyroscope_suspicions if name.startswith("omega") else accelerometer_suspicions
+        findings += check(name, np.asarray(column, dtype=np.float64))
     return AnchorFit(
         u1=read_only(u[:3]),
         u2=read_only(u[3:]),
@@ -284,9 +298,38 @@ def fit_anchor(
         bias2=read_only(sought[9:12]),
         bias_std=read_only(bias_std[:6].reshape(2, 3)),
         rms=float(np.sqrt(rest @ rest / used.size)),
-        ok=not findings,
+        ok=ok,
         findings=tuple(findings),
     )
+
+
+def _point_findings(std: float, reach: float, rest: Float64Array, forces: list[Float64Array]) -> list[str]:
+    """Return why the hinge point cannot be relied on, in sentences.
+
+    Args:
+        std: largest standard deviation of a coordinate [m].
+        reach: length of the longer lever [m].
+        rest: differences of the forces' sizes at the hinge point [m/s^2]; (N,).
+        forces: what both sensors feel; (N, 3) each.
+    """
+    findings = []
+    if not std <= _MAX_POINT_STD * reach:
+        how = f"is known to {std:.2g} m only" if np.isfinite(std) else "is not shown"
+        findings.append(f"The hinge point {how}: let both bodies turn faster, about more than one direction.")
+    rms = float(np.sqrt(np.mean(rest**2)))
+    apart = np.linalg.norm(forces[0], axis=1) - np.linalg.norm(forces[1], axis=1)
+    if rms > _MAX_SYSTEMATIC_FORCE * np.sqrt(np.mean(apart**2)) and _correlation(rest) > _MAX_CORRELATION:
+        findings.append(
+            f"The forces at the hinge point differ by {rms:.2g} m/s^2 rms, and not at random: no point is in both "
+            "bodies, or the clocks, units or axes of the sensors differ."
+        )
+    return findings
+
+
+def _correlation(rest: Float64Array) -> float:
+    """Return the correlation of residuals with their neighbours; 0 where rounding explains all of them."""
+    power = float(rest @ rest)
+    return float(rest[1:] @ rest[:-1]) / power if power > 0 else 0.0
 
 
 def checked_recording(t: ArrayLike, given: dict[str, ArrayLike]) -> tuple[Float64Array, list[Float64Array]]:

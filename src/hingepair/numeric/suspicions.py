@@ -17,6 +17,9 @@ _MIN_SUSPICIOUS_SPAN, _MAX_SUSPICIOUS_SPAN = 4 * np.pi, 720.0
 """Spans of hinge angles that are suspicious [rad]: more than two turns, and fewer than two turns if read as degrees.
 What spans more is a wheel in either unit."""
 _MIN_SUSPICIOUS_DISTANCE = 50.0  # [m] between the reference points of two bodies that share a hinge
+_MAX_GYROSCOPE_RATE = 40.0  # [rad/s]: usual gyroscopes end at 2000 degrees a second, 35 rad/s
+_MIN_SUSPICIOUS_FORCE, _MAX_SUSPICIOUS_FORCE = 0.5, 2.0
+"""Median sizes of what an accelerometer feels that are suspicious [m/s^2]: those of a slow sensor that counts in g."""
 _ROUND_ANGLE, _ROUND_RATE = 5.0, 45.0  # whole multiples of which degrees, and degrees a second, are
 _MAX_GYRATION = 30.0  # of the levers of a body: a larger radius of gyration is suspicious
 _SMALLER_UNITS_OF_TIME = (
@@ -67,6 +70,42 @@ def angle_suspicions(name: str, angles: Float64Array) -> list[str]:
         return []
     turns = f"{name} spans {span:.3g} rad, {span / (2 * np.pi):.3g} turns"
     return [f"{turns}: is it in radians? Degrees become radians by numpy.radians({name})."]
+
+
+def gyroscope_suspicions(name: str, omega: Float64Array) -> list[str]:
+    """Return what is suspicious about the unit of a gyroscope's readings that should be rad/s.
+
+    Args:
+        name: what the caller's messages call the readings, such as "omega1_b1".
+        omega: shape (N, 3) rad/s. NaN is stepped over.
+
+    >>> gyroscope_suspicions("omega1_b1", np.array([[0.0, 90.0, 0.0]]))
+    ['omega1_b1 comes to 90 rad/s: is it in rad/s? Degrees a second become rad/s by numpy.radians(omega1_b1).']
+    """
+    sizes = np.sqrt((omega * omega).sum(axis=-1))
+    largest = float(np.nanmax(sizes)) if np.isfinite(sizes).any() else 0.0
+    if largest <= _MAX_GYROSCOPE_RATE:
+        return []
+    size = f"{name} comes to {largest:.3g} rad/s"
+    return [f"{size}: is it in rad/s? Degrees a second become rad/s by numpy.radians({name})."]
+
+
+def accelerometer_suspicions(name: str, force: Float64Array) -> list[str]:
+    """Return what is suspicious about the unit of an accelerometer's readings that should be m/s^2.
+
+    Args:
+        name: what the caller's messages call the readings, such as "f1_b1".
+        force: shape (N, 3) m/s^2. NaN is stepped over.
+
+    >>> accelerometer_suspicions("f1_b1", np.array([[0.1, 0.0, 1.0]]))
+    ['f1_b1 is of the size of 1 m/s^2: is it in m/s^2? Multiples of g become m/s^2 by 9.80665 * f1_b1.']
+    """
+    sizes = np.sqrt((force * force).sum(axis=-1))
+    middle = float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else 0.0
+    if not _MIN_SUSPICIOUS_FORCE < middle < _MAX_SUSPICIOUS_FORCE:
+        return []
+    size = f"{name} is of the size of {middle:.2g} m/s^2"
+    return [f"{size}: is it in m/s^2? Multiples of g become m/s^2 by 9.80665 * {name}."]
 
 
 def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
