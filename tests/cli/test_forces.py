@@ -329,3 +329,94 @@ def test_a_motion_by_expressions_has_no_noise(tmp_path):
     assert forces.noise == {}
     assert forces.notes == ()
     assert "noise" not in told(path)
+
+
+LOGGED_CRANE = """
+[[joint]]
+name = "mast_turn"
+u1 = [0, 0, 1]
+u2 = [0, 0, 0]
+n = [0, 1, 0.2]
+body2 = { mass = 30, center_of_mass = [0.4, 0, 0.1], inertia = [2, 3, 4] }
+[[joint]]
+name = "ladder"
+parent = "mast_turn"
+kind = "slider"
+u1 = [0.5, 0, 0.2]
+u2 = [-1, 0, 0]
+n = [1, 0, 0.3]
+body2 = { mass = 12, inertia = [1, 1, 1] }
+[base]
+z = "0.1*sin(t)"
+[motion]
+file = "log.csv"
+differentiate = true
+"""
+
+
+def crane_log(t, noise, columns=("mast_turn", "ladder")):
+    rng = np.random.default_rng(4)
+    clean = {"mast_turn": 0.4 * np.sin(2 * t), "ladder": 0.3 * np.cos(t)}
+    log = {name: clean[name] + noise.get(name, 0.0) * rng.standard_normal(t.size) for name in columns}
+    return {"t": t, **log}
+
+
+@pytest.mark.parametrize("noise", [{"mast_turn": 5e-4}, {"mast_turn": 2e-5, "ladder": 3e-4}], ids=["hinge", "slider"])
+def test_the_noise_of_a_mechanism_s_log_is_estimated_and_what_it_makes_of_the_torques(tmp_path, noise):
+    t = np.arange(1501) / 500
+    clean = hp.load_scene(scene_file(tmp_path, LOGGED_CRANE, crane_log(t, {}))).forces()
+    path = scene_file(tmp_path, LOGGED_CRANE, crane_log(t, noise))
+    noisy = hp.load_scene(path).forces()
+    error = np.sqrt(np.mean((noisy.tau - clean.tau)[3:-3] ** 2, axis=0))
+    np.testing.assert_allclose([load.noise for load in noisy.loads], error, rtol=0.15)
+    assert max(load.noise for load in clean.loads) < 1e-6 * np.abs(clean.tau).max()
+    note = noisy.notes[0]
+    for name, unit in (("mast_turn", "rad"), ("ladder", "m")):
+        if name in noise:
+            size = float(re.search(rf"(\S+) {unit} of {name}[, ]", note)[1])
+            assert size == pytest.approx(noise[name], rel=0.15)
+    assert "hp.smooth" in note
+    assert "hp.smooth" not in clean.notes[0]
+    out = told(path)
+    assert f"note: {note}" in out
+    assert "by noise" in out
+    assert json.loads(told(path, "--json"))["joints"]["ladder"]["noise"] == noisy.loads[1].noise
+
+
+def test_rates_that_a_mechanism_s_log_has_bring_their_own_noise(tmp_path):
+    """Where boomd is in the log, boomdd is its difference, and that of boom is not."""
+    t, rng = np.arange(1501) / 500, np.random.default_rng(6)
+    rate = 0.8 * np.cos(2 * t)
+    loads = []
+    for deviation in (0.0, 2e-3):
+        log = crane_log(t, {}, ("mast_turn",))
+        log["mast_turnd"] = rate + deviation * rng.standard_normal(t.size)
+        loads.append(hp.load_scene(scene_file(tmp_path, LOGGED_CRANE, log)).forces())
+    clean, noisy = loads
+    error = np.sqrt(np.mean((noisy.tau - clean.tau)[3:-3] ** 2, axis=0))
+    np.testing.assert_allclose([load.noise for load in noisy.loads], error, rtol=0.15)
+    assert re.search(r"0\.002\d* rad/s of mast_turnd", noisy.notes[0])
+
+
+def test_the_noise_of_a_short_log_is_not_known(tmp_path):
+    t = np.arange(4) / 10
+    log = {"t": t, **dict.fromkeys(("mast_turn", "mast_turnd", "mast_turndd"), 0.1 * t)}
+    forces = hp.load_scene(scene_file(tmp_path, LOGGED_CRANE.replace("differentiate = true\n", ""), log)).forces()
+    assert all(np.isnan(load.noise) for load in forces.loads)
+    assert "by noise" not in told(tmp_path / "scene.toml")
+
+
+def test_the_noise_of_a_short_log_of_a_pair_is_not_known(tmp_path):
+    t = np.arange(4) / 10
+    names = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi", "psid", "psidd")
+    rates = ("v1_x", "v1_y", "v1_z", "a1_x", "a1_y", "a1_z", "phid_x", "phid_y", "phid_z")
+    log = {"t": t, **dict.fromkeys((*names, *rates, "phidd_x", "phidd_y", "phidd_z"), 0.1 * t)}
+    forces = hp.load_scene(scene_file(tmp_path, LOGGED.replace("differentiate = true\n", ""), log)).forces()
+    assert forces.noise == {}
+    assert not any("noise" in note for note in forces.notes)
+
+
+def test_a_mechanism_that_moves_by_expressions_has_no_noise():
+    forces = hp.load_scene(MODELS / "excavator.toml").forces()
+    assert all(np.isnan(load.noise) for load in forces.loads)
+    assert not any("noise" in note for note in forces.notes)

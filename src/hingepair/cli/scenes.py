@@ -169,8 +169,8 @@ def forces_command(
     torque1 act on body 1 at R1. Vectors are in world axes. For a log the table also shows the effect of noise.
 
     For a mechanism, the table shows the effort of each joint (N m of a hinge, N of a slider), its coordinate and its
-    rate beside their limits. force1 and torque1 act on the base about its reference point; for a fixed base they are
-    the reaction.
+    rate beside their limits; for a log also the standard deviation of each effort that the noise of the log causes.
+    force1 and torque1 act on the base about its reference point; for a fixed base they are the reaction.
     """
     if out is not None:
         check_ending(out)

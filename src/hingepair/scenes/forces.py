@@ -19,11 +19,10 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Record
 from hingepair.plans.plan import ACCELERATION
 from hingepair.scenes.known_motion import ByBody1, KnownMotion
-from hingepair.scenes.log_noise import LogNoise
+from hingepair.scenes.log_noise import LogNoise, finite_rms, noise_rows
 from hingepair.scenes.logged_motion import ORDER
 from hingepair.scenes.motion import Motion, massive
 
-_MAX_NOISE_SAMPLES: Final = 100_000  # consecutive ones, in the middle, that noise is estimated from
 _MIN_NOISE_SHARE: Final = 0.01  # of the hinge torque's rms: from here on smoothing is recommended
 _NOISE_UNITS: Final = {"S1": "rad"}
 
@@ -92,7 +91,7 @@ def forces_of(
         down = ", ".join(f"{component:g}" for component in fall[:size])
         notes.append(f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0")
     noise: dict[str, Float64Array] = {}
-    if motion.derived is not None:
+    if motion.derived is not None and len(t) > ORDER:
         noise, sentence = _noise(pair, t, known, motion.derived, fall, arrays)
         notes.append(sentence)
     record = t, _in_plane(arrays) if flat else arrays, f"forces: {title}", files
@@ -169,14 +168,13 @@ def _noise(
     arrays: Mapping[str, NDArray[Any]],
 ) -> tuple[dict[str, Float64Array], str]:
     """Return the standard deviation that the noise of a log causes in each force, by name, and a sentence on it."""
-    first = max(0, (len(t) - _MAX_NOISE_SAMPLES) // 2)
-    rows = slice(first, first + _MAX_NOISE_SAMPLES)
-    log = LogNoise(t[rows] - t[first], derived, ORDER)
+    rows = noise_rows(len(t))
+    log = LogNoise(t[rows] - t[rows.start], derived, ORDER)
     noisy = _required(pair, log.added_to(known.part(rows, ACCELERATION)).in_space(pair), gravity)
     inside, sizes = slice(ORDER // 2, -(ORDER // 2)), log.sizes
     changes = {name: (own - arrays[name][rows])[inside] for name, own in noisy.items()}
-    noise = {name: np.sqrt(np.nanmean(change**2, axis=0)) for name, change in changes.items()}
-    torque, rms = float(noise["hinge_torque"]), float(np.sqrt(np.nanmean(arrays["hinge_torque"] ** 2)))
+    noise = {name: finite_rms(change) for name, change in changes.items()}
+    torque, rms = float(noise["hinge_torque"]), float(finite_rms(arrays["hinge_torque"]))
     psidd = _two_digits(sizes.pop("psidd", 0.0))
     columns = [
         f"{_two_digits(size)} {_NOISE_UNITS.get(name) or unit_of(name)} of {name}" for name, size in sizes.items()

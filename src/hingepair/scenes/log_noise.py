@@ -21,6 +21,22 @@ from hingepair.scenes.known_motion import ByBody1, ByCoordinates, KnownMotion
 _OF_BODY1: Final = (("psi", "psid", "psidd"), ("R1", "v1", "a1"), ("S1", "omega1", "alpha1"))
 """A motion by that of body 1: what a log has samples of, its rate, and the rate of that."""
 
+_MAX_SAMPLES: Final = 100_000  # consecutive samples from which the noise of a log is estimated
+
+
+def noise_rows(count: int) -> slice:
+    """Return the samples from which the noise of a log of so many samples is estimated: those in the middle."""
+    first = max(0, (count - _MAX_SAMPLES) // 2)
+    return slice(first, first + _MAX_SAMPLES)
+
+
+def finite_rms(values: Float64Array) -> Float64Array:
+    """Return the root mean square of the finite values along the first axis; NaN where none is finite."""
+    finite = np.isfinite(values)
+    with np.errstate(invalid="ignore"):
+        rms: Float64Array = np.sqrt((np.where(finite, values, 0.0) ** 2).sum(axis=0) / finite.sum(axis=0))
+    return rms
+
 
 class LogNoise:
     """Noise of the size and the kind that a log has.
@@ -43,6 +59,11 @@ class LogNoise:
     def added_to(self, known: KnownMotion) -> KnownMotion:
         """Compute the motion with as much noise once more, independent of its own; accelerations are known."""
         return self._to_coordinates(known) if isinstance(known, ByCoordinates) else self._to_body1(known)
+
+    def added_to_column(self, names: tuple[str, ...], values: tuple[Float64Array, ...]) -> list[Float64Array]:
+        """Compute a coordinate, its rate and the rate of that with as much noise once more; shape (N,) each."""
+        noise = self._of(names, [column[:, None] for column in values])
+        return [column + added[:, 0] for column, added in zip(values, noise, strict=True)]
 
     def _to_coordinates(self, known: ByCoordinates) -> ByCoordinates:
         columns = []
@@ -69,7 +90,7 @@ class LogNoise:
         noise: list[Float64Array] = []
         slopes: list[Float64Array] = []
         for name, own in zip(names, values, strict=True):
-            if name.partition("_")[0] in self._derived and slopes:
+            if slopes and not {name, name.partition("_")[0]}.isdisjoint(self._derived):
                 noise.append(slopes.pop(0))
                 continue
             residuals = local_fit_residuals(self._t, own, _turned_from if name == "S1" else None)

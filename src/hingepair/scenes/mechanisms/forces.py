@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,16 @@ from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, cell, instant
 from hingepair.pair.results import Record
-from hingepair.scenes.mechanisms.joint_motion import KnownJoints
+from hingepair.scenes.log_noise import LogNoise, finite_rms, noise_rows
+from hingepair.scenes.logged_motion import ORDER
+from hingepair.scenes.mechanisms.joint_motion import RATES, KnownJoints
 
 _HEADINGS = (
     *("joint", "unit", "rms", "max |tau|", "at t", "limit", "of it"),
     *("least q", "limit", "largest q", "limit", "max |q'|", "limit"),
 )
+_MIN_NOISE_SHARE = 0.01
+"""Share of a torque's rms from which smoothing is recommended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +44,8 @@ class JointLoad:
         position_limits: of it.
         rate: largest size of the rate [rad/s or m/s].
         rate_limit: of it.
+        noise: standard deviation of the torque or force that the noise of a log causes, away from the log's ends; NaN
+            where there is no log.
     """
 
     joint: str
@@ -54,6 +60,7 @@ class JointLoad:
     position_limits: tuple[float, float]
     rate: float
     rate_limit: float
+    noise: float
 
     @property
     def unit(self) -> str:
@@ -98,8 +105,64 @@ class MechanismSceneForces(Record):
         return Sheet(f"{self.described}: {len(self.t)} instants", load_rows(self.loads), self.notes)
 
 
+class JointNoise(NamedTuple):
+    """What the noise of a log is estimated from.
+
+    Attributes:
+        robot: the mechanism.
+        t: all instants of the log [s].
+        middle: the motion at the instants of `noise_rows`, with accelerations.
+        moving: names of the joints that have a column in the log.
+        derived: names of the rates that were found by finite differences.
+    """
+
+    robot: Mechanism
+    t: Float64Array
+    middle: KnownJoints
+    moving: tuple[str, ...]
+    derived: tuple[str, ...]
+
+    def of_torques(self, gravity: tuple[float, ...], tau: Float64Array) -> tuple[Float64Array, str]:
+        """Compute the standard deviations that the noise of the log causes in the torques, and a note on the noise.
+
+        Args:
+            gravity: acceleration of free fall [m/s^2]; shape (3,).
+            tau: torques and forces at all instants; shape (N, dof).
+
+        Returns:
+            The standard deviations, shape (dof,), and the note.
+        """
+        rows = noise_rows(len(self.t))
+        log = LogNoise(self.t[rows] - self.t[rows.start], self.derived, ORDER)
+        derivatives = [list(values) for values in self.middle.derivatives]
+        units: dict[str, str] = {}
+        for column, joint in enumerate(self.robot.tree.coordinates):
+            if joint.name not in self.moving:
+                continue
+            names = tuple(joint.name + rate for rate in RATES)
+            length = "rad" if joint.kind == "hinge" else "m"
+            units |= zip(names, (length, f"{length}/s", f"{length}/s^2"), strict=True)
+            values = tuple(self.middle.column(order, column) for order in range(len(names)))
+            for order, noisy_values in enumerate(log.added_to_column(names, values)):
+                derivatives[order][column] = noisy_values
+        noisy = replace(self.middle, derivatives=tuple(map(tuple, derivatives)))
+        base = self.middle.base
+        acting = self.robot.inverse_dynamics(*noisy.arguments(), gravity=gravity, base_motion=base, outputs=("tau",))
+        change = (np.asarray(acting.tau, np.float64) - tau[rows])[ORDER // 2 : -(ORDER // 2)]
+        noise = finite_rms(change)
+        sizes = ", ".join(f"{size:.2g} {units[name]} of {name}" for name, size in log.sizes.items())
+        note = f"noise of the log, by local fits: {sizes or 'none'} (standard deviations)"
+        if (noise > _MIN_NOISE_SHARE * finite_rms(tau)).any():
+            note += "; hp.smooth(t, q) finds the rates of a noisy column"
+        return noise, note
+
+
 def forces_of(
-    robot: Mechanism, known: KnownJoints, gravity: tuple[float, ...], record: Mapping[str, Any]
+    robot: Mechanism,
+    known: KnownJoints,
+    gravity: tuple[float, ...],
+    record: Mapping[str, Any],
+    noise: JointNoise | None,
 ) -> MechanismSceneForces:
     """Compute what acts for a mechanism to move as its scene says; `MechanismScene.forces` has the words.
 
@@ -108,26 +171,35 @@ def forces_of(
         known: its motion, with accelerations.
         gravity: acceleration of free fall [m/s^2]; shape (3,).
         record: t, and the arguments described, inputs and unit of a `Record`.
+        noise: of a log, what its noise is estimated from.
     """
     t: Float64Array = record["t"]
     acting = robot.inverse_dynamics(*known.arguments(), gravity=gravity, base_motion=known.base)
     tau = np.asarray(acting.tau, dtype=np.float64)
     arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}
-    loads = tuple(_load(joint, i, t, known, tau[:, i]) for i, joint in enumerate(robot.tree.coordinates))
-    notes = (*_lost(arrays), *(sentence for load in loads for sentence in _beyond(load, len(t))))
+    deviations, sentences = np.full(robot.dof, math.nan), list(_lost(arrays))
+    if noise is not None and len(t) > ORDER:
+        deviations, sentence = noise.of_torques(gravity, tau)
+        sentences.append(sentence)
+    loads = tuple(
+        _load(joint, i, t, known, tau[:, i], float(deviations[i])) for i, joint in enumerate(robot.tree.coordinates)
+    )
+    notes = (*sentences, *(sentence for load in loads for sentence in _beyond(load, len(t))))
     return MechanismSceneForces(arrays=arrays, tau=tau, gravity=gravity, loads=loads, notes=notes, **record)
 
 
 def load_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
     """Return the heading and the rows of a table of loads beside limits; a limit that is none is empty."""
-    rows: list[tuple[str, ...]] = [_HEADINGS]
+    logged = any(math.isfinite(load.noise) for load in loads)
+    rows: list[tuple[str, ...]] = [(*_HEADINGS, "by noise") if logged else _HEADINGS]
     for load in loads:
         use = "" if math.isnan(load.use) else f"{load.use:.0%}"
         sizes = cell(load.rms), cell(load.largest), instant(load.t_of_largest), _limit(load.effort_limit), use
         both = zip(load.position, load.position_limits, strict=True)
         q = (text for value, limit in both for text in (cell(value), _limit(limit)))
-        rows.append((load.joint, load.unit, *sizes, *q, cell(load.rate), _limit(load.rate_limit)))
+        noise = [f"{load.noise:.2g}"] if logged else []
+        rows.append((load.joint, load.unit, *sizes, *q, cell(load.rate), _limit(load.rate_limit), *noise))
     return rows
 
 
@@ -135,7 +207,9 @@ def _limit(value: float) -> str:
     return cell(value) if math.isfinite(value) else ""
 
 
-def _load(joint: Joint, column: int, t: Float64Array, known: KnownJoints, tau: Float64Array) -> JointLoad:
+def _load(
+    joint: Joint, column: int, t: Float64Array, known: KnownJoints, tau: Float64Array, noise: float
+) -> JointLoad:
     """Return what the motion takes of a joint; of instants that are finite."""
     finite = np.isfinite(tau)
     largest, when = (math.nan, math.nan)
@@ -157,6 +231,7 @@ def _load(joint: Joint, column: int, t: Float64Array, known: KnownJoints, tau: F
         joint.position_limits,
         float(np.fmax.reduce(qd)),
         joint.rate_limit,
+        noise,
     )
 
 

@@ -185,7 +185,8 @@ class JointMotion:
         hint: how to get derivatives that are missing, for messages.
         functions: of t that it is made of; they know where they switch.
         notes: sentences that every reader of the results should see.
-        derived: names of the joints whose rates were found by finite differences.
+        derived: names of the rates of a log that were found by finite differences, such as boomdd; None of what is
+            no log.
     """
 
     t: Instants
@@ -196,7 +197,7 @@ class JointMotion:
     hint: str = ""
     functions: tuple[FunctionsOfTime, ...] = ()
     notes: tuple[str, ...] = ()
-    derived: tuple[str, ...] = ()
+    derived: tuple[str, ...] | None = None
 
     @property
     def level(self) -> int:
@@ -322,7 +323,7 @@ def _read_log(table: Table, folder: Path, robot: Mechanism, base: BaseMotion | N
         if len(columns) <= level:
             wanted = "a column, beside rates of other joints (or differentiate = true)"
             log.refuse(joint + RATES[len(columns)], wanted, "no such column")
-    derived = tuple(joint for joint in parts if {joint + RATES[1], joint + RATES[2]} & {*log.derived})
+    derived = tuple(joint + rate for joint in parts for rate in RATES[1:] if joint + rate in log.derived)
     rests = _rests(robot)
     rows = tuple(
         tuple(_plain(parts[name][k]) if name in parts else rests[name] * (k == 0) for name in robot.names)

@@ -24,7 +24,8 @@ from hingepair.pair.results import Result
 from hingepair.plans.plan import ACCELERATION, POSE, VELOCITY
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.scenes.instants import Instants, Rows, Sampled
-from hingepair.scenes.mechanisms.forces import MechanismSceneForces, forces_of
+from hingepair.scenes.log_noise import noise_rows
+from hingepair.scenes.mechanisms.forces import JointNoise, MechanismSceneForces, forces_of
 from hingepair.scenes.mechanisms.joint_motion import (
     RATES,
     JointCoordinates,
@@ -463,7 +464,8 @@ class MechanismScene(Sampled):
             A `MechanismSceneForces`: `.tau`, (samples, dof), N m of hinges and N of sliders; `.force1` and
             `.torque1`, (samples, 3), on the base about its reference point, of a fixed base its reaction; `.loads`,
             one of each joint that moves by itself, with rms, largest size, and the limits of effort, position and
-            rate beside them; `.notes`, sentences on limits that are passed.
+            rate beside them, and of a log what its noise causes; `.notes`, sentences on limits that are passed and
+            on this noise.
 
         Raises:
             ArgumentError: the motion has no accelerations.
@@ -475,7 +477,11 @@ class MechanismScene(Sampled):
         fall = self.gravity if gravity is None else tuple(one_constant("gravity", gravity, 3).tolist())
         known = self.known(slice(len(t)), ACCELERATION)
         record = {"t": t, "described": f"forces: {self.title}", "inputs": self.files, "unit": self.unit}
-        return forces_of(self.mechanism, known, fall, record)
+        noise = None
+        if motion.derived is not None:
+            middle = self.known(noise_rows(len(t)), ACCELERATION)
+            noise = JointNoise(self.mechanism, t, middle, motion.moving, motion.derived)
+        return forces_of(self.mechanism, known, fall, record, noise)
 
     def notes(self) -> tuple[str, ...]:
         """Return sentences that a reader of the results should see: limits that are passed, kinks, doubtful units."""
