@@ -19,7 +19,7 @@ What spans more is a wheel in either unit."""
 _MIN_SUSPICIOUS_DISTANCE = 50.0  # [m] between the reference points of two bodies that share a hinge
 _MAX_GYROSCOPE_RATE = 40.0  # [rad/s]: usual gyroscopes end at 2000 degrees a second, 35 rad/s
 _MIN_SUSPICIOUS_FORCE, _MAX_SUSPICIOUS_FORCE = 0.5, 2.0
-"""Median sizes of what an accelerometer feels that are suspicious [m/s^2]: those of a slow sensor that counts in g."""
+"""Median sizes of what an accelerometer feels that are suspicious [m/s^2]: of a slow sensor that counts in g."""
 _ROUND_ANGLE, _ROUND_RATE = 5.0, 45.0  # whole multiples of which degrees, and degrees a second, are
 _MAX_GYRATION = 30.0  # of the levers of a body: a larger radius of gyration is suspicious
 _SMALLER_UNITS_OF_TIME = (
