@@ -34,6 +34,7 @@ autodoc_preserve_defaults = True
 napoleon_numpy_docstring = False
 napoleon_attr_annotations = False
 napoleon_use_ivar = True
+napoleon_use_rtype = False  # or the words before a colon come last
 
 sphinx_gallery_conf = {
     "examples_dirs": "gallery",

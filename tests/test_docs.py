@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import pydoc
 import re
 from pathlib import Path
 
@@ -75,3 +77,12 @@ def test_the_page_of_commands_has_a_row_for_each():
     page = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
     for command in typer.main.get_command(app).commands:
         assert re.search(rf"^\| .*`hingepair {command}\b", page, re.MULTILINE), command
+
+
+def test_no_docstring_of_a_property_reads_as_a_type():
+    """A colon in the first line splits it: what stands before is shown as the type of the property."""
+    for page in REFERENCE:
+        for name in re.findall(r"^\.\. autoclass:: ([\w.]+)", page.read_text(encoding="utf-8"), re.MULTILINE):
+            for member, value in inspect.getmembers(pydoc.locate(name.rstrip("()"))):
+                if isinstance(value, property) and not member.startswith("_"):
+                    assert ": " not in (value.__doc__ or "").split("\n")[0], (name, member)

@@ -110,7 +110,7 @@ class Page:
 
     @property
     def shown(self) -> str:
-        """Number of instants on the page, and of the whole motion if that has more: `2000 of 10001`."""
+        """Number of instants on the page, such as `2000 of 10001` where the motion has more."""
         return _shown_count(self.frames, self.samples)
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:

@@ -106,7 +106,7 @@ class Sampled(Shown, abc.ABC):
 
     @property
     def backend(self) -> str:
-        """The backend of all pieces: one for more than a block, so that pieces and the whole agree to the bit."""
+        """The backend of all pieces of a long motion, so that pieces and the whole agree to the bit."""
         return "auto" if self.samples <= ROWS else "compiled" if find_spec("llvmlite") else "numpy"
 
     def block_rows(self) -> Iterator[slice]:

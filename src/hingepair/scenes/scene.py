@@ -224,7 +224,7 @@ class Scene(Sampled):
 
     @property
     def expressions(self) -> dict[str, Expr | None]:
-        """The SymPy expressions by coordinate: x, y, z, phi_x, phi_y, phi_z, psi; in the plane x, y, phi, psi.
+        """The SymPy expressions of x, y, z, phi_x, phi_y, phi_z, psi, by name; in the plane of x, y, phi, psi.
 
         None for a coordinate that goes through way points.
 

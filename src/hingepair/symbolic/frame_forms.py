@@ -98,7 +98,7 @@ class FrameForms:
 
     @property
     def q(self) -> tuple[Expr, ...]:
-        """The symbols of the coordinates, in the order of the robot's q: rad of hinges, m of sliders."""
+        """The symbols of the coordinates, in the order of the robot's q (rad for hinges, m for sliders)."""
         return self._program.q
 
     @property

@@ -119,7 +119,7 @@ class MechanismSceneResult(Frozen, Result):
         """Return what was asked for, by name; shape (samples, ...).
 
         Names are R_tool, S_tool and so on; of q, qd and qdd each joint has an array of its own, named as in a log;
-        of tau it is tau_ and the joint's name.
+        of tau it is `tau_` and the joint's name.
         """
         arrays: dict[str, NDArray[Any]] = {}
         for quantity, frames, joints in self.outputs:
