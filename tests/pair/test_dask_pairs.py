@@ -65,6 +65,7 @@ PAIR = hp.HingePair(*random_pair(generator(400)), body1=MASS, body2=MASS)
 FLAT = hp.PlanarPair((0.5, 0.2), (-0.3, 0.1), body1=MASS, body2=MASS)
 Q, QD, QDD = coordinates(generator(401), COUNT)
 BODY = hp.BodyMotion(**dict(zip(LETTERS, random_body(generator(402), COUNT), strict=True)))
+S1_OF_Q = np.asarray(PAIR.forward_kinematics(Q, outputs=("S1",)).S1)
 OTHER = hp.BodyMotion(**dict(zip(LETTERS, random_body(generator(403), COUNT), strict=True)))
 PSI = generator(404).normal(size=(3, COUNT))
 LOAD = generator(405).normal(size=(COUNT, 3))
@@ -164,13 +165,37 @@ def test_a_pair_in_the_plane_gives_what_numpy_gives(name):
     check_same(FLAT_CALLS[name](Given([*map(chunked, plain.q)])), FLAT_CALLS[name](plain))
 
 
-def test_residuals_come_without_a_judgement():
+def test_residuals_come_with_the_part_of_its_tolerance_that_each_sample_takes():
     lazy = PAIR.residuals(lazy_body(BODY), lazy_body(OTHER))
     plain = PAIR.residuals(BODY, OTHER)
     for name in ("gap", "tilt", "tilt_angle", "psi", "gap_rate", "psid", "psidd"):
         assert_close(computed(getattr(lazy, name)), getattr(plain, name))
-    with pytest.raises(hp.ArgumentError, match="tolerances: expected None"):
-        PAIR.residuals(lazy_body(BODY), lazy_body(OTHER), {"gap": 1})
+    assert computed(da.nanmax(lazy.ratio)) == pytest.approx(max(row.ratio for row in plain.rows), rel=1e-9)
+    with pytest.raises(hp.ArgumentError, match="t: expected None"):
+        PAIR.residuals(lazy_body(BODY), lazy_body(OTHER), t=np.arange(COUNT))
+    with pytest.raises(hp.ArgumentError, match=r"tolerances\['gap'\]: expected a positive number \[m\], got -1"):
+        PAIR.residuals(lazy_body(BODY), lazy_body(OTHER), {"gap": -1})
+
+
+def test_lazy_residuals_pass_where_those_of_numpy_arrays_do():
+    state = PAIR.forward_kinematics(Q)
+    body1, body2 = hp.BodyMotion(R=Q[:, :3], S=S1_OF_Q), hp.BodyMotion(R=state.R2, S=state.S2)
+    bent, holed = np.array(state.R2), np.array(state.R2)
+    bent[17, 1] += 0.01
+    holed[23] = np.nan
+
+    def ratio(R2, **tolerances):
+        other = hp.BodyMotion(R=chunked(R2), S=chunked(np.asarray(state.S2)))
+        first = hp.BodyMotion(R=chunked(body1.R), S=chunked(S1_OF_Q))
+        return computed(PAIR.residuals(first, other, tolerances or None).ratio)
+
+    assert PAIR.residuals(body1, body2).ok
+    assert (ratio(state.R2) <= 1).all()
+    assert [*np.flatnonzero(ratio(bent) > 1)] == [17]
+    assert ratio(bent, gap=0.02)[17] == pytest.approx(0.5)
+    # A sample whose position is not finite is judged by its tilt alone, as by NumPy.
+    assert np.isfinite(ratio(holed)).all()
+    assert (ratio(holed) <= 1).all()
 
 
 @pytest.mark.parametrize("outputs", [("R2",), ("R2", "S2", "v2", "omega2")], ids=["one", "several"])
@@ -248,7 +273,13 @@ def test_a_chunk_that_fails_names_itself():
         (lambda q: PAIR.forward_kinematics(q, outputs=("R3",)), "outputs: expected"),
         (lambda q: PAIR.forward_kinematics(q > 0), "q: expected real numbers"),
         (lambda q: PAIR.forward_kinematics(q, out={"R2": Q}), "out: expected None, since Dask"),
-        (lambda q: hp.sample_pairs(PAIR, 50, u1_std=1).forward_kinematics(q), "pair: expected one pair"),
+        (lambda q: hp.sample_pairs(PAIR, 50, u1_std=1).forward_kinematics(q), "pair: expected one pair beside Dask"),
+        (
+            lambda q: hp.integrate(PAIR, np.arange(50), q[:, :3], 0.0),
+            r"omega1: .*dask.delayed\(hp.integrate\)\(pair, t,",
+        ),
+        (lambda q: hp.integrate(PAIR, np.arange(50), (0, 0, 1), q[:, 0]), "psid: expected an array in memory"),
+        (lambda q: hp.integrate(PAIR, np.arange(50), (0, 0, 1), 0.0, R1=q[:, :3]), "R1: expected an array in memory"),
         (lambda q: hp.rodrigues(q[:, :3], 0.1), r"n: expected an array in memory, such as n.compute\(\)"),
         (lambda _: hp.fit(lazy_body(BODY), lazy_body(OTHER)), "body1: expected arrays in memory"),
     ],
@@ -256,6 +287,19 @@ def test_a_chunk_that_fails_names_itself():
 def test_what_cannot_be_used_is_refused_before_anything_is_computed(call, message):
     with pytest.raises(hp.ArgumentError, match=message):
         call(chunked(Q))
+
+
+def test_motions_are_integrated_by_a_task_each():
+    t, omega1, psid = np.linspace(0, 1, 9), generator(406).normal(size=(4, 1, 3)) * np.ones((9, 3)), PSI[:, :9]
+    rates = da.from_array(omega1[:3], chunks=(2, 9, 3)), da.from_array(psid, chunks=(2, 9))
+    lazy = [dask.delayed(hp.integrate)(PAIR, t, *(rate[i] for rate in rates), backend="numpy") for i in range(3)]
+    for i, motion in enumerate(computed(*lazy)):
+        plain = hp.integrate(PAIR, t, omega1[i], psid[i], backend="numpy")
+        np.testing.assert_array_equal(motion.R2, plain.R2)
+    with pytest.raises(
+        hp.ShapeError, match=r"samples of shape \(9, 3\), got 4 motions of that shape; integrate each"
+    ):
+        hp.integrate(PAIR, t, omega1, psid[0])
 
 
 def test_what_is_sent_to_another_process_is_loaded_once():

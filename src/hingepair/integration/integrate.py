@@ -15,6 +15,7 @@ from hingepair.integration.solve import METHODS, Solution, SolveOptions, solve
 from hingepair.integration.trajectory import PlanarTrajectory, Trajectory, quaternions_to_matrices, rotate_to_world
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, one_constant, read_only
+from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.numeric.instants import instants_of
 from hingepair.pair.constants import Constants, check_pair
 from hingepair.pair.evaluate import STATES, compute
@@ -116,6 +117,10 @@ def integrate(
     omega1 alone; `euler_angles` integrates phi' = J^-1 omega (E4) of the sequence XYZ (E10) by Runge-Kutta steps of
     order 4; `dop853` is SciPy's.
 
+    A call integrates one motion. Many motions, such as Dask arrays (motions, N, 3) whose chunks divide the motions
+    and not the time, take a task each: `dask.delayed(hp.integrate)(pair, t, omega1[i], psid[i])` is one lazy
+    trajectory, and `dask.compute(*trajectories)` integrates them on threads, processes or a cluster.
+
     Args:
         pair: a HingePair, or a PlanarPair (E11): then omega1 and alpha1 are numbers, points have two coordinates.
         t: instants [s], increasing; shape (N,). One step for each interval, more where `tol` asks for them.
@@ -162,6 +167,20 @@ def integrate(
     """
     check_choice("method", method, METHODS)
     check_choice("frame", frame, FRAMES)
+    for name, value in (
+        ("t", t),
+        ("omega1", omega1),
+        ("psid", psid),
+        ("R1", R1),
+        ("alpha1", alpha1),
+        ("psidd", psidd),
+    ):
+        if holds_dask(value):
+            expected = (
+                "an array in memory, since integrate takes one whole motion "
+                "(dask.delayed(hp.integrate)(pair, t, omega1, psid) integrates it in one task)"
+            )
+            raise ArgumentError(name, expected, f"a Dask {type(value).__name__}")
     t = instants_of("t", t)
     execution = execution_of(backend, 1)
     options = SolveOptions(t, method, tol, execution, frame == "body")

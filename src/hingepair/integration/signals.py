@@ -141,7 +141,9 @@ def read_signal(name: str, value: Any, t: Array, value_shape: tuple[int, ...], e
     array = real_array(name, value).astype(np.float64)
     if array.shape not in {value_shape, t.shape + value_shape}:
         shapes = f"a callable, a constant of shape {value_shape}, or samples of shape {t.shape + value_shape}"
-        raise ShapeError(name, shapes, f"shape {array.shape}")
+        many = array.shape[1:] == t.shape + value_shape
+        got = f"{len(array)} motions of that shape; integrate each by a call of its own" if many else None
+        raise ShapeError(name, shapes, got or f"shape {array.shape}")
     if not np.isfinite(array).all():
         first = _first_not_finite(array.reshape(-1, *value_shape))
         where = f" at index {first}" if array.shape != value_shape else ""

@@ -142,12 +142,16 @@ def check_pair(pair: object) -> None:
         raise ArgumentError("pair", f"a HingePair{hint}", quoted(pair))
 
 
-def check_one(pair: Any) -> None:
+def check_one(pair: Any, where: str = "") -> None:
     """Refuse a pair that differs from sample to sample.
+
+    Args:
+        pair: a HingePair or a PlanarPair.
+        where: continues "one pair" in the message, such as " beside Dask arrays".
 
     Raises:
         ShapeError: u1, u2, n or home have leading axes.
     """
     if not pair.constants.single:
-        expected = f"one pair, such as {type(pair).__name__}(u1[i], ...)"
+        expected = f"one pair{where}, such as {type(pair).__name__}(u1[i], ...)"
         raise ShapeError("pair", expected, f"pairs of shape {pair.constants.shape}")

@@ -142,7 +142,7 @@ class HingePair(Shown):
 
     def _lazily(self, method: Callable[..., Found], **arguments: Any) -> Found:
         """Return what a method gives for arguments among which there are Dask arrays; nothing is computed."""
-        check_one(self)
+        check_one(self, " beside Dask arrays")
         return over_chunks(method, arguments, SAMPLE_SHAPES, kinematics.spatial_columns)
 
     def forward_kinematics(
@@ -537,7 +537,8 @@ class HingePair(Shown):
         Returns:
             The `Residuals`: `.ok`, `.verdict`, str() a table, `.to_json()`, `.rows`; and the arrays that it lists,
             `.gap` (..., 3) m, `.tilt_angle` (...,) rad, `.psi` (...,) rad and others. Samples that are not finite are
-            left out and counted. Of Dask arrays these arrays alone, lazy and not judged.
+            left out and counted. Of Dask arrays a `ResidualArrays`: these arrays, lazy, and `.ratio` (...,), the
+            largest residual / tolerance of each sample, of which `dask.array.nanmax` is the verdict: up to 1 passes.
 
         Raises:
             ArgumentError: also where a tolerance is of rates that the motions lack.
@@ -552,15 +553,15 @@ class HingePair(Shown):
         True
         """
         if holds_dask(body1, body2):
-            for name, value in (("tolerances", tolerances), ("t", t)):
-                if value is not None:
-                    raise ArgumentError(name, "None, since residuals of Dask arrays are not judged", quoted(value))
-            lazy: Any = self._lazily(self._residual_arrays, body1=body1, body2=body2)
+            if t is not None:
+                expected = "None, since Dask arrays have no report with instants: .ratio judges each sample"
+                raise ArgumentError("t", expected, quoted(t))
+            lazy: Any = self._lazily(self._residual_arrays, body1=body1, body2=body2, tolerances=tolerances)
             return lazy  # type: ignore[no-any-return]
         return residuals.residuals(self.constants, self.name, body1, body2, tolerances, t)
 
-    def _residual_arrays(self, body1: BodyMotion, body2: BodyMotion) -> Any:
-        return residuals.residual_arrays(self.constants, body1, body2)
+    def _residual_arrays(self, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None) -> Any:
+        return residuals.residual_arrays(self.constants, body1, body2, tolerances)
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
         """Compute Jac of (v2, omega2) = Jac @ (v1, omega1, psi') from body1 and psi (E8, E2).

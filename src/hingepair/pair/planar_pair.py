@@ -107,7 +107,7 @@ class PlanarPair(Shown):
 
     def _lazily(self, method: Callable[..., Found], **arguments: Any) -> Found:
         """Return what a method gives for arguments among which there are Dask arrays; nothing is computed."""
-        check_one(self)
+        check_one(self, " beside Dask arrays")
         return over_chunks(method, arguments, _SAMPLE_SHAPES, kinematics.planar_columns)
 
     def forward_kinematics(

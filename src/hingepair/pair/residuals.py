@@ -227,24 +227,106 @@ _ARRAY_NAMES = (
 
 
 class ResidualArrays(Results):
-    """Residuals of Dask arrays, sample by sample and not judged: those of `Residuals`, as lazy arrays.
+    """Residuals of Dask arrays: those of `Residuals`, lazy, and how each sample compares to its tolerances.
 
-    What the motions do not hold is None.
+    What the motions do not hold is None. `ratio` is the largest residual / tolerance of each sample: up to 1 passes;
+    NaN where the motion is not finite. All samples pass if `dask.array.nanmax(arrays.ratio).compute() <= 1`.
 
     Attributes:
         shape: leading shape of the samples.
         outputs: names of the arrays.
     """
 
-    __slots__ = _ARRAY_NAMES
+    __slots__ = (*_ARRAY_NAMES, "ratio")
 
 
-def residual_arrays(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> ResidualArrays:
-    """Compute the residuals of two motions and the hinge angle, without judging them (E1, E2, their derivatives)."""
+def residual_arrays(
+    pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
+) -> ResidualArrays:
+    """Compute the residuals of two motions, the hinge angle, and the largest residual / tolerance of each sample."""
+    computed = _compute(pair, body1, body2, tolerances)
+    ratio = np.full(computed.shape, -np.inf)
+    for judged in computed.judged.values():
+        ratio = np.maximum(ratio, judged.ratio)
+    ratio[ratio == -np.inf] = np.nan
+    return ResidualArrays({**computed.arrays, "ratio": ratio}, computed.shape)
+
+
+class _Judged(NamedTuple):
+    """A residual beside its tolerance at every sample, of shape (...,); -inf where the motion is not finite.
+
+    Attributes:
+        sizes: of the residual; inf where it overflows.
+        tolerance: what is allowed.
+        ratio: sizes / tolerance.
+        known: where the motion is finite.
+        basis: where the tolerance comes from.
+    """
+
+    sizes: Float64Array
+    tolerance: Float64Array
+    ratio: Float64Array
+    known: NDArray[np.bool_]
+    basis: str
+
+
+class _Computed(NamedTuple):
+    """All residuals of two motions.
+
+    Attributes:
+        arrays: by name.
+        judged: by the residual's name.
+        shape: leading shape of the samples.
+        u: unit roundoff of the least precise array given.
+    """
+
+    arrays: dict[str, NDArray[Any]]
+    judged: dict[str, _Judged]
+    shape: tuple[int, ...]
+    u: float
+
+
+def _compute(
+    pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
+) -> _Computed:
+    """Compute the residuals of two motions, each beside its tolerance at every sample."""
     motions = _motions(body1, body2)
+    allowed = _checked(tolerances)
+    for kind in allowed:
+        _check_given(kind, motions)
     shapes = {"body1": body1.shape, "body2": body2.shape}
     shape = broadcast_shape({**shapes, "pair": pair.shape})
-    return ResidualArrays(_arrays(with_hinge_frames(pair), motions, shapes), shape)
+    pair = with_hinge_frames(pair)
+    arrays = _arrays(pair, motions, shapes)
+    u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in motions.values())
+    scales = _scales(pair, motions, [kind for kind in KINDS if kind in arrays])
+    attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
+    judged = {}
+    for kind, scale in scales.items():
+        size = arrays[KINDS[kind].size]
+        known = np.broadcast_to(attitudes & np.isfinite(scale), shape)
+        size = size if size.ndim == len(shape) else norm(size)
+        judged[kind] = _judge(kind, size, scale, known, u, allowed)
+    return _Computed(arrays, judged, shape, u)
+
+
+def _judge(
+    kind: str,
+    size: Float64Array,
+    scale: Float64Array,
+    known: NDArray[np.bool_],
+    u: float,
+    allowed: Mapping[str, float],
+) -> _Judged:
+    """Compare one residual to its tolerance: the given one, or what round-off explains."""
+    with np.errstate(all="ignore"):
+        if kind in allowed:
+            basis, tolerance = "given", np.broadcast_to(allowed[kind], size.shape)
+        else:
+            basis = f"{ROUNDOFF} u * ({KINDS[kind].scale})"
+            tolerance = ROUNDOFF * np.maximum(np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny)
+        sizes = np.where(known, np.where(np.isfinite(size), size, np.inf), -np.inf)
+        return _Judged(sizes, tolerance, np.where(known, sizes / tolerance, -np.inf), known, basis)
 
 
 def _motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
@@ -275,27 +357,14 @@ def residuals(
     t: ArrayLike | None,
 ) -> Residuals:
     """Compute how far two motions, measured ones included, violate this hinge (E1, E2 and their derivatives)."""
-    motions = _motions(body1, body2)
-    allowed = _checked(tolerances)
-    for kind in allowed:
-        _check_given(kind, motions)
-    shapes = {"body1": body1.shape, "body2": body2.shape}
-    shape = broadcast_shape({**shapes, "pair": pair.shape})
-    pair = with_hinge_frames(pair)
-    arrays = _arrays(pair, motions, shapes)
-    u = max(unit_roundoff(a.dtype if a.dtype.kind == "f" else np.float64) for a in motions.values())
-    scales = _scales(pair, motions, [kind for kind in KINDS if kind in arrays])
-    attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
+    arrays, judged, shape, u = _compute(pair, body1, body2, tolerances)
     instants = None if t is None else _instants(t, shape)
-    rows, left_out = [], np.zeros(shape, dtype=bool)
-    for kind, scale in scales.items():
-        size = arrays[KINDS[kind].size]
-        known = np.broadcast_to(attitudes & np.isfinite(scale), shape)
-        size = size if size.ndim == len(shape) else norm(size)
-        rows.append(_check(kind, size, scale, known, u, allowed, instants))
-        left_out |= ~known
+    rows = tuple(_worst(kind, own, instants) for kind, own in judged.items())
+    left_out = np.zeros(shape, dtype=bool)
+    for own in judged.values():
+        left_out |= ~own.known
     values: dict[str, Any] = {key: read_only(arrays[key]) if key in arrays else None for key in _ARRAY_NAMES}
-    facts: dict[str, Any] = {"shape": shape, "skipped": int(left_out.sum()), "u": u, "rows": tuple(rows)}
+    facts: dict[str, Any] = {"shape": shape, "skipped": int(left_out.sum()), "u": u, "rows": rows}
     return Residuals(name=name, t=instants, **facts, **values)
 
 
@@ -310,30 +379,13 @@ def _instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
         raise ShapeError("t", wanted, f"shape {array.shape}") from None
 
 
-def _check(
-    kind: str,
-    size: Float64Array,
-    scale: Float64Array,
-    known: NDArray[np.bool_],
-    u: float,
-    allowed: dict[str, float],
-    t: NDArray[Any] | None,
-) -> ResidualCheck:
-    """Judge one residual by its worst sample, the one with the largest part of its tolerance."""
-    label, unit, _, formula, _ = KINDS[kind]
-    is_given = kind in allowed
-    if is_given:
-        tolerance = np.broadcast_to(allowed[kind], size.shape)
-    else:
-        with np.errstate(all="ignore"):
-            tolerance = ROUNDOFF * np.maximum(np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny)
-    basis = "given" if is_given else f"{ROUNDOFF} u * ({formula})"
+def _worst(kind: str, judged: _Judged, t: NDArray[Any] | None) -> ResidualCheck:
+    """Return one residual at its worst sample, which is that with the largest part of its tolerance."""
+    label, unit, *_ = KINDS[kind]
+    sizes, tolerance, ratio, known, basis = judged
     if not known.any():
         return ResidualCheck(kind, label, unit, 0.0, 0.0, 0.0, math.nan, 0.0, None, None, 0, basis)
-    sizes = np.where(known, np.where(np.isfinite(size), size, np.inf), -np.inf)
-    with np.errstate(all="ignore"):
-        ratio = np.where(known, sizes / tolerance, -np.inf)
-    worst = np.unravel_index(int(np.argmax(ratio)), size.shape)
+    worst = np.unravel_index(int(np.argmax(ratio)), sizes.shape)
     where = tuple(int(i) for i in worst)
     highest = float(sizes.max())
     relative = np.where(known, sizes, 0.0) / (highest if 0 < highest < np.inf else 1.0)  # squares stay in range
