@@ -198,6 +198,7 @@ def test_no_module_reads_private_names_of_another() -> None:
 @pytest.mark.parametrize(
     "wing",
     [
+        "dynamics",
         "engine",
         "equations",
         "errors.py",
@@ -209,6 +210,7 @@ def test_no_module_reads_private_names_of_another() -> None:
         "pictures",
         "plans",
         "rotations",
+        "symbolic",
         "urdf",
     ],
 )

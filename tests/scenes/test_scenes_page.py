@@ -17,7 +17,7 @@ from hingepair.scenes.mechanisms.scene import OUTPUTS
 from hingepair.scenes.pair_table import KEYS
 from hingepair.scenes.simulated_motion import LOAD_KEYS
 from hingepair.scenes.waypoints import PROFILES
-from hingepair.symbolic.expressions import CONSTANTS, FUNCTIONS
+from hingepair.symbolic.expressions import FUNCTION_CALLS, NAMED_CONSTANTS
 from support.sparse import sparse
 
 ROOT = Path(__file__).parents[2]
@@ -85,7 +85,17 @@ def test_there_are_examples_of_every_kind():
         assert any(word in example for example in EXAMPLES), word
 
 
-WORDS = (*FUNCTIONS, *CONSTANTS, *PROFILES, *KEYS, *ARRAYS, *LOAD_KEYS, *MECHANISM_KEYS, *JOINT_KEYS, *OUTPUTS)
+WORDS = (
+    *FUNCTION_CALLS,
+    *NAMED_CONSTANTS,
+    *PROFILES,
+    *KEYS,
+    *ARRAYS,
+    *LOAD_KEYS,
+    *MECHANISM_KEYS,
+    *JOINT_KEYS,
+    *OUTPUTS,
+)
 
 
 @pytest.mark.parametrize("name", dict.fromkeys(WORDS))

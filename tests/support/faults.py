@@ -598,14 +598,14 @@ FAULTS = {
     ),
     "a follower's column overwrites its leader's": Fault(
         "symbolic/frame_program.py",
-        "_vector(eq.add(known[0], eq.scale(moves, part.ratio))),",
+        "_vector(eq.add(columns_so_far[0], eq.scale(moves, part.ratio))),",
         "_vector(eq.scale(moves, part.ratio)),",
         "symbolic/test_frame_forms.py::test_the_generated_module_computes_what_the_robot_computes[followers]",
     ),
     "a name that is used once stays": Fault(
         "symbolic/frame_forms.py",
-        "if self._uses[letter] == 1:",
-        "if self._uses[letter] == 0:",
+        "if self._uses[symbol] == 1:",
+        "if self._uses[symbol] == 0:",
         "symbolic/test_frame_forms.py::test_lines_stand_after_what_they_need_and_names_are_used_again[None-ur5]",
     ),
     # traces and loops
@@ -776,8 +776,8 @@ FAULTS = {
     ),
     "below taken for at most": Fault(
         "symbolic/expressions.py",
-        "_negated(guard) if isinstance(sign, ast.Lt | ast.Gt) else guard",
-        "-guard if isinstance(sign, ast.Lt | ast.Gt) else guard",
+        "_negate_guard(guard) if isinstance(comparison, ast.Lt | ast.Gt) else guard",
+        "-guard if isinstance(comparison, ast.Lt | ast.Gt) else guard",
         "symbolic/test_expressions.py::test_kinks_take_their_derivatives_from_the_right[where(t < 1, 0, t**2)]",
     ),
     "and taken for or": Fault(
@@ -789,8 +789,8 @@ FAULTS = {
     ),
     "the module of a closed form without its second derivatives": Fault(
         "symbolic/closed_forms.py",
-        "return expr, jet[1].xreplace(meaning), jet[2].xreplace(meaning)",
-        "return expr, jet[1].xreplace(meaning), 0 * jet[2].xreplace(meaning)",
+        "return expr, jet[1].xreplace(steps), jet[2].xreplace(steps)",
+        "return expr, jet[1].xreplace(steps), 0 * jet[2].xreplace(steps)",
         "symbolic/test_derivation.py::test_forms_evaluate_to_the_numeric_results[reference_2d]",
     ),
     "joints of a scene at rest past their limits": Fault(

@@ -202,7 +202,7 @@ def test_forms_run_the_same_equations_as_numbers():
     """No step but the sines and cosines is another function."""
     for name in SPATIAL.levels:
         numeric = {step.result: step for step in (*LEVER_STEPS, *make_plan((name,)).steps)}
-        steps = make_plan((name,), "XYZ", True, closed_forms._TERMS).steps
+        steps = make_plan((name,), "XYZ", True, closed_forms._TRIG_FUNCTIONS).steps
         own = {step.result for step in steps if step != numeric[step.result]}
         assert own <= {"trig", "hinge", "cosine"}
 
@@ -231,10 +231,10 @@ def test_an_axis_that_is_none_of_these_is_what_it_is():
 def test_only_what_is_looked_at_is_derived_and_once():
     forms = hp.derive(hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)))
     assert isinstance(forms.S1, sympy.ImmutableMatrix)
-    assert {"S2", "omega1", "a2"}.isdisjoint(forms._best)
-    first = forms._best["S1"]
+    assert {"S2", "omega1", "a2"}.isdisjoint(forms._working_forms)
+    first = forms._working_forms["S1"]
     assert forms.S2.shape == (3, 3)
-    assert forms._best["S1"] is first
+    assert forms._working_forms["S1"] is first
 
 
 BATCH = {"u1": np.zeros((2, 3)), "u2": (0, 0, 0), "n": (1, 0, 0)}
@@ -325,7 +325,7 @@ WRITTEN = {  # lines of [pair], and what they mean exactly
 def test_constants_of_a_pair_are_as_exact_as_they_are_written(lines, exact_values, tmp_path):
     forms = hp.derive(scene(tmp_path, **lines))
     for key, text in exact_values.items():
-        assert f"[{', '.join(map(str, forms._best[key]))}]" == text
+        assert f"[{', '.join(map(str, forms._working_forms[key]))}]" == text
 
 
 TURNS = {
@@ -391,11 +391,11 @@ def test_a_module_of_kinks_agrees_with_the_library(tmp_path):
 
 @pytest.mark.slow
 def test_a_form_nobody_could_read_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(closed_forms, "MAX_LETTERS", 100)
-    with pytest.raises(hp.ArgumentError, match="at most 100 letters"):
+    monkeypatch.setattr(closed_forms, "MAX_SYMBOLS", 100)
+    with pytest.raises(hp.ArgumentError, match="at most 100 symbols"):
         _ = hp.derive(hp.HingePair(u1=(1, 2, 3), u2=(3, 1, 2), n=(1, 1, 0))).a2
     found = scene(tmp_path, phi_x='"sin(sin(sin(t)))"')
-    monkeypatch.setattr("hingepair.symbolic.closed_forms.MAX_LETTERS_GIVEN", 5)
+    monkeypatch.setattr("hingepair.symbolic.closed_forms.MAX_DERIVATIVE_SYMBOLS", 5)
     with pytest.raises(hp.ArgumentError, match="phi_x"):
         hp.derive(found)
 

@@ -14,8 +14,8 @@ import sympy
 
 import hingepair as hp
 from hingepair.cli.main import main
-from hingepair.symbolic.kinks import Side, Smaller, Where
-from hingepair.symbolic.printers import LATEX, PYTHON, SYMPY, TEXT, latex_name
+from hingepair.symbolic.kinks import SideOfZero, Smaller, Where
+from hingepair.symbolic.printers import latex_name, to_latex, to_numpy_source, to_sympy_source, to_text
 from support.sparse import sparse
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -110,7 +110,7 @@ TEXTS = {
 
 @pytest.mark.parametrize(("expr", "text"), TEXTS.items(), ids=TEXTS.values())
 def test_text_reads_as_a_paper_has_it(expr, text):
-    assert TEXT(expr) == text
+    assert to_text(expr) == text
 
 
 PLANE = hp.PlanarPair(u1=(0.5, 0.25), u2=(-0.25, 0.1))
@@ -129,10 +129,10 @@ def test_short_forms_have_letters_for_sines():
 
 @pytest.mark.parametrize("name", ["reference_2d", "truck_trailer"])
 def test_abbreviations_are_told_before_they_are_used_and_mean_the_same(name):
-    from hingepair.symbolic.derivation import _rows
+    from hingepair.symbolic.derivation import _abbreviated_rows
 
     forms = hp.derive(hp.load_scene(MODELS / f"{name}.toml"))
-    rows, meanings = _rows(forms._labelled(["v2"]), True)
+    rows, meanings = _abbreviated_rows(forms._labelled_terms(["v2"]), True)
     known = {t}
     whole = {}
     for letter, meaning in meanings.items():
@@ -179,22 +179,22 @@ def test_names_are_latex(name, latex):
 
 
 def test_latex_has_fractions_before_what_they_multiply():
-    assert LATEX(5 * sympy.sin(2 * t) / 2) == r"\frac{5}{2} \sin 2 t"
-    assert LATEX(sympy.Rational(11068, 10**7) * t) == "0.0011068 t"
-    assert LATEX(sympy.Integer(10) ** 600 * t) == r"1 \cdot 10^{600} t"
+    assert to_latex(5 * sympy.sin(2 * t) / 2) == r"\frac{5}{2} \sin 2 t"
+    assert to_latex(sympy.Rational(11068, 10**7) * t) == "0.0011068 t"
+    assert to_latex(sympy.Integer(10) ** 600 * t) == r"1 \cdot 10^{600} t"
 
 
 def test_powers_of_what_has_kinks_are_written():
     below = Where(t, y, 1) ** 2
-    assert TEXT(below) == "(y if t ≥ 0 else 1)²"
-    assert LATEX(below) == r"\left(\begin{cases} y & t \ge 0 \\ 1 & \text{else} \end{cases}\right)^{2}"
+    assert to_text(below) == "(y if t ≥ 0 else 1)²"
+    assert to_latex(below) == r"\left(\begin{cases} y & t \ge 0 \\ 1 & \text{else} \end{cases}\right)^{2}"
 
 
 def test_a_guard_s_side_is_written_as_the_guard():
     """Also where it is put together of several: which side each is on is the business of the numbers."""
-    guard = Smaller(Side(t, 1, 0), Side(1 - t, -1, 0))
-    assert TEXT(Where(guard, 1, 0)) == "(1 if min(t, 1 - t) ≥ 0 else 0)"
-    assert LATEX(guard) == r"\min\left(t, 1 - t\right)"
+    guard = Smaller(SideOfZero(t, 1, 0), SideOfZero(1 - t, -1, 0))
+    assert to_text(Where(guard, 1, 0)) == "(1 if min(t, 1 - t) ≥ 0 else 0)"
+    assert to_latex(guard) == r"\min\left(t, 1 - t\right)"
 
 
 ACROSS = {"u1": (1, 2, 3), "u2": (0.1, 0, 0), "n": (1, 1, 0)}
@@ -233,7 +233,7 @@ def test_python_has_no_integer_that_numpy_cannot_take():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for expr in (sympy.Integer(10) ** 600 * t, sympy.Rational(1, 10**600) * t):
-            assert np.shape(eval(PYTHON(expr), {"numpy": np, "t": np.ones(2)})) == (2,)
+            assert np.shape(eval(to_numpy_source(expr), {"numpy": np, "t": np.ones(2)})) == (2,)
 
 
 def derived(monkeypatch, capsys, *arguments):
@@ -343,7 +343,7 @@ def test_sympy_source_is_read_by_sympy(text, tmp_path):
 def test_letters_of_sympy_s_own_names_are_symbols():
     """`gamma` alone would be read as a function, `S` as a class."""
     expr = sum(sympy.Symbol(name, real=True) for name in ("gamma", "S", "speed")) * sympy.exp(t)
-    read = sympy.sympify(SYMPY(expr))
+    read = sympy.sympify(to_sympy_source(expr))
     assert {symbol.name for symbol in read.free_symbols} == {"gamma", "S", "speed", "t"}
     assert {type(symbol) for symbol in read.free_symbols} == {sympy.Symbol}
     assert str(sympy.sympify(hp.derive(PLANE).to_sympy(["omega2"])["omega2"]).doit()) == (

@@ -12,7 +12,7 @@ import pytest
 import sympy
 
 from hingepair import ArgumentError
-from hingepair.symbolic.expressions import FUNCTIONS, SMOOTH, constant_name_fault, parse
+from hingepair.symbolic.expressions import FUNCTION_CALLS, SMOOTH_FUNCTIONS, constant_name_fault, parse
 from hingepair.symbolic.jets import time_symbol
 from hingepair.symbolic.time_functions import TimeFunctions
 from support.sparse import sparse
@@ -208,7 +208,7 @@ def test_unknown_name_says_where_and_what_is_known() -> None:
         parse("motion.psi", "1 + sine(t)")
     message = str(caught.value)
     assert message.startswith("motion.psi: unknown name 'sine' at column 5 (nearest: sin); known: sin, cos, tan")
-    assert all(name in message for name in FUNCTIONS)
+    assert all(name in message for name in FUNCTION_CALLS)
 
 
 ROOTS = [f"({k} + sqrt(t + {k}))" for k in range(1, 31)]
@@ -241,7 +241,7 @@ def test_large_numbers_are_evaluated(text: str) -> None:
 
 
 DIFFERENTIATED = (
-    *(f"{name}(0.3 + t/3)" for name in SMOOTH if name not in {"atan2", "acosh"}),
+    *(f"{name}(0.3 + t/3)" for name in SMOOTH_FUNCTIONS if name not in {"atan2", "acosh"}),
     "acosh(2 + sin(t))",
     "atan2(sin(t), 2 - t)",
     "atan2(t, t + 1)**2",

@@ -173,7 +173,7 @@ def test_the_position_of_a_ur5_reads_as_a_person_writes_it():
 
 def test_a_leg_has_its_textbook_jacobian_and_says_what_does_not_move_it():
     text = hp.derive(hp.load_robot("solo12"), frame="FR_FOOT").to_text(["jacobian"])
-    assert "q_4 FR_HAA; q_5 FR_HFE; q_6 FR_KFE; the other joints do not move it" in text
+    assert "q_4 FR_HAA; q_5 FR_HFE; q_6 FR_KFE; the other joints do not move the frame" in text
     assert text.splitlines()[-4:] == [
         "Jω_x4 = 1",
         "Jω_y5 = Jω_y6 = c_4",
@@ -292,7 +292,7 @@ def test_entries_and_angles_are_recognised_within_rounding_only():
 
 def test_a_frame_on_the_base_does_not_move():
     forms = hp.derive(hp.load_robot("ur5_robot"), frame="world")
-    assert forms.to_text().splitlines()[0] == "frame world of ur5: no joint moves it"
+    assert forms.to_text().splitlines()[0] == "frame world of ur5: no joint moves the frame"
     assert forms.jacobian == sympy.zeros(6, 6)
     assert forms.v == sympy.zeros(3, 1)
 

@@ -15,7 +15,7 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.pair_table import pair_expressions
 from hingepair.scenes.scene import Scene, load_pair, load_tables
 from hingepair.scenes.tables import Table
-from hingepair.symbolic.closed_forms import SYMBOLIC
+from hingepair.symbolic.closed_forms import SYMBOLIC_CONSTANTS
 from hingepair.symbolic.derivation import Derivation
 from hingepair.symbolic.frame_forms import FrameForms
 from hingepair.symbolic.kinks import Expr, constant_value
@@ -108,12 +108,12 @@ def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()
     pair = load_pair(path)
     names = _letters(symbolic, pair, tables.constants)
     letters = tuple(name for name in names if name in tables.constants)
-    return Derivation(pair, symbolic=names, written=_written(pair, tables, letters))
+    return Derivation(pair, symbolic=names, exact_values=_written(pair, tables, letters))
 
 
 def _letters(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
     """Return the argument `symbolic` as names of u1, u2, n and the constants of a scene; refuse others."""
-    known = (*(key for key in SYMBOLIC if hasattr(pair, key)), *constants)
+    known = (*(key for key in SYMBOLIC_CONSTANTS if hasattr(pair, key)), *constants)
     expected = f"names out of {', '.join(known)}"
     if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
         raise ArgumentError("symbolic", f"a tuple of {expected}", quoted(symbolic))

@@ -27,7 +27,7 @@ from hingepair.scenes.waypoints import MAX_POINTS, PROFILES, WayPoints, through
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.expressions import parse
 from hingepair.symbolic.kinks import Expr
-from hingepair.symbolic.time_functions import Derivatives, TimeFunctions
+from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
 
 TOLERANCE: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
@@ -53,7 +53,7 @@ class FunctionsOfTime:
         """The shape of their values at one instant: a vector, or a number."""
         return () if len(self.names) == 1 else (len(self.names),)
 
-    def derivatives(self, t: ArrayLike, order: int) -> Derivatives:
+    def derivatives(self, t: ArrayLike, order: int) -> TimeDerivatives:
         """Compute (values, first derivatives, ...), one entry per function each; at kinks those from the right."""
         rows = iter(zip(*self.compiled().derivatives(t, order), strict=True))
         columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]

@@ -1,8 +1,8 @@
-"""Closed forms: the equations over SymPy expressions in t, each result in the shorter of two forms.
+"""Closed forms: the equations evaluated on SymPy expressions in t, each result in the shorter of two forms.
 
-After every step of a plan products of sines and cosines are multiplied out and turned into sums of sines and cosines.
-Of each component the form with fewer letters is kept: where they are equal, the sum is what is shown, and the other
-goes on to the next step, where a product of products reads better than a product of sums.
+After every step of a plan, products of sines and cosines are converted to sums of sines and cosines. The form of each
+component with fewer symbols is kept. Where both have equally many, the sum is displayed, and the next step uses the
+product, since a product of products is more readable than a product of sums.
 """
 
 from __future__ import annotations
@@ -23,42 +23,43 @@ from hingepair.plans.plan import PLANAR, SPATIAL, Kind, check_outputs, make_plan
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.jets import SYMPY_ERRORS, Jet, JetProgram, time_symbol
 from hingepair.symbolic.kinks import Expr
-from hingepair.symbolic.printers import count_letters, in_order
+from hingepair.symbolic.printers import count_symbols, sorted_terms
 from hingepair.symbolic.trig_sums import cosine, sine, trig_sum
 
 Terms: TypeAlias = tuple[Expr, ...]
+"""Terms of a sum, or components of a constant."""
 
-MAX_LETTERS: Final = 5_000
-"""Letters in one component, each time it is written: what takes longer to print than anybody reads."""
-MAX_LETTERS_GIVEN: Final = 2_000
-"""Letters in a derivative of a coordinate."""
-SYMBOLIC: Final = ("u1", "u2", "n")
-"""What of a pair can stay a letter."""
+MAX_SYMBOLS: Final = 5_000
+"""Largest number of symbols in a component, counted with repetition; a longer one is not readable."""
+MAX_DERIVATIVE_SYMBOLS: Final = 2_000
+"""Largest number of symbols in a derivative of a coordinate, counted with repetition."""
+SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
+"""Constants of a pair that can stay symbols."""
 PAIR_CONSTANTS: Final = ("u1", "u2", "n", "home")
 """Constants of a pair that closed forms hold."""
-_MAX_SQUARE: Final = 1_000  # the largest denominator of a squared axis component that is taken for exact
-_ROWS: Final = ("q", "qd", "qdd")
-_ANGLES: Final = ("angles", "phi2")
+_MAX_SQUARE_DENOMINATOR: Final = 1_000  # largest denominator of a squared component of an axis that counts as exact
+_COORDINATE_NAMES: Final = ("q", "qd", "qdd")  # coordinates and their derivatives as inputs of plans
+_ANGLE_RESULTS: Final = ("angles", "phi2")  # results of plans that are sums of angles, kept as they are
 
 
 class ClosedForms:
-    """The closed forms of a pair's motion (E1-E11): attributes `R2`, `S2`, `d`, `v2` and so on, and those of body 1.
+    """Closed forms of a pair's motion (E1-E11): attributes `R2`, `S2`, `d`, `v2` and so on, and those of body 1.
 
-    Each is an immutable SymPy matrix (3, 1) or (3, 3), of a planar pair (2, 1) or an expression. It is derived when
-    it is first looked at, and what other forms need of it is kept.
+    Each is an immutable SymPy matrix (3, 1) or (3, 3), for a planar pair (2, 1) or an expression. It is derived at
+    the first access, and intermediate results are kept for other forms.
 
     Args:
-        pair: one pair; its numbers are taken as `hingepair.derive` says.
-        motion: the coordinates as expressions in t; those that are None, and all unless given, are functions of t.
-        sequence: of the Euler angles.
-        symbolic: of u1, u2 and n those that stay letters; n is taken to have length 1.
-        written: exact values of u1, u2, n (of length 1) and home, where they are known; components by name.
+        pair: one pair; its numbers are made exact as `hingepair.derive` describes.
+        motion: coordinates as expressions in t, by name; others, and those that are None, are functions of t.
+        sequence: sequence of the Euler angles.
+        symbolic: those of u1, u2 and n that stay symbols; n counts as having length 1.
+        exact_values: exact components of u1, u2, n (of length 1) and home, by name, where they are known.
 
     Raises:
         ArgumentError: more than one pair, or an expression's derivatives are too long; names it.
     """
 
-    __slots__ = ("_best", "_home", "_planar", "_sequence", "_shown")
+    __slots__ = ("_display_forms", "_home", "_planar", "_sequence", "_working_forms")
 
     def __init__(
         self,
@@ -66,16 +67,18 @@ class ClosedForms:
         motion: Mapping[str, Expr | None] | None = None,
         sequence: str | None = "XYZ",
         symbolic: Collection[str] = (),
-        written: Mapping[str, Terms] | None = None,
+        exact_values: Mapping[str, Terms] | None = None,
     ) -> None:
         check_one(pair)
         self._planar = isinstance(pair, PlanarPair)
-        jets = [_jet(name, (motion or {}).get(name)) for name in self.kind.coordinates]
-        constants = constant_inputs(pair, symbolic, written or {})
+        jets = [_coordinate_jet(name, (motion or {}).get(name)) for name in self.kind.coordinates]
+        constants = constant_inputs(pair, symbolic, exact_values or {})
         self._sequence = None if self._planar else sequence
         self._home = "home" in constants
-        self._best: dict[str, Any] = constants | dict(zip(_ROWS, zip(*jets, strict=True), strict=True))
-        self._shown: dict[str, tuple[Expr, ...]] = {}
+        self._working_forms: dict[str, Any] = constants | dict(
+            zip(_COORDINATE_NAMES, zip(*jets, strict=True), strict=True)
+        )
+        self._display_forms: dict[str, tuple[Expr, ...]] = {}
 
     @property
     def t(self) -> Expr:
@@ -84,16 +87,16 @@ class ClosedForms:
 
     @property
     def kind(self) -> Kind:
-        """PLANAR or SPATIAL."""
+        """Kind of the pair, PLANAR or SPATIAL."""
         return PLANAR if self._planar else SPATIAL
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What can be derived."""
+        """Names of the closed forms."""
         return tuple(self.kind.levels)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # of a copy that is being made
+        if name.startswith("_"):  # while a copy is being made
             raise AttributeError(name)
         if name not in self.names:
             raise AttributeError(f"{type(self).__name__} has no {name!r}; it has t, {', '.join(self.names)}")
@@ -108,7 +111,7 @@ class ClosedForms:
         return f"{type(self).__name__} of {', '.join(self.names)}"
 
     def terms(self, name: str) -> tuple[Terms, ...]:
-        """The terms of each component of an output, in the order in which they arise.
+        """Return the terms of each component of an output, in the order in which they arise.
 
         Args:
             name: one of `names`.
@@ -117,49 +120,53 @@ class ClosedForms:
             ArgumentError: no such output, or its closed form is too long to be of use.
         """
         check_outputs((name,), self.kind.levels)
-        plan = make_plan((name,), self._sequence, self._home, _TERMS, self.kind, _ROWS)
+        plan = make_plan((name,), self._sequence, self._home, _TRIG_FUNCTIONS, self.kind, _COORDINATE_NAMES)
         for result, function, arguments in plan.steps:
-            if result not in self._best:
-                built = function(*[self._best[key] for key in arguments])
-                plain = result in _ANGLES or bool({*arguments} & {*_ROWS}) or isinstance(components(built)[0], tuple)
-                self._best[result] = built if plain else self._shortened(result, built)
-        return tuple(map(in_order, self._shown.get(name, components(self._best[name]))))
+            if result not in self._working_forms:
+                value = function(*[self._working_forms[key] for key in arguments])
+                keep = (
+                    result in _ANGLE_RESULTS
+                    or bool({*arguments} & {*_COORDINATE_NAMES})
+                    or isinstance(components(value)[0], tuple)
+                )
+                self._working_forms[result] = value if keep else self._shorten(result, value)
+        return tuple(map(sorted_terms, self._display_forms.get(name, components(self._working_forms[name]))))
 
-    def _shortened(self, result: str, built: Any) -> Any:
-        """Each component in its shorter form: those to go on with; those to show are kept aside."""
-        pairs = [self._forms(sympy.sympify(part)) for part in components(built)]
-        longest = max(count_letters(kept) for kept, _ in pairs)
-        if longest > MAX_LETTERS:
-            expected = f"an output whose components have at most {MAX_LETTERS} letters"
+    def _shorten(self, result: str, value: Any) -> Any:
+        """Return each component in its shorter form for further steps; keep the forms to display."""
+        pairs = [self._choose_forms(sympy.sympify(part)) for part in components(value)]
+        longest = max(count_symbols(working) for working, _ in pairs)
+        if longest > MAX_SYMBOLS:
+            expected = f"an output whose components have at most {MAX_SYMBOLS} symbols"
             raise ArgumentError("outputs", expected, f"{result} with {longest}")
-        kept, self._shown[result] = zip(*pairs, strict=True)
-        return kept if isinstance(built, tuple) else kept[0]
+        working, self._display_forms[result] = zip(*pairs, strict=True)
+        return working if isinstance(value, tuple) else working[0]
 
-    def _forms(self, built: Expr) -> tuple[Expr, Expr]:
-        """What to go on with, and what to show."""
-        summed = trig_sum(built)
-        if summed is None:
-            return built, built
-        gain = count_letters(built) - count_letters(summed)
-        return summed if gain > 0 else built, summed if gain >= 0 else built
+    def _choose_forms(self, expr: Expr) -> tuple[Expr, Expr]:
+        """Return the form of an expression for further steps, and the form to display."""
+        as_sum = trig_sum(expr)
+        if as_sum is None:
+            return expr, expr
+        gain = count_symbols(expr) - count_symbols(as_sum)
+        return as_sum if gain > 0 else expr, as_sum if gain >= 0 else expr
 
 
-def _jet(name: str, expr: Expr | None) -> Jet:
-    """A coordinate with its first and second derivative: an expression in t, or else a letter."""
+def _coordinate_jet(name: str, expr: Expr | None) -> Jet:
+    """Return a coordinate with its first and second derivative, from an expression in t or as a function of t."""
     if expr is None:
         t = time_symbol()
         function = sympy.Function(name, real=True)(t)
         return function, function.diff(t), function.diff(t, 2)
-    expected = f"an expression whose derivatives have at most {MAX_LETTERS_GIVEN} letters"
+    expected = f"an expression whose derivatives have at most {MAX_DERIVATIVE_SYMBOLS} symbols"
     program = JetProgram()
-    meaning: dict[Expr, Expr] = {}
+    steps: dict[Expr, Expr] = {}
     try:
         jet = program.jet(expr)
-        for symbol, step in program.needed([part for part in jet if part.is_Symbol]):
-            whole = meaning[symbol] = step.xreplace(meaning)
-            if count_letters(whole) > MAX_LETTERS_GIVEN:
-                raise ArgumentError(name, expected, f"{count_letters(whole)}")
-        return expr, jet[1].xreplace(meaning), jet[2].xreplace(meaning)
+        for symbol, step in program.steps_for([part for part in jet if part.is_Symbol]):
+            expanded = steps[symbol] = step.xreplace(steps)
+            if count_symbols(expanded) > MAX_DERIVATIVE_SYMBOLS:
+                raise ArgumentError(name, expected, f"{count_symbols(expanded)}")
+        return expr, jet[1].xreplace(steps), jet[2].xreplace(steps)
     except ArgumentError:
         raise
     except SYMPY_ERRORS:
@@ -167,40 +174,43 @@ def _jet(name: str, expr: Expr | None) -> Jet:
 
 
 def constant_inputs(
-    pair: HingePair | PlanarPair, symbolic: Collection[str], written: Mapping[str, Terms]
+    pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, Terms]
 ) -> dict[str, Terms]:
-    """Return u1, u2, n and home, those that the pair has, as letters, as they were written, or as exact numbers."""
+    """Return u1, u2, n and home, where the pair has them, as symbols, exact values, or exact numbers."""
     inputs: dict[str, Terms] = {}
     values = pair.constants.values
     for key, value in ((key, values[key]) for key in PAIR_CONSTANTS if key in values):
         if key in symbolic:
             inputs[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
-        elif key in written:
-            inputs[key] = written[key]
+        elif key in exact_values:
+            inputs[key] = exact_values[key]
         else:
             inputs[key] = exact_axis(value) if key == "n" else tuple(map(exact, value))
     return inputs
 
 
 def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
-    """The axis of length 1 with rational squares beside n, if there is a simple one; else n as written.
+    """Return the axis of length 1 with simple rational squares nearest to n, or else n as its decimals.
 
-    A component may be off by its last place: 0.3 is taken for 3/10, as everywhere in closed forms, and n was not.
+    The tolerance is two units in the last place, since 0.3 counts as 3/10, as everywhere in closed forms.
     """
-    squares = [Fraction(c * c).limit_denominator(_MAX_SQUARE) for c in n]
+    squares = [Fraction(c * c).limit_denominator(_MAX_SQUARE_DENOMINATOR) for c in n]
     roots = tuple(
         sympy.sign(exact(c)) * sympy.sqrt(sympy.Rational(square)) for c, square in zip(n, squares, strict=True)
     )
-    near = all(abs(float(root) - c) <= 2 * math.ulp(c) for root, c in zip(roots, n, strict=True))
-    return roots if near and sum(squares) == 1 else tuple(map(exact, n))
+    matches = all(abs(float(root) - c) <= 2 * math.ulp(c) for root, c in zip(roots, n, strict=True))
+    return roots if matches and sum(squares) == 1 else tuple(map(exact, n))
 
 
-def _angle_terms(phi: tuple[Expr, ...]) -> tuple[Expr, ...]:
+def _angle_trig(phi: tuple[Expr, ...]) -> tuple[Expr, ...]:
+    """Return the sine and cosine of each angle, in turn."""
     return tuple(function(angle) for angle in phi for function in (sine, cosine))
 
 
-def _hinge_terms(psi: Expr) -> tuple[Expr, Expr]:
+def _hinge_trig(psi: Expr) -> tuple[Expr, Expr]:
+    """Return sin psi and 1 - cos psi."""
     return sine(psi), 1 - cosine(psi)
 
 
-_TERMS: Final = (_angle_terms, _hinge_terms)
+_TRIG_FUNCTIONS: Final = (_angle_trig, _hinge_trig)
+"""Sines and cosines that plans are made with: of Euler angles, and of psi."""

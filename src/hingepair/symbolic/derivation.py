@@ -1,4 +1,4 @@
-"""Closed forms written out: a line a component as a paper has it, LaTeX, or a Python module that needs only NumPy."""
+"""Output of closed forms: one line per component in mathematical notation, LaTeX, or a Python module with NumPy."""
 
 from __future__ import annotations
 
@@ -11,164 +11,174 @@ import sympy
 from hingepair.numeric.tables import unit_of
 from hingepair.symbolic.closed_forms import ClosedForms, Terms
 from hingepair.symbolic.jets import time_symbol
-from hingepair.symbolic.kinks import Expr, Side
-from hingepair.symbolic.layout import align, heading, latex_lines, shape_text, wrapped
+from hingepair.symbolic.kinks import Expr, SideOfZero
+from hingepair.symbolic.layout import align_environment, latex_lines, shape_text, title_suffix, wrap_equation
 from hingepair.symbolic.printers import (
-    LATEX,
-    PYTHON,
-    SYMPY,
-    TEXT,
-    in_order,
     is_simple,
-    joined,
+    join_terms,
     latex_name,
-    lettered,
+    sorted_terms,
+    to_latex,
+    to_numpy_source,
+    to_sympy_source,
+    to_text,
     with_short_constants,
+    with_symbols,
 )
 
 
 class Derivation(ClosedForms):
-    """The closed forms of a pair's motion, and how to write them out.
+    """Closed forms of a pair's motion, with output as text, LaTeX, Python and SymPy source.
 
     `R2`, `S2`, `d`, `v2`, `omega2`, `a2`, `alpha2` and body 1's are attributes: immutable SymPy matrices (3, 1) or
-    (3, 3), of a planar pair (2, 1) or expressions. Each is derived when it is first looked at.
+    (3, 3), for a planar pair (2, 1) or expressions. Each is derived at the first access.
     """
 
     __slots__ = ()
 
     def to_text(self, names: Iterable[str] | None = None, *, short: bool = False, width: int = 100) -> str:
-        """One equation a component, as a paper has it: `omega1_x = 3 + 5 sin t`; derivatives of x(t) are x', x''.
+        """Return one equation per component in mathematical notation: `omega1_x = 3 + 5 sin t`; rates are x', x''.
 
         Args:
             names: some of `names`; all unless given.
-            short: whether sines, cosines and other functions that come again are abbreviated: c_1, s_12, k_1.
-            width: of a line; longer equations go on in the next.
+            short: whether sines, cosines and other repeated functions are abbreviated: c_1, s_12, k_1.
+            width: largest number of characters of a line; longer equations go on in the next.
 
         Raises:
             ArgumentError: an unknown output, or one whose closed form is too long.
         """
-        rows, meanings = _rows(self._labelled(names), short)
-        told = [f"{name} = {TEXT(expr)}" for name, expr in meanings.items()]
-        lines = ["; ".join(told)] if told else []
-        lines += [f"{label} = {joined(terms, TEXT)}" for label, terms in rows]
-        return "".join(f"{wrapped(line, width)}\n" for line in lines)
+        rows, meanings = _abbreviated_rows(self._labelled_terms(names), short)
+        definitions = [f"{name} = {to_text(expr)}" for name, expr in meanings.items()]
+        lines = ["; ".join(definitions)] if definitions else []
+        lines += [f"{label} = {join_terms(terms, to_text)}" for label, terms in rows]
+        return "".join(f"{wrap_equation(line, width)}\n" for line in lines)
 
     def to_latex(self, names: Iterable[str] | None = None, *, short: bool = False) -> str:
-        r"""An align* environment of the package amsmath; derivatives of x(t) are \dot{x}. As `to_text`."""
-        rows, meanings = _rows(self._labelled(names), short)
-        lines = [f"{latex_name(name)} &= {LATEX(expr)}" for name, expr in meanings.items()]
+        r"""Return an align* environment of the package amsmath; derivatives of x(t) are \dot{x}. As `to_text`."""
+        rows, meanings = _abbreviated_rows(self._labelled_terms(names), short)
+        lines = [f"{latex_name(name)} &= {to_latex(expr)}" for name, expr in meanings.items()]
         for label, terms in rows:
-            lines += latex_lines(label, terms, LATEX)
-        return align(lines)
+            lines += latex_lines(label, terms, to_latex)
+        return align_environment(lines)
 
     def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
-        """A Python module that needs only NumPy, one function an output, vectorised over its arguments.
+        """Return a Python module that needs only NumPy, with one vectorised function per output.
 
-        These are t and what stayed a letter; of coordinates that are letters x, phi_x, psi, their rates xd, phi_xd,
-        psid, and so on. As `to_text`.
+        The arguments are t and the symbols: constants, coordinates such as x, phi_x, psi, their rates xd, phi_xd,
+        psid, and so on. `names` as for `to_text`.
         """
-        parts = [f'"""Closed forms{heading(title)}."""\n\nimport numpy\n']
+        parts = [f'"""Closed forms{title_suffix(title)}."""\n\nimport numpy\n']
         for name in self.names if names is None else names:
-            parts.append(_function(name, [sympy.Add(*terms) for terms in self.terms(name)]))
+            parts.append(_function_source(name, [sympy.Add(*terms) for terms in self.terms(name)]))
         return "\n\n".join(parts)
 
     def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
         """Return the SymPy source of each component, which `sympy.sympify` reads, by its label: omega1_x, S2_xy.
 
-        Choices are Piecewise, and symbols have no assumptions. As `to_text`.
+        Choices are Piecewise, and symbols have no assumptions. `names` as for `to_text`.
         """
-        return {label: SYMPY(sympy.Add(*terms)) for label, terms in self._labelled(names)}
+        return {label: to_sympy_source(sympy.Add(*terms)) for label, terms in self._labelled_terms(names)}
 
-    def _labelled(self, names: Iterable[str] | None) -> list[tuple[str, Terms]]:
-        """The terms of every component with its label."""
-        found = []
+    def _labelled_terms(self, names: Iterable[str] | None) -> list[tuple[str, Terms]]:
+        """Return the terms of every component with its label."""
+        labelled = []
         for name in self.names if names is None else names:
             parts = self.terms(name)
             places = map("".join, itertools.product("xyz", repeat=len(self.kind.shapes[name])))
             labels = (f"{name}_{place}" if place else name for place in places)
-            found += list(zip(labels, parts, strict=False))
-        return found
+            labelled += list(zip(labels, parts, strict=False))
+        return labelled
 
 
-def _rows(labelled: list[tuple[str, Terms]], short: bool) -> tuple[list[tuple[str, Terms]], dict[str, Expr]]:
-    """The components, letters for functions of t, and what further letters abbreviate."""
+def _abbreviated_rows(
+    labelled: list[tuple[str, Terms]], short: bool
+) -> tuple[list[tuple[str, Terms]], dict[str, Expr]]:
+    """Return components with symbols for functions of t, and the definitions of abbreviations."""
     rows = [
-        (label, tuple(lettered(in_order(with_short_constants(sympy.Add(*terms))), "'"))) for label, terms in labelled
+        (label, tuple(with_symbols(sorted_terms(with_short_constants(sympy.Add(*terms))), "'")))
+        for label, terms in labelled
     ]
     if not short:
         return rows, {}
-    letters = _abbreviations([term for _, terms in rows for term in terms])
-    found = [(label, tuple(term.xreplace(letters) for term in terms)) for label, terms in rows]
+    symbols_of = _abbreviations([term for _, terms in rows for term in terms])
+    short_rows = [(label, tuple(term.xreplace(symbols_of) for term in terms)) for label, terms in rows]
     meanings = {
-        letter: whole.func(*[part.xreplace(letters) for part in whole.args]) if whole.free_symbols else whole
-        for whole, letter in letters.items()
+        symbol: function.func(*[part.xreplace(symbols_of) for part in function.args])
+        if function.free_symbols
+        else function
+        for function, symbol in symbols_of.items()
     }
-    told: dict[str, Expr] = {}
+    definitions: dict[str, Expr] = {}
 
-    def tell(expr: Expr) -> None:
-        for letter in sorted(expr.free_symbols & meanings.keys(), key=lambda a: (a.name[2:].zfill(9), a.name)):
-            if letter.name not in told:
-                tell(meanings[letter])  # first what it is made of
-                told[letter.name] = meanings[letter]
+    def define(expr: Expr) -> None:
+        for symbol in sorted(expr.free_symbols & meanings.keys(), key=lambda a: (a.name[2:].zfill(9), a.name)):
+            if symbol.name not in definitions:
+                define(meanings[symbol])  # definitions that it needs come first
+                definitions[symbol.name] = meanings[symbol]
 
-    tell(sympy.Tuple(*[term for _, terms in found for term in terms]))
-    return found, told
+    define(sympy.Tuple(*[term for _, terms in short_rows for term in terms]))
+    return short_rows, definitions
 
 
 def _abbreviations(terms: list[Expr]) -> dict[Expr, Expr]:
-    """Letters for functions: c_1 and s_1 of an angle, c_12 of the sum of the first and second, k_1 of others.
+    """Return symbols for functions: c_1 and s_1 of an angle, c_12 of the sum of two, k_1 of other functions.
 
-    Sines and cosines of t and 3t are short as they are, and so is what stands but once.
+    Sines and cosines such as sin t and cos 3t, and functions that occur once, are not abbreviated.
     """
-    often: Counter[Expr] = Counter()
+    counts: Counter[Expr] = Counter()
     for term in terms:
-        often.update(part for part in sympy.preorder_traversal(term) if isinstance(part, sympy.Function))
-    waves = [f for f in often if isinstance(f, sympy.sin | sympy.cos) and not _is_short(f)]
-    places: dict[Expr, str] = {}
+        counts.update(part for part in sympy.preorder_traversal(term) if isinstance(part, sympy.Function))
+    waves = [f for f in counts if isinstance(f, sympy.sin | sympy.cos) and not _is_short_wave(f)]
+    indices: dict[Expr, str] = {}
     count = 0
     for angle in sorted({f.args[0] for f in waves}, key=lambda angle: (angle.is_Add, angle.sort_key())):
-        parts = [places.get(part, "") for part in sympy.Add.make_args(angle)]
+        parts = [indices.get(part, "") for part in sympy.Add.make_args(angle)]
         if len(parts) > 1 and all(parts):
-            places[angle] = ("" if count < 10 else ",").join(sorted(parts))
+            indices[angle] = ("" if count < 10 else ",").join(sorted(parts))
         else:
             count += 1
-            places[angle] = str(count)
-    letters = {f: _letter(f"{f.func.__name__[0]}_{places[f.args[0]]}") for f in waves}
-    others = [f for f in often if often[f] > 1 and not isinstance(f, sympy.sin | sympy.cos | Side)]
-    others.sort(key=lambda f: (-often[f], f.sort_key()))
-    return {f: _letter(f"k_{i}") for i, f in enumerate(others, 1)} | letters
+            indices[angle] = str(count)
+    trig_symbols = {f: _real_symbol(f"{f.func.__name__[0]}_{indices[f.args[0]]}") for f in waves}
+    others = [f for f in counts if counts[f] > 1 and not isinstance(f, sympy.sin | sympy.cos | SideOfZero)]
+    others.sort(key=lambda f: (-counts[f], f.sort_key()))
+    return {f: _real_symbol(f"k_{i}") for i, f in enumerate(others, 1)} | trig_symbols
 
 
-def _is_short(wave: Expr) -> bool:
-    """Whether it is sin t, cos 3t and the like."""
+def _is_short_wave(wave: Expr) -> bool:
+    """Return whether a sine or cosine is short: sin t, cos 3t and the like."""
     return is_simple(wave.args[0]) and wave.free_symbols == {time_symbol()}
 
 
-def _letter(name: str) -> Expr:
+def _real_symbol(name: str) -> Expr:
+    """Return the real symbol of a name."""
     return sympy.Symbol(name, real=True)
 
 
-def _function(name: str, parts: list[Expr]) -> str:
-    """The source of the function of one output."""
+def _function_source(name: str, parts: list[Expr]) -> str:
+    """Return the source of the function of one output."""
     t = time_symbol()
-    known = lettered([*map(with_short_constants, parts), t], "d")[:-1]
-    letters = sorted({s.name for part in known for s in part.free_symbols} - {"t"})
-    arguments = ["t", *letters] if any(t in part.free_symbols for part in known) or not letters else letters
-    taken = [sympy.Symbol(letter, real=True) for letter in letters]
-    temporary = sympy.numbered_symbols("w", exclude=taken, real=True)
-    steps, results = sympy.cse(known, symbols=temporary, order="none", list=True)
+    expressions = with_symbols([*map(with_short_constants, parts), t], "d")[:-1]
+    symbol_names = sorted({s.name for part in expressions for s in part.free_symbols} - {"t"})
+    arguments = (
+        ["t", *symbol_names]
+        if any(t in part.free_symbols for part in expressions) or not symbol_names
+        else symbol_names
+    )
+    reserved = [sympy.Symbol(name_of_symbol, real=True) for name_of_symbol in symbol_names]
+    temporary = sympy.numbered_symbols("w", exclude=reserved, real=True)
+    steps, results = sympy.cse(expressions, symbols=temporary, order="none", list=True)
     tail = {1: (), 9: (3, 3)}.get(len(parts), (len(parts),))
     unit = f" [{unit_of(name)}]" if unit_of(name) != "1" else ""
-    every = ", ".join(arguments)
+    all_arguments = ", ".join(arguments)
     lines = [
-        f"def {name}({every}):",
+        f"def {name}({all_arguments}):",
         f'    """{name}{unit}; the arguments broadcast, shape (...) gives {shape_text(tail)}."""',
         *(f"    {argument} = numpy.asarray({argument}, dtype=float)" for argument in arguments),
-        *(f"    {symbol} = {PYTHON(step)}" for symbol, step in steps),
+        *(f"    {symbol} = {to_numpy_source(step)}" for symbol, step in steps),
         "    parts = (",
-        *(f"        {PYTHON(result)}," for result in results),
+        *(f"        {to_numpy_source(result)}," for result in results),
         "    )",
-        f"    parts = numpy.broadcast_arrays(*parts, {every})[:{len(parts)}]",
+        f"    parts = numpy.broadcast_arrays(*parts, {all_arguments})[:{len(parts)}]",
         f"    return numpy.stack(parts, axis=-1).reshape(parts[0].shape + {tail})",
     ]
     return "\n".join(lines) + "\n"

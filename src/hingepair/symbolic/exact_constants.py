@@ -12,18 +12,21 @@ import sympy
 from hingepair.equations import spatial as eq
 from hingepair.symbolic.kinks import Expr
 
-_DIGITS: Final = 50  # to which a squared length is computed that is not known to be rational
-_MAX_DENOMINATOR: Final = 1_000  # of a rational number that such a squared length is recognised as
-_TOLERANCE: Final = sympy.Rational(1, 10**40)  # relative; two such numbers differ by more
+_LENGTH_DIGITS: Final = (
+    50  # significant digits to which a squared length is computed, to find out whether it is rational
+)
+_MAX_DENOMINATOR: Final = 1_000  # of a rational number as which such a squared length is recognised
+_RATIONAL_TOLERANCE: Final = sympy.Rational(1, 10**40)  # relative; two such rational numbers differ by more
 
-_MAX_SQUARE: Final = 1_000
-"""Denominators of the squares that entries of rotations are recognised by."""
-_ROUND_OFF: Final = 4 * 2.0**-53
-"""Of an entry of a rotation [1] and of an angle [rad]: what the arithmetic that computed it leaves."""
-_PARTS_OF_PI: Final = 12
-_DECIMALS: Final = 14
+_MAX_SQUARE_DENOMINATOR: Final = 1_000
+"""Largest denominator of the square of an entry of a rotation that is recognised as a root."""
+_ROUNDING_TOLERANCE: Final = 4 * 2.0**-53
+"""Rounding error of a computed entry of a rotation [1] and of an angle [rad] within which a number is recognised."""
+_PI_DENOMINATOR: Final = 12  # multiples of pi/12 are recognised
+_MAX_DECIMALS: Final = 14  # decimal places of an angle of order one
 
-_AXES: Final = tuple(tuple(map(sympy.Integer, axis)) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+# Unit vectors along x, y and z.
+_COORDINATE_AXES: Final = tuple(tuple(map(sympy.Integer, axis)) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
 
 
 def exact(value: float) -> Expr:
@@ -32,7 +35,7 @@ def exact(value: float) -> Expr:
 
 
 def exact_entry(value: float) -> Expr:
-    """Return an entry of a rotation exactly, as far as it is recognised within rounding.
+    """Return an entry of a rotation exactly, where it is recognised within rounding.
 
     These are 0, 1, -1 and roots of simple fractions; any other entry is the number that its shortest decimal writes.
 
@@ -40,11 +43,11 @@ def exact_entry(value: float) -> Expr:
     (0, sqrt(2)/2, -1/4)
     """
     nearest = float(round(value))
-    if abs(value - nearest) <= _ROUND_OFF:
+    if abs(value - nearest) <= _ROUNDING_TOLERANCE:
         return sympy.Integer(int(nearest))
-    square = Fraction(value * value).limit_denominator(_MAX_SQUARE)
+    square = Fraction(value * value).limit_denominator(_MAX_SQUARE_DENOMINATOR)
     root = sympy.sign(exact(value)) * sympy.sqrt(sympy.Rational(square))
-    return root if abs(float(root) - value) <= _ROUND_OFF * abs(value) else exact(value)
+    return root if abs(float(root) - value) <= _ROUNDING_TOLERANCE * abs(value) else exact(value)
 
 
 def exact_angle(value: float) -> Expr:
@@ -53,15 +56,17 @@ def exact_angle(value: float) -> Expr:
     >>> exact_angle(0.7853981633974484), exact_angle(0.30000000000000004)
     (pi/4, 3/10)
     """
-    step = math.pi / _PARTS_OF_PI
-    if abs(value - round(value / step) * step) <= _ROUND_OFF:
-        return sympy.pi * sympy.Rational(round(value / step), _PARTS_OF_PI)
-    short = next(number for k in range(_DECIMALS + 4) if abs((number := round(value, k)) - value) <= _ROUND_OFF)
+    step = math.pi / _PI_DENOMINATOR
+    if abs(value - round(value / step) * step) <= _ROUNDING_TOLERANCE:
+        return sympy.pi * sympy.Rational(round(value / step), _PI_DENOMINATOR)
+    short = next(
+        number for k in range(_MAX_DECIMALS + 4) if abs((number := round(value, k)) - value) <= _ROUNDING_TOLERANCE
+    )
     return exact(short)
 
 
 def unnested(function: Callable[..., Expr], *arguments: Expr) -> Expr:
-    """Return a SymPy function of arguments without t, as it is where SymPy's value holds roots of roots.
+    """Return a SymPy function of arguments without t, unevaluated where SymPy's value has nested roots.
 
     >>> unnested(sympy.cos, sympy.pi / 6), unnested(sympy.cos, sympy.pi / 60)
     (sqrt(3)/2, cos(pi/60))
@@ -81,9 +86,9 @@ def unit_axis(n: Sequence[Expr]) -> tuple[Expr, ...]:
     """
     square = sympy.Add(*(c**2 for c in map(sympy.sympify, n)))
     if not square.is_Rational and not square.free_symbols:  # cos(1)**2 + sin(1)**2, which is 1
-        value = square.evalf(_DIGITS)
+        value = square.evalf(_LENGTH_DIGITS)
         near = sympy.Rational(Fraction(str(value)).limit_denominator(_MAX_DENOMINATOR))
-        square = near if abs(near - value) <= _TOLERANCE * abs(value) else square
+        square = near if abs(near - value) <= _RATIONAL_TOLERANCE * abs(value) else square
     length = sympy.sqrt(square)
     return tuple(c / length for c in n)
 
@@ -105,10 +110,10 @@ def roll_pitch_yaw_rotation(angles: Sequence[Expr]) -> tuple[Expr, ...]:
     >>> roll_pitch_yaw_rotation([sympy.pi / 2, 0, sympy.pi])
     (-1, 0, 0, 0, 0, 1, 0, 1, 0)
     """
-    roll, pitch, yaw = (axis_rotation(axis, angle) for axis, angle in zip(_AXES, angles, strict=True))
+    roll, pitch, yaw = (axis_rotation(axis, angle) for axis, angle in zip(_COORDINATE_AXES, angles, strict=True))
     return _expanded(eq.compose(eq.compose(yaw, pitch), roll))
 
 
 def _expanded(entries: Sequence[Expr]) -> tuple[Expr, ...]:
-    """Return entries as sums of products, of which those that cancel are gone."""
+    """Expand entries to sums of products, in which terms that cancel vanish."""
     return tuple(sympy.expand(entry) for entry in entries)

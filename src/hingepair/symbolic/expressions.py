@@ -1,8 +1,8 @@
-"""Expressions in t, from text to SymPy, without running the text.
+"""Parser of expressions in t, from text to SymPy, without running the text.
 
-The text is read by Python's own grammar and walked node by node; only what is listed here becomes SymPy, and nothing
-is looked up by a name that came from outside. Numbers stay exact: 0.1 is 1/10, so no digit is lost before the
-last step. What would take too long or too much memory is refused before it is computed.
+Python's own parser makes the syntax tree, whose nodes are converted one by one; only the functions and names listed
+here become SymPy. Numbers stay exact: 0.1 is 1/10, so no digit is lost before the last step. Expressions that would
+take too long or too much memory are refused before they are computed.
 """
 
 from __future__ import annotations
@@ -23,34 +23,34 @@ import sympy
 
 from hingepair.errors import ArgumentError, nearest, pointed
 from hingepair.symbolic.exact_constants import exact, unnested
-from hingepair.symbolic.jets import MAX_BITS, SMOOTH, SYMPY_ERRORS, bits, time_symbol
+from hingepair.symbolic.jets import MAX_BITS, SMOOTH_FUNCTIONS, SYMPY_ERRORS, bit_length, time_symbol
 from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, constant_value, cosh, sinh, tanh
 
-MAX_LENGTH: Final = 10_000
-"""Characters of the text."""
+MAX_TEXT_LENGTH: Final = 10_000
+"""Largest number of characters of a text."""
 MAX_DEPTH: Final = 50
-"""Levels of brackets, calls and powers; the terms of a sum and the factors of a product are one level."""
+"""Largest number of nested parentheses, calls and powers; a sum or a product of any length is one level."""
 MAX_NODES: Final = 3_000
-"""Numbers, names and operations. As many steps compute the derivatives, so that these need no limit of their own."""
+"""Largest number of numbers, names and operations, which bounds the steps that compute the derivatives too."""
 MAX_EXPONENT: Final = 1_000
-"""Of a power, and of the ten in a decimal number."""
-MAX_ROOT: Final = 10_000
-"""Denominator of an exponent: t**0.1234."""
+"""Largest exponent of a power, and of ten in a decimal number."""
+MAX_EXPONENT_DENOMINATOR: Final = 10_000
+"""Largest denominator of an exponent: t**0.1234 has 5000."""
 
-_KINKED: Final[Mapping[str, Callable[..., Expr]]] = MappingProxyType({
+_KINKED_FUNCTIONS: Final[Mapping[str, Callable[..., Expr]]] = MappingProxyType({
     "abs(x)": sympy.Abs,
     "sign(x)": sympy.sign,
-    "min(x, y, ...)": lambda *parts: _of_many(Smaller, parts),
-    "max(x, y, ...)": lambda *parts: _of_many(Larger, parts),
+    "min(x, y, ...)": lambda *parts: _nest_by_halves(Smaller, parts),
+    "max(x, y, ...)": lambda *parts: _nest_by_halves(Larger, parts),
     "clip(x, lowest, highest)": lambda x, lowest, highest: Smaller(Larger(x, lowest), highest),
     "mod(x, period)": Remainder,
     "where(t < 1, x, y)": Where,
     "step(x)": lambda x: Where(x, 1, 0),
     "ramp(x)": lambda x: Larger(x, 0),
 })  # fmt: skip
-"""What has kinks or jumps, by how it is called."""
+"""Functions with kinks or jumps, by their call."""
 
-_MEANT: Final = MappingProxyType({
+_NAME_HINTS: Final = MappingProxyType({
     **dict.fromkeys(("deg", "degrees", "deg2rad", "radians", "rad"), "degrees are written 30*pi/180"),
     **dict.fromkeys(("piecewise", "Piecewise", "ifelse"), "where(condition, x, y)"),
     **dict.fromkeys(("heaviside", "Heaviside"), "step(x)"),
@@ -59,58 +59,70 @@ _MEANT: Final = MappingProxyType({
     "ln": "log(x)",
     "T": "t",
 })  # fmt: skip
-"""What is called otherwise elsewhere."""
+"""Hints for names that are known from elsewhere: how they are written here."""
 
-FUNCTIONS: Final = MappingProxyType(
-    {name: "atan2(y, x)" if name == "atan2" else f"{name}(x)" for name in SMOOTH}
-    | {call.partition("(")[0]: call for call in _KINKED}
+FUNCTION_CALLS: Final = MappingProxyType(
+    {name: "atan2(y, x)" if name == "atan2" else f"{name}(x)" for name in SMOOTH_FUNCTIONS}
+    | {call.partition("(")[0]: call for call in _KINKED_FUNCTIONS}
 )
-"""What can be called, and how."""
+"""Calls of all functions, by name."""
 
-CONSTANTS: Final = MappingProxyType({"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E})
-"""What has a value by name."""
+NAMED_CONSTANTS: Final = MappingProxyType({"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E})
+"""Constants that every expression knows, by name."""
 
 Number: TypeAlias = float | Expr
+"""Value of a constant."""
 
-_STRANGE = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)
-_INSTEAD: Final[Mapping[Any, str]] = {
+_FORBIDDEN_CHARACTER = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)  # in a text
+_SYNTAX_HINTS: Final[Mapping[Any, str]] = {
     "^": "; a power is written **",
     "%": "; a remainder is written mod(x, period)",
     **dict.fromkeys((ast.Compare, ast.BoolOp, ast.UnaryOp), "a condition only in where(condition, x, y)"),
     ast.IfExp: "where(condition, x, y) for a choice",
     ast.Tuple: "one number or expression (decimals follow a point)",
-}  # of a sign or a node
-_TRIGONOMETRIC = ("sin", "cos", "tan")
-_HYPERBOLIC: Final = {"sinh": sinh, "cosh": cosh, "tanh": tanh}  # of what SymPy does not know to be real
-_A_NUMBER = "a finite real number"
-_A_CONDITION = "a condition: comparisons by < <= > >=, joined by and, or, not"
-_SHOWN, _FRAGMENT = 20, 40  # constants, and characters of the text, in a message
-# 2t, 2 sin(t), (1 + t)(2 - t), pi t
-_WORD = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"
-_NUMBER = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"
-_SIDE_BY_SIDE = re.compile(rf"({_NUMBER}|\)|\b{_WORD}(?=\s+\w))\s*({_WORD}|\(|(?<=\s)\d)")
+}  # hints, by character or type of node
+_TRIGONOMETRIC_NAMES = ("sin", "cos", "tan")  # functions that may have nested roots as values
+_HYPERBOLIC_FUNCTIONS: Final = {
+    "sinh": sinh,
+    "cosh": cosh,
+    "tanh": tanh,
+}  # used for arguments that SymPy does not know to be real
+_EXPECTED_NUMBER = "a finite real number"  # in messages
+_EXPECTED_CONDITION = "a condition: comparisons by < <= > >=, joined by and, or, not"  # in messages
+_MAX_SHOWN_NAMES = 20  # constants in a message
+_MAX_FRAGMENT_LENGTH = 40  # characters of the text in a message
+# A word other than an operator.
+_WORD_PATTERN = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"
+# A number.
+_NUMBER_PATTERN = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"
+# Two operands without an operator between them: 2t, 2 sin(t), (1 + t)(2 - t), pi t.
+_MISSING_OPERATOR_PATTERN = re.compile(
+    rf"({_NUMBER_PATTERN}|\)|\b{_WORD_PATTERN}(?=\s+\w))\s*({_WORD_PATTERN}|\(|(?<=\s)\d)"
+)
 
 
-def parse(name: str, text: str, constants: Mapping[str, Number] | None = None, letters: Collection[str] = ()) -> Expr:
-    """The SymPy expression that a text in t stands for.
+def parse(name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()) -> Expr:
+    """Return the SymPy expression of a text in t.
 
-    Numbers, `+ - * / **`, brackets, t, pi, tau, e, the named constants and FUNCTIONS; decimal numbers are exact.
+    It may hold numbers, `+ - * / **`, parentheses, t, pi, tau, e, the given constants and FUNCTION_CALLS; decimal
+    numbers are exact.
 
     Args:
-        name: what the text is, for messages: `motion.psi`.
+        name: name of the expression, for messages: `motion.psi`.
         text: the expression.
         constants: values of further names, finite numbers or expressions without t; see `constant_name_fault`.
-        letters: those of them that stay letters.
+        symbols: those of these names that stay symbols.
 
     Raises:
-        ArgumentError: no such expression; a constant part that is not a finite real number; too long or too deep.
+        ArgumentError: the text is no such expression, has a constant part that is not a finite real number, or is too
+            long or too deep.
 
     >>> parse("psi", "amplitude*sin(2*pi*t) + 0.1", {"amplitude": 0.25})
     sin(2*pi*t)/4 + 1/10
     >>> parse("psi", "where(0 <= t <= 1, abs(t - 0.5), 0)")
     Where(Smaller(t, 1 - t), Abs(t - 1/2), 0)
     """
-    builder = _Builder(name, text, constants or {}, letters)
+    builder = _ExpressionBuilder(name, text, constants or {}, symbols)
     try:
         return builder.build(builder.syntax(), 0).expr
     except ArgumentError:
@@ -120,60 +132,63 @@ def parse(name: str, text: str, constants: Mapping[str, Number] | None = None, l
 
 
 def constant(
-    name: str, text: str, constants: Mapping[str, Number] | None = None, letters: Collection[str] = ()
+    name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
 ) -> Expr:
-    """Return the SymPy expression that a text without t stands for: `pi/6`. Arguments as for `parse`.
+    """Return the SymPy expression of a text without t, such as `pi/6`. Arguments as for `parse`.
 
     Raises:
         ArgumentError: as for `parse`, or the text depends on t.
     """
-    expr = parse(name, text, constants, letters)
+    expr = parse(name, text, constants, symbols)
     if time_symbol() in expr.free_symbols:
         raise ArgumentError(name, "a number: an expression without t", text)
     return expr
 
 
 def constant_name_fault(name: str) -> str | None:
-    """What is expected of a constant's name that this one is not; None for a good one."""
+    """Return what a constant's name is expected to be where it is not; None for a valid name."""
     if not (name.isascii() and name.isidentifier()) or keyword.iskeyword(name):
         return "a name of letters, digits and _"
-    taken = ("t", *CONSTANTS, *SMOOTH)  # a constant named step or max is told from step(x) by its use
+    taken = ("t", *NAMED_CONSTANTS, *SMOOTH_FUNCTIONS)  # a constant may be called step or max: step(x) is a call
     return f"a name other than {', '.join(taken)}" if name in taken else None
 
 
 _Function: TypeAlias = Callable[..., Any]
-_Chain: TypeAlias = tuple[tuple[type, type], _Function, _Function, _Function]
-"""Its signs, what puts it together exactly and in floats, and what its second sign does to a part."""
-_SUM: Final = ((ast.Add, ast.Sub), sympy.Add, lambda *terms: math.fsum(terms), operator.neg)
-_PRODUCT: Final = ((ast.Mult, ast.Div), sympy.Mul, lambda *factors: math.prod(factors), lambda x: 1 / x)
+_OperatorGroup: TypeAlias = tuple[tuple[type, type], _Function, _Function, _Function]
+"""Both operators of a group, its operation on exact parts and on floats, and the inverse that the second applies."""
+
+# + and -.
+_SUM_OPERATORS: Final = ((ast.Add, ast.Sub), sympy.Add, lambda *terms: math.fsum(terms), operator.neg)
+# * and /.
+_PRODUCT_OPERATORS: Final = ((ast.Mult, ast.Div), sympy.Mul, lambda *factors: math.prod(factors), lambda x: 1 / x)
 
 
-class _Part(NamedTuple):
-    """A part of an expression; value is that of a part without t, else None."""
+class _ParsedPart(NamedTuple):
+    """Part of an expression; `value` is the float of a part without t, else None."""
 
     expr: Expr
     value: float | None
 
 
-class _Builder:
-    """One text on its way to SymPy; `line` is the whole of it, for messages with a caret."""
+class _ExpressionBuilder:
+    """Conversion of one text to SymPy; `line` is the whole text, for messages with a caret."""
 
-    def __init__(self, name: str, text: str, constants: Mapping[str, Number], letters: Collection[str]) -> None:
+    def __init__(self, name: str, text: str, constants: Mapping[str, Number], symbols: Collection[str]) -> None:
         self.name = name
         self.line = re.sub(r"\s", " ", text, flags=re.ASCII)
         self.text = self.line.strip(" ")
-        self.constants = {**CONSTANTS, **constants, **{key: sympy.Symbol(key, real=True) for key in letters}}
+        self.constants = {**NAMED_CONSTANTS, **constants, **{key: sympy.Symbol(key, real=True) for key in symbols}}
         self.column = 1 + len(self.line) - len(self.line.lstrip(" "))
         self.nodes = 0
 
     def syntax(self) -> ast.expr:
-        """The syntax tree of the text; line breaks count as blanks."""
-        if len(self.line) > MAX_LENGTH:
-            self._fail(f"at most {MAX_LENGTH} characters", f"{len(self.line)}")
-        if strange := _STRANGE.search(self.line):
-            column = strange.start() + 1
-            instead = _INSTEAD.get(strange[0], "")
-            self._fail(f"an expression in t{instead}", f"character {strange[0]!r} at column {column}", column)
+        """Return the syntax tree of the text; line breaks count as blanks."""
+        if len(self.line) > MAX_TEXT_LENGTH:
+            self._fail(f"at most {MAX_TEXT_LENGTH} characters", f"{len(self.line)}")
+        if forbidden := _FORBIDDEN_CHARACTER.search(self.line):
+            column = forbidden.start() + 1
+            hint = _SYNTAX_HINTS.get(forbidden[0], "")
+            self._fail(f"an expression in t{hint}", f"character {forbidden[0]!r} at column {column}", column)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -181,189 +196,209 @@ class _Builder:
         except SyntaxError as error:
             if not self.text:
                 self._fail("an expression in t", "''")
-            column = self.column + (error.offset or len(self.text) + 1) - 1  # no offset: at the end
-            fault = error.msg if error.offset else "an end where something is missing"
-            self._fail(f"an expression in t{self._hint()}", f"{fault} at column {column}", column)
+            column = self.column + (error.offset or len(self.text) + 1) - 1  # without offset the error is at the end
+            problem = error.msg if error.offset else "an end where something is missing"
+            self._fail(f"an expression in t{self._hint()}", f"{problem} at column {column}", column)
         except (ValueError, MemoryError, RecursionError):
             self._fail("an expression of fewer parts", self.text)
 
-    def build(self, node: ast.expr, depth: int) -> _Part:
-        """The part that a node of the syntax tree stands for."""
-        self._count(node, depth)
+    def build(self, node: ast.expr, depth: int) -> _ParsedPart:
+        """Return the part of a node of the syntax tree."""
+        self._count_node(node, depth)
         match node:
             case ast.Constant():
-                return self._number(node)
+                return self._build_number(node)
             case ast.Name():
-                return self._named(node)
+                return self._build_name(node)
             case ast.BinOp(op=ast.Add() | ast.Sub()) | ast.UnaryOp(op=ast.UAdd() | ast.USub()):
-                return self._chain(node, depth + 1, _SUM)
+                return self._build_chain(node, depth + 1, _SUM_OPERATORS)
             case ast.BinOp(op=ast.Mult() | ast.Div()):
-                return self._chain(node, depth + 1, _PRODUCT)
+                return self._build_chain(node, depth + 1, _PRODUCT_OPERATORS)
             case ast.BinOp(op=ast.Pow()):
-                return self._power(node, depth + 1)
+                return self._build_power(node, depth + 1)
             case ast.Call():
-                return self._call(node, depth + 1)
-        self._refuse(node, _INSTEAD.get(type(node), "numbers, names, calls and + - * / **"))
+                return self._build_call(node, depth + 1)
+        self._refuse(node, _SYNTAX_HINTS.get(type(node), "numbers, names, calls and + - * / **"))
 
-    def _number(self, node: ast.Constant) -> _Part:
+    def _build_number(self, node: ast.Constant) -> _ParsedPart:
+        """Return the part of a number, exact."""
         if type(node.value) not in {int, float} or node.value == math.inf:
-            self._refuse(node, _A_NUMBER)
-        source = self._source(node) if isinstance(node.value, float) else str(node.value)
+            self._refuse(node, _EXPECTED_NUMBER)
+        source = self._source_of(node) if isinstance(node.value, float) else str(node.value)
         if abs(int(source.lower().partition("e")[2] or 0)) > MAX_EXPONENT:
             self._refuse(node, f"a power of ten of at most {MAX_EXPONENT}")
-        return self._finish(node, sympy.Rational(Fraction(source)))
+        return self._check_part(node, sympy.Rational(Fraction(source)))
 
-    def _named(self, node: ast.Name) -> _Part:
+    def _build_name(self, node: ast.Name) -> _ParsedPart:
+        """Return the part of a name: t, a constant, or an error."""
         if node.id == "t":
-            return _Part(time_symbol(), None)
+            return _ParsedPart(time_symbol(), None)
         if node.id in self.constants:
             value = self.constants[node.id]
-            return self._finish(node, exact(value) if isinstance(value, int | float) else value)
-        if node.id in FUNCTIONS:
-            self._refuse(node, FUNCTIONS[node.id])
-        self._unknown(node)
+            return self._check_part(node, exact(value) if isinstance(value, int | float) else value)
+        if node.id in FUNCTION_CALLS:
+            self._refuse(node, FUNCTION_CALLS[node.id])
+        self._refuse_name(node)
 
-    def _chain(self, node: ast.expr, depth: int, kind: _Chain) -> _Part:
-        """The sum `a - b + c`, or the product `a / b * c`: one level, however long."""
-        signs, exact, rounded, inverse = kind
-        found, inverts, place = [], False, node
+    def _build_chain(self, node: ast.expr, depth: int, group: _OperatorGroup) -> _ParsedPart:
+        """Return the sum `a - b + c`, or the product `a / b * c`, of any length as one level."""
+        operators, operate_exactly, operate_on_floats, invert = group
+        inverted_operands, is_inverted, current = [], False, node
         while True:
-            if isinstance(place, ast.BinOp) and isinstance(place.op, signs):
-                found.append((inverts ^ isinstance(place.op, signs[1]), place.right))
-                place = place.left
-            elif isinstance(place, ast.UnaryOp) and ast.Sub in signs and isinstance(place.op, ast.UAdd | ast.USub):
-                inverts ^= isinstance(place.op, ast.USub)
-                place = place.operand
+            if isinstance(current, ast.BinOp) and isinstance(current.op, operators):
+                inverted_operands.append((is_inverted ^ isinstance(current.op, operators[1]), current.right))
+                current = current.left
+            elif (
+                isinstance(current, ast.UnaryOp)
+                and ast.Sub in operators
+                and isinstance(current.op, ast.UAdd | ast.USub)
+            ):
+                is_inverted ^= isinstance(current.op, ast.USub)
+                current = current.operand
             else:
                 break
-            self._count(place)
-        parts = [(inverts, self.build(term, depth)) for inverts, term in reversed([*found, (inverts, place)])]
-        own = [self._apply(node, inverse, inverse, part) if inverts else part for inverts, part in parts]
-        return self._apply(node, exact, rounded, *own)
+            self._count_node(current)
+        parts = [
+            (is_inverted, self.build(term, depth))
+            for is_inverted, term in reversed([*inverted_operands, (is_inverted, current)])
+        ]
+        operands = [self._apply(node, invert, invert, part) if is_inverted else part for is_inverted, part in parts]
+        return self._apply(node, operate_exactly, operate_on_floats, *operands)
 
-    def _power(self, node: ast.BinOp, depth: int) -> _Part:
+    def _build_power(self, node: ast.BinOp, depth: int) -> _ParsedPart:
         base, exponent = self.build(node.left, depth), self.build(node.right, depth)
         self._check_power(node, base.expr, exponent.expr)
         return self._apply(node, sympy.Pow, math.pow, base, exponent)
 
-    def _call(self, node: ast.Call, depth: int) -> _Part:
+    def _build_call(self, node: ast.Call, depth: int) -> _ParsedPart:
         if not isinstance(node.func, ast.Name):
-            self._refuse(node, f"the name of a function before the bracket{self._hint()}")
+            self._refuse(node, f"the name of a function before the parenthesis{self._hint()}")
         name = node.func.id
-        if name not in FUNCTIONS:
+        if name not in FUNCTION_CALLS:
             if name == "t" or name in self.constants:
                 self._refuse(node, f"{name}*(...)")
-            self._unknown(node.func)
-        call, count = FUNCTIONS[name], len(node.args)
+            self._refuse_name(node.func)
+        call, count = FUNCTION_CALLS[name], len(node.args)
         if node.keywords or (count < 2 if call.endswith("...)") else count != call.count(",") + 1):
             self._refuse(node, call)
-        kinked = _KINKED.get(call)
-        first = _Part(self._guard(node.args[0], depth), None) if kinked is Where else self.build(node.args[0], depth)
+        kinked_function = _KINKED_FUNCTIONS.get(call)
+        first = (
+            _ParsedPart(self._build_guard(node.args[0], depth), None)
+            if kinked_function is Where
+            else self.build(node.args[0], depth)
+        )
         parts = [first, *(self.build(argument, depth) for argument in node.args[1:])]
-        if kinked is not None:
-            if kinked is Remainder and not (parts[1].value or 0) > 0:
+        if kinked_function is not None:
+            if kinked_function is Remainder and not (parts[1].value or 0) > 0:
                 self._refuse(node, f"{call} with a period above 0 that does not depend on t")
-            return self._finish(node, kinked(*(part.expr for part in parts)))
+            return self._check_part(node, kinked_function(*(part.expr for part in parts)))
         if name == "exp":  # SymPy turns exp(c*log(b)) into b**c
             for term in sympy.Add.make_args(parts[0].expr):
                 factor, rest = term.as_coeff_Mul()
                 if isinstance(rest, sympy.log):
                     self._check_power(node, rest.args[0], factor)
         function, is_constant = getattr(sympy, name), None not in [part.value for part in parts]
-        if is_constant and name == "atan2":  # SymPy may try for minutes
+        if is_constant and name == "atan2":  # evaluation may take SymPy minutes
             function = functools.partial(function, evaluate=False)
-        elif is_constant and name in _TRIGONOMETRIC:
+        elif is_constant and name in _TRIGONOMETRIC_NAMES:
             function = functools.partial(unnested, function)
-        elif not is_constant and name in _HYPERBOLIC and not parts[0].expr.is_extended_real:
-            function = _HYPERBOLIC[name]
+        elif not is_constant and name in _HYPERBOLIC_FUNCTIONS and not parts[0].expr.is_extended_real:
+            function = _HYPERBOLIC_FUNCTIONS[name]
         return self._apply(node, function, getattr(math, name), *parts)
 
-    def _guard(self, node: ast.expr, depth: int) -> Expr:
-        """What is at least 0 where a condition holds."""
-        self._count(node, depth)
+    def _build_guard(self, node: ast.expr, depth: int) -> Expr:
+        """Return a guard, an expression that is at least 0 where a condition holds."""
+        self._count_node(node, depth)
         match node:
             case ast.BoolOp():
-                guards = [self._guard(operand, depth + 1) for operand in node.values]
-                return _of_many(Smaller if isinstance(node.op, ast.And) else Larger, guards)
+                guards = [self._build_guard(operand, depth + 1) for operand in node.values]
+                return _nest_by_halves(Smaller if isinstance(node.op, ast.And) else Larger, guards)
             case ast.UnaryOp(op=ast.Not()):
-                return _negated(self._guard(node.operand, depth + 1))
-            case ast.Compare() if all(isinstance(sign, ast.Lt | ast.LtE | ast.Gt | ast.GtE) for sign in node.ops):
+                return _negate_guard(self._build_guard(node.operand, depth + 1))
+            case ast.Compare() if all(
+                isinstance(comparison, ast.Lt | ast.LtE | ast.Gt | ast.GtE) for comparison in node.ops
+            ):
                 sides = [self.build(side, depth + 1).expr for side in (node.left, *node.comparators)]
                 guards = []
-                for sign, left, right in zip(node.ops, sides[:-1], sides[1:], strict=True):
-                    guard = right - left if isinstance(sign, ast.LtE | ast.Gt) else left - right
-                    guards.append(_negated(guard) if isinstance(sign, ast.Lt | ast.Gt) else guard)
-                return _of_many(Smaller, guards)
-        self._refuse(node, _A_CONDITION)
+                for comparison, left, right in zip(node.ops, sides[:-1], sides[1:], strict=True):
+                    guard = right - left if isinstance(comparison, ast.LtE | ast.Gt) else left - right
+                    guards.append(_negate_guard(guard) if isinstance(comparison, ast.Lt | ast.Gt) else guard)
+                return _nest_by_halves(Smaller, guards)
+        self._refuse(node, _EXPECTED_CONDITION)
 
-    def _apply(self, node: ast.expr, exact: _Function, rounded: _Function, *parts: _Part) -> _Part:
-        """A function of parts: in floats first, which shows what is not finite before SymPy tries it exactly."""
+    def _apply(
+        self, node: ast.expr, operate_exactly: _Function, operate_on_floats: _Function, *parts: _ParsedPart
+    ) -> _ParsedPart:
+        """Apply a function to parts: first to floats, which shows results that are not finite, then exactly."""
         exprs, values = zip(*parts, strict=True)
         try:
-            value = None if None in values else rounded(*values)
+            value = None if None in values else operate_on_floats(*values)
         except (ArithmeticError, ValueError):
-            self._refuse(node, _A_NUMBER)
-        return self._finish(node, exact(*exprs), value)
+            self._refuse(node, _EXPECTED_NUMBER)
+        return self._check_part(node, operate_exactly(*exprs), value)
 
-    def _finish(self, node: ast.expr, expr: Expr, value: float | None = None) -> _Part:
-        """The part, once it is known to be finite and of a size that can be worked with."""
+    def _check_part(self, node: ast.expr, expr: Expr, value: float | None = None) -> _ParsedPart:
+        """Return the part of an expression, after checking that it is finite and not too large."""
         if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
-            self._refuse(node, _A_NUMBER)
+            self._refuse(node, _EXPECTED_NUMBER)
         for part in (expr, *expr.args):
             if part.is_Pow:
                 self._check_power(node, part.base, part.exp)
-        if expr.is_Rational and bits(expr) > MAX_BITS:
+        if expr.is_Rational and bit_length(expr) > MAX_BITS:
             self._refuse(node, f"exact numbers of at most {MAX_BITS} bits")
         if expr.is_Rational or (value is None and not expr.free_symbols):
             value = constant_value(expr)
         if value is not None and not math.isfinite(value):
-            self._refuse(node, _A_NUMBER)
-        return _Part(expr, value)
+            self._refuse(node, _EXPECTED_NUMBER)
+        return _ParsedPart(expr, value)
 
     def _check_power(self, node: ast.expr, base: Expr, exponent: Expr) -> None:
-        """Refuse exponents that SymPy would be long at work with."""
+        """Refuse powers that would take SymPy long."""
         largest = max(abs(term.as_coeff_Mul()[0]) for term in sympy.Add.make_args(exponent))
-        if exponent.is_Rational and (abs(exponent) > MAX_EXPONENT or exponent.q > MAX_ROOT):
+        if exponent.is_Rational and (abs(exponent) > MAX_EXPONENT or exponent.q > MAX_EXPONENT_DENOMINATOR):
             self._refuse(node, f"an exponent of at most {MAX_EXPONENT}, with at most 4 decimals")
-        if base is not sympy.E and bits(base.as_coeff_Mul()[0]) * largest > MAX_BITS:
+        if base is not sympy.E and bit_length(base.as_coeff_Mul()[0]) * largest > MAX_BITS:
             self._refuse(node, f"exact numbers of at most {MAX_BITS} bits")
 
-    def _count(self, node: ast.expr, depth: int = 0) -> None:
+    def _count_node(self, node: ast.expr, depth: int = 0) -> None:
+        """Count a node; refuse too many, or too deep ones."""
         self.nodes += 1
         if self.nodes > MAX_NODES:
             self._refuse(node, f"at most {MAX_NODES} numbers, names and operations")
         if depth > MAX_DEPTH:
-            self._refuse(node, f"at most {MAX_DEPTH} levels of brackets")
+            self._refuse(node, f"at most {MAX_DEPTH} levels of parentheses")
 
-    def _source(self, node: ast.expr) -> str:
+    def _source_of(self, node: ast.expr) -> str:
         return self.text[node.col_offset : node.end_col_offset]
 
     def _hint(self) -> str:
-        """What to write where a product lacks its sign, or a function its brackets."""
-        found = _SIDE_BY_SIDE.search(self.text)
-        if found and found[1] in FUNCTIONS:
-            call = f"{found[1]}({found[2]})" if found[1] in SMOOTH else FUNCTIONS[found[1]]
+        """Return what to write where a product lacks its operator, or a function its parentheses."""
+        match = _MISSING_OPERATOR_PATTERN.search(self.text)
+        if match and match[1] in FUNCTION_CALLS:
+            call = f"{match[1]}({match[2]})" if match[1] in SMOOTH_FUNCTIONS else FUNCTION_CALLS[match[1]]
             return f"; a function is called as {call}"
-        if found and found[2].startswith("deg"):
-            return f"; degrees are written {found[1][:_FRAGMENT]}*pi/180"
-        if found:
-            return f"; a product is written {found[1][:_FRAGMENT]}*{found[2][:_FRAGMENT]}"
+        if match and match[2].startswith("deg"):
+            return f"; degrees are written {match[1][:_MAX_FRAGMENT_LENGTH]}*pi/180"
+        if match:
+            return f"; a product is written {match[1][:_MAX_FRAGMENT_LENGTH]}*{match[2][:_MAX_FRAGMENT_LENGTH]}"
         if re.search(r"\bif\b", self.text):
             return "; a choice is written where(condition, x, y)"
         assigns = re.search("(?<![<>=])=(?!=)", self.text)
-        return "; what = assigns to stands outside the quotes" if assigns else ""
+        return "; an expression has no assignment: its name stands before the quotes" if assigns else ""
 
     def _refuse(self, node: ast.expr, expected: str) -> NoReturn:
-        source = self._source(node)
-        shown = source if len(source) <= _FRAGMENT else source[: _FRAGMENT - 3] + "..."
+        """Raise an error about a node, with its text and column."""
+        source = self._source_of(node)
+        shown = source if len(source) <= _MAX_FRAGMENT_LENGTH else source[: _MAX_FRAGMENT_LENGTH - 3] + "..."
         column = self.column + node.col_offset
         self._fail(expected, f"{shown} at column {column}", column)
 
-    def _unknown(self, node: ast.Name) -> NoReturn:
-        names = (*FUNCTIONS, "t", *list(self.constants)[: _SHOWN + len(CONSTANTS)])
-        column, short = self.column + node.col_offset, node.id[:_FRAGMENT]
-        meant = f" ({_MEANT[short]})" if short in _MEANT else nearest(short, names)
-        got = f"unknown name '{short}' at column {column}{meant}"
+    def _refuse_name(self, node: ast.Name) -> NoReturn:
+        """Raise an error about an unknown name, with hints."""
+        names = (*FUNCTION_CALLS, "t", *list(self.constants)[: _MAX_SHOWN_NAMES + len(NAMED_CONSTANTS)])
+        column, short = self.column + node.col_offset, node.id[:_MAX_FRAGMENT_LENGTH]
+        hint = f" ({_NAME_HINTS[short]})" if short in _NAME_HINTS else nearest(short, names)
+        got = f"unknown name '{short}' at column {column}{hint}"
         error = ArgumentError(self.name, ", ".join(names), got)
         error.args = (f"{self.name}: {got}; known: {error.expected}",)
         error.add_note(pointed(self.line, column))
@@ -376,13 +411,15 @@ class _Builder:
         raise error from None
 
 
-def _of_many(choose: Callable[[Expr, Expr], Expr], parts: Sequence[Expr]) -> Expr:
-    """The largest or smallest of many, by halves: what is nested deeply, SymPy gives up on."""
+def _nest_by_halves(choose: Callable[[Expr, Expr], Expr], parts: Sequence[Expr]) -> Expr:
+    """Return the largest or smallest of many parts, nested by halves, since SymPy fails on deep nesting."""
     half = len(parts) // 2
-    return parts[0] if not half else choose(_of_many(choose, parts[:half]), _of_many(choose, parts[half:]))
+    return (
+        parts[0] if not half else choose(_nest_by_halves(choose, parts[:half]), _nest_by_halves(choose, parts[half:]))
+    )
 
 
-def _negated(guard: Expr) -> Expr:
-    """What is at least 0 where a guard is not."""
-    again = isinstance(guard, Where) and guard.args[1:] == (-1, 1)
-    return guard.args[0] if again else Where(guard, -1, 1)
+def _negate_guard(guard: Expr) -> Expr:
+    """Return a guard that is at least 0 where this one is not."""
+    is_negated = isinstance(guard, Where) and guard.args[1:] == (-1, 1)
+    return guard.args[0] if is_negated else Where(guard, -1, 1)

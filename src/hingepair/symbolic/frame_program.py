@@ -1,4 +1,4 @@
-"""The motion of one frame of a robot in closed form: E2, E5 and E7 handed from joint to joint, and named on the way.
+"""Closed form of the motion of one frame of a robot: E2, E5 and E7 from joint to joint, with named parts.
 
 Consecutive joints whose axes are parallel make one group: within it attitudes are rotations about one axis by sums of
 angles, Sh(m, q_2 + q_3) and so on, so that no product of their sines and cosines arises. Of each group, P is the
@@ -8,8 +8,8 @@ attitude of the axes that it starts from and m its axis in these; l_i leads from
     outward  P <- P Sh(m, sum of q) C                                                                            (E5)
     columns  (P (m x l_i), P m) of a hinge, (P m, 0) of a slider: the Jacobian, and so v and omega           (E2, E8)
 
-A component that is a sum gets a name, in which later components are written; whoever prints them puts what is used
-once back into its place.
+A component that is a sum gets a name, by which later components refer to it; the output puts names that are used once
+back into their place.
 """
 
 from __future__ import annotations
@@ -26,57 +26,62 @@ from hingepair.mechanism.tree import Frame, Joint, Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.symbolic.exact_constants import exact, exact_angle, exact_entry
 from hingepair.symbolic.kinks import Expr
-from hingepair.symbolic.printers import count_letters
+from hingepair.symbolic.printers import count_symbols
 
-Vector: TypeAlias = tuple[Expr, Expr, Expr]
-Matrix: TypeAlias = tuple[Expr, ...]
+VectorExpr: TypeAlias = tuple[Expr, Expr, Expr]
+"""Three components."""
+MatrixExpr: TypeAlias = tuple[Expr, ...]
+"""Nine entries, row by row."""
 
-POINTS: Final = "u"
-"""What of a robot can stay a letter: the points of its joints and the frame's origin."""
+POINT_SYMBOLS: Final = "u"
+"""Name of the constants of a robot that can stay symbols: the points of its joints and the frame's origin."""
 _PARALLEL_TOLERANCE: Final = 16 * 2.0**-53
-"""Of the components of unit axes: what products of rotations leave between two that are parallel."""
+"""Difference of the components of two unit axes that are parallel but for the rounding of products of rotations."""
 _RIGHT_ANGLE_TOLERANCE: Final = 4 * 2.0**-53
-"""[rad], relative to pi/2."""
-_ZERO: Final = (sympy.S.Zero,) * 3
-_IDENTITY: Final = tuple(sympy.Integer(i == j) for i in range(3) for j in range(3))
+"""Rounding error of a right angle [rad], and of a component relative to the largest."""
+_ZERO_VECTOR: Final = (sympy.S.Zero,) * 3  # as expressions
+# The rotation by no angle, row by row.
+_IDENTITY_MATRIX: Final = tuple(sympy.Integer(i == j) for i in range(3) for j in range(3))
 
 
-class _Arm(NamedTuple):
-    """A vector that is fixed in a body: what it is at angle 0, in the axes of its group, and what angle turns it."""
+class _Lever(NamedTuple):
+    """Lever that is fixed in a body of a group."""
 
-    angle: Expr
-    vector: Vector
-
-
-class _Turn(NamedTuple):
-    """A hinge of a group: its rate along the group's axis, by column of q."""
-
-    column: int
-    ratio: Expr
+    angle: Expr  # that rotates it about the group's axis [rad]
+    vector: VectorExpr  # at angle 0, in the axes of the group [m]
 
 
-class _Slide(NamedTuple):
-    """A slider: its direction at angle 0 in the axes of its group, the angle, how far it is out, and its rate."""
+class _HingePart(NamedTuple):
+    """Hinge of a group."""
 
-    angle: Expr
-    direction: Vector
-    shift: Expr
-    column: int
-    ratio: Expr
+    column: int  # of its coordinate in q
+    ratio: Expr  # of its rate about the group's axis to that of the coordinate
 
 
-class _Group:
-    """Joints one after the other that turn about parallel axes, sliders among them, in the axes it starts from.
+class _SliderPart(NamedTuple):
+    """Slider of a group."""
 
-    The first group has no axis: it holds what comes before the first hinge.
+    angle: Expr  # that rotates it about the group's axis [rad]
+    direction: VectorExpr  # at angle 0, in the axes of the group
+    shift: Expr  # position along the direction [m]
+    column: int  # of its coordinate in q
+    ratio: Expr  # of its rate to that of the coordinate
+
+
+class _ParallelJoints:
+    """Group of consecutive joints with parallel axes, and of sliders between them, in the axes of the group's start.
+
+    The first group has no axis: it holds the levers and sliders before the first hinge.
     """
 
     def __init__(self, axis: Float64Array | None = None) -> None:
         self.direction = axis
-        self.axis: Vector = _ZERO if axis is None else _vector([exact_entry(part) for part in axis.tolist()])
+        self.axis: VectorExpr = (
+            _ZERO_VECTOR if axis is None else _vector([exact_entry(part) for part in axis.tolist()])
+        )
         self.angle: Expr = sympy.S.Zero
         self.fixed = np.eye(3)  # rotation from the axes of the last body at angle 0
-        self.parts: list[_Arm | _Turn | _Slide] = []
+        self.parts: list[_Lever | _HingePart | _SliderPart] = []
 
     def sign(self, axis: Float64Array) -> int:
         """Return 1 or -1 where an axis, in the last body's axes, is parallel to the group's; else 0."""
@@ -85,225 +90,241 @@ class _Group:
         turned = self.fixed @ axis
         return next((k for k in (1, -1) if np.abs(turned - k * self.direction).max() <= _PARALLEL_TOLERANCE), 0)
 
-    def place(self, vector: Sequence[Expr]) -> Vector:
-        """Return a vector of the last body at angle 0."""
-        return _vector(eq.rotate(self.turned(), tuple(vector)))
+    def to_group_axes(self, vector: Sequence[Expr]) -> VectorExpr:
+        """Return a vector of the last body at angle 0, in the axes of the group."""
+        return _vector(eq.rotate(self.fixed_rotation(), tuple(vector)))
 
-    def carry(self, point: Sequence[Expr]) -> None:
-        """Append a point of the last body; one on the group's axis does not turn."""
-        vector = self.place(point)
+    def append_lever(self, point: Sequence[Expr]) -> None:
+        """Append a lever of the last body; one along the group's axis does not rotate."""
+        vector = self.to_group_axes(point)
         turns = any(eq.cross(self.axis, vector))
-        self.parts.append(_Arm(self.angle if turns else sympy.S.Zero, vector))
+        self.parts.append(_Lever(self.angle if turns else sympy.S.Zero, vector))
 
-    def turned(self) -> Matrix:
-        """Return the fixed rotation, exact."""
+    def fixed_rotation(self) -> MatrixExpr:
+        """Return the fixed rotation from the last body's axes to the group's, exact; nine entries."""
         return tuple(exact_entry(entry) for entry in self.fixed.ravel().tolist())
 
-    def turn_on(self, S: Float64Array) -> None:
+    def append_rotation(self, S: Float64Array) -> None:
         """Append a fixed rotation; one about the group's own axis becomes a part of the angle."""
         n = None if self.direction is None else self.fixed.T @ self.direction
         if n is not None and np.abs(S @ n - n).max() <= _PARALLEL_TOLERANCE:
-            across = np.array((S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]))
-            angle = math.atan2(float(n @ across) / 2, float(np.trace(S) - 1) / 2)
+            doubled_sines = np.array((S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]))
+            angle = math.atan2(float(n @ doubled_sines) / 2, float(np.trace(S) - 1) / 2)
             quarters = round(angle / (math.pi / 2))
             is_right = abs(angle - quarters * (math.pi / 2)) <= _RIGHT_ANGLE_TOLERANCE
             if not is_right or (quarters and np.count_nonzero(np.abs(n) > _PARALLEL_TOLERANCE) > 1):
                 self.angle += exact_angle(angle)
                 return
-        self.fixed = self.fixed @ S  # of a right angle about x, y or z it exchanges components only
+        self.fixed = self.fixed @ S  # a right angle about x, y or z only exchanges components
 
 
 class FrameProgram:
-    """The position, attitude, Jacobian and velocity of a frame, in letters that are named in turn.
+    """Program of expressions for the position, attitude, Jacobian and velocity of a frame, with named parts.
 
     Args:
         tree: the robot, whose base rests at the origin.
         frame: one of its frames.
-        symbolic: POINTS in it: points of joints and the frame's origin are letters, as far as they are not 0.
+        symbolic: if POINT_SYMBOLS is in it, components of points of joints and of the frame's origin that are not 0
+            are symbols.
 
     Attributes:
         results: components by output: R (3), S (9, row by row), jacobian (6 dof, row by row), v (3), omega (3).
-        meanings: what each further letter stands for, in an order in which each needs earlier ones only.
-        waves: sines and cosines by their letter.
-        numbers: values of the letters that stand for numbers.
-        joints: the joints that the frame depends on, by their letter.
-        rounded: the largest number that was taken for 0, since rounding left it.
+        definitions: definitions of further symbols, in an order in which each needs earlier ones only.
+        waves: sines and cosines, by their symbols.
+        numbers: values of the symbols of points [m].
+        joints: joints that the frame depends on, by the symbols of their coordinates.
+        largest_rounded: largest number that counts as 0, a rounding error.
     """
 
     def __init__(self, tree: Tree, frame: Frame, symbolic: Collection[str] = ()) -> None:
         coordinates = tree.coordinates
         self.dof = len(coordinates)
-        self.q = tuple(_letter(f"q_{number}") for number in range(1, self.dof + 1))
-        self.qd = tuple(_letter(f"qd_{number}") for number in range(1, self.dof + 1))
-        self.meanings: dict[Expr, Expr] = {}
+        self.q = tuple(_real_symbol(f"q_{number}") for number in range(1, self.dof + 1))
+        self.qd = tuple(_real_symbol(f"qd_{number}") for number in range(1, self.dof + 1))
+        self.definitions: dict[Expr, Expr] = {}
         self.waves: dict[Expr, Expr] = {}
         self.numbers: dict[Expr, float] = {}
-        self.rounded = 0.0
-        self._letters_of: dict[Expr, tuple[Expr, Expr]] = {}
-        self._lettered = POINTS in symbolic
+        self.largest_rounded = 0.0
+        self._trig_symbols: dict[Expr, tuple[Expr, Expr]] = {}
+        self._points_are_symbols = POINT_SYMBOLS in symbolic
         self._columns = {joint.name: column for column, joint in enumerate(coordinates)}
-        chain = _chain(tree, frame.body)
+        chain = _joint_path(tree, frame.body)
         columns = sorted({self._column(tree, tree.joints[number - 1]) for number in chain})
         self.joints = {self.q[column]: coordinates[column] for column in columns}
         groups = self._groups(tree, chain)
-        groups[-1].carry(self._point("p", frame.R))
-        groups[-1].turn_on(frame.S)
-        attitudes, turned = self._attitudes(groups)
-        motion = self._motion(groups, attitudes, turned)
+        groups[-1].append_lever(self._point_vector("p", frame.R))
+        groups[-1].append_rotation(frame.S)
+        attitudes, rotated = self._attitudes(groups)
+        motion = self._motion(groups, attitudes, rotated)
         self.results: dict[str, tuple[Expr, ...]] = motion | {"S": attitudes[-1]}
 
     # ---- groups of joints
 
-    def _groups(self, tree: Tree, chain: Sequence[int]) -> list[_Group]:
-        groups = [_Group()]
+    def _groups(self, tree: Tree, chain: Sequence[int]) -> list[_ParallelJoints]:
+        """Group the joints of a path by parallel axes."""
+        groups = [_ParallelJoints()]
         for number in chain:
             joint, group = tree.joints[number - 1], groups[-1]
             column = self._column(tree, joint)
             ratio, offset = (1.0, 0.0) if joint.mimic is None else joint.mimic[1:]
             position = exact(ratio) * self.q[column] + exact(offset)
             mark = f"m{number}" if joint.mimic is not None else str(column + 1)
-            group.carry(self._point(f"u_{mark}", joint.u))
+            group.append_lever(self._point_vector(f"u_{mark}", joint.u))
             if joint.kind == "slider":
-                group.turn_on(joint.S)
-                direction = group.place([exact_entry(part) for part in joint.n.tolist()])
-                group.parts.append(_Slide(group.angle, direction, position, column, exact(ratio)))
+                group.append_rotation(joint.S)
+                direction = group.to_group_axes([exact_entry(part) for part in joint.n.tolist()])
+                group.parts.append(_SliderPart(group.angle, direction, position, column, exact(ratio)))
                 continue
             axis = joint.S @ joint.n
             if sign := group.sign(axis):
                 group.angle += sign * position
-                group.parts.append(_Turn(column, sign * exact(ratio)))
+                group.parts.append(_HingePart(column, sign * exact(ratio)))
             else:
-                group = _Group(axis)
+                group = _ParallelJoints(axis)
                 group.angle = position
-                group.parts.append(_Turn(column, exact(ratio)))
+                group.parts.append(_HingePart(column, exact(ratio)))
                 groups.append(group)
-            group.turn_on(joint.S)
+            group.append_rotation(joint.S)
         return groups
 
     def _column(self, tree: Tree, joint: Joint) -> int:
+        """Return the column of q of a joint, or of the joint that it follows."""
         leader = joint if joint.mimic is None else tree.joints[joint.mimic.leader - 1]
         return self._columns[leader.name]
 
-    def _point(self, name: str, point: Float64Array) -> Vector:
-        """Return a point as exact numbers or, as far as its components are not 0, as letters."""
+    def _point_vector(self, name: str, point: Float64Array) -> VectorExpr:
+        """Return a point as exact numbers, or its components that are not 0 as symbols."""
         size = float(np.abs(point).max())
         parts = []
         for axis, value in zip("xyz", point.tolist(), strict=True):
             number = exact(value)
             if abs(value) <= _RIGHT_ANGLE_TOLERANCE * size:
-                self.rounded = max(self.rounded, abs(value))
+                self.largest_rounded = max(self.largest_rounded, abs(value))
                 number = sympy.S.Zero
-            if number and self._lettered:
-                letter = _letter(f"{name}{axis}" if name[-1].isdigit() else f"{name}_{axis}")
-                self.numbers[letter] = value
-                number = letter
+            if number and self._points_are_symbols:
+                symbol = _real_symbol(f"{name}{axis}" if name[-1].isdigit() else f"{name}_{axis}")
+                self.numbers[symbol] = value
+                number = symbol
             parts.append(number)
         return _vector(parts)
 
-    # ---- sines, cosines and names
+    # ---- sines, cosines and named sums
 
-    def _rotation(self, axis: Vector, angle: Expr) -> Matrix:
-        """Return the rotation about a group's axis (E6), in letters for the sine and the cosine of the angle."""
+    def _rotation(self, axis: VectorExpr, angle: Expr) -> MatrixExpr:
+        """Return the rotation about a group's axis (E6), in symbols of the sine and the cosine of the angle."""
         if not angle:
-            return _IDENTITY
-        s, c = self._wave(angle)
+            return _IDENTITY_MATRIX
+        s, c = self._trig_of(angle)
         return tuple(sympy.expand(entry) for entry in eq.hinge_rotation(axis, (s, 1 - c)))
 
-    def _wave(self, angle: Expr) -> tuple[Expr, Expr]:
-        """Return the sine and the cosine of an angle in letters: s_23 and c_23 of q_2 + q_3."""
+    def _trig_of(self, angle: Expr) -> tuple[Expr, Expr]:
+        """Return the symbols of the sine and the cosine of an angle: s_23 and c_23 of q_2 + q_3."""
         indices = [number for number, q in enumerate(self.q, 1) if q in angle.free_symbols]
         if angle.coeff(self.q[indices[0] - 1]).is_negative:
-            s, c = self._wave(-angle)
+            s, c = self._trig_of(-angle)
             return -s, c
-        if angle not in self._letters_of:
-            index = ("" if indices[-1] < 10 else ",").join(map(str, indices))
+        if angle not in self._trig_symbols:
+            suffix = ("" if indices[-1] < 10 else ",").join(map(str, indices))
             marks = ("", *"abcdefghijklmnopqrstuvwxyz")
-            mark = next(mark for mark in marks if _letter(f"s_{index}{mark}") not in self.waves)
-            s, c = _letter(f"s_{index}{mark}"), _letter(f"c_{index}{mark}")
+            mark = next(mark for mark in marks if _real_symbol(f"s_{suffix}{mark}") not in self.waves)
+            s, c = _real_symbol(f"s_{suffix}{mark}"), _real_symbol(f"c_{suffix}{mark}")
             self.waves |= {c: sympy.cos(angle, evaluate=False), s: sympy.sin(angle, evaluate=False)}
-            self._letters_of[angle] = s, c
-        return self._letters_of[angle]
+            self._trig_symbols[angle] = s, c
+        return self._trig_symbols[angle]
 
-    def _named(self, parts: Sequence[Expr]) -> tuple[Expr, ...]:
-        """Return components, of which those that are sums have names."""
-        return tuple(self._name(sympy.sympify(part)) for part in parts)
+    def _name_sums(self, parts: Sequence[Expr]) -> tuple[Expr, ...]:
+        """Name the components that are sums; return all components."""
+        return tuple(self._name_sum(sympy.sympify(expr)) for expr in parts)
 
-    def _name(self, part: Expr) -> Expr:
-        if not part.is_Add:
-            return part
-        if part.could_extract_minus_sign():
-            return -self._name(-part)
-        known = next((letter for letter, meaning in self.meanings.items() if meaning == part), None)
-        if known is None:
-            known = sympy.Dummy(f"k{len(self.meanings)}", real=True)
-            self.meanings[known] = part
-        return known
+    def _name_sum(self, expr: Expr) -> Expr:
+        """Return the name of a sum, with its sign; other expressions as they are."""
+        if not expr.is_Add:
+            return expr
+        if expr.could_extract_minus_sign():
+            return -self._name_sum(-expr)
+        symbol = next((name for name, sum_ in self.definitions.items() if sum_ == expr), None)
+        if symbol is None:
+            symbol = sympy.Dummy(f"k{len(self.definitions)}", real=True)
+            self.definitions[symbol] = expr
+        return symbol
 
     # ---- attitudes outward, levers inward
 
-    def _attitudes(self, groups: Sequence[_Group]) -> tuple[list[Matrix], list[Matrix]]:
-        """Return the attitudes that groups start from, the frame's after them, and those as the groups turn them."""
-        attitudes: list[Matrix] = [_IDENTITY]
-        turned: list[Matrix] = []
+    def _attitudes(self, groups: Sequence[_ParallelJoints]) -> tuple[list[MatrixExpr], list[MatrixExpr]]:
+        """Return the attitudes at the starts of groups and of the frame, and those rotated by the groups' angles."""
+        attitudes: list[MatrixExpr] = [_IDENTITY_MATRIX]
+        rotated: list[MatrixExpr] = []
         for group in groups:
-            turned.append(self._named(eq.compose(attitudes[-1], self._rotation(group.axis, group.angle))))
-            attitudes.append(self._named(eq.compose(turned[-1], group.turned())))
-        return attitudes, turned
+            rotated.append(self._name_sums(eq.compose(attitudes[-1], self._rotation(group.axis, group.angle))))
+            attitudes.append(self._name_sums(eq.compose(rotated[-1], group.fixed_rotation())))
+        return attitudes, rotated
 
     def _motion(
-        self, groups: Sequence[_Group], attitudes: Sequence[Matrix], turned: Sequence[Matrix]
+        self,
+        groups: Sequence[_ParallelJoints],
+        attitudes: Sequence[MatrixExpr],
+        rotated_attitudes: Sequence[MatrixExpr],
     ) -> dict[str, tuple[Expr, ...]]:
-        """Return position, Jacobian and velocities, by way of the levers from each joint's point to the frame."""
-        lever = _ZERO
-        columns: dict[int, tuple[Vector, Vector]] = {}
-        v, omega = _ZERO, _ZERO
-        for group, P, P_turned in reversed(list(zip(groups, attitudes, turned, strict=False))):
+        """Return position, Jacobian and velocities from the levers from each joint's point to the frame."""
+        lever = _ZERO_VECTOR
+        columns: dict[int, tuple[VectorExpr, VectorExpr]] = {}
+        v, omega = _ZERO_VECTOR, _ZERO_VECTOR
+        for group, P, P_rotated in reversed(list(zip(groups, attitudes, rotated_attitudes, strict=False))):
             parts = group.parts
-            lever = group.place(lever)
+            lever = group.to_group_axes(lever)
             last = parts[-1]
-            if isinstance(last, _Arm) and last.angle == group.angle:  # turned together, constants add up
-                lever, parts = self._vector(eq.add(last.vector, lever)), parts[:-1]
-            after = lever
-            lever = self._vector(eq.rotate(self._rotation(group.axis, group.angle), lever))
-            drift: Vector = _ZERO  # of the frame, in the axes of the group
-            spin: Expr = sympy.S.Zero  # about its axis
+            if (
+                isinstance(last, _Lever) and last.angle == group.angle
+            ):  # both rotate together, so that constants add up
+                lever, parts = self._named_vector(eq.add(last.vector, lever)), parts[:-1]
+            unrotated_lever = lever
+            lever = self._named_vector(eq.rotate(self._rotation(group.axis, group.angle), lever))
+            drift: VectorExpr = _ZERO_VECTOR  # velocity of the frame in the axes of the group
+            spin: Expr = sympy.S.Zero  # rate about the group's axis
             for part in reversed(parts):
                 match part:
-                    case _Arm():
-                        arm = eq.rotate(self._rotation(group.axis, part.angle), part.vector)
-                        lever = self._vector(eq.add(arm, lever))
+                    case _Lever():
+                        rotated_lever = eq.rotate(self._rotation(group.axis, part.angle), part.vector)
+                        lever = self._named_vector(eq.add(rotated_lever, lever))
                         continue
-                    case _Slide():
+                    case _SliderPart():
                         direction = _vector(eq.rotate(self._rotation(group.axis, part.angle), part.direction))
-                        lever = self._vector(eq.add(eq.scale(direction, part.shift), lever))
-                        linear, angular = direction, _ZERO
-                    case _Turn():
+                        lever = self._named_vector(eq.add(eq.scale(direction, part.shift), lever))
+                        linear, angular = direction, _ZERO_VECTOR
+                    case _HingePart():
                         linear, angular = _vector(eq.cross(group.axis, lever)), group.axis
                         spin += part.ratio * self.qd[part.column]
                 rate = part.ratio * self.qd[part.column]
                 moves = _vector(eq.rotate(P, linear))
-                if len(parts) == 1 and isinstance(part, _Turn):  # m x Sh l = Sh (m x l), the shorter of both
-                    moves = min(moves, _vector(eq.rotate(P_turned, eq.cross(group.axis, after))), key=_size)
+                if len(parts) == 1 and isinstance(part, _HingePart):  # m x Sh l = Sh (m x l): take the shorter form
+                    moves = min(
+                        moves,
+                        _vector(eq.rotate(P_rotated, eq.cross(group.axis, unrotated_lever))),
+                        key=_count_all_symbols,
+                    )
                     v = _vector(eq.add(eq.scale(moves, rate), v))
                 else:
                     drift = _vector(eq.add(drift, eq.scale(linear, rate)))
-                known = columns.get(part.column, (_ZERO, _ZERO))
+                columns_so_far = columns.get(part.column, (_ZERO_VECTOR, _ZERO_VECTOR))
                 columns[part.column] = (
-                    _vector(eq.add(known[0], eq.scale(moves, part.ratio))),
-                    _vector(eq.add(known[1], eq.scale(eq.rotate(P, angular), part.ratio))),
+                    _vector(eq.add(columns_so_far[0], eq.scale(moves, part.ratio))),
+                    _vector(eq.add(columns_so_far[1], eq.scale(eq.rotate(P, angular), part.ratio))),
                 )
-            v = _vector(eq.add(eq.rotate(P, self._vector(drift)), v))
+            v = _vector(eq.add(eq.rotate(P, self._named_vector(drift)), v))
             omega = _vector(eq.add(eq.scale(eq.rotate(P, group.axis), spin), omega))
-        none = (_ZERO, _ZERO)
-        jacobian = [columns.get(column, none)[row // 3][row % 3] for row in range(6) for column in range(self.dof)]
+        zero_column = (_ZERO_VECTOR, _ZERO_VECTOR)
+        jacobian = [
+            columns.get(column, zero_column)[row // 3][row % 3] for row in range(6) for column in range(self.dof)
+        ]
         named = {"R": lever, "jacobian": jacobian, "v": v, "omega": omega}
-        return {name: self._named(parts) for name, parts in named.items()}
+        return {name: self._name_sums(parts) for name, parts in named.items()}
 
-    def _vector(self, parts: Sequence[Expr]) -> Vector:
-        return _vector(self._named(parts))
+    def _named_vector(self, parts: Sequence[Expr]) -> VectorExpr:
+        """Name the components of a vector that are sums."""
+        return _vector(self._name_sums(parts))
 
 
-def _chain(tree: Tree, body: int) -> list[int]:
+def _joint_path(tree: Tree, body: int) -> list[int]:
     """Return the numbers of the joints from the base to a body."""
     numbers = []
     while body:
@@ -312,14 +333,17 @@ def _chain(tree: Tree, body: int) -> list[int]:
     return numbers[::-1]
 
 
-def _vector(parts: Sequence[Expr]) -> Vector:
+def _vector(parts: Sequence[Expr]) -> VectorExpr:
+    """Return three components as SymPy expressions."""
     x, y, z = map(sympy.sympify, parts)
     return x, y, z
 
 
-def _size(parts: Vector) -> int:
-    return sum(map(count_letters, parts))
+def _count_all_symbols(parts: VectorExpr) -> int:
+    """Count the symbols of a vector."""
+    return sum(map(count_symbols, parts))
 
 
-def _letter(name: str) -> Expr:
+def _real_symbol(name: str) -> Expr:
+    """Return the real symbol of a name."""
     return sympy.Symbol(name, real=True)

@@ -1,8 +1,8 @@
-"""Expressions in t with their first and second derivative, in steps that each stay small.
+"""Jets: expressions in t with their first and second derivatives, as programs of small steps.
 
-The derivatives of one long expression can be a thousand times as long. Here every part is named and differentiated
-in terms of the names of its own parts, which SymPy does exactly and the chain rule puts together: as many steps as
-the expression has parts. At a kink the derivatives are those from the right.
+The derivatives of one long expression can be a thousand times as long. Here every part is a step with a name, and is
+differentiated by SymPy in terms of the names of its own parts; the chain rule combines the derivatives. There are as
+many steps as the expression has parts. At a kink the derivatives are those from the right.
 """
 
 from __future__ import annotations
@@ -14,45 +14,57 @@ from typing import Final, TypeAlias
 
 import sympy
 
-from hingepair.symbolic.kinks import Choice, Expr, Remainder, Side, Where, constant_value
+from hingepair.symbolic.kinks import Choice, Expr, Remainder, SideOfZero, Where, constant_value
 
 Jet: TypeAlias = tuple[Expr, Expr, Expr]
+"""Value, first and second derivative by t."""
 
 SYMPY_ERRORS: Final = (ArithmeticError, AttributeError, NotImplementedError, RecursionError, TypeError, ValueError)
-"""What SymPy is known to raise on odd but harmless expressions, such as asin(cos(1e300))."""
+"""Errors that SymPy raises on unusual but harmless expressions, such as asin(cos(1e300))."""
 
 MAX_BITS: Final = 4_096
-"""Of the numerator and the denominator of an exact number."""
+"""Largest number of bits of the numerator and of the denominator of an exact number."""
 
-SMOOTH: Final = (
+SMOOTH_FUNCTIONS: Final = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
     *("asinh", "acosh", "atanh", "exp", "log", "sqrt"),
 )
 """Functions of the same name in SymPy and in math."""
 
-_COMPILED = (*SMOOTH, "Abs", "sign", "floor", "Where", "Side", "Larger", "Smaller", "Remainder")
+# Names of the functions that are compiled to NumPy.
+_COMPILED_FUNCTIONS = (
+    *SMOOTH_FUNCTIONS,
+    "Abs",
+    "sign",
+    "floor",
+    "Where",
+    "SideOfZero",
+    "Larger",
+    "Smaller",
+    "Remainder",
+)
 
 
 class NotRealError(ArithmeticError):
-    """An expression or a derivative is not real, or holds a number that is no finite float."""
+    """An expression or a derivative is not real, or contains a number that is no finite float."""
 
 
 def time_symbol() -> Expr:
-    """The SymPy symbol t of every expression: real."""
+    """Return the SymPy symbol t, real, of every expression."""
     return sympy.Symbol("t", real=True)
 
 
-def bits(number: Expr) -> int:
-    """The bits of the longer of a rational number's numerator and denominator."""
+def bit_length(number: Expr) -> int:
+    """Return the number of bits of a rational number's numerator or denominator, the longer one."""
     return max(int(number.p).bit_length(), int(number.q).bit_length())
 
 
 class JetProgram:
-    """Steps that compute expressions and their derivatives from t.
+    """Program of steps that compute expressions and their derivatives from t.
 
     Attributes:
-        steps: pairs (name, what it is in terms of t and earlier names), all of them SymPy expressions.
-        switches: results that jump where an expression has a kink or a jump.
+        steps: pairs of a name and its expression in t and earlier names.
+        switches: results whose value jumps where an expression has a kink or a jump.
     """
 
     def __init__(self) -> None:
@@ -64,7 +76,7 @@ class JetProgram:
         self._constants: dict[Expr, Expr] = {}
 
     def jet(self, expr: Expr) -> Jet:
-        """An expression in t with its first and second derivative, each a number, t, or the name of a step.
+        """Return the jet of an expression in t, each part a number, t, or the name of a step.
 
         Raises:
             NotRealError: one of them is not real and finite.
@@ -80,22 +92,22 @@ class JetProgram:
         return self._jets[expr]
 
     def value(self, result: Expr) -> float | None:
-        """The float that a result is, where it does not depend on t."""
+        """Return the float that a result is, or None where it depends on t."""
         constant: Expr = self._constants.get(result) or result
         return None if constant.free_symbols else constant_value(constant)
 
-    def needed(self, results: list[Expr]) -> list[tuple[Expr, Expr]]:
-        """The steps that some results need, in order."""
+    def steps_for(self, results: list[Expr]) -> list[tuple[Expr, Expr]]:
+        """Return the steps that some results need, in order."""
         names = set().union(*(result.free_symbols for result in results))
-        taken = []
-        for name, meaning in reversed(self.steps):
+        steps = []
+        for name, step in reversed(self.steps):
             if name in names:
-                taken.append((name, meaning))
-                names |= meaning.free_symbols
-        return taken[::-1]
+                steps.append((name, step))
+                names |= step.free_symbols
+        return steps[::-1]
 
     def _combine(self, expr: Expr, jets: list[Jet]) -> Jet:
-        """The jet of an expression whose parts have these jets."""
+        """Return the jet of an expression from the jets of its arguments."""
         if expr.is_Mul:
             return functools.reduce(self._multiply, jets)
         value = expr.func(*[value for value, _, _ in jets])
@@ -115,10 +127,10 @@ class JetProgram:
                 return self._differentiate(value, jets)
         side = self._side(guard)
         self.switches.append(side)
-        return self._name(value), *(self._name(Where(side, x[k], y[k])) for k in (1, 2))  # just after t
+        return self._name(value), *(self._name(Where(side, x[k], y[k])) for k in (1, 2))  # derivatives from the right
 
     def _side(self, guard: Expr) -> Expr:
-        """1 or -1, on which side of zero a guard is just after t; one put together of others is judged by them."""
+        """Return 1 or -1, the side of zero of a guard just after t; a combined guard is judged by its parts."""
         if guard not in self._sides:
             match guard:
                 case Choice():
@@ -126,23 +138,23 @@ class JetProgram:
                 case sympy.Number():
                     side = sympy.S.One if guard >= 0 else sympy.S.NegativeOne
                 case _:
-                    side = Side(*self.jet(guard))
+                    side = SideOfZero(*self.jet(guard))
             self._sides[guard] = self._name(side)
         return self._sides[guard]
 
     def _multiply(self, a: Jet, b: Jet) -> Jet:
-        """The jet of a product: (a b)'' = a'' b + 2 a' b' + a b''."""
+        """Return the jet of a product: (a b)'' = a'' b + 2 a' b' + a b''."""
         first = a[1] * b[0] + a[0] * b[1]
         second = a[2] * b[0] + 2 * a[1] * b[1] + a[0] * b[2]
         return self._name(a[0] * b[0]), self._name(first), self._name(second)
 
     def _differentiate(self, expr: Expr, jets: list[Jet]) -> Jet:
-        """The jet of f(u, v) by the chain rule; expr is f in terms of the names of u and v."""
+        """Return the jet of f(u, v) by the chain rule; expr is f in terms of the names of u and v."""
         parts = {value: (first, second) for value, first, second in jets if value.is_Symbol}
         value, first, second = self._name(expr), 0, 0
         for u, (ud, udd) in parts.items():
             slope = expr.diff(u)
-            _check(slope)
+            _check_real(slope)
             first += self._share(slope) * ud
             second += self._share(slope) * udd
             for v, (vd, _) in parts.items():
@@ -150,33 +162,33 @@ class JetProgram:
         return value, self._name(first), self._name(second)
 
     def _share(self, expr: Expr) -> Expr:
-        """The expression with its functions as steps of their own: f, f' and f'' mostly hold the same."""
+        """Replace functions in an expression by steps of their own, since f, f' and f'' mostly share them."""
         functions = [f for f in expr.atoms(sympy.Function) if all(part.is_Atom for part in f.args)]
         return expr.xreplace({f: self._name(f) for f in functions})
 
     def _name(self, expr: Expr) -> Expr:
-        """The name of a step that computes an expression; rational numbers and names stand for themselves."""
+        """Return the name of a step that computes an expression; rational numbers and names stand for themselves."""
         expr = sympy.sympify(expr)
         if expr.free_symbols <= self._constants.keys():
             expr = expr.xreplace(self._constants)
         if expr.is_Symbol:
             return expr
         if expr not in self._names:
-            _check(expr)
+            _check_real(expr)
             if expr.is_Rational:
                 return expr
-            self._names[expr] = sympy.Symbol(f"λ{len(self.steps)}", real=True)  # no constant's name
+            self._names[expr] = sympy.Symbol(f"λ{len(self.steps)}", real=True)  # no name that a constant can have
             self.steps.append((self._names[expr], expr))
             if not expr.free_symbols:
                 self._constants[self._names[expr]] = expr
         return self._names[expr]
 
 
-def _check(expr: Expr) -> None:
-    """Refuse what NumPy cannot evaluate in real numbers."""
+def _check_real(expr: Expr) -> None:
+    """Refuse expressions that NumPy cannot evaluate in real numbers."""
     if expr.has(sympy.I, sympy.nan, sympy.zoo, sympy.oo, -sympy.oo):
         raise NotRealError("an imaginary or infinite part")
-    if any(bits(number) > MAX_BITS for number in expr.atoms(sympy.Rational)):
+    if any(bit_length(number) > MAX_BITS for number in expr.atoms(sympy.Rational)):
         raise NotRealError("a number of too many digits")
     if not all(math.isfinite(constant_value(constant)) for constant in _constant_parts(expr)):
         raise NotRealError("a number that is not real or past the range of floats")
@@ -184,12 +196,12 @@ def _check(expr: Expr) -> None:
         if power.base.is_Number and power.base.is_negative and not power.exp.is_integer:
             raise NotRealError(f"a power of the negative number {power.base}")
     for function in expr.atoms(sympy.Function, sympy.Derivative, sympy.Subs, sympy.Piecewise):
-        if type(function).__name__ not in _COMPILED:
+        if type(function).__name__ not in _COMPILED_FUNCTIONS:
             raise NotRealError(f"{type(function).__name__}(...)")
 
 
 def _constant_parts(expr: Expr) -> Iterator[Expr]:
-    """The largest parts without t."""
+    """Yield the largest parts without t."""
     parts = sympy.preorder_traversal(expr)
     for part in parts:
         if not part.free_symbols:

@@ -1,8 +1,8 @@
-"""Functions with kinks and jumps, as SymPy sees them: choices, the larger and the smaller of two, remainders.
+"""Functions with kinks and jumps as SymPy functions: choices, the larger and the smaller of two, remainders.
 
 SymPy's own (Piecewise, Max, Mod) try to prove things about their arguments, which may take for ever, and their
-derivatives hold Dirac's delta. These keep their arguments as they are. At a kink their derivatives are those from the
-right, the side on which t goes on.
+derivatives contain Dirac's delta. These functions keep their arguments as they are. At a kink their derivatives are
+those from the right.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Expr: TypeAlias = Any  # a sympy.Expr; SymPy carries no types
 
 
 def constant_value(expr: Expr) -> float:
-    """The float nearest to an expression without t; not finite where there is none."""
+    """Return the float nearest to an expression without t; not finite where there is none."""
     if expr.is_Rational:
         try:
             return int(expr.p) / int(expr.q)
@@ -27,22 +27,22 @@ def constant_value(expr: Expr) -> float:
 
 
 def _without_proofs(function: type) -> type:
-    """Return a hyperbolic function of SymPy's that is taken for real, and of which SymPy proves nothing else.
+    """Return a copy of SymPy's hyperbolic function that counts as real, and of which SymPy proves nothing else.
 
-    SymPy asks such functions whether they are zero or positive, and splits their arguments into real and imaginary
-    parts for it, which takes for ever where these are sums or products of many roots.
+    To find out whether such a function is zero or positive, SymPy splits its argument into real and imaginary parts,
+    which takes for ever where the argument is a sum or product of many roots.
     """
-    questions = ("positive", "negative", "nonnegative", "zero", "finite", "real", "extended_real")
-    silent = dict.fromkeys([f"_eval_is_{question}" for question in questions])
-    found: type = type(function)(function.__name__, (function,), {**silent, "is_real": True, "__module__": __name__})
-    return found
+    properties = ("positive", "negative", "nonnegative", "zero", "finite", "real", "extended_real")
+    silent = dict.fromkeys([f"_eval_is_{name}" for name in properties])
+    copy: type = type(function)(function.__name__, (function,), {**silent, "is_real": True, "__module__": __name__})
+    return copy
 
 
 sinh, cosh, tanh = map(_without_proofs, (sympy.sinh, sympy.cosh, sympy.tanh))
 
 
 class Kinked(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
-    """A function with kinks or jumps; `numpy`, `text` and `latex` say how it is written of its arguments {0}, {1}."""
+    """Function with kinks or jumps; `numpy`, `text` and `latex` are its notations, with arguments {0}, {1}."""
 
     is_real = True
     numpy = text = latex = ""
@@ -51,12 +51,12 @@ class Kinked(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
         return self.numpy.format(*map(printer.doprint, self.args))
 
     def _latex(self, printer: Any, exp: str | None = None) -> str:
-        written = self.latex.format(*map(printer.doprint, self.args))
-        return written if exp is None else f"\\left({written}\\right)^{{{exp}}}"
+        text = self.latex.format(*map(printer.doprint, self.args))
+        return text if exp is None else f"\\left({text}\\right)^{{{exp}}}"
 
 
 class Choice(Kinked):
-    """The first of the last two arguments where `guard` is at least 0, else the second."""
+    """Choice between the last two arguments: the first of them where `guard` is at least 0, else the second."""
 
     guard: Expr
 
@@ -80,7 +80,7 @@ class Where(Choice):
 
     @classmethod
     def eval(cls, guard: Expr, x: Expr, y: Expr) -> Expr | None:
-        """What is left of a choice that has been made, or that another choice makes."""
+        """Simplify a choice that does not depend on t, or whose guard is another choice between constants."""
         if not guard.free_symbols:
             return x if constant_value(guard) >= 0 else y
         if x == y:
@@ -91,7 +91,7 @@ class Where(Choice):
 
 
 class Extreme(Choice):
-    """The larger or the smaller of two."""
+    """Larger or smaller of two arguments."""
 
     nargs = 2
     sense = 0
@@ -99,20 +99,20 @@ class Extreme(Choice):
 
     @classmethod
     def eval(cls, x: Expr, y: Expr) -> Expr | None:
-        """The one of them, where that does not depend on t."""
+        """Return the argument chosen, where the choice does not depend on t."""
         guard = cls.sense * (x - y)
         return None if guard.free_symbols else Where(guard, x, y)
 
 
 class Larger(Extreme):
-    """The larger of two."""
+    """Larger of two arguments."""
 
     sense = 1
     numpy, text, latex = "numpy.maximum({0}, {1})", "max({0}, {1})", r"\max\left({0}, {1}\right)"
 
 
 class Smaller(Extreme):
-    """The smaller of two."""
+    """Smaller of two arguments."""
 
     sense = -1
     numpy, text, latex = "numpy.minimum({0}, {1})", "min({0}, {1})", r"\min\left({0}, {1}\right)"
@@ -126,17 +126,17 @@ class Remainder(Kinked):
 
     @classmethod
     def eval(cls, x: Expr, period: Expr) -> Expr | None:
-        """The remainder of what does not depend on t."""
+        """Return the remainder of an argument that does not depend on t."""
         return None if x.free_symbols else x - period * sympy.floor(x / period)
 
     def _eval_derivative(self, symbol: Expr) -> Expr:
         return self.args[0].diff(symbol)
 
 
-class Side(Kinked):
-    """`Side(g, g', g'')`: 1 or -1, on which side of zero g is just after t; NaN where g is.
+class SideOfZero(Kinked):
+    """`SideOfZero(g, g', g'')`: 1 or -1, on which side of zero g is just after t; NaN where g is.
 
-    It stands in guards only, where a reader wants to know g.
+    It occurs in guards only, where text shows g instead.
     """
 
     nargs = 3

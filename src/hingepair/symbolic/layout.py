@@ -1,4 +1,4 @@
-"""Lines of closed forms: text that is broken where a reader expects it, align* environments, headings."""
+"""Layout of closed forms: line breaks in equations, align* environments, titles."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from collections.abc import Sequence
 from typing import Final
 
 from hingepair.symbolic.kinks import Expr
-from hingepair.symbolic.printers import TEXT, Write, joined, latex_name, signed
+from hingepair.symbolic.printers import Writer, join_terms, latex_name, signed_terms, to_text
 
-_MAX_LATEX_WIDTH: Final = 90  # characters of terms, as text, in a line of LaTeX
-_INDENT: Final = " " * 6
-_FIXED: Final = "\N{NO-BREAK SPACE}"
+_MAX_LATEX_WIDTH: Final = 90  # characters of the terms, as plain text, in a line of LaTeX
+_INDENT: Final = " " * 6  # of continued lines
+_NO_BREAK_SPACE: Final = "\N{NO-BREAK SPACE}"  # a blank at which no line is broken
 
 
-def wrapped(line: str, width: int) -> str:
-    """Return a line broken after semicolons, or where none is before a + or -, or where it must be at any blank."""
+def wrap_equation(line: str, width: int) -> str:
+    """Break a line after semicolons, where there are none before + or -, and otherwise at any blank."""
     pieces = [line]
     for breaks in ((("; ", ";\0"),), ((" + ", "\0+ "), (" - ", "\0- ")), ((" ", "\0"),)):
-        pieces = [part for piece in pieces for part in _folded(piece, breaks, width)]
+        pieces = [part for piece in pieces for part in _break_line(piece, breaks, width)]
     return "\n".join(pieces)
 
 
-def _folded(line: str, breaks: Sequence[tuple[str, str]], width: int) -> list[str]:
-    """Return the pieces of a line that is broken at some places only: at a null character of each second text."""
+def _break_line(line: str, breaks: Sequence[tuple[str, str]], width: int) -> list[str]:
+    """Return the pieces of a line that is broken only at a null character in the second text of each pair."""
     fixed = line.lstrip()
     for place, marked in breaks:
         fixed = fixed.replace(place, marked)
-    fixed = fixed.replace(" ", _FIXED).replace("\0", " ")
+    fixed = fixed.replace(" ", _NO_BREAK_SPACE).replace("\0", " ")
     pieces = textwrap.wrap(
         fixed,
         width,
@@ -36,15 +36,15 @@ def _folded(line: str, breaks: Sequence[tuple[str, str]], width: int) -> list[st
         break_long_words=False,
         break_on_hyphens=False,
     )
-    return [piece.replace(_FIXED, " ") for piece in pieces]
+    return [piece.replace(_NO_BREAK_SPACE, " ") for piece in pieces]
 
 
-def latex_lines(label: str, terms: Sequence[Expr], write: Write) -> list[str]:
+def latex_lines(label: str, terms: Sequence[Expr], write: Writer) -> list[str]:
     """Return the lines of one equation in an align* environment."""
     lines: list[str] = []
     line, filled = f"{latex_name(label)} &=", 0
-    for text, term in zip([joined(terms[:1], write), *signed(terms[1:], write)], terms, strict=True):
-        size = len(TEXT(term))
+    for text, term in zip([join_terms(terms[:1], write), *signed_terms(terms[1:], write)], terms, strict=True):
+        size = len(to_text(term))
         if filled + size > _MAX_LATEX_WIDTH and filled:
             lines.append(line)
             line, filled = "&\\quad", 0
@@ -53,19 +53,19 @@ def latex_lines(label: str, terms: Sequence[Expr], write: Write) -> list[str]:
     return [*lines, line]
 
 
-def align(lines: Sequence[str]) -> str:
-    """Return an align* environment of these lines."""
+def align_environment(lines: Sequence[str]) -> str:
+    """Return an align* environment of lines."""
     return "\\begin{align*}  % \\usepackage{amsmath}\n  " + " \\\\\n  ".join(lines) + "\n\\end{align*}\n"
 
 
-def heading(title: str) -> str:
-    """Return what the first line of a module adds for a title: a colon and as much of it as a docstring can hold."""
-    held = docstring_text(title)
-    return f": {held}" if held else ""
+def title_suffix(title: str) -> str:
+    """Return what a title adds to the first line of a module's docstring: a colon and the title."""
+    text = docstring_text(title)
+    return f": {text}" if text else ""
 
 
 def docstring_text(text: str) -> str:
-    """Return as much of a text as one line of a docstring or of a comment can hold."""
+    """Return a text as one line that a docstring or comment can contain; other characters are dropped."""
     return "".join(sign for sign in " ".join(text.split()) if sign.isprintable() and sign not in '"\\')
 
 

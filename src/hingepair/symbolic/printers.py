@@ -1,4 +1,4 @@
-"""SymPy expressions as plain text, as LaTeX, as NumPy source and as SymPy source."""
+"""Printers of SymPy expressions: plain text, LaTeX, NumPy source and SymPy source."""
 
 from __future__ import annotations
 
@@ -17,46 +17,49 @@ from sympy.printing.precedence import PRECEDENCE
 from sympy.printing.str import StrPrinter
 
 from hingepair.symbolic.exact_constants import exact
-from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, Side, Smaller, Where, constant_value
+from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, SideOfZero, Smaller, Where, constant_value
 
-_READABLE: Final = 1_000  # the largest denominator that is read more easily than a decimal number
-_LONGEST: Final = 10**6
-_EXACT: Final = 2**53  # integers below are floats without rounding
-_MAX_EXACT_LENGTH: Final = 18  # characters of a number that is no decimal: as many as a decimal of 17 digits has
-_MIN_SHARE: Final = 1e-60  # of the largest term of a sum of constants; a smaller sum is 0, computed to 100 digits
-_FEW: Final = 4  # the same among decimals, such as the lengths of a robot
-_GREEK = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # noqa: RUF001
-_IN_LATEX = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_MAX_READABLE_DENOMINATOR: Final = 1_000  # largest denominator of a fraction that is easier to read than a decimal
+_MAX_FRACTION_PART: Final = 10**6  # largest numerator or denominator of a fraction that is printed as such
+_MAX_EXACT_INTEGER: Final = 2**53  # integers below are exact as floats
+_MAX_EXACT_LENGTH: Final = 18  # characters of an exact number; a longer one is printed as a decimal of 17 digits
+_MIN_TERM_SHARE: Final = 1e-60  # of the largest term of a sum of constants: a smaller sum counts as 0
+_MAX_DECIMAL_DENOMINATOR: Final = (
+    4  # largest denominator of a fraction among decimals, such as the lengths of a robot
+)
+_GREEK_LETTERS = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
+_LATEX_NAMES = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # of symbols
+_SUPERSCRIPT_DIGITS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of exponents in text
 
-Write: TypeAlias = Callable[[Expr], str]
+Writer: TypeAlias = Callable[[Expr], str]
+"""Prints an expression."""
 
 
-def joined(terms: Iterable[Expr], write: Write) -> str:
-    """A sum with its terms in their order; derivatives of functions of t are x', x''."""
-    text = " ".join(signed(terms, write))
+def join_terms(terms: Iterable[Expr], write: Writer) -> str:
+    """Print a sum with its terms in their order; derivatives of functions of t are x', x''."""
+    text = " ".join(signed_terms(terms, write))
     return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
 
 
-def signed(terms: Iterable[Expr], write: Write) -> list[str]:
-    """The terms of a sum in their order, each after its sign: `+ x'`, `- 2 sin t`."""
-    letters = lettered(terms, "'")
-    return [f"- {write(-x)}" if x.as_coeff_Mul()[0].is_negative else f"+ {write(x)}" for x in letters]
+def signed_terms(terms: Iterable[Expr], write: Writer) -> list[str]:
+    """Print the terms of a sum in their order, each after its sign: `+ x'`, `- 2 sin t`."""
+    symbolic_terms = with_symbols(terms, "'")
+    return [f"- {write(-x)}" if x.as_coeff_Mul()[0].is_negative else f"+ {write(x)}" for x in symbolic_terms]
 
 
-def lettered(exprs: Iterable[Expr], mark: str) -> list[Expr]:
-    """Expressions with a symbol for each function of t and for its derivatives: psi, psi', psi'' with the mark '."""
-    found = list(exprs)
-    letters = {
+def with_symbols(exprs: Iterable[Expr], mark: str) -> list[Expr]:
+    """Replace functions of t and their derivatives by symbols: psi, psi', psi'' with the mark '."""
+    expressions = list(exprs)
+    symbols = {
         function.diff((*function.args, order)): sympy.Symbol(f"{function.func.__name__}{mark * order}", real=True)
-        for function in set().union(*(expr.atoms(AppliedUndef) for expr in found))
+        for function in set().union(*(expr.atoms(AppliedUndef) for expr in expressions))
         for order in range(3)
     }
-    return [expr.xreplace(letters) for expr in found]
+    return [expr.xreplace(symbols) for expr in expressions]
 
 
 def latex_name(name: str) -> str:
-    r"""A letter with its index and its dots: `phi_x'` is \dot{\phi}_{x}, `u1_x` is u_{1,x}.
+    r"""Convert a symbol's name to LaTeX: `phi_x'` is \dot{\phi}_{x}, `u1_x` is u_{1,x}.
 
     >>> latex_name("phi_x'"), latex_name("u1_x")
     ('\\dot{\\phi}_{x}', 'u_{1,x}')
@@ -65,25 +68,27 @@ def latex_name(name: str) -> str:
     letter, _, index = bare.partition("_")
     if letter[-1:].isdigit():
         letter, index = letter[:-1], ",".join(filter(None, (letter[-1], index)))
-    if letter in _IN_LATEX:
-        letter = _IN_LATEX[letter]
+    if letter in _LATEX_NAMES:
+        letter = _LATEX_NAMES[letter]
     else:
-        letter = f"\\{letter}" if letter in _GREEK else letter if len(letter) == 1 else f"\\mathrm{{{letter}}}"
+        letter = (
+            f"\\{letter}" if letter in _GREEK_LETTERS else letter if len(letter) == 1 else f"\\mathrm{{{letter}}}"
+        )
     dots = len(name) - len(bare)
     dotted = f"\\{'d' * dots}ot{{{letter}}}" if dots else letter
     return f"{dotted}_{{{index}}}" if index else dotted
 
 
-def _decimal(value: Expr, readable: int = _READABLE) -> str | None:
-    """A rational number as a decimal, where a fraction would be harder to read: one with a denominator so large."""
-    if value.q <= readable and abs(value.p) < _EXACT:
+def _decimal_text(value: Expr, readable: int = _MAX_READABLE_DENOMINATOR) -> str | None:
+    """Return a rational number as a decimal where a fraction is harder to read; None where it is not."""
+    if value.q <= readable and abs(value.p) < _MAX_EXACT_INTEGER:
         return None
     terminates = pow(10, int(value.q).bit_length(), int(value.q)) == 0
-    return _rounded(value) if terminates or max(abs(value.p), value.q) > _LONGEST else None
+    return _seventeen_digits(value) if terminates or max(abs(value.p), value.q) > _MAX_FRACTION_PART else None
 
 
-def _rounded(value: Expr) -> str:
-    """A rational number to 17 digits; past the range of floats too."""
+def _seventeen_digits(value: Expr) -> str:
+    """Return a rational number to 17 digits, also beyond the range of floats."""
     with contextlib.suppress(OverflowError):
         number = int(value.p) / int(value.q)
         if number:
@@ -93,23 +98,25 @@ def _rounded(value: Expr) -> str:
 
 
 def is_simple(angle: Expr) -> bool:
-    """Whether an angle is t, 3t or a letter."""
+    """Return whether an angle is a symbol or a positive integer times one, as t and 3t."""
     coefficient, rest = angle.as_coeff_Mul()
     return bool(rest.is_Symbol and coefficient.is_Integer and coefficient > 0)
 
 
 def _is_inverse(factor: Expr) -> bool:
+    """Return whether a factor is a power with a negative exponent, which stands in a denominator."""
     return bool(factor.is_Pow and factor.exp.is_number and factor.exp.is_negative)
 
 
 def _is_root(power: Expr) -> bool:
+    """Return whether a power is a square root."""
     return bool(power.exp == sympy.Rational(1, 2))
 
 
 class NumPySource(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
-    """NumPy source, every name with its module; what does not depend on a letter is its nearest float.
+    """Printer of NumPy source, names with their module; a part without symbols is printed as its nearest float.
 
-    As a NumPy float it overflows to inf, where a Python number raises or, as a large integer, has no sine.
+    A NumPy float overflows to inf, where a Python number raises or, as a large integer, has no sine.
     """
 
     def __init__(self) -> None:
@@ -117,62 +124,62 @@ class NumPySource(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
 
     def _print(self, expr: Expr, **settings: Any) -> str:
         if isinstance(expr, sympy.Expr) and not expr.free_symbols:
-            if expr.is_Rational and max(abs(expr.p), expr.q) < _EXACT:
+            if expr.is_Rational and max(abs(expr.p), expr.q) < _MAX_EXACT_INTEGER:
                 return f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p)
             value = constant_value(expr)
             return f"numpy.float64({value!r})" if math.isfinite(value) else f"numpy.float64('{value!r}')"
         return str(super()._print(expr, **settings))
 
 
-_IN_SYMPY: Final[Mapping[type, str]] = {Larger: "Max", Smaller: "Min", Remainder: "Mod"}
+_SYMPY_NAMES: Final[Mapping[type, str]] = {Larger: "Max", Smaller: "Min", Remainder: "Mod"}  # of functions with kinks
 
 
 class _SymPySource(StrPrinter):  # type: ignore[misc]
-    """Source that `sympy.sympify` reads, in SymPy's own functions."""
+    """Printer of source that `sympy.sympify` reads, in SymPy's own functions."""
 
     def _print_Function(self, expr: Expr) -> str:
-        if type(expr) in _IN_SYMPY:
-            return f"{_IN_SYMPY[type(expr)]}({', '.join(map(self._print, expr.args))})"
+        if type(expr) in _SYMPY_NAMES:
+            return f"{_SYMPY_NAMES[type(expr)]}({', '.join(map(self._print, expr.args))})"
         if isinstance(expr, Where):
             x, y = map(self._print, expr.args[1:])
-            return f"Piecewise(({x}, {self._condition(expr.guard)}), ({y}, True))"
+            return f"Piecewise(({x}, {self._condition_source(expr.guard)}), ({y}, True))"
         return str(super()._print_Function(expr))
 
-    def _condition(self, guard: Expr) -> str:
+    def _condition_source(self, guard: Expr) -> str:
         """Return the source of the condition that a guard is at least 0."""
         match guard:
             case Smaller() | Larger():
                 sign = " & " if isinstance(guard, Smaller) else " | "
-                return sign.join(f"({self._condition(part)})" for part in guard.args)
+                return sign.join(f"({self._condition_source(part)})" for part in guard.args)
             case Where() if guard.args[1:] == (-1, 1):
-                return f"~({self._condition(guard.guard)})"
-            case Side():
-                return self._just_after(*guard.args)
+                return f"~({self._condition_source(guard.guard)})"
+            case SideOfZero():
+                return self._condition_just_after(*guard.args)
         return f"{self._print(guard)} >= 0"
 
-    def _just_after(self, value: Expr, *rates: Expr) -> str:
+    def _condition_just_after(self, value: Expr, *rates: Expr) -> str:
         """Return the source of the condition that an expression is at least 0 just after t, by its derivatives."""
         shown = self._print(value)
         if not rates or (value.is_number and value != 0):
             return f"{shown} >= 0"
         if rates[0].is_number and rates[0] != 0:
             return f"{shown} {'>=' if rates[0].is_positive else '>'} 0"
-        return f"({shown} > 0) | (Eq({shown}, 0) & ({self._just_after(*rates)}))"
+        return f"({shown} > 0) | (Eq({shown}, 0) & ({self._condition_just_after(*rates)}))"
 
     def _print_Symbol(self, expr: Expr) -> str:
         return f"Symbol({expr.name!r})" if hasattr(sympy, expr.name) else str(expr.name)
 
 
 class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
-    r"""LaTeX with fractions before what they multiply: \frac{5}{2} \sin 2 t."""
+    r"""Printer of LaTeX, with fractions before the factors they multiply: \frac{5}{2} \sin 2 t."""
 
-    readable = _READABLE
+    max_denominator = _MAX_READABLE_DENOMINATOR
 
     def _print_Symbol(self, expr: Expr, **_: Any) -> str:
         return latex_name(expr.name)
 
     def _print_Rational(self, expr: Expr) -> str:
-        shown = _decimal(expr, self.readable)
+        shown = _decimal_text(expr, self.max_denominator)
         if shown is None:
             sign = "-" if expr.p < 0 else ""
             return f"{sign}\\frac{{{abs(expr.p)}}}{{{expr.q}}}" if expr.q != 1 else str(expr.p)
@@ -189,25 +196,25 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
     def _print_Mul(self, expr: Expr) -> str:
         coefficient, rest = expr.as_coeff_Mul(rational=True)
         fraction = any(map(_is_inverse, sympy.Mul.make_args(rest)))
-        if fraction or (coefficient.q == 1 and abs(coefficient) < _EXACT):
+        if fraction or (coefficient.q == 1 and abs(coefficient) < _MAX_EXACT_INTEGER):
             return str(super()._print_Mul(expr))
         shown = self._print(rest)
         return f"{self._print(coefficient)} " + (f"\\left({shown}\\right)" if rest.is_Add else shown)
 
 
 class _TextPrinter(StrPrinter):  # type: ignore[misc]
-    """Plain text as a paper has it: `5/2 sin 3t cos t`, `t²`, `√2`, `x/(1 + t²)`."""
+    """Printer of plain text in mathematical notation: `5/2 sin 3t cos t`, `t²`, `√2`, `x/(1 + t²)`."""
 
-    readable = _READABLE
-    tight = False  # within powers and fractions, where functions need brackets
+    max_denominator = _MAX_READABLE_DENOMINATOR
+    needs_parentheses = False  # whether it prints inside a power or fraction, where functions need parentheses
 
     def _print_Symbol(self, expr: Expr) -> str:
-        letter, mark, index = expr.name.partition("_")
-        bare = letter.rstrip("'")
-        return f"{_GREEK.get(bare, bare)}{letter[len(bare) :]}{mark}{index}"
+        base, mark, index = expr.name.partition("_")
+        bare = base.rstrip("'")
+        return f"{_GREEK_LETTERS.get(bare, bare)}{base[len(bare) :]}{mark}{index}"
 
     def _print_Rational(self, expr: Expr) -> str:
-        return _decimal(expr, self.readable) or (f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p))
+        return _decimal_text(expr, self.max_denominator) or (f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p))
 
     _print_Integer = _print_Rational  # noqa: N815
 
@@ -218,16 +225,16 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return "e"
 
     def _print_Add(self, expr: Expr, order: Any = None) -> str:  # noqa: ARG002
-        return joined(in_order(expr), self._print)
+        return join_terms(sorted_terms(expr), self._print)
 
     def _print_Function(self, expr: Expr) -> str:
-        outer, self.tight = self.tight, False
+        outer, self.needs_parentheses = self.needs_parentheses, False
         arguments = [self._print(part) for part in expr.args]
-        self.tight = outer
+        self.needs_parentheses = outer
         if isinstance(expr, Kinked):
             return expr.text.format(*arguments)
         name, together = expr.func.__name__.lower(), ", ".join(arguments)
-        plain = isinstance(expr, sympy.sin | sympy.cos) and is_simple(expr.args[0]) and not self.tight
+        plain = isinstance(expr, sympy.sin | sympy.cos) and is_simple(expr.args[0]) and not self.needs_parentheses
         return f"{name} {together}" if plain else f"{name}({together})"
 
     _print_ExpBase = _print_Function  # noqa: N815
@@ -235,39 +242,43 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
     def _print_Pow(self, expr: Expr, rational: bool = False) -> str:  # noqa: ARG002
         if _is_inverse(expr):
             return self._print_Mul(expr)
-        base = self._bracketed(expr.base)
+        base = self._parenthesise(expr.base)
         if _is_root(expr):
             return f"√{base}"
         if expr.exp.is_Integer:
-            return base + str(expr.exp).translate(_SUPERSCRIPTS)
-        return f"{base}^{self._bracketed(expr.exp)}"
+            return base + str(expr.exp).translate(_SUPERSCRIPT_DIGITS)
+        return f"{base}^{self._parenthesise(expr.exp)}"
 
     def _print_Mul(self, expr: Expr) -> str:
         coefficient, rest = expr.as_coeff_Mul(rational=True)
         factors = sympy.Mul.make_args(rest)
-        over = sorted((f for f in factors if not _is_inverse(f) and f != 1), key=_rank)
+        over = sorted((f for f in factors if not _is_inverse(f) and f != 1), key=_factor_key)
         under = [1 / f for f in factors if _is_inverse(f)]
         sign, size = "-" if coefficient.is_negative else "", abs(coefficient)
         if not under:
-            close = size.is_Integer and size < _EXACT and over[0].is_Symbol and len(over[0].name) == 1
+            close = size.is_Integer and size < _MAX_EXACT_INTEGER and over[0].is_Symbol and len(over[0].name) == 1
             number = "" if size == 1 else self._print(size) + " " * (not close)
-            return sign + number + " ".join(self._factor(f) for f in over)
-        top, bottom = size.as_numer_denom() if _decimal(size, self.readable) is None else (size, sympy.S.One)
-        above = [self._print(top)] * (top != 1 or not over) + [self._part(f) for f in over]
-        below = [self._print(bottom)] * (bottom != 1) + [self._part(f) for f in under]
+            return sign + number + " ".join(self._print_factor(f) for f in over)
+        top, bottom = (
+            size.as_numer_denom() if _decimal_text(size, self.max_denominator) is None else (size, sympy.S.One)
+        )
+        above = [self._print(top)] * (top != 1 or not over) + [self._operand(f) for f in over]
+        below = [self._print(bottom)] * (bottom != 1) + [self._operand(f) for f in under]
         return f"{sign}{' '.join(above)}/{below[0] if len(below) == 1 else '(' + ' '.join(below) + ')'}"
 
-    def _factor(self, expr: Expr) -> str:
+    def _print_factor(self, expr: Expr) -> str:
+        """Print a factor of a product."""
         return str(self.parenthesize(expr, PRECEDENCE["Mul"]))
 
-    def _part(self, expr: Expr) -> str:
-        return str(self._print(expr)) if expr.is_Pow and _is_root(expr) else self._bracketed(expr)
+    def _operand(self, expr: Expr) -> str:
+        """Print a factor of a fraction; square roots need no parentheses."""
+        return str(self._print(expr)) if expr.is_Pow and _is_root(expr) else self._parenthesise(expr)
 
-    def _bracketed(self, expr: Expr) -> str:
-        """What a power or a fraction may be made of."""
-        outer, self.tight = self.tight, True
+    def _parenthesise(self, expr: Expr) -> str:
+        """Print an operand of a power or a fraction, in parentheses where it needs them."""
+        outer, self.needs_parentheses = self.needs_parentheses, True
         text = self._print(expr)
-        self.tight = outer
+        self.needs_parentheses = outer
         whole = expr.is_Symbol or expr.is_Function or (expr.is_Integer and expr >= 0) or expr.is_NumberSymbol
         power = expr.is_Pow and expr.exp.is_Integer and expr.exp > 0
         return text if whole or power else f"({text})"
@@ -277,7 +288,7 @@ def with_short_constants(expr: Expr) -> Expr:
     """Return an expression in which each constant is one number: exact, or a decimal where that is shorter.
 
     >>> x = sympy.Symbol("x", real=True)
-    >>> TEXT(with_short_constants(sympy.sqrt(3) / 4 + x * (sympy.cos(1) ** 2 + sympy.sin(2) / 5)))
+    >>> to_text(with_short_constants(sympy.sqrt(3) / 4 + x * (sympy.cos(1) ** 2 + sympy.sin(2) / 5)))
     '1/4 √3 + 0.4737860670915651 x'
     """
     if not expr.free_symbols:
@@ -292,59 +303,60 @@ def with_short_constants(expr: Expr) -> Expr:
 
 def _short_constant(constant: Expr) -> Expr:
     """Return a number as it is, or as the rational number that its shortest decimal writes where that is shorter."""
-    if constant.is_Rational or len(TEXT(constant)) <= _MAX_EXACT_LENGTH:
+    if constant.is_Rational or len(to_text(constant)) <= _MAX_EXACT_LENGTH:
         return constant
     value = constant_value(constant)
-    if abs(value) <= _MIN_SHARE * max(abs(constant_value(term)) for term in sympy.Add.make_args(constant)):
+    if abs(value) <= _MIN_TERM_SHARE * max(abs(constant_value(term)) for term in sympy.Add.make_args(constant)):
         return sympy.S.Zero
     return exact(value) if math.isfinite(value) else constant
 
 
 @functools.lru_cache(maxsize=65536)
-def count_letters(expr: Expr) -> int:
-    """How often letters stand in an expression; x(t) and its derivatives are letters, numbers are none."""
+def count_symbols(expr: Expr) -> int:
+    """Count how often symbols occur in an expression; x(t) and its derivatives are symbols, numbers are not."""
     if not expr.args or expr.is_Derivative or isinstance(expr, AppliedUndef):
         return 0 if expr.is_number else 1
-    return sum(map(count_letters, expr.args))
+    return sum(map(count_symbols, expr.args))
 
 
-def in_order(expr: Expr, by_letters: bool = False) -> tuple[Expr, ...]:
-    """The terms of a sum: short ones first, then those that weigh less; none with a minus sign in front if may be.
+def sorted_terms(expr: Expr, by_symbols: bool = False) -> tuple[Expr, ...]:
+    """Sort the terms of a sum: short and light ones first, if possible one without a minus sign in front.
 
-    Among terms with as many letters the order is that of the letters instead, short names first, if `by_letters`.
+    Terms with equally many symbols are sorted by coefficient, or, with `by_symbols`, by symbols, short names first.
     """
 
     def key(term: Expr) -> tuple[int, Any, Any]:
-        coefficient, rest = term.as_coeff_Mul(rational=True)
-        letters = sorted((len(letter.name), letter.name[1:], letter.name) for letter in term.free_symbols)
-        return count_letters(term), letters if by_letters else abs(coefficient), rest.sort_key()
+        coefficient, factor = term.as_coeff_Mul(rational=True)
+        symbols = sorted((len(symbol.name), symbol.name[1:], symbol.name) for symbol in term.free_symbols)
+        return count_symbols(term), symbols if by_symbols else abs(coefficient), factor.sort_key()
 
     terms = sorted(sympy.Add.make_args(expr), key=key)
     first = next((i for i, term in enumerate(terms) if not term.as_coeff_Mul()[0].is_negative), 0)
     return terms[first], *terms[:first], *terms[first + 1 :]
 
 
-def _rank(factor: Expr) -> tuple[bool, bool, Any]:
-    """Letters, then sums, then functions."""
+def _factor_key(factor: Expr) -> tuple[bool, bool, Any]:
+    """Return the sort key of a factor: symbols, then sums, then functions."""
     base = factor.base if factor.is_Pow else factor
     return bool(base.is_Function), bool(base.is_Add), factor.sort_key()
 
 
 class _DecimalText(_TextPrinter):
-    """Plain text with decimals where a fraction has no small denominator."""
+    """Printer of plain text, with decimals where a fraction has no small denominator."""
 
-    readable = _FEW
+    max_denominator = _MAX_DECIMAL_DENOMINATOR
 
 
 class _DecimalLatex(_LatexPrinter):
-    """LaTeX with decimals where a fraction has no small denominator."""
+    """Printer of LaTeX, with decimals where a fraction has no small denominator."""
 
-    readable = _FEW
+    max_denominator = _MAX_DECIMAL_DENOMINATOR
 
 
-TEXT: Write = _TextPrinter().doprint
-LATEX: Write = _LatexPrinter({"order": "none"}).doprint
-DECIMAL_TEXT: Write = _DecimalText().doprint
-DECIMAL_LATEX: Write = _DecimalLatex({"order": "none"}).doprint
-PYTHON: Write = NumPySource().doprint
-SYMPY: Write = _SymPySource().doprint
+# The printers of expressions as functions.
+to_text: Writer = _TextPrinter().doprint
+to_latex: Writer = _LatexPrinter({"order": "none"}).doprint
+to_decimal_text: Writer = _DecimalText().doprint
+to_decimal_latex: Writer = _DecimalLatex({"order": "none"}).doprint
+to_numpy_source: Writer = NumPySource().doprint
+to_sympy_source: Writer = _SymPySource().doprint

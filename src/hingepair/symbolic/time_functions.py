@@ -1,6 +1,6 @@
 """Functions of time: expressions in t with their exact derivatives, compiled to NumPy.
 
-What does not depend on t comes out as a Python float, which the equations take once and not once per sample.
+A result that does not depend on t is a Python float, which the equations use once and not once per sample.
 """
 
 from __future__ import annotations
@@ -18,22 +18,24 @@ from hingepair.symbolic.jets import SYMPY_ERRORS, Jet, JetProgram, NotRealError,
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.printers import NumPySource
 
-Value: TypeAlias = float | NDArray[np.float64]
-Derivatives: TypeAlias = tuple[tuple[Value, ...], ...]
+TimeValue: TypeAlias = float | NDArray[np.float64]
+"""Samples of a function of time, or a float where it is constant."""
+TimeDerivatives: TypeAlias = tuple[tuple[TimeValue, ...], ...]
+"""Values, first derivatives, and so on; each a tuple with one entry per expression."""
 
-_BLOCK = 2048  # samples at a time: the intermediate results stay in the cache
+_BLOCK_SAMPLES = 2048  # samples that are computed at a time; intermediate results stay in the cache
 
 
 class TimeFunctions:
-    """Expressions in t, ready to be evaluated with their derivatives.
+    """Expressions in t, compiled with their derivatives.
 
     Args:
         expressions: SymPy expressions in `time_symbol()`.
-        names: of the expressions, for messages.
-        letters: further symbols that the expressions may hold, for `values`.
+        names: names of the expressions, for messages.
+        symbols: names of further symbols in the expressions, for `values`.
 
     Raises:
-        ArgumentError: an expression or a derivative is not real and finite, whatever t is; names it.
+        ArgumentError: an expression or a derivative is not real and finite for any t; names it.
 
     >>> t = time_symbol()
     >>> functions = TimeFunctions([3 * t, t**2 + 1])
@@ -41,8 +43,8 @@ class TimeFunctions:
     ((array([0., 6.]), array([1., 5.])), (3.0, array([0., 4.])), (0.0, 2.0))
     """
 
-    def __init__(self, expressions: Sequence[Expr], names: Sequence[str] = (), letters: Sequence[str] = ()) -> None:
-        self._letters = (time_symbol(), *(sympy.Symbol(letter, real=True) for letter in letters))
+    def __init__(self, expressions: Sequence[Expr], names: Sequence[str] = (), symbols: Sequence[str] = ()) -> None:
+        self._symbols = (time_symbol(), *(sympy.Symbol(symbol, real=True) for symbol in symbols))
         self._program = JetProgram()
         self._jets: list[Jet] = []
         self._compiled = functools.cache(self._compile)
@@ -56,15 +58,15 @@ class TimeFunctions:
             except SYMPY_ERRORS:
                 raise ArgumentError(name, expected, "one that SymPy cannot differentiate") from None
 
-    def derivatives(self, t: ArrayLike, order: int = 2) -> Derivatives:
-        """(values, first derivatives, ...), each a tuple with one entry per expression.
+    def derivatives(self, t: ArrayLike, order: int = 2) -> TimeDerivatives:
+        """Return (values, first derivatives, ...), each a tuple with one entry per expression.
 
-        Entries are arrays of t's shape, or a Python float for what does not depend on t. Samples where an expression
+        Entries are arrays of t's shape, or Python floats where they do not depend on t. Samples where an expression
         has no real value, or no derivative, are NaN; at a kink, derivatives are those from the right.
 
         Args:
             t: instants [s]; shape (...).
-            order: of the highest derivative, at most 2.
+            order: order of the highest derivative, at most 2.
         """
         times, count = np.asarray(t, dtype=np.float64), len(self._jets)
         rows = self._sample([jet[k] for k in range(order + 1) for jet in self._jets], times.reshape(-1))
@@ -72,37 +74,37 @@ class TimeFunctions:
         values = [array if times.ndim else float(array) for array in arrays]
         return tuple(tuple(values[k * count : (k + 1) * count]) for k in range(order + 1))
 
-    def values(self, *given: NDArray[np.float64]) -> tuple[Value, ...]:
-        """The expressions at instants and values of the letters, arrays of one shape; constants as numbers."""
+    def values(self, *instants_and_values: NDArray[np.float64]) -> tuple[TimeValue, ...]:
+        """Return the expressions at instants and values of the symbols, arrays of one shape; constants as floats."""
         function = self._compiled(tuple(jet[0] for jet in self._jets))
         with np.errstate(all="ignore"):
-            return tuple(np.nan if np.iscomplexobj(value) else value for value in function(*given))
+            return tuple(np.nan if np.iscomplexobj(value) else value for value in function(*instants_and_values))
 
     def switches(self, t: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether kinks or jumps lie between neighbours of increasing instants; shape (N - 1,)."""
+        """Return whether kinks or jumps lie between neighbouring instants, which increase; shape (N - 1,)."""
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         for sides in self._sample(self._program.switches, t):
-            switched |= np.abs(np.diff(np.broadcast_to(sides, t.shape))) > 0  # not of NaN, where nothing is known
+            switched |= np.abs(np.diff(np.broadcast_to(sides, t.shape))) > 0  # False for NaN
         return switched
 
-    def _sample(self, results: Sequence[Expr], t: NDArray[np.float64]) -> list[Value]:
-        """Results of the program at all instants, block by block; what does not depend on t as a number."""
-        found = [self._program.value(result) for result in results]
-        rows = {result: np.empty(t.shape) for result, value in zip(results, found, strict=True) if value is None}
+    def _sample(self, results: Sequence[Expr], t: NDArray[np.float64]) -> list[TimeValue]:
+        """Evaluate results of the program at all instants in blocks; those without t as floats."""
+        constants = [self._program.value(result) for result in results]
+        rows = {result: np.empty(t.shape) for result, value in zip(results, constants, strict=True) if value is None}
         if rows:
             function = self._compiled(tuple(rows))
             with np.errstate(all="ignore"):
-                for start in range(0, t.size, _BLOCK):
-                    block = slice(start, start + _BLOCK)
+                for start in range(0, t.size, _BLOCK_SAMPLES):
+                    block = slice(start, start + _BLOCK_SAMPLES)
                     for row, values in zip(rows.values(), function(t[block]), strict=True):
                         row[block] = np.nan if np.iscomplexobj(values) else values
-        return [rows[result] if value is None else value for result, value in zip(results, found, strict=True)]
+        return [rows[result] if value is None else value for result, value in zip(results, constants, strict=True)]
 
     def _compile(self, results: tuple[Expr, ...]) -> Callable[..., Sequence[Any]]:
-        """A function of t and the letters."""
-        steps = self._program.needed(list(results))
+        """Compile results to a function of t and the symbols."""
+        steps = self._program.steps_for(list(results))
         function: Callable[..., Sequence[Any]] = sympy.lambdify(
-            self._letters,
+            self._symbols,
             results,
             [{"numpy": np}],
             NumPySource(),
