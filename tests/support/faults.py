@@ -1295,7 +1295,7 @@ FAULTS = {
     ),
     "a slider's second moment forgotten by the parent": Fault(
         "mechanism/constants.py",
-        "parent.add(Fraction(0), [Fraction(0)] * 3, _congruence(S, own.N))",
+        "parent.add(Fraction(0), [Fraction(0)] * 3, _congruence(S, body_moments.N))",
         "parent.add(Fraction(0), [Fraction(0)] * 3, [Fraction(0)] * 9)",
         "mechanism/test_against_pinocchio.py::test_forces_are_those_of_pinocchio[random]",
     ),

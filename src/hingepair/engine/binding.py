@@ -84,6 +84,7 @@ def bind(
     seen: dict[int, int] = {}
 
     def bind_number(x: float) -> None:
+        """Add a number to the pattern if it folds, else to the constants."""
         known = _FOLDED_NUMBERS.get(x)
         pattern.append(known)
         if known is None:
@@ -270,6 +271,7 @@ def run_kernel(
     chunk = -(-shared // (workers * LANES)) * LANES
 
     def run_chunk(start: int) -> None:
+        """Run the kernel over the chunk of the shared axis that begins at a sample."""
         chunk_table, count = list(table), min(chunk, shared - start)
         for k in range(first, len(table) // TABLE_FIELDS):
             chunk_table[k * TABLE_FIELDS] += start * chunk_table[k * TABLE_FIELDS + column]

@@ -367,8 +367,8 @@ class Arithmetic:
         if not isinstance(one, TracedValue):
             rounded = one if self.number_bytes == 8 else struct.unpack("f", struct.pack("f", one))[0]
             return f"splat ({self.number} {hexadecimal(rounded)})"
-        name, seen = self._names.get(id(one), ("", 0))
-        if not name or self._position - seen > _RELOAD_OPERATIONS:
+        name, position = self._names.get(id(one), ("", 0))
+        if not name or self._position - position > _RELOAD_OPERATIONS:
             if id(one) in self._scalar_positions:
                 place = self._f.pointer_at("%frame", self._scalar_positions[id(one)] * self.number_bytes)
                 number = self._f.put(f"load {self.number}, ptr {place}, align {self.number_bytes}", one.name)

@@ -127,6 +127,7 @@ def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
         return put(f"call {DOUBLE_VECTOR} @llvm.fma.v{LANES}f64({factors})")
 
     def polynomial(z: str, coefficients: Sequence[float]) -> str:
+        """Append a polynomial by Horner's scheme, highest power first."""
         value = constant(coefficients[0])
         for c in coefficients[1:]:
             value = fma(z, value, constant(c))

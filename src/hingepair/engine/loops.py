@@ -347,6 +347,7 @@ class Program:
         function = self.arrays_function
 
         def run_blocks(blocks: Sequence[Block]) -> None:
+            """Compute the outputs of some blocks of samples."""
             with np.errstate(all="ignore"):
                 for block in blocks:
                     results = function(*constants, *(load(array, block, dtype) for array in inputs))

@@ -58,6 +58,7 @@ def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]
     fast, safe = _compile_function(name, source, _FLOAT_FUNCTIONS), compile_for_arrays(name, source)
 
     def function(*numbers: float) -> tuple[Any, ...]:
+        """Return the results for Python floats; use NumPy's numbers where Python raises an error."""
         try:
             return fast(*numbers)
         except (ValueError, ZeroDivisionError, OverflowError):
@@ -76,6 +77,7 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
     """Compile a source into a differentiable function of numbers and arrays of another library."""
 
     def library_or_float(function: str) -> Callable[..., Any]:
+        """Return a function that uses the library for its arrays, and NumPy for numbers."""
         numbers: Callable[..., Any] = _ARRAY_FUNCTIONS[function]
         arrays = getattr(library.namespace, _STANDARD_NAMES.get(function, function))
 
@@ -90,6 +92,7 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
         return library.namespace.where(condition, library.array(then), library.array(otherwise))
 
     def versine_of(s: Any, c: Any) -> Any:
+        """Return 1 - cos from a sine and a cosine, without cancellation and with finite derivatives."""
         if not is_foreign(c):
             return versine(s, c)
         near = c > SMALL

@@ -26,21 +26,24 @@ def error_bounds(
     """Return the bound on each output's rounding error at every sample; for motion, one bound for each frame."""
     form, request = computation.form, computation.request
     complete = computation.complete(values, gravity)
-    given = [c for name in values.parts for c in _as_tuple(values.parts[name])]
-    kind = kind_of(result_dtype(given))
+    components = [c for name in values.parts for c in _as_tuple(values.parts[name])]
+    kind = kind_of(result_dtype(components))
     frames = len(request.frames)
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
+        """Return the bounds of all outputs for the inputs of one block of samples."""
         known = {name: tuple(kind.rounded(c) for c in group) for name, group in numbers.items()}
         pairs = zip(computation.parameters.tolist(), computation.bounds.tolist(), strict=True)
         known["constants"] = tuple(kind.rounded(number, bound) for number, bound in pairs)
-        found = compute(form, request, known)
+        results = compute(form, request, known)
         return {
-            name: _largest_bounds(found[name], frames if name in _FRAME_OUTPUTS else 0) for name in request.outputs
+            name: _largest_bounds(results[name], frames if name in _FRAME_OUTPUTS else 0) for name in request.outputs
         }
 
     groups = {
-        name: _components(complete[name], tail) for name, tail in computation.inputs.items() if name != "constants"
+        name: _input_components(complete[name], tail)
+        for name, tail in computation.inputs.items()
+        if name != "constants"
     }
     tails = {name: (frames,) if name in _FRAME_OUTPUTS else () for name in request.outputs}
     return tabulate(bounds, groups, tails, broadcast_shape(values.shapes), np.dtype(np.float64))
@@ -50,7 +53,7 @@ def _as_tuple(value: Any) -> tuple[Any, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def _components(value: Any, tail: tuple[int, ...]) -> tuple[Any, ...]:
+def _input_components(value: Any, tail: tuple[int, ...]) -> tuple[Any, ...]:
     """Return the components of an input as numbers or NumPy arrays."""
     if isinstance(value, tuple):
         return tuple(np.asarray(c) if is_foreign(c) else c for c in value)

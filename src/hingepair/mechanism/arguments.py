@@ -164,16 +164,16 @@ def _base_arrays(base_motion: BodyMotion | None, needed: Iterable[str]) -> dict[
         return {}
     if not isinstance(base_motion, BodyMotion):
         raise ArgumentError("base_motion", "a BodyMotion", quoted(base_motion))
-    found = {}
+    arrays = {}
     at_rest = all(getattr(base_motion, letter) is None for letter in ("v", "omega", "a", "alpha"))
     for name in needed:
         if name in BASE_ATTRIBUTES and not (at_rest and name in _BASE_RATES):
             letter = BASE_ATTRIBUTES[name]
-            found[name] = getattr(base_motion, letter)
-            if found[name] is None:
+            arrays[name] = getattr(base_motion, letter)
+            if arrays[name] is None:
                 wanted = f"a value, as in BodyMotion(..., {letter}=...): what is asked for needs it"
                 raise ArgumentError(f"base_motion.{letter}", wanted, None)
-    return found
+    return arrays
 
 
 def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:

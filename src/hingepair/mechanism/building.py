@@ -81,14 +81,14 @@ def pair_of(tree: Tree, joint: Joint) -> HingePair | Slider:
         home=joint.S,
         name=joint.name,
         limits=joint.position_limits if both_limits else None,
-        body1=_body(carrier),
-        body2=_body(joint.body),
+        body1=_body_or_none(carrier),
+        body2=_body_or_none(joint.body),
         torque_limit=joint.effort_limit if np.isfinite(joint.effort_limit) else None,
         rate_limit=joint.rate_limit if np.isfinite(joint.rate_limit) else None,
     )
 
 
-def _body(masses: MassProperties) -> Body | None:
+def _body_or_none(masses: MassProperties) -> Body | None:
     """Return mass properties as a Body; None where the mass is 0 or no rigid body has them."""
     if not masses.mass or unphysical_reason(masses):
         return None
@@ -104,9 +104,9 @@ def with_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     frame = tree.known_frame("link", link)
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
-    own = tree.base if frame.body == 0 else tree.joints[frame.body - 1].body
+    masses = tree.base if frame.body == 0 else tree.joints[frame.body - 1].body
     payload = inertia_of(body).placed(Pose(frame.S, frame.R))
-    total = mass_properties({"body": Inertia(own.mass, own.center_of_mass, own.inertia), "payload": payload})
+    total = mass_properties({"body": Inertia(masses.mass, masses.center_of_mass, masses.inertia), "payload": payload})
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
     drawings = list(tree.drawings)

@@ -21,7 +21,7 @@ from hingepair.plans.trees import Form
 
 Exact: TypeAlias = list[Fraction]
 
-_FOLDED_NUMBERS: Final = {0.0, 1.0, -1.0}  # which become part of a program
+_FOLDABLE_NUMBERS: Final = {0.0, 1.0, -1.0}  # which become part of a program
 _MIN_PIVOT: Final = 1e-300  # [kg or kg m^2] threshold of a pivot for a joint that carries no mass
 _PIVOT_TOLERANCE: Final = 64 * 2.0**-53
 """Share of the inertia of all bodies beyond a joint below which a pivot is rounding."""
@@ -70,7 +70,7 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
     """Compute the constants of a robot; the mass of the base counts only if the base is free."""
     axes = _axes_of_bodies(tree)
     moments = _shift_to_parents(tree, axes, _moments_of_bodies(tree, axes, free))
-    oblique = [bool((np.count_nonzero(own, axis=0) > 1).any()) for own in axes]
+    oblique = [bool((np.count_nonzero(value, axis=0) > 1).any()) for value in axes]
     smallest = _smallest_pivots(tree, axes)
     numbers = _rounded_numbers(moments[0])
     bounds = _mass_bounds(numbers, any(oblique))
@@ -93,9 +93,9 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
         known,
     )
     by_column = np.zeros(form.dof)
-    for joint, column, own in zip(tree.joints, form.columns, smallest[1:], strict=True):
+    for joint, column, value in zip(tree.joints, form.columns, smallest[1:], strict=True):
         ratio = 1.0 if joint.mimic is None else joint.mimic.multiplier
-        by_column[column] += own * ratio * ratio
+        by_column[column] += value * ratio * ratio
     names = tuple(joint.name for joint in tree.coordinates)
     return RobotConstants(form, names, parameters, kept, read_only(by_column), tuple(map(read_only, axes)))
 
@@ -145,8 +145,8 @@ def frame_numbers(constants: RobotConstants, frame: Frame) -> list[float]:
 def split_numbers(numbers: Iterable[float]) -> tuple[tuple[float | None, ...], tuple[float, ...]]:
     """Split numbers into those that programs fold (None stands for the others) and the other numbers."""
     all_of = [number + 0.0 for number in numbers]  # no -0.0
-    known = tuple(number if number in _FOLDED_NUMBERS else None for number in all_of)
-    return known, tuple(number for number in all_of if number not in _FOLDED_NUMBERS)
+    known = tuple(number if number in _FOLDABLE_NUMBERS else None for number in all_of)
+    return known, tuple(number for number in all_of if number not in _FOLDABLE_NUMBERS)
 
 
 def _coordinate_columns(tree: Tree) -> tuple[int, ...]:
@@ -163,11 +163,11 @@ def _coordinate_columns(tree: Tree) -> tuple[int, ...]:
 
 def _identifiers(names: Iterable[str]) -> tuple[str, ...]:
     """Convert names to unique identifiers for generated code."""
-    found: list[str] = []
+    identifiers: list[str] = []
     for name in names:
         clean = re.sub(r"\W", "_", name, flags=re.ASCII)
-        found.append(clean if clean not in found else f"{clean}_{len(found)}")
-    return tuple(found)
+        identifiers.append(clean if clean not in identifiers else f"{clean}_{len(identifiers)}")
+    return tuple(identifiers)
 
 
 def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:
@@ -193,8 +193,8 @@ def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[n
     """Return the product A B; products with 0 and 1 are exact, and -0.0 becomes 0.0."""
     if B.ndim == 1:
         return _matrix_product(A, B[:, None])[:, 0]
-    found = A[:, :1] * B[:1] + A[:, 1:2] * B[1:2] + A[:, 2:] * B[2:]
-    return np.asarray(found + 0.0)
+    product = A[:, :1] * B[:1] + A[:, 1:2] * B[1:2] + A[:, 2:] * B[2:]
+    return np.asarray(product + 0.0)
 
 
 # ---- masses
@@ -228,7 +228,7 @@ def _moments_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bo
     """Compute the exact moments of every body, the base first; those of a fixed base are 0."""
     zero = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
     bodies = [tree.base if free else zero, *(joint.body for joint in tree.joints)]
-    return [_moments_of_body(body, own) for body, own in zip(bodies, axes, strict=True)]
+    return [_moments_of_body(body, body_axes) for body, body_axes in zip(bodies, axes, strict=True)]
 
 
 def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _MassMoments:
@@ -248,15 +248,15 @@ def _shift_to_parents(
 ) -> list[_MassMoments]:
     """Shift the moments that do not depend on a joint's position from its body to the parent (T9)."""
     for k in range(len(tree.joints), 0, -1):
-        joint, own = tree.joints[k - 1], moments[k]
+        joint, body_moments = tree.joints[k - 1], moments[k]
         S = _exact(_matrix_product(axes[joint.parent].T, _matrix_product(joint.S, axes[k])))
         parent = moments[joint.parent]
         if joint.kind == "slider":
-            parent.add(Fraction(0), [Fraction(0)] * 3, _congruence(S, own.N))
-            own.N = [Fraction(0)] * 9
+            parent.add(Fraction(0), [Fraction(0)] * 3, _congruence(S, body_moments.N))
+            body_moments.N = [Fraction(0)] * 9
             continue
         u, w = _exact(_matrix_product(axes[joint.parent].T, joint.u)), [S[2], S[5], S[8]]
-        m, along, spread = own.m, own.h[2], own.N[8]
+        m, along, spread = body_moments.m, body_moments.h[2], body_moments.N[8]
         parent.add(
             m,
             [m * u[i] + along * w[i] for i in range(3)],
@@ -266,7 +266,7 @@ def _shift_to_parents(
                 for j in range(3)
             ],
         )
-        own.m, own.h[2], own.N[8] = Fraction(0), Fraction(0), Fraction(0)
+        body_moments.m, body_moments.h[2], body_moments.N[8] = Fraction(0), Fraction(0), Fraction(0)
     return moments
 
 
@@ -283,7 +283,7 @@ def _rounded_numbers(own: _MassMoments) -> list[float]:
 def _numbers_with_zeros(moments: Sequence[_MassMoments]) -> Exact:
     """Return the moments of all bodies at their positions among a robot's numbers; 0 at all others."""
     before, behind = [Fraction(0)] * _POSE_NUMBER_COUNT, [Fraction(0)] * _ROTOR_NUMBER_COUNT
-    joints = (part for own in moments[1:] for part in (*before, *_ten_numbers(own), *behind))
+    joints = (part for body_moments in moments[1:] for part in (*before, *_ten_numbers(body_moments), *behind))
     return [*_ten_numbers(moments[0]), *joints]
 
 
@@ -329,7 +329,7 @@ def _smallest_pivots(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[fl
         mass[k] = abs(body.mass)
         moment[k] = mass[k] * lever
         spread[k] = moment[k] * lever + float(np.abs(body.inertia).max())
-    found = [0.0] * count
+    thresholds = [0.0] * count
     for k in range(count - 1, 0, -1):
         joint = tree.joints[k - 1]
         p, slides = joint.parent, joint.kind == "slider"
@@ -337,12 +337,12 @@ def _smallest_pivots(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[fl
         if slides and np.isfinite(joint.position_limits).all():
             reach += float(np.abs(joint.position_limits).max())
         smallest = _PIVOT_TOLERANCE * (mass[k] if slides else spread[k])
-        own = joint.body.mass if slides else _inertia_about_axis(joint.body, axes[k][:, 2])
-        found[k] = 0.0 if own + joint.armature > smallest else max(smallest, _MIN_PIVOT)
+        own_inertia = joint.body.mass if slides else _inertia_about_axis(joint.body, axes[k][:, 2])
+        thresholds[k] = 0.0 if own_inertia + joint.armature > smallest else max(smallest, _MIN_PIVOT)
         mass[p] += mass[k]
         moment[p] += moment[k] + mass[k] * reach
         spread[p] += spread[k] + 2 * reach * moment[k] + mass[k] * reach * reach
-    return found
+    return thresholds
 
 
 def _inertia_about_axis(body: MassProperties, n: NDArray[np.float64]) -> float:

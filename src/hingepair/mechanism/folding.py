@@ -83,29 +83,33 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
         ArgumentError: a joint is locked that does not exist or does not move; a joint follows one that does not
             exist, or itself; numbers overflow.
     """
-    motions = _joint_rules(parts, _locked_positions(parts, locked))
-    moving = [part for part in parts if not isinstance(motions[part.name], float)]
+    rules = _joint_rules(parts, _locked_positions(parts, locked))
+    moving = [part for part in parts if not isinstance(rules[part.name], float)]
     numbers = {part.name: number for number, part in enumerate(moving, 1)}
     with np.errstate(all="ignore"):  # numbers that overflow are refused below
-        places = _body_poses(parts, motions, numbers)
+        body_poses = _body_poses(parts, rules, numbers)
         inertias: list[dict[str, Inertia]] = [{} for _ in range(len(moving) + 1)]
-        for part, (body, pose) in zip(parts, places, strict=True):
+        for part, (body, pose) in zip(parts, body_poses, strict=True):
             inertias[body] |= {link: inertia.placed(pose) for link, inertia in part.inertias.items()}
         joints = tuple(
-            _joint(part, *places[part.parent], mass_properties(inertias[numbers[part.name]]), numbers, motions)
+            _tree_joint(part, *body_poses[part.parent], mass_properties(inertias[numbers[part.name]]), numbers, rules)
             for part in moving
         )
-        links, frames = _frames(parts, places, numbers)
+        links, frames = _frames_by_name(parts, body_poses, numbers)
         base_masses = mass_properties(inertias[0])
         drawings = tuple(
-            body_drawing((part.shapes, pose) for part, (own, pose) in zip(parts, places, strict=True) if own == body)
+            body_drawing(
+                (part.shapes, pose)
+                for part, (body_number, pose) in zip(parts, body_poses, strict=True)
+                if body_number == body
+            )
             for body in range(len(inertias))
         )
     ends = set(range(len(inertias))) - {joint.parent for joint in joints}
-    tips = [leaf for part, (body, _) in zip(parts, places, strict=True) if body in ends for leaf in part.leaves]
+    tips = [leaf for part, (body, _) in zip(parts, body_poses, strict=True) if body in ends for leaf in part.leaves]
     counted = 1 if base == "fixed" else 0  # the mass of a fixed base counts nowhere
     notes = [note for part in parts[counted:] for note in part.notes]
-    notes += [note for own in inertias[counted:] if (note := unphysical_mass_note(own))]
+    notes += [note for body_number in inertias[counted:] if (note := unphysical_mass_note(body_number))]
     return Tree(name, joints, base_masses, links, frames, tuple(tips), tuple(notes), drawings)
 
 
@@ -133,7 +137,8 @@ def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> 
     """Return the rule of each joint by name; a follower of a follower follows the last leader."""
     by_name = {part.name: part for part in parts}
 
-    def motion(part: JointPart) -> JointRule:
+    def rule(part: JointPart) -> JointRule:
+        """Return the rule of one joint, from the composition of those of its leaders."""
         multiplier, offset, followers = 1.0, 0.0, {part.name}
         while True:
             if part.name in positions or part.kind == "fixed":
@@ -149,22 +154,22 @@ def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> 
             followers.add(leader)
             part = by_name[leader]
 
-    return {part.name: motion(part) for part in parts}
+    return {part.name: rule(part) for part in parts}
 
 
 def _body_poses(
-    parts: Sequence[JointPart], motions: Mapping[str, JointRule], numbers: Mapping[str, int]
+    parts: Sequence[JointPart], rules: Mapping[str, JointRule], numbers: Mapping[str, int]
 ) -> list[tuple[int, Pose]]:
     """Return for each part the number of its body, and its pose in that body."""
-    places: list[tuple[int, Pose]] = []
+    body_poses: list[tuple[int, Pose]] = []
     for part in parts:
-        motion = motions[part.name]
-        if isinstance(motion, float):
-            body, pose = places[part.parent] if places else (0, HERE)
-            places.append((body, pose.placed(part.pose.placed(_displacement(part, motion)))))
+        rule = rules[part.name]
+        if isinstance(rule, float):
+            body, pose = body_poses[part.parent] if body_poses else (0, HERE)
+            body_poses.append((body, pose.placed(part.pose.placed(_displacement(part, rule)))))
         else:
-            places.append((numbers[part.name], HERE))
-    return places
+            body_poses.append((numbers[part.name], HERE))
+    return body_poses
 
 
 def _displacement(part: JointPart, position: float) -> Pose:
@@ -178,17 +183,17 @@ def _displacement(part: JointPart, position: float) -> Pose:
     return Pose(np.array(turn).reshape(3, 3), np.zeros(3))
 
 
-def _joint(
+def _tree_joint(
     part: JointPart,
     parent: int,
     pose: Pose,
     masses: MassProperties,
     numbers: Mapping[str, int],
-    motions: Mapping[str, JointRule],
+    rules: Mapping[str, JointRule],
 ) -> Joint:
     """Return a part as a joint of the tree; `pose` is that of the carrying part in the body `parent`."""
-    frame = _frame(f"joint {part.name!r}", parent, pose.placed(part.pose))
-    motion = motions[part.name]
+    frame = _frame_in_body(f"joint {part.name!r}", parent, pose.placed(part.pose))
+    rule = rules[part.name]
     return Joint(
         part.name,
         "hinge" if part.kind == "hinge" else "slider",
@@ -201,25 +206,31 @@ def _joint(
         rate_limit=np.inf if part.rate_limit is None else part.rate_limit,
         effort_limit=np.inf if part.effort_limit is None else part.effort_limit,
         armature=part.armature,
-        mimic=Mimic(numbers[motion.leader], *motion[1:]) if isinstance(motion, records.Mimic) else None,
+        mimic=Mimic(numbers[rule.leader], *rule[1:]) if isinstance(rule, records.Mimic) else None,
     )
 
 
-def _frames(
-    parts: Sequence[JointPart], places: Sequence[tuple[int, Pose]], numbers: Mapping[str, int]
+def _frames_by_name(
+    parts: Sequence[JointPart], body_poses: Sequence[tuple[int, Pose]], numbers: Mapping[str, int]
 ) -> tuple[dict[str, Frame], dict[str, Frame]]:
     """Return the frames of links, and further frames: those of folded joints and those of parts."""
     links: dict[str, Frame] = {}
     frames: dict[str, Frame] = {}
-    for part, (body, pose) in zip(parts, places, strict=True):
+    for part, (body, pose) in zip(parts, body_poses, strict=True):
         if part.parent >= 0 and part.name not in numbers:
-            frames[part.name] = _frame(f"joint {part.name!r}", body, pose)
-        links |= {name: _frame(f"link {name!r}", body, pose.placed(own)) for name, own in part.links.items()}
-        frames |= {name: _frame(f"frame {name!r}", body, pose.placed(own)) for name, own in part.frames.items()}
+            frames[part.name] = _frame_in_body(f"joint {part.name!r}", body, pose)
+        links |= {
+            name: _frame_in_body(f"link {name!r}", body, pose.placed(pose_in_part))
+            for name, pose_in_part in part.links.items()
+        }
+        frames |= {
+            name: _frame_in_body(f"frame {name!r}", body, pose.placed(pose_in_part))
+            for name, pose_in_part in part.frames.items()
+        }
     return links, frames
 
 
-def _frame(what: str, body: int, pose: Pose) -> Frame:
+def _frame_in_body(what: str, body: int, pose: Pose) -> Frame:
     """Return the frame of a pose in a body; refuse numbers that have overflowed."""
     if not all(np.isfinite(values).all() for values in pose):
         raise ArgumentError(what, "a position that can be computed", "numbers that overflow")
@@ -243,7 +254,7 @@ def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
 def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
     """Return a sentence that names links whose summed mass properties no rigid body has; "" if a body has them."""
     reason = unphysical_reason(mass_properties(inertias))
-    links = ", ".join(repr(link) for link, own in inertias.items() if own.mass or own.tensor.any())
+    links = ", ".join(repr(link) for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any())
     if not reason:
         return ""
     return f"no rigid body has the mass properties of {links}, which are used as they are written: {reason}"

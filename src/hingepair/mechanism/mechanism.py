@@ -221,11 +221,11 @@ class Mechanism(MechanismMethods):
         Raises:
             ArgumentError: no such joint; lists those that move.
         """
-        for own in self.tree.joints:
-            if own.name == joint:
-                return building.pair_of(self.tree, own)
-        known = [own.name for own in self.tree.joints]
-        expected = choices(known) + nearest(str(joint), known) if known else "no joint, since none moves"
+        for candidate in self.tree.joints:
+            if candidate.name == joint:
+                return building.pair_of(self.tree, candidate)
+        names = [candidate.name for candidate in self.tree.joints]
+        expected = choices(names) + nearest(str(joint), names) if names else "no joint, since none moves"
         raise ArgumentError("joint", expected, quoted(joint))
 
     def __iter__(self) -> Any:

@@ -667,14 +667,17 @@ class MechanismMethods(Shown):
         """Return the names of the outputs that a prepared call computes."""
         moves = ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",)
         if isinstance(given, str):
-            own: dict[str, tuple[str, ...]] = {"inverse_dynamics": _FORCE_OUTPUTS, "forward_dynamics": moves}
-            known = own.get(given, (given,))
+            outputs_by_name: dict[str, tuple[str, ...]] = {
+                "inverse_dynamics": _FORCE_OUTPUTS,
+                "forward_dynamics": moves,
+            }
+            known = outputs_by_name.get(given, (given,))
         else:
             forces = (*_FORCE_OUTPUTS, *moves) if {"tau", "qdd"} & {*names} else ()
             known = tuple(name for name in forces if name not in names)
         if given in _LEVEL_NAMES or not isinstance(given, str):
             level = sum(name in names for name in ("qd", "qdd"))
-            default = tuple(name for own in _OUTPUTS_BY_LEVEL[: level + 1] for name in own)
+            default = tuple(name for outputs_by_name in _OUTPUTS_BY_LEVEL[: level + 1] for name in outputs_by_name)
             return _checked_outputs(
                 outputs,
                 None,
@@ -712,6 +715,7 @@ class MechanismMethods(Shown):
         return frame
 
     def _single_frame_name(self, frame: str | None) -> str:
+        """Check the argument `frame`, and return the name; by default that of the only last link."""
         if frame is None:
             if len(self.tree.tips) != 1:
                 raise ArgumentError(
@@ -725,6 +729,7 @@ class MechanismMethods(Shown):
     def _requested_outputs(
         self, outputs: Iterable[str] | None, level: int, out: Out, known: tuple[str, ...] = _MOTION_OUTPUTS
     ) -> tuple[str, ...]:
+        """Check the argument `outputs`, and return the names; by default all outputs up to a level."""
         default = tuple(name for names in _OUTPUTS_BY_LEVEL[: level + 1] for name in names)
         return _checked_outputs(outputs, out, known, default)
 
@@ -839,7 +844,7 @@ class MechanismMethods(Shown):
             "base_motion": base_motion,
             **{name: value for name, (value, _) in acting.items()},
         }
-        (key,) = (key for key, own in self._constants.cache.items() if own is computation)
+        (key,) = (key for key, cached in self._constants.cache.items() if cached is computation)
         options = {"out": out, "workers": workers, "backend": backend, "gravity": gravity}
         return over_chunks(
             functools.partial(self._run_chunk, key, labels), arguments | options, tails, self._table_columns
@@ -934,4 +939,5 @@ def _checked_outputs(
 
 
 def _checked_gravity(gravity: ArrayLike) -> tuple[float, ...]:
+    """Check the argument `gravity`, and return its three components [m/s^2]."""
     return GRAVITY if gravity is GRAVITY else tuple(one_constant("gravity", gravity, 3).tolist())

@@ -49,8 +49,8 @@ def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Joint
         expected = "0: the base has no motor (model.armature[:6] = 0 leaves it out)"
         raise ArgumentError(f"joint {model.names[root]!r}, armature", expected, model.armature[:6].tolist())
     if not np.array_equal(model.gravity.linear, GRAVITY):
-        told = f"the model's gravity {model.gravity.linear.tolist()} is not the robot's: methods take gravity="
-        warnings.warn(told, DynamicsWarning, stacklevel=4)
+        message = f"the model's gravity {model.gravity.linear.tolist()} is not the robot's: methods take gravity="
+        warnings.warn(message, DynamicsWarning, stacklevel=4)
     bodies = _BodyContents(model, root)
     numbers = {root: 0}  # of the part whose body a joint's body is
     parts = [JointPart("", "fixed", -1, **bodies.content(root))]
@@ -62,8 +62,8 @@ def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Joint
             raise _unsupported_joint_error(
                 model, joint, f"its place right behind what {model.names[parent]!r} carries, depth-first"
             )
-        own = _parts_of_joint(model, joint, numbers[parent], len(parts), bodies.content(joint))
-        parts += own
+        joint_parts = _parts_of_joint(model, joint, numbers[parent], len(parts), bodies.content(joint))
+        parts += joint_parts
         numbers[joint] = len(parts) - 1
     return ("free" if free else "fixed"), parts
 
@@ -74,12 +74,13 @@ def _carriers(model: Any, joint: int) -> set[int]:
 
 
 def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentError:
+    """Return the error for a joint that is not as expected."""
     return ArgumentError(f"joint {model.names[joint]!r}", expected, model.joints[joint].shortname())
 
 
 def _parts_of_joint(model: Any, number: int, parent: int, place: int, content: dict[str, Any]) -> list[JointPart]:
     """Return the parts of one joint; the last one, at index `place` or behind, holds the joint's body."""
-    joint, name, pose = model.joints[number], model.names[number], _pose(model.jointPlacements[number])
+    joint, name, pose = model.joints[number], model.names[number], _convert_placement(model.jointPlacements[number])
     if joint.shortname() != "JointModelComposite":
         return [_part_of_joint(model, joint, name, number, parent, pose, joint.idx_q, joint.idx_v, content)]
     composite = joint.extract()
@@ -88,9 +89,9 @@ def _parts_of_joint(model: Any, number: int, parent: int, place: int, content: d
     for i, (single, inner) in enumerate(zip(composite.joints, composite.jointPlacements, strict=True), 1):
         last = i == len(composite.joints)
         carrier = place + i - 2 if i > 1 else parent
-        seat = pose.placed(_pose(inner)) if i == 1 else _pose(inner)
-        own = content | {"frames": {**content["frames"], name: HERE}} if last else {}
-        parts.append(_part_of_joint(model, single, f"{name}_{i}", number, carrier, seat, idx_q, idx_v, own))
+        seat = pose.placed(_convert_placement(inner)) if i == 1 else _convert_placement(inner)
+        part_content = content | {"frames": {**content["frames"], name: HERE}} if last else {}
+        parts.append(_part_of_joint(model, single, f"{name}_{i}", number, carrier, seat, idx_q, idx_v, part_content))
         idx_q, idx_v = idx_q + single.nq, idx_v + single.nv
     return parts
 
@@ -98,6 +99,7 @@ def _parts_of_joint(model: Any, number: int, parent: int, place: int, content: d
 def _part_of_joint(
     model: Any, joint: Any, name: str, number: int, parent: int, pose: Pose, idx_q: int, idx_v: int, content: Any
 ) -> JointPart:
+    """Return the part of one joint, whose coordinates begin at idx_q in q and idx_v in v."""
     kind = joint.shortname()
     if kind not in {*_HINGE_TYPES, *_SLIDER_TYPES, "JointModelMimic"}:
         raise _unsupported_joint_error(
@@ -111,22 +113,29 @@ def _part_of_joint(
         leader = next(model.names[i] for i in range(model.njoints) if _is_leader(model, i, joint))
         return JointPart(
             name, "hinge" if motion[3:].any() else "slider", parent, pose,
-            _axis(motion / mimic.scaling), mimic=Mimic(leader, mimic.scaling, mimic.offset), **content,
+            _unit_axis(motion / mimic.scaling), mimic=Mimic(leader, mimic.scaling, mimic.offset), **content,
         )  # fmt: skip
     limits = None
     if joint.nq == 1 and model.lowerPositionLimit[idx_q] < model.upperPositionLimit[idx_q]:
-        limits = _limit(model.lowerPositionLimit[idx_q]), _limit(model.upperPositionLimit[idx_q])
+        limits = _convert_limit(model.lowerPositionLimit[idx_q]), _convert_limit(model.upperPositionLimit[idx_q])
     armature = float(model.armature[idx_v])
     if not 0 <= armature < np.inf:
         raise ArgumentError(f"joint {name!r}, armature", "a finite number that is not below 0", armature)
     return JointPart(
-        name, "hinge" if kind in _HINGE_TYPES else "slider", parent, pose, _axis(motion), **content, limits=limits,
-        effort_limit=_limit(model.upperEffortLimit[idx_v]), rate_limit=_limit(model.upperVelocityLimit[idx_v]),
+        name,
+        "hinge" if kind in _HINGE_TYPES else "slider",
+        parent,
+        pose,
+        _unit_axis(motion),
+        **content,
+        limits=limits,
+        effort_limit=_convert_limit(model.upperEffortLimit[idx_v]),
+        rate_limit=_convert_limit(model.upperVelocityLimit[idx_v]),
         armature=armature,
-    )  # fmt: skip
+    )
 
 
-def _limit(value: float) -> float:
+def _convert_limit(value: float) -> float:
     """Convert a limit; Pinocchio's largest number, which stands for no limit, becomes infinite."""
     return float(np.copysign(np.inf, value)) if abs(value) >= _NO_LIMIT_VALUE else float(value)
 
@@ -137,7 +146,7 @@ def _is_leader(model: Any, number: int, mimic: Any) -> bool:
     return number > 0 and joint.nq > 0 and joint.idx_q == mimic.idx_q
 
 
-def _axis(motion: Float64Array) -> Float64Array:
+def _unit_axis(motion: Float64Array) -> Float64Array:
     """Return the unit axis of a joint from its motion subspace: three linear, three angular components."""
     return unit_axis("axis", motion[3:] if motion[3:].any() else motion[:3])
 
@@ -159,7 +168,7 @@ class _BodyContents:
         for i, frame in enumerate(model.frames):
             kinds = self._links if i in bodies else self._frames
             if frame.type.name != "JOINT" and i > 0:
-                kinds.setdefault(frame.parentJoint, {})[frame.name] = _pose(frame.placement)
+                kinds.setdefault(frame.parentJoint, {})[frame.name] = _convert_placement(frame.placement)
             above = frame.parentFrame
             while i in bodies and above > 0 and above not in bodies:
                 above = model.frames[above].parentFrame
@@ -181,7 +190,7 @@ class _BodyContents:
         return {"links": links, "leaves": leaves, "frames": frames, "inertias": {next(iter(links)): inertia}}
 
 
-def _pose(placement: Any) -> Pose:
+def _convert_placement(placement: Any) -> Pose:
     """Convert a placement; a rotation within rounding of a quarter turn becomes that turn exactly."""
     rotation = np.array(placement.rotation)
     near = np.rint(rotation)

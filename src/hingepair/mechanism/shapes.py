@@ -48,7 +48,7 @@ def link_shapes(link: Link, *tags: str) -> tuple[Shape, ...] | None:
         try:
             visuals = link.visuals(tag)
             if visuals and all(visual.kind in SIZES for visual in visuals):
-                return tuple(_shape(visual) for visual in visuals if min(visual.sizes) > 0)
+                return tuple(_shape_of_visual(visual) for visual in visuals if min(visual.sizes) > 0)
         except (URDFError, ArgumentError):  # the drawing of a link does not matter to motion
             return None
         drawn = drawn or bool(visuals)
@@ -69,7 +69,8 @@ def placed_shapes(shapes: Iterable[Shape], pose: Pose) -> list[Shape]:
     return placed
 
 
-def _shape(visual: Visual) -> Shape:
+def _shape_of_visual(visual: Visual) -> Shape:
+    """Convert a box, cylinder or sphere of a URDF to a shape."""
     axes, center = (part + 0.0 for part in visual.pose)
     if visual.kind == "box":
         return Box(visual.sizes, center, axes)

@@ -57,8 +57,10 @@ def parts_of_urdf(robot: records.Robot) -> list[JointPart]:
         limits: dict[str, Any] = {"limits": joint.limits, "effort_limit": joint.effort, "rate_limit": joint.velocity}
         mimic = joint.mimic
         if mimic is not None and mimic.leader not in names:
-            told = f"joint {joint.name!r} follows {mimic.leader!r}, which the robot does not have: it moves by itself"
-            warnings.warn(told, UserWarning, stacklevel=4)
+            message = (
+                f"joint {joint.name!r} follows {mimic.leader!r}, which the robot does not have: it moves by itself"
+            )
+            warnings.warn(message, UserWarning, stacklevel=4)
             mimic = None
         parts.append(
             JointPart(joint.name, kind, numbers[joint.parent], joint.pose, axis, **link, **limits, mimic=mimic)
@@ -86,22 +88,26 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
             body that is given twice and differs.
     """
     checked = _checked_pairs(pairs)
-    above = _checked_parents(checked, parents)
+    parent_numbers = _checked_parents(checked, parents)
     names = [pair.name for pair in checked]
-    order = _depth_first(names, above)
+    order = _depth_first(names, parent_numbers)
     if order != list(range(len(checked))):
         numbers = {old: new for new, old in enumerate(order, 1)}
-        sorted_parents = [numbers.get(above[old] - 1, 0) for old in order]
+        sorted_parents = [numbers.get(parent_numbers[old] - 1, 0) for old in order]
         expected = f"the order {', '.join(names[i] for i in order)} with parents={sorted_parents}"
         raise ArgumentError("pairs", f"{expected}: depth-first, siblings by name", ", ".join(names))
-    bodies = [_shared_body([("body1", pair) for pair, parent in zip(checked, above, strict=True) if parent == 0])]
+    bodies = [
+        _shared_body([("body1", pair) for pair, parent in zip(checked, parent_numbers, strict=True) if parent == 0])
+    ]
     for number, pair in enumerate(checked, 1):
-        carried = [("body1", other) for other, parent in zip(checked, above, strict=True) if parent == number]
+        carried = [
+            ("body1", other) for other, parent in zip(checked, parent_numbers, strict=True) if parent == number
+        ]
         bodies.append(_shared_body([("body2", pair), *carried]))
     seats = [HERE, *(Pose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
     parts = [JointPart("", "fixed", -1, **_body_content(BASE_LINK_NAME, bodies[0], HERE, leaf=False))]
-    for number, (pair, parent) in enumerate(zip(checked, above, strict=True), 1):
-        leaf = number not in above
+    for number, (pair, parent) in enumerate(zip(checked, parent_numbers, strict=True), 1):
+        leaf = number not in parent_numbers
         home = np.asarray(pair.home)
         parts.append(
             JointPart(
@@ -120,6 +126,7 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
 
 
 def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slider]:
+    """Check the argument `pairs`, and return it as a list."""
     if not isinstance(pairs, Iterable):
         raise ArgumentError("pairs", "HingePairs and Sliders", quoted(pairs))
     checked = list(pairs)
@@ -143,26 +150,27 @@ def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slid
 
 
 def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int] | None) -> list[int]:
+    """Check the argument `parents`, and return the number of body 1 of each pair."""
     count = len(pairs)
     if parents is None:
         return list(range(count))
-    above = list(parents) if isinstance(parents, Iterable) else None
-    if above is None or len(above) != count:
+    parent_numbers = list(parents) if isinstance(parents, Iterable) else None
+    if parent_numbers is None or len(parent_numbers) != count:
         raise ArgumentError("parents", f"{count} numbers, one of each pair", quoted(parents))
-    for parent in above:
+    for parent in parent_numbers:
         if isinstance(parent, bool) or not isinstance(parent, int | np.integer) or not 0 <= parent <= count:
             raise ArgumentError("parents", f"numbers from 0 (the base) to {count}", quoted(parent))
-    return [int(parent) for parent in above]
+    return [int(parent) for parent in parent_numbers]
 
 
-def _depth_first(names: Sequence[str], above: Sequence[int]) -> list[int]:
+def _depth_first(names: Sequence[str], parent_numbers: Sequence[int]) -> list[int]:
     """Return the indices of the pairs in depth-first order, siblings by name.
 
     Raises:
         ArgumentError: the parents make no tree.
     """
     carried: dict[int, list[int]] = {}
-    for place, parent in enumerate(above):
+    for place, parent in enumerate(parent_numbers):
         carried.setdefault(parent, []).append(place)
     order: list[int] = []
     waiting = [0]
@@ -174,7 +182,7 @@ def _depth_first(names: Sequence[str], above: Sequence[int]) -> list[int]:
     if len(order) < len(names):
         loop = next(name for place, name in enumerate(names) if place not in order)
         raise ArgumentError(
-            "parents", "a tree that starts at the base, 0", f"{list(above)}, where {loop!r} is in a circle"
+            "parents", "a tree that starts at the base, 0", f"{list(parent_numbers)}, where {loop!r} is in a circle"
         )
     return order
 
@@ -199,6 +207,7 @@ def _shared_body(sides: Sequence[tuple[str, HingePair | Slider]]) -> Body | None
 
 
 def _same_body(one: Body, other: Body) -> bool:
+    """Return whether two bodies have equal mass properties."""
     return one is other or (
         one.mass == other.mass
         and np.array_equal(one.center_of_mass, other.center_of_mass)

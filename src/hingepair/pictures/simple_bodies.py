@@ -81,7 +81,7 @@ def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
     ends = [_rod_ends(tree, number, size) if not carried[number] else [] for number in range(count)]
     points = [[*(np.asarray(tree.joints[k - 1].u) for k in carried[n]), *ends[n]] for n in range(count)]
     masses = [tree.base.mass, *(joint.body.mass for joint in tree.joints)]
-    lengths = [sum(math.hypot(*point) for point in own) for own in points]
+    lengths = [sum(math.hypot(*point) for point in body_points) for body_points in points]
     radii = [_rod_radius(mass, length, size) for mass, length in zip(masses, lengths, strict=True)]
     for number, joint in enumerate(tree.joints, 1):
         if (

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _BAND_DEVIATIONS: Final = 2.0  # half width of the band, in standard deviations: 95 % probability
-_MOTION_OUTPUTS: Final = ("R", "v", "a", "S", "omega", "alpha")  # that can be drawn of a SmoothedMotion
-_ANGLE_OUTPUTS: Final = ("psi", "psid", "psidd")  # that can be drawn of a SmoothedAngle
+_SMOOTHED_MOTION_OUTPUTS: Final = ("R", "v", "a", "S", "omega", "alpha")  # that can be drawn of a SmoothedMotion
+_SMOOTHED_ANGLE_OUTPUTS: Final = ("psi", "psid", "psidd")  # that can be drawn of a SmoothedAngle
 
 
 def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str] | None = None) -> Figure:
@@ -40,7 +40,7 @@ def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str]
         ArgumentError: no such output.
         MissingDependencyError: matplotlib is not installed.
     """
-    known = _ANGLE_OUTPUTS if isinstance(source, SmoothedAngle) else _MOTION_OUTPUTS
+    known = _SMOOTHED_ANGLE_OUTPUTS if isinstance(source, SmoothedAngle) else _SMOOTHED_MOTION_OUTPUTS
     names = known if outputs is None else tuple(outputs)
     for name in names:
         if name not in known:
