@@ -19,7 +19,7 @@ import hingepair as hp
 # yaw, pitch, roll (ZYX). The angle along the path counts from the highest point.
 along = np.radians(np.linspace(-60, 60, 1201))
 figure, (motors, errors) = plt.subplots(1, 2, figsize=(10, 4.4), layout="constrained")
-for miss in (20, 5, 1):
+for miss in (20, 5, 2):
     tilt = hp.rodrigues((1, 0, 0), np.radians(miss))  # the plane of the path misses the zenith by this
     S = tilt @ hp.rodrigues((0, 1, 0), along - np.pi / 2)  # x axis: the line of sight
     omega = np.radians(20) * tilt[:, 1]
