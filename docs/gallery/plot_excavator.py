@@ -99,5 +99,5 @@ for number, name in enumerate(machine.names):
 curves.set(
     xlabel="t [s]", ylabel="torque about the pivot [kN m]", title="What the cylinders must give", ylim=(-420, 560)
 )
-curves.legend(ncols=3, fontsize="small", loc="upper left")
+curves.legend(ncols=3, fontsize="x-small", loc="upper left")
 plt.show()

@@ -18,17 +18,14 @@ import hingepair as hp
 # closer the path is to the zenith, the faster yaw must turn: the rates are the inverse of E4, here in the order
 # yaw, pitch, roll (ZYX). The angle along the path counts from the highest point.
 along = np.radians(np.linspace(-60, 60, 1201))
-figure, (motors, errors) = plt.subplots(1, 2, figsize=(10, 4.4), layout="constrained")
+yaw_rates = {}
 for miss in (20, 5, 2):
     tilt = hp.rodrigues((1, 0, 0), np.radians(miss))  # the plane of the path misses the zenith by this
     S = tilt @ hp.rodrigues((0, 1, 0), along - np.pi / 2)  # x axis: the line of sight
     omega = np.radians(20) * tilt[:, 1]
     rates = hp.euler_rates(hp.matrix_to_euler(S, sequence="ZYX"), omega, sequence="ZYX")
-    motors.plot(np.degrees(along) / 20, np.abs(np.degrees(rates[:, 0])), label=f"{miss} degrees from the zenith")
-    print(f"{miss:2} degrees from the zenith: yaw turns at up to {np.degrees(np.abs(rates[:, 0]).max()):.0f} deg/s")
-motors.set(xlabel="t [s]", ylabel="rate of the yaw motor [deg/s]", yscale="log", title="What the motors must do")
-motors.axhline(20, color="0.6", ls=":")
-motors.legend(loc="lower center")
+    yaw_rates[miss] = np.degrees(np.abs(rates[:, 0]))
+    print(f"{miss:2} degrees from the zenith: yaw turns at up to {yaw_rates[miss].max():.0f} deg/s")
 
 # %%
 # Then the arithmetic. The hinge of the pair is a flap on the camera, body 1 the camera itself, whose pitch
@@ -78,6 +75,14 @@ angles = hp.matrix_to_euler(received, sequence="ZYX")
 lost = np.abs(np.angle(np.exp(1j * (angles - q[:, 3:6])))).max(axis=1)
 kept = np.abs(hp.euler_to_matrix(angles, sequence="ZYX") - state.S1).max(axis=(1, 2))
 rates = hp.euler_rates(q[:, 3:6], state.omega1, sequence="ZYX")
+print(f"omega2: largest error {max(error):.1e} rad/s, largest bound {bound.max():.1e} rad/s")
+
+figure, (motors, errors) = plt.subplots(1, 2, figsize=(10, 4.4), layout="constrained")
+for miss, rate in yaw_rates.items():
+    motors.plot(np.degrees(along) / 20, rate, label=f"{miss} degrees from the zenith")
+motors.set(xlabel="t [s]", ylabel="rate of the yaw motor [deg/s]", yscale="log", title="What the motors must do")
+motors.axhline(20, color="0.6", ls=":")
+motors.legend(loc="lower center")
 errors.loglog(distance, bound, "k--", label="omega2 [rad/s]: proved bound")
 errors.loglog(distance, error, "ko", ms=4, label="omega2 [rad/s]: error")
 errors.loglog(distance, lost, "C1^", ms=4, label="Euler angles [rad], from the attitude")
@@ -86,5 +91,4 @@ errors.loglog(distance, np.abs(rates - qd[:, 3:6]).max(axis=1), "C3v", ms=4, lab
 errors.invert_xaxis()
 errors.set(xlabel="distance of the pitch from 90 degrees [rad]", ylabel="error", title="What rounding does")
 errors.legend(fontsize="small")
-print(f"omega2: largest error {max(error):.1e} rad/s, largest bound {bound.max():.1e} rad/s")
 plt.show()

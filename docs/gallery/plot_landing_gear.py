@@ -33,7 +33,7 @@ aircraft = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(0, 0, 0), a=(0, 0, 0),
 hinge = hp.HingeLoad(damping=60, friction=6, stops=(0, np.pi / 2), stop_stiffness=2e5, stop_damping=0.5)
 t = np.linspace(0, 3, 3001)
 cases = {"40 m/s, 1 g": (40, 1.0), "40 m/s, 1.5 g": (40, 1.5), "65 m/s, 1 g": (65, 1.0)}
-figure, (front, angles, loads) = plt.subplots(1, 3, figsize=(11, 4), layout="constrained", width_ratios=(0.9, 1, 1))
+angle, moment = {}, {}  # hinge angle [degrees] and bending moment of the bearing [N m] over time
 for name, (airspeed, load_factor) in cases.items():
     gravity = (0, 0, -9.81 * load_factor)
     drag = np.array((-0.5 * 1.2 * 0.06 * airspeed**2, 0, 0))
@@ -52,13 +52,16 @@ for name, (airspeed, load_factor) in cases.items():
         f"{name:14} down after {t[down]:.2f} s at {rate:.0f} deg/s, "
         f"force {np.linalg.norm(force, axis=1).max():.0f} N, bending {np.linalg.norm(bending, axis=1).max():.0f} N m"
     )
-    (line,) = angles.plot(t, np.degrees(fall.psi), label=name)
-    loads.plot(t, np.linalg.norm(bending, axis=1), color=line.get_color(), label=name)
+    angle[name], moment[name] = np.degrees(fall.psi), np.linalg.norm(bending, axis=1)
 
 # %%
 # The leg is down after about a second in all three cases. The bending moment of the bearing is due to the drag,
 # which grows with the square of the airspeed; meeting the stop adds a short peak, which grows with the rate on
 # arrival.
+figure, (front, angles, loads) = plt.subplots(1, 3, figsize=(11, 4), layout="constrained", width_ratios=(0.9, 1, 1))
+for name in cases:
+    angles.plot(t, angle[name], label=name)
+    loads.plot(t, moment[name], label=name)
 for psi in np.radians((90, 65, 40, 20, 0)):
     state = gear.forward_kinematics_from_body1(aircraft, psi)
     hub, pin = state.R2, gear.u1

@@ -28,8 +28,7 @@ start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
 # The spring has 0.3 N m when stowed and 0.1 N m when the panel is out, which keeps it against the stop. There
 # is dry friction of 0.03 N m. The hinge is computed without and with an eddy-current damper.
 t = np.linspace(0, 15, 1501)
-figure, (plan, angles, rates) = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained", width_ratios=(0.9, 1, 1))
-motions = {}
+motions, turns = {}, {}
 for name, damping in {"no damper": 0.0, "1 N m s/rad": 1.0}.items():
     hinge = hp.HingeLoad(
         stiffness=0.127,
@@ -40,7 +39,7 @@ for name, damping in {"no damper": 0.0, "1 N m s/rad": 1.0}.items():
         stop_restitution=0.3,
     )
     motion = motions[name] = hp.simulate(pair, t, start, 0.0, 0.0, hinge_torque=hinge, gravity=(0, 0, 0))
-    turn = np.degrees(np.arctan2(motion.S1[:, 0, 2], motion.S1[:, 2, 2]))  # of the satellite about y
+    turn = turns[name] = np.degrees(np.arctan2(motion.S1[:, 0, 2], motion.S1[:, 2, 2]))  # of the satellite about y
     arrival = np.argmax(motion.psi > np.radians(89))
     kinetic = motion.energy().kinetic
     momentum = motion.momentum()
@@ -49,14 +48,16 @@ for name, damping in {"no damper": 0.0, "1 N m s/rad": 1.0}.items():
         f"{1000 * kinetic[arrival]:.0f} mJ; the satellite ends at {turn[-1]:.2f} degrees; "
         f"angular momentum within {np.abs(momentum.angular).max():.0e} N m s of zero"
     )
-    (line,) = angles.plot(t, np.degrees(motion.psi), label=f"panel, {name}")
-    angles.plot(t, 10 * turn, "--", color=line.get_color(), label="satellite, ten times")
-    rates.plot(t, np.degrees(motion.psid), color=line.get_color(), label=name)
 
 # %%
 # How far the satellite turns does not depend on the damper: no torque acts from outside, so its attitude
 # follows from the hinge angle alone (as long as the motion is planar). The damper takes the energy that the
 # stop would otherwise get.
+figure, (plan, angles, rates) = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained", width_ratios=(0.9, 1, 1))
+for name, motion in motions.items():
+    (line,) = angles.plot(t, np.degrees(motion.psi), label=f"panel, {name}")
+    angles.plot(t, 10 * turns[name], "--", color=line.get_color(), label="satellite, ten times")
+    rates.plot(t, np.degrees(motion.psid), color=line.get_color(), label=name)
 motion = motions["1 N m s/rad"]
 half_satellite, half_panel = np.array((0.3, 0, 0.4)), np.array((0.6, 0, 0.01))
 outline = np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)])
