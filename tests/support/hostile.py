@@ -145,12 +145,12 @@ def urdf(rng):
 
 
 def use_expression(rng, _):
-    from hingepair.symbolic.expressions import parse
+    from hingepair.symbolic.expressions import parse_expression
     from hingepair.symbolic.time_functions import TimeFunctions
 
     text = expression(rng)
     yield text
-    part = parse("motion.psi", text, {"k": 0.5})
+    part = parse_expression("motion.psi", text, {"k": 0.5})
     TimeFunctions((part,)).derivatives(np.array([-1.0, 0.0, 1e-9, 0.5, 1e6]))
 
 

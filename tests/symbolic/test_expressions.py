@@ -12,7 +12,7 @@ import pytest
 import sympy
 
 from hingepair import ArgumentError
-from hingepair.symbolic.expressions import FUNCTION_CALLS, SMOOTH_FUNCTIONS, constant_name_fault, parse
+from hingepair.symbolic.expressions import FUNCTION_CALLS, SMOOTH_FUNCTIONS, constant_name_fault, parse_expression
 from hingepair.symbolic.jets import time_symbol
 from hingepair.symbolic.time_functions import TimeFunctions
 from support.sparse import sparse
@@ -48,7 +48,7 @@ MEANINGS = {
 
 @pytest.mark.parametrize("text", MEANINGS)
 def test_text_means_what_it_says(text: str) -> None:
-    ((value,),) = TimeFunctions([parse("x", text, {"w": 1.5})]).derivatives(T, 0)
+    ((value,),) = TimeFunctions([parse_expression("x", text, {"w": 1.5})]).derivatives(T, 0)
     np.testing.assert_allclose(value, MEANINGS[text](T), rtol=64 * U, atol=64 * U)
 
 
@@ -56,7 +56,7 @@ def test_text_means_what_it_says(text: str) -> None:
     "text", ["sin(3*t)*exp(-0.1*t)", "0.1*t**3 + 0.7*cos(1.1*t)", "tanh((t - 0.3)/0.2)", "atan(2*t)/(1 + t**2)"]
 )
 def test_derivatives_are_exact(text: str) -> None:
-    values, first, second = TimeFunctions([parse("x", text)]).derivatives(T)
+    values, first, second = TimeFunctions([parse_expression("x", text)]).derivatives(T)
     with mpmath.workdps(40):
         names = {"sin": mpmath.sin, "cos": mpmath.cos, "exp": mpmath.exp, "tanh": mpmath.tanh, "atan": mpmath.atan}
         # The same text with every decimal number as an exact fraction, evaluated by mpmath in the test alone.
@@ -72,7 +72,9 @@ def test_derivatives_are_exact(text: str) -> None:
 
 
 def test_what_does_not_move_is_a_number() -> None:
-    q, qd, qdd = TimeFunctions([parse("x", "3*t"), parse("y", "sqrt(2)/2"), parse("z", "t**2")]).derivatives(T)
+    q, qd, qdd = TimeFunctions(
+        [parse_expression("x", "3*t"), parse_expression("y", "sqrt(2)/2"), parse_expression("z", "t**2")]
+    ).derivatives(T)
     assert [type(value) for value in (*q, *qd, *qdd)] == [
         np.ndarray, float, np.ndarray, float, float, np.ndarray, float, float, float,
     ]  # fmt: skip
@@ -82,12 +84,12 @@ def test_what_does_not_move_is_a_number() -> None:
 
 
 def test_decimal_numbers_are_exact() -> None:
-    assert str(parse("x", "0.1*3")) == "3/10"
-    assert str(parse("x", "w", {"w": 0.1})) == "1/10"
+    assert str(parse_expression("x", "0.1*3")) == "3/10"
+    assert str(parse_expression("x", "w", {"w": 0.1})) == "1/10"
 
 
 def test_no_real_value_is_nan_in_its_own_sample() -> None:
-    (value,), _, _ = TimeFunctions([parse("x", "sqrt(t)")]).derivatives(np.array([-1.0, 4.0]))
+    (value,), _, _ = TimeFunctions([parse_expression("x", "sqrt(t)")]).derivatives(np.array([-1.0, 4.0]))
     assert math.isnan(value[0])
     assert value[1] == 2.0
 
@@ -157,7 +159,7 @@ REFUSED = {
 @pytest.mark.parametrize("text", REFUSED.values(), ids=REFUSED)
 def test_refused_in_one_line_and_with_little_work(text: str) -> None:
     with pytest.raises(ArgumentError) as caught, bounded_calls(MOST_CALLS):
-        parse("motion.psi", text)
+        parse_expression("motion.psi", text)
     assert str(caught.value).startswith("motion.psi: ")
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 400
@@ -177,9 +179,9 @@ AT_LIMITS = {  # the last that is taken, and the first that is not
 
 @pytest.mark.parametrize(("taken", "refused"), AT_LIMITS.values(), ids=AT_LIMITS)
 def test_limits_are_those_that_are_said(taken: str, refused: str) -> None:
-    assert parse("x", taken).free_symbols == {time_symbol()}
+    assert parse_expression("x", taken).free_symbols == {time_symbol()}
     with pytest.raises(ArgumentError):
-        parse("x", refused)
+        parse_expression("x", refused)
 
 
 @pytest.mark.parametrize(
@@ -197,7 +199,7 @@ def test_limits_are_those_that_are_said(taken: str, refused: str) -> None:
 )
 def test_a_caret_stands_below_what_is_wrong(text: str, fault: str, column: int) -> None:
     with pytest.raises(ArgumentError) as caught:
-        parse("x", text)
+        parse_expression("x", text)
     assert f"{fault} at column {column}" in str(caught.value)
     (note,) = caught.value.__notes__
     assert note == f"  {text}\n  {' ' * (column - 1)}^"
@@ -205,7 +207,7 @@ def test_a_caret_stands_below_what_is_wrong(text: str, fault: str, column: int) 
 
 def test_unknown_name_says_where_and_what_is_known() -> None:
     with pytest.raises(ArgumentError) as caught:
-        parse("motion.psi", "1 + sine(t)")
+        parse_expression("motion.psi", "1 + sine(t)")
     message = str(caught.value)
     assert message.startswith("motion.psi: unknown name 'sine' at column 5 (nearest: sin); known: sin, cos, tan")
     assert all(name in message for name in FUNCTION_CALLS)
@@ -231,12 +233,12 @@ HEAVY_IN_SYMPY = {
 @pytest.mark.parametrize("text", HEAVY_IN_SYMPY.values(), ids=HEAVY_IN_SYMPY)
 def test_answered_with_little_work(text: str) -> None:
     with contextlib.suppress(ArgumentError), bounded_calls(MOST_CALLS):
-        TimeFunctions([parse("x", text)]).derivatives(T)
+        TimeFunctions([parse_expression("x", text)]).derivatives(T)
 
 
 @pytest.mark.parametrize("text", ["sqrt(10**31 + 7)*t", "sin(10**30) + t", "(10**22)**t", "t/(7*10**30 + 1)"])
 def test_large_numbers_are_evaluated(text: str) -> None:
-    for values in TimeFunctions([parse("x", text)]).derivatives(T):
+    for values in TimeFunctions([parse_expression("x", text)]).derivatives(T):
         assert np.isfinite(values[0]).all()
 
 
@@ -258,7 +260,7 @@ DIFFERENTIATED = (
 @pytest.mark.slow
 @pytest.mark.parametrize("text", sparse(DIFFERENTIATED, 4, str))
 def test_chain_rule_agrees_with_the_derivative_of_the_whole(text: str) -> None:
-    expr = parse("x", text)
+    expr = parse_expression("x", text)
     symbol = time_symbol()
     for k, (found,) in enumerate(TimeFunctions([expr]).derivatives(T[::8])):
         whole = expr.diff(symbol, k) if k else expr
@@ -296,7 +298,9 @@ KINKED = {  # value, first and second derivative at -2, 0, 1, 3; those at a kink
 @pytest.mark.parametrize("text", KINKED)
 def test_kinks_take_their_derivatives_from_the_right(text: str) -> None:
     t = np.array([-2.0, 0.0, 1.0, 3.0])
-    for found, expected in zip(TimeFunctions([parse("x", text)]).derivatives(t), KINKED[text], strict=True):
+    for found, expected in zip(
+        TimeFunctions([parse_expression("x", text)]).derivatives(t), KINKED[text], strict=True
+    ):
         np.testing.assert_array_equal(np.broadcast_to(found[0], 4).round(12), np.broadcast_to(expected, 4))
 
 
@@ -322,7 +326,7 @@ def holds(condition: str, t: float) -> bool:
 def test_conditions_in_pairs_hold_where_they_do_in_python(form: str, count: int) -> None:
     """At t; and just after t for the derivatives."""
     conditions = [form.format(a, b) for a in CONDITIONS[:count] for b in CONDITIONS[:count]]
-    expressions = [parse("x", f"where({condition}, 2*t, 3*t + t**2)") for condition in conditions]
+    expressions = [parse_expression("x", f"where({condition}, 2*t, 3*t + t**2)") for condition in conditions]
     for k, rows in enumerate(TimeFunctions(expressions).derivatives(KINKS)):
         for condition, row in zip(conditions, rows, strict=True):
             known = [holds(condition, t + (k > 0) * 1e-6) for t in KINKS.tolist()]
@@ -334,7 +338,7 @@ def test_conditions_in_pairs_hold_where_they_do_in_python(form: str, count: int)
 @pytest.mark.parametrize("count", [FEW, pytest.param(len(CONDITIONS), marks=pytest.mark.slow)])
 def test_choices_within_choices_are_those_of_python(count: int) -> None:
     pairs = [(a, b) for a in CONDITIONS[:count] for b in CONDITIONS[:count]]
-    expressions = [parse("x", f"where({a}, where({b}, 2, 7), where({b}, t, step(t)))") for a, b in pairs]
+    expressions = [parse_expression("x", f"where({a}, where({b}, 2, 7), where({b}, t, step(t)))") for a, b in pairs]
     values, first, second = TimeFunctions(expressions).derivatives(KINKS)
     for pair, row, slope, bend in zip(pairs, values, first, second, strict=True):
         a, b = ([holds(condition, t) for t in KINKS.tolist()] for condition in pair)
@@ -346,7 +350,7 @@ def test_choices_within_choices_are_those_of_python(count: int) -> None:
 
 def test_what_a_guard_does_not_know_is_nan() -> None:
     for text in ("where(sqrt(t) > 1, 1, 2)", "max(sqrt(t), 0)", "abs(log(t))", "mod(sqrt(t), 1)"):
-        for (found,) in TimeFunctions([parse("x", text)]).derivatives(np.array([-1.0, 4.0])):
+        for (found,) in TimeFunctions([parse_expression("x", text)]).derivatives(np.array([-1.0, 4.0])):
             assert np.isnan(np.broadcast_to(found, 2)[0]) or text.startswith("where") or np.ndim(found) == 0
 
 
@@ -362,17 +366,17 @@ def test_what_a_guard_does_not_know_is_nan() -> None:
     ],
 )
 def test_kinks_are_counted(text: str, count: int) -> None:
-    assert TimeFunctions([parse("x", text)]).switches(np.linspace(-1.99, 1.99, 200)).sum() == count
+    assert TimeFunctions([parse_expression("x", text)]).switches(np.linspace(-1.99, 1.99, 200)).sum() == count
 
 
 def test_constants_named_as_newer_functions_are_told_by_their_use() -> None:
     assert constant_name_fault("step") is None
-    assert parse("x", "step*step(1)*t", {"step": 0.25}) == time_symbol() / 4
+    assert parse_expression("x", "step*step(1)*t", {"step": 0.25}) == time_symbol() / 4
 
 
 def test_letters_stay() -> None:
     w = sympy.Symbol("w", real=True)
-    assert parse("x", "2*w*t + v", {"w": 1.5, "v": 2.0}, ("w",)) == 2 * w * time_symbol() + 2
+    assert parse_expression("x", "2*w*t + v", {"w": 1.5, "v": 2.0}, ("w",)) == 2 * w * time_symbol() + 2
 
 
 @pytest.mark.parametrize(
@@ -397,17 +401,17 @@ def test_letters_stay() -> None:
 )
 def test_messages_say_what_to_write(text: str, hint: str) -> None:
     with pytest.raises(ArgumentError, match=re.escape(hint)):
-        parse("motion.psi", text)
+        parse_expression("motion.psi", text)
 
 
 @pytest.mark.parametrize("text", ["(-2)**t", "0**t", "sqrt(-exp(t))", "1e300*t*1e300", "exp(400)*t*exp(400)"])
 def test_what_is_never_real_or_finite_is_refused(text: str) -> None:
     with pytest.raises(ArgumentError, match=r"expressions\[0\]: expected"):
-        TimeFunctions([parse("x", text)])
+        TimeFunctions([parse_expression("x", text)])
 
 
 def test_shape_of_the_instants_is_kept() -> None:
-    compiled = TimeFunctions([parse("x", "t**2")]).derivatives
+    compiled = TimeFunctions([parse_expression("x", "t**2")]).derivatives
     assert compiled(np.zeros((2, 3)))[0][0].shape == (2, 3)
     assert compiled(np.zeros((0,)))[0][0].shape == (0,)
     assert type(compiled(3)[0][0]) is float
@@ -435,5 +439,5 @@ def test_names_that_constants_cannot_have(name: str) -> None:
     ids=["fourier", "sum", "nested", "product", "nested conditions", "many conditions", "largest of many"],
 )
 def test_large_but_honest_is_accepted(text: str) -> None:
-    for values in TimeFunctions([parse("x", text)]).derivatives(T):
+    for values in TimeFunctions([parse_expression("x", text)]).derivatives(T):
         assert np.isfinite(values[0]).all()

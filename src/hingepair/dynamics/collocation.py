@@ -29,21 +29,22 @@ StateRates: TypeAlias = Callable[[Array, Array], Array]
 NODE_COUNT: Final = 8
 """Nodes of a step."""
 _MAX_ITERATIONS: Final = 30  # of the states at the nodes; a step that needs more is too long
-_LENGTH_SAFETY = 0.8  # of the length that the estimate of the error allows
+_LENGTH_SAFETY_FACTOR = 0.8  # of the length that the estimate of the error allows
 _MIN_LENGTH_FACTOR, _MAX_LENGTH_FACTOR = 0.2, 3.0  # from the length of one step to that of the next
-_REACH_DECAY = 0.9  # factor of the length by which errors of velocities are scaled, with each shorter step
+_LENGTH_SCALE_DECAY = 0.9  # factor of the length by which errors of velocities are scaled, with each shorter step
 _NEWTON_REFRESH_PERIOD = 4  # iterations after which Newton's method computes the derivatives of psi'' again
 _CONTRACTION_CHECK_PERIOD = 4  # iterations after which the convergence of fixed points is checked
-_MAX_CONTRACTION = 0.1  # factor of the change in an iteration: above it Newton's method is tried
+_MAX_CONTRACTION_RATIO = 0.1  # factor of the change in an iteration: above it Newton's method is tried
 _MIN_STIFFNESS = 0.5  # of a step, without unit: below it fixed points converge without Newton's method
-_DIFFERENCE_STEP = 1.5e-8  # rad and rad/s: of psi and psi', for the derivatives of psi'' by differences
-_MAX_SWITCHES = 8  # events at one instant; if more follow each other, the last is ignored
-_JUMP_LENGTH_SHARE = 1e-12  # of the usual length: in a shorter step the derivative jumps, and no step is better
+_DIFFERENCE_STEP_SIZE = 1.5e-8  # rad and rad/s: of psi and psi', for the derivatives of psi'' by differences
+_MAX_SIMULTANEOUS_EVENTS = 8  # events at one instant; if more follow each other, the last is ignored
+# Of the usual length: in a shorter step the derivative jumps, and no step is better.
+_MIN_RELATIVE_STEP_LENGTH = 1e-12
 
 _gauss_nodes, _gauss_weights = legendre.leggauss(NODE_COUNT)
 NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2
 """Nodes of a step from 0 to 1; shape (8,)."""
-_VALUES_TO_SERIES: Final[Array] = np.stack(
+_LEGENDRE_MATRIX: Final[Array] = np.stack(
     [
         (2 * k + 1) / 2 * _gauss_weights * legendre.legval(_gauss_nodes, np.eye(NODE_COUNT)[k])
         for k in range(NODE_COUNT)
@@ -52,41 +53,44 @@ _VALUES_TO_SERIES: Final[Array] = np.stack(
 """From values at the nodes to the coefficients of their Legendre series; shape (8, 8)."""
 
 
-_VALUES_TO_INTEGRAL_SERIES: Final[Array] = (
+_INTEGRATED_LEGENDRE_MATRIX: Final[Array] = (
     np.stack(
         [np.pad(c := legendre.legint(unit, lbnd=-1), (0, NODE_COUNT + 1 - len(c))) for unit in np.eye(NODE_COUNT)],
         axis=1,
     )
-    @ _VALUES_TO_SERIES
+    @ _LEGENDRE_MATRIX
     / 2
 )
 """From values at the nodes to the coefficients of the Legendre series of their integral; shape (9, 8)."""
 
 
-def integral_matrix(times: Array) -> Array:
+def integration_matrix(times: Array) -> Array:
     """Return the matrix (m, 8) from values at the nodes to integrals of their polynomial from 0 to each time."""
-    return legendre.legvander(2 * times - 1, NODE_COUNT) @ _VALUES_TO_INTEGRAL_SERIES
+    return legendre.legvander(2 * times - 1, NODE_COUNT) @ _INTEGRATED_LEGENDRE_MATRIX
 
 
-def value_matrix(times: Array) -> Array:
+def interpolation_matrix(times: Array) -> Array:
     """Return the matrix (m, 8) from values at the nodes to the values of their polynomial at each time."""
-    return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _VALUES_TO_SERIES
+    return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _LEGENDRE_MATRIX
 
 
-_NODE_INTEGRALS: Final[Array] = integral_matrix(NODE_TIMES)
+_NODE_INTEGRATION_MATRIX: Final[Array] = integration_matrix(NODE_TIMES)
 """From values at the nodes to the integrals from 0 to each node; shape (8, 8)."""
-NODE_WEIGHTS: Final[Array] = integral_matrix(np.ones(1))[0]
+NODE_WEIGHTS: Final[Array] = integration_matrix(np.ones(1))[0]
 """Weights of the values at the nodes in the integral over a step from 0 to 1; shape (8,)."""
 CHECK_TIMES: Final[Array] = np.hstack([0.0, (NODE_TIMES[1:] + NODE_TIMES[:-1]) / 2, 1.0])
 """Times in a step from 0 to 1, between the nodes and at both ends, at which the residual is checked; shape (9,)."""
 _CHECK_GAPS: Final[Array] = np.diff(NODE_TIMES, prepend=0.0, append=1.0)[:, None]
 """Distances of neighbouring nodes and ends around each check time; shape (9, 1)."""
-_CHECK_INTEGRALS, _CHECK_VALUES = integral_matrix(CHECK_TIMES), value_matrix(CHECK_TIMES)
-_INVERSE_NODE_INTEGRALS: Final[Array] = np.asarray(np.linalg.inv(_NODE_INTEGRALS), np.float64)
+_CHECK_INTEGRATION_MATRIX, _CHECK_INTERPOLATION_MATRIX = (
+    integration_matrix(CHECK_TIMES),
+    interpolation_matrix(CHECK_TIMES),
+)
+_NODE_DIFFERENTIATION_MATRIX: Final[Array] = np.asarray(np.linalg.inv(_NODE_INTEGRATION_MATRIX), np.float64)
 """From integrals at the nodes to the values there; shape (8, 8)."""
 _EVENT_TIMES: Final[Array] = np.sort(np.hstack([NODE_TIMES, CHECK_TIMES]))
 """Times in a step from 0 to 1 at which the distances from events are evaluated, at least; shape (17,)."""
-_EVENT_VALUES_TO_SERIES: Final[Array] = np.asarray(
+_EVENT_LEGENDRE_MATRIX: Final[Array] = np.asarray(
     np.linalg.inv(legendre.legvander(2 * _EVENT_TIMES - 1, len(_EVENT_TIMES) - 1)), np.float64
 )
 """From values at these times to the coefficients of their Legendre series; shape (17, 17)."""
@@ -111,7 +115,7 @@ class StepPolynomial:
 
     def states_at(self, t: Array) -> Array:
         """Return the states at instants of the step; shape (m, k)."""
-        return self.state + self.length * (integral_matrix((t - self.start) / self.length) @ self.rates)
+        return self.state + self.length * (integration_matrix((t - self.start) / self.length) @ self.rates)
 
 
 class Events(Protocol):
@@ -181,11 +185,11 @@ class Stepper:
             factor = (
                 _MIN_LENGTH_FACTOR
                 if not error < np.inf
-                else _LENGTH_SAFETY * max(error, 1e-12) ** (-1 / (NODE_COUNT + 1))
+                else _LENGTH_SAFETY_FACTOR * max(error, 1e-12) ** (-1 / (NODE_COUNT + 1))
             )
             next_length = length * min(max(factor, _MIN_LENGTH_FACTOR), _MAX_LENGTH_FACTOR)
             if node_rates is None or not error <= 1:
-                self.length = min(good_share, _LENGTH_SAFETY) * length if good_share else next_length
+                self.length = min(good_share, _LENGTH_SAFETY_FACTOR) * length if good_share else next_length
                 continue
             self.length = max(self.length, next_length) if is_last and end < stop else next_length
             first_event = self._first_event(
@@ -195,7 +199,7 @@ class Stepper:
                 break
             share, event = first_event
             if share * length <= 32 * instant:  # it starts at an event
-                if applied == _MAX_SWITCHES:
+                if applied == _MAX_SIMULTANEOUS_EVENTS:
                     first_event = None
                     break
                 self._apply_event(event)
@@ -207,7 +211,7 @@ class Stepper:
             else:
                 end, expected = self.t + share * length, event
         piece = self._last_step = StepPolynomial(self.t, length, self.state, node_rates)
-        self._length_scale = max(length, _REACH_DECAY * self._length_scale)
+        self._length_scale = max(length, _LENGTH_SCALE_DECAY * self._length_scale)
         self.t = end if is_last else self.t + length
         self._advance(length * (NODE_WEIGHTS @ node_rates))
         self._pending_event = None if first_event is None else first_event[1]
@@ -249,7 +253,7 @@ class Stepper:
 
         def distances(times: Array) -> tuple[Array, Array]:
             return self.events.distances(  # type: ignore[union-attr]
-                self.t + length * times, self.state + length * (integral_matrix(times) @ node_rates)
+                self.t + length * times, self.state + length * (integration_matrix(times) @ node_rates)
             )
 
         times = np.unique(np.hstack([_EVENT_TIMES, extra_times]))
@@ -307,7 +311,7 @@ class Stepper:
         other components are iterated by fixed points.
         """
         times, sizes, last_change = self.t + length * NODE_TIMES, self._error_sizes(length), np.inf
-        states = self.state + length * (_NODE_INTEGRALS @ self._predict_rates(times))
+        states = self.state + length * (_NODE_INTEGRATION_MATRIX @ self._predict_rates(times))
         block = slice(self.psi_index, self.psi_index + 2)
         for iteration in range(_MAX_ITERATIONS):
             if newton and iteration % _NEWTON_REFRESH_PERIOD == 0:
@@ -316,11 +320,11 @@ class Stepper:
                     return None
                 inverse, by_angle = self._newton_matrices(length)
             node_rates = self.rates(times, states)
-            new_states = self.state + length * (_NODE_INTEGRALS @ node_rates)
+            new_states = self.state + length * (_NODE_INTEGRATION_MATRIX @ node_rates)
             if newton:
                 angle, rate = (new_states - states)[:, block].T
                 rate = inverse @ (rate + by_angle @ angle)
-                angle = angle + length * (_NODE_INTEGRALS @ rate)
+                angle = angle + length * (_NODE_INTEGRATION_MATRIX @ rate)
                 new_states[:, block] = states[:, block] + np.stack([angle, rate], axis=-1)
             change = float(np.abs((new_states - states) / sizes).max())
             states = new_states
@@ -329,7 +333,9 @@ class Stepper:
             if change <= 4e-16 or (change >= last_change / 2 and change <= 1e-3 * self.tol):
                 if newton:  # rates that belong to the states: rounding of psi' would be magnified in psi''
                     node_rates = node_rates.copy()
-                    node_rates[:, block] = _INVERSE_NODE_INTEGRALS @ (states[:, block] - self.state[block]) / length
+                    node_rates[:, block] = (
+                        _NODE_DIFFERENTIATION_MATRIX @ (states[:, block] - self.state[block]) / length
+                    )
                 return node_rates
             if change > 2 * last_change and change > self.tol:
                 return None
@@ -337,7 +343,7 @@ class Stepper:
                 not newton
                 and iteration
                 and iteration % _CONTRACTION_CHECK_PERIOD == 0
-                and change > _MAX_CONTRACTION * last_change
+                and change > _MAX_CONTRACTION_RATIO * last_change
             ):
                 self._hinge_derivatives = self._psidd_derivatives(times, states)
                 if self._stiffness(length) > _MIN_STIFFNESS:
@@ -348,7 +354,7 @@ class Stepper:
 
     def _psidd_derivatives(self, times: Array, states: Array) -> tuple[Array, Array]:
         """Compute the derivatives of psi'' by psi and psi' at some instants; shape (m,) each."""
-        increments = _DIFFERENCE_STEP * (1 + np.abs(states[:, self.psi_index : self.psi_index + 2]))
+        increments = _DIFFERENCE_STEP_SIZE * (1 + np.abs(states[:, self.psi_index : self.psi_index + 2]))
         shifted = np.concatenate([states] * 3)
         shifted[len(times) : 2 * len(times), self.psi_index] += increments[:, 0]
         shifted[2 * len(times) :, self.psi_index + 1] += increments[:, 1]
@@ -358,7 +364,7 @@ class Stepper:
     def _newton_matrices(self, length: float) -> tuple[Array, Array]:
         """Compute the matrices (8, 8) from residuals of psi' and of psi at the nodes to the change of psi'."""
         by_angle, by_rate = self._hinge_derivatives or (np.zeros(NODE_COUNT), np.zeros(NODE_COUNT))
-        integrals = length * _NODE_INTEGRALS
+        integrals = length * _NODE_INTEGRATION_MATRIX
         matrix = np.eye(NODE_COUNT) - integrals * by_rate - (integrals * by_angle) @ integrals
         return np.asarray(np.linalg.inv(matrix), np.float64), integrals * by_angle
 
@@ -379,7 +385,7 @@ class Stepper:
             return np.zeros((NODE_COUNT, len(self.state)))
         relative_times = (times - last_step.start) / last_step.length
         return (
-            value_matrix(relative_times if relative_times[-1] <= _MAX_LENGTH_FACTOR else np.ones(NODE_COUNT))
+            interpolation_matrix(relative_times if relative_times[-1] <= _MAX_LENGTH_FACTOR else np.ones(NODE_COUNT))
             @ last_step.rates
         )
 
@@ -396,22 +402,27 @@ class Stepper:
             The error, and, where only the residual at an extra check time shows an error above 1, the share of the
             step up to which no check does; 0 elsewhere.
         """
-        jumps = length <= max(_JUMP_LENGTH_SHARE * self._length_scale, shortest)
+        jumps = length <= max(_MIN_RELATIVE_STEP_LENGTH * self._length_scale, shortest)
         sizes = self._error_sizes(length if jumps else max(length, self._length_scale))
         units = length / (self.tol * sizes + 1e-15 * np.abs(self.state))
-        tails = np.abs(self._filter_errors(_VALUES_TO_SERIES[-3:] @ node_rates, length) * units).max(axis=1)
+        tails = np.abs(self._filter_errors(_LEGENDRE_MATRIX[-3:] @ node_rates, length) * units).max(axis=1)
         first, second, third = map(float, tails)
         ratio = min(1.0, max(third / second if second else 0.0, second / first if first else 0.0))
         error = max(third, second * ratio) * ratio
         if not error <= 1:
             return error, 0.0
-        times, gaps, to_states, to_rates = CHECK_TIMES, _CHECK_GAPS, _CHECK_INTEGRALS, _CHECK_VALUES
+        times, gaps, to_states, to_rates = (
+            CHECK_TIMES,
+            _CHECK_GAPS,
+            _CHECK_INTEGRATION_MATRIX,
+            _CHECK_INTERPOLATION_MATRIX,
+        )
         if extra_times.size:
             times, order = np.unique(np.hstack([CHECK_TIMES, extra_times]), return_index=True)
             gaps = (np.diff(times, prepend=0.0) + np.diff(times, append=1.0))[:, None]
             is_check_time = order < len(CHECK_TIMES)
             gaps[is_check_time] = _CHECK_GAPS[order[is_check_time]]
-            to_states, to_rates = integral_matrix(times), value_matrix(times)
+            to_states, to_rates = integration_matrix(times), interpolation_matrix(times)
         rates = self.rates(self.t + length * times, self.state + length * (to_states @ node_rates))
         residuals = (np.abs(self._filter_errors(rates - to_rates @ node_rates, length)) * gaps * units).max(axis=1)
         worst = float(residuals.max())
@@ -431,7 +442,7 @@ def _bracket_crossing(
     """
     below = np.flatnonzero(~(distances >= -margin))
     bracket = (float(times[max(below[0] - 1, 0)]), float(times[below[0]])) if below.size else None
-    series = _EVENT_VALUES_TO_SERIES @ samples
+    series = _EVENT_LEGENDRE_MATRIX @ samples
     if not series[0] - float(np.abs(series[1:]).sum()) < -margin:
         return bracket
     series = np.asarray(

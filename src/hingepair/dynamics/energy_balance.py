@@ -16,7 +16,7 @@ from hingepair.numeric.tables import ruled_table
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.hinge_pair import HingePair
 
-_MIN_IMPACT = 1e-12  # of 1 + |psi'|: a larger jump of psi' between steps is an impact
+_MIN_IMPACT_RATE_CHANGE = 1e-12  # of 1 + |psi'|: a larger jump of psi' between steps is an impact
 
 
 _CHUNK_INTERVALS = 20_000  # intervals whose work is computed at a time
@@ -201,7 +201,9 @@ def _impact_work(
         end_state = (
             initial_state if last_step is next_step else last_step.polynomial.states_at(np.array([instant]))[0]
         )
-        if abs(next_step.polynomial.state[column] - end_state[column]) <= _MIN_IMPACT * (1 + abs(end_state[column])):
+        if abs(next_step.polynomial.state[column] - end_state[column]) <= _MIN_IMPACT_RATE_CHANGE * (
+            1 + abs(end_state[column])
+        ):
             continue
         states = np.stack([end_state, next_step.polynomial.state])
         samples: Any = _sample_steps(motion, np.full(2, t[0] + instant), states, [last_step, next_step])

@@ -25,15 +25,16 @@ UserEvent: TypeAlias = Callable[[Array, MotionAtInstants], ArrayLike]
 """Event of the user: a callable of instants (n,) and the motion at them that returns values (n,), 0 at the event."""
 
 # Names of events: the next kinks in angle and rate, release of a held hinge, and the user's event.
-_LOWER_ANGLE, _UPPER_ANGLE = "lower angle", "upper angle"
-_LOWER_RATE, _UPPER_RATE = "lower rate", "upper rate"
-_RELEASE_DOWN, _RELEASE_UP = "release downwards", "release upwards"
-_USER_EVENT = "until"  # as the argument of `simulate`
-_REBOUND_SHARE: Final = 0.01  # of the tolerance: a hinge that would rebound from a stop by less is held there
-_MIN_SIGN_SHARE: Final = 1e-6  # of the largest value of the user's event in the first step: above, its sign counts
-_ZERO_VALUE_SHARE: Final = 1e-12  # of the largest value of the user's event so far: below, an impact makes it 0
-_SAME_INSTANT_SHARE: Final = 1e-13  # of the time: events at a smaller distance happen at once
-_TORQUE_MARGIN: Final = 1e-12  # of the torques: by which the holding torque may exceed its limit, for rounding
+_LOWER_ANGLE_EVENT, _UPPER_ANGLE_EVENT = "lower angle", "upper angle"
+_LOWER_RATE_EVENT, _UPPER_RATE_EVENT = "lower rate", "upper rate"
+_RELEASE_DOWN_EVENT, _RELEASE_UP_EVENT = "release downwards", "release upwards"
+_USER_EVENT_NAME = "until"  # as the argument of `simulate`
+_MIN_REBOUND_RATIO: Final = 0.01  # of the tolerance: a hinge that would rebound from a stop by less is held there
+_SIGN_TOLERANCE: Final = 1e-6  # of the largest value of the user's event in the first step: above, its sign counts
+_ZERO_VALUE_TOLERANCE: Final = 1e-12  # of the largest value of the user's event so far: below, an impact makes it 0
+_SAME_INSTANT_TOLERANCE: Final = 1e-13  # of the time: events at a smaller distance happen at once
+# Of the torques: by which the holding torque may exceed its limit, for rounding.
+_HOLDING_TORQUE_TOLERANCE: Final = 1e-12
 
 
 class HingeEvents:
@@ -79,30 +80,30 @@ class HingeEvents:
         rows: dict[str, tuple[Array, float]] = {}
         if self._motion.held:
             torque = self._motion.holding_torque(self._start + t, states)
-            size = _TORQUE_MARGIN / 2e-15 * (self._friction + float(np.abs(torque).max()))
+            size = _HOLDING_TORQUE_TOLERANCE / 2e-15 * (self._friction + float(np.abs(torque).max()))
             lowest, highest = self._torque_limits
-            rows |= {_RELEASE_UP: (torque - lowest, size)} if lowest > -np.inf else {}
-            rows |= {_RELEASE_DOWN: (highest - torque, size)} if highest < np.inf else {}
+            rows |= {_RELEASE_UP_EVENT: (torque - lowest, size)} if lowest > -np.inf else {}
+            rows |= {_RELEASE_DOWN_EVENT: (highest - torque, size)} if highest < np.inf else {}
         else:
             lower_angle, upper_angle = self._angle_kinks[self._angle_interval : self._angle_interval + 2]
             lower_rate, upper_rate = self._rate_kinks[self._rate_interval : self._rate_interval + 2]
             size, rate_size = 1 + float(np.abs(psi).max()), 1 + float(np.abs(psid).max())
             for name, distance, scale in (
-                (_LOWER_ANGLE, psi - lower_angle, size),
-                (_UPPER_ANGLE, upper_angle - psi, size),
-                (_LOWER_RATE, psid - lower_rate, rate_size),
-                (_UPPER_RATE, upper_rate - psid, rate_size),
+                (_LOWER_ANGLE_EVENT, psi - lower_angle, size),
+                (_UPPER_ANGLE_EVENT, upper_angle - psi, size),
+                (_LOWER_RATE_EVENT, psid - lower_rate, rate_size),
+                (_UPPER_RATE_EVENT, upper_rate - psid, rate_size),
             ):
                 if np.isfinite(distance).all():
                     rows[name] = distance, scale
         if self._user_event is not None:
             values = self._user_values(self._start + t, states)
             if not self._sign:  # where the value is 0 at the start, the sign of the first certain value
-                certain_values = values[np.abs(values) > _MIN_SIGN_SHARE * np.abs(values).max()]
+                certain_values = values[np.abs(values) > _SIGN_TOLERANCE * np.abs(values).max()]
                 self._sign = float(np.sign(certain_values[0])) if certain_values.size else 0.0
             size = float(np.abs(values).max())
             self._largest = max(self._largest, size)
-            rows[_USER_EVENT] = self._sign * values, size
+            rows[_USER_EVENT_NAME] = self._sign * values, size
         self._names = tuple(rows)
         distances = np.stack([distance for distance, _ in rows.values()], axis=-1) if rows else np.ones((len(t), 0))
         return distances, np.array([size for _, size in rows.values()])
@@ -111,25 +112,25 @@ class HingeEvents:
         """Apply an event: return the state after it; None where the motion ends."""
         name, psi_index = self._names[event], self._motion.psi_index
         state = state.copy()
-        if name == _USER_EVENT:
+        if name == _USER_EVENT_NAME:
             ends = self._ends_motion()
             self._sign, self._passed_at = -self._sign, t
             return None if ends else state
-        if name in (_LOWER_ANGLE, _UPPER_ANGLE):
-            kink = self._angle_kinks[self._angle_interval + (name == _UPPER_ANGLE)]
+        if name in (_LOWER_ANGLE_EVENT, _UPPER_ANGLE_EVENT):
+            kink = self._angle_kinks[self._angle_interval + (name == _UPPER_ANGLE_EVENT)]
             if kink in self._rigid_stops:
-                self._rebound(t, state, kink, 1 if name == _UPPER_ANGLE else -1)
+                self._rebound(t, state, kink, 1 if name == _UPPER_ANGLE_EVENT else -1)
                 return None if self._lands_on_zero(t, state) else state
-            self._angle_interval += 1 if name == _UPPER_ANGLE else -1
-        elif name in (_LOWER_RATE, _UPPER_RATE):
-            kink = self._rate_kinks[self._rate_interval + (name == _UPPER_RATE)]
+            self._angle_interval += 1 if name == _UPPER_ANGLE_EVENT else -1
+        elif name in (_LOWER_RATE_EVENT, _UPPER_RATE_EVENT):
+            kink = self._rate_kinks[self._rate_interval + (name == _UPPER_RATE_EVENT)]
             if kink == 0 and self._friction:
                 state[psi_index + 1] = 0.0
                 self._hold(t, state)
                 return None if self._lands_on_zero(t, state) else state
-            self._rate_interval += 1 if name == _UPPER_RATE else -1
+            self._rate_interval += 1 if name == _UPPER_RATE_EVENT else -1
         else:
-            self._release(1 if name == _RELEASE_UP else -1)
+            self._release(1 if name == _RELEASE_UP_EVENT else -1)
         self._set_side()
         return state
 
@@ -145,9 +146,9 @@ class HingeEvents:
         if self._user_event is None or not self._sign:
             return False
         value = float(self._user_values(np.array([self._start + t]), state[None])[0])
-        if abs(value) > _ZERO_VALUE_SHARE * self._largest:
+        if abs(value) > _ZERO_VALUE_TOLERANCE * self._largest:
             return False
-        ends = self._ends_motion() and t - self._passed_at > _SAME_INSTANT_SHARE * max(1.0, t)
+        ends = self._ends_motion() and t - self._passed_at > _SAME_INSTANT_TOLERANCE * max(1.0, t)
         self._sign = 0.0
         return ends
 
@@ -185,7 +186,7 @@ class HingeEvents:
         self._motion.held = True
         self._set_side()
         torque = float(self._motion.holding_torque(np.array([self._start + t]), state[None])[0])
-        margin = _TORQUE_MARGIN * (self._friction + abs(torque))
+        margin = _HOLDING_TORQUE_TOLERANCE * (self._friction + abs(torque))
         if not lowest - margin <= torque <= highest + margin:
             self._release(-1 if torque > highest else 1)
         self._torque_limits = lowest, highest
@@ -206,7 +207,7 @@ class HingeEvents:
         self._rate_interval = sum(bound < rate for bound in self._rate_kinks[1:-1])
         self._set_side()
         pressing_acceleration = side * self._motion.hinge_acceleration(self._start + t, state)
-        if pressing_acceleration > 0 and rate**2 <= 2 * pressing_acceleration * _REBOUND_SHARE * self._tol:
+        if pressing_acceleration > 0 and rate**2 <= 2 * pressing_acceleration * _MIN_REBOUND_RATIO * self._tol:
             state[psi_index + 1] = 0.0
             self._hold(t, state)
 

@@ -23,17 +23,20 @@ from hingepair.pair.hinge_load import HingeLoad, HingeTorque, is_named
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 
-_DIFFERENCE_STEP: Final = 1e-5  # of the size of each component of the state, for differences of order 4
-_MIN_POLE_SHARE: Final = (
-    1e-5  # of the largest pole: smaller ones count as 0, drifts of the whole pair without restoring load
-)
+_DIFFERENCE_STEP_SIZE: Final = 1e-5  # of the size of each component of the state, for differences of order 4
+# Of the largest pole: smaller ones count as 0, drifts of the whole pair without restoring load.
+_MIN_POLE_RATIO: Final = 1e-5
 _MAX_NEWTON_STEPS = 200  # of the search for an equilibrium
 _MAX_NEWTON_CHANGE = 0.3  # rad: largest change of an angle in one of them
 _EQUILIBRIUM_TOLERANCE: Final = 1e-13  # rad: a smaller Newton step ends the search
 
-_VECTOR_NAMES: Final = ("R", "P", "L", "phi")  # of the state of a free or pinned pair
+_STATE_VECTOR_NAMES: Final = ("R", "P", "L", "phi")  # of the state of a free or pinned pair
 # Components of the state; a carried pair has the last two.
-_STATE_NAMES: Final = (*(f"{vector}_{axis}" for vector in _VECTOR_NAMES for axis in "xyz"), "psi", "psid")
+_STATE_COMPONENT_NAMES: Final = (
+    *(f"{vector}_{axis}" for vector in _STATE_VECTOR_NAMES for axis in "xyz"),
+    "psi",
+    "psid",
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -160,7 +163,7 @@ def linearize(
     B = np.zeros(len(state))
     B[-1] = motion.hinge_response(instant, state)
     poles = np.linalg.eigvals(A)
-    poles = poles[(np.abs(poles) > _MIN_POLE_SHARE * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)]
+    poles = poles[(np.abs(poles) > _MIN_POLE_RATIO * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)]
     motion_now = motion.motion_at(np.full(1, instant), state[None])
     body1_motion = (
         None
@@ -170,7 +173,7 @@ def linearize(
     return Linearization(
         read_only(A),
         read_only(B),
-        _STATE_NAMES[-len(state) :],
+        _STATE_COMPONENT_NAMES[-len(state) :],
         float(state[motion.psi_index]),
         body1_motion,
         read_only(rates),
@@ -181,7 +184,7 @@ def linearize(
 def _state_derivatives(motion: PairMotion, t: float, state: Array, columns: NDArray[np.intp]) -> tuple[Array, Array]:
     """Compute the derivatives of the rates of a state by some of its components, (k, m), and the rates, (k,)."""
     increments = np.zeros((len(columns), len(state)))
-    increments[np.arange(len(columns)), columns] = (_DIFFERENCE_STEP * motion.sizes)[columns]
+    increments[np.arange(len(columns)), columns] = (_DIFFERENCE_STEP_SIZE * motion.sizes)[columns]
     states = np.concatenate([state + share * increments for share in (-2, -1, 1, 2)] + [state[None]])
     rates = motion.rates(np.full(len(states), t), states)
     before2, before, after, after2 = rates[:-1].reshape(4, len(columns), -1)

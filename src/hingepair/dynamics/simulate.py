@@ -39,9 +39,9 @@ _TOLERANCE_RANGE: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
 _PLANAR_EXAMPLE = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"  # a start in the plane, in messages
 _MIN_STOP_DEPTH = 0.02  # rad past a stop, from which on a warning or a note reports it
 _REFERENCE_TOLERANCE_FACTOR = 1e-3  # of the tolerance: that of the second run, from which errors are estimated
-_MIN_CHECKS: Final = 509 * 17  # evaluations of loads that are callables, over a whole motion
-_REFERENCE_CHECK_FACTOR: Final = 4.3  # of these evaluations: those of the second run
-_PROGRESS_TRIALS = 1000  # trial steps after which progress is checked
+_MIN_LOAD_EVALUATIONS: Final = 509 * 17  # evaluations of loads that are callables, over a whole motion
+_REFERENCE_EVALUATION_FACTOR: Final = 4.3  # of these evaluations: those of the second run
+_PROGRESS_CHECK_PERIOD = 1000  # trial steps after which progress is checked
 _MAX_TRIALS = 1e6  # trial steps; a motion that needs more by its progress is refused
 
 
@@ -255,19 +255,21 @@ def simulate(
     execution = execution_of(backend, 1)
 
     def run_simulation(
-        tolerance: float, min_checks: float, until: UserEvent | None
+        tolerance: float, min_load_evaluations: float, until: UserEvent | None
     ) -> tuple[PairMotion, Array, list[StepRecord], MotionSamples, bool]:
         motion = PairMotion(space, base, is_planar, start, loads, execution, given_motion)
         first_state, steps, end_time = motion.state, list[StepRecord](), None
         if len(instants) > 1:
-            steps, end_time = _run_steps(motion, instants, _RunOptions(tolerance, min_checks, break_instants, until))
+            steps, end_time = _run_steps(
+                motion, instants, _RunOptions(tolerance, min_load_evaluations, break_instants, until)
+            )
         sampled = instants
         if end_time is not None:
             sampled = np.unique(np.hstack([instants[instants - instants[0] < end_time], instants[0] + end_time]))
         samples = _sample_motion(motion, first_state, steps, sampled)
         return motion, first_state, steps, samples, end_time is not None
 
-    motion, first_state, steps, samples, ended_by_event = run_simulation(tolerance, _MIN_CHECKS, until)
+    motion, first_state, steps, samples, ended_by_event = run_simulation(tolerance, _MIN_LOAD_EVALUATIONS, until)
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
     _warn_of_units(space, base, start, stops)
     if space.limits is not None:
@@ -278,7 +280,7 @@ def simulate(
     instants = samples.t
     reference_tolerance = max(tolerance * _REFERENCE_TOLERANCE_FACTOR, 1e-15)
     reference = functools.cache(
-        lambda: run_simulation(reference_tolerance, _MIN_CHECKS * _REFERENCE_CHECK_FACTOR, None)[3]
+        lambda: run_simulation(reference_tolerance, _MIN_LOAD_EVALUATIONS * _REFERENCE_EVALUATION_FACTOR, None)[3]
     )
     now = samples.motion
     body1_motion = motion_of_rotations(
@@ -414,7 +416,7 @@ class _RunOptions(NamedTuple):
     """Options of a run of the stepper."""
 
     tol: float  # largest error of a step [rad]
-    min_checks: float  # evaluations of callable loads over the whole motion, at least
+    min_load_evaluations: float  # evaluations of callable loads over the whole motion, at least
     breaks: Array  # instants at which loads jump, increasing [s]
     until: UserEvent | None  # the user's event
 
@@ -437,7 +439,7 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
         motion.psi_index,
         options.tol,
         motion.first_step_length(start, span),
-        span / options.min_checks if checked else np.inf,
+        span / options.min_load_evaluations if checked else np.inf,
         elapsed if checked else np.empty(0),
     )
     records, last_trials, last_t = list[StepRecord](), 0, 0.0
@@ -459,7 +461,7 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
             if stepper.ended:
                 return records, stepper.t
             stepper.set_state(motion.restart_attitude(stepper.state))
-            if stepper.trials >= last_trials + _PROGRESS_TRIALS:
+            if stepper.trials >= last_trials + _PROGRESS_CHECK_PERIOD:
                 remaining = (span - stepper.t) / (stepper.t - last_t) * (stepper.trials - last_trials)
                 if remaining > _MAX_TRIALS:
                     reason = (

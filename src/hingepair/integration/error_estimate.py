@@ -42,12 +42,12 @@ A feature that is narrower than one of these, and than half a step, may lie betw
 """
 
 _UNIT_ROUNDOFF = 2.0**-53  # u of doubles
-_NODE_ROUNDING = 0.4  # of u t times the change of the rate: error of a step by the rounding of its nodes, as measured
+# Of u t times the change of the rate: error of a step by the rounding of its nodes, as measured.
+_NODE_ROUNDING_FACTOR = 0.4
 _OUTER_NODES = RULES["magnus6"].nodes[0], RULES["magnus6"].nodes[-1]  # first and last node of a step on [0, 1]
 _NOISE_FACTOR = 2.0  # standard deviations of rounding: a larger error has another cause
-_END_OFFSET = (
-    1e-4  # of a step: distance from its ends of evaluations beside them, since a callable may jump at instants
-)
+# Of a step: distance from its ends of evaluations beside them, since a callable may jump at instants.
+_END_OFFSET = 1e-4
 _CHUNK_INTERVALS = 1 << 12  # intervals whose errors are measured at a time, in arrays of a megabyte or two
 _GOLDEN_FRACTION = 0.6180339887498949  # of the golden ratio; fractions of its multiples are spread evenly over [0, 1]
 _JUMP_DIFFERENCE_ORDER = 6  # of the divided differences whose size shows where a callable may jump
@@ -217,7 +217,7 @@ class AccumulatedErrors(NamedTuple):
     counts_before: NDArray[np.intp] | None  # number of errors before each instant; None: instants end all steps
 
     def largest_sum(self, factors: Array | float = 1.0) -> float:
-        """Return the largest sum of errors up to any instant [rad], at least what may be hidden, as chance has it.
+        """Return the largest sum of errors up to any instant [rad], at least the root sum of squares of `undetected`.
 
         Args:
             factors: multiply the errors; shape (P,).
@@ -282,10 +282,10 @@ def measure_step_errors(integral: Integral, start: Array, stop: Array, whole: fl
         whole: the whole time [s], which is divided into at least `MIN_CHECKED_STEPS` even steps.
     """
     groups = (slice(first, first + _CHUNK_INTERVALS) for first in range(0, len(start), _CHUNK_INTERVALS))
-    return concatenate_errors(_step_errors(integral, start[group], stop[group], whole) for group in groups)
+    return concatenate_errors(_measure_chunk_errors(integral, start[group], stop[group], whole) for group in groups)
 
 
-def _step_errors(integral: Integral, start: Array, stop: Array, whole: float) -> StepErrors:
+def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, whole: float) -> StepErrors:
     """Measure the errors of one chunk of steps."""
     rate, rule = integral.rate, integral.rule
     coarse = subdivide(start, stop, np.ones(len(start), np.int64))
@@ -375,6 +375,6 @@ def interval_rounding(signal: Signal, start: Array, stop: Array) -> IntervalRoun
     node_noise = (
         0.0
         if isinstance(signal, SampledSignal)
-        else _NODE_ROUNDING * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
+        else _NODE_ROUNDING_FACTOR * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
     )
     return IntervalRounding(size, _UNIT_ROUNDOFF * np.sqrt(size**2 + node_noise**2))

@@ -33,15 +33,14 @@ _KINK_GROUP_SIZE = 8  # intervals whose errors may belong to one kink and are su
 _KINK_BOUNDS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
 """Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1]."""
 
-_MIDDLE_PRODUCT = (
+_MIDDLE_PRODUCT_INTEGRAL = (
     191 / 84
 )  # integral of the product of distances from six even samples a step apart, over the middle interval
 # Factors by which differences at a jump, a kink or a bend grow from order to order: from the one that stands out to
 # the sixth, from the fourth to the sixth, and within two intervals of an end, where fewer of them reach across.
 _KINK_GROWTH, _LAST_KINK_GROWTH, _END_KINK_GROWTH = 1.4, 1.65, 1.3
-_GROWTH_POWER = (
-    15  # power by which less growth reduces the weight of a kink; a vibration of six samples a period has growth 1
-)
+# Power by which less growth reduces the weight of a kink; a vibration of six samples a period has growth 1.
+_GROWTH_POWER = 15
 _GAUSS_RULE = np.polynomial.legendre.leggauss(INTERPOLATION_POINTS // 2 + 1)  # nodes and weights on [-1, 1]
 
 
@@ -97,7 +96,7 @@ def _interval_errors(t: Array, columns: Array) -> Array:
     for row, difference in enumerate(_next_differences(differences, start, points)):
         errors[row] = difference * product[:, None]
     if len(t) > INTERPOLATION_POINTS:
-        reach = (np.abs(product) / (_MIDDLE_PRODUCT * np.diff(t))) ** (1 / INTERPOLATION_POINTS)
+        reach = (np.abs(product) / (_MIDDLE_PRODUCT_INTEGRAL * np.diff(t))) ** (1 / INTERPOLATION_POINTS)
         for level, (order, bound) in enumerate(_KINK_BOUNDS, start=2):
             errors[level] = bound * _kink_sizes(differences, order, np.diff(t), reach)
     return errors
@@ -137,10 +136,10 @@ def _next_differences(differences: list[Array], start: NDArray[np.intp], points:
 
 def _kink_sizes(differences: list[Array], order: int, h: Array, reach: Array) -> Array:
     """Return how far differences of an order stand out, times h^(order + 1), weighted by growth of higher ones."""
-    outliers = math.factorial(order) * _subtract_local_median(differences[order])[_centred_rows(order, h)]
+    outliers = math.factorial(order) * _subtract_local_median(differences[order])[_centred_indices(order, h)]
     low = _neighbourhood_max(row_norms(outliers), 2) * reach**order
     middle, high = (
-        math.factorial(k) * _neighbourhood_max(row_norms(differences[k])[_centred_rows(k, h)], radius) * reach**k
+        math.factorial(k) * _neighbourhood_max(row_norms(differences[k])[_centred_indices(k, h)], radius) * reach**k
         for k, radius in ((INTERPOLATION_POINTS - 2, 2), (INTERPOLATION_POINTS, 1))
     )
     weight = np.ones(len(h))
@@ -152,7 +151,7 @@ def _kink_sizes(differences: list[Array], order: int, h: Array, reach: Array) ->
     return outliers * (weight * h * reach**order)[:, None]
 
 
-def _centred_rows(order: int, h: Array) -> NDArray[np.intp]:
+def _centred_indices(order: int, h: Array) -> NDArray[np.intp]:
     """Return the index of the difference of an order that is centred on each interval, or of the nearest."""
     return np.clip(np.arange(len(h)) - order // 2, 0, len(h) - order)
 

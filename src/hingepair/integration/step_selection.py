@@ -43,9 +43,9 @@ MIN_STEPS: Final = 16
 _MIN_TOLERANCE = 1e-15  # rad: below this tolerance only rounding errors are left
 _SIZE_SUM_SHARE = 0.4  # of the tolerance: a sum of the sizes of errors that is accepted without adding up the errors
 _TARGET_SHARE, _ACCEPTED_SHARE = 0.6, 0.8  # of the tolerance: sum of errors that is aimed at, and that is accepted
-_BISECTIONS = 8  # bisections (geometric) of the range of the sum of sizes that gives the target sum of errors
+_MAX_BISECTIONS = 8  # bisections (geometric) of the range of the sum of sizes that gives the target sum of errors
 _MAX_ADDITIVE_ERROR = 1.0  # rad: below this sum, errors can be added up as vectors
-_REGULAR_SHARE = 0.1  # of the sum of errors: if regular pieces have less, only irregular ones are divided
+_MIN_REGULAR_ERROR_SHARE = 0.1  # of the sum of errors: if regular pieces have less, only irregular ones are divided
 _MAX_ROUNDS = 64  # divisions of all pieces, at most
 _MAX_PARTS = 16  # of a piece in one round
 _MAX_IRREGULAR_PARTS = 4  # of a piece in one round where errors do not fall by the rule's order
@@ -120,7 +120,7 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
         )
         if stagnates and piece_counts[-1] > 2 * piece_counts[-_STAGNATION_ROUNDS]:
             break
-        counts = _next_counts(inexact, measured, pieces, piece_weights, tol)
+        counts = _next_part_counts(inexact, measured, pieces, piece_weights, tol)
         divide = counts > 1
         if not divide.any():
             break
@@ -129,7 +129,7 @@ def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> 
     return _assemble_steps(inexact, measured, pieces)
 
 
-def _next_counts(
+def _next_part_counts(
     integrals: Sequence[Integral], measured: MeasuredSteps, pieces: _Pieces, piece_weights: Array, tol: float
 ) -> NDArray[np.int64]:
     """Return how many parts each piece is divided into next; all 1 where errors are small enough."""
@@ -141,14 +141,16 @@ def _next_counts(
     max_counts = np.where(pieces.is_regular, _MAX_PARTS, _MAX_IRREGULAR_PARTS)
     counts, _ = _part_counts(sizes, piece_weights, max_counts, target, order)
     is_irregular = pieces.is_refined & ~pieces.is_regular
-    if 0 < regular < _REGULAR_SHARE * total:  # jumps and roots first; their remaining error decides on the others
+    if (
+        0 < regular < _MIN_REGULAR_ERROR_SHARE * total
+    ):  # jumps and roots first; their remaining error decides on the others
         counts[pieces.is_regular] = 1
     elif total < _MAX_ADDITIVE_ERROR:
         accumulated = _PieceErrors(integrals, measured, pieces)
         allowed = max(tol - accumulated.rounding, 0.5 * tol)
         if accumulated.largest_sum(np.ones(len(sizes))) <= _ACCEPTED_SHARE * allowed:
             return np.ones(len(sizes), np.int64)
-        for _ in range(_BISECTIONS):
+        for _ in range(_MAX_BISECTIONS):
             goal = math.sqrt(target * total)
             candidate, unlimited = _part_counts(sizes, piece_weights, max_counts, goal, order)
             if (

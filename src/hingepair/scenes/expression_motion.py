@@ -25,7 +25,7 @@ from hingepair.scenes.motion import Motion, turns_about
 from hingepair.scenes.tables import Table
 from hingepair.scenes.waypoints import MAX_POINTS, PROFILES, WayPoints, through
 from hingepair.symbolic.exact_constants import exact
-from hingepair.symbolic.expressions import parse
+from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
 
@@ -75,7 +75,7 @@ class FunctionsOfTime:
         for name, function in zip(self.names, self.functions, strict=True):
             written = self.table.values[name]
             if isinstance(written, str):
-                found[name] = parse(name, written, self.table.constants, letters)
+                found[name] = parse_expression(name, written, self.table.constants, letters)
             else:
                 found[name] = None if isinstance(function, WayPoints) else function
         return found
@@ -166,7 +166,7 @@ def _function(table: Table, key: str) -> Expr | WayPoints:
     match table.values.get(key):
         case str() as text:
             with table.naming(key):
-                return parse(key, text, table.constants)
+                return parse_expression(key, text, table.constants)
         case dict():
             return _way_points(table.table(key))
         case bool() | None | list():

@@ -564,13 +564,13 @@ def with_constants(tables: Table) -> Table:
     constants = motion.table("constants", required=False)
     known: dict[str, Any] = {}
     for key, value in constants.values.items():
-        from hingepair.symbolic.expressions import constant, constant_name_fault
+        from hingepair.symbolic.expressions import constant_name_fault, parse_constant
 
         fault = constant_name_fault(key)
         if fault:
             constants.refuse(key, fault, quoted(key))
         with constants.naming(key):
-            known[key] = constant(key, value, known) if isinstance(value, str) else constants.number(key)
+            known[key] = parse_constant(key, value, known) if isinstance(value, str) else constants.number(key)
     return replace(tables, constants=known)
 
 

@@ -27,7 +27,7 @@ from hingepair.scenes.known_motion import ByBody1, ByCoordinates
 from hingepair.scenes.motion import Motion
 from hingepair.scenes.tables import Key, Place, Table, numbers
 from hingepair.symbolic.exact_constants import exact
-from hingepair.symbolic.expressions import parse
+from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import constant_value
 from hingepair.symbolic.time_functions import TimeFunctions
 
@@ -48,7 +48,9 @@ def _functions(table: Table, keys: tuple[str, ...]) -> Any:
     for key in keys:
         value = table.values.get(key)
         with table.naming(key):
-            found.append(parse(key, value, known, _LETTERS) if isinstance(value, str) else exact(table.number(key)))
+            found.append(
+                parse_expression(key, value, known, _LETTERS) if isinstance(value, str) else exact(table.number(key))
+            )
     with table.naming():
         if any(expression.free_symbols for expression in found):
             return TimeFunctions(found, keys, _LETTERS).values

@@ -216,10 +216,10 @@ class Table(Place):
 
     def _constant(self, key: str, text: str, letters: Collection[str] = ()) -> Any:
         """Return the SymPy expression without t that a text stands for."""
-        from hingepair.symbolic.expressions import constant
+        from hingepair.symbolic.expressions import parse_constant
 
         with self.naming(key):
-            return constant(key, text, self.constants, letters)
+            return parse_constant(key, text, self.constants, letters)
 
 
 Key: TypeAlias = Callable[[Table, str], Any]

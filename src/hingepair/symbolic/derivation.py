@@ -155,7 +155,7 @@ def _real_symbol(name: str) -> Expr:
 
 
 def _function_source(name: str, parts: list[Expr]) -> str:
-    """Return the source of the function of one output."""
+    """Return the source of the Python function of one output."""
     t = time_symbol()
     expressions = with_symbols([*map(with_short_constants, parts), t], "d")[:-1]
     symbol_names = sorted({s.name for part in expressions for s in part.free_symbols} - {"t"})

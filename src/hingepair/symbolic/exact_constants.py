@@ -12,9 +12,8 @@ import sympy
 from hingepair.equations import spatial as eq
 from hingepair.symbolic.kinks import Expr
 
-_LENGTH_DIGITS: Final = (
-    50  # significant digits to which a squared length is computed, to find out whether it is rational
-)
+# Significant digits to which a squared length is computed, to find out whether it is rational.
+_LENGTH_DIGITS: Final = 50
 _MAX_DENOMINATOR: Final = 1_000  # of a rational number as which such a squared length is recognised
 _RATIONAL_TOLERANCE: Final = sympy.Rational(1, 10**40)  # relative; two such rational numbers differ by more
 

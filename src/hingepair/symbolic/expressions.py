@@ -101,8 +101,10 @@ _MISSING_OPERATOR_PATTERN = re.compile(
 )
 
 
-def parse(name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()) -> Expr:
-    """Return the SymPy expression of a text in t.
+def parse_expression(
+    name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
+) -> Expr:
+    """Parse a text in t; return the SymPy expression.
 
     It may hold numbers, `+ - * / **`, parentheses, t, pi, tau, e, the given constants and FUNCTION_CALLS; decimal
     numbers are exact.
@@ -117,9 +119,9 @@ def parse(name: str, text: str, constants: Mapping[str, Number] | None = None, s
         ArgumentError: the text is no such expression, has a constant part that is not a finite real number, or is too
             long or too deep.
 
-    >>> parse("psi", "amplitude*sin(2*pi*t) + 0.1", {"amplitude": 0.25})
+    >>> parse_expression("psi", "amplitude*sin(2*pi*t) + 0.1", {"amplitude": 0.25})
     sin(2*pi*t)/4 + 1/10
-    >>> parse("psi", "where(0 <= t <= 1, abs(t - 0.5), 0)")
+    >>> parse_expression("psi", "where(0 <= t <= 1, abs(t - 0.5), 0)")
     Where(Smaller(t, 1 - t), Abs(t - 1/2), 0)
     """
     builder = _ExpressionBuilder(name, text, constants or {}, symbols)
@@ -131,22 +133,22 @@ def parse(name: str, text: str, constants: Mapping[str, Number] | None = None, s
         raise ArgumentError(name, "an expression that SymPy can work with", text) from None
 
 
-def constant(
+def parse_constant(
     name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
 ) -> Expr:
-    """Return the SymPy expression of a text without t, such as `pi/6`. Arguments as for `parse`.
+    """Parse a text without t, such as `pi/6`; return the SymPy expression. Arguments as for `parse_expression`.
 
     Raises:
-        ArgumentError: as for `parse`, or the text depends on t.
+        ArgumentError: as for `parse_expression`, or the text depends on t.
     """
-    expr = parse(name, text, constants, symbols)
+    expr = parse_expression(name, text, constants, symbols)
     if time_symbol() in expr.free_symbols:
         raise ArgumentError(name, "a number: an expression without t", text)
     return expr
 
 
 def constant_name_fault(name: str) -> str | None:
-    """Return what a constant's name is expected to be where it is not; None for a valid name."""
+    """Return what is expected of a constant's name where it is invalid; None for a valid name."""
     if not (name.isascii() and name.isidentifier()) or keyword.iskeyword(name):
         return "a name of letters, digits and _"
     taken = ("t", *NAMED_CONSTANTS, *SMOOTH_FUNCTIONS)  # a constant may be called step or max: step(x) is a call
@@ -203,7 +205,7 @@ class _ExpressionBuilder:
             self._fail("an expression of fewer parts", self.text)
 
     def build(self, node: ast.expr, depth: int) -> _ParsedPart:
-        """Return the part of a node of the syntax tree."""
+        """Build the part of a node of the syntax tree."""
         self._count_node(node, depth)
         match node:
             case ast.Constant():
@@ -221,27 +223,27 @@ class _ExpressionBuilder:
         self._refuse(node, _SYNTAX_HINTS.get(type(node), "numbers, names, calls and + - * / **"))
 
     def _build_number(self, node: ast.Constant) -> _ParsedPart:
-        """Return the part of a number, exact."""
+        """Build the part of a number, exact."""
         if type(node.value) not in {int, float} or node.value == math.inf:
             self._refuse(node, _EXPECTED_NUMBER)
         source = self._source_of(node) if isinstance(node.value, float) else str(node.value)
         if abs(int(source.lower().partition("e")[2] or 0)) > MAX_EXPONENT:
             self._refuse(node, f"a power of ten of at most {MAX_EXPONENT}")
-        return self._check_part(node, sympy.Rational(Fraction(source)))
+        return self._checked_part(node, sympy.Rational(Fraction(source)))
 
     def _build_name(self, node: ast.Name) -> _ParsedPart:
-        """Return the part of a name: t, a constant, or an error."""
+        """Build the part of a name: t or a constant; refuse other names."""
         if node.id == "t":
             return _ParsedPart(time_symbol(), None)
         if node.id in self.constants:
             value = self.constants[node.id]
-            return self._check_part(node, exact(value) if isinstance(value, int | float) else value)
+            return self._checked_part(node, exact(value) if isinstance(value, int | float) else value)
         if node.id in FUNCTION_CALLS:
             self._refuse(node, FUNCTION_CALLS[node.id])
         self._refuse_name(node)
 
     def _build_chain(self, node: ast.expr, depth: int, group: _OperatorGroup) -> _ParsedPart:
-        """Return the sum `a - b + c`, or the product `a / b * c`, of any length as one level."""
+        """Build the sum `a - b + c`, or the product `a / b * c`, of any length as one level."""
         operators, operate_exactly, operate_on_floats, invert = group
         inverted_operands, is_inverted, current = [], False, node
         while True:
@@ -266,11 +268,13 @@ class _ExpressionBuilder:
         return self._apply(node, operate_exactly, operate_on_floats, *operands)
 
     def _build_power(self, node: ast.BinOp, depth: int) -> _ParsedPart:
+        """Build the part of a power."""
         base, exponent = self.build(node.left, depth), self.build(node.right, depth)
         self._check_power(node, base.expr, exponent.expr)
         return self._apply(node, sympy.Pow, math.pow, base, exponent)
 
     def _build_call(self, node: ast.Call, depth: int) -> _ParsedPart:
+        """Build the part of a call of a function."""
         if not isinstance(node.func, ast.Name):
             self._refuse(node, f"the name of a function before the parenthesis{self._hint()}")
         name = node.func.id
@@ -291,7 +295,7 @@ class _ExpressionBuilder:
         if kinked_function is not None:
             if kinked_function is Remainder and not (parts[1].value or 0) > 0:
                 self._refuse(node, f"{call} with a period above 0 that does not depend on t")
-            return self._check_part(node, kinked_function(*(part.expr for part in parts)))
+            return self._checked_part(node, kinked_function(*(part.expr for part in parts)))
         if name == "exp":  # SymPy turns exp(c*log(b)) into b**c
             for term in sympy.Add.make_args(parts[0].expr):
                 factor, rest = term.as_coeff_Mul()
@@ -307,7 +311,7 @@ class _ExpressionBuilder:
         return self._apply(node, function, getattr(math, name), *parts)
 
     def _build_guard(self, node: ast.expr, depth: int) -> Expr:
-        """Return a guard, an expression that is at least 0 where a condition holds."""
+        """Build a guard, an expression that is at least 0 where a condition holds."""
         self._count_node(node, depth)
         match node:
             case ast.BoolOp():
@@ -335,10 +339,10 @@ class _ExpressionBuilder:
             value = None if None in values else operate_on_floats(*values)
         except (ArithmeticError, ValueError):
             self._refuse(node, _EXPECTED_NUMBER)
-        return self._check_part(node, operate_exactly(*exprs), value)
+        return self._checked_part(node, operate_exactly(*exprs), value)
 
-    def _check_part(self, node: ast.expr, expr: Expr, value: float | None = None) -> _ParsedPart:
-        """Return the part of an expression, after checking that it is finite and not too large."""
+    def _checked_part(self, node: ast.expr, expr: Expr, value: float | None = None) -> _ParsedPart:
+        """Return a part of an expression, after checking that it is finite and not too large."""
         if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
             self._refuse(node, _EXPECTED_NUMBER)
         for part in (expr, *expr.args):
@@ -353,7 +357,7 @@ class _ExpressionBuilder:
         return _ParsedPart(expr, value)
 
     def _check_power(self, node: ast.expr, base: Expr, exponent: Expr) -> None:
-        """Refuse powers that would take SymPy long."""
+        """Refuse powers with exponents that would take SymPy long."""
         largest = max(abs(term.as_coeff_Mul()[0]) for term in sympy.Add.make_args(exponent))
         if exponent.is_Rational and (abs(exponent) > MAX_EXPONENT or exponent.q > MAX_EXPONENT_DENOMINATOR):
             self._refuse(node, f"an exponent of at most {MAX_EXPONENT}, with at most 4 decimals")
@@ -361,7 +365,7 @@ class _ExpressionBuilder:
             self._refuse(node, f"exact numbers of at most {MAX_BITS} bits")
 
     def _count_node(self, node: ast.expr, depth: int = 0) -> None:
-        """Count a node; refuse too many, or too deep ones."""
+        """Count a node; refuse an expression with too many nodes, or too deep ones."""
         self.nodes += 1
         if self.nodes > MAX_NODES:
             self._refuse(node, f"at most {MAX_NODES} numbers, names and operations")
@@ -369,6 +373,7 @@ class _ExpressionBuilder:
             self._refuse(node, f"at most {MAX_DEPTH} levels of parentheses")
 
     def _source_of(self, node: ast.expr) -> str:
+        """Return the text of a node."""
         return self.text[node.col_offset : node.end_col_offset]
 
     def _hint(self) -> str:
@@ -405,6 +410,7 @@ class _ExpressionBuilder:
         raise error
 
     def _fail(self, expected: str, got: str, column: int | None = None) -> NoReturn:
+        """Raise an error about the text, with a caret at a column."""
         error = ArgumentError(self.name, expected, got)
         if column is not None:
             error.add_note(pointed(self.line, column))

@@ -12,7 +12,7 @@ import sympy
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.symbolic.exact_constants import exact
-from hingepair.symbolic.frame_program import POINT_SYMBOLS, FrameProgram
+from hingepair.symbolic.frame_program import SYMBOLIC_POINTS, FrameProgram
 from hingepair.symbolic.kinks import Expr, constant_value
 from hingepair.symbolic.layout import (
     align_environment,
@@ -85,9 +85,9 @@ class FrameForms:
             expected = "a robot with base='fixed': the motion of its frames relative to its base"
             raise ArgumentError("scene_or_pair", expected, f"base={robot.base!r}")
         symbols = symbolic if isinstance(symbolic, str) or not isinstance(symbolic, Iterable) else tuple(symbolic)
-        if symbols not in ((), (POINT_SYMBOLS,)):
+        if symbols not in ((), (SYMBOLIC_POINTS,)):
             raise ArgumentError(
-                "symbolic", f"({POINT_SYMBOLS!r},): points of a robot's joints, or nothing", quoted(symbolic)
+                "symbolic", f"({SYMBOLIC_POINTS!r},): points of a robot's joints, or nothing", quoted(symbolic)
             )
         end_links = robot.tree.tips
         if frame is None and len(end_links) != 1:
@@ -262,7 +262,7 @@ class FrameForms:
         )
 
     def _function_source(self, name: str) -> str:
-        """Return the source of the function of coordinate output."""
+        """Return the source of the Python function of one output."""
         rows = self._ordered_lines(self._labelled_components((name,)), short=True)
         waves = self._used_trig(rows)
         symbols = set().union(*(expr.free_symbols for expr in [*waves.values(), *(row.expr for row in rows)]))
@@ -316,7 +316,7 @@ class _LineNamer:
         self._name_count = 0
 
     def ordered(self) -> list[_Line]:
-        """Return the lines in order."""
+        """Return the lines, each after those that it needs."""
         for row in self._components:
             self._add_line(row)
         return self._lines

@@ -33,7 +33,7 @@ VectorExpr: TypeAlias = tuple[Expr, Expr, Expr]
 MatrixExpr: TypeAlias = tuple[Expr, ...]
 """Nine entries, row by row."""
 
-POINT_SYMBOLS: Final = "u"
+SYMBOLIC_POINTS: Final = "u"
 """Name of the constants of a robot that can stay symbols: the points of its joints and the frame's origin."""
 _PARALLEL_TOLERANCE: Final = 16 * 2.0**-53
 """Difference of the components of two unit axes that are parallel but for the rounding of products of rotations."""
@@ -146,7 +146,7 @@ class FrameProgram:
         self.numbers: dict[Expr, float] = {}
         self.largest_rounded = 0.0
         self._trig_symbols: dict[Expr, tuple[Expr, Expr]] = {}
-        self._points_are_symbols = POINT_SYMBOLS in symbolic
+        self._points_are_symbols = SYMBOLIC_POINTS in symbolic
         self._columns = {joint.name: column for column, joint in enumerate(coordinates)}
         chain = _joint_path(tree, frame.body)
         columns = sorted({self._column(tree, tree.joints[number - 1]) for number in chain})
@@ -193,7 +193,7 @@ class FrameProgram:
         return self._columns[leader.name]
 
     def _point_vector(self, name: str, point: Float64Array) -> VectorExpr:
-        """Return a point as exact numbers, or its components that are not 0 as symbols."""
+        """Return a point as exact numbers, or with symbols for its components that are not 0."""
         size = float(np.abs(point).max())
         parts = []
         for axis, value in zip("xyz", point.tolist(), strict=True):

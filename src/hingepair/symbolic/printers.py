@@ -24,25 +24,24 @@ _MAX_FRACTION_PART: Final = 10**6  # largest numerator or denominator of a fract
 _MAX_EXACT_INTEGER: Final = 2**53  # integers below are exact as floats
 _MAX_EXACT_LENGTH: Final = 18  # characters of an exact number; a longer one is printed as a decimal of 17 digits
 _MIN_TERM_SHARE: Final = 1e-60  # of the largest term of a sum of constants: a smaller sum counts as 0
-_MAX_DECIMAL_DENOMINATOR: Final = (
-    4  # largest denominator of a fraction among decimals, such as the lengths of a robot
-)
+# Largest denominator of a fraction among decimals, such as the lengths of a robot.
+_MAX_DECIMAL_DENOMINATOR: Final = 4
 _GREEK_LETTERS = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
 _LATEX_NAMES = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # of symbols
 _SUPERSCRIPT_DIGITS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of exponents in text
 
 Writer: TypeAlias = Callable[[Expr], str]
-"""Prints an expression."""
+"""Function that formats an expression as text."""
 
 
 def join_terms(terms: Iterable[Expr], write: Writer) -> str:
-    """Print a sum with its terms in their order; derivatives of functions of t are x', x''."""
+    """Format a sum with its terms in their order; derivatives of functions of t are x', x''."""
     text = " ".join(signed_terms(terms, write))
     return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
 
 
 def signed_terms(terms: Iterable[Expr], write: Writer) -> list[str]:
-    """Print the terms of a sum in their order, each after its sign: `+ x'`, `- 2 sin t`."""
+    """Format the terms of a sum in their order, each after its sign: `+ x'`, `- 2 sin t`."""
     symbolic_terms = with_symbols(terms, "'")
     return [f"- {write(-x)}" if x.as_coeff_Mul()[0].is_negative else f"+ {write(x)}" for x in symbolic_terms]
 
@@ -123,6 +122,7 @@ class NumPySource(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
         super().__init__({"allow_unknown_functions": False})
 
     def _print(self, expr: Expr, **settings: Any) -> str:
+        """Format an expression; a part without symbols as its nearest float."""
         if isinstance(expr, sympy.Expr) and not expr.free_symbols:
             if expr.is_Rational and max(abs(expr.p), expr.q) < _MAX_EXACT_INTEGER:
                 return f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p)
@@ -267,15 +267,15 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return f"{sign}{' '.join(above)}/{below[0] if len(below) == 1 else '(' + ' '.join(below) + ')'}"
 
     def _print_factor(self, expr: Expr) -> str:
-        """Print a factor of a product."""
+        """Format a factor of a product."""
         return str(self.parenthesize(expr, PRECEDENCE["Mul"]))
 
     def _operand(self, expr: Expr) -> str:
-        """Print a factor of a fraction; square roots need no parentheses."""
+        """Format a factor of a fraction; square roots need no parentheses."""
         return str(self._print(expr)) if expr.is_Pow and _is_root(expr) else self._parenthesise(expr)
 
     def _parenthesise(self, expr: Expr) -> str:
-        """Print an operand of a power or a fraction, in parentheses where it needs them."""
+        """Format an operand of a power or a fraction, in parentheses where it needs them."""
         outer, self.needs_parentheses = self.needs_parentheses, True
         text = self._print(expr)
         self.needs_parentheses = outer
