@@ -16,12 +16,12 @@ import hingepair as hp
 from hingepair.errors import ArgumentError, URDFError
 from hingepair.formats.robots import robot_urdf
 from hingepair.mechanism.building import (
+    add_frame,
+    add_payload,
     pair_of,
     tree_of_pairs,
     tree_of_pinocchio,
     tree_of_urdf,
-    with_frame,
-    with_payload,
 )
 from hingepair.mechanism.slider import Slider
 from hingepair.rotations.matrices import rodrigues
@@ -148,7 +148,7 @@ def test_what_follows_a_locked_joint_is_held():
 
 
 def test_a_leader_that_does_not_exist_is_told():
-    with pytest.warns(UserWarning, match="joint 'b' follows 'x', which the robot does not have: it moves by itself"):
+    with pytest.warns(UserWarning, match="joint 'b' follows 'x', which the robot does not have; it moves on its own"):
         tree = tree_of_urdf(mimic_arm(("b", "x", 2, 0)), "fixed", None, None)
     assert [joint.mimic for joint in tree.joints] == [None] * 4
 
@@ -211,7 +211,7 @@ def test_joints_of_other_kinds_are_refused_by_name(kind):
 
 def test_numbers_that_overflow_are_refused_by_name():
     text = ARM.replace('xyz="0 0 1"', 'xyz="0 0 1e308"').replace('xyz="1 2 3"', 'xyz="1 2 1.5e308"')
-    with pytest.raises(ArgumentError, match="joint 'slide': expected a position that can be computed"):
+    with pytest.raises(ArgumentError, match="joint 'slide': expected a position that does not overflow"):
         tree_of_urdf(text, "fixed", {"shoulder": 0.0, "elbow": 0.0}, None)
 
 
@@ -341,9 +341,9 @@ PAIRS_WRONG = {
     "a planar one": (
         ([hp.PlanarPair((1, 0), (0, 0))], None), r"pairs: expected HingePairs and Sliders \(a PlanarPair's is pair",
     ),
-    "one name twice": (([BOOM, BOOM], None), "expected a name of its own for each, by name=, got 'boom' twice"),
+    "one name twice": (([BOOM, BOOM], None), "expected a different name for each, by name=, got 'boom' twice"),
     "the base's name": (([replace(BOOM, name="base")], None), "pairs: expected names other than 'base'"),
-    "too few parents": (([BOOM, STICK], [0]), r"parents: expected 2 numbers, one of each pair, got \[0\]"),
+    "too few parents": (([BOOM, STICK], [0]), r"parents: expected 2 numbers, one for each pair, got \[0\]"),
     "a parent that is none": (([BOOM, STICK], [0, 3]), r"parents: expected numbers from 0 \(the base\) to 2, got 3"),
     "a parent that is no number": (([BOOM, STICK], [0, 1.0]), "parents: expected numbers from 0"),
     "a circle": (([BOOM, STICK], [2, 1]), "expected a tree that starts at the base, 0, got .* 'boom' is in a"),
@@ -410,26 +410,26 @@ def test_a_slider_is_a_value():
 def test_a_payload_adds_its_mass_where_it_is():
     tree = tree_of("panda")
     body = hp.Body(mass=3, center_of_mass=(0, 0, 0.1), inertia=(0.1, 0.2, 0.15))
-    laden = with_payload(tree, "fixed", "panda_hand", body)
+    laden = add_payload(tree, "fixed", "panda_hand", body)
     model = pin.buildModelFromUrdf(str(robot_urdf("panda")))
     frame = model.frames[model.getFrameId("panda_hand", pin.FrameType.BODY)]
     inertia = pin.Inertia(3, np.array((0, 0, 0.1)), np.diag((0.1, 0.2, 0.15)))
     model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
     check_against_model(laden, model, 0)
     assert tree.joints[6].body.mass < 2
-    (note, _) = with_payload(tree, "fixed", "panda_hand", hp.Body()).notes
+    (note, _) = add_payload(tree, "fixed", "panda_hand", hp.Body()).notes
     assert note.startswith("payload of panda_hand: no mass is given")
-    on_base = with_payload(tree, "free", "panda_link0", body)
+    on_base = add_payload(tree, "free", "panda_link0", body)
     assert on_base.base.mass == tree.base.mass + 3
     with pytest.raises(ArgumentError, match="body: expected a Body, got 3"):
-        with_payload(tree, "fixed", "panda_hand", 3)
+        add_payload(tree, "fixed", "panda_hand", 3)
 
 
 def test_a_frame_is_added_where_it_is_said():
     tree = tree_of("panda")
     turn = rodrigues((1, 2, 3), 0.4)
-    one = with_frame(tree, "tool", tree.frame("panda_hand"), (0, 0, 0.1), turn)
-    two = with_frame(one, "tip", one.frame("tool"), (0.5, 0, 0), None)
+    one = add_frame(tree, "tool", tree.frame("panda_hand"), (0, 0, 0.1), turn)
+    two = add_frame(one, "tip", one.frame("tool"), (0.5, 0, 0), None)
     hand, tool, tip = two.frame("panda_hand"), two.frame("tool"), two.frame("tip")
     assert (tool.body, tip.body) == (hand.body, hand.body) == (7, 7)
     assert np.abs(tool.R - (hand.R + hand.S @ (0, 0, 0.1))).max() <= 4 * U
@@ -439,7 +439,7 @@ def test_a_frame_is_added_where_it_is_said():
     assert tree.frame("tool") is None
     for name in ("tool", "panda_hand", "panda_joint1", "", 3):
         with pytest.raises(ArgumentError, match="name: expected a"):
-            with_frame(two, name, hand, (0, 0, 0), None)
+            add_frame(two, name, hand, (0, 0, 0), None)
 
 
 def test_a_link_stands_for_a_joint_of_its_name():

@@ -220,7 +220,7 @@ REFUSED = {
         lambda r, q: r.prepare("mass_matrix", backend="numpy")(q, out={"mass_matrix": q}),
         "out: expected a NumPy array to write into",
     ),
-    "out_name": (lambda r, q: r.forward_kinematics(q, out={"x": q}), "out: expected arrays for nothing but"),
+    "out_name": (lambda r, q: r.forward_kinematics(q, out={"x": q}), "out: expected arrays by names out of"),
     "out_over_input": (lambda r, q: r.inverse_dynamics(q, q, q, outputs=("tau",), out={"tau": q}), "memory of its"),
     "about": (lambda r, q: r.momentum(q, q, about="hand"), "about: expected one of origin, centre"),
     "backend": (lambda r, q: r.mass_matrix(q, backend="x"), "backend: expected one of"),

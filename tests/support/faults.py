@@ -1373,8 +1373,8 @@ FAULTS = {
     ),
     "a further body where the frame's body is": Fault(
         "mechanism/building.py",
-        "payload = inertia_of(body).placed(Pose(frame.S, frame.R))",
-        "payload = inertia_of(body)",
+        "payload = body_inertia(body).placed(Pose(frame.S, frame.R))",
+        "payload = body_inertia(body)",
         "mechanism/test_building.py::test_a_payload_adds_its_mass_where_it_is",
     ),
     "a further frame in the axes of the body": Fault(

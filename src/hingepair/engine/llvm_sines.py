@@ -11,7 +11,7 @@ SINE_OPERATIONS: Final = ("sin", "cos", "versine")  # in the order in which the 
 DOUBLE_VECTOR: Final = f"<{LANES} x double>"  # LLVM's type of a vector of doubles
 
 _MAX_ANGLE: Final = 1e6  # [rad] up to which the three parts of pi/2 reduce an angle without loss
-_ROUNDING_OFFSET: Final = 6755399441055744.0  # 1.5 * 2^52: adding it rounds to an integer, held in the low bits
+_INTEGER_ROUNDING_OFFSET: Final = 6755399441055744.0  # 1.5 * 2^52; adding it rounds to an integer in the low bits
 _HALF_PI_PARTS: Final = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33)  # their sum is pi/2
 # Minimax polynomials in r^2 on [0, (pi/4)^2], highest power first: (sin r / r - 1) / r^2 with a relative error of
 # 2e-17 and (cos r - 1 + r^2/2) / r^4 with one of 1.3e-18.
@@ -30,7 +30,7 @@ _SINE_CONSTANTS: Final = (
     *_SIN_COEFFS,
     *_COS_COEFFS,
     _TWO_OVER_PI,
-    _ROUNDING_OFFSET,
+    _INTEGER_ROUNDING_OFFSET,
     0.5,
     1.0,
     _MAX_ANGLE,
@@ -139,9 +139,9 @@ def _write_reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
     def pick(condition: str, a: str, b: str) -> str:
         return put(f"select <{LANES} x i1> {condition}, {DOUBLE_VECTOR} {a}, {DOUBLE_VECTOR} {b}")
 
-    shifted = fma(x, constant(_TWO_OVER_PI), constant(_ROUNDING_OFFSET))
+    shifted = fma(x, constant(_TWO_OVER_PI), constant(_INTEGER_ROUNDING_OFFSET))
     quadrant = put(f"bitcast {DOUBLE_VECTOR} {shifted} to {integers}")
-    back = put(f"fsub {DOUBLE_VECTOR} {constant(_ROUNDING_OFFSET)}, {shifted}")
+    back = put(f"fsub {DOUBLE_VECTOR} {constant(_INTEGER_ROUNDING_OFFSET)}, {shifted}")
     r = x
     for part in _HALF_PI_PARTS:
         r = fma(back, constant(part), r)

@@ -67,7 +67,7 @@ def read_arguments(
     """
     for name, value in coordinates.items():
         if value is None:
-            raise ArgumentError(name, "values of the joints, since they are needed here", None)
+            raise ArgumentError(name, "values of the joints, since the method needs them", None)
     base = _base_arrays(base_motion, needed)
     loads = {label: value for value, label in vectors_given.values() if is_foreign(value)}
     motion = {f"base_motion.{BASE_ATTRIBUTES[name]}": value for name, value in base.items()}
@@ -171,7 +171,7 @@ def _base_arrays(base_motion: BodyMotion | None, needed: Iterable[str]) -> dict[
             letter = BASE_ATTRIBUTES[name]
             arrays[name] = getattr(base_motion, letter)
             if arrays[name] is None:
-                wanted = f"a value, as in BodyMotion(..., {letter}=...): what is asked for needs it"
+                wanted = f"a value, as in BodyMotion(..., {letter}=...): an output needs it"
                 raise ArgumentError(f"base_motion.{letter}", wanted, None)
     return arrays
 
@@ -206,7 +206,7 @@ def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[An
     return {link: (value[0], value[1]) for link, value in wrenches.items()}
 
 
-def check_out(out: Any, outputs: Sequence[str]) -> None:
+def check_out_names(out: Any, outputs: Sequence[str]) -> None:
     """Check that all arrays to write into belong to outputs.
 
     Raises:
@@ -218,4 +218,4 @@ def check_out(out: Any, outputs: Sequence[str]) -> None:
         raise ArgumentError("out", "a dict of arrays by output name", quoted(out))
     for name in out:
         if name not in outputs:
-            raise ArgumentError("out", f"arrays for nothing but {', '.join(outputs)}", quoted(name))
+            raise ArgumentError("out", f"arrays by names out of {', '.join(outputs)}", quoted(name))

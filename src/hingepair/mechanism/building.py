@@ -15,7 +15,7 @@ from hingepair.mechanism.folding import fold_parts, mass_properties, unphysical_
 from hingepair.mechanism.pinocchio_model import parts_of_pinocchio
 from hingepair.mechanism.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.slider import Slider
-from hingepair.mechanism.sources import inertia_of, parts_of_pairs, parts_of_urdf
+from hingepair.mechanism.sources import body_inertia, parts_of_pairs, parts_of_urdf
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from hingepair.numeric.arrays import check_choice, number_not_below_0, one_constant, read_only
 from hingepair.pair.body import Body
@@ -95,7 +95,7 @@ def _body_or_none(masses: MassProperties) -> Body | None:
     return Body(masses.mass, masses.center_of_mass, masses.inertia)
 
 
-def with_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
+def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     """Return a tree with the mass and the shapes of a further body, fixed to a frame.
 
     Raises:
@@ -105,7 +105,7 @@ def with_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
     masses = tree.base if frame.body == 0 else tree.joints[frame.body - 1].body
-    payload = inertia_of(body).placed(Pose(frame.S, frame.R))
+    payload = body_inertia(body).placed(Pose(frame.S, frame.R))
     total = mass_properties({"body": Inertia(masses.mass, masses.center_of_mass, masses.inertia), "payload": payload})
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
@@ -120,7 +120,7 @@ def with_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     return replace(tree, joints=tuple(joints))
 
 
-def with_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
+def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
     """Return a tree with a further frame, whose pose is given in an existing frame.
 
     Raises:

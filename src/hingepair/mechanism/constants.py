@@ -89,7 +89,7 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
         _identifiers(joint.name for joint in tree.joints),
         tuple(joint.parent for joint in tree.joints),
         tuple(joint.kind == "slider" for joint in tree.joints),
-        _coordinate_columns(tree),
+        _columns_of_joints(tree),
         known,
     )
     by_column = np.zeros(form.dof)
@@ -149,7 +149,7 @@ def split_numbers(numbers: Iterable[float]) -> tuple[tuple[float | None, ...], t
     return known, tuple(number for number in all_of if number not in _FOLDABLE_NUMBERS)
 
 
-def _coordinate_columns(tree: Tree) -> tuple[int, ...]:
+def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
     """Return the column in q of every joint; that of its leader for a mimic joint."""
     places, column = {}, 0
     for number, joint in enumerate(tree.joints, 1):

@@ -16,7 +16,7 @@ from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError
-from hingepair.mechanism.arguments import BASE_AT_REST, BASE_ATTRIBUTES, ZERO_BASE_LOADS, InputValues, check_out
+from hingepair.mechanism.arguments import BASE_AT_REST, BASE_ATTRIBUTES, ZERO_BASE_LOADS, InputValues, check_out_names
 from hingepair.mechanism.constants import RobotConstants, frame_numbers, split_numbers
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, read_only
@@ -108,7 +108,7 @@ class RobotComputation:
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
         """
-        check_out(out, self.request.outputs)
+        check_out_names(out, self.request.outputs)
         call = self.call(tuple(values.parts), gravity, execution.backend, checked)
         if values.library is not None:
             return call.run_foreign(values.parts, values.shapes, values.library, out, execution.workers)

@@ -233,7 +233,7 @@ def _frames_by_name(
 def _frame_in_body(what: str, body: int, pose: Pose) -> Frame:
     """Return the frame of a pose in a body; refuse numbers that have overflowed."""
     if not all(np.isfinite(values).all() for values in pose):
-        raise ArgumentError(what, "a position that can be computed", "numbers that overflow")
+        raise ArgumentError(what, "a position that does not overflow", "numbers that overflow")
     return Frame(body, read_only(pose.origin + 0.0), read_only(pose.rotation + 0.0))
 
 
@@ -246,7 +246,7 @@ def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
     if not np.isfinite([mass, *centre, *tensor.ravel()]).all():
         links = ", ".join(map(repr, heavy))
         raise ArgumentError(
-            f"the mass properties of {links}", "numbers that can be added up", "numbers that overflow"
+            f"the mass properties of {links}", "numbers whose sum does not overflow", "numbers that overflow"
         )
     return MassProperties(mass, read_only(centre), read_only((tensor + tensor.T) / 2))
 

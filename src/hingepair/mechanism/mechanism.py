@@ -249,7 +249,7 @@ class Mechanism(MechanismMethods):
         >>> hp.Mechanism([hand]).with_payload("hand", hp.Body(3, inertia=(1, 1, 1)))["hand"].body2.mass
         5.0
         """
-        return _new_mechanism(type(self), building.with_payload(self.tree, self.base, link, body), self.base)
+        return _new_mechanism(type(self), building.add_payload(self.tree, self.base, link, body), self.base)
 
     def with_frame(
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
@@ -272,7 +272,7 @@ class Mechanism(MechanismMethods):
         [0.0, 0.0, 1.5]
         """
         frame = self.tree.known_frame("link", link)
-        return _new_mechanism(type(self), building.with_frame(self.tree, name, frame, R, S), self.base)
+        return _new_mechanism(type(self), building.add_frame(self.tree, name, frame, R, S), self.base)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _new_mechanism, (type(self), self.tree, self.base)

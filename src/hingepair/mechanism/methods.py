@@ -43,7 +43,7 @@ Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 _OUTPUTS_BY_LEVEL = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
 _LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")  # as `prepare` takes them
 _ONE_FRAME_OUTPUTS: Final = ("jacobian", "acceleration_bias")  # which are computed for a single frame
-_MOTION_OUTPUTS = tuple(name for level in _OUTPUTS_BY_LEVEL for name in level)  # of all levels
+_FRAME_MOTION_OUTPUTS = tuple(name for level in _OUTPUTS_BY_LEVEL for name in level)  # of all levels
 _FORCE_OUTPUTS = ("tau", "force1", "torque1")  # of inverse dynamics
 _RESULT_CLASSES: Final[Mapping[str, type[JointResults]]] = {
     **dict.fromkeys(_FORCE_OUTPUTS, MechanismForces),
@@ -141,7 +141,7 @@ class MechanismMethods(Shown):
         ((5, 2, 3), (5, 3, 3))
         """
         if qdd is not None and qd is None:
-            raise ArgumentError("qd", "the first derivatives beside the second", None)
+            raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
         names = self._requested_outputs(outputs, len(coordinates) - 1, out)
         computation = self._computation(names, self._named_frames("frames", frames))
@@ -260,7 +260,7 @@ class MechanismMethods(Shown):
             loads = {name: value for name, (value, _) in acting.items()}
             arguments = {**coordinates, **loads, "base_motion": base_motion, **options}
             return over_chunks(self.error_bounds, arguments, tails, self._table_columns)
-        known = (*_MOTION_OUTPUTS, *_BOUNDED_OUTPUTS, *(("a1", "alpha1") if self.base == "free" else ()))
+        known = (*_FRAME_MOTION_OUTPUTS, *_BOUNDED_OUTPUTS, *(("a1", "alpha1") if self.base == "free" else ()))
         level = sum(name in coordinates for name in ("qd", "qdd"))
         names = self._requested_outputs(outputs, level, None, known)
         computation = self._computation(names, self._named_frames("frames", frames))
@@ -606,7 +606,7 @@ class MechanismMethods(Shown):
         """
         names = checked_given(given)
         wanted = self._prepared_outputs(given, names, outputs)
-        framed = any(name in (*_MOTION_OUTPUTS, *_ONE_FRAME_OUTPUTS) for name in wanted)
+        framed = any(name in (*_FRAME_MOTION_OUTPUTS, *_ONE_FRAME_OUTPUTS) for name in wanted)
         chosen = self._named_frames("frames", frames) if framed else {}
         if len(chosen) != 1 and any(name in _ONE_FRAME_OUTPUTS for name in wanted):
             raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
@@ -655,7 +655,7 @@ class MechanismMethods(Shown):
         """
         named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
         names = tuple(outputs)
-        moving = names and names[0] in _MOTION_OUTPUTS
+        moving = names and names[0] in _FRAME_MOTION_OUTPUTS
         computation = self._computation(names, self._named_frames("frames", frames) if moving else None)
         self._check_needed_inputs(computation, named, names)
         values = read_arguments(self._constants.names, named, base_motion, computation.inputs, {})
@@ -681,7 +681,7 @@ class MechanismMethods(Shown):
             return _checked_outputs(
                 outputs,
                 None,
-                (*_MOTION_OUTPUTS, *known, *(() if isinstance(given, str) else SINGLE_ARRAY_OUTPUTS)),
+                (*_FRAME_MOTION_OUTPUTS, *known, *(() if isinstance(given, str) else SINGLE_ARRAY_OUTPUTS)),
                 default,
             )
         return _checked_outputs(outputs, None, known)
@@ -727,7 +727,7 @@ class MechanismMethods(Shown):
         return frame
 
     def _requested_outputs(
-        self, outputs: Iterable[str] | None, level: int, out: Out, known: tuple[str, ...] = _MOTION_OUTPUTS
+        self, outputs: Iterable[str] | None, level: int, out: Out, known: tuple[str, ...] = _FRAME_MOTION_OUTPUTS
     ) -> tuple[str, ...]:
         """Check the argument `outputs`, and return the names; by default all outputs up to a level."""
         default = tuple(name for names in _OUTPUTS_BY_LEVEL[: level + 1] for name in names)
@@ -744,7 +744,7 @@ class MechanismMethods(Shown):
             kind: type[Results] | None = Results
             if outputs[0] in _RESULT_CLASSES:
                 kind = joint_results_class(_RESULT_CLASSES[outputs[0]], self._constants.names)  # type: ignore[arg-type]
-            elif outputs[0] in _MOTION_OUTPUTS:
+            elif outputs[0] in _FRAME_MOTION_OUTPUTS:
                 kind = mechanism_state_class(names, self.tree.frame_names)
             elif len(outputs) == 1 and outputs[0] in _UNWRAPPED_OUTPUTS:
                 kind = None

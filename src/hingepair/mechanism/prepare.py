@@ -15,7 +15,7 @@ from hingepair.mechanism.arguments import (
     BASE_ATTRIBUTES,
     ZERO_BASE_LOADS,
     InputValues,
-    check_out,
+    check_out_names,
     common_library,
     read_coordinates,
 )
@@ -124,13 +124,13 @@ class PreparedMechanism:
         """Return the results for any arguments that can be used, and refuse all others."""
         if len(given) != len(self.given):
             raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
-        check_out(out, self.outputs)
+        check_out_names(out, self.outputs)
         named = dict(zip(self.given, given, strict=True))
         library = common_library(named)
         parts, shapes, tails = {}, {}, self._call.argument_shapes
         for name, value in named.items():
             if value is None:
-                raise ArgumentError(name, "a value, since this was prepared for it", None)
+                raise ArgumentError(name, "a value, since the call was prepared for it", None)
             if name in _COORDINATE_ARGUMENTS:
                 parts[name], shapes[name] = read_coordinates(name, value, self._joints, library)
                 continue

@@ -58,7 +58,7 @@ def parts_of_urdf(robot: records.Robot) -> list[JointPart]:
         mimic = joint.mimic
         if mimic is not None and mimic.leader not in names:
             message = (
-                f"joint {joint.name!r} follows {mimic.leader!r}, which the robot does not have: it moves by itself"
+                f"joint {joint.name!r} follows {mimic.leader!r}, which the robot does not have; it moves on its own"
             )
             warnings.warn(message, UserWarning, stacklevel=4)
             mimic = None
@@ -90,7 +90,7 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
     checked = _checked_pairs(pairs)
     parent_numbers = _checked_parents(checked, parents)
     names = [pair.name for pair in checked]
-    order = _depth_first(names, parent_numbers)
+    order = _depth_first_order(names, parent_numbers)
     if order != list(range(len(checked))):
         numbers = {old: new for new, old in enumerate(order, 1)}
         sorted_parents = [numbers.get(parent_numbers[old] - 1, 0) for old in order]
@@ -140,7 +140,7 @@ def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slid
         if isinstance(pair, HingePair):
             check_one(pair)
         if pair.name in names:
-            raise ArgumentError("pairs", "a name of its own for each, by name=", f"{pair.name!r} twice")
+            raise ArgumentError("pairs", "a different name for each, by name=", f"{pair.name!r} twice")
         if pair.name == BASE_LINK_NAME:
             raise ArgumentError(
                 "pairs", f"names other than {BASE_LINK_NAME!r}, which is that of the base", quoted(pair.name)
@@ -156,14 +156,14 @@ def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int]
         return list(range(count))
     parent_numbers = list(parents) if isinstance(parents, Iterable) else None
     if parent_numbers is None or len(parent_numbers) != count:
-        raise ArgumentError("parents", f"{count} numbers, one of each pair", quoted(parents))
+        raise ArgumentError("parents", f"{count} numbers, one for each pair", quoted(parents))
     for parent in parent_numbers:
         if isinstance(parent, bool) or not isinstance(parent, int | np.integer) or not 0 <= parent <= count:
             raise ArgumentError("parents", f"numbers from 0 (the base) to {count}", quoted(parent))
     return [int(parent) for parent in parent_numbers]
 
 
-def _depth_first(names: Sequence[str], parent_numbers: Sequence[int]) -> list[int]:
+def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> list[int]:
     """Return the indices of the pairs in depth-first order, siblings by name.
 
     Raises:
@@ -222,11 +222,11 @@ def _body_content(name: str, body: Body | None, seat: Pose, leaf: bool) -> dict[
         if name != BASE_LINK_NAME:
             content["notes"] = (f"{name}: no mass is given, none is taken; body2=hp.Body(mass=...) gives it",)
         return content
-    content["inertias"] = {name: inertia_of(body).placed(seat)}
+    content["inertias"] = {name: body_inertia(body).placed(seat)}
     content["shapes"] = tuple(placed_shapes(body.shapes, seat))
     return content | {"notes": tuple(f"{name}: {sentence}" for sentence in body.assumed)}
 
 
-def inertia_of(body: Body) -> Inertia:
+def body_inertia(body: Body) -> Inertia:
     """Return the mass properties of a body in its own axes, from its reference point."""
     return Inertia(body.mass, np.asarray(body.center_of_mass), np.asarray(body.inertia))

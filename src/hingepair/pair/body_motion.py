@@ -209,7 +209,7 @@ def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[A
     for letter, array in zip(letters, arrays.values(), strict=True):
         if array is None:
             raise ArgumentError(
-                f"{name}.{letter}", f"a value, as in BodyMotion(..., {letter}=...): what is asked for needs it", None
+                f"{name}.{letter}", f"a value, as in BodyMotion(..., {letter}=...): an output needs it", None
             )
     if holds_dask(arrays):
         raise ArgumentError(name, "arrays in memory, such as what .compute() returns", "Dask arrays")

@@ -220,7 +220,7 @@ def compute(
     values: dict[str, Any] = motion_arrays("body1", body1, *what.letters)
     for name, value in loads.items():
         if value is None:
-            raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: what is asked for needs it", None)
+            raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: an output needs it", None)
     values["gravity"] = tuple(fall.tolist())
     for name, value in loads.items():  # a force that is none is a constant of the program
         values[name] = component(name, value) if name not in _FORCES else _ZERO if value is _NONE else value

@@ -51,7 +51,7 @@ class Coordinates(NamedTuple):
 def read_coordinates(kind: Kind, q: Any, qd: Any, qdd: Any, foreign: bool = False) -> Coordinates:
     """Return the coordinates as plans take them; arrays of other libraries as they are where `foreign`."""
     if qdd is not None and qd is None:
-        raise ArgumentError("qd", "the first derivatives beside the second", None)
+        raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
     if q is None:
         raise ArgumentError("q", "coordinates", None)
     given = {"q": q} if qd is None else {"q": q, "qd": qd} if qdd is None else {"q": q, "qd": qd, "qdd": qdd}
@@ -217,7 +217,7 @@ def plan_from_body1(
     if not isinstance(body1, BodyMotion):
         raise ArgumentError("body1", "a BodyMotion", quoted(body1))
     if psidd is not None and psid is None:
-        raise ArgumentError("psid", "the first derivative beside the second", None)
+        raise ArgumentError("psid", "the first derivative too, since the second is given", None)
     if psi is None:
         raise ArgumentError("psi", "hinge angles", None)
     angles = {name: v for name, v in {"psi": psi, "psid": psid, "psidd": psidd}.items() if v is not None}

@@ -126,7 +126,7 @@ class Prepared:
 
 def _array(name: str, value: Any, tail: tuple[int, ...]) -> NDArray[Any]:
     if value is None:
-        raise ArgumentError(name, "a value, since this was prepared for it", None)
+        raise ArgumentError(name, "a value, since the call was prepared for it", None)
     return vectors(name, value, *tail) if tail else real_array(name, value)
 
 

@@ -58,9 +58,10 @@ def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Itera
         for part in scene.blocks(outputs):
             collector.add_piece(part.t, scene.samples, part.chosen())
         figure_type = figure_class()
-        return finish_figure(
-            draw_side_by_side(figure_type, collector.curves(), lambda name: _title_and_unit(scene, name)), scene.title
+        figure = draw_side_by_side(
+            figure_type, collector.curves(), lambda name: _mechanism_title_and_unit(scene, name)
         )
+        return finish_figure(figure, scene.title)
     quantities = _PLOTTED_QUANTITIES[: scene.joint_motion.level + 1]
     frames = [f"R_{frame}" for frame in scene.frames]
     for part in scene.blocks((*quantities, *frames)):
@@ -81,7 +82,7 @@ def _by_joint(part: MechanismSceneResult, name: str) -> dict[str, Array]:
     return {joint: array[:, i] for i, joint in enumerate(part.scene.mechanism.names) if joint in moving}
 
 
-def _title_and_unit(scene: MechanismScene, name: str) -> tuple[str, str]:
+def _mechanism_title_and_unit(scene: MechanismScene, name: str) -> tuple[str, str]:
     """Return the title and the unit of an output."""
     if name.startswith("S_") and scene.unit(name) == "1":
         return f"{name}, Euler angles XYZ", "rad"

@@ -30,7 +30,7 @@ RecordedMotion: TypeAlias = tuple[Array, HingePair, BodyMotion, Array, dict[str,
 """A motion in memory: instants [s], pair, motion of body 1, psi [rad], and further arrays by name."""
 
 
-class MotionSamples(NamedTuple):
+class ShownMotion(NamedTuple):
     """Samples of a pair's motion, or of a part of it.
 
     Attributes:
@@ -59,7 +59,7 @@ class MotionSamples(NamedTuple):
         return point
 
 
-def spread_samples(source: object) -> MotionSamples:
+def spread_samples(source: object) -> ShownMotion:
     """Return at most MAX_SPREAD_SAMPLES evenly spread samples of a motion, with the available rates of body 2.
 
     Raises:
@@ -77,7 +77,7 @@ def spread_rows(count: int) -> Rows:
     return np.unique(np.linspace(0, count - 1, min(count, MAX_SPREAD_SAMPLES)).astype(np.intp))
 
 
-def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Iterator[MotionSamples]:
+def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Iterator[ShownMotion]:
     """Yield all samples of a motion, piece by piece.
 
     Args:
@@ -104,14 +104,14 @@ def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, 
     return (*RATE_OUTPUTS[: 2 * scene.motion.level], "psi") if outputs is None else outputs
 
 
-def _scene_samples(scene: Scene, part: SceneResult, outputs: tuple[str, ...] | None) -> MotionSamples:
+def _scene_samples(scene: Scene, part: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
     """Return the samples of a part of a scene's result."""
     arrays, bodies = part.chosen(), part.known.bodies(scene.pair)
     outputs_by_name = arrays if outputs is not None else _rate_vectors(arrays)
-    return MotionSamples(scene.space, scene.title, scene.samples, part.t, bodies, part.known.psi, outputs_by_name)
+    return ShownMotion(scene.space, scene.title, scene.samples, part.t, bodies, part.known.psi, outputs_by_name)
 
 
-def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ...] | None) -> MotionSamples:
+def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ...] | None) -> ShownMotion:
     """Return the samples at some instants of a motion that is held in memory."""
     t, pair, body1, psi, recorded = motion
     body1, psi = motion_of_rotations(R=body1.R[rows], S=body1.S[rows]), psi[rows]
@@ -121,7 +121,7 @@ def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ..
         if name not in arrays:
             raise ArgumentError("outputs", choices(tuple(arrays)), quoted(name))
     outputs_by_name = _rate_vectors(arrays) if outputs is None else {name: arrays[name] for name in outputs}
-    return MotionSamples(pair, pair.name, len(t), t[rows], bodies, psi, outputs_by_name)
+    return ShownMotion(pair, pair.name, len(t), t[rows], bodies, psi, outputs_by_name)
 
 
 def _recorded_motion(source: object) -> RecordedMotion:

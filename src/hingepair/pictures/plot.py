@@ -21,7 +21,7 @@ from hingepair.pictures.curves import (
     finish_figure,
 )
 from hingepair.pictures.mechanism_plot import plot_mechanism
-from hingepair.pictures.motion_samples import Array, MotionSamples, MotionSource, sample_pieces
+from hingepair.pictures.motion_samples import Array, MotionSource, ShownMotion, sample_pieces
 from hingepair.pictures.smoothed_plot import plot_smoothed
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 
@@ -104,7 +104,7 @@ def _curves(source: MotionSource, outputs: Iterable[str] | None) -> tuple[str, d
     return title, collector.curves()
 
 
-def _plotted_quantities(samples: MotionSamples) -> dict[str, Array]:
+def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
     """Return the quantities of a whole figure by name: R2, S2, rates, psi, the paths, and the residual of E1."""
     pair, (R1, R2, S2) = samples.pair, (samples.bodies[name] for name in ("R1", "R2", "S2"))
     scale = np.abs(R1).max(axis=1) + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
