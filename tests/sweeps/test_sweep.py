@@ -279,6 +279,49 @@ def test_a_worker_that_is_killed_changes_nothing():
     assert Path("cluster.parquet").read_bytes() == undisturbed
 
 
+@pytest.mark.slow(20)
+def test_a_cluster_without_workers_is_waited_for_and_one_that_ends_is_named():
+    from distributed import LocalCluster
+
+    how = {"processes": False, "threads_per_worker": 1, "dashboard_address": None}
+    chunks, told = GRID.replace("chunk = 4", "chunk = 1"), []
+    with LocalCluster(n_workers=0, **how) as cluster:
+
+        def come(message, *_, **__):
+            if "the scheduler has no worker yet, and the sweep waits for one" in str(message):
+                told.append(message)
+                cluster.scale(1)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sweeps.warnings, "warn", come)
+            found = table(swept("grid", "late.parquet", chunks, scheduler=cluster.scheduler_address))
+    assert len(told) == 1
+    assert len(found["variant"]) == 9
+    cluster = LocalCluster(n_workers=1, **how)
+    with pytest.raises(hp.ArgumentError, match="scheduler that runs until the sweep is done"):
+        swept(
+            "grid", "ended.parquet", scheduler=cluster.scheduler_address,
+            progress=lambda finished, _: cluster.close() if finished == 2 else None,
+        )  # fmt: skip
+    assert not Path("ended.parquet").exists()
+    assert len(table(swept("grid", "ended.parquet"))["variant"]) == 9
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK", None], ids=["empty", "begun", "cut"])
+def test_a_damaged_chunk_is_named_and_computed_again_when_it_is_removed(damage):
+    undisturbed = Path(swept("grid", "whole.parquet")).read_bytes()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stores.Store, "finish", lambda *_: None)
+        swept("grid", "damaged.parquet")
+    part = Path("damaged.parquet.parts/part-0000001.npz")
+    part.write_bytes(part.read_bytes()[:-100] if damage is None else damage)
+    with pytest.raises(hp.ArgumentError, match=r"remove this file.*part-0000001.npz', which is damaged"):
+        swept("grid", "damaged.parquet")
+    assert not Path("damaged.parquet").exists()
+    part.unlink()
+    assert Path(swept("grid", "damaged.parquet")).read_bytes() == undisturbed
+
+
 MODELS = Path(__file__).parents[2] / "models" / "sweeps"
 
 
@@ -361,6 +404,7 @@ def test_stores_and_schedulers_that_cannot_be_used_are_refused(monkeypatch, caps
     assert "--out: expected a place that can be written" in refused("--out", "nowhere/x.parquet")
     monkeypatch.setattr(sweeps, "_CONNECT_SECONDS", 0.2)
     assert "--scheduler: expected the address of" in refused("--scheduler", "tcp://127.0.0.1:1", "--out", "y.parquet")
+    assert not Path("y.parquet.parts").exists()
     Path("z.parquet.parts").mkdir()
     Path("z.parquet.parts/sweep.json").write_text("{}")
     assert "whose chunks are of another one" in refused("--out", "z.parquet")
@@ -391,4 +435,5 @@ def test_a_full_disk_leaves_nothing_that_could_be_taken_for_whole(monkeypatch, c
     assert "No space left on device" in shown
     assert not Path("grid.parquet").exists()
     assert len([*Path("grid.parquet.parts").glob("part-*")]) == 3
+    assert "3 of 3 chunks are kept in grid.parquet.parts: the sweep goes on from there" in shown
     assert len(table(swept("grid", "grid.parquet"))["variant"]) == 9

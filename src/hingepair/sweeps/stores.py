@@ -6,10 +6,12 @@ import contextlib
 import json
 import os
 import shutil
+import zlib
 from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,9 +76,18 @@ class Store:
             shutil.rmtree(self.parts)
 
     def read(self, chunk: int) -> dict[str, NDArray[Any]]:
-        """Return the results of a finished chunk."""
-        with np.load(self._part(chunk)) as archive:
-            return {name: archive[name] for name in archive.files}
+        """Return the results of a finished chunk.
+
+        Raises:
+            ArgumentError: `out`: the file of the chunk is damaged.
+        """
+        path = self._part(chunk)
+        try:
+            with np.load(path) as archive:
+                return {name: archive[name] for name in archive.files}
+        except (EOFError, ValueError, KeyError, AttributeError, BadZipFile, zlib.error):
+            expected = "finished chunks that can be read (remove this file, and the same command computes it again)"
+            raise ArgumentError("out", expected, f"{str(path)!r}, which is damaged") from None
 
     def _part(self, chunk: int) -> Path:
         return self.parts / f"part-{chunk:07d}.npz"

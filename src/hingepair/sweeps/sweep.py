@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import itertools
 import json
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +31,7 @@ _KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "see
 _SCENE_TABLES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
 _MAX_CHUNKS: Final = 1000  # of a sweep whose file does not say how many variants a chunk has
 _CHUNK_STATES: Final = 200_000  # states of a chunk, likewise
+_OUTSIDE_ERRORS: Final = ("path", "out", "scheduler")  # arguments in errors that need no other sweep file
 _CONNECT_SECONDS: Final = 10.0  # until a scheduler that does not answer is given up
 
 Progress = Callable[[int, int], None]
@@ -209,7 +212,15 @@ def run_sweep(
         MissingDependencyError: the extra dask is not installed.
     """
     check_packages(out)
-    store = Store(out, sweep.identity)
+    with contextlib.ExitStack() as connected:
+        # A scheduler that does not answer leaves nothing behind.
+        client = None if scheduler is None else connected.enter_context(_client(scheduler))
+        _run(sweep, Store(out, sweep.identity), client, workers, progress)
+    return out
+
+
+def _run(sweep: Sweep, store: Store, client: Any, workers: int, progress: Progress | None) -> None:
+    """Compute the chunks that are missing, on a cluster's workers or on threads, and finish the store."""
     missing = store.missing(sweep.chunks)
     finished = itertools.count(sweep.chunks - len(missing) + 1)
 
@@ -220,13 +231,17 @@ def run_sweep(
         if progress is not None:
             progress(done, sweep.chunks)
 
-    if missing and scheduler is None:
-        _on_threads(sweep, missing, add, execution_of("auto", workers).workers)
-    elif missing:
-        with _client(str(scheduler)) as client:
+    try:
+        if missing and client is None:
+            _on_threads(sweep, missing, add, execution_of("auto", workers).workers)
+        elif missing:
             _on_cluster(client, sweep, missing, add)
-    store.finish(sweep.chunks, sweep.chunk)
-    return out
+        store.finish(sweep.chunks, sweep.chunk)
+    except ArgumentError as error:
+        kept = sweep.chunks - len(store.missing(sweep.chunks))
+        if kept and error.name in _OUTSIDE_ERRORS:
+            error.add_note(f"{kept} of {sweep.chunks} chunks are kept in {store.parts}: the sweep goes on from there")
+        raise
 
 
 Add = Callable[[int, Mapping[str, NDArray[Any]]], None]
@@ -273,6 +288,10 @@ def _on_cluster(client: Any, sweep: Sweep, missing: Sequence[int], add: Add) -> 
     """Compute chunks on the workers of a cluster; a chunk whose worker dies is computed by another."""
     from distributed import as_completed
 
+    if not client.scheduler_info()["workers"]:
+        address = client.scheduler.address
+        sentence = f"the scheduler has no worker yet, and the sweep waits for one: dask worker {address} starts one"
+        warnings.warn(sentence, stacklevel=2)
     parts = {number: sweep.numbers[number * sweep.chunk : (number + 1) * sweep.chunk] for number in missing}
     futures = {
         client.submit(
@@ -284,6 +303,9 @@ def _on_cluster(client: Any, sweep: Sweep, missing: Sequence[int], add: Add) -> 
         for future in as_completed(list(futures)):
             number = futures.pop(future)
             if future.status != "finished":
+                if future.status == "cancelled":
+                    expected = "a dask.distributed scheduler that runs until the sweep is done"
+                    raise ArgumentError("scheduler", expected, f"none any more at chunk {number}")
                 raise _named(future.exception(), f"chunk {number}") from None
             add(number, future.result())
             future.release()
