@@ -67,6 +67,22 @@ def test_a_rough_encoder_has_its_noise_and_an_unbiased_scale() -> None:
     assert abs(np.mean(scores)) < 4 / np.sqrt(12)
 
 
+@pytest.mark.slow
+def test_the_zero_is_as_uncertain_as_the_home_that_it_is_counted_from() -> None:
+    """Axes 132 degrees apart in the two bodies: errors of either turn `home` about the other by twice as much."""
+    across = np.cross(N1, (1.0, 0.0, 0.0)) / np.linalg.norm(np.cross(N1, (1.0, 0.0, 0.0)))
+    over = turns(2.3 * across)  # takes the axis of body 2 to that of body 1 the short way
+    psi = recording(300).psi
+    scores = []
+    for seed in range(60):
+        made = recording(300, 1e-3, 1e-2, seed, Q=turns(psi[:, None] * N1) @ over)
+        noise = 1e-3 * np.random.default_rng(1000 + seed).standard_normal(300)
+        found = hp.fit(*bodies(made), encoder=np.sign(SIGN) * psi + noise - 0.4)
+        assert np.abs(found.pair.home - over).max() < 0.02
+        scores.append((found.encoder.zero - 0.4) / found.encoder.std["zero"])
+    assert 0.75 < np.sqrt(np.mean(np.square(scores))) < 1.3
+
+
 def test_readings_that_cannot_be_used_are_named() -> None:
     made = recording(400, 1e-3, 1e-2)
     with pytest.raises(hp.ArgumentError, match="encoder: expected at least two readings that differ"):
@@ -132,12 +148,22 @@ def test_noise_that_cannot_be_used_is_named(change: dict[str, object], words: st
         hp.fit(*bodies(recording(50)), **change)
 
 
+def seen_by_an_encoder(kind: str, seed: int) -> hp.HingeFit:
+    """A fit of a recording whose encoder is as the kind says."""
+    outliers, loss = (0.2, "cauchy") if kind == "outliers" else (0.0, "linear")
+    made = recording(300, 1e-3, 1e-2, seed, outliers=outliers)
+    reading = read(made, SIGN, 0.4, 1.0, 3e-2 if kind == "rough" else 1e-3, seed)
+    if kind == "gaps":
+        reading[np.random.default_rng(seed).random(300) < 0.5] = np.nan
+    return hp.fit(*bodies(made), loss=loss, encoder=reading, t=made.t if kind == "clock" else None)
+
+
 @pytest.mark.proof
-def test_errors_with_an_encoder_are_within_the_intervals_in_hundreds_of_runs() -> None:
+@pytest.mark.parametrize("kind", ["good", "rough", "gaps", "outliers", "clock"])
+def test_errors_with_an_encoder_are_within_the_intervals_in_hundreds_of_runs(kind: str) -> None:
     inside = np.zeros(11)
     for seed in range(300):
-        made = recording(300, 1e-3, 1e-2, seed)
-        found = hp.fit(*bodies(made), encoder=read(made, SIGN, 0.4, 1.0, 1e-3, seed))
+        found = seen_by_an_encoder(kind, seed)
         u1, u2, n, _ = truth(SIGN)
         off = [found.encoder.zero - 0.4, found.encoder.scale - 1, *(found.pair.u1 - u1), *(found.pair.u2 - u2)]
         std = [*found.encoder.std.values(), *found.std["u1"], *found.std["u2"], *found.std["n"]]

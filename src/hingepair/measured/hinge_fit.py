@@ -14,9 +14,10 @@ from hingepair.errors import ArgumentError, FitError, MissingDependencyError
 from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
 from hingepair.measured.clock import ClockedPoses, hinge_misfit
 from hingepair.measured.findings import Poses, causes, check_turning, findings, outlying
-from hingepair.measured.hinge import GAUGES, derivatives, home_of, offset
+from hingepair.measured.hinge import GAUGES, Hinge, derivatives, home_of, offset
 from hingepair.measured.likelihood import (
     LOSSES,
+    MAX_FRAMED,
     PARAMETERS,
     Estimate,
     Judged,
@@ -29,6 +30,7 @@ from hingepair.measured.likelihood import (
     most_likely,
     noise_deviations,
     shows_offset,
+    turned_frames,
     without_bias,
 )
 from hingepair.measured.relative_poses import RelativePoses, closed_form, closed_form_of_most
@@ -51,6 +53,7 @@ _MAX_RESIDUAL = 5.0  # of a sample, in rms of all samples, that `HingeFit.residu
 _MIN_GOOD_WEIGHT = 0.1  # part of a sample's weight that the loss leaves to one that is no outlier
 _MAX_STARTED = 65536  # samples that a start in closed form, and what is known of the clock offset, are taken from
 _MIN_CERTAIN_OFFSET = 4.0  # in standard deviations, of the clock offset that a finding mentions
+_DIFFERENCE = 1e-5  # [rad] of turns by which the encoder's zero is differentiated
 _FEW_SAMPLES = 10  # below, standard deviations are no more than a hint
 
 
@@ -358,7 +361,7 @@ def fit(
         noise_position=float(np.sqrt(noise.place)),
         noise_angle=float(np.sqrt(noise.attitude)),
         clock_offset=None if samples.t is None else estimate.offset,
-        encoder=None if line is None else _encoder_line(line, zero, seen, noise),
+        encoder=None if line is None else _encoder_line(line, poses, hinge, seen, noise),
         ok=ok,
         findings=tuple(texts),
         gauge=gauge,
@@ -512,18 +515,37 @@ def _offset_deviation(poses: RelativePoses, seen: Judged, clock_offset: float | 
     return np.float64(np.sqrt(seen.covariance[PARAMETERS, PARAMETERS]))
 
 
-def _encoder_line(line: Line, zero: float, seen: Judged, noise: Noise) -> EncoderFit:
+def _encoder_line(line: Line, poses: RelativePoses, hinge: Hinge, seen: Judged, noise: Noise) -> EncoderFit:
     """Return what psi is by the reading of an encoder, with standard deviations."""
-    covariance = seen.covariance[-2:, -2:]
-    back = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    off = line.zero - zero
+    off = line.zero - offset(hinge, home_of(hinge))
     off -= 2 * np.pi * np.rint(off / (2 * np.pi))
+    by_hinge = _zero_by_hinge(poses, hinge)
+    chosen = np.r_[: by_hinge.size, -2]  # turns of both axes, and the zero
+    change = np.append(by_hinge, 1.0)
+    variance = change @ seen.covariance[np.ix_(chosen, chosen)] @ change
     return EncoderFit(
         zero=float(off),
         scale=line.slope,
         noise=float(np.sqrt(noise.encoder)),
-        std={"zero": back[0], "scale": back[1]},
+        std={
+            "zero": np.float64(np.sqrt(max(variance, 0.0))),
+            "scale": np.sqrt(max(seen.covariance[-1, -1], np.float64(0.0))),
+        },
     )
+
+
+def _zero_by_hinge(poses: RelativePoses, hinge: Hinge) -> Float64Array:
+    """Return by how much the encoder's zero changes with turns of n (2) and m (2), since `home` turns with them."""
+    some = poses.thinned(MAX_FRAMED)
+    changes = []
+    for step in _DIFFERENCE * np.eye(PARAMETERS)[:4]:
+        ends = []
+        for moved in (hinge.moved(step), hinge.moved(-step)):
+            turn = offset(moved, home_of(moved)) - offset(hinge, home_of(hinge))
+            turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
+            ends.append(turned_frames(some, hinge, moved) - turn)
+        changes.append((ends[0] - ends[1]) / (2 * _DIFFERENCE))
+    return np.array(changes)
 
 
 def _finite(value: Any) -> Any:

@@ -46,7 +46,7 @@ _MAX_STEPS, _MAX_TURN = 40, 0.3  # steps of a fit; turn of an axis in one of the
 _MAX_LAST_STEP, _MAX_NEXT_STEP = 0.02, 0.1  # at rest: standard deviations of a step, and of the next one
 _ROUNDING_STEP = 2.0**-50  # a step, of turns or in parts of the bodies' largest coordinate, that rounding makes
 _BIAS_SAMPLES, _MIN_BIAS = 300, 0.1  # samples that the bias is taken at; standard deviations from which it counts
-_MAX_FRAMED = 100  # samples that tell how the axes of `frame` turned
+MAX_FRAMED = 100  # samples that tell how the axes of `frame` turned
 _MAX_ENCODER_OUTLIER = 5.0  # of the median distance from the encoder's line, of samples that tell its zero
 MIN_OFFSET_SIGNAL = 10.0  # of what noise adds to the normal matrix, from which the clock offset is shown
 MAX_OFFSET_STD = 0.1  # [s]: an offset that is known less well is not shown
@@ -235,7 +235,7 @@ def most_likely(
                 step *= _MAX_TURN / turn
             before, hinge = hinge, hinge.moved(step[:PARAMETERS]).balanced()
             if line is not None:
-                zero = line.zero + float(step[-2]) + _turned_frames(some.thinned(_MAX_FRAMED), before, hinge)
+                zero = line.zero + float(step[-2]) + turned_frames(some.thinned(MAX_FRAMED), before, hinge)
                 line = Line(zero, line.slope + float(step[-1]))
             if some.rates is not None:
                 offset += float(step[PARAMETERS])
@@ -267,7 +267,7 @@ def line_from(poses: RelativePoses, hinge: Hinge, before: Line | None = None) ->
     return min(lines, key=lambda line: float(np.median(np.abs(_turn(psi, reading, line)))))
 
 
-def _turned_frames(poses: RelativePoses, before: Hinge, after: Hinge) -> float:
+def turned_frames(poses: RelativePoses, before: Hinge, after: Hinge) -> float:
     """Return by how much psi changes because the axes of `frame` turn with the hinge [rad]."""
     first, second = (np.concatenate([seen.psi for _, seen in seen_from(poses, hinge)]) for hinge in (before, after))
     turned = np.exp(1j * (second - first))
