@@ -1579,8 +1579,8 @@ FAULTS = {
     ),
     "code that two threads make at once": Fault(
         "engine/native.py",
-        "    with compiler_lock:  # made by two threads",
-        "    if True:  # made by two threads",
+        "    with compiler_lock:  # two threads must not",
+        "    if True:  # two threads must not",
         "engine/test_compiled.py::test_the_code_that_reads_arrays_is_made_once_for_threads_that_call_at_once",
     ),
 }

@@ -19,7 +19,7 @@ from hingepair.errors import CompilationError, MissingDependencyError
 
 compiler_lock = threading.RLock()
 """Lock that is held while llvmlite is imported and while code is compiled."""
-if hasattr(os, "register_at_fork"):  # a fork waits until nothing is being compiled: the child starts whole
+if hasattr(os, "register_at_fork"):  # a fork waits for the lock: the child must not inherit it locked
     os.register_at_fork(
         before=compiler_lock.acquire, after_in_parent=compiler_lock.release, after_in_child=compiler_lock.release
     )
@@ -61,7 +61,7 @@ def array_call(kernel: Kernel, descriptor: Sequence[int]) -> Callable[..., bool 
     """
     numbers = np.array(descriptor, np.int64).view(_CallDescriptor)
     numbers.kernel = kernel
-    with compiler_lock:  # made by two threads at once, the one that is not kept would be freed while it is called
+    with compiler_lock:  # two threads must not make two definitions: the one not cached would be freed
         method = _call_method_definition()
     function: Callable[..., bool | int] = _new_built_in_function(ctypes.byref(method), numbers, None)
     return function

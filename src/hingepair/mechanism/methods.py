@@ -389,8 +389,8 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the mass matrix M of M @ qdd + bias = tau (T4); shape (..., dof, dof).
 
-        Of a free base, of M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau), world axes; shape
-        (..., 6 + dof, 6 + dof). Of base_motion, S is used; the other arguments are those of `jacobian`.
+        For a free base, M belongs to M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau), world axes; shape
+        (..., 6 + dof, 6 + dof). Of `base_motion`, only S is used; the other arguments are those of `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -413,8 +413,8 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the forces at zero acceleration, the bias of `mass_matrix` (T1-T3).
 
-        Shape (..., dof), of a free base (..., 6 + dof). Of base_motion, S and omega are used, of a fixed base also a
-        and alpha; the other arguments are those of `jacobian`.
+        Shape (..., dof), for a free base (..., 6 + dof). Of `base_motion`, only S and omega are used, for a fixed
+        base also a and alpha; the other arguments are those of `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -437,8 +437,8 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the forces that hold the robot at rest against gravity (T1-T3).
 
-        Shape (..., dof), of a free base (..., 6 + dof). Of base_motion, S is used; the other arguments are those of
-        `jacobian`.
+        Shape (..., dof), for a free base (..., 6 + dof). Of `base_motion`, only S is used; the other arguments are
+        those of `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -460,8 +460,8 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the centre of mass, world axes [m]; shape (..., 3). The mass of a fixed base does not count.
 
-        Of base_motion, R and S are used; the other arguments are those of `jacobian`. A body's own centre of mass is
-        `Body.center_of_mass`.
+        Of `base_motion`, only R and S are used; the other arguments are those of `jacobian`. A body's own centre of
+        mass is `Body.center_of_mass`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -479,10 +479,10 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian of the centre of mass: its velocity is J @ qd, of a free base J @ (v1, omega1, qd).
+        """Compute the Jacobian of the centre of mass: its velocity is J @ qd, for a free base J @ (v1, omega1, qd).
 
-        World axes; shape (..., 3, dof), of a free base (..., 3, 6 + dof). Of base_motion, S is used; the other
-        arguments are those of `jacobian`.
+        World axes; shape (..., 3, dof), for a free base (..., 3, 6 + dof). Of `base_motion`, only S is used; the
+        other arguments are those of `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -526,8 +526,8 @@ class MechanismMethods(Shown):
     ) -> Energy:
         """Compute kinetic and potential energy [J]; the latter is 0 at the world's origin; shape (...) each (T7).
 
-        A fixed base's own mass does not count; rotors count in the kinetic energy. Of base_motion, R, S, v and omega
-        are used.
+        A fixed base's own mass does not count; rotors count in the kinetic energy. Of `base_motion`, only R, S, v and
+        omega are used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -551,7 +551,7 @@ class MechanismMethods(Shown):
         """Compute linear and angular momentum, world axes [kg m/s, kg m^2/s]; shape (..., 3) each (T8).
 
         `about` is the point of the angular momentum: the world's "origin", or the "centre" of mass. A fixed base's
-        own mass does not count, and rotors do not. Of base_motion, R, S, v and omega are used.
+        own mass does not count, and rotors do not. Of `base_motion`, only R, S, v and omega are used.
 
         >>> import numpy as np
         >>> import hingepair as hp

@@ -52,7 +52,7 @@ def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Joint
         message = f"the model's gravity {model.gravity.linear.tolist()} is not the robot's: methods take gravity="
         warnings.warn(message, DynamicsWarning, stacklevel=4)
     bodies = _BodyContents(model, root)
-    numbers = {root: 0}  # of the part whose body a joint's body is
+    numbers = {root: 0}  # number of the part of each joint's body, by the joint's number
     parts = [JointPart("", "fixed", -1, **bodies.content(root))]
     for joint in range(root + 1, model.njoints):
         parent = int(model.parents[joint])
